@@ -1,0 +1,3 @@
+//! Calibration.
+pub mod model;
+pub mod outcome;

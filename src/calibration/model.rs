@@ -1,0 +1,179 @@
+//! The sensor model of Equation 1, B = A·H + b, and its inverse, Equation 3.
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// What a calibration corrects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// The plane of one turn: two biases, two scale factors.
+    Planar,
+    /// All three axes.
+    Spatial,
+}
+
+/// The shape of the scale factor matrix A.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Model {
+    /// A scale factor an axis: the paper's model.
+    Diagonal,
+    /// A symmetric A: soft iron and cross-coupling too.
+    Symmetric,
+}
+
+/// The parameters of Equation 1.
+///
+/// Everything is in magnetometer chip axes and milligauss. Scale factors have a mean of 1 where no
+/// reference field was given: then they say how the axes compare, which is all that a heading needs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "mode", rename_all = "lowercase")]
+pub enum Parameters {
+    /// Parameters in the plane of one turn.
+    Planar(Planar),
+    /// Parameters of all three axes.
+    Spatial(Spatial),
+}
+
+/// The plane of a turn and the parameters in it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Planar {
+    /// Two perpendicular unit vectors in chip axes that span the plane.
+    pub basis: [Vector3<f64>; 2],
+    /// b, along the basis.
+    pub bias_mgauss: Vector2<f64>,
+    /// The diagonal of A, along the basis.
+    pub scale: Vector2<f64>,
+}
+
+/// The parameters of all three axes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "StoredSpatial", into = "StoredSpatial")]
+pub struct Spatial {
+    model: Model,
+    bias_mgauss: Vector3<f64>,
+    matrix: Matrix3<f64>,
+    /// A⁻¹, kept since every sample needs it.
+    inverse: Matrix3<f64>,
+}
+
+/// [`Spatial`] as it is written down: without what follows from the rest.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+struct StoredSpatial {
+    model: Model,
+    bias_mgauss: Vector3<f64>,
+    matrix: Matrix3<f64>,
+}
+
+impl TryFrom<StoredSpatial> for Spatial {
+    type Error = &'static str;
+
+    fn try_from(stored: StoredSpatial) -> Result<Self, Self::Error> {
+        Self::new(stored.model, stored.bias_mgauss, stored.matrix)
+            .ok_or("the scale factor matrix cannot be inverted")
+    }
+}
+
+impl From<Spatial> for StoredSpatial {
+    fn from(spatial: Spatial) -> Self {
+        Self {
+            model: spatial.model,
+            bias_mgauss: spatial.bias_mgauss,
+            matrix: spatial.matrix,
+        }
+    }
+}
+
+impl Planar {
+    /// The sample's components along the basis, uncorrected.
+    pub fn project(&self, raw_mgauss: &Vector3<f64>) -> Vector2<f64> {
+        Vector2::new(self.basis[0].dot(raw_mgauss), self.basis[1].dot(raw_mgauss))
+    }
+
+    /// Equation 3 in the plane: components along the basis.
+    pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Vector2<f64> {
+        (self.project(raw_mgauss) - self.bias_mgauss).component_div(&self.scale)
+    }
+
+    /// The plane's normal, chip axes: basis[0] × basis[1].
+    pub fn normal(&self) -> Vector3<f64> {
+        self.basis[0].cross(&self.basis[1])
+    }
+}
+
+impl Spatial {
+    /// Parameters with this A and b, if A can be inverted.
+    pub fn new(model: Model, bias_mgauss: Vector3<f64>, matrix: Matrix3<f64>) -> Option<Self> {
+        let inverse = matrix.try_inverse()?;
+        Some(Self {
+            model,
+            bias_mgauss,
+            matrix,
+            inverse,
+        })
+    }
+
+    /// A diagonal A.
+    pub fn diagonal(bias_mgauss: Vector3<f64>, scale: Vector3<f64>) -> Option<Self> {
+        Self::new(Model::Diagonal, bias_mgauss, Matrix3::from_diagonal(&scale))
+    }
+
+    /// Whether A is diagonal or symmetric.
+    pub fn model(&self) -> Model {
+        self.model
+    }
+
+    /// b.
+    pub fn bias_mgauss(&self) -> &Vector3<f64> {
+        &self.bias_mgauss
+    }
+
+    /// A.
+    pub fn matrix(&self) -> &Matrix3<f64> {
+        &self.matrix
+    }
+
+    /// Equation 3.
+    pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Vector3<f64> {
+        self.inverse * (raw_mgauss - self.bias_mgauss)
+    }
+}
+
+/// A calibration as it is kept and put in force: parameters, and how good they were found to be.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// What corrects a sample.
+    #[serde(flatten)]
+    pub parameters: Parameters,
+    /// The reference field that the scales refer to, if one was given.
+    pub reference_mgauss: Option<f64>,
+    /// Strength that the corrected field has in an undisturbed place, milligauss (planar: in its plane).
+    pub strength_mgauss: f64,
+    /// Spread of the samples about the fit, one standard deviation, milligauss.
+    pub residual_mgauss: f64,
+    /// One standard deviation of a heading, from the parameters' uncertainty and one sample's noise, degrees.
+    pub heading_sd_deg: f64,
+}
+
+impl Parameters {
+    /// Planar or spatial.
+    pub fn mode(&self) -> Mode {
+        match self {
+            Self::Planar(_) => Mode::Planar,
+            Self::Spatial(_) => Mode::Spatial,
+        }
+    }
+
+    /// The corrected field in chip axes. Under a planar calibration it lies in the plane: the part
+    /// across it was never measured.
+    pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Vector3<f64> {
+        match self {
+            Self::Planar(planar) => {
+                let h = planar.correct(raw_mgauss);
+                planar.basis[0] * h.x + planar.basis[1] * h.y
+            }
+            Self::Spatial(spatial) => spatial.correct(raw_mgauss),
+        }
+    }
+}

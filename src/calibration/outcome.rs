@@ -1,0 +1,118 @@
+//! What a calibration came to: the object that `calibrate --json` prints and class `CALIBRATION` carries.
+
+use serde::Serialize;
+
+use super::model::{Calibration, Mode, Model};
+
+/// What became of a candidate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Good, and in force from now on.
+    Accepted,
+    /// Not better than the calibration in force, which stays.
+    Kept,
+    /// Not to be trusted.
+    Rejected,
+}
+
+/// Everything that is known about one calibration. Unknown is `None`, and null in JSON. Flat keys come
+/// first: some clients stop reading an object at its first array.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Accepted, kept or rejected.
+    pub verdict: Verdict,
+    /// Why, as a code that a program can read.
+    pub reason: &'static str,
+    /// Why, as a sentence for a person.
+    pub message: String,
+    /// Planar or spatial.
+    pub mode: Option<Mode>,
+    /// Diagonal or symmetric.
+    pub model: Option<Model>,
+    /// The reference field, milligauss; unknown if none was given, and then the scale factors have a mean of 1.
+    pub reference_mgauss: Option<f64>,
+    /// Spread of the samples about the fit, one standard deviation across the curve, milligauss.
+    pub residual_mgauss: Option<f64>,
+    /// Predicted uncertainty of a heading, one standard deviation, degrees.
+    pub heading_sd_deg: Option<f64>,
+    /// Corrected heading against the gyro, cross-validated, RMS, degrees.
+    pub gyro_rms_deg: Option<f64>,
+    /// Seed of the swarm.
+    pub seed: u64,
+    /// Planar: the two unit vectors, chip axes, that span the plane.
+    pub basis: Option<[[f64; 3]; 2]>,
+    /// b of Equation 1, milligauss: along the basis, or chip axes.
+    pub bias_mgauss: Option<Vec<f64>>,
+    /// The diagonal of A of Equation 1: along the basis, or chip axes.
+    pub scale: Option<Vec<f64>>,
+    /// A of Equation 1, row by row; symmetric model only.
+    pub matrix: Option<[f64; 9]>,
+    /// How many samples took part.
+    pub samples: Samples,
+    /// RIST's window.
+    pub window: Option<Window>,
+    /// What the swarm found, before refinement.
+    pub swarm: Option<SwarmReport>,
+    /// How long each step took, if the caller keeps a clock.
+    pub elapsed_us: Elapsed,
+    /// The calibration to put in force, if accepted.
+    #[serde(skip)]
+    pub calibration: Option<Calibration>,
+}
+
+/// Counts of samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Samples {
+    /// In the buffer or log.
+    pub total: usize,
+    /// In the turns.
+    pub turn: usize,
+    /// In RIST's window: what the swarm saw.
+    pub window: usize,
+    /// In the refinement, with a weight above 0: outliers are left out.
+    pub used: usize,
+}
+
+/// Samples `start` to `end`, counted from 0 over the total; `end` is the first one outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Window {
+    /// First sample inside.
+    pub start: usize,
+    /// First sample after it.
+    pub end: usize,
+}
+
+/// What the swarm did and found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SwarmReport {
+    /// `paper` or `standard`.
+    pub profile: &'static str,
+    /// How many particles.
+    pub particles: usize,
+    /// Iterations until it stopped.
+    pub iterations: usize,
+    /// What stopped it: `iterations`, `error` or `change`.
+    pub stop: &'static str,
+    /// Equation 8 at the global best, milligauss².
+    pub fit_value: f64,
+    /// The global best's bias, milligauss.
+    pub bias_mgauss: Vec<f64>,
+    /// The global best's scale factors.
+    pub scale: Vec<f64>,
+}
+
+/// Time taken, microseconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Elapsed {
+    /// Selecting the window.
+    pub rist: Option<u64>,
+    /// Triangular factor and swarm.
+    pub swarm: Option<u64>,
+    /// Refinement.
+    pub refine: Option<u64>,
+    /// Judging.
+    pub verdict: Option<u64>,
+    /// Everything.
+    pub total: Option<u64>,
+}

@@ -1,0 +1,215 @@
+//! The body frame (X forward, Y right, Z down), how a chip is mounted in it, and angles.
+
+use std::fmt;
+use std::str::FromStr;
+
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// How a chip's axes lie in the body frame: `body = matrix · chip`.
+///
+/// Written as three signed chip axes, those that point along body X, Y and Z (`"+x -y -z"`), or as nine
+/// numbers, the matrix row by row. A mirrored mounting (determinant −1) is allowed: some parts
+/// count one axis the other way round, or report gravity in place of specific force.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Mounting {
+    matrix: Matrix3<f64>,
+}
+
+/// Why a mounting could not be understood.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "mounting {found:?} is not understood: {why}; write the chip axes along body X, Y, Z as in \"+x -y -z\", or a rotation matrix as nine numbers, row by row"
+)]
+pub struct MountingError {
+    found: String,
+    why: String,
+}
+
+impl Default for Mounting {
+    fn default() -> Self {
+        Self {
+            matrix: Matrix3::identity(),
+        }
+    }
+}
+
+impl Mounting {
+    /// The mounting with this matrix (`body = matrix · chip`), if it is orthogonal within 0.01.
+    pub fn from_matrix(matrix: Matrix3<f64>) -> Option<Self> {
+        let error = (matrix * matrix.transpose() - Matrix3::identity()).norm();
+        (error < 0.01).then_some(Self { matrix })
+    }
+
+    /// A vector in chip axes, seen in the body frame.
+    pub fn to_body(&self, chip: Vector3<f64>) -> Vector3<f64> {
+        self.matrix * chip
+    }
+
+    /// A vector in the body frame, seen in chip axes.
+    pub fn to_chip(&self, body: Vector3<f64>) -> Vector3<f64> {
+        self.matrix.transpose() * body
+    }
+}
+
+impl FromStr for Mounting {
+    type Err = MountingError;
+
+    fn from_str(text: &str) -> Result<Self, MountingError> {
+        let fail = |why: &str| MountingError {
+            found: text.to_owned(),
+            why: why.to_owned(),
+        };
+        let words: Vec<&str> = text
+            .split([' ', ',', '\t'])
+            .filter(|word| !word.is_empty())
+            .collect();
+        let matrix = match words.len() {
+            3 => {
+                let mut matrix = Matrix3::zeros();
+                for (row, word) in words.iter().enumerate() {
+                    let (sign, axis) = match word.split_at_checked(1) {
+                        Some(("+", axis)) => (1.0, axis),
+                        Some(("-", axis)) => (-1.0, axis),
+                        _ => (1.0, *word),
+                    };
+                    let column = ["x", "y", "z"]
+                        .iter()
+                        .position(|name| name.eq_ignore_ascii_case(axis))
+                        .ok_or_else(|| fail(&format!("{word:?} is no axis")))?;
+                    matrix[(row, column)] = sign;
+                }
+                matrix
+            }
+            9 => {
+                let mut numbers = [0.0; 9];
+                for (number, word) in numbers.iter_mut().zip(&words) {
+                    *number = word
+                        .parse::<f64>()
+                        .ok()
+                        .filter(|n| n.is_finite())
+                        .ok_or_else(|| fail(&format!("{word:?} is no number")))?;
+                }
+                Matrix3::from_row_slice(&numbers)
+            }
+            n => return Err(fail(&format!("it has {n} words, not three or nine"))),
+        };
+        Self::from_matrix(matrix).ok_or_else(|| {
+            fail(if words.len() == 3 {
+                "each of x, y and z must stand in it once"
+            } else {
+                "its rows are not perpendicular unit vectors"
+            })
+        })
+    }
+}
+
+impl fmt::Display for Mounting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |row: usize| {
+            (0..3).find_map(|column| match self.matrix[(row, column)] {
+                1.0 => Some(["+x", "+y", "+z"][column]),
+                -1.0 => Some(["-x", "-y", "-z"][column]),
+                _ => None,
+            })
+        };
+        if let (Some(x), Some(y), Some(z)) = (name(0), name(1), name(2)) {
+            return write!(f, "{x} {y} {z}");
+        }
+        let numbers: Vec<String> = self.matrix.transpose().iter().map(f64::to_string).collect();
+        f.write_str(&numbers.join(" "))
+    }
+}
+
+impl TryFrom<String> for Mounting {
+    type Error = MountingError;
+
+    fn try_from(text: String) -> Result<Self, MountingError> {
+        text.parse()
+    }
+}
+
+impl From<Mounting> for String {
+    fn from(mounting: Mounting) -> String {
+        mounting.to_string()
+    }
+}
+
+/// The mountings of a board's three sensors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Mountings {
+    /// Magnetometer chip axes along body X, Y, Z.
+    #[serde(rename = "mag_axes")]
+    pub mag: Mounting,
+    /// Gyro chip axes along body X, Y, Z.
+    #[serde(rename = "gyro_axes")]
+    pub gyro: Mounting,
+    /// Accelerometer chip axes along body X, Y, Z.
+    #[serde(rename = "accel_axes")]
+    pub accel: Mounting,
+}
+
+/// An angle in radians brought into (−π, π].
+pub fn wrap_pi(angle_rad: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    PI - (PI - angle_rad).rem_euclid(TAU)
+}
+
+/// An angle in degrees brought into [0, 360).
+pub fn wrap_360(angle_deg: f64) -> f64 {
+    let wrapped = angle_deg.rem_euclid(360.0);
+    // A tiny negative angle rounds up to 360 itself.
+    if wrapped >= 360.0 { 0.0 } else { wrapped }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn signed_axes_say_which_chip_axis_points_along_each_body_axis() {
+        let stick: Mounting = "+y -x +z".parse().unwrap();
+        assert_eq!(
+            stick.to_body(Vector3::new(1.0, 2.0, 3.0)),
+            Vector3::new(2.0, -1.0, 3.0)
+        );
+        assert_eq!(
+            stick.to_chip(Vector3::new(2.0, -1.0, 3.0)),
+            Vector3::new(1.0, 2.0, 3.0)
+        );
+    }
+
+    #[test]
+    fn a_mounting_is_read_as_it_is_written() {
+        for text in ["+x -y -z", "-x +y +z", "0.6 0.8 0 -0.8 0.6 0 0 0 1"] {
+            assert_eq!(text.parse::<Mounting>().unwrap().to_string(), text);
+        }
+    }
+
+    #[test]
+    fn a_wrong_mounting_says_what_is_wrong() {
+        for (text, why) in [
+            ("+x +y", "2 words"),
+            ("+x +y +w", "no axis"),
+            ("+x +x +z", "once"),
+            ("1 0 0 0 1 0 0 0 2", "perpendicular"),
+            ("1 0 0 0 nan 0 0 0 1", "no number"),
+        ] {
+            let message = text.parse::<Mounting>().unwrap_err().to_string();
+            assert!(message.contains(why) && message.contains(text), "{message}");
+        }
+    }
+
+    #[test]
+    fn angles_wrap_at_their_ends() {
+        use std::f64::consts::PI;
+        assert_eq!(wrap_pi(PI), PI);
+        assert_eq!(wrap_pi(-PI), PI);
+        assert!((wrap_pi(7.0) - (7.0 - 2.0 * PI)).abs() < 1e-15);
+        assert_eq!(wrap_360(-90.0), 270.0);
+        assert_eq!(wrap_360(360.0), 0.0);
+        assert_eq!(wrap_360(-1e-20), 0.0);
+    }
+}

@@ -1,0 +1,45 @@
+//! From a field to a heading: what is published for each magnetometer reading.
+
+use crate::condition::Condition;
+
+/// One published heading, the content of one `ATT` object. Unknown is `None`, never 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Heading {
+    /// Counts the magnetometer readings from 1.
+    pub seq: u64,
+    /// Time of the magnetometer reading on the source's clock, seconds.
+    pub t_s: f64,
+    /// The condition in which it was made.
+    pub condition: Condition,
+    /// Fused magnetic heading, degrees clockwise from magnetic north, [0, 360).
+    pub fused_deg: Option<f64>,
+    /// Instantaneous magnetic heading from this reading alone, degrees.
+    pub instantaneous_deg: Option<f64>,
+    /// Heading from the uncorrected field, degrees.
+    pub raw_deg: Option<f64>,
+    /// One standard deviation of the published heading, degrees.
+    pub sd_deg: Option<f64>,
+    /// Nose up, degrees.
+    pub pitch_deg: Option<f64>,
+    /// Right wing down, degrees.
+    pub roll_deg: Option<f64>,
+    /// Corrected field, body axes, milligauss; Z is unknown under a planar calibration.
+    pub field_mgauss: Option<[Option<f64>; 3]>,
+    /// Strength of the corrected field, milligauss: of what the calibration measures (planar: in its plane).
+    pub strength_mgauss: Option<f64>,
+    /// gpsd's `mag_st`.
+    pub mag_status: MagStatus,
+}
+
+/// gpsd's status of the magnetometer (`mag_st`), of which we use four letters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MagStatus {
+    /// `N`: normal.
+    Normal,
+    /// `C`: calibration alarm: uncalibrated, or the calibration no longer fits.
+    Calibration,
+    /// `P`: field strength above what the calibration expects.
+    HighField,
+    /// `L`: field strength below what the calibration expects.
+    LowField,
+}

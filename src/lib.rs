@@ -1,0 +1,10 @@
+//! headingd turns a cheap three-axis magnetometer into a compass that calibrates itself.
+
+pub mod attitude;
+pub mod calibration;
+pub mod check;
+pub mod condition;
+pub mod frame;
+pub mod heading;
+pub mod reading;
+pub mod turn;

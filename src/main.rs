@@ -1,0 +1,2 @@
+//! headingd
+fn main() {}

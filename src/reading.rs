@@ -1,0 +1,39 @@
+//! One timed reading of a board: what the sensors said at one instant, in their own chip axes.
+//!
+//! Real parts tick apart, so a [`Reading`] carries a time and whichever sensors spoke. Nothing below
+//! assumes that they come together or evenly.
+
+use nalgebra::Vector3;
+
+/// A magnetometer's three axes in milligauss, chip axes. `None` is an axis that overflowed: the chip
+/// answered, but this number is not a measurement.
+pub type Field = [Option<f64>; 3];
+
+/// What a board's sensors said at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reading {
+    /// Seconds from the source's own monotonic origin.
+    pub t_s: f64,
+    /// Raw magnetic field in milligauss, magnetometer chip axes; never corrected, since fitting is done
+    /// on raw samples only.
+    pub field_mgauss: Option<Field>,
+    /// Angular rate in rad/s, gyro chip axes, bias included.
+    pub rate_rad_s: Option<Vector3<f64>>,
+    /// Specific force in m/s², accelerometer chip axes (at rest it points up, 9.8 long).
+    pub specific_force_m_s2: Option<Vector3<f64>>,
+}
+
+impl Reading {
+    /// The field, if the magnetometer spoke and no axis overflowed.
+    pub fn whole_field_mgauss(&self) -> Option<Vector3<f64>> {
+        match self.field_mgauss? {
+            [Some(x), Some(y), Some(z)] => Some(Vector3::new(x, y, z)),
+            _ => None,
+        }
+    }
+
+    /// The magnetometer spoke, but at least one axis overflowed.
+    pub fn field_overflowed(&self) -> bool {
+        self.field_mgauss.is_some() && self.whole_field_mgauss().is_none()
+    }
+}
