@@ -1,3 +1,121 @@
-//! Calibration.
+//! Calibration: from raw samples of a turn to parameters and a verdict.
+//!
+//! `plane` chooses samples, mode and plane; `rist` the window; `swarm` searches it with the
+//! `objective` until `mpsot` stops it; `refine` brings the answer to maximum likelihood over all samples
+//! of the turn; `agreement` holds it against the gyro; `verdict` accepts, keeps or rejects.
+//! Everything here is a pure function of its arguments: the same request gives the same outcome.
+
+pub mod agreement;
+pub mod fit;
 pub mod model;
+pub mod mpsot;
+pub mod objective;
 pub mod outcome;
+pub mod plane;
+pub mod refine;
+pub mod rist;
+pub mod settings;
+pub mod swarm;
+pub mod verdict;
+
+mod candidate;
+mod coverage;
+
+use std::ops::Range;
+use std::time::Duration;
+
+use nalgebra::Vector3;
+
+use crate::attitude::Pose;
+use crate::frame::Mounting;
+use candidate::Clock;
+use model::Calibration;
+use outcome::{Elapsed, Outcome, Samples, Verdict};
+use settings::Settings;
+use verdict::{Limits, Refusal};
+
+/// One magnetometer sample, as a calibration sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Seconds.
+    pub t_s: f64,
+    /// Raw field, chip axes, milligauss.
+    pub field_mgauss: Vector3<f64>,
+    /// The board's pose, where the gyro knew it.
+    pub pose: Option<Pose>,
+}
+
+/// A full turn among the samples of a request.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TurnMade {
+    /// Its samples.
+    pub samples: Range<usize>,
+    /// Its axis, body frame, unit vector.
+    pub axis_body: Vector3<f64>,
+}
+
+/// Everything that a calibration needs.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// Samples in order of time.
+    pub samples: Vec<Sample>,
+    /// The full turns among them, in order.
+    pub turns: Vec<TurnMade>,
+    /// Two perpendicular unit vectors, chip axes, if the plane is given and not to be taken from the gyro.
+    pub plane: Option<[Vector3<f64>; 2]>,
+    /// How the magnetometer is mounted.
+    pub mounting: Mounting,
+    /// The calibration in force, to be beaten on the same samples.
+    pub in_force: Option<Calibration>,
+    /// How to calibrate.
+    pub settings: Settings,
+    /// What to ask of the result.
+    pub limits: Limits,
+}
+
+/// Calibrates. `clock` tells the time since any origin, for the outcome's `elapsed_us`; a clock that knows
+/// nothing leaves those unknown, as a replay must.
+pub fn calibrate(request: &Request, clock: &dyn Fn() -> Option<Duration>) -> Outcome {
+    let mut outcome = Outcome {
+        verdict: Verdict::Rejected,
+        reason: "",
+        message: String::new(),
+        mode: None,
+        model: None,
+        reference_mgauss: None,
+        residual_mgauss: None,
+        heading_sd_deg: None,
+        gyro_rms_deg: None,
+        seed: request.settings.seed,
+        basis: None,
+        bias_mgauss: None,
+        scale: None,
+        matrix: None,
+        samples: Samples {
+            total: request.samples.len(),
+            ..Samples::default()
+        },
+        window: None,
+        swarm: None,
+        elapsed_us: Elapsed::default(),
+        calibration: None,
+    };
+    let started = Clock::start(clock);
+    let refused = match candidate::calibrate(request, clock, &mut outcome) {
+        Ok(message) => {
+            outcome.verdict = Verdict::Accepted;
+            Refusal::new("good", message)
+        }
+        Err(refusal) => {
+            if refusal.reason == "not_better" {
+                outcome.verdict = Verdict::Kept;
+            }
+            outcome.calibration = None;
+            refusal
+        }
+    };
+    outcome.reason = refused.reason;
+    outcome.message = refused.message;
+    outcome.elapsed_us.total = started.elapsed_us();
+    outcome
+}

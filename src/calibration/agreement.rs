@@ -1,0 +1,250 @@
+//! Corrected field against the gyro: a fit that looks perfect and turns wrongly is found out here.
+
+use nalgebra::{Unit, UnitQuaternion, Vector3};
+
+use crate::attitude::Pose;
+use crate::frame::wrap_pi;
+
+/// How well the corrected field and the gyro agree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Agreement {
+    /// RMS of the corrected heading against the integrated rate, after an offset for each stretch and
+    /// one linear drift are taken off, degrees.
+    pub rms_deg: f64,
+    /// That drift over the whole, as a share of all rotation made: a wrong scale of the gyro, its bias, or,
+    /// near 2, a gyro of the wrong sign.
+    pub drift_share: f64,
+}
+
+/// One sample's direction of the corrected field, where there is a pose to hold it against.
+#[derive(Clone, Copy, Debug)]
+pub struct Sighting {
+    /// Seconds.
+    pub t_s: f64,
+    /// The pose.
+    pub pose: Pose,
+    /// Corrected field, body axes, milligauss.
+    pub field_body: Vector3<f64>,
+}
+
+/// How many sightings an agreement needs at least.
+const LEAST: usize = 20;
+
+/// In the plane across `normal_body`: the angle of the field in the plane turns back by as much as the
+/// board turns about the normal.
+pub fn planar(sightings: &[Sighting], normal_body: &Vector3<f64>) -> Option<Agreement> {
+    let normal = Unit::try_new(*normal_body, 1e-9)?;
+    let first = if normal.x.abs() < 0.9 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
+    let e1 = Unit::new_normalize(first - normal.scale(normal.dot(&first)));
+    let e2 = normal.cross(&e1);
+    let mut rotation = 0.0;
+    let mut previous: Option<&Pose> = None;
+    let phases = sightings.iter().map(|sighting| {
+        if let Some(previous) = previous.filter(|p| p.stretch == sighting.pose.stretch) {
+            rotation += step(previous, &sighting.pose).dot(&normal);
+        }
+        previous = Some(&sighting.pose);
+        let angle = sighting
+            .field_body
+            .dot(&e2)
+            .atan2(sighting.field_body.dot(&e1));
+        (
+            sighting.t_s,
+            sighting.pose.stretch,
+            angle + rotation,
+            rotation,
+        )
+    });
+    detrend(phases.collect())
+}
+
+/// In space: the field, turned into the earth frame, keeps its azimuth. Where the vertical is not known,
+/// its direction about the axis of least change.
+pub fn spatial(sightings: &[Sighting]) -> Option<Agreement> {
+    let vertical_known = sightings
+        .iter()
+        .all(|sighting| sighting.pose.vertical_known);
+    let earth: Vec<Vector3<f64>> = sightings
+        .iter()
+        .map(|s| s.pose.orientation * s.field_body)
+        .collect();
+    let (e1, e2) = if vertical_known {
+        (Vector3::x(), Vector3::y())
+    } else {
+        // Any frame will do; take the mean field as one axis of the plane it is looked at in.
+        let mean = Unit::try_new(earth.iter().sum::<Vector3<f64>>(), 1e-9)?;
+        let across = if mean.z.abs() < 0.9 {
+            Vector3::z()
+        } else {
+            Vector3::x()
+        };
+        (
+            mean.into_inner(),
+            Unit::new_normalize(across.cross(&mean)).into_inner(),
+        )
+    };
+    let mut turned = 0.0;
+    let mut previous: Option<&Pose> = None;
+    let phases = sightings.iter().zip(&earth).map(|(sighting, field)| {
+        if let Some(previous) = previous.filter(|p| p.stretch == sighting.pose.stretch) {
+            turned += step(previous, &sighting.pose).norm();
+        }
+        previous = Some(&sighting.pose);
+        let azimuth = field.dot(&e2).atan2(field.dot(&e1));
+        (sighting.t_s, sighting.pose.stretch, azimuth, turned)
+    });
+    detrend(phases.collect())
+}
+
+/// Elevation of the corrected field above the horizontal, RMS about its mean, degrees: mounting errors
+/// and soft iron that the fit cannot see show as a dip that changes with attitude.
+pub fn dip_spread_deg(sightings: &[Sighting]) -> Option<f64> {
+    if sightings.len() < LEAST || !sightings.iter().all(|s| s.pose.vertical_known) {
+        return None;
+    }
+    let dips: Vec<f64> = sightings.iter().map(dip_rad).collect();
+    let mean = dips.iter().sum::<f64>() / dips.len() as f64;
+    let variance = dips.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / dips.len() as f64;
+    Some(variance.sqrt().to_degrees())
+}
+
+/// Mean dip, positive where the field points down, radians, where the vertical is known.
+pub fn mean_dip_rad(sightings: &[Sighting]) -> Option<f64> {
+    let dips: Vec<f64> = sightings
+        .iter()
+        .filter(|s| s.pose.vertical_known)
+        .map(dip_rad)
+        .collect();
+    (!dips.is_empty()).then(|| dips.iter().sum::<f64>() / dips.len() as f64)
+}
+
+fn dip_rad(sighting: &Sighting) -> f64 {
+    let earth = sighting.pose.orientation * sighting.field_body;
+    (-earth.z).atan2(earth.x.hypot(earth.y))
+}
+
+/// The rotation from one pose to the next, as a vector in the body frame.
+fn step(from: &Pose, to: &Pose) -> Vector3<f64> {
+    let step: UnitQuaternion<f64> = from.orientation.inverse() * to.orientation;
+    step.scaled_axis()
+}
+
+/// Takes an offset for each stretch and one drift off the unwrapped phases (time, stretch, phase,
+/// rotation so far).
+fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<Agreement> {
+    if phases.len() < LEAST {
+        return None;
+    }
+    for i in 1..phases.len() {
+        if phases[i].1 == phases[i - 1].1 {
+            phases[i].2 = phases[i - 1].2 + wrap_pi(phases[i].2 - phases[i - 1].2);
+        }
+    }
+    // Centre each stretch, then one slope through all.
+    let mut rotation = 0.0;
+    let (mut tt, mut tp, mut span) = (0.0, 0.0, 0.0);
+    for stretch in phases.chunk_by_mut(|a, b| a.1 == b.1) {
+        let n = stretch.len() as f64;
+        let t_mean = stretch.iter().map(|p| p.0).sum::<f64>() / n;
+        let p_mean = stretch.iter().map(|p| p.2).sum::<f64>() / n;
+        span += stretch[stretch.len() - 1].0 - stretch[0].0;
+        rotation += stretch
+            .windows(2)
+            .map(|w| (w[1].3 - w[0].3).abs())
+            .sum::<f64>();
+        for phase in stretch.iter_mut() {
+            phase.0 -= t_mean;
+            phase.2 -= p_mean;
+            tt += phase.0 * phase.0;
+            tp += phase.0 * phase.2;
+        }
+    }
+    let drift = if tt > 0.0 { tp / tt } else { 0.0 };
+    let squares: f64 = phases.iter().map(|p| (p.2 - drift * p.0).powi(2)).sum();
+    Some(Agreement {
+        rms_deg: (squares / phases.len() as f64).sqrt().to_degrees(),
+        drift_share: (drift * span).abs() / rotation.max(1e-9),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A level board turning at `rate` with a field that turns back at `seen`.
+    fn turning(rate: f64, seen: f64, count: usize) -> Vec<Sighting> {
+        (0..count)
+            .map(|i| {
+                let t_s = i as f64 * 0.025;
+                let about_down =
+                    |angle: f64| UnitQuaternion::from_scaled_axis(Vector3::z() * angle);
+                // Body Z points down: the earth frame's Z is up.
+                let flip = UnitQuaternion::from_scaled_axis(Vector3::x() * std::f64::consts::PI);
+                Sighting {
+                    t_s,
+                    pose: Pose {
+                        orientation: flip * about_down(rate * t_s),
+                        vertical_known: true,
+                        stretch: 0,
+                    },
+                    field_body: about_down(-seen * t_s) * Vector3::new(160.0, 0.0, 500.0),
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_field_that_turns_as_the_gyro_says_agrees() {
+        for found in [
+            planar(&turning(0.9, 0.9, 400), &Vector3::z()).unwrap(),
+            spatial(&turning(0.9, 0.9, 400)).unwrap(),
+        ] {
+            assert!(
+                found.rms_deg < 1e-6 && found.drift_share < 1e-6,
+                "{found:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_drift_tells_a_wrong_scale_and_a_wrong_sign() {
+        for (seen, share) in [(0.45, 0.5), (-0.9, 2.0)] {
+            let plane = planar(&turning(0.9, seen, 400), &Vector3::z()).unwrap();
+            let space = spatial(&turning(0.9, seen, 400)).unwrap();
+            assert!((plane.drift_share - share).abs() < 0.02, "{plane:?}");
+            assert!((space.drift_share - share).abs() < 0.02, "{space:?}");
+        }
+    }
+
+    #[test]
+    fn a_wobbling_field_shows_in_the_rms() {
+        let mut sightings = turning(0.9, 0.9, 400);
+        for (i, sighting) in sightings.iter_mut().enumerate() {
+            let wobble = 0.1 * (i as f64 * 0.5).sin();
+            sighting.field_body =
+                UnitQuaternion::from_scaled_axis(Vector3::z() * wobble) * sighting.field_body;
+        }
+        let found = planar(&sightings, &Vector3::z()).unwrap();
+        assert!(
+            (found.rms_deg - (0.1f64 / 2f64.sqrt()).to_degrees()).abs() < 0.05,
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn the_dip_is_positive_downwards_and_steady() {
+        let sightings = turning(0.9, 0.9, 400);
+        assert!((mean_dip_rad(&sightings).unwrap() - 500f64.atan2(160.0)).abs() < 1e-9);
+        assert!(dip_spread_deg(&sightings).unwrap() < 1e-6);
+    }
+
+    #[test]
+    fn too_few_sightings_say_nothing() {
+        assert_eq!(planar(&turning(0.9, 0.9, 19), &Vector3::z()), None);
+        assert_eq!(dip_spread_deg(&[]), None);
+    }
+}

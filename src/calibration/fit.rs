@@ -1,0 +1,187 @@
+//! One fit in two or three dimensions: search box, swarm, refinement.
+
+use nalgebra::SMatrix;
+
+use super::mpsot::Stop;
+use super::objective::{Factored, Normal, Position, direct};
+use super::refine::{Refined, median, refine};
+use super::settings::{Profile, Settings};
+use super::swarm::{Found, SearchBox, search};
+
+/// What a fit found.
+#[derive(Clone, Debug)]
+pub struct Fit<const D: usize, const P: usize> {
+    /// Hm that the scale factors refer to: the one given, or one taken from the data.
+    pub reference_mgauss: f64,
+    /// The swarm's global best.
+    pub found: Found<P>,
+    /// The swarm's box.
+    pub search_box: SearchBox<D>,
+}
+
+/// The share of samples at either end that may be spikes, and so do not count as an extreme.
+const EXTREME_QUANTILE: f64 = 0.004;
+
+/// The box that an ellipse through these points must lie in, and Hm if none was given.
+///
+/// The extremes are quantiles, and are believed to within `margin`: four standard deviations of
+/// the noise and 2 % of the range. Scale factors go from what the range itself asks for to what it
+/// would be if the arc had shown less than half of the axis.
+pub fn search_box<const D: usize>(
+    points: &[[f64; D]],
+    reference_mgauss: Option<f64>,
+) -> Option<SearchBox<D>> {
+    if points.len() < 2 * D + 1 {
+        return None;
+    }
+    let (mut low, mut high) = ([0.0; D], [0.0; D]);
+    let mut noise = 0.0f64;
+    let mut column = Vec::with_capacity(points.len());
+    for axis in 0..D {
+        column.clear();
+        column.extend(points.iter().map(|point| point[axis]));
+        noise = noise.max(noise_of(&column)?);
+        let last = column.len() - 1;
+        let cut = (EXTREME_QUANTILE * last as f64).ceil() as usize;
+        low[axis] = *column.select_nth_unstable_by(cut, f64::total_cmp).1;
+        high[axis] = *column.select_nth_unstable_by(last - cut, f64::total_cmp).1;
+    }
+    let half: [f64; D] = std::array::from_fn(|axis| 0.5 * (high[axis] - low[axis]));
+    let largest = half.iter().copied().fold(0.0, f64::max);
+    let reference_mgauss = reference_mgauss.unwrap_or(largest);
+    if !(largest > 0.0 && reference_mgauss > 0.0 && largest.is_finite()) {
+        return None;
+    }
+    let margin_mgauss = 4.0 * noise + 0.02 * largest;
+    Some(SearchBox {
+        low,
+        high,
+        scale_min: half.map(|half| ((half - margin_mgauss).max(0.05 * largest)) / reference_mgauss),
+        scale_max: half.map(|half| (2.2 * half).max(1.6 * largest) / reference_mgauss),
+        margin_mgauss,
+        reference_mgauss,
+    })
+}
+
+/// Noise on one axis from second differences, in which smooth motion cancels: robust, one standard
+/// deviation.
+fn noise_of(values: &[f64]) -> Option<f64> {
+    let mut second: Vec<f64> = values
+        .windows(3)
+        .map(|w| (w[0] - 2.0 * w[1] + w[2]).abs())
+        .collect();
+    Some(1.4826 * median(&mut second)? / 6f64.sqrt())
+}
+
+/// Points that are not spikes: each axis within 8 robust deviations of the median of its five
+/// neighbours (Hampel's filter), as section 4.2 suggests. The swarm's objective squares a square, and one
+/// spike would outweigh a hundred samples.
+pub fn without_spikes<const D: usize>(points: &[[f64; D]]) -> Vec<[f64; D]> {
+    if points.len() < 5 {
+        return points.to_vec();
+    }
+    let mut keep = vec![true; points.len()];
+    let mut deviations = Vec::with_capacity(points.len());
+    for axis in 0..D {
+        deviations.clear();
+        deviations.extend((0..points.len()).map(|i| {
+            let first = i.saturating_sub(2).min(points.len() - 5);
+            let mut five: [f64; 5] = std::array::from_fn(|k| points[first + k][axis]);
+            five.sort_unstable_by(f64::total_cmp);
+            (points[i][axis] - five[2]).abs()
+        }));
+        let Some(typical) = median(&mut deviations.clone()) else {
+            continue;
+        };
+        let limit = 8.0 * (1.4826 * typical).max(1.0);
+        for (keep, deviation) in keep.iter_mut().zip(&deviations) {
+            *keep &= *deviation <= limit;
+        }
+    }
+    points
+        .iter()
+        .zip(keep)
+        .filter_map(|(point, keep)| keep.then_some(*point))
+        .collect()
+}
+
+/// Runs the swarm over points, as the settings say. `None` if the points span no box. F = 2·D + 1.
+pub fn swarm<const D: usize, const P: usize, const F: usize>(
+    points: &[[f64; D]],
+    reference_mgauss: Option<f64>,
+    settings: &Settings,
+) -> Option<Fit<D, P>> {
+    let search_box = search_box(points, reference_mgauss)?;
+    let reference_mgauss = search_box.reference_mgauss;
+    let manner = settings.manner();
+    let found = match settings.profile {
+        Profile::Standard => {
+            let normal = Normal::new(&search_box.low, &search_box.high);
+            let objective = Factored::<D, F>::new(normal, points, reference_mgauss);
+            search(
+                &search_box,
+                &manner,
+                objective.conic(),
+                settings.seed,
+                |position| objective.fit_value(position),
+            )
+        }
+        Profile::Paper => search(&search_box, &manner, None, settings.seed, |position| {
+            direct(points, position, reference_mgauss)
+        }),
+    };
+    found.fit_value.is_finite().then_some(Fit {
+        reference_mgauss,
+        found,
+        search_box,
+    })
+}
+
+/// The refined parameters, and Hm with the scales brought to a mean of 1 if no reference was given.
+#[derive(Clone, Copy, Debug)]
+pub struct Normalised<const P: usize> {
+    /// Refined parameters.
+    pub refined: Refined<P>,
+    /// Hm that they refer to.
+    pub reference_mgauss: f64,
+}
+
+/// Refines from `start` and, without a given reference, brings the scale factors to a mean of 1: only
+/// their product with Hm can be seen.
+pub fn refined<const D: usize, const P: usize>(
+    points: &[[f64; D]],
+    start: &Position<P>,
+    reference_mgauss: f64,
+    reference_given: bool,
+) -> Option<Normalised<P>> {
+    let mut refined = refine(points, start, reference_mgauss)?;
+    let mut reference = reference_mgauss;
+    if !reference_given {
+        let mean = refined.position[D..].iter().sum::<f64>() / D as f64;
+        reference *= mean;
+        let unit = SMatrix::<f64, P, P>::from_fn(|row, column| {
+            if row != column {
+                0.0
+            } else if row < D {
+                1.0
+            } else {
+                1.0 / mean
+            }
+        });
+        refined.position[D..]
+            .iter_mut()
+            .for_each(|scale| *scale /= mean);
+        refined.covariance = unit * refined.covariance * unit;
+    }
+    Some(Normalised {
+        refined,
+        reference_mgauss: reference,
+    })
+}
+
+impl Stop {
+    /// Whether the swarm ended by itself.
+    pub fn converged(self) -> bool {
+        self != Self::Iterations
+    }
+}

@@ -1,0 +1,180 @@
+//! MPSOT, the modified PSO technique (section 4.3, Appendix 2): the swarm's own stopping rule.
+//!
+//! Three levels: a maximum number of iterations, a minimum fit value, and parameters that have
+//! stopped changing. For the last, each parameter of the global best is held against its mean over
+//! the L iterations before; when more than half of the parameters differ by no more than a threshold,
+//! the swarm has converged.
+
+/// What stopped a swarm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stop {
+    /// Level 1: the maximum number of iterations.
+    Iterations,
+    /// Level 2: the fit value reached the minimum error.
+    Error,
+    /// Level 3: the parameters no longer change.
+    Change,
+}
+
+impl Stop {
+    /// The word as published.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Iterations => "iterations",
+            Self::Error => "error",
+            Self::Change => "change",
+        }
+    }
+}
+
+/// The limits of the three levels.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Level 1.
+    pub max_iterations: usize,
+    /// Level 2: stop at this fit value (Equation 8, milligauss²) or below.
+    pub min_error: f64,
+    /// Level 3: the threshold, 0.01 in the paper, in milligauss for biases and 1 for scale factors;
+    /// `None` leaves the level out, which makes it the basic algorithm.
+    pub change: Option<f64>,
+    /// Level 3: L, how many iterations the mean goes over. The paper leaves it open.
+    pub window: usize,
+}
+
+/// Watches the global best from iteration to iteration.
+#[derive(Clone, Debug)]
+pub struct Watch<const P: usize> {
+    limits: Limits,
+    iteration: usize,
+    /// The last L values of every parameter, as a ring.
+    history: Vec<[f64; P]>,
+}
+
+impl<const P: usize> Watch<P> {
+    /// Nothing seen yet. A window of 0 counts as 1.
+    pub fn new(limits: Limits) -> Self {
+        Self {
+            limits,
+            iteration: 0,
+            history: Vec::with_capacity(limits.window.max(1)),
+        }
+    }
+
+    /// Takes one iteration's global best; says whether to stop, and why.
+    pub fn iterated(&mut self, parameters: &[f64; P], fit_value: f64) -> Option<Stop> {
+        let converged = self.converged(parameters);
+        let window = self.limits.window.max(1);
+        if self.history.len() < window {
+            self.history.push(*parameters);
+        } else {
+            self.history[self.iteration % window] = *parameters;
+        }
+        self.iteration += 1;
+        if fit_value <= self.limits.min_error {
+            Some(Stop::Error)
+        } else if converged {
+            Some(Stop::Change)
+        } else if self.iteration >= self.limits.max_iterations {
+            Some(Stop::Iterations)
+        } else {
+            None
+        }
+    }
+
+    /// Appendix 2. Until L iterations have gone by there is no mean to compare with.
+    fn converged(&self, parameters: &[f64; P]) -> bool {
+        let Some(threshold) = self.limits.change else {
+            return false;
+        };
+        if self.history.len() < self.limits.window.max(1) {
+            return false;
+        }
+        let mut counter = 0;
+        for (i, parameter) in parameters.iter().enumerate() {
+            let sum: f64 = self.history.iter().map(|past| past[i]).sum();
+            let average = sum / self.history.len() as f64;
+            if (parameter - average).abs() <= threshold {
+                counter += 1;
+            }
+        }
+        2 * counter > P
+    }
+
+    /// Iterations so far.
+    pub fn iterations(&self) -> usize {
+        self.iteration
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: Limits = Limits {
+        max_iterations: 100,
+        min_error: 5.0,
+        change: Some(0.01),
+        window: 3,
+    };
+
+    #[test]
+    fn stops_when_more_than_half_of_the_parameters_have_settled() {
+        let mut watch = Watch::new(LIMITS);
+        // Means over the three before the fourth: 2, 7, 10, 1.0.
+        for parameters in [
+            [1.0, 7.0, 10.0, 1.0],
+            [2.0, 7.0, 10.0, 1.0],
+            [3.0, 7.0, 10.0, 1.0],
+        ] {
+            assert_eq!(watch.iterated(&parameters, 100.0), None);
+        }
+        // Two of four have settled (7.0 and 10.01 by exactly the threshold or less): not more than half.
+        assert_eq!(watch.iterated(&[4.0, 7.0, 10.005, 1.5], 100.0), None);
+        // Means now: 3, 7, 10.0017, 1.1667. Differences: 0.005, 0, 0.0067, 0.83: three of four.
+        assert_eq!(
+            watch.iterated(&[3.005, 7.0, 9.995, 2.0], 100.0),
+            Some(Stop::Change)
+        );
+        assert_eq!(watch.iterations(), 5);
+    }
+
+    #[test]
+    fn a_difference_of_exactly_the_threshold_counts() {
+        let limits = Limits {
+            window: 1,
+            change: Some(0.5),
+            ..LIMITS
+        };
+        let mut watch = Watch::new(limits);
+        assert_eq!(watch.iterated(&[1.0], 100.0), None);
+        assert_eq!(watch.iterated(&[1.5], 100.0), Some(Stop::Change));
+    }
+
+    #[test]
+    fn never_stops_for_change_before_the_window_is_full() {
+        let mut watch = Watch::new(LIMITS);
+        for _ in 0..3 {
+            assert_eq!(watch.iterated(&[1.0, 1.0], 100.0), None);
+        }
+        assert_eq!(watch.iterated(&[1.0, 1.0], 100.0), Some(Stop::Change));
+    }
+
+    #[test]
+    fn the_minimum_error_stops_at_once() {
+        let mut watch = Watch::new(LIMITS);
+        assert_eq!(watch.iterated(&[1.0, 1.0], 5.1), None);
+        assert_eq!(watch.iterated(&[9.0, 9.0], 5.0), Some(Stop::Error));
+    }
+
+    #[test]
+    fn the_basic_algorithm_runs_to_the_maximum() {
+        let mut watch = Watch::new(Limits {
+            change: None,
+            ..LIMITS
+        });
+        for _ in 0..99 {
+            assert_eq!(watch.iterated(&[1.0], 100.0), None);
+        }
+        assert_eq!(watch.iterated(&[1.0], 100.0), Some(Stop::Iterations));
+    }
+}

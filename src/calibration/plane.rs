@@ -1,0 +1,158 @@
+//! Which samples, which mode and which plane a calibration works in.
+
+use std::ops::Range;
+
+use nalgebra::{Matrix3, SymmetricEigen, Unit, Vector3};
+
+use super::model::Mode;
+use super::settings::{ModeChoice, WindowChoice};
+use super::{Request, TurnMade};
+
+/// The plan of one calibration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Planar or spatial.
+    pub mode: Mode,
+    /// Planar: the plane's basis in chip axes.
+    pub basis: [Vector3<f64>; 2],
+    /// The samples from the start of the first turn to the end of the last, or all.
+    pub stretch: Range<usize>,
+}
+
+/// Chooses mode, plane and samples. `None` if a plane is needed and nothing tells which.
+pub fn plan(request: &Request) -> Option<Plan> {
+    let turns = &request.turns;
+    let all = 0..request.samples.len();
+    let hull = match (turns.first(), turns.last()) {
+        (Some(first), Some(last)) if request.settings.window != WindowChoice::All => {
+            first.samples.start..last.samples.end
+        }
+        _ => all,
+    };
+    let mode = match request.settings.mode {
+        ModeChoice::Planar => Mode::Planar,
+        ModeChoice::Spatial => Mode::Spatial,
+        ModeChoice::Auto if request.plane.is_some() => Mode::Planar,
+        ModeChoice::Auto if axes_apart_deg(turns) >= request.settings.axes_apart_deg => {
+            Mode::Spatial
+        }
+        ModeChoice::Auto if turns.is_empty() && moved_freely(request) => Mode::Spatial,
+        ModeChoice::Auto => Mode::Planar,
+    };
+    let basis = match (mode, request.plane) {
+        (Mode::Spatial, _) => [Vector3::x(), Vector3::y()],
+        (Mode::Planar, Some(basis)) => basis,
+        (Mode::Planar, None) => {
+            let axis_body = main_axis(turns).or_else(|| rotation_axis(request))?;
+            basis_across(&request.mounting.to_chip(axis_body))?
+        }
+    };
+    Some(Plan {
+        mode,
+        basis,
+        stretch: hull,
+    })
+}
+
+/// The largest angle between two turns' axes, 0 to 90 degrees.
+pub fn axes_apart_deg(turns: &[TurnMade]) -> f64 {
+    let mut largest = 0.0f64;
+    for (i, a) in turns.iter().enumerate() {
+        for b in &turns[i + 1..] {
+            let cosine = a.axis_body.dot(&b.axis_body).abs().min(1.0);
+            largest = largest.max(cosine.acos().to_degrees());
+        }
+    }
+    largest
+}
+
+/// The mean of the turns' axes, whichever way round each was made.
+fn main_axis(turns: &[TurnMade]) -> Option<Vector3<f64>> {
+    let first = turns.first()?.axis_body;
+    let sum: Vector3<f64> = turns
+        .iter()
+        .map(|turn| turn.axis_body * turn.axis_body.dot(&first).signum())
+        .sum();
+    Unit::try_new(sum, 1e-9).map(Unit::into_inner)
+}
+
+/// Without a full turn: the body axis about which the board rotated most.
+fn rotation_axis(request: &Request) -> Option<Vector3<f64>> {
+    let mut sum = Matrix3::zeros();
+    for pair in request.samples.windows(2) {
+        let (Some(from), Some(to)) = (pair[0].pose, pair[1].pose) else {
+            continue;
+        };
+        if from.stretch == to.stretch {
+            let step = (from.orientation.inverse() * to.orientation).scaled_axis();
+            sum += step * step.transpose();
+        }
+    }
+    let eigen = SymmetricEigen::new(sum);
+    let largest = eigen.eigenvalues.imax();
+    (eigen.eigenvalues[largest] > 1e-6).then(|| eigen.eigenvectors.column(largest).into_owned())
+}
+
+/// Whether the field has been seen from so many sides that three axes can be told apart: the smallest
+/// spread of the samples is a quarter of the largest.
+fn moved_freely(request: &Request) -> bool {
+    let n = request.samples.len().max(1) as f64;
+    let mean = request
+        .samples
+        .iter()
+        .map(|s| s.field_mgauss)
+        .sum::<Vector3<f64>>()
+        / n;
+    let mut covariance = Matrix3::zeros();
+    for sample in &request.samples {
+        let off = sample.field_mgauss - mean;
+        covariance += off * off.transpose();
+    }
+    let eigen = SymmetricEigen::new(covariance).eigenvalues;
+    eigen.min() > 0.0625 * eigen.max()
+}
+
+/// Two unit vectors that span the plane across `normal`: the chip axis nearest to the plane, projected
+/// into it, then normal × first, so that a scale factor an axis still fits. Axes that are as near
+/// within two degrees are taken in the order X, Y, Z; the normal is taken to point along the chip axis
+/// nearest to it, so that a level board's plane is (X, Y).
+pub fn basis_across(normal: &Vector3<f64>) -> Option<[Vector3<f64>; 2]> {
+    let mut normal = Unit::try_new(*normal, 1e-9)?.into_inner();
+    if normal[normal.iamax()] < 0.0 {
+        normal = -normal;
+    }
+    let nearest = normal.iter().map(|n| n.abs()).fold(f64::MAX, f64::min) + 2f64.to_radians().sin();
+    let axis = (0..3).find(|&axis| normal[axis].abs() <= nearest)?;
+    let unit = Vector3::ith(axis, 1.0);
+    let first = (unit - normal * normal[axis]).normalize();
+    Some([first, normal.cross(&first)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_level_turn_keeps_the_chip_axes() {
+        for normal in [Vector3::z(), -Vector3::z()] {
+            assert_eq!(basis_across(&normal).unwrap(), [Vector3::x(), Vector3::y()]);
+        }
+    }
+
+    #[test]
+    fn a_tilted_turn_starts_from_the_axis_nearest_to_its_plane() {
+        // Tilted about chip X by 20°: X stays in the plane.
+        let tilted = Vector3::new(0.0, 20f64.to_radians().sin(), 20f64.to_radians().cos());
+        let [first, second] = basis_across(&tilted).unwrap();
+        assert!((first - Vector3::x()).norm() < 1e-12);
+        assert!((second - tilted.cross(&first)).norm() < 1e-12);
+        // Tilted about chip Y: Y is nearer.
+        let tilted = Vector3::new(20f64.to_radians().sin(), 0.0, 20f64.to_radians().cos());
+        assert!((basis_across(&tilted).unwrap()[0] - Vector3::y()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn nothing_is_across_no_normal() {
+        assert_eq!(basis_across(&Vector3::zeros()), None);
+    }
+}

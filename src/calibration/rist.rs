@@ -1,0 +1,98 @@
+//! RIST, the range of interest selection technique (section 4.2, Appendix 1): the stretch of samples
+//! in which an axis swings from one extreme to the other, and half of that distance on either side.
+
+use std::ops::Range;
+
+/// Appendix 1 for one axis, on samples counted from 0. Empty input gives an empty range.
+///
+/// The pseudo-code clamps the end only; the start is clamped to the first sample as well, since
+/// half a window before an early extreme lies before the log.
+pub fn window(values: impl IntoIterator<Item = f64>) -> Range<usize> {
+    let mut count = 0;
+    let (mut ind_max, mut ind_min) = (0, 0);
+    let (mut val_max, mut val_min) = (f64::NEG_INFINITY, f64::INFINITY);
+    for (index, value) in values.into_iter().enumerate() {
+        if value > val_max {
+            (val_max, ind_max) = (value, index);
+        }
+        if value < val_min {
+            (val_min, ind_min) = (value, index);
+        }
+        count = index + 1;
+    }
+    let (first, last) = if ind_max < ind_min {
+        (ind_max, ind_min)
+    } else {
+        (ind_min, ind_max)
+    };
+    // floor(first − w) and floor(last + w) with w = (last − first)/2, which may end in a half.
+    let distance = last - first;
+    let start = first.saturating_sub(distance.div_ceil(2));
+    let end = last + distance / 2;
+    start..count.min(end + 1)
+}
+
+/// The axes' windows joined: from the earliest start to the latest end. A gap between two windows is
+/// inside, so that the swarm sees one unbroken stretch of the turn.
+pub fn join(windows: impl IntoIterator<Item = Range<usize>>) -> Range<usize> {
+    windows
+        .into_iter()
+        .reduce(|a, b| a.start.min(b.start)..a.end.max(b.end))
+        .unwrap_or(0..0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Zeros with one maximum and one minimum.
+    fn values(count: usize, ind_max: usize, ind_min: usize) -> Vec<f64> {
+        let mut values = vec![0.0; count];
+        values[ind_max] = 1.0;
+        values[ind_min] = -1.0;
+        values
+    }
+
+    #[test]
+    fn maximum_first() {
+        // w = 20/2: 30 − 10 .. 50 + 10, both inside.
+        assert_eq!(window(values(100, 30, 50)), 20..61);
+    }
+
+    #[test]
+    fn minimum_first() {
+        assert_eq!(window(values(100, 50, 30)), 20..61);
+    }
+
+    #[test]
+    fn an_odd_distance_is_floored_at_both_ends() {
+        // w = 10.5: floor(19.5) = 19, floor(61.5) − the pseudo-code's floor(51 + 10.5) = 61.
+        assert_eq!(window(values(100, 30, 51)), 19..62);
+    }
+
+    #[test]
+    fn the_end_is_clamped_to_the_last_sample() {
+        // floor(90 + 20) = 110 ≥ 100.
+        assert_eq!(window(values(100, 50, 90)), 30..100);
+        // Just reaching it: floor(79 + 20) = 99, the last one.
+        assert_eq!(window(values(100, 39, 79)), 19..100);
+    }
+
+    #[test]
+    fn the_start_is_clamped_to_the_first_sample() {
+        // 10 − 20 lies before the log.
+        assert_eq!(window(values(100, 10, 50)), 0..71);
+    }
+
+    #[test]
+    fn a_constant_axis_chooses_its_first_sample() {
+        assert_eq!(window([5.0; 10]), 0..1);
+        assert_eq!(window([]), 0..0);
+    }
+
+    #[test]
+    fn windows_join_to_their_hull() {
+        assert_eq!(join([20..40, 60..80]), 20..80);
+        assert_eq!(join([]), 0..0);
+    }
+}

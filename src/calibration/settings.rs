@@ -1,0 +1,211 @@
+//! What can be set of a calibration, and why each default is what it is.
+
+use serde::{Deserialize, Serialize};
+
+use super::mpsot::Limits;
+use super::swarm::{CONSTRICTION, Coefficients, Manner, PAPER};
+use crate::check::{Check, Fault, within};
+
+/// Which parameters to look for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ModeChoice {
+    /// Three axes where turns about two clearly different axes allow it, else the plane of the turn.
+    #[default]
+    Auto,
+    /// The plane of the turn.
+    Planar,
+    /// All three axes.
+    Spatial,
+}
+
+/// A set of swarm coefficients.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Profile {
+    /// Constriction, one particle started at the linear conic fit, the objective through its
+    /// triangular factor.
+    #[default]
+    Standard,
+    /// The paper's: w = 1, c1 = c2 = 2, every particle at random, the direct sum of Equation 8.
+    Paper,
+}
+
+/// Which samples the swarm sees.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum WindowChoice {
+    /// RIST's range of interest inside the first full turn.
+    #[default]
+    Rist,
+    /// Everything from the start of the first turn to the end of the last.
+    Turn,
+    /// Every sample there is.
+    All,
+}
+
+/// When the swarm stops.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum StopChoice {
+    /// MPSOT's three levels.
+    #[default]
+    Mpsot,
+    /// At the maximum number of iterations, or at the minimum error.
+    Basic,
+}
+
+/// Settings of a calibration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Planar, spatial, or whichever the turns allow.
+    pub mode: ModeChoice,
+    /// The swarm's coefficients.
+    pub profile: Profile,
+    /// The samples that the swarm sees.
+    pub window: WindowChoice,
+    /// The swarm's stopping rule.
+    pub stop: StopChoice,
+    /// N, the number of particles: 2 to 1000. 30 is common practice; the paper gives none.
+    pub particles: usize,
+    /// Level 1 of MPSOT: 1 to 100,000 iterations.
+    pub max_iterations: usize,
+    /// Level 2: the fit value (Equation 8, milligauss²) at which the swarm stops. 0 leaves it to the others.
+    pub min_error_mgauss2: f64,
+    /// Level 3: the change of a parameter (milligauss, or scale factor) that counts as none. The paper: 0.01.
+    pub min_change: f64,
+    /// L, the iterations over which level 3 takes its mean: 2 to 1000. The paper gives none. The global
+    /// best stands still for several iterations now and then; 15 outlast nearly all such pauses.
+    pub mean_window: usize,
+    /// Largest step of a particle, as a fraction of the box: 0.001 to 1. The paper gives none, but its
+    /// coefficients diverge without one; in a box this narrow, 0.05 lets them converge slowly.
+    pub velocity_limit: f64,
+    /// Strength of the horizontal field, milligauss, if known: the reference of a planar calibration.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub horizontal_mgauss: Option<f64>,
+    /// Strength of the whole field, milligauss, if known: the reference of a spatial calibration.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub total_mgauss: Option<f64>,
+    /// Turns whose axes differ by this angle or more, degrees, allow a spatial calibration: 20 to 90.
+    pub axes_apart_deg: f64,
+    /// Seed of the swarm. The same samples and seed give the same parameters.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            mode: ModeChoice::Auto,
+            profile: Profile::Standard,
+            window: WindowChoice::Rist,
+            stop: StopChoice::Mpsot,
+            particles: 30,
+            max_iterations: 1000,
+            min_error_mgauss2: 0.0,
+            min_change: 0.01,
+            mean_window: 15,
+            velocity_limit: 0.05,
+            horizontal_mgauss: None,
+            total_mgauss: None,
+            axes_apart_deg: 45.0,
+            seed: 1,
+        }
+    }
+}
+
+impl Settings {
+    /// How the swarm moves and when it stops.
+    pub fn manner(&self) -> Manner {
+        Manner {
+            coefficients: self.profile.coefficients(),
+            velocity_limit: self.velocity_limit,
+            particles: self.particles,
+            limits: Limits {
+                max_iterations: self.max_iterations,
+                min_error: self.min_error_mgauss2,
+                change: (self.stop == StopChoice::Mpsot).then_some(self.min_change),
+                window: self.mean_window,
+            },
+        }
+    }
+}
+
+impl Profile {
+    fn coefficients(self) -> Coefficients {
+        match self {
+            Self::Standard => CONSTRICTION,
+            Self::Paper => PAPER,
+        }
+    }
+
+    /// The word as published.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Standard => "standard",
+            Self::Paper => "paper",
+        }
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        within(&mut faults, "particles", self.particles, 2..=1000, "");
+        within(
+            &mut faults,
+            "max_iterations",
+            self.max_iterations,
+            1..=100_000,
+            "",
+        );
+        within(
+            &mut faults,
+            "min_error_mgauss2",
+            self.min_error_mgauss2,
+            0.0..=1e12,
+            "milligauss squared",
+        );
+        within(&mut faults, "min_change", self.min_change, 0.0..=10.0, "");
+        within(
+            &mut faults,
+            "mean_window",
+            self.mean_window,
+            2..=1000,
+            "iterations",
+        );
+        within(
+            &mut faults,
+            "velocity_limit",
+            self.velocity_limit,
+            0.001..=1.0,
+            "of the box",
+        );
+        if let Some(horizontal) = self.horizontal_mgauss {
+            within(
+                &mut faults,
+                "horizontal_mgauss",
+                horizontal,
+                10.0..=1000.0,
+                "milligauss",
+            );
+        }
+        if let Some(total) = self.total_mgauss {
+            within(
+                &mut faults,
+                "total_mgauss",
+                total,
+                10.0..=1000.0,
+                "milligauss",
+            );
+        }
+        within(
+            &mut faults,
+            "axes_apart_deg",
+            self.axes_apart_deg,
+            20.0..=90.0,
+            "degrees",
+        );
+        faults
+    }
+}

@@ -1,0 +1,368 @@
+//! Basic particle swarm optimisation: Equations 5 and 6 and the steps of section 3.
+
+use rand::{Rng, RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use super::mpsot::{Limits, Stop, Watch};
+use super::objective::Position;
+
+/// The coefficients of Equation 5.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coefficients {
+    /// w, the inertia weight.
+    pub inertia: f64,
+    /// c1: the pull of the particle's own best.
+    pub own: f64,
+    /// c2: the pull of the global best.
+    pub global: f64,
+}
+
+/// The paper's: w = 1, c1 = c2 = 2. They diverge without a velocity limit, which the paper does not give.
+pub const PAPER: Coefficients = Coefficients {
+    inertia: 1.0,
+    own: 2.0,
+    global: 2.0,
+};
+
+/// Clerc and Kennedy's constriction (IEEE Trans. Evol. Comput. 6, 2002), φ = 4.1: converges.
+pub const CONSTRICTION: Coefficients = Coefficients {
+    inertia: 0.7298,
+    own: 1.49618,
+    global: 1.49618,
+};
+
+/// Where a swarm searches: each scale factor in a range of its own, and each bias in a range that
+/// depends on its axis' scale factor.
+///
+/// The objective also falls towards 0 as the scale grows without bound with the centre far outside
+/// the data. So the box comes from the data: an ellipse with centre b and half-axis a·Hm that passes
+/// through samples from `low` to `high` has high − a·Hm ≤ b ≤ low + a·Hm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SearchBox<const D: usize> {
+    /// The axes' lowest samples without outliers, milligauss, lowered by nothing.
+    pub low: [f64; D],
+    /// The axes' highest samples without outliers, milligauss.
+    pub high: [f64; D],
+    /// Smallest scale factors.
+    pub scale_min: [f64; D],
+    /// Largest scale factors.
+    pub scale_max: [f64; D],
+    /// How far noise may have moved an extreme, milligauss.
+    pub margin_mgauss: f64,
+    /// Hm.
+    pub reference_mgauss: f64,
+}
+
+impl<const D: usize> SearchBox<D> {
+    /// The range of the bias on an axis, given the scale factor there.
+    pub fn bias_range(&self, axis: usize, scale: f64) -> (f64, f64) {
+        let middle = 0.5 * (self.low[axis] + self.high[axis]);
+        let half = 0.5 * (self.high[axis] - self.low[axis]);
+        let slack = (scale * self.reference_mgauss - half).max(0.0) + self.margin_mgauss;
+        (middle - slack, middle + slack)
+    }
+
+    /// Whether a position lies inside.
+    pub fn contains<const P: usize>(&self, position: &Position<P>) -> bool {
+        (0..D).all(|axis| {
+            let (scale, bias) = (position[D + axis], position[axis]);
+            let (least, most) = self.bias_range(axis, scale);
+            (self.scale_min[axis]..=self.scale_max[axis]).contains(&scale)
+                && (least..=most).contains(&bias)
+        })
+    }
+
+    /// Brings a position inside; a velocity that led outside is lost on that axis.
+    fn confine<const P: usize>(&self, position: &mut Position<P>, velocity: &mut Position<P>) {
+        for axis in 0..D {
+            let scale = position[D + axis].clamp(self.scale_min[axis], self.scale_max[axis]);
+            if scale != position[D + axis] {
+                (position[D + axis], velocity[D + axis]) = (scale, 0.0);
+            }
+            let (least, most) = self.bias_range(axis, scale);
+            let bias = position[axis].clamp(least, most);
+            if bias != position[axis] {
+                (position[axis], velocity[axis]) = (bias, 0.0);
+            }
+        }
+    }
+
+    /// The width of the box on each parameter.
+    fn width<const P: usize>(&self) -> Position<P> {
+        let mut width = [0.0; P];
+        for axis in 0..D {
+            let (least, most) = self.bias_range(axis, self.scale_max[axis]);
+            width[axis] = most - least;
+            width[D + axis] = self.scale_max[axis] - self.scale_min[axis];
+        }
+        width
+    }
+
+    fn random<const P: usize>(&self, rng: &mut impl Rng) -> Position<P> {
+        let mut position = [0.0; P];
+        for axis in 0..D {
+            let (low, high) = (self.scale_min[axis], self.scale_max[axis]);
+            let scale = low + (high - low) * rng.random::<f64>();
+            let (least, most) = self.bias_range(axis, scale);
+            position[D + axis] = scale;
+            position[axis] = least + (most - least) * rng.random::<f64>();
+        }
+        position
+    }
+}
+
+/// How a swarm moves.
+#[derive(Clone, Copy, Debug)]
+pub struct Manner {
+    /// The coefficients of Equation 5.
+    pub coefficients: Coefficients,
+    /// Largest step an iteration on each parameter, as a fraction of the box's width. The paper's
+    /// coefficients diverge without one.
+    pub velocity_limit: f64,
+    /// N.
+    pub particles: usize,
+    /// When to stop.
+    pub limits: Limits,
+}
+
+/// What a swarm found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Found<const P: usize> {
+    /// The global best.
+    pub position: Position<P>,
+    /// Equation 8 there, milligauss².
+    pub fit_value: f64,
+    /// Iterations made.
+    pub iterations: usize,
+    /// What stopped it.
+    pub stop: Stop,
+}
+
+struct Particle<const P: usize> {
+    position: Position<P>,
+    velocity: Position<P>,
+    best: Position<P>,
+    best_fit: f64,
+}
+
+/// Runs a swarm in a box. `start` is where one particle begins, if something good is known; the others
+/// begin at random positions with random velocities within the limit. A fit value that is not a
+/// number never becomes a best.
+pub fn search<const D: usize, const P: usize>(
+    search_box: &SearchBox<D>,
+    manner: &Manner,
+    start: Option<Position<P>>,
+    seed: u64,
+    fit_value: impl Fn(&Position<P>) -> f64,
+) -> Found<P> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let limit = search_box
+        .width()
+        .map(|width: f64| width * manner.velocity_limit);
+    let mut global = Found {
+        position: search_box.random(&mut rng),
+        fit_value: f64::INFINITY,
+        iterations: 0,
+        stop: Stop::Iterations,
+    };
+    let mut swarm: Vec<Particle<P>> = (0..manner.particles.max(1))
+        .map(|index| {
+            let mut velocity = limit.map(|limit| limit * (2.0 * rng.random::<f64>() - 1.0));
+            let mut position = search_box.random(&mut rng);
+            if let (0, Some(start)) = (index, start) {
+                position = start;
+                search_box.confine(&mut position, &mut velocity);
+            }
+            Particle {
+                position,
+                velocity,
+                best: position,
+                best_fit: f64::INFINITY,
+            }
+        })
+        .collect();
+
+    let mut watch = Watch::new(manner.limits);
+    loop {
+        for particle in &mut swarm {
+            let fit = fit_value(&particle.position);
+            if fit < particle.best_fit {
+                (particle.best, particle.best_fit) = (particle.position, fit);
+                if fit < global.fit_value {
+                    (global.position, global.fit_value) = (particle.position, fit);
+                }
+            }
+        }
+        if let Some(stop) = watch.iterated(&global.position, global.fit_value) {
+            return Found {
+                iterations: watch.iterations(),
+                stop,
+                ..global
+            };
+        }
+        for particle in &mut swarm {
+            let (r1, r2) = (rng.random::<f64>(), rng.random::<f64>());
+            particle.velocity = velocity(
+                &manner.coefficients,
+                &particle.position,
+                &particle.velocity,
+                &particle.best,
+                &global.position,
+                (r1, r2),
+            );
+            for k in 0..P {
+                particle.velocity[k] = particle.velocity[k].clamp(-limit[k], limit[k]);
+                // Equation 6.
+                particle.position[k] += particle.velocity[k];
+            }
+            search_box.confine(&mut particle.position, &mut particle.velocity);
+        }
+    }
+}
+
+/// Equation 5: one pair of random numbers a particle and iteration.
+#[inline]
+fn velocity<const P: usize>(
+    coefficients: &Coefficients,
+    position: &Position<P>,
+    velocity: &Position<P>,
+    own_best: &Position<P>,
+    global_best: &Position<P>,
+    (r1, r2): (f64, f64),
+) -> Position<P> {
+    std::array::from_fn(|k| {
+        coefficients.inertia * velocity[k]
+            + coefficients.own * r1 * (own_best[k] - position[k])
+            + coefficients.global * r2 * (global_best[k] - position[k])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOX: SearchBox<2> = SearchBox {
+        low: [-90.0, -80.0],
+        high: [110.0, 120.0],
+        scale_min: [0.9, 0.9],
+        scale_max: [1.5, 1.5],
+        margin_mgauss: 5.0,
+        reference_mgauss: 100.0,
+    };
+
+    const LIMITS: Limits = Limits {
+        max_iterations: 1000,
+        min_error: 0.0,
+        change: Some(0.01),
+        window: 10,
+    };
+
+    #[test]
+    fn the_velocity_is_equation_5() {
+        // 1·(1, −1) + 2·0.5·((4, 4) − (2, 3)) + 2·0.25·((6, 1) − (2, 3))
+        let next = velocity(
+            &PAPER,
+            &[2.0, 3.0],
+            &[1.0, -1.0],
+            &[4.0, 4.0],
+            &[6.0, 1.0],
+            (0.5, 0.25),
+        );
+        assert_eq!(next, [1.0 + 2.0 + 2.0, -1.0 + 1.0 - 1.0]);
+    }
+
+    #[test]
+    fn the_box_follows_the_ellipse_through_the_extremes() {
+        // Half-range 100 at Hm = 100: at scale 1 the centre is the middle, give or take the margin …
+        assert_eq!(BOX.bias_range(0, 1.0), (5.0, 15.0));
+        // … at 1.5 an arc may lie 50 off on either side …
+        assert_eq!(BOX.bias_range(0, 1.5), (-45.0, 65.0));
+        // … and below 1 only the margin is left.
+        assert_eq!(BOX.bias_range(1, 0.9), (15.0, 25.0));
+        assert!(BOX.contains(&[10.0, 20.0, 1.0, 1.0]) && !BOX.contains(&[16.0, 20.0, 1.0, 1.0]));
+    }
+
+    #[test]
+    fn confined_particles_stay_inside_and_lose_their_way_out() {
+        let (mut position, mut velocity) = ([500.0, 20.0, 9.0, 1.0], [3.0, 1.0, 2.0, 1.0]);
+        BOX.confine(&mut position, &mut velocity);
+        assert_eq!(
+            (position, velocity),
+            ([65.0, 20.0, 1.5, 1.0], [0.0, 1.0, 0.0, 1.0])
+        );
+    }
+
+    fn bowl(position: &Position<4>) -> f64 {
+        let target = [12.0, 18.0, 1.1, 1.2];
+        (0..4)
+            .map(|k| (position[k] - target[k]).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    }
+
+    #[test]
+    fn constriction_converges_and_mpsot_stops_it() {
+        let manner = Manner {
+            coefficients: CONSTRICTION,
+            velocity_limit: 0.2,
+            particles: 30,
+            limits: Limits { window: 30, ..LIMITS },
+        };
+        for seed in 0..20 {
+            let found = search(&BOX, &manner, None, seed, bowl);
+            assert_eq!(found.stop, Stop::Change);
+            assert!(found.iterations < 300 && found.fit_value < 0.2, "{found:?}");
+            assert!(BOX.contains(&found.position));
+        }
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_swarm_and_another_another() {
+        let manner = Manner {
+            coefficients: PAPER,
+            velocity_limit: 0.1,
+            particles: 30,
+            limits: Limits {
+                change: None,
+                ..LIMITS
+            },
+        };
+        let run = |seed| search(&BOX, &manner, None, seed, bowl);
+        assert_eq!(run(7), run(7));
+        assert_ne!(run(7).position, run(8).position);
+        assert_eq!((run(7).iterations, run(7).stop), (1000, Stop::Iterations));
+    }
+
+    #[test]
+    fn a_good_start_is_never_left_for_something_worse() {
+        let manner = Manner {
+            coefficients: CONSTRICTION,
+            velocity_limit: 0.2,
+            particles: 5,
+            limits: Limits {
+                max_iterations: 1,
+                ..LIMITS
+            },
+        };
+        let start = [12.1, 18.0, 1.1, 1.2];
+        assert!(search(&BOX, &manner, Some(start), 1, bowl).fit_value <= bowl(&start));
+    }
+
+    #[test]
+    fn a_fit_value_that_is_no_number_is_never_the_best() {
+        let manner = Manner {
+            coefficients: PAPER,
+            velocity_limit: 0.1,
+            particles: 10,
+            limits: LIMITS,
+        };
+        let found = search(&BOX, &manner, None, 1, |position: &Position<4>| {
+            if position[0] > 10.0 {
+                f64::NAN
+            } else {
+                bowl(position)
+            }
+        });
+        assert!(found.fit_value.is_finite() && found.position[0] <= 10.0);
+    }
+}

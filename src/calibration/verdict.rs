@@ -1,0 +1,380 @@
+//! Whether a candidate deserves trust, always with a reason.
+
+use serde::{Deserialize, Serialize};
+
+use super::agreement::Agreement;
+use crate::check::{Check, Fault, within};
+
+/// What is asked of a candidate.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Planar: how much of the circle the samples must cover, degrees, 90 to 360. Below about 225° the
+    /// parameters become several times less certain.
+    pub coverage_deg: f64,
+    /// Spatial: smallest eigenvalue of the covariance of the field's directions, 0 to 0.33. A level turn
+    /// has almost none across its plane.
+    pub direction_spread: f64,
+    /// Largest share of samples that may be outliers, 0 to 0.5.
+    pub outlier_share: f64,
+    /// Largest residual, as a share of the field's strength, 0.001 to 0.5. Real boards leave 2 % under
+    /// the diagonal model.
+    pub residual_share: f64,
+    /// Largest ratio of two axes' scale factors, 1 to 10.
+    pub axis_ratio: f64,
+    /// Smallest scale factor where a reference field was given, 0.01 to 1.
+    pub scale_min: f64,
+    /// Largest scale factor where a reference field was given, 1 to 100.
+    pub scale_max: f64,
+    /// Largest predicted uncertainty of a heading, degrees, 0.01 to 20.
+    pub heading_sd_deg: f64,
+    /// Largest disagreement of corrected heading and gyro, RMS, degrees, 0.5 to 45. A wobbling hand and a
+    /// magnetometer that is 3° askew on its board make 7°.
+    pub gyro_rms_deg: f64,
+    /// Largest difference between the angle turned by the field and by the gyro, as a share, 0.01 to 0.5.
+    pub gyro_angle_share: f64,
+    /// Spatial: largest change of the dip with attitude, RMS, degrees, 0.5 to 45.
+    pub dip_spread_deg: f64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            coverage_deg: 240.0,
+            direction_spread: 0.005,
+            outlier_share: 0.1,
+            residual_share: 0.06,
+            axis_ratio: 2.0,
+            scale_min: 0.2,
+            scale_max: 5.0,
+            heading_sd_deg: 1.0,
+            gyro_rms_deg: 10.0,
+            gyro_angle_share: 0.12,
+            dip_spread_deg: 6.0,
+        }
+    }
+}
+
+impl Check for Limits {
+    fn check(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let f = &mut faults;
+        within(
+            f,
+            "coverage_deg",
+            self.coverage_deg,
+            90.0..=360.0,
+            "degrees",
+        );
+        within(f, "direction_spread", self.direction_spread, 0.0..=0.33, "");
+        within(f, "outlier_share", self.outlier_share, 0.0..=0.5, "");
+        within(f, "residual_share", self.residual_share, 0.001..=0.5, "");
+        within(f, "axis_ratio", self.axis_ratio, 1.0..=10.0, "");
+        within(f, "scale_min", self.scale_min, 0.01..=1.0, "");
+        within(f, "scale_max", self.scale_max, 1.0..=100.0, "");
+        within(
+            f,
+            "heading_sd_deg",
+            self.heading_sd_deg,
+            0.01..=20.0,
+            "degrees",
+        );
+        within(f, "gyro_rms_deg", self.gyro_rms_deg, 0.5..=45.0, "degrees");
+        within(f, "gyro_angle_share", self.gyro_angle_share, 0.01..=0.5, "");
+        within(
+            f,
+            "dip_spread_deg",
+            self.dip_spread_deg,
+            0.5..=45.0,
+            "degrees",
+        );
+        faults
+    }
+}
+
+/// Why a candidate was refused.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Refusal {
+    /// A code that a program can read.
+    pub reason: &'static str,
+    /// A sentence for a person.
+    pub message: String,
+}
+
+impl Refusal {
+    /// A refusal with this code and sentence.
+    pub fn new(reason: &'static str, message: impl Into<String>) -> Self {
+        Self {
+            reason,
+            message: message.into(),
+        }
+    }
+}
+
+/// Everything that is judged.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measures {
+    /// Planar: how much of the circle the samples cover, degrees.
+    pub coverage_deg: Option<f64>,
+    /// Spatial: smallest eigenvalue of the covariance of the field's directions.
+    pub direction_spread: Option<f64>,
+    /// Share of samples without weight.
+    pub outlier_share: f64,
+    /// Residual over the field's strength as the sensor sees it.
+    pub residual_share: f64,
+    /// Scale factors.
+    pub scale: Vec<f64>,
+    /// Whether they refer to a given field.
+    pub reference_given: bool,
+    /// Whether the centre lies within the samples on every axis.
+    pub centre_inside: bool,
+    /// Predicted uncertainty of a heading, degrees.
+    pub heading_sd_deg: f64,
+    /// Agreement with the gyro, cross-validated, where there is a gyro.
+    pub gyro: Option<Agreement>,
+    /// Spatial: change of the dip with attitude, where the vertical is known.
+    pub dip_spread_deg: Option<f64>,
+}
+
+/// The first objection to a candidate, the most telling first; `Ok` if there is none.
+pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
+    if let Some(coverage) = m.coverage_deg.filter(|&c| c < limits.coverage_deg) {
+        return Err(Refusal::new(
+            "coverage",
+            format!(
+                "the field was seen from {coverage:.0} of 360 degrees; at least {:.0} are needed: turn the board further round",
+                limits.coverage_deg
+            ),
+        ));
+    }
+    if let Some(spread) = m.direction_spread.filter(|&s| s < limits.direction_spread) {
+        return Err(Refusal::new(
+            "coverage",
+            format!(
+                "the field hardly moved along one axis (spread {spread:.4}, at least {:.4} is needed): turn the board about a second axis too",
+                limits.direction_spread
+            ),
+        ));
+    }
+    if m.outlier_share > limits.outlier_share {
+        return Err(Refusal::new(
+            "outliers",
+            format!(
+                "{:.0} % of the samples lie far off the fit (at most {:.0} % may): something magnetic came or went during the turn",
+                100.0 * m.outlier_share,
+                100.0 * limits.outlier_share
+            ),
+        ));
+    }
+    if m.residual_share > limits.residual_share {
+        return Err(Refusal::new(
+            "residual",
+            format!(
+                "the samples scatter by {:.1} % of the field about the fit (at most {:.1} % may): the field was disturbed, or the board moved through it",
+                100.0 * m.residual_share,
+                100.0 * limits.residual_share
+            ),
+        ));
+    }
+    let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);
+    let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
+    if largest > limits.axis_ratio * smallest {
+        return Err(Refusal::new(
+            "axis_ratio",
+            format!(
+                "one axis would be {:.2} times as sensitive as another (at most {:.2}): no magnetometer is",
+                largest / smallest,
+                limits.axis_ratio
+            ),
+        ));
+    }
+    if m.reference_given && (smallest < limits.scale_min || largest > limits.scale_max) {
+        return Err(Refusal::new(
+            "scale",
+            format!(
+                "scale factors of {smallest:.2} to {largest:.2} are outside {:.2} to {:.2}: check the reference field and the gain",
+                limits.scale_min, limits.scale_max
+            ),
+        ));
+    }
+    if !m.centre_inside {
+        return Err(Refusal::new(
+            "centre",
+            "the fitted centre lies outside the samples: they show too small a part of the curve",
+        ));
+    }
+    if m.heading_sd_deg > limits.heading_sd_deg {
+        return Err(Refusal::new(
+            "heading_uncertainty",
+            format!(
+                "headings would be uncertain by {:.2} degrees (at most {:.2}): more samples or a fuller turn are needed",
+                m.heading_sd_deg, limits.heading_sd_deg
+            ),
+        ));
+    }
+    if let Some(gyro) = m.gyro {
+        if gyro.drift_share > limits.gyro_angle_share {
+            return Err(Refusal::new(
+                "gyro_angle",
+                format!(
+                    "field and gyro differ by {:.0} % of the angle turned (at most {:.0} %): check the gyro's mounting, sign and scale",
+                    100.0 * gyro.drift_share,
+                    100.0 * limits.gyro_angle_share
+                ),
+            ));
+        }
+        if gyro.rms_deg > limits.gyro_rms_deg {
+            return Err(Refusal::new(
+                "gyro",
+                format!(
+                    "the corrected heading strays from the gyro by {:.1} degrees RMS (at most {:.1}): the fit does not turn as the board did",
+                    gyro.rms_deg, limits.gyro_rms_deg
+                ),
+            ));
+        }
+    }
+    if let Some(spread) = m.dip_spread_deg.filter(|&s| s > limits.dip_spread_deg) {
+        return Err(Refusal::new(
+            "dip",
+            format!(
+                "the corrected field's dip changes by {spread:.1} degrees RMS with attitude (at most {:.1}): check the mountings, or keep iron away",
+                limits.dip_spread_deg
+            ),
+        ));
+    }
+    Ok(())
+}
+
+/// How a calibration does on given samples.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing {
+    /// Spread of the corrected field's strength, one standard deviation over its mean.
+    pub strength_spread: f64,
+    /// RMS against the gyro, degrees, where there is one.
+    pub gyro_rms_deg: Option<f64>,
+    /// Its predicted uncertainty, degrees.
+    pub heading_sd_deg: f64,
+    /// Whether it corrects all three axes.
+    pub spatial: bool,
+}
+
+/// Whether a good candidate should replace the calibration in force, both judged on the candidate's samples.
+pub fn replaces(candidate: &Standing, in_force: &Standing) -> Result<(), Refusal> {
+    let worn = in_force.strength_spread > 1.5 * candidate.strength_spread + 0.005;
+    let strays = match (candidate.gyro_rms_deg, in_force.gyro_rms_deg) {
+        (Some(new), Some(old)) => old > 1.1 * new + 0.2,
+        _ => false,
+    };
+    let extends = candidate.spatial && !in_force.spatial;
+    let narrows = in_force.spatial && !candidate.spatial;
+    let sharper = candidate.heading_sd_deg < 0.7 * in_force.heading_sd_deg;
+    if worn || (!narrows && (strays || extends || sharper)) {
+        return Ok(());
+    }
+    Err(Refusal::new(
+        "not_better",
+        "the calibration in force does as well on this turn, and stays",
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn good() -> Measures {
+        Measures {
+            coverage_deg: Some(355.0),
+            direction_spread: Some(0.1),
+            outlier_share: 0.0,
+            residual_share: 0.012,
+            scale: vec![0.9, 1.1],
+            reference_given: true,
+            centre_inside: true,
+            heading_sd_deg: 0.05,
+            gyro: Some(Agreement {
+                rms_deg: 1.0,
+                drift_share: 0.01,
+            }),
+            dip_spread_deg: Some(1.0),
+        }
+    }
+
+    #[test]
+    fn a_good_candidate_passes() {
+        assert_eq!(judge(&good(), &Limits::default()), Ok(()));
+    }
+
+    #[test]
+    fn every_refusal_has_its_code_and_a_sentence() {
+        type Spoil = fn(&mut Measures);
+        let cases: [(&str, Spoil); 11] = [
+            ("coverage", |m| m.coverage_deg = Some(239.0)),
+            ("coverage", |m| m.direction_spread = Some(0.0)),
+            ("outliers", |m| m.outlier_share = 0.3),
+            ("residual", |m| m.residual_share = 0.07),
+            ("axis_ratio", |m| m.scale = vec![0.4, 0.9]),
+            ("scale", |m| m.scale = vec![6.0, 6.0]),
+            ("centre", |m| m.centre_inside = false),
+            ("heading_uncertainty", |m| m.heading_sd_deg = 1.1),
+            ("gyro_angle", |m| {
+                m.gyro = Some(Agreement {
+                    rms_deg: 1.0,
+                    drift_share: 0.5,
+                })
+            }),
+            ("gyro", |m| {
+                m.gyro = Some(Agreement {
+                    rms_deg: 11.0,
+                    drift_share: 0.0,
+                })
+            }),
+            ("dip", |m| m.dip_spread_deg = Some(7.0)),
+        ];
+        for (reason, spoil) in cases {
+            let mut measures = good();
+            spoil(&mut measures);
+            let refusal = judge(&measures, &Limits::default()).unwrap_err();
+            assert_eq!(refusal.reason, reason);
+            assert!(refusal.message.len() > 40, "{}", refusal.message);
+        }
+    }
+
+    #[test]
+    fn without_a_reference_only_the_ratio_of_scales_counts() {
+        let measures = Measures {
+            scale: vec![6.0, 6.0],
+            reference_given: false,
+            ..good()
+        };
+        assert_eq!(judge(&measures, &Limits::default()), Ok(()));
+    }
+
+    #[test]
+    fn a_calibration_is_replaced_only_by_a_better_one() {
+        let in_force = Standing {
+            strength_spread: 0.012,
+            gyro_rms_deg: Some(1.0),
+            heading_sd_deg: 0.05,
+            spatial: false,
+        };
+        assert_eq!(
+            replaces(&in_force, &in_force).unwrap_err().reason,
+            "not_better"
+        );
+        let moved_iron = Standing {
+            strength_spread: 0.1,
+            ..in_force
+        };
+        assert!(replaces(&in_force, &moved_iron).is_ok());
+        let strays = Standing {
+            gyro_rms_deg: Some(2.0),
+            ..in_force
+        };
+        assert!(replaces(&in_force, &strays).is_ok() && replaces(&strays, &in_force).is_err());
+        let spatial = Standing {
+            spatial: true,
+            ..in_force
+        };
+        assert!(replaces(&spatial, &in_force).is_ok() && replaces(&in_force, &spatial).is_err());
+    }
+}
