@@ -7,4 +7,5 @@ pub mod condition;
 pub mod frame;
 pub mod heading;
 pub mod reading;
+pub mod recording;
 pub mod turn;
