@@ -8,4 +8,5 @@ pub mod frame;
 pub mod heading;
 pub mod reading;
 pub mod recording;
+pub mod sensor;
 pub mod turn;
