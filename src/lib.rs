@@ -3,6 +3,7 @@
 pub mod attitude;
 pub mod calibration;
 pub mod check;
+pub mod command;
 pub mod condition;
 pub mod frame;
 pub mod heading;

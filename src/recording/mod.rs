@@ -97,7 +97,7 @@ pub enum RecordingError {
         what: String,
     },
     /// The source of the bytes failed.
-    #[error("cannot read log {log} after line {line}")]
+    #[error("cannot read log {log} after line {line}: {source}")]
     Read {
         /// The log's name.
         log: String,

@@ -330,7 +330,10 @@ mod tests {
             Reader::new("a.csv", BufReader::new(text.as_bytes().chain(Broken))).unwrap();
         assert!(reader.next().unwrap().unwrap().is_ok());
         let error = reader.next().unwrap().unwrap_err();
-        assert_eq!(error.to_string(), "cannot read log a.csv after line 3");
+        assert_eq!(
+            error.to_string(),
+            "cannot read log a.csv after line 3: unplugged"
+        );
         assert!(reader.next().is_none());
     }
 

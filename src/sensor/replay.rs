@@ -16,7 +16,7 @@ pub enum ReplayError {
         path: PathBuf,
     },
     /// The file is there but cannot be read: permissions, a directory, a failing disk.
-    #[error("cannot read log {}", path.display())]
+    #[error("cannot read log {}: {source}", path.display())]
     Unreadable {
         /// The path as given.
         path: PathBuf,
