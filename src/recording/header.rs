@@ -1,0 +1,325 @@
+//! The header of a log: its `#` lines and its column names.
+
+use std::io::BufRead;
+
+use super::lines::{Line, Lines};
+use super::{ACCEL, COLUMNS, GYRO, HEADING, Header, MAG, MAGIC, RecordingError, VERSION, shown};
+
+/// More `#` lines than this are no header.
+const MOST_LINES: u64 = 1000;
+const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
+
+/// How one column's numbers become ours.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rule {
+    /// Our unit = factor · the log's unit.
+    pub(super) factor: f64,
+    /// Largest credible magnitude, in the log's unit. Far above any sensor's range: it is there for
+    /// broken rows.
+    pub(super) limit: f64,
+    /// The log's unit.
+    pub(super) unit: &'static str,
+}
+
+/// Where each column of the log belongs.
+#[derive(Clone, Debug)]
+pub(super) struct Layout {
+    /// For each column of the log, its index in [`COLUMNS`]; `None` if it is unknown.
+    pub(super) columns: Vec<Option<usize>>,
+    /// For each of [`COLUMNS`].
+    pub(super) rules: [Rule; COLUMNS.len()],
+}
+
+/// Reads everything up to and with the line of column names.
+pub(super) fn read<R: BufRead>(
+    log: &str,
+    lines: &mut Lines<R>,
+) -> Result<(Header, Layout), RecordingError> {
+    let text = next_line(log, lines)?;
+    check_version(text.trim_start_matches('\u{feff}'))
+        .map_err(|what| wrong(log, lines.number(), what))?;
+    let mut keys = Keys::default();
+    loop {
+        let few = lines.number() < MOST_LINES;
+        let text = next_line(log, lines)?;
+        let done = match text.strip_prefix('#') {
+            Some(comment) if few => keys.add(comment).map(|()| None),
+            Some(_) => Err(format!(
+                "more than {MOST_LINES} # lines, but the line of column names must follow them"
+            )),
+            None if text.trim().is_empty() => Ok(None),
+            None => columns(text).map(Some),
+        };
+        if let Some(columns) = done.map_err(|what| wrong(log, lines.number(), what))? {
+            let rules = keys
+                .rules()
+                .map_err(|what| wrong(log, lines.number(), what))?;
+            return Ok((keys.header, Layout { columns, rules }));
+        }
+    }
+}
+
+fn wrong(log: &str, line: u64, what: String) -> RecordingError {
+    RecordingError::Header {
+        log: log.to_owned(),
+        line,
+        what,
+    }
+}
+
+fn next_line<'a, R: BufRead>(
+    log: &str,
+    lines: &'a mut Lines<R>,
+) -> Result<&'a str, RecordingError> {
+    let before = lines.number();
+    let line = lines.advance().map_err(|source| RecordingError::Read {
+        log: log.to_owned(),
+        line: before,
+        source,
+    })?;
+    let what = match line {
+        Line::Whole => match str::from_utf8(lines.text()) {
+            Ok(text) => return Ok(text),
+            Err(_) => format!("found {}, which is not UTF-8 text", shown(lines.text())),
+        },
+        Line::TooLong => "the line is longer than 4 KiB".to_owned(),
+        Line::End if before == 0 => {
+            format!("the log is empty, but must begin with \"# {MAGIC} {VERSION}\"")
+        }
+        Line::CutOff | Line::End => {
+            "the log ends within its header, before the end of the line of column names".to_owned()
+        }
+    };
+    Err(wrong(log, before + 1, what))
+}
+
+fn check_version(text: &str) -> Result<(), String> {
+    let version = text
+        .strip_prefix('#')
+        .and_then(|rest| rest.trim().strip_prefix(MAGIC))
+        .map(str::trim);
+    match version.map(str::parse::<u32>) {
+        Some(Ok(VERSION)) => Ok(()),
+        Some(Ok(newer)) if newer > VERSION => Err(format!(
+            "the log has format version {newer}, but this headingd reads version {VERSION}; a newer headingd may read it"
+        )),
+        _ => Err(format!(
+            "the first line is {}, but must be \"# {MAGIC} {VERSION}\"",
+            shown(text.as_bytes())
+        )),
+    }
+}
+
+/// The keys read so far.
+#[derive(Default)]
+struct Keys {
+    header: Header,
+    seen: Vec<&'static str>,
+    mag: Option<MagUnit>,
+    counts_per_gauss: Option<f64>,
+    gyro: Option<(f64, &'static str)>,
+    accel: Option<(f64, &'static str)>,
+}
+
+enum MagUnit {
+    /// Milligauss in one unit, and its name.
+    Fixed(f64, &'static str),
+    Counts,
+}
+
+/// The keys with a meaning of their own; a log may give each only once.
+pub(super) const KEYS: [&str; 8] = [
+    "sensor",
+    "mag_unit",
+    "counts_per_gauss",
+    "gyro_unit",
+    "accel_unit",
+    "mag_axes",
+    "gyro_axes",
+    "accel_axes",
+];
+
+impl Keys {
+    /// Takes what follows the `#`; text that is no `key = value` is a remark.
+    fn add(&mut self, comment: &str) -> Result<(), String> {
+        let Some((key, value)) = comment.split_once('=') else {
+            return Ok(());
+        };
+        let (key, value) = (key.trim(), value.trim());
+        let Some(known) = KEYS.iter().find(|known| **known == key) else {
+            self.header.truth.push((key.to_owned(), value.to_owned()));
+            return Ok(());
+        };
+        if self.seen.contains(known) {
+            return Err(format!("{key} is given a second time"));
+        }
+        self.seen.push(known);
+        let unit =
+            |right: &str| format!("{key} is {}, but must be {right}", shown(value.as_bytes()));
+        let axes = || {
+            value
+                .parse()
+                .map_err(|error| format!("{key} is wrong: {error}"))
+        };
+        match key {
+            "sensor" => self.header.sensor = Some(value.to_owned()),
+            "mag_unit" => {
+                self.mag = Some(match value {
+                    "mgauss" => MagUnit::Fixed(1.0, "mgauss"),
+                    "gauss" => MagUnit::Fixed(1000.0, "gauss"),
+                    "uT" => MagUnit::Fixed(10.0, "uT"),
+                    "nT" => MagUnit::Fixed(0.01, "nT"),
+                    "counts" => MagUnit::Counts,
+                    _ => return Err(unit("mgauss, gauss, uT, nT or counts")),
+                });
+            }
+            "counts_per_gauss" => {
+                let counts = value.parse().ok().filter(|n| (1.0..=1e6).contains(n));
+                self.counts_per_gauss =
+                    Some(counts.ok_or_else(|| unit("a number from 1 to 1000000"))?);
+            }
+            "gyro_unit" => {
+                self.gyro = Some(match value {
+                    "rad/s" => (1.0, "rad/s"),
+                    "deg/s" => (1f64.to_radians(), "deg/s"),
+                    _ => return Err(unit("rad/s or deg/s")),
+                });
+            }
+            "accel_unit" => {
+                self.accel = Some(match value {
+                    "m/s2" => (1.0, "m/s2"),
+                    "g" => (STANDARD_GRAVITY_M_S2, "g"),
+                    _ => return Err(unit("m/s2 or g")),
+                });
+            }
+            "mag_axes" => self.header.mountings.mag = axes()?,
+            "gyro_axes" => self.header.mountings.gyro = axes()?,
+            _ => self.header.mountings.accel = axes()?,
+        }
+        Ok(())
+    }
+
+    fn rules(&self) -> Result<[Rule; COLUMNS.len()], String> {
+        let mag = match (&self.mag, self.counts_per_gauss) {
+            (None, _) => (1.0, "mgauss"),
+            (Some(MagUnit::Fixed(factor, name)), _) => (*factor, *name),
+            (Some(MagUnit::Counts), Some(counts)) => (1000.0 / counts, "counts"),
+            (Some(MagUnit::Counts), None) => {
+                return Err(
+                    "mag_unit is counts, so \"# counts_per_gauss = …\" must stand above".to_owned(),
+                );
+            }
+        };
+        let rule = |(factor, unit), limit: f64| Rule {
+            factor,
+            limit: limit / factor,
+            unit,
+        };
+        let mut rules = [rule((1.0, "s"), 1e12); COLUMNS.len()];
+        rules[MAG..GYRO].fill(rule(mag, 1e6));
+        rules[GYRO..ACCEL].fill(rule(self.gyro.unwrap_or((1.0, "rad/s")), 1e3));
+        rules[ACCEL..HEADING].fill(rule(self.accel.unwrap_or((1.0, "m/s2")), 1e4));
+        rules[HEADING] = rule((1.0, "degrees"), 360.0);
+        Ok(rules)
+    }
+}
+
+fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
+    let columns: Vec<Option<usize>> = text
+        .split(',')
+        .map(|name| COLUMNS.iter().position(|known| *known == name.trim()))
+        .collect();
+    let has = |index| columns.contains(&Some(index));
+    for (index, name) in COLUMNS.iter().enumerate() {
+        if columns.iter().filter(|c| **c == Some(index)).count() > 1 {
+            return Err(format!("column {name} is named more than once"));
+        }
+    }
+    if !has(0) {
+        return Err(format!(
+            "found {}, but the column names must stand here, t_s among them",
+            shown(text.as_bytes())
+        ));
+    }
+    for first in [MAG, GYRO, ACCEL] {
+        let three = first..first + 3;
+        let missing = three.clone().find(|index| !has(*index));
+        if let (Some(missing), true) = (missing, three.clone().any(has)) {
+            return Err(format!(
+                "column {} is missing, but {} must come together",
+                COLUMNS[missing],
+                COLUMNS[three].join(", ")
+            ));
+        }
+    }
+    Ok(columns)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn header(text: &str) -> Result<(Header, Layout), String> {
+        read("a.csv", &mut Lines::new(text.as_bytes())).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn keys_are_understood_and_unknown_ones_are_kept() {
+        let (header, layout) = header(
+            "\u{feff}# headingd-log 1\r\n#sensor=hmc5843\r\n# a remark\r\n# mag_unit = counts\r\n\
+             # counts_per_gauss = 1300\r\n# gyro_axes = -x +y -z\r\n# truth_scale = 1 2 3\r\n\
+             az,ax,ay,t_s,temperature\r\n",
+        )
+        .unwrap();
+        assert_eq!(header.sensor.as_deref(), Some("hmc5843"));
+        assert_eq!(header.mountings.gyro, "-x +y -z".parse().unwrap());
+        assert_eq!(header.mountings.mag, Default::default());
+        assert_eq!(header.truth, [("truth_scale".into(), "1 2 3".into())]);
+        assert_eq!(layout.columns, [Some(9), Some(7), Some(8), Some(0), None]);
+        assert_eq!(layout.rules[MAG].factor, 1000.0 / 1300.0);
+    }
+
+    #[test]
+    fn a_wrong_header_is_named_with_its_line_and_reason() {
+        for (text, line, why) in [
+            ("", 1, "empty"),
+            ("t_s,mx\n", 1, "must be \"# headingd-log 1\""),
+            ("# headingd-log 1.5\n", 1, "must be \"# headingd-log 1\""),
+            ("# headingd-log 2\n", 1, "a newer headingd"),
+            ("# headingd-log 1", 1, "ends within"),
+            ("# headingd-log 1\n", 2, "ends within"),
+            ("# headingd-log 1\nt_s,mx,my,mz", 2, "ends within"),
+            ("# headingd-log 1\n# mag_unit = tesla\n", 2, "uT, nT or"),
+            ("# headingd-log 1\n# gyro_unit = rpm\n", 2, "rad/s or"),
+            ("# headingd-log 1\n# accel_unit = ft\n", 2, "m/s2 or g"),
+            ("# headingd-log 1\n# mag_axes = +x +x +z\n", 2, "once"),
+            (
+                "# headingd-log 1\n# sensor = a\n# sensor = b\n",
+                3,
+                "second",
+            ),
+            ("# headingd-log 1\n# counts_per_gauss = 0\n", 2, "from 1"),
+            (
+                "# headingd-log 1\n# mag_unit = counts\nt_s\n",
+                3,
+                "counts_per",
+            ),
+            ("# headingd-log 1\n0.1,1,2,3\n", 2, "t_s among them"),
+            ("# headingd-log 1\nt_s,t_s\n", 2, "more than once"),
+            ("# headingd-log 1\nt_s,mx,my\n", 2, "mx, my, mz must"),
+        ] {
+            let message = header(text).unwrap_err();
+            assert!(message.contains(why), "{text:?}: {message}");
+            assert!(
+                message.contains(&format!("a.csv, line {line}: ")),
+                "{text:?}: {message}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_header_that_never_ends_is_given_up() {
+        let text = "# headingd-log 1\n".to_owned() + &"# x = 1\n".repeat(2000);
+        assert!(header(&text).unwrap_err().contains("more than 1000"));
+    }
+}

@@ -1,0 +1,98 @@
+//! Lines of bounded length out of a byte stream, in one buffer.
+
+use std::io::{self, BufRead, Read};
+
+/// Longest line, its end included. A row of eleven numbers stays below it however they are printed.
+pub(super) const LONGEST_LINE: usize = 4096;
+
+/// What came next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Line {
+    /// A line that ended with LF or CRLF; its text is in the buffer.
+    Whole,
+    /// The input ended within a line.
+    CutOff,
+    /// A line longer than [`LONGEST_LINE`]; its rest was thrown away unseen.
+    TooLong,
+    /// There is nothing more.
+    End,
+}
+
+#[derive(Debug)]
+pub(super) struct Lines<R> {
+    input: R,
+    buffer: Vec<u8>,
+    number: u64,
+}
+
+impl<R: BufRead> Lines<R> {
+    pub(super) fn new(input: R) -> Self {
+        Self {
+            input,
+            buffer: Vec::with_capacity(LONGEST_LINE),
+            number: 0,
+        }
+    }
+
+    pub(super) fn advance(&mut self) -> io::Result<Line> {
+        self.buffer.clear();
+        let length = (&mut self.input)
+            .take(LONGEST_LINE as u64)
+            .read_until(b'\n', &mut self.buffer)?;
+        if length == 0 {
+            return Ok(Line::End);
+        }
+        self.number += 1;
+        if self.buffer.pop_if(|last| *last == b'\n').is_some() {
+            self.buffer.pop_if(|last| *last == b'\r');
+            Ok(Line::Whole)
+        } else if length == LONGEST_LINE {
+            self.input.skip_until(b'\n')?;
+            Ok(Line::TooLong)
+        } else {
+            Ok(Line::CutOff)
+        }
+    }
+
+    /// The line without its end.
+    pub(super) fn text(&self) -> &[u8] {
+        &self.buffer
+    }
+
+    /// Its number, from 1.
+    pub(super) fn number(&self) -> u64 {
+        self.number
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_end_with_lf_or_crlf_and_the_last_may_be_cut_off() {
+        let mut lines = Lines::new(&b"a\nb\r\n\nc"[..]);
+        for (text, kind) in [
+            (&b"a"[..], Line::Whole),
+            (b"b", Line::Whole),
+            (b"", Line::Whole),
+            (b"c", Line::CutOff),
+        ] {
+            assert_eq!(lines.advance().unwrap(), kind);
+            assert_eq!(lines.text(), text);
+        }
+        assert_eq!(lines.number(), 4);
+        assert_eq!(lines.advance().unwrap(), Line::End);
+    }
+
+    #[test]
+    fn a_line_without_end_takes_no_memory() {
+        let endless = io::repeat(b'1').take(50_000_000).chain(&b"\nnext\n"[..]);
+        let mut lines = Lines::new(io::BufReader::new(endless));
+        assert_eq!(lines.advance().unwrap(), Line::TooLong);
+        assert_eq!(lines.buffer.capacity(), LONGEST_LINE);
+        assert_eq!(lines.advance().unwrap(), Line::Whole);
+        assert_eq!(lines.text(), b"next");
+        assert_eq!(lines.number(), 2);
+    }
+}

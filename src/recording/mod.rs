@@ -1,0 +1,166 @@
+//! The log format: raw readings as CSV, read and written.
+//!
+//! ```text
+//! # headingd-log 1
+//! # sensor = hmc5843
+//! # mag_unit = mgauss
+//! t_s,mx,my,mz,gx,gy,gz,ax,ay,az,heading_deg
+//! 0,,,,0.001,0.002,0.401,0.02,-0.05,-9.79,
+//! 0.003,87.69,53.85,401.54,,,,,,,
+//! ```
+//!
+//! `#` lines first, then one line of column names, then one row an event, in chip axes. Columns may
+//! stand in any order; only `t_s` is required, and the three of one sensor come together. Unknown
+//! columns and unknown `#` keys do not matter.
+//!
+//! | key | values | without it |
+//! |---|---|---|
+//! | `sensor` | name of the magnetometer | unknown |
+//! | `mag_unit` | `mgauss`, `gauss`, `uT`, `nT`, `counts` (with `counts_per_gauss`) | `mgauss` |
+//! | `gyro_unit` | `rad/s`, `deg/s` | `rad/s` |
+//! | `accel_unit` | `m/s2`, `g` | `m/s2` |
+//! | `mag_axes`, `gyro_axes`, `accel_axes` | a [mounting](crate::frame::Mounting) | `+x +y +z` |
+//!
+//! An empty cell is a sensor that did not speak, or a magnetometer axis that overflowed. A row whose
+//! three magnetometer cells are all empty says nothing of the magnetometer: the format cannot tell an
+//! overflow of all three axes from silence.
+
+mod header;
+mod lines;
+mod read;
+mod write;
+
+use std::io;
+
+use crate::frame::Mountings;
+use crate::reading::Reading;
+
+pub use read::Reader;
+pub use write::Writer;
+
+/// The first line of every log this version reads and writes, without its `#`.
+const MAGIC: &str = "headingd-log";
+const VERSION: u32 = 1;
+
+/// The known columns, in the order they are written.
+const COLUMNS: [&str; 11] = [
+    "t_s",
+    "mx",
+    "my",
+    "mz",
+    "gx",
+    "gy",
+    "gz",
+    "ax",
+    "ay",
+    "az",
+    "heading_deg",
+];
+/// Where the columns of each sensor start in [`COLUMNS`].
+const MAG: usize = 1;
+const GYRO: usize = 4;
+const ACCEL: usize = 7;
+const HEADING: usize = 10;
+
+/// What the `#` lines of a log say of its board. Units are not here: readings are always in ours.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Header {
+    /// The magnetometer's name: `hmc5843`.
+    pub sensor: Option<String>,
+    /// How the chips are mounted in the body frame.
+    pub mountings: Mountings,
+    /// The other `# key = value` lines in their order: a simulated log keeps its parameters here.
+    pub truth: Vec<(String, String)>,
+}
+
+/// One row of a log.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Entry {
+    /// What the sensors said.
+    pub reading: Reading,
+    /// True heading of body X at that time, if the log knows it: radians in [0, 2π), clockwise from
+    /// magnetic north.
+    pub heading_truth_rad: Option<f64>,
+}
+
+/// Why a log cannot be read, or not any further.
+#[derive(Debug, thiserror::Error)]
+pub enum RecordingError {
+    /// The header is wrong, so no row could be understood.
+    #[error("cannot read the header of log {log}, line {line}: {what}")]
+    Header {
+        /// The log's name.
+        log: String,
+        /// Line number, from 1.
+        line: u64,
+        /// What was found and what would be right.
+        what: String,
+    },
+    /// The source of the bytes failed.
+    #[error("cannot read log {log} after line {line}: {source}")]
+    Read {
+        /// The log's name.
+        log: String,
+        /// The last line that was read, from 1; 0 if none was.
+        line: u64,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// One row that cannot be used. The reader goes on behind it.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("log {log}, line {line}{}: {what}", column.map(|c| format!(", column {} ({})", c.0, c.1)).unwrap_or_default())]
+pub struct RowError {
+    /// The log's name.
+    pub log: String,
+    /// Line number, from 1.
+    pub line: u64,
+    /// Number of the column, from 1, and its name, if one cell is to blame.
+    pub column: Option<(usize, &'static str)>,
+    /// What was found and what would be right.
+    pub what: String,
+}
+
+/// Counts the rows that a consumer skipped, and keeps the first error: the one worth showing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Skips {
+    count: u64,
+    first: Option<RowError>,
+}
+
+impl Skips {
+    /// The entry, or `None` for a bad row, which is counted.
+    pub fn keep(&mut self, row: Result<Entry, RowError>) -> Option<Entry> {
+        match row {
+            Ok(entry) => Some(entry),
+            Err(error) => {
+                self.count += 1;
+                self.first.get_or_insert(error);
+                None
+            }
+        }
+    }
+
+    /// How many rows were skipped.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The first skipped row's error.
+    pub fn first(&self) -> Option<&RowError> {
+        self.first.as_ref()
+    }
+}
+
+/// Text of a log as an error message shows it: quoted, escaped and not too long.
+fn shown(text: &[u8]) -> String {
+    const LONGEST: usize = 40;
+    let text = String::from_utf8_lossy(&text[..text.len().min(4 * LONGEST)]);
+    if text.chars().count() > LONGEST {
+        let start: String = text.chars().take(LONGEST).collect();
+        format!("{start:?}…")
+    } else {
+        format!("{text:?}")
+    }
+}

@@ -1,0 +1,355 @@
+//! Reading a log, row by row, in one buffer.
+
+use std::io::BufRead;
+
+use nalgebra::Vector3;
+
+use super::header::{self, Layout};
+use super::lines::{Line, Lines};
+use super::{ACCEL, COLUMNS, Entry, GYRO, HEADING, Header, MAG, RecordingError, RowError, shown};
+use crate::frame::wrap_360;
+use crate::reading::Reading;
+
+/// Reads a log: the header at once, then an iterator of its rows, in milligauss, rad/s and m/s².
+///
+/// A row that cannot be used is an inner error, and the next row follows it; an outer error means
+/// that the input failed, and is the last item. The times of the entries never decrease.
+#[derive(Debug)]
+pub struct Reader<R> {
+    log: String,
+    lines: Lines<R>,
+    header: Header,
+    layout: Layout,
+    last_t_s: f64,
+    done: bool,
+}
+
+/// What is wrong with a row: the column, if one cell is to blame, and what was found.
+type Fault = (Option<usize>, String);
+
+impl<R: BufRead> Reader<R> {
+    /// Reads the header. `log` names the log in messages.
+    pub fn new(log: impl Into<String>, input: R) -> Result<Self, RecordingError> {
+        let log = log.into();
+        let mut lines = Lines::new(input);
+        let (header, layout) = header::read(&log, &mut lines)?;
+        Ok(Self {
+            log,
+            lines,
+            header,
+            layout,
+            last_t_s: f64::NEG_INFINITY,
+            done: false,
+        })
+    }
+
+    /// What the `#` lines said.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    fn entry(&self) -> Result<Entry, Fault> {
+        let cells = self.cells()?;
+        let t_s = cells[0].ok_or((
+            Some(0),
+            "found an empty cell, but each row must have its time in seconds".to_owned(),
+        ))?;
+        if t_s < self.last_t_s {
+            return Err((
+                Some(0),
+                format!(
+                    "found time {t_s}, but must be at least {}, that of the row before",
+                    self.last_t_s
+                ),
+            ));
+        }
+        let field = [cells[MAG], cells[MAG + 1], cells[MAG + 2]];
+        Ok(Entry {
+            reading: Reading {
+                t_s,
+                field_mgauss: field.iter().any(Option::is_some).then_some(field),
+                rate_rad_s: vector(&cells, GYRO)?,
+                specific_force_m_s2: vector(&cells, ACCEL)?,
+            },
+            heading_truth_rad: cells[HEADING].map(|deg| wrap_360(deg).to_radians()),
+        })
+    }
+
+    /// The row's numbers in our units, in the order of [`COLUMNS`].
+    fn cells(&self) -> Result<[Option<f64>; COLUMNS.len()], Fault> {
+        let line = self.lines.text();
+        let text = str::from_utf8(line).map_err(|error| {
+            let rest = &line[error.valid_up_to()..];
+            (
+                None,
+                format!("found bytes that are no text: {}", shown(rest)),
+            )
+        })?;
+        let count = 1 + line.iter().filter(|byte| **byte == b',').count();
+        let expected = self.layout.columns.len();
+        if count != expected {
+            return Err((
+                None,
+                format!(
+                    "found {count} cells in {}, but must be {expected}, one a column",
+                    shown(line)
+                ),
+            ));
+        }
+        let mut cells = [None; COLUMNS.len()];
+        for (column, cell) in self.layout.columns.iter().zip(text.split(',')) {
+            let Some(column) = *column else { continue };
+            let cell = cell.trim_ascii();
+            if cell.is_empty() {
+                continue;
+            }
+            let rule = &self.layout.rules[column];
+            // NaN fails the comparison too.
+            match cell.parse::<f64>() {
+                Ok(number) if number.abs() <= rule.limit => {
+                    cells[column] = Some(number * rule.factor);
+                }
+                _ => {
+                    let right = format!(
+                        "a number from -{limit} to {limit} {unit}",
+                        limit = rule.limit,
+                        unit = rule.unit
+                    );
+                    let what = format!("found {}, but must be {right}", shown(cell.as_bytes()));
+                    return Err((Some(column), what));
+                }
+            }
+        }
+        Ok(cells)
+    }
+
+    fn row_error(&self, (column, what): Fault) -> RowError {
+        let number = |column| {
+            let found = |c: &Option<usize>| *c == Some(column);
+            1 + self.layout.columns.iter().position(found).unwrap_or(0)
+        };
+        RowError {
+            log: self.log.clone(),
+            line: self.lines.number(),
+            column: column.map(|column| (number(column), COLUMNS[column])),
+            what,
+        }
+    }
+}
+
+fn vector(
+    cells: &[Option<f64>; COLUMNS.len()],
+    first: usize,
+) -> Result<Option<Vector3<f64>>, Fault> {
+    match [cells[first], cells[first + 1], cells[first + 2]] {
+        [Some(x), Some(y), Some(z)] => Ok(Some(Vector3::new(x, y, z))),
+        [None, None, None] => Ok(None),
+        some => {
+            let empty = first + some.iter().position(Option::is_none).unwrap_or(0);
+            let names = COLUMNS[first..first + 3].join(", ");
+            Err((
+                Some(empty),
+                format!("found an empty cell, but {names} must be filled or empty together"),
+            ))
+        }
+    }
+}
+
+impl<R: BufRead> Iterator for Reader<R> {
+    type Item = Result<Result<Entry, RowError>, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        while !self.done {
+            let before = self.lines.number();
+            let fault = match self.lines.advance() {
+                Ok(Line::End) => break,
+                Ok(_) if self.lines.text().trim_ascii().is_empty() => continue,
+                Ok(Line::Whole) => match self.entry() {
+                    Ok(entry) => {
+                        self.last_t_s = entry.reading.t_s;
+                        return Some(Ok(Ok(entry)));
+                    }
+                    Err(fault) => fault,
+                },
+                Ok(Line::TooLong) => (
+                    None,
+                    "the line is longer than 4 KiB, so it is no row".to_owned(),
+                ),
+                // Its last number may have lost digits and still look like a number.
+                Ok(Line::CutOff) => (
+                    None,
+                    "the log ends here without the end of the line: the row was cut off".to_owned(),
+                ),
+                Err(source) => {
+                    self.done = true;
+                    return Some(Err(RecordingError::Read {
+                        log: self.log.clone(),
+                        line: before,
+                        source,
+                    }));
+                }
+            };
+            return Some(Ok(Err(self.row_error(fault))));
+        }
+        self.done = true;
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{self, BufReader, Read};
+
+    use proptest::prelude::*;
+
+    use super::super::Skips;
+    use super::*;
+
+    const HEAD: &str = "# headingd-log 1\nt_s,mx,my,mz,gx,gy,gz,ax,ay,az,heading_deg\n";
+
+    fn rows(text: &[u8]) -> Vec<Result<Entry, RowError>> {
+        Reader::new("a.csv", text)
+            .unwrap()
+            .map(Result::unwrap)
+            .collect()
+    }
+
+    #[test]
+    fn units_become_ours() {
+        let text = "# headingd-log 1\n# mag_unit = uT\n# gyro_unit = deg/s\n# accel_unit = g\n\
+                    heading_deg,az,ay,ax,gz,gy,gx,mz,my,mx,note,t_s\n\
+                    -90,-1,0,2,180,0,0,3,2,1,hello,0.5\r\n";
+        let entry = rows(text.as_bytes()).remove(0).unwrap();
+        let reading = entry.reading;
+        assert_eq!(reading.t_s, 0.5);
+        assert_eq!(
+            reading.field_mgauss,
+            Some([Some(10.0), Some(20.0), Some(30.0)])
+        );
+        assert_eq!(
+            reading.rate_rad_s,
+            Some(Vector3::new(0.0, 0.0, std::f64::consts::PI))
+        );
+        assert_eq!(
+            reading.specific_force_m_s2,
+            Some(Vector3::new(19.6133, 0.0, -9.80665))
+        );
+        assert_eq!(entry.heading_truth_rad, Some(270f64.to_radians()));
+
+        for (unit, first) in [
+            ("mgauss", 2.6),
+            ("gauss", 2600.0),
+            ("nT", 0.026),
+            ("counts\n# counts_per_gauss = 1300", 2.0),
+        ] {
+            let text = format!("# headingd-log 1\n# mag_unit = {unit}\nt_s,mx,my,mz\n0,2.6,0,0\n");
+            let field = rows(text.as_bytes()).remove(0).unwrap().reading;
+            let x = field.whole_field_mgauss().unwrap().x;
+            assert!((x - first).abs() < 1e-12, "{unit}: {x}");
+        }
+    }
+
+    #[test]
+    fn an_empty_cell_is_silence_or_an_overflow_but_never_0() {
+        let text = format!("{HEAD}0,1,,3,,,,,,,\n0,,,,1,2,3,,,,\n\n0,,,,,,,,,,\n");
+        let rows = rows(text.as_bytes());
+        let reading = |i: usize| rows[i].as_ref().unwrap().reading;
+        assert_eq!(reading(0).field_mgauss, Some([Some(1.0), None, Some(3.0)]));
+        assert_eq!(reading(0).rate_rad_s, None);
+        assert_eq!(reading(1).field_mgauss, None);
+        assert_eq!(reading(1).rate_rad_s, Some(Vector3::new(1.0, 2.0, 3.0)));
+        assert_eq!(reading(2), Reading::default());
+        assert_eq!(rows.len(), 3);
+    }
+
+    #[test]
+    fn a_bad_row_is_named_and_the_next_one_read() {
+        let long = "1".repeat(5000);
+        let good = "7,,,,,,,,,,";
+        for (row, column, why) in [
+            ("8,NaN,2,3,,,,,,,", ", column 2 (mx)", "found \"NaN\""),
+            ("8,1,inf,3,,,,,,,", ", column 3 (my)", "1000000 mgauss"),
+            ("8,1,2,0x3,,,,,,,", ", column 4 (mz)", "found \"0x3\""),
+            ("8,1,2,1e7,,,,,,,", ", column 4 (mz)", "found \"1e7\""),
+            ("2e12,,,,,,,,,,", ", column 1 (t_s)", "1000000000000 s"),
+            (",1,2,3,,,,,,,", ", column 1 (t_s)", "empty cell"),
+            ("6.9,1,2,3,,,,,,,", ", column 1 (t_s)", "at least 7"),
+            ("8,,,,1,,3,,,,", ", column 6 (gy)", "gx, gy, gz must be"),
+            ("8,,,,,,,1,2,,", ", column 10 (az)", "ax, ay, az must be"),
+            ("8,,,,,,,,,,361", ", column 11 (heading_deg)", "360 degrees"),
+            ("8,1,2,3", "", "found 4 cells"),
+            ("# headingd-log 1", "", "found 1 cells"),
+            (&long, "", "longer than 4 KiB"),
+        ] {
+            let text = format!("{HEAD}{good}\n{row}\n{good}\n");
+            let rows = rows(text.as_bytes());
+            let message = rows[1].as_ref().unwrap_err().to_string();
+            assert!(
+                message.starts_with(&format!("log a.csv, line 4{column}: ")),
+                "{message}"
+            );
+            assert!(message.contains(why), "{message}");
+            assert!(rows.len() == 3 && rows[2].is_ok(), "{row}");
+        }
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_spoil_their_line_only() {
+        let text = [HEAD.as_bytes(), b"0,\xff\xfe\0,,,,,,,,,\n1,,,,,,,,,,\n"].concat();
+        let rows = rows(&text);
+        let message = rows[0].as_ref().unwrap_err().to_string();
+        assert!(
+            message.contains("line 3: found bytes that are no text"),
+            "{message}"
+        );
+        assert!(rows[1].is_ok());
+    }
+
+    #[test]
+    fn skips_are_counted_and_the_first_is_kept() {
+        let text = format!("{HEAD}0,,,,,,,,,,\nx,,,,,,,,,,\ny,,,,,,,,,,\n1,,,,,,,,,,");
+        let mut skips = Skips::default();
+        let kept = rows(text.as_bytes())
+            .into_iter()
+            .filter_map(|row| skips.keep(row));
+        assert_eq!(kept.count(), 1);
+        assert_eq!(skips.count(), 3);
+        assert!(skips.first().unwrap().what.contains("\"x\""));
+    }
+
+    #[test]
+    fn a_failing_input_ends_the_rows() {
+        struct Broken;
+        impl Read for Broken {
+            fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
+                Err(io::Error::other("unplugged"))
+            }
+        }
+        let text = format!("{HEAD}0,,,,,,,,,,\n");
+        let mut reader =
+            Reader::new("a.csv", BufReader::new(text.as_bytes().chain(Broken))).unwrap();
+        assert!(reader.next().unwrap().unwrap().is_ok());
+        let error = reader.next().unwrap().unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "cannot read log a.csv after line 3: unplugged"
+        );
+        assert!(reader.next().is_none());
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_it_panic(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
+            for head in ["", "# headingd-log 1\n", HEAD] {
+                if let Ok(reader) = Reader::new("a", &[head.as_bytes(), &bytes].concat()[..]) {
+                    reader.for_each(drop);
+                }
+            }
+        }
+
+        #[test]
+        fn no_near_row_makes_it_panic(text in "[0-9eE+.,\r\nNnaif-]{0,300}") {
+            Reader::new("a", format!("{HEAD}{text}").as_bytes()).unwrap().for_each(drop);
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! Writing a log.
+
+use std::fmt::{self, Write as _};
+use std::io::{self, Write};
+
+use super::header::KEYS;
+use super::lines::LONGEST_LINE;
+use super::{COLUMNS, Entry, Header, MAGIC, VERSION};
+
+/// Writes a log in milligauss, rad/s and m/s², each number exactly and as short as can be.
+///
+/// Each row goes out as one write, so the output should be buffered if rows may be lost in a crash,
+/// and may be unbuffered if they may not.
+#[derive(Debug)]
+pub struct Writer<W: Write> {
+    output: W,
+    line: String,
+}
+
+impl<W: Write> Writer<W> {
+    /// Writes the header. Fails with `InvalidInput` if it has a text that would not be read back.
+    pub fn new(mut output: W, header: &Header) -> io::Result<Self> {
+        let mut text = format!("# {MAGIC} {VERSION}\n");
+        let mut add = |key: &str, value: &str| {
+            let start = text.len();
+            text += &format!("# {key} = {value}\n");
+            let line = &text[start..text.len() - 1];
+            let sound = line.len() < LONGEST_LINE
+                && !line.contains('\n')
+                && !key.contains('=')
+                && [key, value].iter().all(|part| *part == part.trim());
+            sound.then_some(()).ok_or_else(|| {
+                invalid(format!(
+                    "cannot write {line:?} into a log's header: it must be one line, and its key without \"=\""
+                ))
+            })
+        };
+        if let Some(sensor) = &header.sensor {
+            add("sensor", sensor)?;
+        }
+        add("mag_unit", "mgauss")?;
+        add("gyro_unit", "rad/s")?;
+        add("accel_unit", "m/s2")?;
+        add("mag_axes", &header.mountings.mag.to_string())?;
+        add("gyro_axes", &header.mountings.gyro.to_string())?;
+        add("accel_axes", &header.mountings.accel.to_string())?;
+        for (key, value) in &header.truth {
+            if KEYS.contains(&key.as_str()) {
+                return Err(invalid(format!(
+                    "cannot write {key:?} into a log's header: the key has a meaning of its own"
+                )));
+            }
+            add(key, value)?;
+        }
+        text += &COLUMNS.join(",");
+        text.push('\n');
+        output.write_all(text.as_bytes())?;
+        Ok(Self {
+            output,
+            line: String::new(),
+        })
+    }
+
+    /// Writes one row. A number that is not finite is no measurement: its axis of the magnetometer
+    /// is left empty, of the gyro and the accelerometer all three. A time that is not finite fails
+    /// with `InvalidInput`.
+    pub fn write(&mut self, entry: &Entry) -> io::Result<()> {
+        if !entry.reading.t_s.is_finite() {
+            return Err(invalid(format!(
+                "cannot write a row with time {} into a log",
+                entry.reading.t_s
+            )));
+        }
+        self.line.clear();
+        row(&mut self.line, entry).map_err(io::Error::other)?;
+        self.output.write_all(self.line.as_bytes())
+    }
+
+    /// Flushes the output.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.output.flush()
+    }
+
+    /// Flushes the output and gives it back.
+    pub fn into_inner(mut self) -> io::Result<W> {
+        self.output.flush()?;
+        Ok(self.output)
+    }
+}
+
+fn row(line: &mut String, entry: &Entry) -> fmt::Result {
+    let reading = &entry.reading;
+    write!(line, "{}", reading.t_s)?;
+    let whole = |vector: Option<nalgebra::Vector3<f64>>| match vector {
+        Some(v) if v.iter().all(|n| n.is_finite()) => [Some(v.x), Some(v.y), Some(v.z)],
+        _ => [None; 3],
+    };
+    // Nine decimals hide what the way through radians adds to a heading.
+    let heading_deg = entry
+        .heading_truth_rad
+        .map(|rad| (rad.to_degrees() * 1e9).round() / 1e9);
+    let cells = reading
+        .field_mgauss
+        .unwrap_or([None; 3])
+        .into_iter()
+        .chain(whole(reading.rate_rad_s))
+        .chain(whole(reading.specific_force_m_s2))
+        .chain([heading_deg]);
+    for cell in cells {
+        match cell.filter(|n| n.is_finite()) {
+            Some(number) => write!(line, ",{number}")?,
+            None => line.push(','),
+        }
+    }
+    line.push('\n');
+    Ok(())
+}
+
+fn invalid(what: String) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, what)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    use super::super::Reader;
+    use super::*;
+    use crate::reading::Reading;
+
+    fn written(header: &Header, entries: &[Entry]) -> Vec<u8> {
+        let mut writer = Writer::new(Vec::new(), header).unwrap();
+        for entry in entries {
+            writer.write(entry).unwrap();
+        }
+        writer.into_inner().unwrap()
+    }
+
+    #[test]
+    fn a_log_looks_as_documented() {
+        let header = Header {
+            sensor: Some("hmc5843".into()),
+            truth: vec![("seed".into(), "7".into())],
+            ..Header::default()
+        };
+        let entry = Entry {
+            reading: Reading {
+                t_s: 0.5,
+                field_mgauss: Some([Some(87.69), None, Some(f64::NAN)]),
+                rate_rad_s: Some(Vector3::new(0.001, f64::INFINITY, 0.4)),
+                specific_force_m_s2: Some(Vector3::new(0.0, -0.05, -9.79)),
+            },
+            heading_truth_rad: Some(30f64.to_radians()),
+        };
+        assert_eq!(
+            String::from_utf8(written(&header, &[entry])).unwrap(),
+            "# headingd-log 1\n# sensor = hmc5843\n# mag_unit = mgauss\n# gyro_unit = rad/s\n\
+             # accel_unit = m/s2\n# mag_axes = +x +y +z\n# gyro_axes = +x +y +z\n\
+             # accel_axes = +x +y +z\n# seed = 7\n\
+             t_s,mx,my,mz,gx,gy,gz,ax,ay,az,heading_deg\n\
+             0.5,87.69,,,,,,0,-0.05,-9.79,30\n"
+        );
+    }
+
+    #[test]
+    fn what_would_not_be_read_back_is_refused() {
+        for (key, value) in [("a", "b\nc"), ("a=b", "c"), ("mag_unit", "uT"), ("a", " b")] {
+            let header = Header {
+                truth: vec![(key.into(), value.into())],
+                ..Header::default()
+            };
+            let error = Writer::new(Vec::new(), &header).unwrap_err();
+            assert_eq!(error.kind(), io::ErrorKind::InvalidInput, "{key} = {value}");
+        }
+        let mut writer = Writer::new(Vec::new(), &Header::default()).unwrap();
+        let mut entry = Entry::default();
+        entry.reading.t_s = f64::NAN;
+        assert!(writer.write(&entry).is_err());
+    }
+
+    fn vector(limit: f64) -> impl Strategy<Value = Option<Vector3<f64>>> {
+        prop::option::of(prop::array::uniform3(-limit..limit).prop_map(Vector3::from))
+    }
+
+    fn entries() -> impl Strategy<Value = Vec<Entry>> {
+        let field = prop::option::of(prop::array::uniform3(prop::option::of(-1e6..1e6)))
+            .prop_map(|field| field.filter(|axes| axes.iter().any(Option::is_some)));
+        let heading = prop::option::of(0.0..std::f64::consts::TAU);
+        let entry = (0.0..1e3, field, vector(1e3), vector(1e4), heading).prop_map(
+            |(t_s, field_mgauss, rate_rad_s, specific_force_m_s2, heading_truth_rad)| Entry {
+                reading: Reading {
+                    t_s,
+                    field_mgauss,
+                    rate_rad_s,
+                    specific_force_m_s2,
+                },
+                heading_truth_rad,
+            },
+        );
+        prop::collection::vec(entry, 0..20).prop_map(|mut entries| {
+            entries.sort_by(|a, b| a.reading.t_s.total_cmp(&b.reading.t_s));
+            entries
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn what_was_written_is_read(entries in entries(), crlf in any::<bool>()) {
+            let header = Header {
+                truth: vec![("a".into(), "b = c".into())],
+                ..Header::default()
+            };
+            let mut text = String::from_utf8(written(&header, &entries)).unwrap();
+            if crlf {
+                text = text.replace('\n', "\r\n");
+            }
+            let reader = Reader::new("a", text.as_bytes()).unwrap();
+            prop_assert_eq!(reader.header(), &header);
+            let read: Vec<Entry> = reader.map(|row| row.unwrap().unwrap()).collect();
+            prop_assert_eq!(read.len(), entries.len());
+            for (read, entry) in read.iter().zip(&entries) {
+                prop_assert_eq!(read.reading, entry.reading);
+                let apart = |a: f64, b: f64| crate::frame::wrap_pi(a - b).abs();
+                match (read.heading_truth_rad, entry.heading_truth_rad) {
+                    (Some(a), Some(b)) => prop_assert!(apart(a, b) < 1e-10),
+                    (a, b) => prop_assert_eq!(a, b),
+                }
+            }
+        }
+
+        #[test]
+        fn a_log_cut_anywhere_gives_exactly_its_whole_rows(entries in entries(), at in 0.0..1.0) {
+            let text = written(&Header::default(), &entries);
+            let head = written(&Header::default(), &[]).len();
+            let cut = &text[..(at * (text.len() + 1) as f64) as usize];
+            let reader = Reader::new("a", cut);
+            prop_assert_eq!(reader.is_ok(), cut.len() >= head);
+            let Ok(reader) = reader else { return Ok(()) };
+            let (whole, bad): (Vec<_>, Vec<_>) = reader.map(Result::unwrap).partition(Result::is_ok);
+            let ends = cut[head..].iter().filter(|byte| **byte == b'\n').count();
+            prop_assert_eq!(whole.len(), ends);
+            prop_assert_eq!(bad.len(), usize::from(!cut.ends_with(b"\n")));
+            for (row, entry) in whole.into_iter().zip(&entries) {
+                prop_assert_eq!(row.unwrap().reading, entry.reading);
+            }
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! Sources of readings.
+
+pub mod replay;
+pub mod simulator;

@@ -1,0 +1,139 @@
+//! A recorded log as a source of readings. How fast they are played is not decided here.
+
+use std::fs::File;
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
+
+use crate::recording::{Entry, Header, Reader, RecordingError, Skips};
+
+/// Why a log cannot be replayed.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// There is no such file.
+    #[error("cannot open log {}: there is no such file", path.display())]
+    NotFound {
+        /// The path as given.
+        path: PathBuf,
+    },
+    /// The file is there but cannot be read: permissions, a directory, a failing disk.
+    #[error("cannot read log {}: {source}", path.display())]
+    Unreadable {
+        /// The path as given.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The file is no log.
+    #[error(transparent)]
+    BadData(RecordingError),
+}
+
+/// An open log: an iterator of its good rows that counts the bad ones.
+#[derive(Debug)]
+pub struct Replay {
+    path: PathBuf,
+    reader: Reader<BufReader<File>>,
+    skips: Skips,
+}
+
+impl Replay {
+    /// Opens the log and reads its header.
+    pub fn open(path: &Path) -> Result<Self, ReplayError> {
+        let unreadable = |source| ReplayError::Unreadable {
+            path: path.to_owned(),
+            source,
+        };
+        let file = File::open(path).map_err(|source| match source.kind() {
+            io::ErrorKind::NotFound => ReplayError::NotFound {
+                path: path.to_owned(),
+            },
+            _ => unreadable(source),
+        })?;
+        // Opening a directory works; only reading it would fail.
+        if file.metadata().map_err(unreadable)?.is_dir() {
+            return Err(unreadable(io::Error::from(io::ErrorKind::IsADirectory)));
+        }
+        let reader = Reader::new(path.display().to_string(), BufReader::new(file))
+            .map_err(|error| explain(path, error))?;
+        Ok(Self {
+            path: path.to_owned(),
+            reader,
+            skips: Skips::default(),
+        })
+    }
+
+    /// What the log says of its board.
+    pub fn header(&self) -> &Header {
+        self.reader.header()
+    }
+
+    /// The rows skipped so far.
+    pub fn skips(&self) -> &Skips {
+        &self.skips
+    }
+}
+
+impl Iterator for Replay {
+    type Item = Result<Entry, ReplayError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            match self.reader.next()? {
+                Ok(row) => {
+                    if let Some(entry) = self.skips.keep(row) {
+                        return Some(Ok(entry));
+                    }
+                }
+                Err(error) => return Some(Err(explain(&self.path, error))),
+            }
+        }
+    }
+}
+
+fn explain(path: &Path, error: RecordingError) -> ReplayError {
+    match error {
+        RecordingError::Read { source, .. } => ReplayError::Unreadable {
+            path: path.to_owned(),
+            source,
+        },
+        header @ RecordingError::Header { .. } => ReplayError::BadData(header),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn good_rows_come_out_and_bad_ones_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        let text = "# headingd-log 1\n# sensor = hmc5843\nt_s\n0\nx\n1\n2";
+        std::fs::write(&path, text).unwrap();
+        let mut replay = Replay::open(&path).unwrap();
+        assert_eq!(replay.header().sensor.as_deref(), Some("hmc5843"));
+        let times: Vec<f64> = replay.by_ref().map(|e| e.unwrap().reading.t_s).collect();
+        assert_eq!(times, [0.0, 1.0]);
+        assert_eq!(replay.skips().count(), 2);
+        let first = replay.skips().first().unwrap().to_string();
+        assert!(first.contains("a.csv, line 5, column 1 (t_s)"), "{first}");
+    }
+
+    #[test]
+    fn what_cannot_be_opened_says_why() {
+        let folder = tempfile::tempdir().unwrap();
+        let missing = Replay::open(&folder.path().join("none.csv")).unwrap_err();
+        assert!(matches!(missing, ReplayError::NotFound { .. }), "{missing}");
+        let directory = Replay::open(folder.path()).unwrap_err();
+        assert!(matches!(
+            directory,
+            ReplayError::Unreadable { ref source, .. }
+                if source.kind() == io::ErrorKind::IsADirectory
+        ));
+        let path = folder.path().join("bad.csv");
+        std::fs::write(&path, "hello\n").unwrap();
+        let bad = Replay::open(&path).unwrap_err();
+        assert!(matches!(bad, ReplayError::BadData(_)));
+        assert!(bad.to_string().contains("bad.csv, line 1"), "{bad}");
+    }
+}

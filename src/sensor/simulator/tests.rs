@@ -1,0 +1,214 @@
+use super::*;
+use crate::recording::Writer;
+
+fn simulator(settings: Settings) -> Simulator {
+    Simulator::new(settings).unwrap()
+}
+
+/// No noise, no gyro bias.
+fn perfect(scenario: Scenario) -> Settings {
+    Settings {
+        scenario,
+        noise_mgauss: 0.0,
+        gyro_bias_deg_s: [0.0; 3],
+        gyro_noise_deg_s: 0.0,
+        ..Settings::default()
+    }
+}
+
+fn log(settings: Settings) -> Vec<u8> {
+    let simulator = simulator(settings);
+    let mut writer = Writer::new(Vec::new(), &simulator.header()).unwrap();
+    simulator.for_each(|entry| writer.write(&entry).unwrap());
+    writer.into_inner().unwrap()
+}
+
+#[test]
+fn a_level_board_at_heading_90_sees_the_horizontal_field_to_its_left() {
+    // A quarter of a turn, then rest.
+    let simulator = simulator(Settings {
+        turns: 0.25,
+        ..perfect(Scenario::Planar)
+    });
+    let end_s = simulator.duration_s();
+    let field = simulator.true_field_mgauss(end_s);
+    assert!((field - Vector3::new(0.0, -162.8, 526.7)).norm() < 1e-9);
+    assert_eq!(simulator.heading_rad(end_s), Some(90f64.to_radians()));
+    let last = simulator
+        .filter(|e| e.reading.field_mgauss.is_some())
+        .last();
+    // Equation 1 by hand: 87.28; 0.998 · −162.8 + 54.19 = −108.2844; 0.94 · 526.7 + 135 = 630.098;
+    // in counts 113.46, −140.77, 819.13.
+    assert_eq!(
+        last.unwrap().reading.field_mgauss,
+        Some([113.0, -141.0, 819.0].map(|n: f64| Some(printed(n / 1.3, 3))))
+    );
+}
+
+#[test]
+fn the_parameters_take_the_raw_field_back_to_the_true_one() {
+    let mut simulator = simulator(perfect(Scenario::Spatial));
+    let parameters = simulator.parameters();
+    while let Some(entry) = simulator.next() {
+        if let Some(raw) = entry.reading.whole_field_mgauss() {
+            let error = parameters.correct(&raw) - simulator.true_field_mgauss(entry.reading.t_s);
+            // Half a count, 0.385 mG, over the smallest scale.
+            assert!(error.amax() < 0.442, "{error}");
+        }
+    }
+}
+
+#[test]
+fn two_turns_integrate_to_720_degrees_once_the_bias_is_taken_off() {
+    for seed in 0..5 {
+        let settings = Settings {
+            seed,
+            ..Settings::default()
+        };
+        let (mut angle, mut count) = (0.0, 0);
+        for rate in simulator(settings).filter_map(|e| e.reading.rate_rad_s) {
+            angle += (rate.z - 0.6f64.to_radians()) * 0.01;
+            count += 1;
+        }
+        assert!((angle.to_degrees() - 720.0).abs() < 1.0, "{angle}");
+        assert!((count - 2050i32).abs() < 10, "{count}");
+    }
+}
+
+#[test]
+fn the_gyro_says_how_the_attitude_changes() {
+    for scenario in [Scenario::Spatial, Scenario::Free, Scenario::Demo] {
+        let simulator = simulator(perfect(scenario));
+        let motion = simulator.motion.clone();
+        let mut attitude = nalgebra::UnitQuaternion::identity();
+        let mut before = Vector3::zeros();
+        for rate in simulator.filter_map(|e| e.reading.rate_rad_s) {
+            let step = (rate + before) / 2.0 * 0.01;
+            attitude *= nalgebra::UnitQuaternion::from_scaled_axis(step);
+            before = rate;
+        }
+        let apart = attitude.angle_to(&motion.attitude(motion.duration_s()));
+        assert!(apart.to_degrees() < 0.5, "{scenario:?}: {apart}");
+    }
+}
+
+#[test]
+fn a_level_board_at_rest_reads_minus_9_8_on_z() {
+    let settings = Settings::default();
+    let rest = simulator(settings).take_while(|e| e.reading.t_s < 3.0);
+    let forces: Vec<_> = rest.filter_map(|e| e.reading.specific_force_m_s2).collect();
+    let mean = forces.iter().sum::<Vector3<f64>>() / forces.len() as f64;
+    assert!(
+        (mean - Vector3::new(0.0, 0.0, -9.8)).norm() < 0.01,
+        "{mean}"
+    );
+    // Nose up by 30°: forward axis up, so that it reads half of gravity.
+    let tilted = simulator(Settings {
+        tilt_deg: 30.0,
+        ..Settings::default()
+    });
+    let force = tilted
+        .into_iter()
+        .next()
+        .unwrap()
+        .reading
+        .specific_force_m_s2;
+    assert!((force.unwrap().x - 4.9).abs() < 0.15);
+}
+
+#[test]
+fn the_chips_tick_apart_and_in_order() {
+    let entries: Vec<Entry> = simulator(Settings::default()).collect();
+    assert!(entries.is_sorted_by(|a, b| a.reading.t_s < b.reading.t_s));
+    for entry in &entries {
+        let mag = entry.reading.field_mgauss.is_some();
+        assert_eq!(entry.reading.rate_rad_s.is_some(), !mag);
+        assert_eq!(entry.heading_truth_rad.is_some(), mag);
+    }
+    let mag = entries.iter().filter(|e| e.reading.field_mgauss.is_some());
+    assert!((mag.count() as i32 - 820).abs() < 5);
+    let mag_only = Settings {
+        with_gyro: false,
+        with_accel: false,
+        ..Settings::default()
+    };
+    let fields = |entries: Vec<Entry>| -> Vec<_> {
+        entries
+            .iter()
+            .filter_map(|e| e.reading.field_mgauss)
+            .collect()
+    };
+    assert_eq!(fields(simulator(mag_only).collect()), fields(entries));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    let seeded = |seed| {
+        log(Settings {
+            seed,
+            spikes: 0.1,
+            ..Settings::default()
+        })
+    };
+    assert_eq!(seeded(7), seeded(7));
+    assert_ne!(seeded(7), seeded(8));
+}
+
+#[test]
+fn spikes_are_as_many_and_as_high_as_asked_for() {
+    let fields = |spikes| -> Vec<Vector3<f64>> {
+        let settings = Settings {
+            spikes,
+            ..Settings::default()
+        };
+        let entries = simulator(settings).map(|e| e.reading.whole_field_mgauss());
+        entries.flatten().collect()
+    };
+    let (with, without) = (fields(0.2), fields(0.0));
+    let spikes: Vec<_> = with.iter().zip(&without).map(|(a, b)| a - b).collect();
+    let high = spikes.iter().filter(|s| s.amax() > 0.0).count();
+    assert!((100..230).contains(&high), "{high} of {}", spikes.len());
+    assert!(
+        spikes
+            .iter()
+            .all(|s| s.amax() == 0.0 || (s.norm() - 200.0).abs() < 0.01)
+    );
+}
+
+#[test]
+fn a_field_beyond_12_bits_overflows_its_axis() {
+    let settings = Settings {
+        bias_mgauss: [0.0, 1500.0, 0.0],
+        ..perfect(Scenario::Planar)
+    };
+    let entries: Vec<Entry> = simulator(settings).collect();
+    let overflow = entries.iter().filter(|e| e.reading.field_overflowed());
+    assert!(overflow.count() > 10);
+    let largest = entries.iter().filter_map(|e| e.reading.field_mgauss?[1]);
+    assert!(largest.fold(0.0, f64::max) <= 2047.0 / 1.3);
+}
+
+#[test]
+fn a_board_that_points_up_has_no_heading() {
+    let steep = simulator(Settings {
+        scenario: Scenario::Free,
+        ..Settings::default()
+    });
+    let mag = steep.filter(|e| e.reading.field_mgauss.is_some());
+    let (with, without): (Vec<_>, Vec<_>) = mag.partition(|e| e.heading_truth_rad.is_some());
+    // But for the rests, its pitch passes all angles evenly: 40° of 360 are too near to the vertical.
+    let share = without.len() as f64 / (with.len() + without.len()) as f64;
+    assert!((share - 1.0 / 9.0).abs() < 0.02, "{share}");
+}
+
+#[test]
+fn wrong_settings_are_all_named() {
+    let faults = Simulator::new(Settings {
+        scale: [0.0, 1.0, f64::NAN],
+        spikes: 0.6,
+        ..Settings::default()
+    })
+    .unwrap_err();
+    let keys: Vec<&str> = faults.iter().map(|fault| fault.key.as_str()).collect();
+    assert_eq!(keys, ["scale", "scale", "spikes"]);
+}
