@@ -6,5 +6,6 @@ pub mod check;
 pub mod condition;
 pub mod frame;
 pub mod heading;
+pub mod publish;
 pub mod reading;
 pub mod turn;

@@ -1,0 +1,8 @@
+//! What goes out of the daemon, and how.
+
+mod client;
+mod feed;
+pub mod gpsd;
+pub mod request;
+pub mod server;
+mod socket_file;
