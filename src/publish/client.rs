@@ -16,6 +16,9 @@ use super::feed::{Event, Feed, Message, age_ms};
 use super::gpsd::{self, Policy};
 use super::request::{Request, Requests, Watch};
 
+/// gpsd's own. Its Python client passes over every line that ends otherwise, without a word.
+pub(super) const LINE_END: &str = "\r\n";
+
 /// Why a client was let go.
 #[derive(Debug, Error)]
 pub(super) enum ClientError {
@@ -228,7 +231,7 @@ impl Client {
     }
 
     async fn write_line(&mut self) -> Result<(), ClientError> {
-        self.line.push('\n');
+        self.line.push_str(LINE_END);
         timeout(
             self.write_timeout,
             self.writer.write_all(self.line.as_bytes()),

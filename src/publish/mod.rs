@@ -3,6 +3,7 @@
 mod client;
 mod feed;
 pub mod gpsd;
+mod json;
 pub mod request;
 pub mod server;
 mod socket_file;

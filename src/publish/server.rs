@@ -20,7 +20,7 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
-use super::client::{ClientError, serve};
+use super::client::{ClientError, LINE_END, serve};
 use super::feed::Feed;
 pub use super::feed::Publisher;
 use super::gpsd::{self, Device};
@@ -250,7 +250,7 @@ fn refuse(stream: UnixStream, limit: usize) {
     ));
     // A client that has gone in the meantime need not be told.
     if let Ok(mut stream) = stream.into_std() {
-        let _ = stream.write_all(format!("{line}\n").as_bytes());
+        let _ = stream.write_all(format!("{line}{LINE_END}").as_bytes());
     }
     tracing::info!("refused a client: {limit} are connected");
 }
