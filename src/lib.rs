@@ -7,6 +7,7 @@ pub mod command;
 pub mod condition;
 pub mod frame;
 pub mod heading;
+pub mod publish;
 pub mod reading;
 pub mod recording;
 pub mod sensor;

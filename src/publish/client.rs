@@ -1,0 +1,243 @@
+//! One client: its requests are answered, and what it watches for is sent to it.
+
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use thiserror::Error;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::UnixStream;
+use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::sync::broadcast::error::{RecvError, TryRecvError};
+use tokio::sync::{broadcast, watch};
+use tokio::time::timeout;
+
+use super::feed::{Event, Feed, Message, age_ms};
+use super::gpsd::{self, Policy};
+use super::request::{Request, Requests, Watch};
+
+/// gpsd's own. Its Python client passes over every line that ends otherwise, without a word.
+pub(super) const LINE_END: &str = "\r\n";
+
+/// Why a client was let go.
+#[derive(Debug, Error)]
+pub(super) enum ClientError {
+    #[error("the connection broke: {0}")]
+    Broken(#[from] io::Error),
+    #[error("it took nothing for {0:?}")]
+    TooSlow(Duration),
+}
+
+/// Serves one client until it leaves, breaks, is too slow, or `stop` says that the server stops.
+pub(super) async fn serve(
+    stream: UnixStream,
+    feed: Arc<Feed>,
+    request_limit_bytes: usize,
+    write_timeout: Duration,
+    mut stop: watch::Receiver<bool>,
+) -> Result<(), ClientError> {
+    let (mut reader, writer) = stream.into_split();
+    let mut client = Client {
+        feed,
+        writer,
+        write_timeout,
+        policy: Policy::default(),
+        ring: None,
+        state_seen: 0,
+        calibration_seen: 0,
+        line: String::new(),
+    };
+    let mut requests = Requests::new(request_limit_bytes);
+    let mut bytes = [0; 1024];
+    client.send(&gpsd::version()).await?;
+    loop {
+        tokio::select! {
+            // An error means that the server is gone, which is a reason to stop as well.
+            _ = stop.changed() => return client.drain().await,
+            read = read(&mut reader, &mut bytes) => match read? {
+                [] => {
+                    if let Some(request) = requests.finish() {
+                        client.answer(request).await?;
+                    }
+                    return Ok(());
+                }
+                bytes => {
+                    for request in requests.feed(bytes) {
+                        client.answer(request).await?;
+                    }
+                }
+            },
+            message = next(&mut client.ring) => client.forward(message).await?,
+        }
+    }
+}
+
+async fn read<'a>(reader: &mut OwnedReadHalf, bytes: &'a mut [u8]) -> io::Result<&'a [u8]> {
+    match reader.read(bytes).await {
+        Ok(count) => Ok(&bytes[..count]),
+        // A client that died instead of leaving has left.
+        Err(error) if error.kind() == io::ErrorKind::ConnectionReset => Ok(&[]),
+        Err(error) => Err(error),
+    }
+}
+
+/// The next message; never, for a client that watches for nothing.
+async fn next(ring: &mut Option<broadcast::Receiver<Message>>) -> Result<Message, RecvError> {
+    match ring {
+        Some(ring) => ring.recv().await,
+        None => std::future::pending().await,
+    }
+}
+
+struct Client {
+    feed: Arc<Feed>,
+    writer: OwnedWriteHalf,
+    write_timeout: Duration,
+    policy: Policy,
+    /// Only while something is watched for: an idle client costs the publisher nothing.
+    ring: Option<broadcast::Receiver<Message>>,
+    /// Numbers of the last events sent, or passed over while they were not watched for.
+    state_seen: u64,
+    calibration_seen: u64,
+    /// Reused for every line.
+    line: String,
+}
+
+impl Client {
+    async fn answer(&mut self, request: Result<Request, String>) -> Result<(), ClientError> {
+        match request {
+            Err(message) => self.send(&gpsd::error(&message)).await,
+            Ok(Request::Policy) => self.send_policy().await,
+            Ok(Request::Watch(watch)) => self.watch(&watch).await,
+            Ok(Request::Poll) => self.send(&self.feed.poll()).await,
+            Ok(Request::Devices) => self.send(&gpsd::devices(&self.feed.device)).await,
+            Ok(Request::Device) => self.send(&gpsd::device(&self.feed.device)).await,
+            Ok(Request::Version) => self.send(&gpsd::version()).await,
+        }
+    }
+
+    /// gpsd answers any `?WATCH` with the devices and then the policy.
+    async fn send_policy(&mut self) -> Result<(), ClientError> {
+        self.send(&gpsd::devices(&self.feed.device)).await?;
+        self.send(&gpsd::watch(&self.policy)).await
+    }
+
+    async fn watch(&mut self, watch: &Watch) -> Result<(), ClientError> {
+        if let Some(device) = &watch.device
+            && *device != self.feed.device.path
+        {
+            let message = format!(
+                "no such device as {device}: the only one is {}",
+                self.feed.device.path
+            );
+            return self.send(&gpsd::error(&message)).await;
+        }
+        let before = self.policy;
+        watch.apply(&mut self.policy);
+        let Policy {
+            enable,
+            json,
+            calibration,
+            state,
+        } = self.policy;
+        // Before the answer: whatever is published after a client has read it reaches that client.
+        if !(enable && (json || calibration || state)) {
+            self.ring = None;
+        } else if self.ring.is_none() {
+            self.ring = Some(self.feed.subscribe());
+        }
+        self.send_policy().await?;
+        if self.ring.is_none() {
+            return Ok(());
+        }
+        // Whoever turns events on is told at once how things stand, even if it has been told before.
+        if state && !(before.enable && before.state) {
+            self.state_seen = 0;
+        }
+        if calibration && !(before.enable && before.calibration) {
+            self.calibration_seen = 0;
+        }
+        self.catch_up().await
+    }
+
+    async fn forward(&mut self, message: Result<Message, RecvError>) -> Result<(), ClientError> {
+        match message {
+            Ok(Message::Att { begun, taken }) => {
+                if !self.policy.json || self.feed.is_stale(taken) {
+                    return Ok(());
+                }
+                self.line.clear();
+                self.line.push_str(&begun);
+                gpsd::att_end(&mut self.line, age_ms(taken));
+                self.write_line().await
+            }
+            Ok(Message::State(event)) => self.send_state(&event).await,
+            Ok(Message::Calibration(event)) => self.send_calibration(&event).await,
+            // Missed headings are gone, and their `seq` says so. Missed events are made up for.
+            Err(RecvError::Lagged(_)) => self.catch_up().await,
+            Err(RecvError::Closed) => {
+                self.ring = None;
+                Ok(())
+            }
+        }
+    }
+
+    /// Sends the latest state and calibration, where they are watched for and have not been sent.
+    async fn catch_up(&mut self) -> Result<(), ClientError> {
+        let (state, calibration) = self.feed.events();
+        self.send_state(&state).await?;
+        self.send_calibration(&calibration).await
+    }
+
+    async fn send_state(&mut self, event: &Event) -> Result<(), ClientError> {
+        if event.number <= self.state_seen {
+            return Ok(());
+        }
+        self.state_seen = event.number;
+        match self.policy.state {
+            true => self.send(&event.line).await,
+            false => Ok(()),
+        }
+    }
+
+    async fn send_calibration(&mut self, event: &Event) -> Result<(), ClientError> {
+        if event.number <= self.calibration_seen {
+            return Ok(());
+        }
+        self.calibration_seen = event.number;
+        match self.policy.calibration {
+            true => self.send(&event.line).await,
+            false => Ok(()),
+        }
+    }
+
+    /// Sends what was published before the server was told to stop.
+    async fn drain(&mut self) -> Result<(), ClientError> {
+        while let Some(ring) = &mut self.ring {
+            let message = match ring.try_recv() {
+                Ok(message) => Ok(message),
+                Err(TryRecvError::Lagged(count)) => Err(RecvError::Lagged(count)),
+                Err(TryRecvError::Empty | TryRecvError::Closed) => break,
+            };
+            self.forward(message).await?;
+        }
+        Ok(())
+    }
+
+    async fn send(&mut self, object: &str) -> Result<(), ClientError> {
+        self.line.clear();
+        self.line.push_str(object);
+        self.write_line().await
+    }
+
+    async fn write_line(&mut self) -> Result<(), ClientError> {
+        self.line.push_str(LINE_END);
+        timeout(
+            self.write_timeout,
+            self.writer.write_all(self.line.as_bytes()),
+        )
+        .await
+        .map_err(|_| ClientError::TooSlow(self.write_timeout))?
+        .map_err(ClientError::Broken)
+    }
+}

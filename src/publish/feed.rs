@@ -1,0 +1,180 @@
+//! From the one publisher to many clients: each reads at its own pace, and none can hold up another.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use tokio::sync::broadcast;
+
+use super::gpsd::{self, Device};
+use crate::calibration::outcome::Outcome;
+use crate::condition::Report;
+use crate::heading::Heading;
+
+/// The daemon's end of the server. It never blocks, whatever the clients do; clones share one server.
+#[derive(Clone, Debug)]
+pub struct Publisher {
+    feed: Arc<Feed>,
+}
+
+impl Publisher {
+    pub(super) fn new(feed: Arc<Feed>) -> Self {
+        Self { feed }
+    }
+
+    /// Sends a heading to all who watch for `ATT`, and keeps it for `?POLL;`. `taken` is when the
+    /// magnetometer was read: the heading is not sent once it is older than `stale_s`. `time` is the same
+    /// moment, RFC 3339 in UTC, if the time of day is known.
+    pub fn heading(&self, heading: Heading, taken: Instant, time: Option<String>) {
+        let feed = &*self.feed;
+        let mut latest = feed.lock();
+        if feed.ring.receiver_count() > 0 {
+            let latest = &mut *latest;
+            latest.scratch.clear();
+            gpsd::att_begin(
+                &mut latest.scratch,
+                &feed.device.path,
+                &heading,
+                time.as_deref(),
+            );
+            feed.send(Message::Att {
+                begun: latest.scratch.as_str().into(),
+                taken,
+            });
+        }
+        latest.heading = Some(Kept {
+            heading,
+            taken,
+            time,
+        });
+    }
+
+    /// Sends the condition to all who watch for `STATE`, and keeps it for those who will.
+    pub fn state(&self, report: &Report) {
+        let mut latest = self.feed.lock();
+        latest.state = Event::after(&latest.state, gpsd::state(report));
+        self.feed.send(Message::State(latest.state.clone()));
+    }
+
+    /// Sends the outcome to all who watch for `CALIBRATION`, and keeps it for those who will.
+    pub fn calibration(&self, outcome: &Outcome) {
+        let mut latest = self.feed.lock();
+        latest.calibration = Event::after(&latest.calibration, gpsd::calibration(outcome));
+        self.feed
+            .send(Message::Calibration(latest.calibration.clone()));
+    }
+
+    /// How many clients are connected.
+    pub fn clients(&self) -> usize {
+        self.feed.clients.load(Ordering::Relaxed)
+    }
+}
+
+/// What the publisher and the clients share.
+#[derive(Debug)]
+pub(super) struct Feed {
+    pub(super) device: Device,
+    pub(super) clients: AtomicUsize,
+    stale: Duration,
+    /// A ring of bounded size: a client that falls behind by more than it holds loses the oldest.
+    ring: broadcast::Sender<Message>,
+    latest: Mutex<Latest>,
+}
+
+#[derive(Debug, Default)]
+struct Latest {
+    heading: Option<Kept>,
+    state: Event,
+    calibration: Event,
+    scratch: String,
+}
+
+#[derive(Debug)]
+struct Kept {
+    heading: Heading,
+    taken: Instant,
+    time: Option<String>,
+}
+
+/// One entry of the ring.
+#[derive(Clone, Debug)]
+pub(super) enum Message {
+    /// A heading without its age, which is added when it is written to the client.
+    Att { begun: Arc<str>, taken: Instant },
+    /// A condition.
+    State(Event),
+    /// A calibration's outcome.
+    Calibration(Event),
+}
+
+/// A line with its number. The numbers tell a client that fell behind what it has missed. Number 0 is the
+/// event before the first, of which there is nothing to tell.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Event {
+    pub(super) number: u64,
+    pub(super) line: Arc<str>,
+}
+
+impl Event {
+    fn after(previous: &Self, line: String) -> Self {
+        Self {
+            number: previous.number + 1,
+            line: line.into(),
+        }
+    }
+}
+
+impl Feed {
+    pub(super) fn new(device: Device, backlog: usize, stale: Duration) -> Self {
+        Self {
+            device,
+            clients: AtomicUsize::new(0),
+            stale,
+            ring: broadcast::Sender::new(backlog),
+            latest: Mutex::default(),
+        }
+    }
+
+    pub(super) fn subscribe(&self) -> broadcast::Receiver<Message> {
+        self.ring.subscribe()
+    }
+
+    /// The latest state and calibration.
+    pub(super) fn events(&self) -> (Event, Event) {
+        let latest = self.lock();
+        (latest.state.clone(), latest.calibration.clone())
+    }
+
+    /// Whether a heading read at `taken` is too old to be shown to anybody.
+    pub(super) fn is_stale(&self, taken: Instant) -> bool {
+        taken.elapsed() > self.stale
+    }
+
+    /// The answer to `?POLL;`.
+    pub(super) fn poll(&self) -> String {
+        let latest = self.lock();
+        match &latest.heading {
+            Some(kept) if !self.is_stale(kept.taken) => {
+                let time = kept.time.as_deref();
+                let att = gpsd::att(&self.device.path, &kept.heading, time, age_ms(kept.taken));
+                gpsd::poll(Some(&att), time)
+            }
+            _ => gpsd::poll(None, None),
+        }
+    }
+
+    fn send(&self, message: Message) {
+        // The only error is that nobody is listening.
+        let _ = self.ring.send(message);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Latest> {
+        // Each field is replaced whole, so a panic elsewhere cannot have left it half changed.
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// How long ago a heading was read, milliseconds.
+pub(super) fn age_ms(taken: Instant) -> u64 {
+    u64::try_from(taken.elapsed().as_millis()).unwrap_or(u64::MAX)
+}

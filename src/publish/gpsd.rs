@@ -1,0 +1,365 @@
+//! The objects of the gpsd dialect, as text. Pure: no I/O and no clock.
+//!
+//! What gpsd's own clients need (tested with version 3.22): compact JSON, `class` first, and nothing but
+//! flat scalars in `ATT`. What is not known is left out: never 0, never null. None of these functions ends
+//! its object with a newline.
+
+use serde::Serialize;
+
+use super::json::{push_angle, push_integer, push_number, push_text};
+use crate::calibration::outcome::Outcome;
+use crate::condition::Report;
+use crate::heading::{Heading, MagStatus};
+
+/// Where the headings come from, as `DEVICE` names it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Device {
+    /// Path of the source: `/dev/i2c-1`, `/dev/ttyUSB0`, the path of a log.
+    pub path: String,
+    /// When it was opened, RFC 3339 in UTC, if the time of day is known.
+    pub activated: Option<String>,
+}
+
+/// What one client has asked to be sent: gpsd calls it the watcher's policy.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Policy {
+    /// Whether anything is sent unasked.
+    pub enable: bool,
+    /// `ATT`.
+    pub json: bool,
+    /// `CALIBRATION`.
+    pub calibration: bool,
+    /// `STATE`.
+    pub state: bool,
+}
+
+/// One heading as an `ATT` object; see [`att_into`].
+pub fn att(device: &str, heading: &Heading, time: Option<&str>, age_ms: u64) -> String {
+    let mut out = String::with_capacity(384);
+    att_into(&mut out, device, heading, time, age_ms);
+    out
+}
+
+/// Appends one heading as an `ATT` object.
+///
+/// `time` is the time of the reading, RFC 3339 in UTC, if it is known; `age_ms` how long ago that was,
+/// milliseconds. Headings are rounded to 0.01° and stay below 360; fields to 0.1 mG; `t_s` to 1 µs.
+pub fn att_into(
+    out: &mut String,
+    device: &str,
+    heading: &Heading,
+    time: Option<&str>,
+    age_ms: u64,
+) {
+    att_begin(out, device, heading, time);
+    att_end(out, age_ms);
+}
+
+/// Appends an `ATT` object up to its age, which only the moment of sending tells: [`att_end`] completes it.
+pub(super) fn att_begin(out: &mut String, device: &str, heading: &Heading, time: Option<&str>) {
+    out.push_str(r#"{"class":"ATT","device":"#);
+    push_text(out, device);
+    if let Some(time) = time {
+        out.push_str(r#","time":"#);
+        push_text(out, time);
+    }
+    push_number(out, "t_s", Some(heading.t_s), 6);
+    push_integer(out, "seq", heading.seq);
+    if heading.condition.may_steer() {
+        // gpsd's `heading` is the true one. It belongs here, once the declination is known.
+        let known = |angle: Option<f64>| angle.filter(|value| value.is_finite());
+        push_angle(
+            out,
+            "mheading",
+            known(heading.fused_deg).or(heading.instantaneous_deg),
+        );
+        push_angle(out, "inst_heading", heading.instantaneous_deg);
+    }
+    push_angle(out, "raw_heading", heading.raw_deg);
+    if heading.condition.may_steer() {
+        push_number(out, "heading_sd", heading.sd_deg, 2);
+    }
+    out.push_str(r#","mag_st":""#);
+    out.push(status_letter(heading.mag_status));
+    out.push('"');
+    push_number(out, "pitch", heading.pitch_deg, 2);
+    push_number(out, "roll", heading.roll_deg, 2);
+    push_number(out, "mag_len", heading.strength_mgauss, 1);
+    if let Some([x, y, z]) = heading.field_mgauss {
+        push_number(out, "mag_x", x, 1);
+        push_number(out, "mag_y", y, 1);
+        push_number(out, "mag_z", z, 1);
+    }
+    out.push_str(r#","cal_state":""#);
+    out.push_str(heading.condition.word());
+    out.push('"');
+}
+
+/// Completes what [`att_begin`] began.
+pub(super) fn att_end(out: &mut String, age_ms: u64) {
+    push_integer(out, "age_ms", age_ms);
+    out.push('}');
+}
+
+/// The condition as a `STATE` object.
+pub fn state(report: &Report) -> String {
+    let mut out = String::from(r#"{"class":"STATE","cal_state":""#);
+    out.push_str(report.condition.word());
+    out.push_str(r#"","reason":"#);
+    push_text(&mut out, report.reason);
+    out.push_str(r#","message":"#);
+    push_text(&mut out, &report.message);
+    push_number(&mut out, "progress", report.progress, 3);
+    push_number(&mut out, "t_s", Some(report.t_s), 6);
+    out.push('}');
+    out
+}
+
+/// A calibration's outcome as a `CALIBRATION` object: the class, then exactly the keys of [`Outcome`].
+pub fn calibration(outcome: &Outcome) -> String {
+    #[derive(Serialize)]
+    struct Object<'a> {
+        class: &'static str,
+        #[serde(flatten)]
+        outcome: &'a Outcome,
+    }
+    serde_json::to_string(&Object {
+        class: "CALIBRATION",
+        outcome,
+    })
+    .expect("an Outcome holds only what JSON can express")
+}
+
+/// The `VERSION` object, which is also the banner. The protocol numbers are those of gpsd 3.22.
+pub fn version() -> String {
+    let version = env!("CARGO_PKG_VERSION");
+    format!(
+        r#"{{"class":"VERSION","release":"{version}","rev":"headingd {version}","proto_major":3,"proto_minor":14}}"#
+    )
+}
+
+/// The `DEVICE` object.
+pub fn device(device: &Device) -> String {
+    let mut out = String::from(r#"{"class":"DEVICE","path":"#);
+    push_text(&mut out, &device.path);
+    out.push_str(r#","driver":"headingd""#);
+    if let Some(activated) = &device.activated {
+        out.push_str(r#","activated":"#);
+        push_text(&mut out, activated);
+    }
+    out.push('}');
+    out
+}
+
+/// The `DEVICES` object: there is one device.
+pub fn devices(only: &Device) -> String {
+    format!(r#"{{"class":"DEVICES","devices":[{}]}}"#, device(only))
+}
+
+/// The `WATCH` object: gpsd's keys as gpsd orders them, then ours.
+pub fn watch(policy: &Policy) -> String {
+    format!(
+        concat!(
+            r#"{{"class":"WATCH","enable":{},"json":{},"nmea":false,"raw":0,"scaled":false,"timing":false,"#,
+            r#""split24":false,"pps":false,"calibration":{},"state":{}}}"#
+        ),
+        policy.enable, policy.json, policy.calibration, policy.state
+    )
+}
+
+/// The `POLL` object around the latest `ATT` object, if there is one that is not stale. `time` is that of
+/// the reading, if known. `tpv` and `sky` are always empty: gpsd's clients expect them.
+pub fn poll(att: Option<&str>, time: Option<&str>) -> String {
+    let mut out = String::from(r#"{"class":"POLL""#);
+    if let Some(time) = time {
+        out.push_str(r#","time":"#);
+        push_text(&mut out, time);
+    }
+    push_integer(&mut out, "active", u64::from(att.is_some()));
+    out.push_str(r#","att":["#);
+    out.push_str(att.unwrap_or_default());
+    out.push_str(r#"],"tpv":[],"sky":[]}"#);
+    out
+}
+
+/// The `ERROR` object.
+pub fn error(message: &str) -> String {
+    let mut out = String::from(r#"{"class":"ERROR","message":"#);
+    push_text(&mut out, message);
+    out.push('}');
+    out
+}
+
+fn status_letter(status: MagStatus) -> char {
+    match status {
+        MagStatus::Normal => 'N',
+        MagStatus::Calibration => 'C',
+        MagStatus::HighField => 'P',
+        MagStatus::LowField => 'L',
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::outcome::{Elapsed, Samples, Verdict};
+    use crate::condition::Condition;
+    use proptest::prelude::*;
+    use serde_json::Value;
+
+    fn heading(condition: Condition) -> Heading {
+        Heading {
+            seq: 7,
+            t_s: 12.3456785,
+            condition,
+            fused_deg: Some(359.996),
+            instantaneous_deg: Some(359.994),
+            raw_deg: Some(12.0),
+            sd_deg: Some(1.234),
+            pitch_deg: Some(-0.004),
+            roll_deg: Some(-1.5),
+            field_mgauss: Some([Some(160.04), Some(-20.06), None]),
+            strength_mgauss: Some(f64::NAN),
+            mag_status: MagStatus::Normal,
+        }
+    }
+
+    #[test]
+    fn an_att_object_is_compact_ordered_and_rounded() {
+        assert_eq!(
+            att(
+                "/dev/i2c-1",
+                &heading(Condition::Good),
+                Some("2026-11-21T10:00:00.000Z"),
+                4
+            ),
+            concat!(
+                r#"{"class":"ATT","device":"/dev/i2c-1","time":"2026-11-21T10:00:00.000Z","t_s":12.345679,"seq":7,"#,
+                r#""mheading":0.00,"inst_heading":359.99,"raw_heading":12.00,"heading_sd":1.23,"mag_st":"N","#,
+                r#""pitch":0.00,"roll":-1.50,"mag_x":160.0,"mag_y":-20.1,"cal_state":"good","age_ms":4}"#
+            )
+        );
+    }
+
+    #[test]
+    fn without_a_fused_heading_the_instantaneous_one_stands_in() {
+        let mut heading = heading(Condition::Degraded);
+        heading.fused_deg = None;
+        heading.instantaneous_deg = Some(90.0);
+        let object: Value = serde_json::from_str(&att("d", &heading, None, 0)).unwrap();
+        assert_eq!(object["mheading"], 90.0);
+        assert_eq!(object["inst_heading"], 90.0);
+        assert!(object.get("time").is_none());
+    }
+
+    #[test]
+    fn nobody_may_steer_by_an_untrusted_heading() {
+        for condition in [
+            Condition::Uncalibrated,
+            Condition::Turning,
+            Condition::Calibrating,
+            Condition::Stale,
+            Condition::Fault,
+        ] {
+            let object: Value =
+                serde_json::from_str(&att("d", &heading(condition), None, 0)).unwrap();
+            for key in ["heading", "mheading", "inst_heading", "heading_sd"] {
+                assert!(
+                    object.get(key).is_none(),
+                    "{key} while {}",
+                    condition.word()
+                );
+            }
+            assert_eq!(object["raw_heading"], 12.0);
+            assert_eq!(object["cal_state"], condition.word());
+        }
+    }
+
+    #[test]
+    fn state_leaves_out_what_is_unknown_and_escapes_its_message() {
+        let mut report = Report {
+            condition: Condition::Turning,
+            reason: "turning",
+            message: "a \"full\" turn\n".into(),
+            progress: Some(0.25),
+            t_s: 3.0,
+        };
+        assert_eq!(
+            state(&report),
+            r#"{"class":"STATE","cal_state":"turning","reason":"turning","message":"a \"full\" turn\n","progress":0.250,"t_s":3.000000}"#
+        );
+        report.progress = None;
+        assert!(!state(&report).contains("progress"));
+    }
+
+    #[test]
+    fn calibration_is_the_outcome_with_its_class_before_it() {
+        let outcome = Outcome {
+            verdict: Verdict::Accepted,
+            reason: "accepted",
+            message: "good".into(),
+            mode: None,
+            model: None,
+            reference_mgauss: None,
+            residual_mgauss: Some(1.5),
+            heading_sd_deg: None,
+            gyro_rms_deg: None,
+            seed: 1,
+            basis: None,
+            bias_mgauss: Some(vec![1.0, 2.0]),
+            scale: None,
+            matrix: None,
+            samples: Samples::default(),
+            window: None,
+            swarm: None,
+            elapsed_us: Elapsed::default(),
+            calibration: None,
+        };
+        let plain = serde_json::to_string(&outcome).unwrap();
+        assert_eq!(
+            calibration(&outcome),
+            format!(r#"{{"class":"CALIBRATION",{}"#, &plain[1..])
+        );
+    }
+
+    #[test]
+    fn the_other_objects_are_json_with_their_class_first() {
+        let odd = Device {
+            path: "/dev/\"odd\"".into(),
+            activated: Some("2026-11-21T10:00:00Z".into()),
+        };
+        for (text, class) in [
+            (version(), "VERSION"),
+            (device(&odd), "DEVICE"),
+            (devices(&odd), "DEVICES"),
+            (watch(&Policy::default()), "WATCH"),
+            (poll(None, None), "POLL"),
+            (
+                poll(Some(r#"{"class":"ATT"}"#), Some("2026-11-21T10:00:00Z")),
+                "POLL",
+            ),
+            (error("\u{7}?"), "ERROR"),
+        ] {
+            assert!(
+                text.starts_with(&format!(r#"{{"class":"{class}""#)),
+                "{text}"
+            );
+            serde_json::from_str::<Value>(&text).unwrap();
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_number_gives_valid_json_and_angles_stay_below_360(value in proptest::num::f64::ANY) {
+            let mut heading = heading(Condition::Good);
+            heading.t_s = value;
+            heading.fused_deg = Some(value);
+            heading.instantaneous_deg = None;
+            heading.pitch_deg = Some(value);
+            let object: Value = serde_json::from_str(&att("d", &heading, None, 0)).unwrap();
+            if let Some(angle) = object.get("mheading") {
+                prop_assert!((0.0..360.0).contains(&angle.as_f64().unwrap()));
+            }
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! JSON members appended to a line. What is not known, or not finite, is left out.
+
+use std::fmt::Write;
+
+/// Appends `text` as a JSON string. Text that needs no escape, as a path hardly ever does, is copied.
+pub(super) fn push_text(out: &mut String, text: &str) {
+    if text
+        .bytes()
+        .all(|b| (b' '..0x7f).contains(&b) && b != b'"' && b != b'\\')
+    {
+        out.push('"');
+        out.push_str(text);
+        out.push('"');
+    } else {
+        out.push_str(&serde_json::Value::from(text).to_string());
+    }
+}
+
+fn push_key(out: &mut String, key: &str) {
+    out.push_str(",\"");
+    out.push_str(key);
+    out.push_str("\":");
+}
+
+/// Appends `,"key":value`.
+pub(super) fn push_integer(out: &mut String, key: &str, value: u64) {
+    push_key(out, key);
+    // Writing to a String cannot fail; so in all of this file.
+    let _ = write!(out, "{value}");
+}
+
+/// Appends `,"key":value` to 0.01°, [0, 360), or nothing where the angle is not known.
+pub(super) fn push_angle(out: &mut String, key: &str, degrees: Option<f64>) {
+    if let Some(hundredths) = degrees.and_then(|value| scaled(value, 2)) {
+        // After the rounding, so that 359.996 becomes 0.00 and not 360.00.
+        push_decimal(out, key, hundredths.rem_euclid(36_000), 2);
+    }
+}
+
+/// Appends `,"key":value` with `decimals` decimal places, or nothing where the value is not known.
+pub(super) fn push_number(out: &mut String, key: &str, value: Option<f64>, decimals: u32) {
+    if let Some(units) = value.and_then(|value| scaled(value, decimals)) {
+        push_decimal(out, key, units, decimals);
+    }
+}
+
+/// `value` in units of its last decimal place, or `None` where it has no honest decimal form: not finite, or
+/// so large that the last place means nothing.
+fn scaled(value: f64, decimals: u32) -> Option<i64> {
+    const LARGEST: f64 = 9e15; // below 2^53
+    let units = (value * 10f64.powi(decimals as i32)).round();
+    (units.abs() <= LARGEST).then_some(units as i64)
+}
+
+/// Integer arithmetic: several times faster than formatting a float, and there is no "-0.00".
+fn push_decimal(out: &mut String, key: &str, units: i64, decimals: u32) {
+    push_key(out, key);
+    if units < 0 {
+        out.push('-');
+    }
+    let one = 10u64.pow(decimals);
+    let units = units.unsigned_abs();
+    let _ = write!(
+        out,
+        "{}.{:0width$}",
+        units / one,
+        units % one,
+        width = decimals as usize
+    );
+}

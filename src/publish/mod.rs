@@ -1,0 +1,9 @@
+//! What goes out of the daemon, and how.
+
+mod client;
+mod feed;
+pub mod gpsd;
+mod json;
+pub mod request;
+pub mod server;
+mod socket_file;

@@ -1,0 +1,177 @@
+//! The socket in the file system: claimed without taking it from a living daemon, and removed again.
+
+use std::fs::{self, Permissions};
+use std::io::{self, ErrorKind};
+use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::process;
+
+use thiserror::Error;
+
+/// Why the socket cannot be served on.
+#[derive(Debug, Error)]
+pub enum BindError {
+    /// The settings are not usable.
+    #[error("cannot serve on {}: {fault}", path.display())]
+    Settings {
+        /// The socket.
+        path: PathBuf,
+        /// What is wrong with them.
+        fault: String,
+    },
+    /// Somebody answers there.
+    #[error(
+        "cannot serve on {}: another daemon is serving there; stop it, or set another socket", path.display()
+    )]
+    Busy {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// Something else stands there; it is left alone.
+    #[error(
+        "cannot serve on {}: a file that is no socket is there; move it away, or set another socket",
+        path.display()
+    )]
+    NotASocket {
+        /// The socket.
+        path: PathBuf,
+    },
+    /// Its directory is missing.
+    #[error(
+        "cannot serve on {}: the directory {} does not exist; create it (systemd: RuntimeDirectory=), or set \
+         another socket",
+        path.display(), directory.display()
+    )]
+    NoDirectory {
+        /// The socket.
+        path: PathBuf,
+        /// The directory.
+        directory: PathBuf,
+    },
+    /// The system refused.
+    #[error("cannot serve on {}: {attempt}: {source}", path.display())]
+    System {
+        /// The socket.
+        path: PathBuf,
+        /// What was attempted.
+        attempt: &'static str,
+        /// What the system said.
+        source: io::Error,
+    },
+}
+
+/// The file of our own socket; dropping it removes the file.
+#[derive(Debug)]
+pub(super) struct SocketFile {
+    path: PathBuf,
+    /// Device and inode, by which it is known again.
+    identity: (u64, u64),
+}
+
+/// Listens on `path` with permissions `mode`. A socket that nobody serves on any more is replaced.
+pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile), BindError> {
+    let failed = |attempt| {
+        move |source| BindError::System {
+            path: path.to_owned(),
+            attempt,
+            source,
+        }
+    };
+    // The settings have been checked: the path is absolute, so only "/" has no parent.
+    let directory = path.parent().unwrap_or(path);
+    if !directory.is_dir() {
+        return Err(BindError::NoDirectory {
+            path: path.to_owned(),
+            directory: directory.to_owned(),
+        });
+    }
+    refuse_if_taken(path)?;
+
+    // bind() makes the file with permissions that hang on the umask, and fails where a stale socket lies.
+    // So it is made under another name, given its permissions, and renamed: at its own name there is always
+    // either the old socket or the finished new one.
+    let temporary = directory.join(format!(".h{:x}", process::id()));
+    match fs::remove_file(&temporary) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            return Err(failed("cannot remove what an earlier start left")(error));
+        }
+        _ => {}
+    }
+    let listener =
+        UnixListener::bind(&temporary).map_err(failed("cannot make a socket in its directory"))?;
+    let finish = || -> Result<SocketFile, BindError> {
+        fs::set_permissions(&temporary, Permissions::from_mode(mode))
+            .map_err(failed("cannot set its permissions"))?;
+        listener
+            .set_nonblocking(true)
+            .map_err(failed("cannot make it non-blocking"))?;
+        let identity =
+            identity(&temporary).map_err(failed("cannot look at the socket just made"))?;
+        fs::rename(&temporary, path).map_err(failed("cannot put the socket in its place"))?;
+        Ok(SocketFile {
+            path: path.to_owned(),
+            identity,
+        })
+    };
+    match finish() {
+        Ok(file) => Ok((listener, file)),
+        Err(error) => {
+            // Best effort: the error that is reported is the one that led here.
+            let _ = fs::remove_file(&temporary);
+            Err(error)
+        }
+    }
+}
+
+/// An error unless `path` is free, or is a socket at which nobody listens.
+fn refuse_if_taken(path: &Path) -> Result<(), BindError> {
+    let failed = |attempt, source| BindError::System {
+        path: path.to_owned(),
+        attempt,
+        source,
+    };
+    // Not following links: a link is no socket of ours.
+    match fs::symlink_metadata(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        Err(error) => return Err(failed("cannot look at what is there", error)),
+        Ok(found) if !found.file_type().is_socket() => {
+            return Err(BindError::NotASocket {
+                path: path.to_owned(),
+            });
+        }
+        Ok(_) => {}
+    }
+    match UnixStream::connect(path) {
+        Ok(_) => Err(BindError::Busy {
+            path: path.to_owned(),
+        }),
+        Err(error)
+            if matches!(
+                error.kind(),
+                ErrorKind::ConnectionRefused | ErrorKind::NotFound
+            ) =>
+        {
+            Ok(())
+        }
+        Err(error) => Err(failed(
+            "cannot find out whether a daemon is serving there",
+            error,
+        )),
+    }
+}
+
+fn identity(path: &Path) -> io::Result<(u64, u64)> {
+    fs::symlink_metadata(path).map(|found| (found.dev(), found.ino()))
+}
+
+impl Drop for SocketFile {
+    fn drop(&mut self) {
+        // Another daemon may have put its own there in the meantime.
+        if identity(&self.path).is_ok_and(|found| found == self.identity)
+            && let Err(error) = fs::remove_file(&self.path)
+        {
+            tracing::warn!("cannot remove the socket {}: {error}", self.path.display());
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! What is asked and what is answered.
+
+use std::time::{Duration, Instant};
+
+use headingd::condition::Condition;
+use serde_json::Value;
+use tokio::io::AsyncWriteExt;
+use tokio::task::yield_now;
+
+use crate::rig::{heading, outcome, report, rig};
+
+#[tokio::test]
+async fn the_banner_comes_first_and_each_question_is_answered() {
+    let rig = rig(|_| {});
+    let mut client = rig.connect().await;
+    let banner = client.next().await;
+    assert_eq!(banner["class"], "VERSION");
+    assert_eq!(banner["proto_major"], 3);
+    assert_eq!(client.ask("?VERSION;").await, banner);
+    let devices = client.ask("?DEVICES;\r\n").await;
+    assert_eq!(devices["devices"][0]["path"], "/dev/i2c-1");
+    assert_eq!(devices["devices"][0]["driver"], "headingd");
+    assert_eq!(client.ask("?DEVICE;\n").await, devices["devices"][0]);
+    assert_eq!(rig.publisher.clients(), 1);
+}
+
+#[tokio::test]
+async fn watch_streams_headings_until_it_is_turned_off() {
+    let rig = rig(|_| {});
+    let mut client = rig.client().await;
+    assert_eq!(client.ask("?WATCH;").await["class"], "DEVICES");
+    assert_eq!(client.next().await["enable"], false);
+    client
+        .send("?WATCH={\"enable\":true,\"json\":true}\n")
+        .await;
+    assert_eq!(client.next().await["class"], "DEVICES");
+    let watch = client.next().await;
+    assert_eq!(
+        (&watch["enable"], &watch["json"], &watch["state"]),
+        (&true.into(), &true.into(), &false.into())
+    );
+    for seq in 1..=50 {
+        rig.heading(seq);
+    }
+    for seq in 1..=50 {
+        let line = client.line().await.unwrap();
+        assert!(line.starts_with(r#"{"class":"ATT","device":"/dev/i2c-1","#));
+        let att: serde_json::Map<String, Value> = serde_json::from_str(&line).unwrap();
+        assert!(
+            att.values().all(|v| v.is_number() || v.is_string()),
+            "{line}"
+        );
+        assert_eq!(att["seq"], seq);
+        assert_eq!(att["mheading"], 123.46);
+    }
+    client.send("?WATCH={\"enable\":false};").await;
+    assert_eq!(client.next().await["class"], "DEVICES");
+    assert_eq!(client.next().await["enable"], false);
+    rig.heading(51);
+    assert_eq!(client.ask("?VERSION;").await["class"], "VERSION");
+}
+
+#[tokio::test]
+async fn an_uncalibrated_compass_publishes_no_heading() {
+    let rig = rig(|_| {});
+    let mut client = rig.watcher("{\"enable\":true}").await;
+    let mut uncalibrated = heading(1);
+    uncalibrated.condition = Condition::Uncalibrated;
+    rig.publisher.heading(uncalibrated, Instant::now(), None);
+    let att = client.next().await;
+    assert_eq!(att["cal_state"], "uncalibrated");
+    assert!(att.get("mheading").is_none() && att.get("heading").is_none());
+}
+
+#[tokio::test]
+async fn poll_gives_the_latest_heading_while_it_is_fresh() {
+    let rig = rig(|settings| settings.stale_s = 30.0);
+    let mut client = rig.client().await;
+    let poll = client.ask("?POLL;").await;
+    assert_eq!(
+        (&poll["active"], poll["att"].as_array().map(Vec::len)),
+        (&0.into(), Some(0))
+    );
+    assert!(poll.get("time").is_none());
+
+    rig.heading(1);
+    let ago = Instant::now() - Duration::from_secs(2);
+    let time = "2026-11-21T10:00:00.000Z".to_owned();
+    rig.publisher.heading(heading(2), ago, Some(time.clone()));
+    let poll = client.ask("?POLL;").await;
+    assert_eq!(poll["active"], 1);
+    assert_eq!(poll["time"], time);
+    assert_eq!(poll["att"][0]["seq"], 2);
+    assert!(poll["att"][0]["age_ms"].as_u64().unwrap() >= 2000);
+    assert_eq!(poll["tpv"], Value::Array(vec![]));
+
+    rig.publisher
+        .heading(heading(3), Instant::now() - Duration::from_secs(31), None);
+    let poll = client.ask("?POLL;").await;
+    assert_eq!(
+        (&poll["active"], poll["att"].as_array().map(Vec::len)),
+        (&0.into(), Some(0))
+    );
+}
+
+#[tokio::test]
+async fn a_stale_heading_is_sent_to_nobody() {
+    let rig = rig(|settings| settings.stale_s = 30.0);
+    let mut client = rig.watcher("{\"enable\":true}").await;
+    rig.publisher
+        .heading(heading(1), Instant::now() - Duration::from_secs(31), None);
+    rig.heading(2);
+    assert_eq!(client.next().await["seq"], 2);
+}
+
+#[tokio::test]
+async fn state_and_calibration_come_to_those_who_ask() {
+    let rig = rig(|_| {});
+    let mut plain = rig.watcher("{\"enable\":true}").await;
+    rig.publisher.state(&report("first"));
+    rig.publisher.state(&report("second"));
+    rig.publisher.calibration(&outcome());
+    // The latest at once …
+    let mut both = rig
+        .watcher("{\"enable\":true,\"json\":true,\"state\":true,\"calibration\":true}")
+        .await;
+    assert_eq!(both.next().await["reason"], "second");
+    let calibration = both.next().await;
+    assert_eq!(calibration["class"], "CALIBRATION");
+    assert_eq!(calibration["bias_mgauss"][1], 20.0);
+    // … then each as it happens, in order …
+    rig.publisher.state(&report("third"));
+    rig.heading(1);
+    rig.publisher.state(&report("fourth"));
+    assert_eq!(both.next().await["reason"], "third");
+    assert_eq!(both.next().await["class"], "ATT");
+    assert_eq!(both.next().await["reason"], "fourth");
+    // … and nothing of it to others.
+    assert_eq!(plain.next().await["class"], "ATT");
+    // Asking again while it is on repeats nothing; off and on again does.
+    both.send("?WATCH={\"json\":true};").await;
+    both.next().await;
+    both.next().await;
+    assert_eq!(both.ask("?DEVICE;").await["class"], "DEVICE");
+    both.send("?WATCH={\"state\":false};?WATCH={\"state\":true};")
+        .await;
+    for class in ["DEVICES", "WATCH", "DEVICES", "WATCH", "STATE"] {
+        assert_eq!(both.next().await["class"], class);
+    }
+}
+
+#[tokio::test]
+async fn garbage_is_answered_and_the_connection_lives() {
+    let rig = rig(|_| {});
+    let mut client = rig.client().await;
+    for garbage in [
+        "hello\n",
+        "?WATCH={\"enable\":1};",
+        "?WATCH={\"device\":\"/dev/other\"};",
+        "?DEVICE={\"bps\":4800};",
+        "\u{0}\u{1}\n",
+    ] {
+        assert_eq!(client.ask(garbage).await["class"], "ERROR", "{garbage:?}");
+    }
+    client.writer.write_all(b"\xff\xfe\n").await.unwrap();
+    assert_eq!(client.next().await["class"], "ERROR");
+    let long = format!("?WATCH={{\"x\":\"{}\"}};?POLL;\n", "y".repeat(100_000));
+    assert_eq!(client.ask(&long).await["class"], "ERROR");
+    assert_eq!(client.ask("?VERSION;").await["class"], "VERSION");
+}
+
+#[tokio::test]
+async fn requests_may_be_cut_anywhere_and_share_a_line() {
+    let rig = rig(|_| {});
+    let mut client = rig.client().await;
+    let requests = "?WATCH={\"enable\":false,\"note\":\"a;b\"};?POLL;\r\n";
+    for cut in 0..=requests.len() {
+        client.send(&requests[..cut]).await;
+        yield_now().await;
+        client.send(&requests[cut..]).await;
+        for class in ["DEVICES", "WATCH", "POLL"] {
+            assert_eq!(client.next().await["class"], class, "cut at {cut}");
+        }
+    }
+    // Without any terminator the end of the stream is one.
+    client.send("?DEVICE").await;
+    client.writer.shutdown().await.unwrap();
+    assert_eq!(client.next().await["class"], "DEVICE");
+    assert_eq!(client.line().await, None);
+}

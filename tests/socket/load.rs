@@ -1,0 +1,106 @@
+//! Many clients, slow clients, too many clients.
+
+use std::fs;
+
+use tokio::task::yield_now;
+
+use crate::rig::{report, rig, until};
+
+#[tokio::test]
+async fn many_clients_each_get_everything() {
+    let rig = rig(|settings| settings.max_clients = 64);
+    let mut clients = Vec::new();
+    for _ in 0..64 {
+        clients.push(rig.watcher("{\"enable\":true,\"json\":true}").await);
+    }
+    assert_eq!(rig.publisher.clients(), 64);
+    for round in 0..4 {
+        for seq in 1..=50 {
+            rig.heading(round * 50 + seq);
+        }
+        for client in &mut clients {
+            for seq in 1..=50 {
+                assert_eq!(client.next().await["seq"], round * 50 + seq);
+            }
+        }
+    }
+    drop(clients);
+    until("all have left", || rig.publisher.clients() == 0).await;
+}
+
+#[tokio::test]
+async fn a_client_that_never_reads_holds_up_nobody_and_loses_no_event() {
+    let rig = rig(|_| {});
+    let mut sleeper = rig
+        .watcher("{\"enable\":true,\"json\":true,\"state\":true}")
+        .await;
+    let mut reader = rig.watcher("{\"enable\":true}").await;
+    let before = resident_bytes();
+    rig.heading(1);
+    assert_eq!(reader.next().await["seq"], 1);
+    for seq in 2..=100_000 {
+        if seq == 50_000 {
+            rig.publisher.state(&report("missed"));
+        }
+        rig.heading(seq);
+        if seq % 32 == 0 {
+            yield_now().await;
+        }
+    }
+    let mut last = 1;
+    while last < 100_000 {
+        let seq = reader.next().await["seq"].as_u64().unwrap();
+        assert!(seq > last, "{seq} after {last}");
+        last = seq;
+    }
+    // Kept without bound, the lines alone would take more than 25 MB.
+    let grown = resident_bytes().saturating_sub(before);
+    assert!(grown < 20_000_000, "memory grew by {grown} bytes");
+
+    let (mut states, mut last) = (0, 0);
+    while last < 100_000 {
+        let object = sleeper.next().await;
+        match object["seq"].as_u64() {
+            Some(seq) => last = seq,
+            None => {
+                assert_eq!(object["reason"], "missed");
+                states += 1;
+            }
+        }
+    }
+    assert_eq!(states, 1);
+}
+
+fn resident_bytes() -> usize {
+    let statm = fs::read_to_string("/proc/self/statm").unwrap();
+    let pages: usize = statm.split(' ').nth(1).unwrap().parse().unwrap();
+    pages * 4096
+}
+
+#[tokio::test]
+async fn a_client_that_takes_nothing_is_let_go() {
+    let rig = rig(|settings| settings.write_timeout_s = 0.1);
+    let _sleeper = rig.watcher("{\"enable\":true}").await;
+    assert_eq!(rig.publisher.clients(), 1);
+    until("the sleeper is let go", || {
+        for seq in 0..50 {
+            rig.heading(seq);
+        }
+        rig.publisher.clients() == 0
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn one_client_too_many_is_told_so() {
+    let rig = rig(|settings| settings.max_clients = 2);
+    let mut first = rig.client().await;
+    let _second = rig.client().await;
+    let mut third = rig.connect().await;
+    assert_eq!(third.next().await["class"], "ERROR");
+    assert_eq!(third.line().await, None);
+    assert_eq!(first.ask("?VERSION;").await["class"], "VERSION");
+    drop(first);
+    until("the first has left", || rig.publisher.clients() == 1).await;
+    rig.client().await;
+}

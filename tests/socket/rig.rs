@@ -1,0 +1,183 @@
+//! A running server, clients of it, and something to publish.
+
+use std::time::{Duration, Instant};
+
+use headingd::calibration::outcome::{Elapsed, Outcome, Samples, Verdict};
+use headingd::condition::{Condition, Report};
+use headingd::heading::{Heading, MagStatus};
+use headingd::publish::gpsd::Device;
+use headingd::publish::server::{Publisher, Server, Settings};
+use serde_json::Value;
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::net::UnixStream;
+use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+
+/// Longer than anything takes on the slowest machine.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// A running server in its own directory.
+pub struct Rig {
+    pub settings: Settings,
+    pub publisher: Publisher,
+    pub stop: oneshot::Sender<()>,
+    pub task: JoinHandle<std::io::Result<()>>,
+    _directory: tempfile::TempDir,
+}
+
+pub fn device() -> Device {
+    Device {
+        path: "/dev/i2c-1".into(),
+        activated: None,
+    }
+}
+
+pub fn rig(change: impl FnOnce(&mut Settings)) -> Rig {
+    let directory = tempfile::tempdir().unwrap();
+    let mut settings = Settings {
+        socket: directory.path().join("heading.sock"),
+        stale_s: 60.0,
+        write_timeout_s: 60.0,
+        ..Settings::default()
+    };
+    change(&mut settings);
+    let server = Server::bind(&settings, device()).unwrap();
+    let publisher = server.publisher();
+    let (stop, stopped) = oneshot::channel();
+    let task = tokio::spawn(server.run(async {
+        let _ = stopped.await;
+    }));
+    Rig {
+        settings,
+        publisher,
+        stop,
+        task,
+        _directory: directory,
+    }
+}
+
+impl Rig {
+    pub async fn connect(&self) -> Client {
+        let (reader, writer) = UnixStream::connect(&self.settings.socket)
+            .await
+            .unwrap()
+            .into_split();
+        Client {
+            reader: BufReader::new(reader),
+            writer,
+        }
+    }
+
+    /// A client that has read its banner.
+    pub async fn client(&self) -> Client {
+        let mut client = self.connect().await;
+        assert_eq!(client.next().await["class"], "VERSION");
+        client
+    }
+
+    /// A client that has asked for `watch` and read the answer.
+    pub async fn watcher(&self, watch: &str) -> Client {
+        let mut client = self.client().await;
+        client.send(&format!("?WATCH={watch};\n")).await;
+        assert_eq!(client.next().await["class"], "DEVICES");
+        assert_eq!(client.next().await["class"], "WATCH");
+        client
+    }
+
+    pub fn heading(&self, seq: u64) {
+        self.publisher.heading(heading(seq), Instant::now(), None);
+    }
+}
+
+pub struct Client {
+    reader: BufReader<OwnedReadHalf>,
+    pub writer: OwnedWriteHalf,
+}
+
+impl Client {
+    pub async fn send(&mut self, text: &str) {
+        self.writer.write_all(text.as_bytes()).await.unwrap();
+    }
+
+    /// The next line, or `None` once the server has closed the connection.
+    pub async fn line(&mut self) -> Option<String> {
+        let mut line = String::new();
+        let count = tokio::time::timeout(PATIENCE, self.reader.read_line(&mut line))
+            .await
+            .expect("the server has gone silent")
+            .unwrap_or(0);
+        assert!(line.is_empty() || line.ends_with("}\r\n"), "{line:?}");
+        (count > 0).then_some(line)
+    }
+
+    pub async fn next(&mut self) -> Value {
+        let line = self.line().await.expect("the server has hung up");
+        assert!(line.starts_with(r#"{"class":""#), "{line}");
+        serde_json::from_str(&line).unwrap()
+    }
+
+    pub async fn ask(&mut self, request: &str) -> Value {
+        self.send(request).await;
+        self.next().await
+    }
+}
+
+pub async fn until(what: &str, mut condition: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !condition() {
+        assert!(begun.elapsed() < PATIENCE, "waited in vain: {what}");
+        tokio::time::sleep(Duration::from_millis(1)).await;
+    }
+}
+
+pub fn heading(seq: u64) -> Heading {
+    Heading {
+        seq,
+        t_s: seq as f64 * 0.02,
+        condition: Condition::Good,
+        fused_deg: Some(123.456),
+        instantaneous_deg: Some(123.0),
+        raw_deg: Some(150.0),
+        sd_deg: Some(1.0),
+        pitch_deg: Some(2.0),
+        roll_deg: Some(-3.0),
+        field_mgauss: Some([Some(160.0), Some(-20.0), Some(500.0)]),
+        strength_mgauss: Some(525.4),
+        mag_status: MagStatus::Normal,
+    }
+}
+
+pub fn report(reason: &'static str) -> Report {
+    Report {
+        condition: Condition::Good,
+        reason,
+        message: "all is well".into(),
+        progress: None,
+        t_s: 1.0,
+    }
+}
+
+pub fn outcome() -> Outcome {
+    Outcome {
+        verdict: Verdict::Accepted,
+        reason: "accepted",
+        message: "good".into(),
+        mode: None,
+        model: None,
+        reference_mgauss: None,
+        residual_mgauss: None,
+        heading_sd_deg: Some(0.8),
+        gyro_rms_deg: None,
+        seed: 1,
+        basis: None,
+        bias_mgauss: Some(vec![10.0, 20.0]),
+        scale: None,
+        matrix: None,
+        samples: Samples::default(),
+        window: None,
+        swarm: None,
+        elapsed_us: Elapsed::default(),
+        calibration: None,
+    }
+}
