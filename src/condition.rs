@@ -59,3 +59,174 @@ pub struct Report {
     /// The source's clock, seconds.
     pub t_s: f64,
 }
+
+/// What the condition depends on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evidence<'a> {
+    /// The source's clock, seconds.
+    pub t_s: f64,
+    /// What is wrong with the source, if it is known to be.
+    pub fault: Option<&'a str>,
+    /// Seconds since the last whole magnetometer sample; infinite if there was none.
+    pub silent_s: f64,
+    /// Whether what came in the meantime had an axis beyond its range.
+    pub overflowing: bool,
+    /// Samples older than this are stale, seconds.
+    pub stale_s: f64,
+    /// Whether there is a calibration.
+    pub calibrated: bool,
+    /// Whether one is being computed.
+    pub calibrating: bool,
+    /// How much of a turn has been made, 0 to 1.
+    pub progress: f64,
+    /// Why the last candidate was refused, if nothing was accepted since.
+    pub refused: Option<(&'static str, &'a str)>,
+    /// Strength of the field over what the calibration expects, less 1, smoothed.
+    pub strength_deviation: f64,
+    /// How much of that is normal.
+    pub strength_tolerance: f64,
+    /// The field's strength or dip has left what it was.
+    pub field_disturbed: bool,
+    /// A planar calibration's plane is this far from the horizontal, degrees.
+    pub tilt_from_plane_deg: Option<f64>,
+    /// Whether the board's tilt is known.
+    pub tilt_known: bool,
+    /// Whether the gyro speaks.
+    pub gyro_speaks: bool,
+}
+
+/// A rotation this far along is called a turn.
+const TURNING_FROM: f64 = 0.1;
+
+/// A planar calibration tilted further than this out of its plane is degraded, degrees.
+const PLANE_TOLERANCE_DEG: f64 = 10.0;
+
+/// The condition that the evidence asks for; the first that applies, worst first.
+pub fn judge(evidence: &Evidence) -> Report {
+    let e = evidence;
+    let report = |condition, reason, message: String| Report {
+        condition,
+        reason,
+        message,
+        progress: (condition == Condition::Turning)
+            .then(|| (e.progress * 20.0).floor() / 20.0),
+        t_s: e.t_s,
+    };
+    if let Some(fault) = e.fault {
+        return report(Condition::Fault, "source", fault.to_owned());
+    }
+    if e.silent_s > e.stale_s {
+        return if e.overflowing {
+            let message = "the field is beyond the magnetometer's range: choose a larger range, or move away from the magnet";
+            report(Condition::Stale, "overflow", message.to_owned())
+        } else {
+            let message = "no magnetometer sample is recent enough to publish a heading from";
+            report(Condition::Stale, "no_samples", message.to_owned())
+        };
+    }
+    if !e.calibrated {
+        return if e.calibrating {
+            report(Condition::Calibrating, "calibrating", "a full turn was made; calibrating on it".to_owned())
+        } else if e.progress >= TURNING_FROM {
+            report(Condition::Turning, "turning", "keep turning the board the same way round".to_owned())
+        } else if let Some((reason, message)) = e.refused {
+            report(Condition::Uncalibrated, reason, format!("the last turn gave no calibration: {message}"))
+        } else if !e.gyro_speaks {
+            let message = "no gyro speaks, so no turn can be seen: give a calibration, or connect the gyro";
+            report(Condition::Uncalibrated, "no_gyro", message.to_owned())
+        } else {
+            let message = "turn the board once all the way round, level and away from iron";
+            report(Condition::Uncalibrated, "no_calibration", message.to_owned())
+        };
+    }
+    if e.strength_deviation.abs() > e.strength_tolerance {
+        let percent = 100.0 * (1.0 + e.strength_deviation);
+        // In steps, or every sample would be news.
+        let message = format!("the field has {:.0} % of the strength it should have", (percent / 10.0).round() * 10.0);
+        return report(Condition::Disturbed, "field_strength", message);
+    }
+    if e.field_disturbed {
+        let message = "strength or dip of the field has changed: something magnetic is near";
+        return report(Condition::Disturbed, "field_changed", message.to_owned());
+    }
+    if e.tilt_from_plane_deg.is_some_and(|tilt| tilt > PLANE_TOLERANCE_DEG) {
+        let message = "the calibration holds in the plane of its turn, and the board is tilted out of it";
+        return report(Condition::Degraded, "tilted", message.to_owned());
+    }
+    if !e.tilt_known {
+        let message = "no accelerometer speaks: headings hold for a board that is level";
+        return report(Condition::Degraded, "no_accelerometer", message.to_owned());
+    }
+    if !e.gyro_speaks {
+        let message = "no gyro speaks: headings are those of single samples";
+        return report(Condition::Degraded, "no_gyro", message.to_owned());
+    }
+    report(Condition::Good, "good", "the field is as the calibration expects it".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn well() -> Evidence<'static> {
+        Evidence {
+            t_s: 1.0,
+            fault: None,
+            silent_s: 0.02,
+            overflowing: false,
+            stale_s: 0.5,
+            calibrated: true,
+            calibrating: false,
+            progress: 0.0,
+            refused: None,
+            strength_deviation: 0.01,
+            strength_tolerance: 0.1,
+            field_disturbed: false,
+            tilt_from_plane_deg: Some(1.0),
+            tilt_known: true,
+            gyro_speaks: true,
+        }
+    }
+
+    #[test]
+    fn every_condition_has_its_evidence() {
+        type Spoil = fn(&mut Evidence<'static>);
+        let cases: [(&str, &str, Spoil); 16] = [
+            ("good", "good", |_| ()),
+            ("fault", "source", |e| e.fault = Some("unplugged")),
+            ("stale", "no_samples", |e| e.silent_s = 0.6),
+            ("stale", "overflow", |e| (e.silent_s, e.overflowing) = (0.6, true)),
+            ("uncalibrated", "no_calibration", |e| e.calibrated = false),
+            ("turning", "turning", |e| (e.calibrated, e.progress) = (false, 0.4)),
+            ("calibrating", "calibrating", |e| (e.calibrated, e.calibrating) = (false, true)),
+            ("uncalibrated", "coverage", |e| {
+                (e.calibrated, e.refused) = (false, Some(("coverage", "too little")));
+            }),
+            ("uncalibrated", "no_gyro", |e| (e.calibrated, e.gyro_speaks) = (false, false)),
+            ("disturbed", "field_strength", |e| e.strength_deviation = -0.2),
+            ("disturbed", "field_changed", |e| e.field_disturbed = true),
+            ("degraded", "tilted", |e| e.tilt_from_plane_deg = Some(20.0)),
+            ("degraded", "no_accelerometer", |e| e.tilt_known = false),
+            ("degraded", "no_gyro", |e| e.gyro_speaks = false),
+            // A calibrated board that turns or calibrates again is still good.
+            ("good", "good", |e| e.progress = 0.5),
+            ("good", "good", |e| e.calibrating = true),
+        ];
+        for (word, reason, spoil) in cases {
+            let mut evidence = well();
+            spoil(&mut evidence);
+            let report = judge(&evidence);
+            assert_eq!((report.condition.word(), report.reason), (word, reason));
+            assert!(report.message.len() > 5);
+            assert_eq!(report.progress.is_some(), word == "turning");
+        }
+    }
+
+    #[test]
+    fn only_calibrated_and_fresh_conditions_may_steer() {
+        use Condition::*;
+        let steering = [Uncalibrated, Turning, Calibrating, Good, Degraded, Disturbed, Stale, Fault]
+            .map(Condition::may_steer);
+        assert_eq!(steering, [false, false, false, true, true, true, false, false]);
+    }
+}

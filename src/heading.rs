@@ -1,6 +1,10 @@
-//! From a field to a heading: what is published for each magnetometer reading.
+//! From a field to a heading, and what is published for each magnetometer reading.
 
+use nalgebra::{Unit, Vector3};
+
+use crate::calibration::model::{Calibration, Parameters};
 use crate::condition::Condition;
+use crate::frame::{Mounting, wrap_360};
 
 /// One published heading, the content of one `ATT` object. Unknown is `None`, never 0.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,4 +46,201 @@ pub enum MagStatus {
     HighField,
     /// `L`: field strength below what the calibration expects.
     LowField,
+}
+
+/// A calibration made ready for one board's samples.
+#[derive(Clone, Copy, Debug)]
+pub struct Compass {
+    calibration: Calibration,
+    mounting: Mounting,
+    /// Planar: the normal of its plane, body axes, on the side of body Z.
+    plane_down: Option<Vector3<f64>>,
+}
+
+/// One corrected sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corrected {
+    /// Corrected field, body axes, milligauss; under a planar calibration, its part in the plane.
+    pub field_body: Vector3<f64>,
+    /// Its strength, milligauss.
+    pub strength_mgauss: f64,
+}
+
+/// Tangent of the dip that a planar calibration is assumed to live under: it cannot measure its own.
+/// 68°, between Rome and Oslo. A tilt out of its plane turns the heading by up to this much times
+/// the tilt.
+const USUAL_DIP_TANGENT: f64 = 2.5;
+
+impl Compass {
+    /// Ready to correct samples of a magnetometer mounted like this.
+    pub fn new(calibration: Calibration, mounting: Mounting) -> Self {
+        let plane_down = match &calibration.parameters {
+            Parameters::Planar(planar) => {
+                let normal = mounting.to_body(planar.normal());
+                Some(if normal.z < 0.0 { -normal } else { normal })
+            }
+            Parameters::Spatial(_) => None,
+        };
+        Self { calibration, mounting, plane_down }
+    }
+
+    /// The calibration.
+    pub fn calibration(&self) -> &Calibration {
+        &self.calibration
+    }
+
+    /// Equation 3, turned into the body frame.
+    pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Corrected {
+        let field_body = self.mounting.to_body(self.calibration.parameters.correct(raw_mgauss));
+        Corrected { field_body, strength_mgauss: field_body.norm() }
+    }
+
+    /// Heading from one corrected field, degrees. A planar calibration uses its own plane as the
+    /// horizontal; a spatial one the tilt, `down` in body axes, or body Z where that is not known.
+    pub fn heading_deg(&self, corrected: &Corrected, down: Option<&Vector3<f64>>) -> Option<f64> {
+        let down = match (&self.plane_down, down) {
+            (Some(plane), _) => *plane,
+            (None, Some(down)) => *down,
+            (None, None) => Vector3::z(),
+        };
+        heading_deg(&corrected.field_body, &down)
+    }
+
+    /// One standard deviation of a heading, degrees: the parameters' uncertainty, the noise of a sample
+    /// over the horizontal field, and, for a planar calibration, what a tilt out of its plane may do.
+    pub fn sd_deg(&self, corrected: &Corrected, down: Option<&Vector3<f64>>) -> f64 {
+        let horizontal = match (&self.plane_down, down) {
+            (None, Some(down)) => corrected.field_body.cross(down).norm(),
+            _ => corrected.strength_mgauss,
+        };
+        let noise = (self.calibration.residual_mgauss / horizontal.max(1e-3)).min(3.0);
+        let tilt = self.tilt_from_plane_rad(down).unwrap_or(0.0);
+        let parts = [
+            self.calibration.heading_sd_deg,
+            noise.to_degrees(),
+            (USUAL_DIP_TANGENT * tilt).to_degrees(),
+        ];
+        parts.iter().map(|part| part * part).sum::<f64>().sqrt().min(180.0)
+    }
+
+    /// How far a planar calibration's plane is from the horizontal just now, radians, if both are known.
+    pub fn tilt_from_plane_rad(&self, down: Option<&Vector3<f64>>) -> Option<f64> {
+        let cosine = self.plane_down?.dot(down?);
+        Some(cosine.clamp(-1.0, 1.0).acos())
+    }
+
+    /// The field as published: body axes, Z left out where it was never measured.
+    pub fn published_field(&self, corrected: &Corrected) -> [Option<f64>; 3] {
+        let field = corrected.field_body;
+        let z = self.plane_down.is_none().then_some(field.z);
+        [Some(field.x), Some(field.y), z]
+    }
+
+    /// The corrected strength over the one expected here, less 1.
+    pub fn strength_deviation(&self, corrected: &Corrected) -> f64 {
+        corrected.strength_mgauss / self.calibration.strength_mgauss - 1.0
+    }
+}
+
+/// Heading of body X, degrees clockwise from magnetic north, of a field in body axes over a horizontal
+/// plane with this `down`. `None` where field or body X is vertical.
+pub fn heading_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> Option<f64> {
+    let forward = Vector3::x() - down * down.x;
+    let forward = Unit::try_new(forward, 0.17)?;
+    let right = down.cross(&forward);
+    let (north, east) = (field_body.dot(&forward), -field_body.dot(&right));
+    (north.hypot(east) > 1e-9).then(|| wrap_360(east.atan2(north).to_degrees()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::model::{Planar, Spatial};
+    use nalgebra::{Rotation3, Vector2};
+
+    /// What a board at this attitude sees, body axes: heading, then pitch nose up, then roll right down.
+    fn seen(heading_deg: f64, pitch_deg: f64, roll_deg: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let attitude = Rotation3::from_euler_angles(
+            roll_deg.to_radians(),
+            pitch_deg.to_radians(),
+            heading_deg.to_radians(),
+        );
+        let to_body = attitude.inverse();
+        (to_body * Vector3::new(163.0, 0.0, 527.0), to_body * Vector3::z())
+    }
+
+    #[test]
+    fn a_level_board_sees_h_cos_and_minus_h_sin() {
+        for (field, heading) in [
+            (Vector3::new(163.0, 0.0, 527.0), 0.0),
+            (Vector3::new(0.0, -163.0, 527.0), 90.0),
+            (Vector3::new(-163.0, 0.0, 527.0), 180.0),
+            (Vector3::new(0.0, 163.0, 527.0), 270.0),
+        ] {
+            assert!((heading_deg(&field, &Vector3::z()).unwrap() - heading).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn tilt_is_taken_out() {
+        for heading in [0.0, 77.0, 190.0, 300.0] {
+            for (pitch, roll) in [(0.0, 0.0), (20.0, -10.0), (-45.0, 30.0), (10.0, 170.0)] {
+                let (field, down) = seen(heading, pitch, roll);
+                let found = heading_deg(&field, &down).unwrap();
+                assert!((found - heading).abs() < 1e-9, "{heading} {pitch} {roll}: {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_nose_that_points_up_has_no_heading() {
+        let (field, down) = seen(30.0, 89.0, 0.0);
+        assert_eq!(heading_deg(&field, &down), None);
+    }
+
+    fn calibration(parameters: Parameters) -> Calibration {
+        Calibration {
+            parameters,
+            reference_mgauss: None,
+            strength_mgauss: 163.0,
+            residual_mgauss: 1.63,
+            heading_sd_deg: 0.3,
+        }
+    }
+
+    #[test]
+    fn a_planar_compass_reads_in_its_own_plane_and_leaves_z_out() {
+        // A chip whose Z is forward, X down: its turn about the vertical lies in (Y, Z).
+        let mounting: Mounting = "+z +y -x".parse().unwrap();
+        let bias = Vector3::new(40.0, 50.0, 60.0);
+        let planar = Planar {
+            basis: [Vector3::y(), Vector3::z()],
+            bias_mgauss: Vector2::new(50.0, 60.0),
+            scale: Vector2::new(1.0, 1.0),
+        };
+        let compass = Compass::new(calibration(Parameters::Planar(planar)), mounting);
+        let (field, down) = seen(123.0, 0.0, 0.0);
+        let corrected = compass.correct(&(mounting.to_chip(field) + bias));
+        assert!((compass.heading_deg(&corrected, None).unwrap() - 123.0).abs() < 1e-9);
+        assert_eq!(compass.published_field(&corrected)[2], None);
+        assert!(compass.strength_deviation(&corrected).abs() < 1e-9);
+        // 1.63 in 163 is 0.57°; level adds nothing, 4° of tilt adds 10°.
+        let sd = compass.sd_deg(&corrected, Some(&down));
+        assert!((sd - 0.3f64.hypot(0.01f64.to_degrees())).abs() < 1e-6, "{sd}");
+        let tilted = compass.sd_deg(&corrected, Some(&seen(123.0, 4.0, 0.0).1));
+        assert!((tilted - sd.hypot(10.0)).abs() < 1e-6, "{tilted}");
+    }
+
+    #[test]
+    fn a_spatial_compass_uses_the_tilt_it_is_given() {
+        let bias = Vector3::new(40.0, 50.0, 60.0);
+        let spatial = Spatial::diagonal(bias, Vector3::new(0.9, 1.0, 1.1)).unwrap();
+        let compass = Compass::new(calibration(Parameters::Spatial(spatial)), Mounting::default());
+        let (field, down) = seen(200.0, 15.0, 25.0);
+        let raw = field.component_mul(&Vector3::new(0.9, 1.0, 1.1)) + bias;
+        let corrected = compass.correct(&raw);
+        let heading = compass.heading_deg(&corrected, Some(&down)).unwrap();
+        assert!((heading - 200.0).abs() < 1e-9);
+        assert!(compass.published_field(&corrected)[2].is_some());
+    }
 }
