@@ -48,7 +48,7 @@ fn a_slow_steady_turn_is_motion_not_bias() {
                 board.rest(12.0);
             }
             if start == "gentle" {
-                let last = (deg_s as f64).to_radians();
+                let last = f64::to_radians(deg_s);
                 board.go(3.0, |_, t| -Vector3::z() * last * t / 3.0);
             }
             board.turn(-Vector3::z(), 60.0, deg_s);

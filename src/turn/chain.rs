@@ -27,10 +27,13 @@ struct Link {
 }
 
 /// The rotation that has not made a link yet.
+#[derive(Clone, Copy)]
 struct Open {
     start_s: f64,
     turned: UnitQuaternion<f64>,
     earth: Option<Vector3<f64>>,
+    /// When and what half a link had been turned.
+    half: Option<(f64, UnitQuaternion<f64>, Option<Vector3<f64>>)>,
 }
 
 impl Open {
@@ -39,7 +42,19 @@ impl Open {
             start_s: t_s,
             turned: UnitQuaternion::identity(),
             earth: Some(Vector3::zeros()),
+            half: None,
         }
+    }
+
+    /// What was turned after half a link.
+    fn second_half(&self) -> Option<Self> {
+        let (start_s, turned, earth) = self.half?;
+        Some(Self {
+            start_s,
+            turned: turned.inverse() * self.turned,
+            earth: self.earth.zip(earth).map(|(all, half)| all - half),
+            half: None,
+        })
     }
 
     fn begun(&self) -> bool {
@@ -106,16 +121,15 @@ impl Chain {
             self.measure();
         }
         self.open.take_if(|open| open.start_s < oldest_s);
-        let open = self
+        let mut open = self
             .open
-            .get_or_insert_with(|| Open::at(tick.t_s - tick.period_s));
+            .unwrap_or_else(|| Open::at(tick.t_s - tick.period_s));
         if tick.at_rest {
-            // What came before was no more than a start, or the bias not learnt yet.
-            if self.links.is_empty() {
-                self.open = None;
-            } else if !open.begun() {
+            if !open.begun() {
                 open.start_s = tick.t_s;
             }
+            // Without a link, what came before was no more than a start, or the bias not learnt yet.
+            self.open = (!self.links.is_empty()).then_some(open);
             return None;
         }
         let step = tick.rate_rad_s * tick.period_s;
@@ -129,6 +143,10 @@ impl Chain {
             open.start_s = tick.t_s;
             open.earth = Some(Vector3::zeros());
         }
+        if open.half.is_none() && turned.norm() >= 0.5 * LINK_RAD {
+            open.half = Some((tick.t_s, open.turned, open.earth));
+        }
+        self.open = Some(open);
         let now = self.net + self.axis.dot(&turned);
         let (rise, fall) = (now - self.least.1, self.most.1 - now);
         self.span = rise.max(fall);
@@ -143,11 +161,15 @@ impl Chain {
             }
         }
         if turned.norm() >= LINK_RAD {
-            let link = self
-                .open
-                .replace(Open::at(tick.t_s))
-                .map(|open| open.link());
-            self.add(link?);
+            self.open = Some(Open::at(tick.t_s));
+            if self.links.len() > 1 && !self.fits(&turned) {
+                // The axis has changed, most likely within this link: the new chain begins half-way.
+                self.links.clear();
+                self.measure();
+                self.open = open.second_half().or(self.open);
+            } else {
+                self.add(open.link());
+            }
         }
         None
     }

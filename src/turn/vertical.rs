@@ -20,6 +20,17 @@ const SLACK_RAD: f64 = 15.0 * PI / 180.0;
 /// A body tipped further than this from where it started has no heading to compare.
 const TIPPED_RAD: f64 = 90.0 * PI / 180.0;
 
+/// Candidates looked at in one go.
+const LOOKS: usize = 30;
+
+/// What a close look at a candidate shows.
+enum Look {
+    Turn(Turn),
+    NotYet,
+    /// Nothing that begins at this note can become a turn.
+    NeverFrom(usize),
+}
+
 /// Running sums at one instant; what lies between two notes is their difference.
 #[derive(Clone, Copy)]
 struct Note {
@@ -96,11 +107,26 @@ impl Vertical {
         self.resting = tick.at_rest;
         let now = self.advance(tick);
         self.keep_notes(&now, tick.at_rest);
-        let (rise, fall) = self.spans(&now);
-        if rise.max(fall) < self.angle || now.t_s < self.next_look_s {
+        if now.t_s < self.next_look_s {
             return None;
         }
-        self.look(&now, if rise > fall { 1.0 } else { -1.0 })
+        for _ in 0..LOOKS {
+            let (rise, fall) = self.spans(&now);
+            if rise.max(fall) < self.angle {
+                break;
+            }
+            self.next_look_s = now.t_s + NOTE_S;
+            match self.look(&now, if rise > fall { 1.0 } else { -1.0 }) {
+                Look::Turn(turn) => return Some(turn),
+                Look::NotYet => break,
+                Look::NeverFrom(start) => {
+                    // Nothing that began there can become a turn any more; something later may.
+                    self.notes.drain(..=start);
+                    self.find_extremes();
+                }
+            }
+        }
+        None
     }
 
     fn advance(&mut self, tick: &Tick) -> Note {
@@ -162,28 +188,26 @@ impl Vertical {
     }
 
     /// Looks closely at the rotation since the extreme note: trims its start, asks the orientation.
-    fn look(&mut self, now: &Note, sign: f64) -> Option<Turn> {
-        self.next_look_s = now.t_s + NOTE_S;
-        let extreme = if sign > 0.0 { self.least } else { self.most };
-        let start = self.trim(extreme, now, sign);
-        let first = *self.notes.get(start)?;
+    fn look(&self, now: &Note, sign: f64) -> Look {
+        let start = self.trim(if sign > 0.0 { self.least } else { self.most }, now, sign);
+        let first = &self.notes[start];
         let angle = (now.angle - first.angle) * sign;
         let Some(heading) = self.heading_since(start, now) else {
-            // Nothing that began there can become a turn any more; something later may.
-            self.notes.drain(..=start);
-            self.find_extremes();
-            return None;
+            return Look::NeverFrom(start);
         };
         if angle < self.angle || heading * sign < self.angle - SLACK_RAD {
-            return None;
+            return Look::NotYet;
         }
         let up = (now.up - first.up) / (now.travel - first.travel);
         // The mean of unit vectors is the shorter, the wider they spread: 1 − δ²/2.
         let spread = (2.0 * (1.0 - up.norm())).max(0.0).sqrt();
-        Some(Turn {
+        let Some(axis) = up.try_normalize(1e-3) else {
+            return Look::NeverFrom(start);
+        };
+        Look::Turn(Turn {
             start_s: first.t_s,
             end_s: now.t_s,
-            axis_body: up.try_normalize(1e-3)? * sign,
+            axis_body: axis * sign,
             angle_rad: angle,
             from_vertical_deg: from_vertical_deg(now.earth - first.earth),
             spread_deg: spread.to_degrees(),
@@ -222,7 +246,7 @@ impl Vertical {
     /// The integrated rate alone would count a board that is swung in circles without ever coming round:
     /// its rate has a vertical part that adds up.
     fn heading_since(&self, start: usize, now: &Note) -> Option<f64> {
-        let first = self.notes.get(start)?.orientation.inverse();
+        let first = self.notes[start].orientation.inverse();
         let mut heading = 0.0;
         for note in self.notes.range(start..).chain([now]) {
             let since = note.orientation * first;
