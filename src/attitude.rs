@@ -1,5 +1,33 @@
-//! placeholder
-use nalgebra::{UnitQuaternion, Vector3};
+//! Where the board points, how it turns and whether it rests: a thin face over the filter VQF.
+//!
+//! Gyro and accelerometer give tilt, gyro bias and orientation on an even clock; corrected fields, fed back
+//! in, give the fused heading. Pure: time comes with the readings.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::check::{Check, Fault, within};
+use crate::frame::{Mountings, wrap_pi};
+use crate::reading::Reading;
+
+mod clock;
+mod filter;
+mod gravity;
+#[cfg(test)]
+pub(crate) mod motion;
+mod steadiness;
+#[cfg(test)]
+mod tests;
+
+use clock::{ClipWatch, EvenClock, Step};
+use filter::Filter;
+
+/// Within this angle of the vertical, body X points nowhere on the compass.
+const NO_HEADING_DEG: f64 = 10.0;
+/// Faster than any gyro measures: nonsense, rad/s.
+const IMPLAUSIBLE_RAD_S: f64 = 200.0;
+/// Stronger than any magnetometer measures: nonsense, milligauss.
+const IMPLAUSIBLE_MGAUSS: f64 = 1e6;
 
 /// Where the board points at one instant, by gyro and accelerometer alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -16,7 +44,7 @@ pub struct Pose {
 /// One tick of the even clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tick {
-    /// When, seconds.
+    /// When, seconds. Ticks follow each other evenly except across a hole in the gyro's account.
     pub t_s: f64,
     /// Length of the tick, seconds.
     pub period_s: f64,
@@ -26,4 +54,203 @@ pub struct Tick {
     pub rate_rad_s: Vector3<f64>,
     /// The board is at rest: what the gyro says now is bias and noise.
     pub at_rest: bool,
+}
+
+/// Pitch and roll.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tilt {
+    /// Nose up, radians, −π/2 to π/2.
+    pub pitch_rad: f64,
+    /// Right wing down, radians, −π to π.
+    pub roll_rad: f64,
+}
+
+impl Tilt {
+    /// The tilt of a board that sees up along this vector of body axes.
+    fn of_up(up: &Vector3<f64>) -> Self {
+        Self {
+            pitch_rad: (up.x / up.norm()).clamp(-1.0, 1.0).asin(),
+            roll_rad: (-up.y).atan2(-up.z),
+        }
+    }
+}
+
+/// Settings of the attitude.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Largest gyro bias to expect on an axis, degrees per second, 1 to 60.
+    pub gyro_bias_limit_deg_s: f64,
+    /// A gyro silent for longer has left a hole, seconds, 0.05 to 2.
+    pub gap_s: f64,
+    /// The gyro's full scale, degrees per second, 50 to 10000; left out, 250, 500, 1000 and 2000 are
+    /// watched for until the gyro says more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gyro_range_deg_s: Option<f64>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            gyro_bias_limit_deg_s: 10.0,
+            gap_s: 0.5,
+            gyro_range_deg_s: None,
+        }
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        within(
+            &mut faults,
+            "gyro_bias_limit_deg_s",
+            self.gyro_bias_limit_deg_s,
+            1.0..=60.0,
+            "degrees per second",
+        );
+        within(&mut faults, "gap_s", self.gap_s, 0.05..=2.0, "seconds");
+        if let Some(range) = self.gyro_range_deg_s {
+            within(
+                &mut faults,
+                "gyro_range_deg_s",
+                range,
+                50.0..=10_000.0,
+                "degrees per second",
+            );
+        }
+        faults
+    }
+}
+
+/// Follows the board's attitude reading by reading.
+pub struct Attitude {
+    mountings: Mountings,
+    clock: EvenClock,
+    clip: ClipWatch,
+    filter: Filter,
+}
+
+impl Attitude {
+    /// An attitude that knows nothing yet.
+    pub fn new(settings: &Settings, mountings: &Mountings) -> Self {
+        Self {
+            mountings: *mountings,
+            clock: EvenClock::new(settings.gap_s),
+            clip: ClipWatch::new(settings.gyro_range_deg_s),
+            filter: Filter::new(settings.gyro_bias_limit_deg_s),
+        }
+    }
+
+    /// Takes a reading, raw field and all, and calls `on_tick` with each tick that it completes.
+    ///
+    /// Ticks come with the gyro; numbers that cannot be are passed over.
+    pub fn take(&mut self, reading: &Reading, mut on_tick: impl FnMut(&Tick)) {
+        let t_s = reading.t_s;
+        if !t_s.is_finite() {
+            return;
+        }
+        if let Some(field) = reading.whole_field_mgauss()
+            && field.norm() < IMPLAUSIBLE_MGAUSS
+        {
+            self.filter.steadiness.take(t_s, field);
+        }
+        if let Some(force) = reading.specific_force_m_s2 {
+            let force = self.mountings.accel.to_body(force);
+            self.filter.gravity.take(t_s, force);
+        }
+        if let Some(chip) = reading.rate_rad_s
+            && chip.norm() < IMPLAUSIBLE_RAD_S
+        {
+            let rate = self.mountings.gyro.to_body(chip);
+            let filter = &mut self.filter;
+            let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
+                on_tick(&filter.tick(end_s, mean_rate));
+            });
+            if step == Step::Restarted {
+                self.filter.resume_after_hole();
+            }
+            if step != Step::Ignored && self.clip.take(&chip) {
+                self.filter.stretch = self.filter.stretch.wrapping_add(1);
+            }
+        }
+    }
+
+    /// The pose at `t_s`, carried on from the last tick with the current rate; `None` if the gyro has been
+    /// silent for longer than a gap, or never spoke.
+    pub fn pose_at(&self, t_s: f64) -> Option<Pose> {
+        Some(Pose {
+            orientation: self.filter.orientation() * self.since_tick(t_s)?,
+            vertical_known: self.filter.vertical_known(),
+            stretch: self.filter.stretch,
+        })
+    }
+
+    /// Rotation from the last tick to `t_s`, in body axes.
+    fn since_tick(&self, t_s: f64) -> Option<UnitQuaternion<f64>> {
+        let beyond = self.clock.beyond_tick_rad(t_s, self.filter.bias())?;
+        Some(UnitQuaternion::from_scaled_axis(beyond))
+    }
+
+    /// Pitch and roll at `t_s`: from gyro and accelerometer, from the accelerometer alone where the gyro
+    /// is silent or new, `None` without an accelerometer.
+    pub fn tilt(&self, t_s: f64) -> Option<Tilt> {
+        let low_passed = self.filter.gravity.low_passed(t_s)?;
+        let up = match self.pose_at(t_s) {
+            Some(pose) if pose.vertical_known => {
+                pose.orientation.inverse_transform_vector(&Vector3::z())
+            }
+            _ => low_passed,
+        };
+        Some(Tilt::of_up(&up))
+    }
+
+    /// Takes a corrected field in body axes, milligauss, for the fused heading.
+    ///
+    /// It is carried on with the gyro and fed to the filter tick by tick for 0.1 s.
+    pub fn fuse(&mut self, t_s: f64, field_body_mgauss: Vector3<f64>) {
+        if t_s.is_finite() && (1e-3..IMPLAUSIBLE_MGAUSS).contains(&field_body_mgauss.norm()) {
+            self.filter.sight(t_s, field_body_mgauss);
+        }
+    }
+
+    /// Forgets what the fields have told so far: the calibration they were corrected with has changed.
+    pub fn restart_fusion(&mut self) {
+        self.filter.restart_fusion();
+    }
+
+    /// Fused heading of body X at `t_s`, radians clockwise from magnetic north, −π to π.
+    ///
+    /// `None` without a gyro, an accelerometer or a corrected field so far, or with X within 10° of the
+    /// vertical.
+    pub fn fused_heading_rad(&self, t_s: f64) -> Option<f64> {
+        let fused = self.filter.fused_orientation()?;
+        self.filter.gravity.low_passed(t_s)?;
+        // The filter's earth frame is X east, Y north, Z up.
+        let nose = fused * self.since_tick(t_s)? * Vector3::x();
+        (nose.xy().norm() > NO_HEADING_DEG.to_radians().sin())
+            .then(|| wrap_pi(nose.x.atan2(nose.y)))
+    }
+
+    /// The gyro's bias as learnt so far, body axes, rad/s.
+    pub fn gyro_bias_rad_s(&self) -> Vector3<f64> {
+        self.filter.bias()
+    }
+
+    /// Whether the board was at rest at the last tick.
+    pub fn at_rest(&self) -> bool {
+        self.filter.at_rest()
+    }
+
+    /// Whether strength or dip of the corrected fields have left what the filter has come to know; `false`
+    /// while it knows none (it takes some seconds of motion).
+    pub fn disturbed(&self) -> bool {
+        self.filter.disturbed()
+    }
+}
+
+/// The filter's quaternion as ours.
+fn unit(quaternion: vqf_rs::Quaternion) -> UnitQuaternion<f64> {
+    let vqf_rs::Quaternion(w, x, y, z) = quaternion;
+    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
 }

@@ -1,5 +1,25 @@
-//! placeholder
-use nalgebra::Vector3;
+//! Full turns: when the board has turned by 345° net, about the vertical or about an axis of its own.
+//!
+//! Two accounts are kept of the same rotation: heading over the vertical, however the board is held, and
+//! the angle about a body axis that stays where it is. Whichever comes full first makes the turn; then both
+//! begin anew. Net means net: going back takes away.
+
+use nalgebra::{UnitVector3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::attitude::Tick;
+use crate::check::{Check, Fault, within};
+
+mod chain;
+#[cfg(test)]
+mod tests;
+mod vertical;
+
+use chain::Chain;
+use vertical::Vertical;
+
+/// From this part of a turn on, the account over the vertical goes before the other.
+const ABOUT_TO_TURN: f64 = 0.9;
 
 /// A full turn that the board has made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,4 +35,104 @@ pub struct Turn {
     pub angle_rad: f64,
     /// Angle between the axis and the vertical, 0 to 90 degrees, if the vertical is known.
     pub from_vertical_deg: Option<f64>,
+    /// How far the axis strayed in the body during the turn, degrees RMS.
+    pub spread_deg: f64,
+}
+
+/// Settings of the turn detection.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Net rotation that makes a turn, degrees, 180 to 720.
+    pub angle_deg: f64,
+    /// How far the axis of a turn about a body axis may stray, degrees, 5 to 45.
+    pub axis_tolerance_deg: f64,
+    /// A turn that takes longer is none, seconds, 5 to 600.
+    pub time_limit_s: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            angle_deg: 345.0,
+            axis_tolerance_deg: 25.0,
+            time_limit_s: 120.0,
+        }
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let f = &mut faults;
+        within(f, "angle_deg", self.angle_deg, 180.0..=720.0, "degrees");
+        within(
+            f,
+            "axis_tolerance_deg",
+            self.axis_tolerance_deg,
+            5.0..=45.0,
+            "degrees",
+        );
+        within(f, "time_limit_s", self.time_limit_s, 5.0..=600.0, "seconds");
+        faults
+    }
+}
+
+/// Finds full turns, tick by tick.
+pub struct TurnDetector {
+    vertical: Vertical,
+    chain: Chain,
+    newest_s: Option<f64>,
+}
+
+impl TurnDetector {
+    /// A detector that has seen no rotation yet.
+    pub fn new(settings: &Settings) -> Self {
+        Self {
+            vertical: Vertical::new(settings),
+            chain: Chain::new(settings),
+            newest_s: None,
+        }
+    }
+
+    /// Takes the next tick; returns the turn that it completes.
+    ///
+    /// A tick that does not follow the one before voids what has been counted.
+    pub fn tick(&mut self, tick: &Tick) -> Option<Turn> {
+        let follows = |newest_s| (0.0..=1.5 * tick.period_s).contains(&(tick.t_s - newest_s));
+        if !self.newest_s.is_some_and(follows) {
+            self.reset();
+        }
+        self.newest_s = Some(tick.t_s);
+        let vertical = self.vertical.tick(tick);
+        let patient = self.vertical.progress() > ABOUT_TO_TURN;
+        let turn = vertical.or_else(|| self.chain.tick(tick, patient));
+        if turn.is_some() {
+            // The same rotation must not count again in the other account.
+            self.reset();
+            self.newest_s = Some(tick.t_s);
+        }
+        turn
+    }
+
+    /// How much of a turn has been made by the account that is further on, 0 to 1.
+    pub fn progress(&self) -> f64 {
+        self.vertical
+            .progress()
+            .max(self.chain.progress())
+            .clamp(0.0, 1.0)
+    }
+
+    /// Forgets what has been counted.
+    pub fn reset(&mut self) {
+        self.vertical.reset();
+        self.chain.reset();
+        self.newest_s = None;
+    }
+}
+
+/// Angle between an axis, either way round, and the vertical, degrees; `None` if there is no axis.
+fn from_vertical_deg(axis_earth: Vector3<f64>) -> Option<f64> {
+    let axis = UnitVector3::try_new(axis_earth, 1e-9)?;
+    Some(axis.z.abs().min(1.0).acos().to_degrees())
 }

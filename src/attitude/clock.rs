@@ -1,0 +1,195 @@
+//! The even clock: a gyro's readings come in bursts and with gaps, the filter wants equal periods.
+
+use nalgebra::Vector3;
+
+/// Length of a tick, seconds.
+pub(super) const PERIOD_S: f64 = 0.01;
+
+/// What a reading did to the clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Step {
+    /// It continues the account (or started the first one).
+    Continued,
+    /// It came after a hole: the clock runs anew from here.
+    Restarted,
+    /// It was older than the newest one, or a repetition of it.
+    Ignored,
+}
+
+/// The gyro's rate as a line from reading to reading, integrated exactly over each tick.
+pub(super) struct EvenClock {
+    gap_s: f64,
+    newest: Option<(f64, Vector3<f64>)>,
+    base_s: f64,
+    ticks: u64,
+    /// Rotation from the last tick to the newest reading, bias included, radians.
+    open_rad: Vector3<f64>,
+}
+
+impl EvenClock {
+    pub(super) fn new(gap_s: f64) -> Self {
+        Self {
+            gap_s,
+            newest: None,
+            base_s: 0.0,
+            ticks: 0,
+            open_rad: Vector3::zeros(),
+        }
+    }
+
+    /// Takes a reading and calls `on_tick` with the end and the mean rate of each tick it completes.
+    pub(super) fn take(
+        &mut self,
+        t_s: f64,
+        rate: Vector3<f64>,
+        mut on_tick: impl FnMut(f64, Vector3<f64>),
+    ) -> Step {
+        let Some((mut from_s, mut from_rate)) = self.newest else {
+            self.start(t_s, rate);
+            return Step::Continued;
+        };
+        let span_s = t_s - from_s;
+        if span_s.abs() > self.gap_s {
+            self.start(t_s, rate);
+            return Step::Restarted;
+        }
+        if span_s <= 0.0 {
+            return Step::Ignored;
+        }
+        let slope = (rate - from_rate) / span_s;
+        loop {
+            let end_s = self.base_s + (self.ticks + 1) as f64 * PERIOD_S;
+            if end_s > t_s {
+                break;
+            }
+            let step_s = end_s - from_s;
+            let at_end = from_rate + slope * step_s;
+            let mean = (self.open_rad + (from_rate + at_end) * (0.5 * step_s)) / PERIOD_S;
+            (from_s, from_rate) = (end_s, at_end);
+            self.open_rad = Vector3::zeros();
+            self.ticks += 1;
+            on_tick(end_s, mean);
+        }
+        self.open_rad += (from_rate + rate) * (0.5 * (t_s - from_s));
+        self.newest = Some((t_s, rate));
+        Step::Continued
+    }
+
+    fn start(&mut self, t_s: f64, rate: Vector3<f64>) {
+        self.newest = Some((t_s, rate));
+        self.base_s = t_s;
+        self.ticks = 0;
+        self.open_rad = Vector3::zeros();
+    }
+
+    /// Rotation from the last tick to `t_s`, freed of `bias`, with the newest rate held beyond the newest
+    /// reading; `None` if that reading is further away than a gap.
+    pub(super) fn beyond_tick_rad(&self, t_s: f64, bias: Vector3<f64>) -> Option<Vector3<f64>> {
+        let (newest_s, rate) = self.newest?;
+        // Also false for a time that is no number.
+        if (t_s - newest_s).abs() <= self.gap_s {
+            let since_tick_s = t_s - (self.base_s + self.ticks as f64 * PERIOD_S);
+            Some(self.open_rad + rate * (t_s - newest_s) - bias * since_tick_s)
+        } else {
+            None
+        }
+    }
+}
+
+/// Full scales that gyros come with, degrees per second.
+const COMMON_RANGES_DEG_S: [f64; 4] = [250.0, 500.0, 1000.0, 2000.0];
+/// A reading within this part of the full scale is taken as clipped.
+const NEAR: f64 = 0.005;
+
+/// Notices readings at the gyro's full scale: the board turned faster than they say.
+pub(super) struct ClipWatch {
+    range_deg_s: Option<f64>,
+    largest_deg_s: f64,
+    clipped: bool,
+}
+
+impl ClipWatch {
+    pub(super) fn new(range_deg_s: Option<f64>) -> Self {
+        Self {
+            range_deg_s,
+            largest_deg_s: 0.0,
+            clipped: false,
+        }
+    }
+
+    /// Takes a reading in chip axes; `true` when it is the first good one after clipped ones.
+    pub(super) fn take(&mut self, rate: &Vector3<f64>) -> bool {
+        let was = self.clipped;
+        let largest = rate.amax().to_degrees();
+        self.largest_deg_s = self.largest_deg_s.max(largest);
+        self.clipped = match self.range_deg_s {
+            Some(range) => largest >= range * (1.0 - NEAR),
+            None => COMMON_RANGES_DEG_S.iter().any(|range| {
+                // A gyro that has said more than this has another full scale.
+                self.largest_deg_s <= range * (1.0 + NEAR)
+                    && rate
+                        .iter()
+                        .any(|value| value.to_degrees().abs() >= range * (1.0 - NEAR))
+            }),
+        };
+        was && !self.clipped
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn uneven_readings_of_a_ramp_are_integrated_exactly() {
+        let mut clock = EvenClock::new(0.5);
+        let mut sum = Vector3::zeros();
+        let mut ends = Vec::new();
+        for t in [0.0, 0.003, 0.004, 0.064, 0.07, 0.3, 0.301, 0.405] {
+            clock.take(t, Vector3::new(t, 1.0, -t), |end, mean| {
+                sum += mean * PERIOD_S;
+                ends.push(end);
+            });
+        }
+        assert_eq!(ends.len(), 40);
+        assert!((ends[39] - 0.4).abs() < 1e-12);
+        assert!((sum - Vector3::new(0.08, 0.4, -0.08)).norm() < 1e-12);
+        let beyond = clock.beyond_tick_rad(0.405, Vector3::zeros()).unwrap();
+        assert!((beyond.y - 0.005).abs() < 1e-12);
+    }
+
+    #[test]
+    fn holes_and_jumps_restart_and_repetitions_are_ignored() {
+        let mut clock = EvenClock::new(0.5);
+        let rate = Vector3::x();
+        let mut ticks = 0;
+        let steps: Vec<Step> = [0.0, 0.2, 0.2, 0.1, 1.0, 1.05, 0.3]
+            .into_iter()
+            .map(|t| clock.take(t, rate, |_, _| ticks += 1))
+            .collect();
+        use Step::*;
+        assert_eq!(
+            steps,
+            [
+                Continued, Continued, Ignored, Ignored, Restarted, Continued, Restarted
+            ]
+        );
+        assert!((24..=25).contains(&ticks));
+        assert!(clock.beyond_tick_rad(0.9, rate).is_none());
+        assert!(clock.beyond_tick_rad(f64::NAN, rate).is_none());
+    }
+
+    #[test]
+    fn the_full_scale_is_known_or_guessed_until_a_larger_rate_shows_it_wrong() {
+        let at = |deg: f64| Vector3::new(0.0, -deg.to_radians(), 0.0);
+        let mut known = ClipWatch::new(Some(300.0));
+        assert!(!known.take(&at(250.0)) && !known.clipped);
+        assert!(!known.take(&at(299.0)) && known.clipped);
+        assert!(known.take(&at(100.0)));
+
+        let mut guessed = ClipWatch::new(None);
+        assert!(!guessed.take(&at(250.1)) && guessed.clipped);
+        assert!(guessed.take(&at(260.0)));
+        assert!(!guessed.take(&at(250.1)) && !guessed.clipped);
+    }
+}

@@ -1,0 +1,251 @@
+//! VQF on the even clock, and what it must be told: where the accelerometer comes and goes, when the board
+//! may be at rest, which field it sees.
+
+use nalgebra::{UnitQuaternion, Vector3};
+use vqf_rs::{Params, VQF};
+
+use super::clock::PERIOD_S;
+use super::gravity::Gravity;
+use super::steadiness::Steadiness;
+use super::{Pose, Tick, unit};
+
+/// So long must the accelerometer have had its part before the vertical is called known.
+const LEVELLING_S: f64 = 1.0;
+/// While the bias is new, gravity is trusted more: it learns a bias of 4.5°/s about twice as fast in a hand.
+const LEARNING_S: f64 = 30.0;
+const LEARNING_TAU_S: f64 = 1.0;
+const TAU_S: f64 = 3.0;
+/// A field older than this is not fed any more.
+const FIELD_AGE_S: f64 = 0.1;
+/// Without a magnetometer, a rate that differs by more from the bias learnt so far is motion, rad/s.
+const BLIND_REST_RAD_S: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// Ticks between two entries of the bias history, and its length: 3 s.
+const HISTORY_TICKS: u32 = 50;
+const HISTORY: usize = 6;
+
+/// A corrected field, carried on with the gyro.
+struct Sighting {
+    seen_s: f64,
+    at_s: f64,
+    field: Vector3<f64>,
+}
+
+pub(super) struct Filter {
+    vqf: VQF,
+    pub(super) gravity: Gravity,
+    pub(super) steadiness: Steadiness,
+    pub(super) stretch: u32,
+    ticked: bool,
+    /// Since when the accelerometer has had its part without a break.
+    levelled_since_s: Option<f64>,
+    vertical_known: bool,
+    /// Ticks with the accelerometer until the bias is no longer new.
+    learning_ticks: u32,
+    sighting: Option<Sighting>,
+    fused: bool,
+    /// Biases while at rest, oldest first, one each half second.
+    rest_history: Vec<[f64; 3]>,
+    rest_ticks: u32,
+}
+
+impl Filter {
+    pub(super) fn new(bias_limit_deg_s: f64) -> Self {
+        let params = Params {
+            motion_bias_est_enabled: false,
+            bias_clip: bias_limit_deg_s,
+            // A wider start would swing far before it settles on a board that moves from the first.
+            bias_sigma_init: (bias_limit_deg_s / 10.0).max(0.5),
+            tau_acc: LEARNING_TAU_S,
+            ..Params::default()
+        };
+        Self {
+            vqf: VQF::new(PERIOD_S, None, None, Some(params)),
+            gravity: Gravity::default(),
+            steadiness: Steadiness::default(),
+            stretch: 0,
+            ticked: false,
+            levelled_since_s: None,
+            vertical_known: false,
+            learning_ticks: (LEARNING_S / PERIOD_S) as u32,
+            sighting: None,
+            fused: false,
+            rest_history: Vec::with_capacity(HISTORY + 1),
+            rest_ticks: 0,
+        }
+    }
+
+    /// Carries the filter on by one tick that ends at `end_s`; `mean_rate` with bias.
+    pub(super) fn tick(&mut self, end_s: f64, mean_rate: Vector3<f64>) -> Tick {
+        let force = self.gravity.at_tick(end_s);
+        let live = self.gravity.live(end_s);
+        self.follow_accelerometer(end_s, live);
+        self.guard_rest(end_s, &mean_rate);
+        let rate = mean_rate - self.bias();
+        if live && self.learning_ticks > 0 {
+            self.learning_ticks -= 1;
+            if self.learning_ticks == 0 {
+                self.vqf.set_tau_acc(TAU_S);
+            }
+        }
+
+        self.vqf.update_gyr(mean_rate.into());
+        if let Some(force) = force {
+            self.vqf.update_acc(force.into());
+            self.feed_field(end_s, &rate);
+        } else if !live {
+            // VQF counts the time at rest with the accelerometer. A made-up one serves for that, but must
+            // not level the frame.
+            let frame = self.vqf.state().acc_quat;
+            self.vqf.update_acc([0.0, 0.0, 9.81]);
+            self.vqf.state_mut().acc_quat = frame;
+        }
+        self.remember_rest();
+        self.ticked = true;
+        Tick {
+            t_s: end_s,
+            period_s: PERIOD_S,
+            pose: Pose {
+                orientation: self.orientation(),
+                vertical_known: self.vertical_known,
+                stretch: self.stretch,
+            },
+            rate_rad_s: rate,
+            at_rest: self.at_rest(),
+        }
+    }
+
+    fn follow_accelerometer(&mut self, end_s: f64, live: bool) {
+        if live != self.levelled_since_s.is_some() {
+            self.forget_force();
+            self.levelled_since_s = live.then_some(end_s);
+            // Levelling turns the frame: poses before and after cannot be compared.
+            if live && self.ticked {
+                self.stretch = self.stretch.wrapping_add(1);
+            }
+        }
+        self.vqf.set_motion_bias_est_enabled(live);
+        self.vertical_known = self
+            .levelled_since_s
+            .is_some_and(|since_s| end_s - since_s >= LEVELLING_S);
+    }
+
+    fn forget_force(&mut self) {
+        let state = self.vqf.state_mut();
+        state.acc_lp_state = [[f64::NAN; 2]; 3];
+        state.rest_acc_lp_state = [[f64::NAN; 2]; 3];
+        state.motion_bias_est_rlp_state = [[f64::NAN; 2]; 9];
+        state.motion_bias_est_bias_lp_state = [[f64::NAN; 2]; 2];
+        state.rest_t = 0.0;
+        state.rest_detected = false;
+    }
+
+    /// Keeps the filter from taking a slow steady turn for rest, and its rate for bias.
+    fn guard_rest(&mut self, end_s: f64, mean_rate: &Vector3<f64>) {
+        let moving = self
+            .steadiness
+            .moving(end_s)
+            .unwrap_or_else(|| (mean_rate - self.bias()).norm() > BLIND_REST_RAD_S);
+        if moving && self.at_rest() && self.rest_history.len() == HISTORY {
+            // It takes a moment to see that a gentle start was one; the bias learnt meanwhile is motion.
+            self.vqf.set_bias_estimate(self.rest_history[0], None);
+        }
+        self.vqf.set_rest_bias_est_enabled(!moving);
+    }
+
+    fn remember_rest(&mut self) {
+        if !self.at_rest() {
+            self.rest_history.clear();
+            self.rest_ticks = 0;
+            return;
+        }
+        self.rest_ticks += 1;
+        if self.rest_ticks >= HISTORY_TICKS {
+            self.rest_ticks = 0;
+            if self.rest_history.len() == HISTORY {
+                self.rest_history.remove(0);
+            }
+            self.rest_history.push(self.vqf.state().bias);
+        }
+    }
+
+    fn feed_field(&mut self, end_s: f64, rate: &Vector3<f64>) {
+        let Some(sighting) = &mut self.sighting else {
+            return;
+        };
+        if (end_s - sighting.seen_s).abs() > FIELD_AGE_S {
+            self.sighting = None;
+            return;
+        }
+        // A field fixed in the earth turns against the board.
+        let turned = UnitQuaternion::from_scaled_axis(rate * (sighting.at_s - end_s));
+        sighting.field = turned * sighting.field;
+        sighting.at_s = end_s;
+        self.vqf.update_mag(sighting.field.into());
+        self.fused = true;
+    }
+
+    pub(super) fn sight(&mut self, t_s: f64, field: Vector3<f64>) {
+        self.sighting = Some(Sighting {
+            seen_s: t_s,
+            at_s: t_s,
+            field,
+        });
+    }
+
+    pub(super) fn restart_fusion(&mut self) {
+        self.sighting = None;
+        self.fused = false;
+        let longest = self.vqf.params().mag_max_rejection_time;
+        let state = self.vqf.state_mut();
+        state.k_mag_init = 1.0;
+        state.mag_dist_detected = true;
+        state.mag_ref_norm = 0.0;
+        state.mag_ref_dip = 0.0;
+        state.mag_undisturbed_t = 0.0;
+        state.mag_reject_t = longest;
+        state.mag_candidate_norm = -1.0;
+        state.mag_candidate_dip = 0.0;
+        state.mag_candidate_t = 0.0;
+        state.mag_norm_dip_lp_state = [[f64::NAN; 2]; 2];
+    }
+
+    /// The gyro speaks again after a hole: nobody knows how the board has turned meanwhile.
+    pub(super) fn resume_after_hole(&mut self) {
+        self.stretch = self.stretch.wrapping_add(1);
+        self.ticked = false;
+        self.levelled_since_s = None;
+        self.vertical_known = false;
+        self.forget_force();
+        self.sighting = None;
+        self.fused = false;
+        let state = self.vqf.state_mut();
+        state.rest_gyr_lp_state = [[f64::NAN; 2]; 3];
+        state.k_mag_init = 1.0;
+    }
+
+    /// Body to earth with an arbitrary north.
+    pub(super) fn orientation(&self) -> UnitQuaternion<f64> {
+        unit(self.vqf.quat_6d())
+    }
+
+    /// Body to earth with X east and Y north, once a field has been fused.
+    pub(super) fn fused_orientation(&self) -> Option<UnitQuaternion<f64>> {
+        (self.fused && self.levelled_since_s.is_some()).then(|| unit(self.vqf.quat_9d()))
+    }
+
+    pub(super) fn vertical_known(&self) -> bool {
+        self.vertical_known
+    }
+
+    pub(super) fn bias(&self) -> Vector3<f64> {
+        self.vqf.state().bias.into()
+    }
+
+    pub(super) fn at_rest(&self) -> bool {
+        self.vqf.rest_detected()
+    }
+
+    pub(super) fn disturbed(&self) -> bool {
+        self.vqf.mag_dist_detected() && self.vqf.mag_ref_norm() > 0.0
+    }
+}

@@ -1,0 +1,107 @@
+//! The accelerometer's readings, on the even clock and low-passed.
+
+use nalgebra::Vector3;
+
+/// An accelerometer silent for longer is gone.
+const SILENT_S: f64 = 1.0;
+/// A reading stands for the time after it no longer than this: the board turns on.
+const HOLD_S: f64 = 0.1;
+const LOW_PASS_S: f64 = 0.2;
+/// Weaker readings point nowhere (a dead part answers zeros), stronger ones are nonsense.
+const PLAUSIBLE_M_S2: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
+
+/// Specific force in the body frame, m/s².
+#[derive(Default)]
+pub(super) struct Gravity {
+    previous: Option<(f64, Vector3<f64>)>,
+    newest: Option<(f64, Vector3<f64>)>,
+    low_passed: Vector3<f64>,
+    /// Sum and count of the readings since the last tick.
+    sum: Vector3<f64>,
+    count: u32,
+}
+
+impl Gravity {
+    /// Takes a reading; one that cannot be a specific force is passed over.
+    pub(super) fn take(&mut self, t_s: f64, force: Vector3<f64>) {
+        if !PLAUSIBLE_M_S2.contains(&force.norm()) {
+            return;
+        }
+        match self.newest {
+            Some((newest_s, _)) if (0.0..=SILENT_S).contains(&(t_s - newest_s)) => {
+                let gain = 1.0 - (-(t_s - newest_s) / LOW_PASS_S).exp();
+                self.low_passed += (force - self.low_passed) * gain;
+                self.previous = self.newest;
+            }
+            // A step back by less than that is a late reading.
+            Some((newest_s, _)) if (-SILENT_S..0.0).contains(&(t_s - newest_s)) => return,
+            _ => {
+                self.low_passed = force;
+                self.previous = None;
+                self.sum = Vector3::zeros();
+                self.count = 0;
+            }
+        }
+        self.newest = Some((t_s, force));
+        self.sum += force;
+        self.count += 1;
+    }
+
+    /// Specific force for the tick that ends at `end_s`: the mean where several readings fell into it, else
+    /// the line between the last two; `None` if there is none recent enough.
+    pub(super) fn at_tick(&mut self, end_s: f64) -> Option<Vector3<f64>> {
+        let (newest_s, newest) = self.newest.filter(|(t, _)| end_s - t <= HOLD_S)?;
+        let (sum, count) = (self.sum, self.count);
+        self.sum = Vector3::zeros();
+        self.count = 0;
+        if count > 1 {
+            return Some(sum / f64::from(count));
+        }
+        let Some((previous_s, previous)) = self.previous.filter(|(t, _)| *t < newest_s) else {
+            return Some(newest);
+        };
+        let part = ((end_s - previous_s) / (newest_s - previous_s)).clamp(0.0, 1.0);
+        Some(previous + (newest - previous) * part)
+    }
+
+    /// Specific force low-passed over 0.2 s; `None` while the accelerometer is silent.
+    pub(super) fn low_passed(&self, t_s: f64) -> Option<Vector3<f64>> {
+        self.live(t_s).then_some(self.low_passed)
+    }
+
+    /// Whether the accelerometer has spoken lately.
+    pub(super) fn live(&self, t_s: f64) -> bool {
+        self.newest
+            .is_some_and(|(newest_s, _)| (t_s - newest_s).abs() <= SILENT_S)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tick_gets_the_line_the_mean_or_nothing() {
+        let mut gravity = Gravity::default();
+        assert_eq!(gravity.at_tick(0.0), None);
+        gravity.take(0.0, Vector3::x());
+        gravity.take(0.04, Vector3::x() * 5.0);
+        gravity.take(0.041, Vector3::x() * 3.0);
+        assert_eq!(gravity.at_tick(0.04), Some(Vector3::x() * 3.0));
+        gravity.take(0.081, Vector3::x() * 5.0);
+        assert_eq!(gravity.at_tick(0.061), Some(Vector3::x() * 4.0));
+        assert_eq!(gravity.at_tick(0.09), Some(Vector3::x() * 5.0));
+        assert_eq!(gravity.at_tick(0.2), None);
+        assert!(gravity.live(0.2) && !gravity.live(1.09));
+        assert_eq!(gravity.low_passed(1.09), None);
+    }
+
+    #[test]
+    fn a_dead_accelerometer_does_not_speak() {
+        let mut gravity = Gravity::default();
+        for force in [0.0, f64::NAN, f64::INFINITY, 1e300] {
+            gravity.take(0.0, Vector3::new(force, 0.0, 0.0));
+        }
+        assert_eq!(gravity.low_passed(0.0), None);
+    }
+}

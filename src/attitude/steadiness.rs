@@ -1,0 +1,129 @@
+//! Whether the raw field stands still. A gyro's bias looks to the gyro like a slow steady turn; the magnetic
+//! field tells them apart, calibrated or not.
+
+use nalgebra::Vector3;
+
+const FAST_S: f64 = 0.3;
+const SLOW_S: f64 = 1.5;
+/// A steady turn of 2°/s moves a weak horizontal field (150 mG) further than this between the two filters.
+const MOVED_MGAUSS: f64 = 5.0;
+/// What noise may add to that; more would hide a turn.
+const NOISE_MARGIN_LIMIT_MGAUSS: f64 = 15.0;
+/// A larger step from one reading to the next is a spike, not noise.
+const SPIKE_MGAUSS: f64 = 50.0;
+/// The slow filter must have seen this much before the field may be called steady.
+const WARM_UP_S: f64 = 2.0;
+const SILENT_S: f64 = 1.0;
+
+/// A fast and a slow low-pass of the raw field, which part while the board turns.
+#[derive(Default)]
+pub(super) struct Steadiness {
+    run: Option<Run>,
+}
+
+struct Run {
+    since_s: f64,
+    newest_s: f64,
+    newest: Vector3<f64>,
+    fast: Vector3<f64>,
+    slow: Vector3<f64>,
+    /// Slow mean of the squared step from reading to reading, and of the time between them.
+    step_squared: f64,
+    step_s: f64,
+    moving: bool,
+}
+
+impl Steadiness {
+    /// Takes a whole field, milligauss.
+    pub(super) fn take(&mut self, t_s: f64, field: Vector3<f64>) {
+        let silent = |run: &Run| !(0.0..=SILENT_S).contains(&(t_s - run.newest_s));
+        if self.run.as_ref().is_none_or(silent) {
+            self.run = Some(Run {
+                since_s: t_s,
+                newest_s: t_s,
+                newest: field,
+                fast: field,
+                slow: field,
+                step_squared: 0.0,
+                step_s: 0.0,
+                moving: false,
+            });
+        } else if let Some(run) = &mut self.run {
+            run.take(t_s, field);
+        }
+    }
+
+    /// Whether the field moves; `None` if the magnetometer is silent.
+    pub(super) fn moving(&self, t_s: f64) -> Option<bool> {
+        let run = self.run.as_ref()?;
+        if (t_s - run.newest_s).abs() > SILENT_S {
+            return None;
+        }
+        Some(run.moving || run.newest_s - run.since_s < WARM_UP_S)
+    }
+}
+
+impl Run {
+    fn take(&mut self, t_s: f64, field: Vector3<f64>) {
+        let dt_s = t_s - self.newest_s;
+        let gain = |tau_s: f64| 1.0 - (-dt_s / tau_s).exp();
+        self.fast += (field - self.fast) * gain(FAST_S);
+        self.slow += (field - self.slow) * gain(SLOW_S);
+        let step = (field - self.newest).norm().min(SPIKE_MGAUSS);
+        let slow = gain(SLOW_S);
+        self.step_squared += (step * step - self.step_squared) * slow;
+        self.step_s += (dt_s - self.step_s) * slow;
+        (self.newest_s, self.newest) = (t_s, field);
+
+        let noise = (0.5 * self.step_squared * self.step_s / (2.0 * FAST_S)).sqrt();
+        let limit = MOVED_MGAUSS + (2.5 * noise).min(NOISE_MARGIN_LIMIT_MGAUSS);
+        let apart = (self.fast - self.slow).norm();
+        // Some play between on and off, lest it flutter.
+        self.moving = apart > if self.moving { 0.6 * limit } else { limit };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A field turning at `rate_deg_s` with noise of `noise_mgauss`, for 20 s at 50 Hz: what part of the
+    /// last 15 s was called moving.
+    fn moving_part(rate_deg_s: f64, noise_mgauss: f64) -> f64 {
+        let mut steadiness = Steadiness::default();
+        let mut moving = 0;
+        for i in 0..1000 {
+            let t = i as f64 * 0.02;
+            let angle = (rate_deg_s * t).to_radians();
+            // Three incommensurable sines stand in for noise of this standard deviation.
+            let wobble = |k: f64| noise_mgauss * 2f64.sqrt() * (k * i as f64).sin();
+            let field = Vector3::new(
+                180.0 * angle.cos() + wobble(2.1),
+                80.0 - 180.0 * angle.sin() + wobble(1.3),
+                420.0 + wobble(1.7),
+            );
+            steadiness.take(t, field);
+            if t >= 5.0 && steadiness.moving(t) == Some(true) {
+                moving += 1;
+            }
+        }
+        f64::from(moving) / 750.0
+    }
+
+    #[test]
+    fn a_slow_turn_moves_the_field_and_noise_does_not() {
+        assert_eq!(moving_part(3.0, 0.0), 1.0);
+        assert!(moving_part(3.0, 3.0) > 0.95);
+        assert_eq!(moving_part(0.0, 0.0), 0.0);
+        assert_eq!(moving_part(0.0, 5.0), 0.0);
+    }
+
+    #[test]
+    fn it_is_unknown_while_the_magnetometer_is_silent() {
+        let mut steadiness = Steadiness::default();
+        assert_eq!(steadiness.moving(0.0), None);
+        steadiness.take(0.0, Vector3::x());
+        assert_eq!(steadiness.moving(0.5), Some(true));
+        assert_eq!(steadiness.moving(1.5), None);
+    }
+}

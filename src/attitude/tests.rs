@@ -1,0 +1,279 @@
+use super::motion::Board;
+use super::*;
+
+fn run(board: &Board) -> (Attitude, Vec<Tick>) {
+    run_with(board, &Settings::default())
+}
+
+fn run_with(board: &Board, settings: &Settings) -> (Attitude, Vec<Tick>) {
+    let mut attitude = Attitude::new(settings, &Mountings::default());
+    let mut ticks = Vec::new();
+    for reading in &board.readings {
+        attitude.take(reading, |tick| ticks.push(*tick));
+    }
+    (attitude, ticks)
+}
+
+fn stretches(ticks: &[Tick]) -> u32 {
+    ticks.last().unwrap().pose.stretch - ticks[0].pose.stretch
+}
+
+#[test]
+fn a_bias_of_5_deg_s_is_learnt_at_rest_within_seconds() {
+    for accel in [true, false] {
+        let mut board = Board {
+            gyro_bias_deg_s: Vector3::new(5.0, -4.5, 5.0),
+            accel,
+            ..Board::default()
+        };
+        board.rest(6.0);
+        let (attitude, _) = run(&board);
+        assert!(attitude.at_rest());
+        let learnt = attitude.gyro_bias_rad_s().map(f64::to_degrees);
+        let error = (learnt - board.gyro_bias_deg_s).norm();
+        assert!(error < 0.15, "accel {accel}: {error}");
+    }
+}
+
+#[test]
+fn a_slow_steady_turn_is_motion_not_bias() {
+    for (accel, deg_s) in [(true, 3.0), (false, 3.0), (true, 6.0)] {
+        // From rest with a bias already learnt, with a sudden and with a gentle start, and from power-on.
+        for start in ["sudden", "gentle", "power-on"] {
+            let mut board = Board {
+                accel,
+                ..Board::default()
+            };
+            if start != "power-on" {
+                board.rest(12.0);
+            }
+            if start == "gentle" {
+                let last = f64::to_radians(deg_s);
+                board.go(3.0, |_, t| -Vector3::z() * last * t / 3.0);
+            }
+            board.turn(-Vector3::z(), 60.0, deg_s);
+            let (attitude, _) = run(&board);
+            assert!(!attitude.at_rest());
+            let learnt = attitude.gyro_bias_rad_s().map(f64::to_degrees);
+            let error = (learnt - board.gyro_bias_deg_s).norm();
+            // At power-on nothing has told the bias yet; it must only not become the turn's rate.
+            let limit = if start == "power-on" { 0.6 } else { 0.2 };
+            assert!(error < limit, "{accel} {deg_s} {start}: {error}");
+        }
+    }
+}
+
+#[test]
+fn pose_tilt_and_fused_heading_follow_the_truth() {
+    let mut board = Board::default();
+    let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
+    let level = Vector3::z();
+    board.rest(5.0);
+    board.turn(Vector3::x(), 20.0, 30.0);
+    board.turn(Vector3::y(), -15.0, 30.0);
+    board.rest(8.0);
+    let stop = board.readings.len();
+    board.turn_up(-200.0, 45.0);
+    for (i, reading) in board.readings.iter().enumerate() {
+        attitude.take(reading, |_| {});
+        if i % 3 == 0 {
+            let field = reading.whole_field_mgauss().unwrap() - board.hard_iron;
+            attitude.fuse(reading.t_s, field);
+        }
+        if i + 1 == stop {
+            let tilt = attitude.tilt(reading.t_s).unwrap();
+            assert!((tilt.roll_rad.to_degrees() - 20.7).abs() < 1.0, "{tilt:?}");
+            assert!((tilt.pitch_rad.to_degrees() + 14.1).abs() < 1.0, "{tilt:?}");
+        }
+    }
+    let t_s = board.t_s;
+    let up = board.attitude.inverse() * level;
+    let pose = attitude.pose_at(t_s).unwrap();
+    assert!(pose.vertical_known);
+    let seen = pose.orientation.inverse() * level;
+    assert!(seen.angle(&up).to_degrees() < 0.7);
+    let heading = attitude.fused_heading_rad(t_s).unwrap().to_degrees();
+    let error = wrap_pi((heading - board.heading_deg()).to_radians()).to_degrees();
+    assert!(error.abs() < 1.0, "{error}");
+    // Carried on with the current rate, and not further than a gap.
+    let later = attitude.fused_heading_rad(t_s + 0.1).unwrap();
+    let moved = wrap_pi(later - heading.to_radians()).to_degrees();
+    assert!((moved - 4.5).abs() < 0.4, "{moved}");
+    assert_eq!(attitude.fused_heading_rad(t_s + 0.6), None);
+    assert_eq!(attitude.pose_at(t_s + 0.6), None);
+
+    attitude.restart_fusion();
+    assert_eq!(attitude.fused_heading_rad(t_s), None);
+}
+
+#[test]
+fn tilt_signs_are_nose_up_and_right_wing_down() {
+    let tilt = Tilt::of_up(&Vector3::new(0.5, 0.0, -0.75f64.sqrt()));
+    assert!((tilt.pitch_rad.to_degrees() - 30.0).abs() < 1e-9);
+    let tilt = Tilt::of_up(&Vector3::new(0.0, -0.5, -0.75f64.sqrt()));
+    assert!((tilt.roll_rad.to_degrees() - 30.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_nose_near_the_vertical_has_no_heading() {
+    let mut board = Board::default();
+    board.rest(2.0);
+    board.turn(Vector3::y(), 85.0, 40.0);
+    let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
+    for reading in &board.readings {
+        attitude.take(reading, |_| {});
+        let field = reading.whole_field_mgauss().unwrap() - board.hard_iron;
+        attitude.fuse(reading.t_s, field);
+    }
+    assert_eq!(attitude.fused_heading_rad(board.t_s), None);
+    assert!(attitude.tilt(board.t_s).is_some());
+}
+
+#[test]
+fn the_accelerometer_may_come_late_and_go() {
+    let mut board = Board {
+        accel: false,
+        ..Board::default()
+    };
+    board.turn(Vector3::x(), 50.0, 25.0);
+    let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
+    let mut done = 0;
+    let mut play = |attitude: &mut Attitude, board: &Board| {
+        for reading in &board.readings[done..] {
+            attitude.take(reading, |_| {});
+        }
+        done = board.readings.len();
+        attitude.pose_at(board.t_s).unwrap()
+    };
+    let without = play(&mut attitude, &board);
+    assert!(!without.vertical_known);
+    assert_eq!(attitude.tilt(board.t_s), None);
+
+    board.accel = true;
+    board.rest(0.5);
+    let early = play(&mut attitude, &board);
+    assert!(!early.vertical_known);
+    assert_ne!(early.stretch, without.stretch, "levelling turns the frame");
+    assert!(
+        attitude.tilt(board.t_s).is_some(),
+        "the accelerometer alone"
+    );
+    board.rest(2.0);
+    let levelled = play(&mut attitude, &board);
+    assert!(levelled.vertical_known);
+    assert_eq!(levelled.stretch, early.stretch);
+    let up = board.attitude.inverse() * Vector3::z();
+    assert!((levelled.orientation.inverse() * Vector3::z()).angle(&up) < 0.02);
+
+    board.accel = false;
+    board.turn(Vector3::x(), -50.0, 25.0);
+    let gone = play(&mut attitude, &board);
+    assert!(!gone.vertical_known);
+    assert_eq!(attitude.tilt(board.t_s), None);
+    assert_eq!(gone.stretch, levelled.stretch);
+    let up = board.attitude.inverse() * Vector3::z();
+    assert!((gone.orientation.inverse() * Vector3::z()).angle(&up) < 0.05);
+}
+
+#[test]
+fn without_a_gyro_there_is_tilt_but_neither_pose_nor_tick() {
+    let mut board = Board {
+        gyro: false,
+        ..Board::default()
+    };
+    board.turn(Vector3::x(), 30.0, 30.0);
+    board.rest(1.0);
+    let (attitude, ticks) = run(&board);
+    assert!(ticks.is_empty());
+    assert_eq!(attitude.pose_at(board.t_s), None);
+    let roll = attitude.tilt(board.t_s).unwrap().roll_rad.to_degrees();
+    assert!((roll - 30.0).abs() < 1.0, "{roll}");
+    assert_eq!(attitude.fused_heading_rad(board.t_s), None);
+}
+
+#[test]
+fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
+    for (hole_s, holes) in [(0.4, 0), (0.8, 1)] {
+        let mut board = Board::default();
+        board.rest(3.0);
+        board.gyro = false;
+        board.turn(Vector3::z(), 30.0 * hole_s, 30.0);
+        board.gyro = true;
+        board.rest(3.0);
+        let (attitude, ticks) = run(&board);
+        assert_eq!(stretches(&ticks), holes);
+        let hops = ticks
+            .windows(2)
+            .filter(|pair| pair[1].t_s - pair[0].t_s > 1.5 * pair[0].period_s)
+            .count();
+        assert_eq!(hops, holes as usize);
+        assert!(attitude.pose_at(board.t_s).unwrap().vertical_known);
+    }
+}
+
+#[test]
+fn clipped_rates_begin_a_new_stretch_when_they_end() {
+    let mut board = Board::default();
+    board.rest(2.0);
+    board.turn(Vector3::z(), 300.0, 300.0);
+    board.rest(1.0);
+    for reading in &mut board.readings {
+        let limit = 250f64.to_radians();
+        reading.rate_rad_s = reading
+            .rate_rad_s
+            .map(|r| r.map(|v| v.clamp(-limit, limit)));
+    }
+    assert_eq!(stretches(&run(&board).1), 1);
+    let settings = Settings {
+        gyro_range_deg_s: Some(500.0),
+        ..Settings::default()
+    };
+    assert_eq!(stretches(&run_with(&board, &settings).1), 0);
+}
+
+#[test]
+fn nonsense_is_passed_over() {
+    let mut board = Board::default();
+    board.rest(3.0);
+    let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
+    let mut finite = true;
+    for (i, reading) in board.readings.iter().enumerate() {
+        for bad in [f64::NAN, f64::INFINITY, -1e300, 0.0] {
+            let vector = Vector3::new(bad, -bad, bad);
+            let t_s = if i % 2 == 0 { bad } else { reading.t_s };
+            if bad == 0.0 && i % 2 == 0 {
+                continue;
+            }
+            attitude.fuse(t_s, vector);
+            attitude.take(
+                &Reading {
+                    t_s,
+                    field_mgauss: Some([Some(bad); 3]),
+                    rate_rad_s: Some(vector),
+                    specific_force_m_s2: Some(vector),
+                },
+                |_| {},
+            );
+        }
+        attitude.take(reading, |tick| {
+            finite &= tick.rate_rad_s.norm().is_finite()
+                && tick.pose.orientation.coords.norm().is_finite();
+        });
+        attitude.fuse(reading.t_s, reading.whole_field_mgauss().unwrap());
+    }
+    assert!(finite);
+    assert!(attitude.pose_at(board.t_s).is_some());
+    assert_eq!(attitude.pose_at(f64::NAN), None);
+    assert!(attitude.tilt(board.t_s).unwrap().pitch_rad.is_finite());
+}
+
+#[test]
+fn settings_are_checked() {
+    assert!(Settings::default().check().is_empty());
+    let bad = Settings {
+        gyro_bias_limit_deg_s: 0.5,
+        gap_s: f64::NAN,
+        gyro_range_deg_s: Some(0.0),
+    };
+    assert_eq!(bad.check().len(), 3);
+}

@@ -1,0 +1,246 @@
+//! The account about a body axis: a chain of short rotations whose axes stay together.
+
+use std::collections::VecDeque;
+use std::f64::consts::PI;
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::{Settings, Turn, from_vertical_deg};
+use crate::attitude::Tick;
+
+/// Rotation that makes a link, radians: enough to tell its axis from a hand's tremor.
+const LINK_RAD: f64 = 20.0 * PI / 180.0;
+/// A link begins when this much of it has been turned, radians: a rest before does not belong to it.
+const BEGUN_RAD: f64 = 2.0 * PI / 180.0;
+/// How much further the chain goes when patient, radians.
+const PATIENCE_RAD: f64 = 20.0 * PI / 180.0;
+/// Turns about an axis this near to the vertical may be the other account's, degrees.
+const UPRIGHT_DEG: f64 = 30.0;
+
+/// One short rotation.
+#[derive(Clone, Copy)]
+struct Link {
+    start_s: f64,
+    /// Rotation vector in body axes, and net rotation in earth axes where the vertical was known.
+    turned: Vector3<f64>,
+    earth: Option<Vector3<f64>>,
+}
+
+/// The rotation that has not made a link yet.
+#[derive(Clone, Copy)]
+struct Open {
+    start_s: f64,
+    turned: UnitQuaternion<f64>,
+    earth: Option<Vector3<f64>>,
+    /// When and what half a link had been turned.
+    half: Option<(f64, UnitQuaternion<f64>, Option<Vector3<f64>>)>,
+}
+
+impl Open {
+    fn at(t_s: f64) -> Self {
+        Self {
+            start_s: t_s,
+            turned: UnitQuaternion::identity(),
+            earth: Some(Vector3::zeros()),
+            half: None,
+        }
+    }
+
+    /// What was turned after half a link.
+    fn second_half(&self) -> Option<Self> {
+        let (start_s, turned, earth) = self.half?;
+        Some(Self {
+            start_s,
+            turned: turned.inverse() * self.turned,
+            earth: self.earth.zip(earth).map(|(all, half)| all - half),
+            half: None,
+        })
+    }
+
+    fn begun(&self) -> bool {
+        self.turned.angle() >= BEGUN_RAD
+    }
+
+    fn link(&self) -> Link {
+        Link {
+            start_s: self.start_s,
+            turned: self.turned.scaled_axis(),
+            earth: self.earth,
+        }
+    }
+}
+
+pub(super) struct Chain {
+    angle: f64,
+    cos_tolerance: f64,
+    time_limit_s: f64,
+    links: VecDeque<Link>,
+    open: Option<Open>,
+    /// Mean axis of the links, a unit vector; zero without links.
+    axis: Vector3<f64>,
+    /// Net rotation of all links about it; where in the chain it was least and most, and how much.
+    net: f64,
+    least: (usize, f64),
+    most: (usize, f64),
+    /// The larger of the rotations since then, with the open link's.
+    span: f64,
+}
+
+impl Chain {
+    pub(super) fn new(settings: &Settings) -> Self {
+        Self {
+            angle: settings.angle_deg.to_radians(),
+            cos_tolerance: settings.axis_tolerance_deg.to_radians().cos(),
+            time_limit_s: settings.time_limit_s,
+            links: VecDeque::new(),
+            open: None,
+            axis: Vector3::zeros(),
+            net: 0.0,
+            least: (0, 0.0),
+            most: (0, 0.0),
+            span: 0.0,
+        }
+    }
+
+    pub(super) fn reset(&mut self) {
+        self.links.clear();
+        self.open = None;
+        self.measure();
+    }
+
+    pub(super) fn progress(&self) -> f64 {
+        self.span / self.angle
+    }
+
+    /// Takes a tick; `patient` leaves a turn that the other account is about to find to that one, which
+    /// knows the vertical and trims its start more finely.
+    pub(super) fn tick(&mut self, tick: &Tick, patient: bool) -> Option<Turn> {
+        let oldest_s = tick.t_s - self.time_limit_s;
+        if self.links.front().is_some_and(|l| l.start_s < oldest_s) {
+            self.links.pop_front();
+            self.measure();
+        }
+        self.open.take_if(|open| open.start_s < oldest_s);
+        let mut open = self
+            .open
+            .unwrap_or_else(|| Open::at(tick.t_s - tick.period_s));
+        if tick.at_rest {
+            if !open.begun() {
+                open.start_s = tick.t_s;
+            }
+            // Without a link, what came before was no more than a start, or the bias not learnt yet.
+            self.open = (!self.links.is_empty()).then_some(open);
+            return None;
+        }
+        let step = tick.rate_rad_s * tick.period_s;
+        open.turned *= UnitQuaternion::from_scaled_axis(step);
+        open.earth = open
+            .earth
+            .filter(|_| tick.pose.vertical_known)
+            .map(|earth| earth + tick.pose.orientation * step);
+        let turned = open.turned.scaled_axis();
+        if !open.begun() {
+            open.start_s = tick.t_s;
+            open.earth = Some(Vector3::zeros());
+        }
+        if open.half.is_none() && turned.norm() >= 0.5 * LINK_RAD {
+            open.half = Some((tick.t_s, open.turned, open.earth));
+        }
+        self.open = Some(open);
+        let now = self.net + self.axis.dot(&turned);
+        let (rise, fall) = (now - self.least.1, self.most.1 - now);
+        self.span = rise.max(fall);
+        if self.span >= self.angle {
+            let turn = self.close(tick.t_s, if rise > fall { 1.0 } else { -1.0 });
+            let upright = |turn: &Turn| turn.from_vertical_deg.is_some_and(|deg| deg < UPRIGHT_DEG);
+            if !(patient
+                && self.span < self.angle + PATIENCE_RAD
+                && turn.is_some_and(|t| upright(&t)))
+            {
+                return turn;
+            }
+        }
+        if turned.norm() >= LINK_RAD {
+            self.open = Some(Open::at(tick.t_s));
+            if self.links.len() > 1 && !self.fits(&turned) {
+                // The axis has changed, most likely within this link: the new chain begins half-way.
+                self.links.clear();
+                self.measure();
+                self.open = open.second_half().or(self.open);
+            } else {
+                self.add(open.link());
+            }
+        }
+        None
+    }
+
+    /// Whether an axis, either way round, is within the tolerance of the chain's.
+    fn fits(&self, turned: &Vector3<f64>) -> bool {
+        turned.dot(&self.axis).abs() >= turned.norm() * self.cos_tolerance
+    }
+
+    fn add(&mut self, link: Link) {
+        if !self.links.is_empty() && !self.fits(&link.turned) {
+            self.links.clear();
+        }
+        self.links.push_back(link);
+        self.measure();
+        // The mean moves with each link: the oldest must still fit.
+        while self.links.iter().any(|link| !self.fits(&link.turned)) {
+            self.links.pop_front();
+            self.measure();
+        }
+    }
+
+    /// Mean axis, and the rotation about it link by link.
+    fn measure(&mut self) {
+        let newest = self.links.back().map_or(Vector3::zeros(), |l| l.turned);
+        let sum: Vector3<f64> = self
+            .links
+            .iter()
+            .map(|l| l.turned * l.turned.dot(&newest).signum())
+            .sum();
+        self.axis = sum.try_normalize(1e-9).unwrap_or_default();
+        self.net = 0.0;
+        (self.least, self.most) = ((0, 0.0), (0, 0.0));
+        for (i, link) in self.links.iter().enumerate() {
+            self.net += self.axis.dot(&link.turned);
+            if self.net <= self.least.1 {
+                self.least = (i + 1, self.net);
+            }
+            if self.net >= self.most.1 {
+                self.most = (i + 1, self.net);
+            }
+        }
+        self.span = (self.net - self.least.1).max(self.most.1 - self.net);
+    }
+
+    /// The turn since the extreme link, which the open one has completed.
+    fn close(&self, end_s: f64, sign: f64) -> Option<Turn> {
+        let (first, from) = if sign > 0.0 { self.least } else { self.most };
+        let last = self.open.as_ref()?.link();
+        let links = || self.links.range(first..).chain([&last]);
+        let angle = (self.net + self.axis.dot(&last.turned) - from) * sign;
+        let axis = links().map(|link| link.turned).sum::<Vector3<f64>>();
+        let axis = axis.try_normalize(1e-9)?;
+        // Each link's axis against the mean, weighted with its angle.
+        let (mut stray, mut weight) = (0.0, 0.0);
+        for link in links() {
+            let length = link.turned.norm();
+            let along = (link.turned.dot(&axis).abs() / length.max(1e-12)).min(1.0);
+            stray += length * along.acos().powi(2);
+            weight += length;
+        }
+        Some(Turn {
+            start_s: links().next()?.start_s,
+            end_s,
+            axis_body: axis,
+            angle_rad: angle,
+            from_vertical_deg: links()
+                .map(|link| link.earth)
+                .sum::<Option<Vector3<f64>>>()
+                .and_then(from_vertical_deg),
+            spread_deg: (stray / weight).sqrt().to_degrees(),
+        })
+    }
+}
