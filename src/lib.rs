@@ -3,8 +3,11 @@
 pub mod attitude;
 pub mod calibration;
 pub mod check;
+pub mod command;
 pub mod condition;
+pub mod config;
 pub mod frame;
 pub mod heading;
 pub mod reading;
+pub mod store;
 pub mod turn;
