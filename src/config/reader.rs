@@ -38,7 +38,7 @@ impl<'i> Reader<'i> {
                 faults: Vec::new(),
             });
         }
-        Err(errors
+        let mut faults: Vec<ConfigFault> = errors
             .iter()
             .map(|error| {
                 let at = error.span().map(|span| span.start);
@@ -49,7 +49,9 @@ impl<'i> Reader<'i> {
                     problem: Problem::Other(error.message().to_owned()),
                 }
             })
-            .collect())
+            .collect();
+        faults.sort_by_key(|fault| (fault.line, fault.column));
+        Err(faults)
     }
 
     /// Collects a fault for every top-level key that is none of `tables`.
