@@ -1,3 +1,84 @@
-//! The subcommands, one file each.
+//! The subcommands, one file each, and how they fail.
 
+use std::fmt;
+use std::io::{self, Write};
+use std::path::Path;
+
+use crate::config::Config;
+
+pub mod config;
 pub mod simulate;
+
+/// Why a command failed: what the shell and the user are told.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// Exit status: one of the constants here.
+    pub status: u8,
+    /// What went wrong; may have several lines.
+    pub message: String,
+}
+
+impl Failure {
+    /// Wrong arguments (as clap has it).
+    pub const USAGE: u8 = 2;
+    /// The work was done, and the answer is no: a calibration that was refused.
+    pub const REFUSED: u8 = 3;
+    /// Data that cannot be understood (EX_DATAERR in sysexits.h).
+    pub const DATA: u8 = 65;
+    /// No such input file, or it cannot be read (EX_NOINPUT).
+    pub const NO_INPUT: u8 = 66;
+    /// A service or device is not there (EX_UNAVAILABLE).
+    pub const UNAVAILABLE: u8 = 69;
+    /// An output file cannot be created (EX_CANTCREAT).
+    pub const CANNOT_CREATE: u8 = 73;
+    /// Reading or writing failed on the way (EX_IOERR).
+    pub const IO: u8 = 74;
+    /// A wrong configuration (EX_CONFIG).
+    pub const CONFIG: u8 = 78;
+
+    /// A failure with one of the statuses above.
+    pub fn new(status: u8, message: impl fmt::Display) -> Self {
+        Self {
+            status,
+            message: message.to_string(),
+        }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for Failure {}
+
+/// The configuration in a file.
+pub fn load_config(path: &Path) -> Result<Config, Failure> {
+    let name = path.display();
+    let bytes = std::fs::read(path).map_err(|error| {
+        Failure::new(
+            Failure::NO_INPUT,
+            format!("cannot read configuration {name}: {error}"),
+        )
+    })?;
+    let text = String::from_utf8(bytes).map_err(|error| {
+        Failure::new(
+            Failure::CONFIG,
+            format!("{name}: not a text in UTF-8: {}", error.utf8_error()),
+        )
+    })?;
+    Config::parse(&name.to_string(), &text).map_err(|error| Failure::new(Failure::CONFIG, error))
+}
+
+/// Writes to standard output. A reader that has gone away (`| head`) is no failure.
+pub fn print(text: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::new(
+            Failure::IO,
+            format!("cannot write to standard output: {error}"),
+        )),
+        _ => Ok(()),
+    }
+}

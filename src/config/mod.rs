@@ -1,0 +1,221 @@
+//! TOML → checked settings.
+//!
+//! Each room owns its settings: defaults, ranges, units. Here stands only which table belongs to which
+//! room. A configuration is refused early and in full, with every fault at once.
+
+mod fault;
+pub mod log;
+mod reader;
+pub mod source;
+mod words;
+
+use serde::Serialize;
+
+use crate::check::{Check, Fault};
+use crate::{frame, store};
+
+pub use fault::{ConfigError, ConfigFault, Problem};
+pub use reader::Settings;
+
+/// A table of the configuration, as the code knows it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    /// Its name.
+    pub name: &'static str,
+    /// Its keys.
+    pub keys: Vec<String>,
+    /// Its defaults. A key that has none is missing here.
+    pub defaults: toml::Table,
+}
+
+macro_rules! tables {
+    ($($(#[$doc:meta])* $name:ident: $settings:ty,)*) => {
+        /// All settings, checked.
+        #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+        pub struct Config {
+            $($(#[$doc])* pub $name: $settings,)*
+        }
+
+        impl Config {
+            /// The names of all tables.
+            pub const TABLES: &[&str] = &[$(stringify!($name)),*];
+
+            /// All tables with their keys and defaults.
+            pub fn tables() -> Vec<Table> {
+                vec![$(table::<$settings>(stringify!($name))),*]
+            }
+
+            fn read(reader: &mut reader::Reader<'_>) -> Self {
+                Self {
+                    $($name: reader.table(stringify!($name)),)*
+                }
+            }
+        }
+    };
+}
+
+// One line a table. Its keys go into config/headingd.toml, which a test holds against this list.
+tables! {
+    /// Where readings come from.
+    source: source::Settings,
+    /// How the chips are mounted on the body.
+    mounting: frame::Mountings,
+    /// Where the calibration is kept.
+    store: store::Settings,
+    /// What the daemon says about itself.
+    log: log::Settings,
+}
+
+impl Config {
+    /// Reads and checks a configuration. `name` goes into the messages: the path of its file.
+    /// A table or key that is left out has its default.
+    pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
+        let fail = |faults| ConfigError {
+            name: name.to_owned(),
+            faults,
+        };
+        let mut reader = reader::Reader::new(text).map_err(fail)?;
+        reader.refuse_other_tables(Self::TABLES);
+        let config = Self::read(&mut reader);
+        // Between tables that are wrong in themselves there is nothing to compare.
+        if reader.is_good() {
+            reader.across(config.check_across());
+        }
+        if reader.is_good() {
+            Ok(config)
+        } else {
+            Err(fail(reader.into_faults()))
+        }
+    }
+
+    /// What is wrong between tables that are right in themselves. The keys are `table.key`.
+    fn check_across(&self) -> Vec<Fault> {
+        Vec::new()
+    }
+}
+
+/// Every mounting that can be read can be used.
+impl Check for frame::Mountings {
+    fn check(&self) -> Vec<Fault> {
+        Vec::new()
+    }
+}
+
+fn table<T: Settings>(name: &'static str) -> Table {
+    Table {
+        name,
+        keys: reader::keys::<T>(),
+        defaults: toml::Table::try_from(T::default())
+            .expect("settings are made of what TOML can write"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn faults(text: &str) -> Vec<String> {
+        let error = Config::parse("file.toml", text).unwrap_err();
+        error.to_string().lines().map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn an_empty_configuration_is_the_default() {
+        assert_eq!(Config::parse("file.toml", "").unwrap(), Config::default());
+    }
+
+    #[test]
+    fn every_fault_is_reported_at_its_line() {
+        let text = "speed = 1\n\n[source]\nkind = \"reply\"\nsped = 2\nspeed = 0\n\n\
+                    [mounting]\nmag_axes = \"+x +y\"\ngyro_axes = 3\n\n[stroe]\n\n[i2c]\nbus = 1\n";
+        let faults = faults(text);
+        let right = [
+            "file.toml:1: speed: this key stands in no table; ",
+            "file.toml:4: source.kind is \"reply\", but must be \"simulator\" or \"replay\"",
+            "file.toml:5: source.sped: unknown key; did you mean speed?",
+            "file.toml:6: source.speed is 0, but must be from 0.1 to 1000 times real time",
+            "file.toml:9: mounting.mag_axes: mounting \"+x +y\" is not understood: it has 2 words",
+            "file.toml:10: mounting.gyro_axes is 3, but must be a text in quotes",
+            "file.toml:12: stroe: unknown table; did you mean store?",
+            "file.toml:14: i2c: unknown table; known are source, mounting, store, log",
+        ];
+        assert_eq!(faults.len(), right.len(), "{faults:#?}");
+        for (fault, right) in faults.iter().zip(right) {
+            assert!(fault.starts_with(right), "{fault}\n{right}");
+        }
+    }
+
+    #[test]
+    fn a_wrong_type_says_which_is_right() {
+        for (text, right) in [
+            (
+                "[source]\nspeed = \"fast\"",
+                "file.toml:2: source.speed is \"fast\", but must be a number",
+            ),
+            (
+                "[source]\nkind = 3",
+                "file.toml:2: source.kind is 3, but must be \"simulator\" or \"replay\"",
+            ),
+            (
+                "[source]\nlog = true",
+                "file.toml:2: source.log is true, but must be a text in quotes",
+            ),
+            (
+                "source.speed = [1]",
+                "file.toml:1: source.speed is [1], but must be a number",
+            ),
+            (
+                "source = 1",
+                "file.toml:1: source is 1, but must be a table, [source]",
+            ),
+            (
+                "[[source]]\nspeed = 1",
+                "file.toml:1: source is [[source]], but must be a table, [source]",
+            ),
+        ] {
+            assert_eq!(faults(text), [right]);
+        }
+    }
+
+    #[test]
+    fn no_float_slips_through_a_range() {
+        for found in ["nan", "-nan", "inf", "-inf", "-1.0", "1e9"] {
+            let faults = faults(&format!("[source]\nspeed = {found}"));
+            assert!(faults[0].contains("must be from 0.1 to 1000"), "{faults:?}");
+        }
+    }
+
+    #[test]
+    fn a_whole_number_does_where_a_float_is_expected() {
+        let config = Config::parse("file.toml", "[source]\nspeed = 20").unwrap();
+        assert_eq!(config.source.speed, 20.0);
+    }
+
+    #[test]
+    fn syntax_errors_have_line_and_column() {
+        for (text, place) in [
+            ("[source]\nspeed = \n", "file.toml:2:"),
+            ("[source]\nspeed = 1\nspeed = 2\n", "file.toml:3:1: "),
+            ("[source\nspeed = 1\n", "file.toml:1:8: "),
+        ] {
+            let faults = faults(text);
+            assert!(faults[0].starts_with(place), "{faults:?}");
+        }
+    }
+
+    #[test]
+    fn what_a_kind_needs_is_asked_for() {
+        assert_eq!(
+            faults("[source]\nkind = \"replay\""),
+            ["file.toml:1: source.log is empty, but must be the path of the log to replay"]
+        );
+    }
+
+    #[test]
+    fn a_misspelt_level_is_no_filter() {
+        assert!(faults("[log]\nfilter = \"inof\"")[0].contains("log.filter is \"inof\""));
+        for good in ["debug", "WARN", "info,headingd::turn=debug", "off"] {
+            Config::parse("file.toml", &format!("[log]\nfilter = {good:?}")).unwrap();
+        }
+    }
+}

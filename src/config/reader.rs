@@ -1,0 +1,356 @@
+//! Reads the tables of a TOML document into settings and collects every fault on the way.
+
+use std::ops::Range;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use toml::Spanned;
+use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
+
+use super::fault::{ConfigFault, Problem};
+use super::words::{choices, explain, suggest};
+use crate::check::Check;
+
+/// What a table of the configuration is read into.
+pub trait Settings: Default + Serialize + DeserializeOwned + Check {}
+
+impl<T: Default + Serialize + DeserializeOwned + Check> Settings for T {}
+
+type Key<'i> = Spanned<DeString<'i>>;
+type Value<'i> = Spanned<DeValue<'i>>;
+
+/// A document being read.
+pub(super) struct Reader<'i> {
+    text: &'i str,
+    root: DeTable<'i>,
+    faults: Vec<ConfigFault>,
+}
+
+impl<'i> Reader<'i> {
+    /// Reads the TOML. With a syntax error in it nothing else can be said for certain, so then
+    /// the syntax errors are all.
+    pub(super) fn new(text: &'i str) -> Result<Self, Vec<ConfigFault>> {
+        let (root, errors) = DeTable::parse_recoverable(text);
+        if errors.is_empty() {
+            return Ok(Self {
+                text,
+                root: root.into_inner(),
+                faults: Vec::new(),
+            });
+        }
+        let mut faults: Vec<ConfigFault> = errors
+            .iter()
+            .map(|error| {
+                let at = error.span().map(|span| span.start);
+                ConfigFault {
+                    line: at.map(|at| line(text, at)),
+                    column: at.map(|at| column(text, at)),
+                    key: String::new(),
+                    problem: Problem::Other(error.message().to_owned()),
+                }
+            })
+            .collect();
+        faults.sort_by_key(|fault| (fault.line, fault.column));
+        Err(faults)
+    }
+
+    /// Collects a fault for every top-level key that is none of `tables`.
+    pub(super) fn refuse_other_tables(&mut self, tables: &[&str]) {
+        let known: Vec<String> = tables.iter().map(|&name| name.to_owned()).collect();
+        for (key, value) in &self.root {
+            let name: &str = key.get_ref();
+            if tables.contains(&name) {
+                continue;
+            }
+            let what = if value.get_ref().is_table() {
+                "unknown table"
+            } else {
+                "this key stands in no table"
+            };
+            self.faults.push(ConfigFault {
+                line: Some(line(self.text, key.span().start)),
+                column: None,
+                key: name.to_owned(),
+                problem: Problem::Other(format!("{what}; {}", suggest(name, &known))),
+            });
+        }
+    }
+
+    /// The settings in table `name`; the defaults if there is no such table or it cannot be used.
+    pub(super) fn table<T: Settings>(&mut self, name: &str) -> T {
+        let Some((name_key, value)) = find(&self.root, name) else {
+            let settings = T::default();
+            let faults = self.check(&settings, name, &DeTable::new(), None);
+            self.faults.extend(faults);
+            return settings;
+        };
+        let span = name_key.span();
+        let DeValue::Table(table) = value.get_ref() else {
+            let fault = ConfigFault {
+                line: Some(line(self.text, span.start)),
+                column: None,
+                key: name.to_owned(),
+                problem: Problem::Unusable {
+                    found: self.snippet(&value.span()),
+                    right: format!("a table, [{name}]"),
+                },
+            };
+            self.faults.push(fault);
+            return T::default();
+        };
+
+        // Key by key, since a deserialiser stops at its first error.
+        let mut usable = DeTable::new();
+        let mut faults = Vec::new();
+        for (key, value) in table {
+            let wrong = self.probe::<T>(name, std::slice::from_ref(key), value);
+            if wrong.is_empty() {
+                usable.insert(key.clone(), value.clone());
+            }
+            faults.extend(wrong);
+        }
+        let settings =
+            match deserialize::<T>(&[], &Spanned::new(span.clone(), DeValue::Table(usable))) {
+                Ok(settings) => {
+                    faults.extend(self.check(&settings, name, table, Some(span.start)));
+                    settings
+                }
+                Err(error) => {
+                    faults.push(ConfigFault {
+                        line: Some(line(self.text, span.start)),
+                        column: None,
+                        key: name.to_owned(),
+                        problem: Problem::Other(error.message().to_owned()),
+                    });
+                    T::default()
+                }
+            };
+        self.faults.extend(faults);
+        settings
+    }
+
+    /// Collects faults that concern more than one table; their keys are `table.key`.
+    pub(super) fn across(&mut self, faults: Vec<crate::check::Fault>) {
+        for fault in faults {
+            let at = position(&self.root, &fault.key);
+            self.faults.push(ConfigFault {
+                line: at.map(|at| line(self.text, at)),
+                column: None,
+                key: fault.key,
+                problem: Problem::Unusable {
+                    found: fault.found,
+                    right: fault.right,
+                },
+            });
+        }
+    }
+
+    /// Whether all was well so far.
+    pub(super) fn is_good(&self) -> bool {
+        self.faults.is_empty()
+    }
+
+    /// Every fault, in the order of the lines.
+    pub(super) fn into_faults(mut self) -> Vec<ConfigFault> {
+        self.faults
+            .sort_by_key(|fault| fault.line.unwrap_or(usize::MAX));
+        self.faults
+    }
+
+    /// The faults of one key alone, all others at their defaults. `path` leads from the table to the key.
+    fn probe<T: Settings>(
+        &self,
+        table: &str,
+        path: &[Key<'i>],
+        value: &Value<'i>,
+    ) -> Vec<ConfigFault> {
+        let Err(error) = deserialize::<T>(path, value) else {
+            return Vec::new();
+        };
+        // In a table within the table the same holds: look for every wrong key.
+        if let DeValue::Table(inner) = value.get_ref() {
+            let faults: Vec<ConfigFault> = inner
+                .iter()
+                .flat_map(|(key, value)| {
+                    let path: Vec<Key<'i>> = path.iter().chain([key]).cloned().collect();
+                    self.probe::<T>(table, &path, value)
+                })
+                .collect();
+            if !faults.is_empty() {
+                return faults;
+            }
+        }
+        let mut message = error.message().to_owned();
+        // The parser refuses a choice that is no string before it looks at the choices.
+        if message == WANTED_CHOICE
+            && let Err(error) = deserialize::<T>(path, &text_value(value.span()))
+        {
+            message = error.message().to_owned();
+        }
+        let names: Vec<&str> = path.iter().map(|key| key.get_ref().as_ref()).collect();
+        let at = match path.last() {
+            Some(key) => key.span().start,
+            None => value.span().start,
+        };
+        vec![ConfigFault {
+            line: Some(line(self.text, at)),
+            column: None,
+            key: format!("{table}.{}", names.join(".")),
+            problem: explain(&message, self.snippet(&value.span())),
+        }]
+    }
+
+    /// The faults that settings find in themselves, each with its line if the key stands in the file.
+    fn check<T: Check>(
+        &self,
+        settings: &T,
+        name: &str,
+        table: &DeTable<'i>,
+        fallback: Option<usize>,
+    ) -> Vec<ConfigFault> {
+        let locate = |key: &str| position(table, key).or(fallback);
+        settings
+            .check()
+            .into_iter()
+            .map(|fault| ConfigFault {
+                line: locate(&fault.key).map(|at| line(self.text, at)),
+                column: None,
+                key: format!("{name}.{}", fault.key),
+                problem: Problem::Unusable {
+                    found: fault.found,
+                    right: fault.right,
+                },
+            })
+            .collect()
+    }
+
+    /// A value as it stands in the file, cut to a part of one line.
+    fn snippet(&self, span: &Range<usize>) -> String {
+        const LONGEST: usize = 60;
+        let whole = self.text.get(span.clone()).unwrap_or_default().trim();
+        let first = whole.lines().next().unwrap_or_default();
+        let cut: String = first.chars().take(LONGEST).collect();
+        if cut.len() < whole.len() {
+            format!("{cut}…")
+        } else {
+            cut
+        }
+    }
+}
+
+/// The keys that a table may have, as its settings' deserialiser names them.
+pub(super) fn keys<T: Settings>() -> Vec<String> {
+    // No key can have this name, so it is refused, and the refusal lists those that can.
+    let stranger = Spanned::new(0..0, DeString::from("\0"));
+    match deserialize::<T>(&[stranger], &text_value(0..0)) {
+        Ok(_) => Vec::new(),
+        Err(error) => choices(error.message()),
+    }
+}
+
+/// Reads settings from a table in which nothing but `value` stands, under the nested keys `path`.
+fn deserialize<T: DeserializeOwned>(
+    path: &[Key<'_>],
+    value: &Value<'_>,
+) -> Result<T, toml::de::Error> {
+    let mut value = value.clone();
+    for key in path.iter().rev() {
+        let span = value.span();
+        let mut table = DeTable::new();
+        table.insert(key.clone(), value);
+        value = Spanned::new(span, DeValue::Table(table));
+    }
+    T::deserialize(ValueDeserializer::from(value))
+}
+
+const WANTED_CHOICE: &str = "wanted string or table";
+
+fn text_value<'i>(span: Range<usize>) -> Value<'i> {
+    Spanned::new(span, DeValue::String(DeString::from("")))
+}
+
+fn find<'t, 'i>(table: &'t DeTable<'i>, name: &str) -> Option<(&'t Key<'i>, &'t Value<'i>)> {
+    table.iter().find(|(key, _)| key.get_ref() == name)
+}
+
+/// Where the key stands in the text; of a dotted key, as much of it as stands there.
+fn position(table: &DeTable<'_>, dotted: &str) -> Option<usize> {
+    let (first, rest) = dotted.split_once('.').unwrap_or((dotted, ""));
+    let (key, value) = find(table, first)?;
+    let deeper = match value.get_ref() {
+        DeValue::Table(inner) => position(inner, rest),
+        _ => None,
+    };
+    Some(deeper.unwrap_or(key.span().start))
+}
+
+fn line(text: &str, at: usize) -> usize {
+    1 + text.bytes().take(at).filter(|&byte| byte == b'\n').count()
+}
+
+fn column(text: &str, at: usize) -> usize {
+    let before = text.get(..at).unwrap_or(text);
+    let start = before.rfind('\n').map_or(0, |end| end + 1);
+    1 + before[start..].chars().count()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+    use crate::check::{Fault, within};
+
+    #[derive(Default, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Outer {
+        inner: Inner,
+        seed: Option<u32>,
+    }
+
+    #[derive(Default, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    struct Inner {
+        count: u32,
+        share: f64,
+    }
+
+    impl Check for Outer {
+        fn check(&self) -> Vec<Fault> {
+            let mut faults = Vec::new();
+            within(&mut faults, "inner.share", self.inner.share, 0.0..=1.0, "");
+            faults
+        }
+    }
+
+    #[test]
+    fn a_table_within_a_table_is_read_key_by_key_too() {
+        let text = "[outer]\nseed = -1\n[outer.inner]\nshare = 2\n";
+        let mut reader = Reader::new(text).unwrap();
+        reader.table::<Outer>("outer");
+        let text = "[outer.inner]\ncount = 1.5\nshare = \"a\"\nshape = 1\n";
+        let mut nested = Reader::new(text).unwrap();
+        nested.table::<Outer>("outer");
+        let said: Vec<String> = reader
+            .into_faults()
+            .into_iter()
+            .chain(nested.into_faults())
+            .map(|fault| format!("{}: {fault}", fault.line.unwrap()))
+            .collect();
+        assert_eq!(
+            said,
+            [
+                "2: outer.seed is -1, but must be a whole number from 0 to 4294967295",
+                "4: outer.inner.share is 2, but must be from 0 to 1",
+                "2: outer.inner.count is 1.5, but must be a whole number from 0 to 4294967295",
+                "3: outer.inner.share is \"a\", but must be a number",
+                "4: outer.inner.shape: unknown key; did you mean share?",
+            ]
+        );
+    }
+
+    #[test]
+    fn a_table_names_its_keys() {
+        assert_eq!(keys::<Outer>(), ["inner", "seed"]);
+    }
+}

@@ -1,0 +1,110 @@
+//! Says what a deserialiser found wrong in the words of a user.
+
+use super::fault::Problem;
+
+/// Says a deserialiser's message in the words of a user.
+pub(super) fn explain(message: &str, found: String) -> Problem {
+    if let Some(rest) = message.strip_prefix("unknown field `") {
+        let name = rest.split('`').next().unwrap_or_default();
+        let hint = suggest(name, &choices(message));
+        return Problem::Other(format!("unknown key; {hint}"));
+    }
+    if message.starts_with("unknown variant `") {
+        let quoted: Vec<String> = choices(message)
+            .iter()
+            .map(|choice| format!("{choice:?}"))
+            .collect();
+        return Problem::Unusable {
+            found,
+            right: quoted.join(" or "),
+        };
+    }
+    let is_type = ["invalid type: ", "invalid value: ", "invalid length "]
+        .iter()
+        .any(|start| message.starts_with(start));
+    match message.rsplit_once(", expected ") {
+        Some((_, expected)) if is_type => Problem::Unusable {
+            found,
+            right: right_type(expected),
+        },
+        _ => Problem::Other(message.to_owned()),
+    }
+}
+
+/// A type's name as a deserialiser gives it, in the words of a user.
+fn right_type(expected: &str) -> String {
+    match expected {
+        "f32" | "f64" => "a number",
+        "u8" => "a whole number from 0 to 255",
+        "u16" => "a whole number from 0 to 65535",
+        "u32" => "a whole number from 0 to 4294967295",
+        "u64" | "u128" | "usize" => "a whole number, 0 or more",
+        "i8" | "i16" | "i32" | "i64" | "i128" | "isize" => "a whole number",
+        "a boolean" => "true or false",
+        "a string" | "path string" => "a text in quotes",
+        other => other,
+    }
+    .to_owned()
+}
+
+/// The words in backquotes after "expected" in a deserialiser's message.
+pub(super) fn choices(message: &str) -> Vec<String> {
+    let Some((_, list)) = message.rsplit_once(", expected ") else {
+        return Vec::new();
+    };
+    list.split('`')
+        .skip(1)
+        .step_by(2)
+        .map(str::to_owned)
+        .collect()
+}
+
+/// What to write in place of an unknown word: the nearest known one, or all of them.
+pub(super) fn suggest(unknown: &str, known: &[String]) -> String {
+    let nearest = known
+        .iter()
+        .map(|word| (distance(unknown, word), word))
+        .min()
+        .filter(|(far, word)| *far <= 2.max(word.len() / 3));
+    match nearest {
+        Some((_, word)) => format!("did you mean {word}?"),
+        None if known.is_empty() => "nothing can stand here".to_owned(),
+        None => format!("known are {}", known.join(", ")),
+    }
+}
+
+/// How many letters must be put in, taken out or changed to make `b` of `a` (Levenshtein).
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, letter) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for j in 0..b.len() {
+            let change = diagonal + usize::from(letter != b[j]);
+            diagonal = row[j + 1];
+            row[j + 1] = change.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_distance_counts_single_letters() {
+        assert_eq!(distance("", "abc"), 3);
+        assert_eq!(distance("angel_deg", "angle_deg"), 2);
+        assert_eq!(distance("speed", "speed"), 0);
+        assert_eq!(distance("sped", "speed"), 1);
+    }
+
+    #[test]
+    fn a_far_word_gets_the_whole_list() {
+        let known = ["kind".to_owned(), "speed".to_owned()];
+        assert_eq!(suggest("sped", &known), "did you mean speed?");
+        assert_eq!(suggest("frequency", &known), "known are kind, speed");
+    }
+}
