@@ -108,8 +108,7 @@ pub fn judge(evidence: &Evidence) -> Report {
         condition,
         reason,
         message,
-        progress: (condition == Condition::Turning)
-            .then(|| (e.progress * 20.0).floor() / 20.0),
+        progress: (condition == Condition::Turning).then(|| (e.progress * 20.0).floor() / 20.0),
         t_s: e.t_s,
     };
     if let Some(fault) = e.fault {
@@ -126,31 +125,54 @@ pub fn judge(evidence: &Evidence) -> Report {
     }
     if !e.calibrated {
         return if e.calibrating {
-            report(Condition::Calibrating, "calibrating", "a full turn was made; calibrating on it".to_owned())
+            report(
+                Condition::Calibrating,
+                "calibrating",
+                "a full turn was made; calibrating on it".to_owned(),
+            )
         } else if e.progress >= TURNING_FROM {
-            report(Condition::Turning, "turning", "keep turning the board the same way round".to_owned())
+            report(
+                Condition::Turning,
+                "turning",
+                "keep turning the board the same way round".to_owned(),
+            )
         } else if let Some((reason, message)) = e.refused {
-            report(Condition::Uncalibrated, reason, format!("the last turn gave no calibration: {message}"))
+            report(
+                Condition::Uncalibrated,
+                reason,
+                format!("the last turn gave no calibration: {message}"),
+            )
         } else if !e.gyro_speaks {
-            let message = "no gyro speaks, so no turn can be seen: give a calibration, or connect the gyro";
+            let message =
+                "no gyro speaks, so no turn can be seen: give a calibration, or connect the gyro";
             report(Condition::Uncalibrated, "no_gyro", message.to_owned())
         } else {
             let message = "turn the board once all the way round, level and away from iron";
-            report(Condition::Uncalibrated, "no_calibration", message.to_owned())
+            report(
+                Condition::Uncalibrated,
+                "no_calibration",
+                message.to_owned(),
+            )
         };
     }
     if e.strength_deviation.abs() > e.strength_tolerance {
         let percent = 100.0 * (1.0 + e.strength_deviation);
         // In steps, or every sample would be news.
-        let message = format!("the field has {:.0} % of the strength it should have", (percent / 10.0).round() * 10.0);
+        let message = format!(
+            "the field has {:.0} % of the strength it should have",
+            (percent / 10.0).round() * 10.0
+        );
         return report(Condition::Disturbed, "field_strength", message);
     }
     if e.field_disturbed {
         let message = "strength or dip of the field has changed: something magnetic is near";
         return report(Condition::Disturbed, "field_changed", message.to_owned());
     }
-    if e.tilt_from_plane_deg.is_some_and(|tilt| tilt > PLANE_TOLERANCE_DEG) {
-        let message = "the calibration holds in the plane of its turn, and the board is tilted out of it";
+    if e.tilt_from_plane_deg
+        .is_some_and(|tilt| tilt > PLANE_TOLERANCE_DEG)
+    {
+        let message =
+            "the calibration holds in the plane of its turn, and the board is tilted out of it";
         return report(Condition::Degraded, "tilted", message.to_owned());
     }
     if !e.tilt_known {
@@ -161,7 +183,11 @@ pub fn judge(evidence: &Evidence) -> Report {
         let message = "no gyro speaks: headings are those of single samples";
         return report(Condition::Degraded, "no_gyro", message.to_owned());
     }
-    report(Condition::Good, "good", "the field is as the calibration expects it".to_owned())
+    report(
+        Condition::Good,
+        "good",
+        "the field is as the calibration expects it".to_owned(),
+    )
 }
 
 #[cfg(test)]
@@ -195,15 +221,25 @@ mod tests {
             ("good", "good", |_| ()),
             ("fault", "source", |e| e.fault = Some("unplugged")),
             ("stale", "no_samples", |e| e.silent_s = 0.6),
-            ("stale", "overflow", |e| (e.silent_s, e.overflowing) = (0.6, true)),
+            ("stale", "overflow", |e| {
+                (e.silent_s, e.overflowing) = (0.6, true)
+            }),
             ("uncalibrated", "no_calibration", |e| e.calibrated = false),
-            ("turning", "turning", |e| (e.calibrated, e.progress) = (false, 0.4)),
-            ("calibrating", "calibrating", |e| (e.calibrated, e.calibrating) = (false, true)),
+            ("turning", "turning", |e| {
+                (e.calibrated, e.progress) = (false, 0.4)
+            }),
+            ("calibrating", "calibrating", |e| {
+                (e.calibrated, e.calibrating) = (false, true)
+            }),
             ("uncalibrated", "coverage", |e| {
                 (e.calibrated, e.refused) = (false, Some(("coverage", "too little")));
             }),
-            ("uncalibrated", "no_gyro", |e| (e.calibrated, e.gyro_speaks) = (false, false)),
-            ("disturbed", "field_strength", |e| e.strength_deviation = -0.2),
+            ("uncalibrated", "no_gyro", |e| {
+                (e.calibrated, e.gyro_speaks) = (false, false)
+            }),
+            ("disturbed", "field_strength", |e| {
+                e.strength_deviation = -0.2
+            }),
             ("disturbed", "field_changed", |e| e.field_disturbed = true),
             ("degraded", "tilted", |e| e.tilt_from_plane_deg = Some(20.0)),
             ("degraded", "no_accelerometer", |e| e.tilt_known = false),
@@ -225,8 +261,20 @@ mod tests {
     #[test]
     fn only_calibrated_and_fresh_conditions_may_steer() {
         use Condition::*;
-        let steering = [Uncalibrated, Turning, Calibrating, Good, Degraded, Disturbed, Stale, Fault]
-            .map(Condition::may_steer);
-        assert_eq!(steering, [false, false, false, true, true, true, false, false]);
+        let steering = [
+            Uncalibrated,
+            Turning,
+            Calibrating,
+            Good,
+            Degraded,
+            Disturbed,
+            Stale,
+            Fault,
+        ]
+        .map(Condition::may_steer);
+        assert_eq!(
+            steering,
+            [false, false, false, true, true, true, false, false]
+        );
     }
 }

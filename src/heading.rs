@@ -81,7 +81,11 @@ impl Compass {
             }
             Parameters::Spatial(_) => None,
         };
-        Self { calibration, mounting, plane_down }
+        Self {
+            calibration,
+            mounting,
+            plane_down,
+        }
     }
 
     /// The calibration.
@@ -91,8 +95,13 @@ impl Compass {
 
     /// Equation 3, turned into the body frame.
     pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Corrected {
-        let field_body = self.mounting.to_body(self.calibration.parameters.correct(raw_mgauss));
-        Corrected { field_body, strength_mgauss: field_body.norm() }
+        let field_body = self
+            .mounting
+            .to_body(self.calibration.parameters.correct(raw_mgauss));
+        Corrected {
+            field_body,
+            strength_mgauss: field_body.norm(),
+        }
     }
 
     /// Heading from one corrected field, degrees. A planar calibration uses its own plane as the
@@ -120,7 +129,12 @@ impl Compass {
             noise.to_degrees(),
             (USUAL_DIP_TANGENT * tilt).to_degrees(),
         ];
-        parts.iter().map(|part| part * part).sum::<f64>().sqrt().min(180.0)
+        parts
+            .iter()
+            .map(|part| part * part)
+            .sum::<f64>()
+            .sqrt()
+            .min(180.0)
     }
 
     /// How far a planar calibration's plane is from the horizontal just now, radians, if both are known.
@@ -166,7 +180,10 @@ mod tests {
             heading_deg.to_radians(),
         );
         let to_body = attitude.inverse();
-        (to_body * Vector3::new(163.0, 0.0, 527.0), to_body * Vector3::z())
+        (
+            to_body * Vector3::new(163.0, 0.0, 527.0),
+            to_body * Vector3::z(),
+        )
     }
 
     #[test]
@@ -187,7 +204,10 @@ mod tests {
             for (pitch, roll) in [(0.0, 0.0), (20.0, -10.0), (-45.0, 30.0), (10.0, 170.0)] {
                 let (field, down) = seen(heading, pitch, roll);
                 let found = heading_deg(&field, &down).unwrap();
-                assert!((found - heading).abs() < 1e-9, "{heading} {pitch} {roll}: {found}");
+                assert!(
+                    (found - heading).abs() < 1e-9,
+                    "{heading} {pitch} {roll}: {found}"
+                );
             }
         }
     }
@@ -226,7 +246,10 @@ mod tests {
         assert!(compass.strength_deviation(&corrected).abs() < 1e-9);
         // 1.63 in 163 is 0.57°; level adds nothing, 4° of tilt adds 10°.
         let sd = compass.sd_deg(&corrected, Some(&down));
-        assert!((sd - 0.3f64.hypot(0.01f64.to_degrees())).abs() < 1e-6, "{sd}");
+        assert!(
+            (sd - 0.3f64.hypot(0.01f64.to_degrees())).abs() < 1e-6,
+            "{sd}"
+        );
         let tilted = compass.sd_deg(&corrected, Some(&seen(123.0, 4.0, 0.0).1));
         assert!((tilted - sd.hypot(10.0)).abs() < 1e-6, "{tilted}");
     }
@@ -235,7 +258,10 @@ mod tests {
     fn a_spatial_compass_uses_the_tilt_it_is_given() {
         let bias = Vector3::new(40.0, 50.0, 60.0);
         let spatial = Spatial::diagonal(bias, Vector3::new(0.9, 1.0, 1.1)).unwrap();
-        let compass = Compass::new(calibration(Parameters::Spatial(spatial)), Mounting::default());
+        let compass = Compass::new(
+            calibration(Parameters::Spatial(spatial)),
+            Mounting::default(),
+        );
         let (field, down) = seen(200.0, 15.0, 25.0);
         let raw = field.component_mul(&Vector3::new(0.9, 1.0, 1.1)) + bias;
         let corrected = compass.correct(&raw);

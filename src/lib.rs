@@ -8,6 +8,7 @@ pub mod condition;
 pub mod config;
 pub mod frame;
 pub mod heading;
+pub mod pipeline;
 pub mod publish;
 pub mod reading;
 pub mod recording;

@@ -1,2 +1,37 @@
-//! headingd
-fn main() {}
+//! headingd: a compass daemon that calibrates its magnetometer by itself.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use headingd::command::{self, Failure};
+
+/// A compass daemon that calibrates its magnetometer by itself
+///
+/// headingd reads a three-axis magnetometer and a gyro, notices when the board has made a full turn,
+/// calibrates on that turn, judges the result, and publishes headings on a Unix socket in the JSON of gpsd.
+#[derive(Parser)]
+#[command(name = "headingd", version, after_help = "Start with: headingd demo")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Simulate(command::simulate::Args),
+    Config(command::config::Args),
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Simulate(args) => command::simulate::run(&args),
+        Command::Config(args) => command::config::run(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure { status, message }) => {
+            eprintln!("headingd: {message}");
+            ExitCode::from(status)
+        }
+    }
+}

@@ -96,7 +96,7 @@ impl Planar {
         (self.project(raw_mgauss) - self.bias_mgauss).component_div(&self.scale)
     }
 
-    /// The plane's normal, chip axes: basis[0] × basis[1].
+    /// The plane's normal, chip axes: the first basis vector × the second.
     pub fn normal(&self) -> Vector3<f64> {
         self.basis[0].cross(&self.basis[1])
     }

@@ -307,7 +307,10 @@ mod tests {
             coefficients: CONSTRICTION,
             velocity_limit: 0.2,
             particles: 30,
-            limits: Limits { window: 30, ..LIMITS },
+            limits: Limits {
+                window: 30,
+                ..LIMITS
+            },
         };
         for seed in 0..20 {
             let found = search(&BOX, &manner, None, seed, bowl);

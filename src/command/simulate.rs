@@ -6,6 +6,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use crate::check::Fault;
+use crate::command::Failure;
 use crate::recording::Writer;
 use crate::sensor::simulator::{Scenario, Settings, Simulator};
 
@@ -98,8 +99,22 @@ fn three(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| "three numbers are needed, with commas and no spaces: 1,0.9,1.1".to_owned())
 }
 
+impl From<SimulateError> for Failure {
+    fn from(error: SimulateError) -> Self {
+        let status = match error {
+            SimulateError::Options(_) => Self::USAGE,
+            SimulateError::Write { .. } => Self::CANNOT_CREATE,
+        };
+        Self::new(status, error)
+    }
+}
+
 /// Runs the command.
-pub fn run(args: &Args) -> Result<(), SimulateError> {
+pub fn run(args: &Args) -> Result<(), Failure> {
+    simulate(args).map_err(Failure::from)
+}
+
+fn simulate(args: &Args) -> Result<(), SimulateError> {
     let simulator = Simulator::new(Settings {
         scenario: args.scenario,
         seed: args.seed,
@@ -240,7 +255,7 @@ mod tests {
         let error = run(&args(&out, &[]).unwrap()).unwrap_err();
         assert!(error.to_string().contains("none/a.csv: "), "{error}");
         let error = run(&args(folder.path(), &[]).unwrap()).unwrap_err();
-        assert!(matches!(error, SimulateError::Write { .. }));
+        assert_eq!(error.status, Failure::CANNOT_CREATE);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 

@@ -12,7 +12,9 @@ mod words;
 use serde::Serialize;
 
 use crate::check::{Check, Fault};
-use crate::{frame, store};
+use crate::publish::server;
+use crate::sensor::simulator;
+use crate::{attitude, calibration, frame, pipeline, store, turn};
 
 pub use fault::{ConfigError, ConfigFault, Problem};
 pub use reader::Settings;
@@ -58,8 +60,22 @@ macro_rules! tables {
 tables! {
     /// Where readings come from.
     source: source::Settings,
+    /// The simulated board.
+    simulator: simulator::Settings,
     /// How the chips are mounted on the body.
     mounting: frame::Mountings,
+    /// Following the board's attitude.
+    attitude: attitude::Settings,
+    /// Finding full turns.
+    turn: turn::Settings,
+    /// Calibrating on them.
+    calibration: calibration::settings::Settings,
+    /// Judging a calibration.
+    verdict: calibration::verdict::Limits,
+    /// From readings to headings.
+    heading: pipeline::Settings,
+    /// Publishing headings.
+    socket: server::Settings,
     /// Where the calibration is kept.
     store: store::Settings,
     /// What the daemon says about itself.
@@ -85,6 +101,18 @@ impl Config {
             Ok(config)
         } else {
             Err(fail(reader.into_faults()))
+        }
+    }
+
+    /// What a pipeline is set up with; a log's header may have mountings of its own.
+    pub fn setup(&self, mountings: frame::Mountings) -> pipeline::Setup {
+        pipeline::Setup {
+            pipeline: self.heading,
+            mountings,
+            attitude: self.attitude,
+            turn: self.turn,
+            calibration: self.calibration.clone(),
+            verdict: self.verdict.clone(),
         }
     }
 
@@ -137,7 +165,7 @@ mod tests {
             "file.toml:9: mounting.mag_axes: mounting \"+x +y\" is not understood: it has 2 words",
             "file.toml:10: mounting.gyro_axes is 3, but must be a text in quotes",
             "file.toml:12: stroe: unknown table; did you mean store?",
-            "file.toml:14: i2c: unknown table; known are source, mounting, store, log",
+            "file.toml:14: i2c: unknown table; known are source, simulator, mounting, ",
         ];
         assert_eq!(faults.len(), right.len(), "{faults:#?}");
         for (fault, right) in faults.iter().zip(right) {

@@ -55,8 +55,6 @@ pub struct Settings {
     pub backlog: usize,
     /// How long a client may take nothing of what is sent to it, seconds, 0.1 to 60. Default 5.
     pub write_timeout_s: f64,
-    /// A heading older than this is sent to nobody, seconds, 0.05 to 60. Default 1.
-    pub stale_s: f64,
 }
 
 impl Default for Settings {
@@ -68,7 +66,6 @@ impl Default for Settings {
             request_limit_bytes: 1024,
             backlog: 64,
             write_timeout_s: 5.0,
-            stale_s: 1.0,
         }
     }
 }
@@ -127,7 +124,6 @@ impl Check for Settings {
             0.1..=60.0,
             "seconds",
         );
-        within(&mut faults, "stale_s", self.stale_s, 0.05..=60.0, "seconds");
         faults
     }
 }
@@ -144,7 +140,9 @@ pub struct Server {
 impl Server {
     /// Claims the socket. One that a dead daemon has left behind is replaced; one at which another daemon
     /// answers, or a file that is no socket, is left alone. Needs no runtime yet.
-    pub fn bind(settings: &Settings, device: Device) -> Result<Self, BindError> {
+    ///
+    /// A heading whose sample is older than `stale` when it is its turn is sent to nobody.
+    pub fn bind(settings: &Settings, device: Device, stale: Duration) -> Result<Self, BindError> {
         let refused = |fault: String| BindError::Settings {
             path: settings.socket.clone(),
             fault,
@@ -159,11 +157,7 @@ impl Server {
         Ok(Self {
             listener,
             file,
-            feed: Arc::new(Feed::new(
-                device,
-                settings.backlog,
-                Duration::from_secs_f64(settings.stale_s),
-            )),
+            feed: Arc::new(Feed::new(device, settings.backlog, stale)),
             settings: settings.clone(),
         })
     }
@@ -278,7 +272,6 @@ mod tests {
             request_limit_bytes: 1,
             backlog: 0,
             write_timeout_s: f64::NAN,
-            stale_s: 0.0,
         };
         let keys: Vec<_> = wrong.check().into_iter().map(|fault| fault.key).collect();
         assert_eq!(
@@ -290,7 +283,6 @@ mod tests {
                 "request_limit_bytes",
                 "backlog",
                 "write_timeout_s",
-                "stale_s"
             ]
         );
         for mode in ["", "+0666", "0o666", "rw", "0066", "660 "] {
@@ -304,7 +296,7 @@ mod tests {
 
     #[test]
     fn unknown_settings_are_refused() {
-        assert!(toml::from_str::<Settings>("stale_s = 2.0").is_ok());
-        assert!(toml::from_str::<Settings>("stale = 2.0").is_err());
+        assert!(toml::from_str::<Settings>("backlog = 9").is_ok());
+        assert!(toml::from_str::<Settings>("backlogs = 9").is_err());
     }
 }

@@ -74,7 +74,7 @@ async fn an_uncalibrated_compass_publishes_no_heading() {
 
 #[tokio::test]
 async fn poll_gives_the_latest_heading_while_it_is_fresh() {
-    let rig = rig(|settings| settings.stale_s = 30.0);
+    let rig = rig(|_| {});
     let mut client = rig.client().await;
     let poll = client.ask("?POLL;").await;
     assert_eq!(
@@ -105,7 +105,7 @@ async fn poll_gives_the_latest_heading_while_it_is_fresh() {
 
 #[tokio::test]
 async fn a_stale_heading_is_sent_to_nobody() {
-    let rig = rig(|settings| settings.stale_s = 30.0);
+    let rig = rig(|_| {});
     let mut client = rig.watcher("{\"enable\":true}").await;
     rig.publisher
         .heading(heading(1), Instant::now() - Duration::from_secs(31), None);

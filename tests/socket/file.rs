@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use headingd::publish::server::{BindError, Server, Settings};
 
-use crate::rig::{device, report, rig};
+use crate::rig::{STALE, device, report, rig};
 
 #[tokio::test]
 async fn stopping_delivers_what_was_published_and_removes_the_socket() {
@@ -40,7 +40,7 @@ async fn the_socket_has_the_permissions_set_and_nothing_else_is_left() {
 async fn a_dead_daemons_socket_is_replaced_and_a_living_ones_respected() {
     let rig = rig(|settings| drop(UnixListener::bind(&settings.socket).unwrap()));
     rig.client().await;
-    let refused = Server::bind(&rig.settings, device()).unwrap_err();
+    let refused = Server::bind(&rig.settings, device(), STALE).unwrap_err();
     assert!(matches!(refused, BindError::Busy { .. }), "{refused}");
     assert!(refused.to_string().contains("another daemon is serving"));
     rig.client().await;
@@ -54,12 +54,12 @@ fn a_file_that_is_no_socket_and_a_missing_directory_are_refused() {
         ..Settings::default()
     };
     fs::write(&settings.socket, "precious").unwrap();
-    let refused = Server::bind(&settings, device()).unwrap_err();
+    let refused = Server::bind(&settings, device(), STALE).unwrap_err();
     assert!(matches!(refused, BindError::NotASocket { .. }), "{refused}");
     assert_eq!(fs::read(&settings.socket).unwrap(), b"precious");
 
     settings.socket = directory.path().join("missing/heading.sock");
-    let refused = Server::bind(&settings, device()).unwrap_err();
+    let refused = Server::bind(&settings, device(), STALE).unwrap_err();
     assert!(
         matches!(refused, BindError::NoDirectory { .. }),
         "{refused}"
@@ -73,9 +73,9 @@ fn a_server_removes_only_its_own_socket() {
         socket: directory.path().join("heading.sock"),
         ..Settings::default()
     };
-    let first = Server::bind(&settings, device()).unwrap();
+    let first = Server::bind(&settings, device(), STALE).unwrap();
     fs::remove_file(&settings.socket).unwrap();
-    let second = Server::bind(&settings, device()).unwrap();
+    let second = Server::bind(&settings, device(), STALE).unwrap();
     drop(first);
     UnixStream::connect(&settings.socket).unwrap();
     drop(second);

@@ -17,6 +17,9 @@ use tokio::task::JoinHandle;
 /// Longer than anything takes on the slowest machine.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
+/// Older headings than this are stale.
+pub const STALE: Duration = Duration::from_secs(30);
+
 /// A running server in its own directory.
 pub struct Rig {
     pub settings: Settings,
@@ -37,12 +40,11 @@ pub fn rig(change: impl FnOnce(&mut Settings)) -> Rig {
     let directory = tempfile::tempdir().unwrap();
     let mut settings = Settings {
         socket: directory.path().join("heading.sock"),
-        stale_s: 60.0,
         write_timeout_s: 60.0,
         ..Settings::default()
     };
     change(&mut settings);
-    let server = Server::bind(&settings, device()).unwrap();
+    let server = Server::bind(&settings, device(), STALE).unwrap();
     let publisher = server.publisher();
     let (stop, stopped) = oneshot::channel();
     let task = tokio::spawn(server.run(async {
