@@ -18,12 +18,16 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Replay(command::replay::Args),
+    Calibrate(command::calibrate::Args),
     Simulate(command::simulate::Args),
     Config(command::config::Args),
 }
 
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
+        Command::Replay(args) => command::replay::run(&args),
+        Command::Calibrate(args) => command::calibrate::run(&args),
         Command::Simulate(args) => command::simulate::run(&args),
         Command::Config(args) => command::config::run(&args),
     };

@@ -308,6 +308,7 @@ impl Pipeline {
         let turns = &all[first..];
         let (start, end) = (turns.first()?.samples.start, turns.last()?.samples.end);
         Some(Request {
+            moving: 0..end - start,
             samples: self.buffer.range(start..end).copied().collect(),
             turns: turns
                 .iter()

@@ -59,6 +59,9 @@ pub struct TurnMade {
 pub struct Request {
     /// Samples in order of time.
     pub samples: Vec<Sample>,
+    /// The samples from the start of the first rotation to the end of the last; those at rest before and
+    /// after say the same thing over and over. A live request is all of this.
+    pub moving: Range<usize>,
     /// The full turns among them, in order.
     pub turns: Vec<TurnMade>,
     /// Two perpendicular unit vectors, chip axes, if the plane is given and not to be taken from the gyro.

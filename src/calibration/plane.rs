@@ -15,7 +15,7 @@ pub struct Plan {
     pub mode: Mode,
     /// Planar: the plane's basis in chip axes.
     pub basis: [Vector3<f64>; 2],
-    /// The samples from the start of the first turn to the end of the last, or all.
+    /// The samples from the start of the first rotation to the end of the last; without a full turn, all.
     pub stretch: Range<usize>,
 }
 
@@ -23,11 +23,10 @@ pub struct Plan {
 pub fn plan(request: &Request) -> Option<Plan> {
     let turns = &request.turns;
     let all = 0..request.samples.len();
-    let hull = match (turns.first(), turns.last()) {
-        (Some(first), Some(last)) if request.settings.window != WindowChoice::All => {
-            first.samples.start..last.samples.end
-        }
-        _ => all,
+    let stretch = if request.settings.window == WindowChoice::All || turns.is_empty() {
+        all
+    } else {
+        request.moving.clone()
     };
     let mode = match request.settings.mode {
         ModeChoice::Planar => Mode::Planar,
@@ -50,7 +49,7 @@ pub fn plan(request: &Request) -> Option<Plan> {
     Some(Plan {
         mode,
         basis,
-        stretch: hull,
+        stretch,
     })
 }
 

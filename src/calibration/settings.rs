@@ -7,7 +7,7 @@ use super::swarm::{CONSTRICTION, Coefficients, Manner, PAPER};
 use crate::check::{Check, Fault, within};
 
 /// Which parameters to look for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum ModeChoice {
     /// Three axes where turns about two clearly different axes allow it, else the plane of the turn.
@@ -20,7 +20,7 @@ pub enum ModeChoice {
 }
 
 /// A set of swarm coefficients.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Profile {
     /// Constriction, one particle started at the linear conic fit, the objective through its
@@ -32,7 +32,7 @@ pub enum Profile {
 }
 
 /// Which samples the swarm sees.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum WindowChoice {
     /// RIST's range of interest inside the first full turn.
@@ -45,7 +45,7 @@ pub enum WindowChoice {
 }
 
 /// When the swarm stops.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum StopChoice {
     /// MPSOT's three levels.

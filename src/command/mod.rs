@@ -3,10 +3,15 @@
 use std::fmt;
 use std::io::{self, Write};
 use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::config::Config;
+use crate::sensor::replay::ReplayError;
+use crate::store::StoreError;
 
+pub mod calibrate;
 pub mod config;
+pub mod replay;
 pub mod simulate;
 
 /// Why a command failed: what the shell and the user are told.
@@ -81,4 +86,33 @@ pub fn print(text: &str) -> Result<(), Failure> {
         )),
         _ => Ok(()),
     }
+}
+
+impl From<ReplayError> for Failure {
+    fn from(error: ReplayError) -> Self {
+        let status = match error {
+            ReplayError::BadData(_) => Self::DATA,
+            ReplayError::NotFound { .. } | ReplayError::Unreadable { .. } => Self::NO_INPUT,
+        };
+        Self::new(status, error)
+    }
+}
+
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        let status = match error {
+            StoreError::Read { .. } => Self::NO_INPUT,
+            StoreError::Unreadable { .. } | StoreError::Newer { .. } => Self::DATA,
+            StoreError::Unsavable { .. } => Self::IO,
+            StoreError::Directory { .. } | StoreError::Write { .. } => Self::CANNOT_CREATE,
+        };
+        Self::new(status, error)
+    }
+}
+
+/// Seconds since 1970 by the system's clock; 0 if that stands before 1970.
+pub fn unix_now_s() -> u64 {
+    SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_secs())
 }

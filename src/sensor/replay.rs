@@ -1,7 +1,7 @@
 //! A recorded log as a source of readings. How fast they are played is not decided here.
 
 use std::fs::File;
-use std::io::{self, BufReader};
+use std::io::{self, BufReader, Seek};
 use std::path::{Path, PathBuf};
 
 use crate::recording::{Entry, Header, Reader, RecordingError, Skips};
@@ -32,6 +32,9 @@ pub enum ReplayError {
 #[derive(Debug)]
 pub struct Replay {
     path: PathBuf,
+    /// The same open file as the reader's: it tells how far that has come.
+    file: File,
+    bytes: u64,
     reader: Reader<BufReader<File>>,
     skips: Skips,
 }
@@ -53,10 +56,14 @@ impl Replay {
         if file.metadata().map_err(unreadable)?.is_dir() {
             return Err(unreadable(io::Error::from(io::ErrorKind::IsADirectory)));
         }
+        let shared = file.try_clone().map_err(unreadable)?;
+        let bytes = file.metadata().map_err(unreadable)?.len();
         let reader = Reader::new(path.display().to_string(), BufReader::new(file))
             .map_err(|error| explain(path, error))?;
         Ok(Self {
             path: path.to_owned(),
+            file: shared,
+            bytes,
             reader,
             skips: Skips::default(),
         })
@@ -65,6 +72,12 @@ impl Replay {
     /// What the log says of its board.
     pub fn header(&self) -> &Header {
         self.reader.header()
+    }
+
+    /// How much of the file has been read, 0 to 1; 0 where that cannot be told, as of a pipe.
+    pub fn share_read(&self) -> f64 {
+        let position = (&self.file).stream_position().unwrap_or(0);
+        (position as f64 / self.bytes.max(1) as f64).min(1.0)
     }
 
     /// The rows skipped so far.

@@ -6,6 +6,7 @@
 
 mod format;
 
+use std::fmt;
 use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -69,6 +70,12 @@ pub struct Identity {
     pub sensor: String,
     /// The magnetometer's mounting.
     pub mag_axes: Mounting,
+}
+
+impl fmt::Display for Identity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} mounted {}", self.sensor, self.mag_axes)
+    }
 }
 
 /// A calibration as it is kept.

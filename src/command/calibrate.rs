@@ -1,0 +1,324 @@
+//! `headingd calibrate`: one calibration of a log, offline.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::ValueEnum;
+use nalgebra::Vector3;
+
+use super::{Failure, load_config, print, unix_now_s};
+use crate::attitude::Attitude;
+use crate::calibration::outcome::{Outcome, Verdict};
+use crate::calibration::settings::{ModeChoice, Profile, StopChoice, WindowChoice};
+use crate::calibration::{Request, Sample, TurnMade, calibrate};
+use crate::config::Config;
+use crate::reading::Field;
+use crate::sensor::replay::Replay;
+use crate::store::{Identity, Store, Stored};
+use crate::turn::{Turn, TurnDetector};
+
+/// Calibrate on a recorded log
+///
+/// Uses everything from the start of the first rotation to the end of the last full turn; without a full
+/// turn, the whole log. Exit status: 0 accepted, 3 refused.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example: headingd calibrate turn.csv --reference-mgauss 163 --out here.json"
+)]
+pub struct Args {
+    /// The log (`headingd simulate` writes one)
+    pub log: PathBuf,
+    /// The plane of the turn, all three axes, or whichever the turns allow
+    #[arg(long, value_enum)]
+    pub mode: Option<ModeChoice>,
+    /// The plane: from the gyro, or two chip axes, and then no turn is looked for
+    #[arg(long, value_enum, default_value = "gyro")]
+    pub plane: Plane,
+    /// The swarm's coefficients: `standard` converges, `paper` is as published
+    #[arg(long, value_enum)]
+    pub profile: Option<Profile>,
+    /// The samples that the swarm sees: RIST's window, the turns, or all (and then all are fitted)
+    #[arg(long, value_enum)]
+    pub window: Option<WindowChoice>,
+    /// The swarm's stopping rule
+    #[arg(long, value_enum)]
+    pub stop: Option<StopChoice>,
+    /// Strength of the field, milligauss: of its horizontal part for a planar calibration, of all of it
+    /// for a spatial one. Without it the scale factors are brought to a mean of 1
+    #[arg(long, value_name = "N", value_parser = positive)]
+    pub reference_mgauss: Option<f64>,
+    /// Seed of the swarm
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Configuration, for everything that has no option here
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Write an accepted calibration to this file (`headingd replay --calibration` reads it)
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Faster than this is rotation, rad/s: a hand that holds still stays below 5 degrees a second.
+const ROTATING_RAD_S: f64 = 0.087;
+
+/// Where the plane of a planar calibration comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Plane {
+    /// Across the axis of the turn, by the gyro
+    Gyro,
+    /// Chip axes X and Y
+    Xy,
+    /// Chip axes X and Z
+    Xz,
+    /// Chip axes Y and Z
+    Yz,
+}
+
+impl Plane {
+    /// The chip axes that span it, if it is named.
+    fn axes(self) -> Option<[usize; 2]> {
+        match self {
+            Self::Gyro => None,
+            Self::Xy => Some([0, 1]),
+            Self::Xz => Some([0, 2]),
+            Self::Yz => Some([1, 2]),
+        }
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (0.1..=1e5).contains(&value) => Ok(value),
+        _ => Err("a number of milligauss from 0.1 to 100000 is needed".to_owned()),
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let config = settings(args)?;
+    if args.plane != Plane::Gyro && config.calibration.mode == ModeChoice::Spatial {
+        return Err(Failure::new(
+            Failure::USAGE,
+            "a plane is named, but the mode is spatial: leave out one of --plane and --mode",
+        ));
+    }
+    let survey = Survey::of(args, &config)?;
+    let outcome = survey.calibrate(args, &config)?;
+    if let (Some(path), Some(calibration)) = (&args.out, outcome.calibration) {
+        let identity = survey.identity.clone();
+        Store::write_file(
+            path,
+            &Stored {
+                identity,
+                saved_unix_s: unix_now_s(),
+                calibration,
+            },
+        )?;
+    }
+    if args.json {
+        let json = serde_json::to_string(&outcome).map_err(|error| {
+            Failure::new(
+                Failure::IO,
+                format!("cannot write the outcome as JSON: {error}"),
+            )
+        })?;
+        print(&(json + "\n"))?;
+    } else {
+        print(&summary(&outcome))?;
+    }
+    match outcome.verdict {
+        Verdict::Accepted => Ok(()),
+        // What was to be said stands on standard output.
+        _ => Err(Failure::new(
+            Failure::REFUSED,
+            format!("refused: {}", outcome.message),
+        )),
+    }
+}
+
+/// The configuration, with the options laid over it.
+fn settings(args: &Args) -> Result<Config, Failure> {
+    let mut config = match &args.config {
+        Some(path) => load_config(path)?,
+        None => Config::default(),
+    };
+    let settings = &mut config.calibration;
+    settings.mode = args.mode.unwrap_or(settings.mode);
+    settings.profile = args.profile.unwrap_or(settings.profile);
+    settings.window = args.window.unwrap_or(settings.window);
+    settings.stop = args.stop.unwrap_or(settings.stop);
+    settings.seed = args.seed.unwrap_or(settings.seed);
+    if let Some(reference) = args.reference_mgauss {
+        (settings.horizontal_mgauss, settings.total_mgauss) = (Some(reference), Some(reference));
+    }
+    Ok(config)
+}
+
+/// A whole log, looked through once.
+struct Survey {
+    identity: Identity,
+    mountings: crate::frame::Mountings,
+    samples: Vec<Sample>,
+    turns: Vec<Turn>,
+    /// When the first rotation began and the last one ended, seconds.
+    rotation_s: Option<(f64, f64)>,
+    gyro_spoke: bool,
+}
+
+impl Survey {
+    fn of(args: &Args, config: &Config) -> Result<Self, Failure> {
+        let mut replay = Replay::open(&args.log)?;
+        let header = replay.header();
+        let mut survey = Self {
+            identity: Identity {
+                sensor: header
+                    .sensor
+                    .clone()
+                    .unwrap_or_else(|| "unknown".to_owned()),
+                mag_axes: header.mountings.mag,
+            },
+            mountings: header.mountings,
+            samples: Vec::new(),
+            turns: Vec::new(),
+            rotation_s: None,
+            gyro_spoke: false,
+        };
+        let mut attitude = Attitude::new(&config.attitude, &survey.mountings);
+        let mut detector = TurnDetector::new(&config.turn);
+        for entry in replay.by_ref() {
+            let reading = entry?.reading;
+            survey.gyro_spoke |= reading.rate_rad_s.is_some();
+            attitude.take(&reading, |tick| {
+                survey.turns.extend(detector.tick(tick));
+                if tick.rate_rad_s.norm() > ROTATING_RAD_S {
+                    let (first, _) = survey.rotation_s.unwrap_or((tick.t_s, tick.t_s));
+                    survey.rotation_s = Some((first, tick.t_s));
+                }
+            });
+            let field = reading
+                .field_mgauss
+                .and_then(|field| needed(&field, args.plane));
+            if let Some(field_mgauss) = field {
+                let pose = attitude.pose_at(reading.t_s);
+                survey.samples.push(Sample {
+                    t_s: reading.t_s,
+                    field_mgauss,
+                    pose,
+                });
+            }
+        }
+        let skips = replay.skips();
+        if let Some(first) = skips.first() {
+            eprintln!(
+                "headingd: {} rows skipped; the first: {first}",
+                skips.count()
+            );
+        }
+        Ok(survey)
+    }
+
+    fn calibrate(&self, args: &Args, config: &Config) -> Result<Outcome, Failure> {
+        let named = args.plane.axes();
+        let needs_gyro = named.is_none() && config.calibration.mode != ModeChoice::Spatial;
+        // Of a log this short it does not matter what it lacks besides.
+        if needs_gyro && !self.gyro_spoke && self.samples.len() > 2 {
+            return Err(Failure::new(
+                Failure::USAGE,
+                format!(
+                    "{} has no gyro readings, so nothing tells the plane of a turn: add --mode spatial, or name the plane with --plane xy, xz or yz",
+                    args.log.display()
+                ),
+            ));
+        }
+        let index = |t_s: f64| self.samples.partition_point(|sample| sample.t_s < t_s);
+        let moving = match self.rotation_s {
+            Some((first, last)) => index(first)..index(last),
+            None => 0..self.samples.len(),
+        };
+        let turns = if named.is_some() {
+            &[]
+        } else {
+            self.turns.as_slice()
+        };
+        let request = Request {
+            samples: self.samples.clone(),
+            moving,
+            turns: turns
+                .iter()
+                .map(|turn| TurnMade {
+                    samples: index(turn.start_s)..index(turn.end_s),
+                    axis_body: turn.axis_body,
+                })
+                .collect(),
+            plane: named.map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0))),
+            mounting: self.mountings.mag,
+            in_force: None,
+            settings: config.calibration.clone(),
+            limits: config.verdict.clone(),
+        };
+        let origin = Instant::now();
+        Ok(calibrate(&request, &|| Some(origin.elapsed())))
+    }
+}
+
+/// The field, if the axes that are needed did not overflow. The third axis of a named plane is not
+/// looked at, and stands as 0.
+fn needed(field: &Field, plane: Plane) -> Option<Vector3<f64>> {
+    let mut vector = Vector3::zeros();
+    for axis in 0..3 {
+        let looked_at = plane.axes().is_none_or(|axes| axes.contains(&axis));
+        match field[axis] {
+            Some(value) if looked_at => vector[axis] = value,
+            None if looked_at => return None,
+            _ => {}
+        }
+    }
+    Some(vector)
+}
+
+/// An outcome for a person.
+fn summary(outcome: &Outcome) -> String {
+    let list = |numbers: &Option<Vec<f64>>, digits: usize| match numbers {
+        Some(numbers) => {
+            let words: Vec<String> = numbers.iter().map(|n| format!("{n:.digits$}")).collect();
+            words.join("  ")
+        }
+        None => "unknown".to_owned(),
+    };
+    let verdict = match outcome.verdict {
+        Verdict::Accepted => "accepted",
+        Verdict::Kept => "kept",
+        Verdict::Rejected => "rejected",
+    };
+    let mut text = format!("{verdict} ({}): {}\n", outcome.reason, outcome.message);
+    if outcome.bias_mgauss.is_some() {
+        let unit = if outcome.reference_mgauss.is_some() {
+            ""
+        } else {
+            "  (mean 1: no reference was given)"
+        };
+        text += &format!("bias    {}  milligauss\n", list(&outcome.bias_mgauss, 2));
+        text += &format!("scale   {}{unit}\n", list(&outcome.scale, 4));
+    }
+    if let Some([e1, e2]) = outcome.basis {
+        text += &format!(
+            "plane   ({:.3} {:.3} {:.3}) and ({:.3} {:.3} {:.3}) in chip axes\n",
+            e1[0], e1[1], e1[2], e2[0], e2[1], e2[2]
+        );
+    }
+    if let (Some(window), Some(swarm)) = (&outcome.window, &outcome.swarm) {
+        text += &format!(
+            "swarm   {} particles, {} iterations ({}), samples {} to {} of {}\n",
+            swarm.particles,
+            swarm.iterations,
+            swarm.stop,
+            window.start,
+            window.end,
+            outcome.samples.total
+        );
+    }
+    text
+}

@@ -1,0 +1,248 @@
+//! `headingd replay`: a recorded log through the same pipeline as live readings, as fast as it goes.
+
+use std::io::{self, BufWriter, IsTerminal, Write};
+use std::path::PathBuf;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::{Failure, load_config, unix_now_s};
+use crate::calibration::calibrate;
+use crate::calibration::model::Calibration;
+use crate::config::Config;
+use crate::pipeline::{Action, Event, Pipeline};
+use crate::publish::gpsd::{self, Device, Policy};
+use crate::sensor::replay::Replay;
+use crate::store::{Identity, Loaded, Store, Stored};
+
+/// How many rows are read between two looks at the progress bar.
+const ROWS_A_LOOK: u64 = 8192;
+
+/// Replay a recorded log, as fast as it goes
+///
+/// Prints the JSON lines that a client of the socket with every stream enabled gets: ATT for each
+/// magnetometer reading, STATE for each change of condition, CALIBRATION for each calibration. The same
+/// log, configuration and seed give the same bytes; nothing is read from or written to a store unless
+/// --store says so.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example: headingd replay turn.csv | grep CALIBRATION")]
+pub struct Args {
+    /// The log (`headingd simulate` writes one)
+    pub log: PathBuf,
+    /// Configuration; its [source] and [mounting] are of no effect here
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Seed of the swarm, in place of the configuration's
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Start with this calibration (`headingd calibrate --out` writes one)
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
+    /// Start with the calibration kept in this folder, and keep new ones there
+    #[arg(long, value_name = "DIR", conflicts_with = "calibration")]
+    pub store: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let mut config = match &args.config {
+        Some(path) => load_config(path)?,
+        None => Config::default(),
+    };
+    if let Some(seed) = args.seed {
+        config.calibration.seed = seed;
+    }
+    let replay = Replay::open(&args.log)?;
+    let header = replay.header();
+    let identity = Identity {
+        sensor: header
+            .sensor
+            .clone()
+            .unwrap_or_else(|| "unknown".to_owned()),
+        mag_axes: header.mountings.mag,
+    };
+    let mut keep = Keep {
+        store: None,
+        identity,
+    };
+    let calibration = keep.open(args)?;
+    let pipeline = Pipeline::new(config.setup(header.mountings), calibration);
+    let lines = Lines {
+        device: args.log.display().to_string(),
+        out: BufWriter::with_capacity(1 << 16, io::stdout().lock()),
+        line: String::new(),
+    };
+    match play(replay, pipeline, lines, &keep) {
+        // The reader has seen enough: `| head`.
+        Err(Halt::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        Err(Halt::Output(error)) => Err(Failure::new(
+            Failure::IO,
+            format!("cannot write to standard output: {error}"),
+        )),
+        Err(Halt::Failure(failure)) => Err(failure),
+        Ok(()) => Ok(()),
+    }
+}
+
+/// Why a replay ended early.
+enum Halt {
+    Output(io::Error),
+    Failure(Failure),
+}
+
+impl From<io::Error> for Halt {
+    fn from(error: io::Error) -> Self {
+        Self::Output(error)
+    }
+}
+
+fn play<W: Write>(
+    mut replay: Replay,
+    mut pipeline: Pipeline,
+    mut lines: Lines<W>,
+    keep: &Keep,
+) -> Result<(), Halt> {
+    let bar = progress_bar();
+    lines.greet()?;
+    let mut actions = Vec::new();
+    let mut rows = 0u64;
+    while let Some(entry) = replay.next() {
+        let entry = entry.map_err(|error| Halt::Failure(error.into()))?;
+        pipeline.handle(Event::Reading(entry.reading), &mut actions);
+        // A calibration that ends asks for the next one now and then, so this goes on until none does.
+        while !actions.is_empty() {
+            let mut outcomes = Vec::new();
+            for action in actions.drain(..) {
+                match action {
+                    Action::Publish(heading) => lines.att(&heading)?,
+                    Action::Report(report) => lines.write(&gpsd::state(&report))?,
+                    Action::Turned(_) => {}
+                    Action::Calibrate(request) => outcomes.push(calibrate(&request, &|| None)),
+                    Action::Conclude(outcome) => {
+                        lines.write(&gpsd::calibration(&outcome))?;
+                        if let Some(calibration) = outcome.calibration {
+                            keep.save(calibration).map_err(Halt::Failure)?;
+                        }
+                    }
+                }
+            }
+            for outcome in outcomes {
+                pipeline.handle(Event::Calibrated(Box::new(outcome)), &mut actions);
+            }
+        }
+        rows += 1;
+        if rows.is_multiple_of(ROWS_A_LOOK) {
+            bar.set_position((1000.0 * replay.share_read()) as u64);
+        }
+    }
+    lines.out.flush()?;
+    bar.finish_and_clear();
+    let skips = replay.skips();
+    if let Some(first) = skips.first() {
+        eprintln!(
+            "headingd: {} rows skipped; the first: {first}",
+            skips.count()
+        );
+    }
+    Ok(())
+}
+
+/// Drawn on standard error, and only if that is a terminal.
+fn progress_bar() -> ProgressBar {
+    if !io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let style = ProgressStyle::with_template("{wide_bar} {percent} % {eta} left");
+    ProgressBar::new(1000).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+/// What a client sees.
+struct Lines<W: Write> {
+    device: String,
+    out: W,
+    line: String,
+}
+
+impl<W: Write> Lines<W> {
+    /// What a client gets on connecting and on asking for every stream.
+    fn greet(&mut self) -> io::Result<()> {
+        let device = Device {
+            path: self.device.clone(),
+            activated: None,
+        };
+        let policy = Policy {
+            enable: true,
+            json: true,
+            calibration: true,
+            state: true,
+        };
+        self.write(&gpsd::version())?;
+        self.write(&gpsd::devices(&device))?;
+        self.write(&gpsd::watch(&policy))
+    }
+
+    fn att(&mut self, heading: &crate::heading::Heading) -> io::Result<()> {
+        self.line.clear();
+        gpsd::att_into(&mut self.line, &self.device, heading, None, 0);
+        self.line.push('\n');
+        self.out.write_all(self.line.as_bytes())
+    }
+
+    fn write(&mut self, line: &str) -> io::Result<()> {
+        self.out.write_all(line.as_bytes())?;
+        self.out.write_all(b"\n")
+    }
+}
+
+/// The store, if one is used, and whose calibrations it keeps.
+struct Keep {
+    store: Option<Store>,
+    identity: Identity,
+}
+
+impl Keep {
+    /// Opens what the arguments name; the calibration to start with.
+    fn open(&mut self, args: &Args) -> Result<Option<Calibration>, Failure> {
+        if let Some(path) = &args.calibration {
+            let stored = Store::read_file(path)?;
+            if stored.identity != self.identity {
+                eprintln!(
+                    "headingd: {} was made for {}, the log is of {}",
+                    path.display(),
+                    stored.identity,
+                    self.identity
+                );
+            }
+            return Ok(Some(stored.calibration));
+        }
+        let Some(directory) = &args.store else {
+            return Ok(None);
+        };
+        let store = self.store.insert(Store::open(directory)?);
+        Ok(match store.load(&self.identity)? {
+            Loaded::Found(stored) => Some(stored.calibration),
+            Loaded::None => None,
+            Loaded::OtherSensor(stored) => {
+                eprintln!(
+                    "headingd: the calibration in {} is that of {}, the log is of {}: not used",
+                    directory.display(),
+                    stored.identity,
+                    self.identity
+                );
+                None
+            }
+        })
+    }
+
+    fn save(&self, calibration: Calibration) -> Result<(), Failure> {
+        let Some(store) = &self.store else {
+            return Ok(());
+        };
+        let identity = self.identity.clone();
+        store.save(&Stored {
+            identity,
+            saved_unix_s: unix_now_s(),
+            calibration,
+        })?;
+        Ok(())
+    }
+}
