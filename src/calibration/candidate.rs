@@ -7,7 +7,7 @@ use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use super::agreement::{self, Agreement, Sighting};
 use super::coverage::{centre_inside, coverage_deg, direction, direction_spread};
-use super::fit::{self, Normalised};
+use super::fit::{self, Fit, Normalised};
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::objective::Position;
 use super::outcome::{Outcome, SwarmReport, Window};
@@ -16,7 +16,7 @@ use super::refine::{median, refine, residual};
 use super::rist;
 use super::settings::WindowChoice;
 use super::verdict::{self, Measures, Refusal, Standing};
-use super::{Request, Sample};
+use super::{Request, Sample, wobble};
 
 /// Below this many samples nothing is tried.
 const LEAST_SAMPLES: usize = 20;
@@ -167,13 +167,7 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
         });
 
         let watch = Clock::start(clock);
-        let fitted = fit::refined(
-            &points,
-            &swarm.found.position,
-            swarm.reference_mgauss,
-            reference.is_some(),
-        )
-        .ok_or_else(|| {
+        let (points, fitted) = self.refine(points, &swarm, reference.is_some()).ok_or_else(|| {
             Refusal::new("no_fit", "no ellipse fits the samples: they show too little of the curve, or no curve at all")
         })?;
         outcome.elapsed_us.refine = watch.elapsed_us();
@@ -182,6 +176,53 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
         let result = self.judge(&points, &fitted, reference, outcome);
         outcome.elapsed_us.verdict = watch.elapsed_us();
         result
+    }
+
+    /// Refines the swarm's answer; in the plane, with the samples levelled as far as the tilt is known.
+    fn refine(
+        &self,
+        points: Vec<[f64; D]>,
+        swarm: &Fit<D, P>,
+        reference_given: bool,
+    ) -> Option<(Vec<[f64; D]>, Normalised<P>)> {
+        const ROUNDS: usize = 5;
+        let start = &swarm.found.position;
+        let fit = |points: &[[f64; D]], start: &Position<P>, reference| {
+            fit::refined(points, start, reference, reference_given)
+        };
+        let mut fitted = fit(&points, start, swarm.reference_mgauss)?;
+        let Some(wobble) = self.wobble() else {
+            return Some((points, fitted));
+        };
+        let mut level = points.clone();
+        let mut vertical_mgauss = 0.0;
+        for _ in 0..ROUNDS {
+            let Normalised {
+                refined,
+                reference_mgauss,
+            } = fitted;
+            vertical_mgauss += wobble::vertical_mgauss(&level, &wobble, &refined, reference_mgauss);
+            level = wobble::levelled(&points, &wobble, &refined.position, vertical_mgauss);
+            fitted = fit(&level, &refined.position, reference_mgauss)?;
+        }
+        Some((level, fitted))
+    }
+
+    /// How the board wobbled about its mean tilt during the stretch. A sample whose tilt is unknown, as
+    /// after a hole in the gyro's account, is taken to have the mean.
+    fn wobble(&self) -> Option<Vec<[f64; D]>> {
+        if self.plan.mode == Mode::Spatial {
+            return None;
+        }
+        let down = self.request.samples[self.plan.stretch.clone()]
+            .iter()
+            .map(|sample| {
+                let pose = sample.pose.filter(|pose| pose.vertical_known)?;
+                let down = pose.orientation.inverse_transform_vector(&-Vector3::z());
+                let down = self.request.mounting.to_chip(down);
+                Some(std::array::from_fn(|axis| self.plan.basis[axis].dot(&down)))
+            });
+        wobble::wobble(down.collect())
     }
 
     /// The swarm's windows: RIST for each axis, inside one full turn. In the plane that is the first
@@ -255,8 +296,8 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
             refined.cutoff_mgauss,
         );
         let dip = agreement::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
-        let heading_sd_deg =
-            self.heading_sd_deg(position, &refined.covariance, *reference_mgauss, dip);
+        let heading_sd_deg = self.correlation(points, position, *reference_mgauss).sqrt()
+            * self.heading_sd_deg(position, &refined.covariance, *reference_mgauss, dip);
         let gyro = self.cross_validated(points, fitted);
         let mean_scale = position[D..].iter().sum::<f64>() / D as f64;
 
@@ -393,6 +434,33 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
             .collect();
         let cutoff = fitted.refined.cutoff_mgauss;
         self.agreement(&self.sightings(points, |index| positions[index / part], reference, cutoff))
+    }
+
+    /// How many samples one independent sample takes: 1 for white noise, more where the residuals are
+    /// those of a model that does not quite fit. Their autocorrelation, summed up to where it is lost in
+    /// noise (Geyer's initial sequence, Statistical Science 7, 1992).
+    fn correlation(
+        &self,
+        points: &[[f64; D]],
+        position: &Position<P>,
+        reference_mgauss: f64,
+    ) -> f64 {
+        let residuals: Vec<f64> = points
+            .iter()
+            .map(|point| residual(point, position, reference_mgauss))
+            .collect();
+        let variance: f64 = residuals.iter().map(|e| e * e).sum();
+        let noise = 2.0 / (residuals.len() as f64).sqrt();
+        let mut sum = 1.0;
+        for lag in 1..residuals.len() / 4 {
+            let products = residuals.iter().zip(&residuals[lag..]).map(|(a, b)| a * b);
+            let correlation = products.sum::<f64>() / variance;
+            if correlation < noise || correlation.is_nan() {
+                break;
+            }
+            sum += 2.0 * correlation;
+        }
+        sum
     }
 
     /// One standard deviation of a level board's heading, RMS over all headings, from the parameters'

@@ -20,6 +20,7 @@ pub mod verdict;
 
 mod candidate;
 mod coverage;
+mod wobble;
 
 use std::ops::Range;
 use std::time::Duration;

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, SymmetricEigen, Unit, Vector3};
 
 use super::model::Mode;
 use super::settings::{ModeChoice, WindowChoice};
-use super::{Request, TurnMade};
+use super::{Request, Sample, TurnMade};
 
 /// The plan of one calibration.
 #[derive(Clone, Debug, PartialEq)]
@@ -46,11 +46,25 @@ pub fn plan(request: &Request) -> Option<Plan> {
             basis_across(&request.mounting.to_chip(axis_body))?
         }
     };
+    let stretch = match mode {
+        Mode::Planar => from_known_tilt(request, stretch),
+        Mode::Spatial => stretch,
+    };
     Some(Plan {
         mode,
         basis,
         stretch,
     })
+}
+
+/// Leaves out the first samples of a log, of which the tilt is not known yet, unless they are many or no tilt
+/// is known at all: a tilt lets the vertical field into the plane.
+fn from_known_tilt(request: &Request, stretch: Range<usize>) -> Range<usize> {
+    let known = |sample: &Sample| sample.pose.is_some_and(|pose| pose.vertical_known);
+    match request.samples[stretch.clone()].iter().position(known) {
+        Some(first) if first < stretch.len() / 4 => stretch.start + first..stretch.end,
+        _ => stretch,
+    }
 }
 
 /// The largest angle between two turns' axes, 0 to 90 degrees.

@@ -37,7 +37,7 @@ pub struct Refined<const P: usize> {
 /// The derivatives are taken at the foot point |h| = Hm, not at the noisy sample: there they do not
 /// correlate with the noise, which would bias the scale.
 #[inline]
-fn distance<const D: usize, const P: usize>(
+pub fn distance<const D: usize, const P: usize>(
     point: &[f64; D],
     position: &Position<P>,
     reference_mgauss: f64,
@@ -71,9 +71,12 @@ fn distance<const D: usize, const P: usize>(
     }
 }
 
-struct Distance<const P: usize> {
-    value_mgauss: f64,
-    derivatives: SVector<f64, P>,
+/// What [`distance`] tells.
+pub struct Distance<const P: usize> {
+    /// The signed distance, outside positive, milligauss.
+    pub value_mgauss: f64,
+    /// Its derivatives by biases and scale factors.
+    pub derivatives: SVector<f64, P>,
     /// Noise along the curve lifts a sample off it by half of this times the variance.
     curvature: f64,
 }

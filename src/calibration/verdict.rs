@@ -47,7 +47,7 @@ impl Default for Limits {
             axis_ratio: 2.0,
             scale_min: 0.2,
             scale_max: 5.0,
-            heading_sd_deg: 1.0,
+            heading_sd_deg: 1.5,
             gyro_rms_deg: 10.0,
             gyro_angle_share: 0.12,
             dip_spread_deg: 6.0,
@@ -315,7 +315,7 @@ mod tests {
             ("axis_ratio", |m| m.scale = vec![0.4, 0.9]),
             ("scale", |m| m.scale = vec![6.0, 6.0]),
             ("centre", |m| m.centre_inside = false),
-            ("heading_uncertainty", |m| m.heading_sd_deg = 1.1),
+            ("heading_uncertainty", |m| m.heading_sd_deg = 1.6),
             ("gyro_angle", |m| {
                 m.gyro = Some(Agreement {
                     rms_deg: 1.0,

@@ -1,0 +1,119 @@
+//! Where a turn was not made quite level: a tilt lets the vertical field into the plane of a planar
+//! calibration.
+//!
+//! At a dip of 70° a tilt of 5° moves a sample by a quarter of the horizontal field. Gyro and
+//! accelerometer know the tilt; the strength of the vertical field is a fifth parameter, estimated from
+//! the same samples. Tilts are taken from their mean, so a turn that was level, or evenly tilted, is
+//! left as it is. What is fitted is still raw samples: no earlier calibration has a part in this.
+
+use super::objective::Position;
+use super::refine::{Refined, distance};
+
+/// Tilts that vary by less than this are noise of the accelerometer, radians RMS.
+const LEAST_WOBBLE_RAD: f64 = 0.005;
+
+/// The part of `down` (unit vectors, along the calibrated axes, where known) that differs from its mean, 0
+/// where it is unknown; `None` if it hardly differs.
+pub fn wobble<const D: usize>(down: Vec<Option<[f64; D]>>) -> Option<Vec<[f64; D]>> {
+    let known: Vec<[f64; D]> = down.iter().flatten().copied().collect();
+    let n = known.len().max(1) as f64;
+    let mut mean = [0.0; D];
+    for axis in 0..D {
+        mean[axis] = known.iter().map(|d| d[axis]).sum::<f64>() / n;
+    }
+    let off = |d: [f64; D]| std::array::from_fn(|axis| d[axis] - mean[axis]);
+    let wobble: Vec<[f64; D]> = down.into_iter().map(|d| d.map_or([0.0; D], off)).collect();
+    let squares: f64 = wobble.iter().flatten().map(|d| d * d).sum();
+    ((squares / n).sqrt() > LEAST_WOBBLE_RAD).then_some(wobble)
+}
+
+/// How much more vertical field than so far assumed explains the residuals, milligauss.
+pub fn vertical_mgauss<const D: usize, const P: usize>(
+    points: &[[f64; D]],
+    wobble: &[[f64; D]],
+    fitted: &Refined<P>,
+    reference_mgauss: f64,
+) -> f64 {
+    let (mut xx, mut xe) = (1e-12, 0.0);
+    for (point, wobble) in points.iter().zip(wobble) {
+        let off = distance(point, &fitted.position, reference_mgauss);
+        if off.value_mgauss.abs() >= fitted.cutoff_mgauss {
+            continue;
+        }
+        let mut x = 0.0;
+        for axis in 0..D {
+            x -= off.derivatives[axis] * fitted.position[D + axis] * wobble[axis];
+        }
+        xx += x * x;
+        xe += x * off.value_mgauss;
+    }
+    xe / xx
+}
+
+/// Samples as a level board would have seen them.
+pub fn levelled<const D: usize, const P: usize>(
+    points: &[[f64; D]],
+    wobble: &[[f64; D]],
+    position: &Position<P>,
+    vertical_mgauss: f64,
+) -> Vec<[f64; D]> {
+    let level = |(point, wobble): (&[f64; D], &[f64; D])| {
+        std::array::from_fn(|axis| {
+            point[axis] - position[D + axis] * vertical_mgauss * wobble[axis]
+        })
+    };
+    points.iter().zip(wobble).map(level).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::refine::refine;
+
+    #[test]
+    fn an_even_tilt_is_no_wobble() {
+        assert_eq!(wobble(vec![Some([0.1, -0.05]); 50]), None);
+        assert_eq!(wobble::<2>(vec![]), None);
+        assert_eq!(wobble::<2>(vec![None; 9]), None);
+    }
+
+    #[test]
+    fn the_vertical_field_is_found_and_taken_out() {
+        let truth = [20.0, -30.0, 0.95, 1.05];
+        let (horizontal, vertical) = (163.0, 527.0);
+        let down: Vec<[f64; 2]> = (0..600)
+            .map(|i| {
+                let t = f64::from(i) * 0.05;
+                [0.05 * (1.3 * t).sin(), 0.08 * (0.7 * t).cos()]
+            })
+            .collect();
+        let points: Vec<[f64; 2]> = down
+            .iter()
+            .enumerate()
+            .map(|(i, down)| {
+                let (sin, cos) = (i as f64 * 0.021).sin_cos();
+                let h = [
+                    horizontal * cos + vertical * down[0],
+                    horizontal * sin + vertical * down[1],
+                ];
+                std::array::from_fn(|k| truth[2 + k] * h[k] + truth[k])
+            })
+            .collect();
+        let wobble = wobble(down.into_iter().map(Some).collect()).unwrap();
+        let mut fitted = refine(&points, &truth, horizontal).unwrap();
+        let before = fitted.residual_mgauss;
+        let mut found = 0.0;
+        let mut level = points.clone();
+        for _ in 0..10 {
+            found += vertical_mgauss(&level, &wobble, &fitted, horizontal);
+            level = levelled(&points, &wobble, &fitted.position, found);
+            fitted = refine(&level, &fitted.position, horizontal).unwrap();
+        }
+        assert!((found - vertical).abs() < 5.0, "{found}");
+        assert!(
+            fitted.residual_mgauss < 0.1 * before,
+            "{before} {}",
+            fitted.residual_mgauss
+        );
+    }
+}
