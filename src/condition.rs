@@ -108,7 +108,7 @@ pub fn judge(evidence: &Evidence) -> Report {
         condition,
         reason,
         message,
-        progress: (condition == Condition::Turning).then(|| (e.progress * 20.0).floor() / 20.0),
+        progress: (condition == Condition::Turning).then_some(e.progress),
         t_s: e.t_s,
     };
     if let Some(fault) = e.fault {
@@ -128,7 +128,7 @@ pub fn judge(evidence: &Evidence) -> Report {
             report(
                 Condition::Calibrating,
                 "calibrating",
-                "a full turn was made; calibrating on it".to_owned(),
+                "calibrating on the motion just made".to_owned(),
             )
         } else if e.progress >= TURNING_FROM {
             report(
@@ -140,7 +140,7 @@ pub fn judge(evidence: &Evidence) -> Report {
             report(
                 Condition::Uncalibrated,
                 reason,
-                format!("the last turn gave no calibration: {message}"),
+                format!("the last attempt gave no calibration: {message}"),
             )
         } else if !e.gyro_speaks {
             let message =

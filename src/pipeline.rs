@@ -10,7 +10,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::attitude::{self, Attitude};
-use crate::calibration::model::Calibration;
+use crate::calibration::coverage::sphere_share;
+use crate::calibration::model::{Calibration, Mode};
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::settings::ModeChoice;
 use crate::calibration::{self, Request, Sample, TurnMade, verdict};
@@ -29,6 +30,33 @@ const STRENGTH_TAU_S: f64 = 0.5;
 
 /// Turns that follow each other within this time and about the same axis calibrate together, seconds.
 const TURNS_FOLLOW_S: f64 = 3.0;
+
+/// Out of a planar calibration's plane by more than this, a field says more of the tilt than of the heading
+/// and is not fused, degrees; the gyro carries on.
+const FUSED_TILT_DEG: f64 = 10.0;
+
+/// By more than this, it gives no heading at all, degrees.
+const PLANAR_TILT_DEG: f64 = 20.0;
+
+/// The gyro alone carries a fused heading this long, seconds.
+const GYRO_ALONE_S: f64 = 30.0;
+
+/// How often free motion is looked for, seconds, and how long not after it led to nothing.
+const FREE_CHECK_S: f64 = 5.0;
+const FREE_PAUSE_S: f64 = 20.0;
+
+/// Free motion swings every axis by this much either way, milligauss: nowhere on earth is the field below 220.
+const FREE_RANGE_MGAUSS: f64 = 100.0;
+
+/// Progress is news when it has changed by this share of a turn …
+const PROGRESS_STEP: f64 = 0.05;
+
+/// … and this much later than the last news of it, seconds.
+const PROGRESS_EVERY_S: f64 = 0.25;
+
+/// The most turns that calibrate together: as in the paper's tests. More would make every further turn of
+/// a board that keeps turning dearer than the one before.
+const TURNS_TOGETHER: usize = 2;
 
 /// A planar calibration is of use for headings only if its turn was about the vertical, within this angle.
 const LEVEL_TURN_DEG: f64 = 30.0;
@@ -143,6 +171,8 @@ pub struct Pipeline {
     whole_field_s: f64,
     overflow_s: f64,
     rate_s: f64,
+    fused_s: f64,
+    free_check_s: f64,
     strength_deviation: f64,
     tilt_from_plane_deg: Option<f64>,
     seq: u64,
@@ -167,6 +197,8 @@ impl Pipeline {
             whole_field_s: f64::NEG_INFINITY,
             overflow_s: f64::NEG_INFINITY,
             rate_s: f64::NEG_INFINITY,
+            fused_s: f64::NEG_INFINITY,
+            free_check_s: f64::NEG_INFINITY,
             strength_deviation: 0.0,
             tilt_from_plane_deg: None,
             seq: 0,
@@ -214,6 +246,9 @@ impl Pipeline {
         }
         if let Some(turn) = made {
             self.turned(turn, actions);
+        } else if reading.t_s - self.free_check_s >= FREE_CHECK_S {
+            self.free_check_s = reading.t_s;
+            self.look_for_free_motion(actions);
         }
         if reading.field_mgauss.is_none() {
             self.update_condition(actions);
@@ -295,6 +330,7 @@ impl Pipeline {
             let count = turns
                 .windows(2)
                 .rev()
+                .take(TURNS_TOGETHER - 1)
                 .take_while(|w| follows((w[0], w[1])))
                 .count();
             let level = last
@@ -325,6 +361,43 @@ impl Pipeline {
         })
     }
 
+    /// Free motion that has shown the field from all sides does as well as turns about two axes.
+    fn look_for_free_motion(&mut self, actions: &mut Vec<Action>) {
+        let spatial = self
+            .calibration()
+            .is_some_and(|c| c.parameters.mode() == Mode::Spatial);
+        let allowed = self.setup.calibration.mode != ModeChoice::Planar;
+        if self.calibrating || spatial || !allowed || self.buffer.is_empty() {
+            return;
+        }
+        let fields = self.buffer.iter().map(|sample| sample.field_mgauss);
+        let low = fields.clone().reduce(|a, b| a.inf(&b)).unwrap_or_default();
+        let high = fields.clone().reduce(|a, b| a.sup(&b)).unwrap_or_default();
+        let middle = 0.5 * (low + high);
+        let half = 0.5 * (high - low);
+        if half.min() < FREE_RANGE_MGAUSS || half.min() < 0.4 * half.max() {
+            return;
+        }
+        if sphere_share(fields.map(|field| field - middle)) < self.setup.verdict.sphere_share {
+            return;
+        }
+        let settings = calibration::settings::Settings {
+            mode: ModeChoice::Spatial,
+            ..self.setup.calibration.clone()
+        };
+        self.calibrating = true;
+        actions.push(Action::Calibrate(Box::new(Request {
+            samples: self.buffer.iter().copied().collect(),
+            moving: 0..self.buffer.len(),
+            turns: Vec::new(),
+            plane: None,
+            mounting: self.setup.mountings.mag,
+            in_force: self.calibration().copied(),
+            settings,
+            limits: self.setup.verdict.clone(),
+        })));
+    }
+
     fn samples_of(&self, turn: &Turn) -> TurnMade {
         let start = self
             .buffer
@@ -348,7 +421,10 @@ impl Pipeline {
                 self.refused = None;
             }
             (Verdict::Kept, _) => self.refused = None,
-            _ => self.refused = Some((outcome.reason, outcome.message.clone())),
+            _ => {
+                self.refused = Some((outcome.reason, outcome.message.clone()));
+                self.free_check_s = self.now_s + FREE_PAUSE_S;
+            }
         }
         actions.push(Action::Conclude(outcome));
         if std::mem::take(&mut self.waiting) {
@@ -385,18 +461,29 @@ impl Pipeline {
             self.tilt_from_plane_deg = compass
                 .tilt_from_plane_rad(down.as_ref())
                 .map(f64::to_degrees);
-            self.attitude.fuse(t_s, corrected.field_body);
+            if self
+                .tilt_from_plane_deg
+                .is_none_or(|tilt| tilt < FUSED_TILT_DEG)
+            {
+                self.attitude.fuse(t_s, corrected.field_body);
+                self.fused_s = t_s;
+            }
         }
         let condition = self.update_condition(actions);
         let raw_body = self.setup.mountings.mag.to_body(*raw);
         let mut heading = self.heading(t_s, condition);
         heading.raw_deg = heading_deg(&raw_body, &down.unwrap_or_else(Vector3::z));
         if let Some((compass, corrected)) = &corrected {
-            heading.instantaneous_deg = compass.heading_deg(corrected, down.as_ref());
-            heading.fused_deg = self
-                .attitude
-                .fused_heading_rad(t_s)
-                .map(|heading| wrap_360(heading.to_degrees()));
+            let in_plane = self
+                .tilt_from_plane_deg
+                .is_none_or(|tilt| tilt < PLANAR_TILT_DEG);
+            if in_plane {
+                heading.instantaneous_deg = compass.heading_deg(corrected, down.as_ref());
+            }
+            if t_s - self.fused_s < GYRO_ALONE_S {
+                let fused = self.attitude.fused_heading_rad(t_s);
+                heading.fused_deg = fused.map(|heading| wrap_360(heading.to_degrees()));
+            }
             heading.sd_deg = Some(compass.sd_deg(corrected, down.as_ref()));
             heading.field_mgauss = Some(compass.published_field(corrected));
             heading.strength_mgauss = Some(corrected.strength_mgauss);
@@ -462,8 +549,13 @@ impl Pipeline {
         });
         let condition = report.condition;
         let news = self.report.as_ref().is_none_or(|last| {
-            (last.condition, last.reason) != (condition, report.reason)
-                || last.progress != report.progress
+            let progressed = match (last.progress, report.progress) {
+                (Some(old), Some(new)) => {
+                    (new - old).abs() >= PROGRESS_STEP && report.t_s - last.t_s >= PROGRESS_EVERY_S
+                }
+                _ => false,
+            };
+            (last.condition, last.reason) != (condition, report.reason) || progressed
         });
         if news {
             self.report = Some(report.clone());

@@ -15,6 +15,14 @@ const LEVELLING_S: f64 = 1.0;
 const LEARNING_S: f64 = 30.0;
 const LEARNING_TAU_S: f64 = 1.0;
 const TAU_S: f64 = 3.0;
+/// Over this time the field has its say in the fused heading, seconds: long enough to average its noise away,
+/// short enough that a gyro bias not quite learnt (0.5°/s) costs 2° and not 5°.
+const MAG_TAU_S: f64 = 4.0;
+/// Over this time a steady pull of the field becomes gyro bias, seconds: twice the one above is
+/// damped just enough not to swing for long.
+const BIAS_TAU_S: f64 = 8.0;
+/// A field that is further off is not the gyro's fault, radians (20°).
+const FIELD_TRUST_RAD: f64 = 0.35;
 /// A field older than this is not fed any more.
 const FIELD_AGE_S: f64 = 0.1;
 /// Without a magnetometer, a rate that differs by more from the bias learnt so far is motion, rad/s.
@@ -56,6 +64,7 @@ impl Filter {
             // A wider start would swing far before it settles on a board that moves from the first.
             bias_sigma_init: (bias_limit_deg_s / 10.0).max(0.5),
             tau_acc: LEARNING_TAU_S,
+            tau_mag: MAG_TAU_S,
             ..Params::default()
         };
         Self {
@@ -182,6 +191,24 @@ impl Filter {
         sighting.at_s = end_s;
         self.vqf.update_mag(sighting.field.into());
         self.fused = true;
+        self.learn_vertical_bias();
+    }
+
+    /// VQF learns the bias about the vertical at rest only. On a board that has never rested it pulls the
+    /// fused heading away from the field by bias × time constant, steadily; that is how it is known.
+    fn learn_vertical_bias(&mut self) {
+        let state = self.vqf.state();
+        let settling = state.k_mag_init != 0.0;
+        let off_rad = state.last_mag_dis_angle;
+        if settling || off_rad.abs() > FIELD_TRUST_RAD || self.disturbed() {
+            return;
+        }
+        let up = self.orientation().inverse_transform_vector(&Vector3::z());
+        let correction = up * (-off_rad * PERIOD_S / (MAG_TAU_S * BIAS_TAU_S));
+        let state = self.vqf.state_mut();
+        for axis in 0..3 {
+            state.bias[axis] += correction[axis];
+        }
     }
 
     pub(super) fn sight(&mut self, t_s: f64, field: Vector3<f64>) {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use super::agreement::{self, Agreement, Sighting};
-use super::coverage::{centre_inside, coverage_deg, direction, direction_spread};
+use super::coverage::{centre_inside, coverage_deg, direction, direction_spread, sphere_share};
 use super::fit::{self, Fit, Normalised};
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::objective::Position;
@@ -323,6 +323,13 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
         let planar = self.plan.mode == Mode::Planar;
         let measures = Measures {
             coverage_deg: planar.then(|| coverage_deg(&directions)),
+            sphere_share: (!planar && self.request.turns.is_empty()).then(|| {
+                sphere_share(
+                    directions
+                        .iter()
+                        .map(|u| Vector3::new(u[0], u[1], u[D - 1])),
+                )
+            }),
             direction_spread: (!planar).then(|| direction_spread(&directions)),
             outlier_share: 1.0 - refined.used as f64 / points.len() as f64,
             residual_share: refined.residual_mgauss / (reference_mgauss * mean_scale),

@@ -6,6 +6,7 @@
 //! Everything here is a pure function of its arguments: the same request gives the same outcome.
 
 pub mod agreement;
+pub mod coverage;
 pub mod fit;
 pub mod model;
 pub mod mpsot;
@@ -19,7 +20,6 @@ pub mod swarm;
 pub mod verdict;
 
 mod candidate;
-mod coverage;
 mod wobble;
 
 use std::ops::Range;

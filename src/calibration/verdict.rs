@@ -15,6 +15,8 @@ pub struct Limits {
     /// Spatial: smallest eigenvalue of the covariance of the field's directions, 0 to 0.33. A level turn
     /// has almost none across its plane.
     pub direction_spread: f64,
+    /// Spatial, without full turns: from how much of the sphere the field must have been seen, 0 to 1.
+    pub sphere_share: f64,
     /// Largest share of samples that may be outliers, 0 to 0.5.
     pub outlier_share: f64,
     /// Largest residual, as a share of the field's strength, 0.001 to 0.5. Real boards leave 2 % under
@@ -42,6 +44,7 @@ impl Default for Limits {
         Self {
             coverage_deg: 240.0,
             direction_spread: 0.005,
+            sphere_share: 0.7,
             outlier_share: 0.1,
             residual_share: 0.06,
             axis_ratio: 2.0,
@@ -67,6 +70,7 @@ impl Check for Limits {
             "degrees",
         );
         within(f, "direction_spread", self.direction_spread, 0.0..=0.33, "");
+        within(f, "sphere_share", self.sphere_share, 0.0..=1.0, "");
         within(f, "outlier_share", self.outlier_share, 0.0..=0.5, "");
         within(f, "residual_share", self.residual_share, 0.001..=0.5, "");
         within(f, "axis_ratio", self.axis_ratio, 1.0..=10.0, "");
@@ -118,6 +122,8 @@ pub struct Measures {
     pub coverage_deg: Option<f64>,
     /// Spatial: smallest eigenvalue of the covariance of the field's directions.
     pub direction_spread: Option<f64>,
+    /// Spatial, without full turns: the share of the sphere from which the field was seen.
+    pub sphere_share: Option<f64>,
     /// Share of samples without weight.
     pub outlier_share: f64,
     /// Residual over the field's strength as the sensor sees it.
@@ -153,6 +159,16 @@ pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
             format!(
                 "the field hardly moved along one axis (spread {spread:.4}, at least {:.4} is needed): turn the board about a second axis too",
                 limits.direction_spread
+            ),
+        ));
+    }
+    if let Some(share) = m.sphere_share.filter(|&s| s < limits.sphere_share) {
+        return Err(Refusal::new(
+            "coverage",
+            format!(
+                "no full turn was made, and the field was seen from {:.0} % of all sides (at least {:.0} % are needed)",
+                100.0 * share,
+                100.0 * limits.sphere_share
             ),
         ));
     }
@@ -285,6 +301,7 @@ mod tests {
         Measures {
             coverage_deg: Some(355.0),
             direction_spread: Some(0.1),
+            sphere_share: Some(0.9),
             outlier_share: 0.0,
             residual_share: 0.012,
             scale: vec![0.9, 1.1],
@@ -307,9 +324,10 @@ mod tests {
     #[test]
     fn every_refusal_has_its_code_and_a_sentence() {
         type Spoil = fn(&mut Measures);
-        let cases: [(&str, Spoil); 11] = [
+        let cases: [(&str, Spoil); 12] = [
             ("coverage", |m| m.coverage_deg = Some(239.0)),
             ("coverage", |m| m.direction_spread = Some(0.0)),
+            ("coverage", |m| m.sphere_share = Some(0.5)),
             ("outliers", |m| m.outlier_share = 0.3),
             ("residual", |m| m.residual_share = 0.07),
             ("axis_ratio", |m| m.scale = vec![0.4, 0.9]),
