@@ -140,6 +140,8 @@ pub struct Pipeline {
     fault: Option<String>,
     report: Option<Report>,
     now_s: f64,
+    /// Time of the first reading and of the last.
+    readings_s: Option<(f64, f64)>,
     whole_field_s: f64,
     overflow_s: f64,
     rate_s: f64,
@@ -164,6 +166,7 @@ impl Pipeline {
             fault: None,
             report: None,
             now_s: f64::NEG_INFINITY,
+            readings_s: None,
             whole_field_s: f64::NEG_INFINITY,
             overflow_s: f64::NEG_INFINITY,
             rate_s: f64::NEG_INFINITY,
@@ -198,9 +201,12 @@ impl Pipeline {
 
     fn read(&mut self, reading: &Reading, actions: &mut Vec<Action>) {
         // Sources see to it that time does not go back; a reading that does so has no place in the buffer.
-        if reading.t_s < self.now_s || !reading.t_s.is_finite() {
+        // One that was only late, so that silence was told before it came, has.
+        let (first_s, last_s) = self.readings_s.unwrap_or((reading.t_s, reading.t_s));
+        if reading.t_s < last_s || !reading.t_s.is_finite() {
             return;
         }
+        self.readings_s = Some((first_s, reading.t_s));
         self.now_s = reading.t_s;
         if reading.rate_rad_s.is_some() {
             self.rate_s = reading.t_s;
@@ -439,6 +445,14 @@ impl Pipeline {
     }
 
     fn update_condition(&mut self, actions: &mut Vec<Action>) -> Condition {
+        // A magnetometer that has not had the time to speak is not silent.
+        let beginning = self.readings_s.is_some_and(|(first_s, _)| {
+            self.whole_field_s.max(self.overflow_s) < first_s
+                && self.now_s - first_s <= self.setup.pipeline.stale_s
+        });
+        if beginning && self.fault.is_none() {
+            return Condition::Stale;
+        }
         let report = condition::judge(&Evidence {
             t_s: self.now_s,
             fault: self.fault.as_deref(),
