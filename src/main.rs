@@ -19,6 +19,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Run(command::run::Args),
+    Demo(command::demo::Args),
     Simulate(command::simulate::Args),
     Config(command::config::Args),
 }
@@ -26,6 +27,7 @@ enum Command {
 fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Run(args) => command::run::run(&args),
+        Command::Demo(args) => command::demo::run(&args),
         Command::Simulate(args) => command::simulate::run(&args),
         Command::Config(args) => command::config::run(&args),
     };

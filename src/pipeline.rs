@@ -33,6 +33,9 @@ const TURNS_FOLLOW_S: f64 = 3.0;
 /// A planar calibration is of use for headings only if its turn was about the vertical, within this angle.
 const LEVEL_TURN_DEG: f64 = 30.0;
 
+/// A new calibration that turns the heading by more starts its fusion anew, degrees.
+const RESTART_DEG: f64 = 3.0;
+
 /// Settings of the pipeline itself; those of its rooms stand with them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -347,8 +350,15 @@ impl Pipeline {
         self.calibrating = false;
         match (outcome.verdict, outcome.calibration) {
             (Verdict::Accepted, Some(calibration)) => {
-                self.compass = Some(Compass::new(calibration, self.setup.mountings.mag));
-                self.attitude.restart_fusion();
+                let new = Compass::new(calibration, self.setup.mountings.mag);
+                // A fusion that begins anew follows the field closely at first, tilts and all.
+                if self
+                    .turned_by_deg(&new)
+                    .is_none_or(|turned| turned > RESTART_DEG)
+                {
+                    self.attitude.restart_fusion();
+                }
+                self.compass = Some(new);
                 self.strength_deviation = 0.0;
                 self.refused = None;
             }
@@ -360,6 +370,18 @@ impl Pipeline {
             self.ask_for_calibration(actions);
         }
         self.update_condition(actions);
+    }
+
+    /// How far this calibration turns the heading of the newest sample, degrees, if there is one in force.
+    fn turned_by_deg(&self, new: &Compass) -> Option<f64> {
+        let sample = self.buffer.back()?;
+        let down = self.down(sample.t_s);
+        let heading = |compass: &Compass| {
+            let corrected = compass.correct(&sample.field_mgauss);
+            compass.heading_deg(&corrected, down.as_ref())
+        };
+        let turned = wrap_360(heading(new)? - heading(self.compass.as_ref()?)?);
+        Some(turned.min(360.0 - turned))
     }
 
     /// The direction of down in body axes, if the tilt is known.

@@ -7,6 +7,7 @@ use std::path::Path;
 use crate::config::Config;
 
 pub mod config;
+pub mod demo;
 pub mod run;
 pub mod simulate;
 
