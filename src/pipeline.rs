@@ -61,6 +61,9 @@ const TURNS_TOGETHER: usize = 2;
 /// A planar calibration is of use for headings only if its turn was about the vertical, within this angle.
 const LEVEL_TURN_DEG: f64 = 30.0;
 
+/// A new calibration that turns the heading by more starts its fusion anew, degrees.
+const RESTART_DEG: f64 = 3.0;
+
 /// Settings of the pipeline itself; those of its rooms stand with them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -168,6 +171,8 @@ pub struct Pipeline {
     fault: Option<String>,
     report: Option<Report>,
     now_s: f64,
+    /// Time of the first reading and of the last.
+    readings_s: Option<(f64, f64)>,
     whole_field_s: f64,
     overflow_s: f64,
     rate_s: f64,
@@ -194,6 +199,7 @@ impl Pipeline {
             fault: None,
             report: None,
             now_s: f64::NEG_INFINITY,
+            readings_s: None,
             whole_field_s: f64::NEG_INFINITY,
             overflow_s: f64::NEG_INFINITY,
             rate_s: f64::NEG_INFINITY,
@@ -230,9 +236,12 @@ impl Pipeline {
 
     fn read(&mut self, reading: &Reading, actions: &mut Vec<Action>) {
         // Sources see to it that time does not go back; a reading that does so has no place in the buffer.
-        if reading.t_s < self.now_s || !reading.t_s.is_finite() {
+        // One that was only late, so that silence was told before it came, has.
+        let (first_s, last_s) = self.readings_s.unwrap_or((reading.t_s, reading.t_s));
+        if reading.t_s < last_s || !reading.t_s.is_finite() {
             return;
         }
+        self.readings_s = Some((first_s, reading.t_s));
         self.now_s = reading.t_s;
         if reading.rate_rad_s.is_some() {
             self.rate_s = reading.t_s;
@@ -415,8 +424,15 @@ impl Pipeline {
         self.calibrating = false;
         match (outcome.verdict, outcome.calibration) {
             (Verdict::Accepted, Some(calibration)) => {
-                self.compass = Some(Compass::new(calibration, self.setup.mountings.mag));
-                self.attitude.restart_fusion();
+                let new = Compass::new(calibration, self.setup.mountings.mag);
+                // A fusion that begins anew follows the field closely at first, tilts and all.
+                if self
+                    .turned_by_deg(&new)
+                    .is_none_or(|turned| turned > RESTART_DEG)
+                {
+                    self.attitude.restart_fusion();
+                }
+                self.compass = Some(new);
                 self.strength_deviation = 0.0;
                 self.refused = None;
             }
@@ -431,6 +447,18 @@ impl Pipeline {
             self.ask_for_calibration(actions);
         }
         self.update_condition(actions);
+    }
+
+    /// How far this calibration turns the heading of the newest sample, degrees, if there is one in force.
+    fn turned_by_deg(&self, new: &Compass) -> Option<f64> {
+        let sample = self.buffer.back()?;
+        let down = self.down(sample.t_s);
+        let heading = |compass: &Compass| {
+            let corrected = compass.correct(&sample.field_mgauss);
+            compass.heading_deg(&corrected, down.as_ref())
+        };
+        let turned = wrap_360(heading(new)? - heading(self.compass.as_ref()?)?);
+        Some(turned.min(360.0 - turned))
     }
 
     /// The direction of down in body axes, if the tilt is known.
@@ -527,6 +555,14 @@ impl Pipeline {
     }
 
     fn update_condition(&mut self, actions: &mut Vec<Action>) -> Condition {
+        // A magnetometer that has not had the time to speak is not silent.
+        let beginning = self.readings_s.is_some_and(|(first_s, _)| {
+            self.whole_field_s.max(self.overflow_s) < first_s
+                && self.now_s - first_s <= self.setup.pipeline.stale_s
+        });
+        if beginning && self.fault.is_none() {
+            return Condition::Stale;
+        }
         let report = condition::judge(&Evidence {
             t_s: self.now_s,
             fault: self.fault.as_deref(),

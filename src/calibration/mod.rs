@@ -31,7 +31,7 @@ use crate::attitude::Pose;
 use crate::frame::Mounting;
 use candidate::Clock;
 use model::Calibration;
-use outcome::{Elapsed, Outcome, Samples, Verdict};
+use outcome::{Outcome, Verdict};
 use settings::Settings;
 use verdict::{Limits, Refusal};
 
@@ -80,30 +80,7 @@ pub struct Request {
 /// Calibrates. `clock` tells the time since any origin, for the outcome's `elapsed_us`; a clock that knows
 /// nothing leaves those unknown, as a replay must.
 pub fn calibrate(request: &Request, clock: &dyn Fn() -> Option<Duration>) -> Outcome {
-    let mut outcome = Outcome {
-        verdict: Verdict::Rejected,
-        reason: "",
-        message: String::new(),
-        mode: None,
-        model: None,
-        reference_mgauss: None,
-        residual_mgauss: None,
-        heading_sd_deg: None,
-        gyro_rms_deg: None,
-        seed: request.settings.seed,
-        basis: None,
-        bias_mgauss: None,
-        scale: None,
-        matrix: None,
-        samples: Samples {
-            total: request.samples.len(),
-            ..Samples::default()
-        },
-        window: None,
-        swarm: None,
-        elapsed_us: Elapsed::default(),
-        calibration: None,
-    };
+    let mut outcome = Outcome::begun(request);
     let started = Clock::start(clock);
     let refused = match candidate::calibrate(request, clock, &mut outcome) {
         Ok(message) => {
