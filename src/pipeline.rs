@@ -31,12 +31,12 @@ const STRENGTH_TAU_S: f64 = 0.5;
 /// Turns that follow each other within this time and about the same axis calibrate together, seconds.
 const TURNS_FOLLOW_S: f64 = 3.0;
 
-/// Out of a planar calibration's plane by more than this, a field says more of the tilt than of the heading
-/// and is not fused, degrees; the gyro carries on.
-const FUSED_TILT_DEG: f64 = 10.0;
+/// A field that a tilt out of a planar calibration's plane makes less certain than this is not fused, radians;
+/// the gyro carries on.
+const FUSED_TILT_SD_RAD: f64 = 0.1;
 
-/// By more than this, it gives no heading at all, degrees.
-const PLANAR_TILT_DEG: f64 = 20.0;
+/// One that is less certain than this gives no heading at all, radians.
+const HEADING_TILT_SD_RAD: f64 = 0.35;
 
 /// The gyro alone carries a fused heading this long, seconds.
 const GYRO_ALONE_S: f64 = 30.0;
@@ -179,7 +179,7 @@ pub struct Pipeline {
     fused_s: f64,
     free_check_s: f64,
     strength_deviation: f64,
-    tilt_from_plane_deg: Option<f64>,
+    tilt_sd_rad: f64,
     seq: u64,
 }
 
@@ -206,7 +206,7 @@ impl Pipeline {
             fused_s: f64::NEG_INFINITY,
             free_check_s: f64::NEG_INFINITY,
             strength_deviation: 0.0,
-            tilt_from_plane_deg: None,
+            tilt_sd_rad: 0.0,
             seq: 0,
         }
     }
@@ -454,7 +454,7 @@ impl Pipeline {
         let sample = self.buffer.back()?;
         let down = self.down(sample.t_s);
         let heading = |compass: &Compass| {
-            let corrected = compass.correct(&sample.field_mgauss);
+            let corrected = compass.correct(&sample.field_mgauss, down.as_ref());
             compass.heading_deg(&corrected, down.as_ref())
         };
         let turned = wrap_360(heading(new)? - heading(self.compass.as_ref()?)?);
@@ -475,24 +475,20 @@ impl Pipeline {
 
     fn publish(&mut self, t_s: f64, raw: &Vector3<f64>, actions: &mut Vec<Action>) {
         let down = self.down(t_s);
-        let corrected = self.compass.map(|compass| (compass, compass.correct(raw)));
+        let samples = self.buffer.iter().rev().take(2).map(|sample| sample.t_s);
+        let period_s = samples.reduce(|newer, older| newer - older).unwrap_or(0.0);
+        if let Some(compass) = &mut self.compass {
+            compass.learn(raw, down.as_ref(), period_s);
+        }
+        let corrected = self
+            .compass
+            .map(|compass| (compass, compass.correct(raw, down.as_ref())));
         if let Some((compass, corrected)) = &corrected {
-            let samples = self.buffer.iter().rev().take(2).map(|sample| sample.t_s);
-            let period = samples.reduce(|newer, older| newer - older).unwrap_or(0.0);
-            let gain = if period > 0.0 {
-                period / (period + STRENGTH_TAU_S)
-            } else {
-                1.0
-            };
+            let gain = period_s / (period_s + STRENGTH_TAU_S);
             let deviation = compass.strength_deviation(corrected);
-            self.strength_deviation += gain.min(1.0) * (deviation - self.strength_deviation);
-            self.tilt_from_plane_deg = compass
-                .tilt_from_plane_rad(down.as_ref())
-                .map(f64::to_degrees);
-            if self
-                .tilt_from_plane_deg
-                .is_none_or(|tilt| tilt < FUSED_TILT_DEG)
-            {
+            self.strength_deviation += gain * (deviation - self.strength_deviation);
+            self.tilt_sd_rad = corrected.tilt_sd_rad;
+            if corrected.tilt_sd_rad < FUSED_TILT_SD_RAD {
                 self.attitude.fuse(t_s, corrected.field_body);
                 self.fused_s = t_s;
             }
@@ -502,10 +498,7 @@ impl Pipeline {
         let mut heading = self.heading(t_s, condition);
         heading.raw_deg = heading_deg(&raw_body, &down.unwrap_or_else(Vector3::z));
         if let Some((compass, corrected)) = &corrected {
-            let in_plane = self
-                .tilt_from_plane_deg
-                .is_none_or(|tilt| tilt < PLANAR_TILT_DEG);
-            if in_plane {
+            if corrected.tilt_sd_rad < HEADING_TILT_SD_RAD {
                 heading.instantaneous_deg = compass.heading_deg(corrected, down.as_ref());
             }
             if t_s - self.fused_s < GYRO_ALONE_S {
@@ -579,7 +572,7 @@ impl Pipeline {
             strength_deviation: self.strength_deviation,
             strength_tolerance: self.setup.pipeline.strength_tolerance,
             field_disturbed: self.attitude.disturbed(),
-            tilt_from_plane_deg: self.tilt_from_plane_deg,
+            tilt_sd_rad: self.tilt_sd_rad,
             tilt_known: self.attitude.tilt(self.now_s).is_some(),
             gyro_speaks: self.now_s - self.rate_s <= self.setup.attitude.gap_s,
         });

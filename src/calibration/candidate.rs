@@ -191,7 +191,8 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
             fit::refined(points, start, reference, reference_given)
         };
         let mut fitted = fit(&points, start, swarm.reference_mgauss)?;
-        let Some(wobble) = self.wobble() else {
+        let planar = self.plan.mode == Mode::Planar;
+        let Some(wobble) = planar.then(|| wobble::wobble(&self.down())).flatten() else {
             return Some((points, fitted));
         };
         let mut level = points.clone();
@@ -208,21 +209,18 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
         Some((level, fitted))
     }
 
-    /// How the board wobbled about its mean tilt during the stretch. A sample whose tilt is unknown, as
-    /// after a hole in the gyro's account, is taken to have the mean.
-    fn wobble(&self) -> Option<Vec<[f64; D]>> {
-        if self.plan.mode == Mode::Spatial {
-            return None;
-        }
-        let down = self.request.samples[self.plan.stretch.clone()]
+    /// Down during the stretch, along the calibrated axes, where the tilt is known.
+    fn down(&self) -> Vec<Option<[f64; D]>> {
+        let down = |sample: &Sample| {
+            let pose = sample.pose.filter(|pose| pose.vertical_known)?;
+            let down = pose.orientation.inverse_transform_vector(&-Vector3::z());
+            let down = self.request.mounting.to_chip(down);
+            Some(std::array::from_fn(|axis| self.plan.basis[axis].dot(&down)))
+        };
+        self.request.samples[self.plan.stretch.clone()]
             .iter()
-            .map(|sample| {
-                let pose = sample.pose.filter(|pose| pose.vertical_known)?;
-                let down = pose.orientation.inverse_transform_vector(&-Vector3::z());
-                let down = self.request.mounting.to_chip(down);
-                Some(std::array::from_fn(|axis| self.plan.basis[axis].dot(&down)))
-            });
-        wobble::wobble(down.collect())
+            .map(down)
+            .collect()
     }
 
     /// The swarm's windows: RIST for each axis, inside one full turn. In the plane that is the first
@@ -363,6 +361,7 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
                 basis: self.plan.basis,
                 bias_mgauss: Vector2::new(position[0], position[1]),
                 scale: Vector2::new(position[D], position[D + 1]),
+                level: Vector2::from_column_slice(&wobble::mean(&self.down())),
             })),
             Mode::Spatial => Spatial::diagonal(
                 Vector3::from_column_slice(&position[..3]),
