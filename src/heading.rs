@@ -66,7 +66,7 @@ pub struct Compass {
 /// One corrected sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrected {
-    /// Corrected field, body axes, milligauss; under a planar calibration, its part in the plane.
+    /// Corrected field, body axes, milligauss; under a planar calibration, its horizontal part.
     pub field_body: Vector3<f64>,
     /// Its strength, milligauss.
     pub strength_mgauss: f64,
@@ -111,11 +111,20 @@ impl Compass {
         };
         let tilt = self.tilt_in_plane(planar, down);
         let h = planar.correct(raw_mgauss) - tilt * self.vertical.mgauss();
-        let chip = planar.basis[0] * h.x + planar.basis[1] * h.y;
+        let in_plane = planar.basis[0] * h.x + planar.basis[1] * h.y;
+        let (horizontal, steepness) = match down {
+            Some(down) => horizontal(&in_plane, &planar.normal(), &self.mounting.to_chip(*down)),
+            None => (in_plane, 1.0),
+        };
+        let vertical_share = self.vertical.sd_mgauss() / self.calibration.strength_mgauss;
         Corrected {
-            field_body: self.mounting.to_body(chip),
-            strength_mgauss: h.norm(),
-            tilt_sd_rad: tilt.norm() * self.vertical.sd_mgauss() / self.calibration.strength_mgauss,
+            field_body: self.mounting.to_body(horizontal),
+            strength_mgauss: horizontal.norm(),
+            tilt_sd_rad: if steepness > LEAST_STEEPNESS {
+                tilt.norm() * vertical_share / steepness
+            } else {
+                std::f64::consts::PI
+            },
         }
     }
 
@@ -126,7 +135,11 @@ impl Compass {
         };
         let h = planar.correct(raw_mgauss);
         let strength = h.norm();
-        let towards = self.tilt_in_plane(planar, down).dot(&h) / strength.max(1e-9);
+        let tilt = self.tilt_in_plane(planar, down);
+        if tilt.norm() > LEARNING_TILT {
+            return;
+        }
+        let towards = tilt.dot(&h) / strength.max(1e-9);
         self.vertical.learn(
             towards,
             strength - self.calibration.strength_mgauss,
@@ -141,12 +154,12 @@ impl Compass {
         })
     }
 
-    /// Heading from one corrected field, degrees. A planar calibration uses its own plane as the
-    /// horizontal; a spatial one the tilt, `down` in body axes, or body Z where that is not known.
+    /// Heading from one corrected field, degrees. The horizontal is that of `down`, body axes; where the tilt
+    /// is not known, a planar calibration's own plane, or body Z.
     pub fn heading_deg(&self, corrected: &Corrected, down: Option<&Vector3<f64>>) -> Option<f64> {
         let down = match (&self.plane_down, down) {
-            (Some(plane), _) => *plane,
-            (None, Some(down)) => *down,
+            (_, Some(down)) => *down,
+            (Some(plane), None) => *plane,
             (None, None) => Vector3::z(),
         };
         heading_deg(&corrected.field_body, &down)
@@ -184,6 +197,28 @@ impl Compass {
     pub fn strength_deviation(&self, corrected: &Corrected) -> f64 {
         corrected.strength_mgauss / self.calibration.strength_mgauss - 1.0
     }
+}
+
+/// Tilts (sines) up to which the strength in the plane changes in proportion to them.
+const LEARNING_TILT: f64 = 0.3;
+
+/// A planar calibration tilted further than 45° out of its plane says nothing of use.
+const LEAST_STEEPNESS: f64 = 0.7;
+
+/// The horizontal vector whose part in a plane is known, and how far from standing on edge the plane is, 1 where
+/// it is level.
+fn horizontal(
+    in_plane: &Vector3<f64>,
+    normal: &Vector3<f64>,
+    down: &Vector3<f64>,
+) -> (Vector3<f64>, f64) {
+    let steepness = normal.dot(down);
+    let safe = if steepness.abs() < 1e-3 {
+        1e-3
+    } else {
+        steepness
+    };
+    (in_plane - normal * (in_plane.dot(down) / safe), safe.abs())
 }
 
 /// Heading of body X, degrees clockwise from magnetic north, of a field in body axes over a horizontal
