@@ -3,9 +3,10 @@
 use std::ops::Range;
 use std::time::Duration;
 
-use nalgebra::{SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{SVector, Vector2, Vector3};
 
 use super::agreement::{self, Agreement, Sighting};
+use super::clock::Clock;
 use super::coverage::{centre_inside, coverage_deg, direction, direction_spread, sphere_share};
 use super::fit::{self, Fit, Normalised};
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
@@ -14,8 +15,9 @@ use super::outcome::{Outcome, SwarmReport, Window};
 use super::plane::{self, Plan};
 use super::refine::{median, refine, residual};
 use super::rist;
-use super::settings::WindowChoice;
+use super::uncertainty::{correlation, heading_sd_deg};
 use super::verdict::{self, Measures, Refusal, Standing};
+use super::windows::windows;
 use super::{Request, Sample, wobble};
 
 /// Below this many samples nothing is tried.
@@ -27,26 +29,6 @@ const FOLDS: usize = 4;
 /// Dip assumed for the predicted uncertainty of a heading where the vertical is not known, degrees:
 /// between those of Rome and of Oslo.
 const USUAL_DIP_DEG: f64 = 68.0;
-
-/// A stopwatch over a clock that may not know the time.
-pub struct Clock<'a> {
-    clock: &'a dyn Fn() -> Option<Duration>,
-    start: Option<Duration>,
-}
-
-impl<'a> Clock<'a> {
-    pub fn start(clock: &'a dyn Fn() -> Option<Duration>) -> Self {
-        Self {
-            clock,
-            start: clock(),
-        }
-    }
-
-    pub fn elapsed_us(&self) -> Option<u64> {
-        let elapsed = (self.clock)()?.checked_sub(self.start?)?;
-        Some(u64::try_from(elapsed.as_micros()).unwrap_or(u64::MAX))
-    }
-}
 
 /// Calibrates and fills in the outcome as far as it gets. The sentence of an acceptance, or a refusal.
 pub fn calibrate(
@@ -130,7 +112,7 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
         let points: Vec<[f64; D]> = stretch.iter().map(self.project).collect();
 
         let watch = Clock::start(clock);
-        let windows = self.windows();
+        let windows = windows(self.request, self.plan, self.project);
         outcome.elapsed_us.rist = watch.elapsed_us();
         let hull = rist::join(windows.iter().cloned());
         outcome.window = Some(Window {
@@ -223,55 +205,6 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
             .collect()
     }
 
-    /// The swarm's windows: RIST for each axis, inside one full turn. In the plane that is the first
-    /// turn; in space, for each axis the turn in which it swings most. Windows that overlap are joined.
-    fn windows(&self) -> Vec<Range<usize>> {
-        let turns: Vec<Range<usize>> = self
-            .request
-            .turns
-            .iter()
-            .map(|turn| turn.samples.clone())
-            .collect();
-        let whole = self.plan.stretch.clone();
-        if self.request.settings.window != WindowChoice::Rist {
-            return vec![whole];
-        }
-        let turns = match self.plan.mode {
-            Mode::Planar => turns.into_iter().take(1).collect(),
-            Mode::Spatial => turns,
-        };
-        let turns = if turns.is_empty() { vec![whole] } else { turns };
-        let values = |turn: &Range<usize>, axis: usize| -> Vec<f64> {
-            self.request.samples[turn.clone()]
-                .iter()
-                .map(|s| (self.project)(s)[axis])
-                .collect()
-        };
-        let swing = |turn: &Range<usize>, axis: usize| {
-            let values = values(turn, axis);
-            let high = values.iter().copied().fold(f64::MIN, f64::max);
-            high - values.iter().copied().fold(f64::MAX, f64::min)
-        };
-        let mut windows: Vec<Range<usize>> = (0..D)
-            .filter_map(|axis| {
-                let turn = turns
-                    .iter()
-                    .max_by(|a, b| swing(a, axis).total_cmp(&swing(b, axis)))?;
-                let window = rist::window(values(turn, axis));
-                Some(turn.start + window.start..turn.start + window.end)
-            })
-            .collect();
-        windows.sort_by_key(|window| window.start);
-        windows.dedup_by(|next, last| {
-            let overlap = next.start <= last.end;
-            if overlap {
-                last.end = last.end.max(next.end);
-            }
-            overlap
-        });
-        windows
-    }
-
     fn judge(
         &self,
         points: &[[f64; D]],
@@ -294,8 +227,19 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
             refined.cutoff_mgauss,
         );
         let dip = agreement::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
-        let heading_sd_deg = self.correlation(points, position, *reference_mgauss).sqrt()
-            * self.heading_sd_deg(position, &refined.covariance, *reference_mgauss, dip);
+        let residuals: Vec<f64> = points
+            .iter()
+            .map(|point| residual(point, position, *reference_mgauss))
+            .collect();
+        let heading_sd_deg = correlation(&residuals).sqrt()
+            * heading_sd_deg::<D, P>(
+                self.plan.mode,
+                &self.request.mounting,
+                position,
+                &refined.covariance,
+                *reference_mgauss,
+                dip,
+            );
         let gyro = self.cross_validated(points, fitted);
         let mean_scale = position[D..].iter().sum::<f64>() / D as f64;
 
@@ -440,80 +384,6 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
             .collect();
         let cutoff = fitted.refined.cutoff_mgauss;
         self.agreement(&self.sightings(points, |index| positions[index / part], reference, cutoff))
-    }
-
-    /// How many samples one independent sample takes: 1 for white noise, more where the residuals are
-    /// those of a model that does not quite fit. Their autocorrelation, summed up to where it is lost in
-    /// noise (Geyer's initial sequence, Statistical Science 7, 1992).
-    fn correlation(
-        &self,
-        points: &[[f64; D]],
-        position: &Position<P>,
-        reference_mgauss: f64,
-    ) -> f64 {
-        let residuals: Vec<f64> = points
-            .iter()
-            .map(|point| residual(point, position, reference_mgauss))
-            .collect();
-        let variance: f64 = residuals.iter().map(|e| e * e).sum();
-        let noise = 2.0 / (residuals.len() as f64).sqrt();
-        let mut sum = 1.0;
-        for lag in 1..residuals.len() / 4 {
-            let products = residuals.iter().zip(&residuals[lag..]).map(|(a, b)| a * b);
-            let correlation = products.sum::<f64>() / variance;
-            if correlation < noise || correlation.is_nan() {
-                break;
-            }
-            sum += 2.0 * correlation;
-        }
-        sum
-    }
-
-    /// One standard deviation of a level board's heading, RMS over all headings, from the parameters'
-    /// covariance.
-    fn heading_sd_deg(
-        &self,
-        position: &Position<P>,
-        covariance: &SMatrix<f64, P, P>,
-        reference_mgauss: f64,
-        dip_rad: f64,
-    ) -> f64 {
-        const HEADINGS: usize = 36;
-        let mut variance = 0.0;
-        for k in 0..HEADINGS {
-            let (sin, cos) = (std::f64::consts::TAU * k as f64 / HEADINGS as f64).sin_cos();
-            // The field of strength 1 along the calibrated axes, and how its azimuth changes with them.
-            let (h, azimuth): ([f64; D], [f64; D]) = match self.plan.mode {
-                Mode::Planar => (
-                    std::array::from_fn(|i| [cos, sin][i]),
-                    std::array::from_fn(|i| [-sin, cos][i]),
-                ),
-                Mode::Spatial => {
-                    let level = Vector3::new(cos, -sin, dip_rad.tan()) * dip_rad.cos();
-                    let across = Vector3::new(sin, cos, 0.0) / dip_rad.cos();
-                    let (h, across) = (
-                        self.request.mounting.to_chip(level),
-                        self.request.mounting.to_chip(across),
-                    );
-                    (
-                        std::array::from_fn(|i| h[i]),
-                        std::array::from_fn(|i| across[i]),
-                    )
-                }
-            };
-            // δh = −δb/(a·Hm) − h·δa/a.
-            let mut gradient = SVector::<f64, P>::zeros();
-            for axis in 0..D {
-                let scale = position[D + axis];
-                gradient[axis] = -azimuth[axis] / scale;
-                gradient[D + axis] = -azimuth[axis] * h[axis] / scale;
-            }
-            for axis in 0..D {
-                gradient[axis] /= reference_mgauss;
-            }
-            variance += gradient.dot(&(covariance * gradient)) / HEADINGS as f64;
-        }
-        variance.max(0.0).sqrt().to_degrees()
     }
 
     /// Holds the candidate against the calibration in force, on the same samples.

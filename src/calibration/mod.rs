@@ -20,6 +20,9 @@ pub mod swarm;
 pub mod verdict;
 
 mod candidate;
+mod clock;
+mod uncertainty;
+mod windows;
 mod wobble;
 
 use std::ops::Range;
@@ -29,7 +32,7 @@ use nalgebra::Vector3;
 
 use crate::attitude::Pose;
 use crate::frame::Mounting;
-use candidate::Clock;
+use clock::Clock;
 use model::Calibration;
 use outcome::{Outcome, Verdict};
 use settings::Settings;
