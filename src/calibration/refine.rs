@@ -105,7 +105,10 @@ pub fn refine<const D: usize, const P: usize>(
             sigma = sigma.max(NOISE_FLOOR_MGAUSS);
         }
         let sums = accumulate(points, &position, reference_mgauss, sigma);
-        let step = sums.information.cholesky()?.solve(&sums.gradient);
+        let mut step = sums.information.cholesky()?.solve(&sums.gradient);
+        // Far from the minimum a whole step may overshoot: no scale is more than halved at once.
+        let halved = (D..P).map(|k| 0.5 * position[k] / step[k].max(0.5 * position[k]));
+        step *= halved.fold(1.0, f64::min);
         let mut largest = 0.0f64;
         for k in 0..P {
             position[k] -= step[k];
