@@ -81,6 +81,7 @@ fn shifted(settings: &Settings, shift_mgauss: f64) -> Calibration {
             basis: [Vector3::x(), Vector3::y()],
             bias_mgauss: Vector2::new(x + shift_mgauss, y),
             scale: scale / scale.mean(),
+            level: Vector2::zeros(),
         }),
         reference_mgauss: None,
         strength_mgauss: settings.horizontal_mgauss * scale.mean(),

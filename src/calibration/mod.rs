@@ -7,6 +7,7 @@
 
 pub mod agreement;
 pub mod coverage;
+pub mod curve;
 pub mod fit;
 pub mod model;
 pub mod mpsot;
@@ -21,6 +22,8 @@ pub mod verdict;
 
 mod candidate;
 mod clock;
+mod soft_iron;
+mod trial;
 mod uncertainty;
 mod windows;
 mod wobble;

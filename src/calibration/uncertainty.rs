@@ -1,9 +1,9 @@
 //! How certain headings are, predicted from how certain the parameters are.
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, Vector3};
 
+use super::curve::Curve;
 use super::model::Mode;
-use super::objective::Position;
 use crate::frame::Mounting;
 
 /// Headings that the prediction is averaged over.
@@ -11,12 +11,11 @@ const HEADINGS: usize = 36;
 
 /// One standard deviation of a level board's heading, RMS over all headings, degrees, from the
 /// parameters' covariance. `mounting` and `dip_rad` matter in space only: a plane has its own axes.
-pub fn heading_sd_deg<const D: usize, const P: usize>(
+pub fn heading_sd_deg<C: Curve<D, P>, const D: usize, const P: usize>(
     mode: Mode,
     mounting: &Mounting,
-    position: &Position<P>,
+    curve: &C,
     covariance: &SMatrix<f64, P, P>,
-    reference_mgauss: f64,
     dip_rad: f64,
 ) -> f64 {
     let mut variance = 0.0;
@@ -38,16 +37,7 @@ pub fn heading_sd_deg<const D: usize, const P: usize>(
                 )
             }
         };
-        // δh = −δb/(a·Hm) − h·δa/a.
-        let mut gradient = SVector::<f64, P>::zeros();
-        for axis in 0..D {
-            let scale = position[D + axis];
-            gradient[axis] = -azimuth[axis] / scale;
-            gradient[D + axis] = -azimuth[axis] * h[axis] / scale;
-        }
-        for axis in 0..D {
-            gradient[axis] /= reference_mgauss;
-        }
+        let gradient = curve.azimuth(&h, &azimuth);
         variance += gradient.dot(&(covariance * gradient)) / HEADINGS as f64;
     }
     variance.max(0.0).sqrt().to_degrees()

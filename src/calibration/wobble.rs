@@ -6,8 +6,9 @@
 //! the same samples. Tilts are taken from their mean, so a turn that was level, or evenly tilted, is
 //! left as it is. What is fitted is still raw samples: no earlier calibration has a part in this.
 
+use super::curve::{Curve, Diagonal, Distance};
 use super::objective::Position;
-use super::refine::{Refined, distance};
+use super::refine::Refined;
 
 /// Tilts that vary by less than this are noise of the accelerometer, radians RMS.
 const LEAST_WOBBLE_RAD: f64 = 0.005;
@@ -35,9 +36,12 @@ pub fn vertical_mgauss<const D: usize, const P: usize>(
     fitted: &Refined<P>,
     reference_mgauss: f64,
 ) -> f64 {
+    let Some(curve) = <Diagonal<D> as Curve<D, P>>::new(&fitted.position, reference_mgauss) else {
+        return 0.0;
+    };
     let (mut xx, mut xe) = (1e-12, 0.0);
     for (point, wobble) in points.iter().zip(wobble) {
-        let off = distance(point, &fitted.position, reference_mgauss);
+        let off: Distance<P> = curve.distance(point);
         if off.value_mgauss.abs() >= fitted.cutoff_mgauss {
             continue;
         }
@@ -71,6 +75,10 @@ mod tests {
     use super::*;
     use crate::calibration::refine::refine;
 
+    fn refine2(points: &[[f64; 2]], start: &[f64; 4]) -> Refined<4> {
+        refine::<Diagonal<2>, 2, 4>(points, start, 163.0).unwrap()
+    }
+
     #[test]
     fn an_even_tilt_is_no_wobble() {
         assert_eq!(wobble(&[Some([0.1, -0.05]); 50]), None);
@@ -101,14 +109,14 @@ mod tests {
             })
             .collect();
         let wobble = wobble(&down.into_iter().map(Some).collect::<Vec<_>>()).unwrap();
-        let mut fitted = refine(&points, &truth, horizontal).unwrap();
+        let mut fitted = refine2(&points, &truth);
         let before = fitted.residual_mgauss;
         let mut found = 0.0;
         let mut level = points.clone();
         for _ in 0..10 {
             found += vertical_mgauss(&level, &wobble, &fitted, horizontal);
             level = levelled(&points, &wobble, &fitted.position, found);
-            fitted = refine(&level, &fitted.position, horizontal).unwrap();
+            fitted = refine2(&level, &fitted.position);
         }
         assert!((found - vertical).abs() < 5.0, "{found}");
         assert!(
