@@ -22,6 +22,7 @@ enum Command {
     Calibrate(command::calibrate::Args),
     Simulate(command::simulate::Args),
     Config(command::config::Args),
+    Paper(command::paper::Args),
 }
 
 fn main() -> ExitCode {
@@ -30,6 +31,7 @@ fn main() -> ExitCode {
         Command::Calibrate(args) => command::calibrate::run(&args),
         Command::Simulate(args) => command::simulate::run(&args),
         Command::Config(args) => command::config::run(&args),
+        Command::Paper(args) => command::paper::run(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

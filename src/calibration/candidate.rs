@@ -14,9 +14,8 @@ use super::outcome::{Outcome, SwarmReport, Window};
 use super::plane::{self, Plan};
 use super::refine::{median, refine, residual};
 use super::rist;
-use super::settings::WindowChoice;
 use super::verdict::{self, Measures, Refusal, Standing};
-use super::{Request, Sample, wobble};
+use super::{Request, Sample, window, wobble};
 
 /// Below this many samples nothing is tried.
 const LEAST_SAMPLES: usize = 20;
@@ -130,7 +129,7 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
         let points: Vec<[f64; D]> = stretch.iter().map(self.project).collect();
 
         let watch = Clock::start(clock);
-        let windows = self.windows();
+        let windows = window::windows(self.request, self.plan, self.project);
         outcome.elapsed_us.rist = watch.elapsed_us();
         let hull = rist::join(windows.iter().cloned());
         outcome.window = Some(Window {
@@ -223,55 +222,6 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
                 Some(std::array::from_fn(|axis| self.plan.basis[axis].dot(&down)))
             });
         wobble::wobble(down.collect())
-    }
-
-    /// The swarm's windows: RIST for each axis, inside one full turn. In the plane that is the first
-    /// turn; in space, for each axis the turn in which it swings most. Windows that overlap are joined.
-    fn windows(&self) -> Vec<Range<usize>> {
-        let turns: Vec<Range<usize>> = self
-            .request
-            .turns
-            .iter()
-            .map(|turn| turn.samples.clone())
-            .collect();
-        let whole = self.plan.stretch.clone();
-        if self.request.settings.window != WindowChoice::Rist {
-            return vec![whole];
-        }
-        let turns = match self.plan.mode {
-            Mode::Planar => turns.into_iter().take(1).collect(),
-            Mode::Spatial => turns,
-        };
-        let turns = if turns.is_empty() { vec![whole] } else { turns };
-        let values = |turn: &Range<usize>, axis: usize| -> Vec<f64> {
-            self.request.samples[turn.clone()]
-                .iter()
-                .map(|s| (self.project)(s)[axis])
-                .collect()
-        };
-        let swing = |turn: &Range<usize>, axis: usize| {
-            let values = values(turn, axis);
-            let high = values.iter().copied().fold(f64::MIN, f64::max);
-            high - values.iter().copied().fold(f64::MAX, f64::min)
-        };
-        let mut windows: Vec<Range<usize>> = (0..D)
-            .filter_map(|axis| {
-                let turn = turns
-                    .iter()
-                    .max_by(|a, b| swing(a, axis).total_cmp(&swing(b, axis)))?;
-                let window = rist::window(values(turn, axis));
-                Some(turn.start + window.start..turn.start + window.end)
-            })
-            .collect();
-        windows.sort_by_key(|window| window.start);
-        windows.dedup_by(|next, last| {
-            let overlap = next.start <= last.end;
-            if overlap {
-                last.end = last.end.max(next.end);
-            }
-            overlap
-        });
-        windows
     }
 
     fn judge(

@@ -20,6 +20,7 @@ pub mod swarm;
 pub mod verdict;
 
 mod candidate;
+mod window;
 mod wobble;
 
 use std::ops::Range;

@@ -11,6 +11,7 @@ use crate::store::StoreError;
 
 pub mod calibrate;
 pub mod config;
+pub mod paper;
 pub mod replay;
 pub mod simulate;
 
