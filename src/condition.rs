@@ -87,8 +87,8 @@ pub struct Evidence<'a> {
     pub strength_tolerance: f64,
     /// The field's strength or dip has left what it was.
     pub field_disturbed: bool,
-    /// A planar calibration's plane is this far from the horizontal, degrees.
-    pub tilt_from_plane_deg: Option<f64>,
+    /// How uncertain a tilt out of a planar calibration's plane makes the field, radians.
+    pub tilt_sd_rad: f64,
     /// Whether the board's tilt is known.
     pub tilt_known: bool,
     /// Whether the gyro speaks.
@@ -98,8 +98,8 @@ pub struct Evidence<'a> {
 /// A rotation this far along is called a turn.
 const TURNING_FROM: f64 = 0.1;
 
-/// A planar calibration tilted further than this out of its plane is degraded, degrees.
-const PLANE_TOLERANCE_DEG: f64 = 10.0;
+/// A tilt that makes the field less certain than this degrades a planar calibration, radians (6°).
+const TILT_TOLERANCE_RAD: f64 = 0.1;
 
 /// The condition that the evidence asks for; the first that applies, worst first.
 pub fn judge(evidence: &Evidence) -> Report {
@@ -155,7 +155,8 @@ pub fn judge(evidence: &Evidence) -> Report {
             )
         };
     }
-    if e.strength_deviation.abs() > e.strength_tolerance {
+    // What a tilt lets in is not yet a disturbance.
+    if e.strength_deviation.abs() > e.strength_tolerance + 2.0 * e.tilt_sd_rad {
         let percent = 100.0 * (1.0 + e.strength_deviation);
         // In steps, or every sample would be news.
         let message = format!(
@@ -168,9 +169,7 @@ pub fn judge(evidence: &Evidence) -> Report {
         let message = "strength or dip of the field has changed: something magnetic is near";
         return report(Condition::Disturbed, "field_changed", message.to_owned());
     }
-    if e.tilt_from_plane_deg
-        .is_some_and(|tilt| tilt > PLANE_TOLERANCE_DEG)
-    {
+    if e.tilt_sd_rad > TILT_TOLERANCE_RAD {
         let message =
             "the calibration holds in the plane of its turn, and the board is tilted out of it";
         return report(Condition::Degraded, "tilted", message.to_owned());
@@ -208,7 +207,7 @@ mod tests {
             strength_deviation: 0.01,
             strength_tolerance: 0.1,
             field_disturbed: false,
-            tilt_from_plane_deg: Some(1.0),
+            tilt_sd_rad: 0.01,
             tilt_known: true,
             gyro_speaks: true,
         }
@@ -241,7 +240,7 @@ mod tests {
                 e.strength_deviation = -0.2
             }),
             ("disturbed", "field_changed", |e| e.field_disturbed = true),
-            ("degraded", "tilted", |e| e.tilt_from_plane_deg = Some(20.0)),
+            ("degraded", "tilted", |e| e.tilt_sd_rad = 0.2),
             ("degraded", "no_accelerometer", |e| e.tilt_known = false),
             ("degraded", "no_gyro", |e| e.gyro_speaks = false),
             // A calibrated board that turns or calibrates again is still good.

@@ -1,10 +1,14 @@
 //! From a field to a heading, and what is published for each magnetometer reading.
 
-use nalgebra::{Unit, Vector3};
+use nalgebra::{Unit, Vector2, Vector3};
 
-use crate::calibration::model::{Calibration, Parameters};
+use crate::calibration::model::{Calibration, Parameters, Planar};
 use crate::condition::Condition;
 use crate::frame::{Mounting, wrap_360};
+
+mod leak;
+
+use leak::VerticalField;
 
 /// One published heading, the content of one `ATT` object. Unknown is `None`, never 0.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,21 +59,21 @@ pub struct Compass {
     mounting: Mounting,
     /// Planar: the normal of its plane, body axes, on the side of body Z.
     plane_down: Option<Vector3<f64>>,
+    /// Planar: the vertical field that tilts let in.
+    vertical: VerticalField,
 }
 
 /// One corrected sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrected {
-    /// Corrected field, body axes, milligauss; under a planar calibration, its part in the plane.
+    /// Corrected field, body axes, milligauss; under a planar calibration, its horizontal part.
     pub field_body: Vector3<f64>,
     /// Its strength, milligauss.
     pub strength_mgauss: f64,
+    /// How uncertain the tilt makes its direction under a planar calibration, one standard deviation,
+    /// radians.
+    pub tilt_sd_rad: f64,
 }
-
-/// Tangent of the dip that a planar calibration is assumed to live under: it cannot measure its own.
-/// 68°, between Rome and Oslo. A tilt out of its plane turns the heading by up to this much times
-/// the tilt.
-const USUAL_DIP_TANGENT: f64 = 2.5;
 
 impl Compass {
     /// Ready to correct samples of a magnetometer mounted like this.
@@ -85,6 +89,7 @@ impl Compass {
             calibration,
             mounting,
             plane_down,
+            vertical: VerticalField::new(calibration.residual_mgauss),
         }
     }
 
@@ -93,41 +98,84 @@ impl Compass {
         &self.calibration
     }
 
-    /// Equation 3, turned into the body frame.
-    pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Corrected {
-        let field_body = self
-            .mounting
-            .to_body(self.calibration.parameters.correct(raw_mgauss));
+    /// Equation 3, turned into the body frame. Under a planar calibration the vertical field that a tilt
+    /// lets in is taken out, as far as it is known.
+    pub fn correct(&self, raw_mgauss: &Vector3<f64>, down: Option<&Vector3<f64>>) -> Corrected {
+        let Parameters::Planar(planar) = &self.calibration.parameters else {
+            let corrected = self.calibration.parameters.correct(raw_mgauss);
+            return Corrected {
+                field_body: self.mounting.to_body(corrected),
+                strength_mgauss: corrected.norm(),
+                tilt_sd_rad: 0.0,
+            };
+        };
+        let tilt = self.tilt_in_plane(planar, down);
+        let h = planar.correct(raw_mgauss) - tilt * self.vertical.mgauss();
+        let in_plane = planar.basis[0] * h.x + planar.basis[1] * h.y;
+        let (horizontal, steepness) = match down {
+            Some(down) => horizontal(&in_plane, &planar.normal(), &self.mounting.to_chip(*down)),
+            None => (in_plane, 1.0),
+        };
+        let vertical_share = self.vertical.sd_mgauss() / self.calibration.strength_mgauss;
         Corrected {
-            field_body,
-            strength_mgauss: field_body.norm(),
+            field_body: self.mounting.to_body(horizontal),
+            strength_mgauss: horizontal.norm(),
+            tilt_sd_rad: if steepness > LEAST_STEEPNESS {
+                tilt.norm() * vertical_share / steepness
+            } else {
+                std::f64::consts::PI
+            },
         }
     }
 
-    /// Heading from one corrected field, degrees. A planar calibration uses its own plane as the
-    /// horizontal; a spatial one the tilt, `down` in body axes, or body Z where that is not known.
+    /// Lets a sample tell of the vertical field; `period_s` is the time since the sample before.
+    pub fn learn(&mut self, raw_mgauss: &Vector3<f64>, down: Option<&Vector3<f64>>, period_s: f64) {
+        let Parameters::Planar(planar) = &self.calibration.parameters else {
+            return;
+        };
+        let tilt = self.tilt_in_plane(planar, down);
+        if tilt.norm() > LEARNING_TILT {
+            return;
+        }
+        // About the value known so far, where strength and tilt are in proportion.
+        let known = self.vertical.mgauss();
+        let h = planar.correct(raw_mgauss) - tilt * known;
+        let strength = h.norm();
+        let towards = tilt.dot(&h) / strength.max(1e-9);
+        let off = strength - self.calibration.strength_mgauss + known * towards;
+        self.vertical.learn(towards, off, period_s);
+    }
+
+    /// Down along the basis, less what it was during the turn; 0 if it is not known.
+    fn tilt_in_plane(&self, planar: &Planar, down: Option<&Vector3<f64>>) -> Vector2<f64> {
+        down.map_or_else(Vector2::zeros, |down| {
+            planar.project(&self.mounting.to_chip(*down)) - planar.level
+        })
+    }
+
+    /// Heading from one corrected field, degrees. The horizontal is that of `down`, body axes; where the tilt
+    /// is not known, a planar calibration's own plane, or body Z.
     pub fn heading_deg(&self, corrected: &Corrected, down: Option<&Vector3<f64>>) -> Option<f64> {
         let down = match (&self.plane_down, down) {
-            (Some(plane), _) => *plane,
-            (None, Some(down)) => *down,
+            (_, Some(down)) => *down,
+            (Some(plane), None) => *plane,
             (None, None) => Vector3::z(),
         };
         heading_deg(&corrected.field_body, &down)
     }
 
     /// One standard deviation of a heading, degrees: the parameters' uncertainty, the noise of a sample
-    /// over the horizontal field, and, for a planar calibration, what a tilt out of its plane may do.
+    /// over the horizontal field, and, for a planar calibration, what the tilt does to it.
     pub fn sd_deg(&self, corrected: &Corrected, down: Option<&Vector3<f64>>) -> f64 {
         let horizontal = match (&self.plane_down, down) {
             (None, Some(down)) => corrected.field_body.cross(down).norm(),
             _ => corrected.strength_mgauss,
         };
         let noise = (self.calibration.residual_mgauss / horizontal.max(1e-3)).min(3.0);
-        let tilt = self.tilt_from_plane_rad(down).unwrap_or(0.0);
         let parts = [
             self.calibration.heading_sd_deg,
             noise.to_degrees(),
-            (USUAL_DIP_TANGENT * tilt).to_degrees(),
+            corrected.tilt_sd_rad.to_degrees(),
         ];
         parts
             .iter()
@@ -135,12 +183,6 @@ impl Compass {
             .sum::<f64>()
             .sqrt()
             .min(180.0)
-    }
-
-    /// How far a planar calibration's plane is from the horizontal just now, radians, if both are known.
-    pub fn tilt_from_plane_rad(&self, down: Option<&Vector3<f64>>) -> Option<f64> {
-        let cosine = self.plane_down?.dot(down?);
-        Some(cosine.clamp(-1.0, 1.0).acos())
     }
 
     /// The field as published: body axes, Z left out where it was never measured.
@@ -156,6 +198,28 @@ impl Compass {
     }
 }
 
+/// Tilts (sines) up to which the strength in the plane changes in proportion to them.
+const LEARNING_TILT: f64 = 0.3;
+
+/// A planar calibration tilted further than 45° out of its plane says nothing of use.
+const LEAST_STEEPNESS: f64 = 0.7;
+
+/// The horizontal vector whose part in a plane is known, and how far from standing on edge the plane is, 1 where
+/// it is level.
+fn horizontal(
+    in_plane: &Vector3<f64>,
+    normal: &Vector3<f64>,
+    down: &Vector3<f64>,
+) -> (Vector3<f64>, f64) {
+    let steepness = normal.dot(down);
+    let safe = if steepness.abs() < 1e-3 {
+        1e-3
+    } else {
+        steepness
+    };
+    (in_plane - normal * (in_plane.dot(down) / safe), safe.abs())
+}
+
 /// Heading of body X, degrees clockwise from magnetic north, of a field in body axes over a horizontal
 /// plane with this `down`. `None` where field or body X is vertical.
 pub fn heading_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> Option<f64> {
@@ -169,8 +233,8 @@ pub fn heading_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> Option<f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::model::{Planar, Spatial};
-    use nalgebra::{Rotation3, Vector2};
+    use crate::calibration::model::Spatial;
+    use nalgebra::Rotation3;
 
     /// What a board at this attitude sees, body axes: heading, then pitch nose up, then roll right down.
     fn seen(heading_deg: f64, pitch_deg: f64, roll_deg: f64) -> (Vector3<f64>, Vector3<f64>) {
@@ -237,21 +301,52 @@ mod tests {
             basis: [Vector3::y(), Vector3::z()],
             bias_mgauss: Vector2::new(50.0, 60.0),
             scale: Vector2::new(1.0, 1.0),
+            level: Vector2::zeros(),
         };
         let compass = Compass::new(calibration(Parameters::Planar(planar)), mounting);
         let (field, down) = seen(123.0, 0.0, 0.0);
-        let corrected = compass.correct(&(mounting.to_chip(field) + bias));
+        let corrected = compass.correct(&(mounting.to_chip(field) + bias), Some(&down));
         assert!((compass.heading_deg(&corrected, None).unwrap() - 123.0).abs() < 1e-9);
         assert_eq!(compass.published_field(&corrected)[2], None);
         assert!(compass.strength_deviation(&corrected).abs() < 1e-9);
-        // 1.63 in 163 is 0.57°; level adds nothing, 4° of tilt adds 10°.
+        // 1.63 in 163 is 0.57°; level adds nothing.
         let sd = compass.sd_deg(&corrected, Some(&down));
         assert!(
             (sd - 0.3f64.hypot(0.01f64.to_degrees())).abs() < 1e-6,
             "{sd}"
         );
-        let tilted = compass.sd_deg(&corrected, Some(&seen(123.0, 4.0, 0.0).1));
-        assert!((tilted - sd.hypot(10.0)).abs() < 1e-6, "{tilted}");
+        // 4° of tilt let in an unknown 400 ± mG: 9.8° of uncertainty.
+        let (field, down) = seen(123.0, 4.0, 0.0);
+        let tilted = compass.correct(&(mounting.to_chip(field) + bias), Some(&down));
+        let unknown = (4f64.to_radians().tan() * 400.0 / 163.0).to_degrees();
+        let found = compass.sd_deg(&tilted, Some(&down));
+        // The field let in makes the sample's noise weigh a little less.
+        assert!((found - sd.hypot(unknown)).abs() < 0.01, "{found}");
+    }
+
+    #[test]
+    fn a_planar_compass_learns_to_take_tilts_out() {
+        let planar = Planar {
+            basis: [Vector3::x(), Vector3::y()],
+            bias_mgauss: Vector2::new(50.0, 60.0),
+            scale: Vector2::new(1.0, 1.0),
+            level: Vector2::zeros(),
+        };
+        let bias = Vector3::new(50.0, 60.0, 70.0);
+        let mut compass =
+            Compass::new(calibration(Parameters::Planar(planar)), Mounting::default());
+        let off = |compass: &Compass| {
+            let (field, down) = seen(77.0, 5.0, -4.0);
+            let corrected = compass.correct(&(field + bias), Some(&down));
+            (compass.heading_deg(&corrected, Some(&down)).unwrap() - 77.0).abs()
+        };
+        assert!(off(&compass) > 10.0);
+        for i in 0..400 {
+            let t = f64::from(i) * 0.025;
+            let (field, down) = seen(20.0 * t, 4.0 * t.sin(), 5.0 * (1.7 * t).cos());
+            compass.learn(&(field + bias), Some(&down), 0.025);
+        }
+        assert!(off(&compass) < 1.0, "{}", off(&compass));
     }
 
     #[test]
@@ -264,7 +359,7 @@ mod tests {
         );
         let (field, down) = seen(200.0, 15.0, 25.0);
         let raw = field.component_mul(&Vector3::new(0.9, 1.0, 1.1)) + bias;
-        let corrected = compass.correct(&raw);
+        let corrected = compass.correct(&raw, Some(&down));
         let heading = compass.heading_deg(&corrected, Some(&down)).unwrap();
         assert!((heading - 200.0).abs() < 1e-9);
         assert!(compass.published_field(&corrected)[2].is_some());

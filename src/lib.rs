@@ -6,6 +6,7 @@ pub mod check;
 pub mod command;
 pub mod condition;
 pub mod config;
+pub mod daemon;
 pub mod frame;
 pub mod heading;
 pub mod pipeline;

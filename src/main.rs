@@ -20,6 +20,8 @@ struct Cli {
 enum Command {
     Replay(command::replay::Args),
     Calibrate(command::calibrate::Args),
+    Run(command::run::Args),
+    Demo(command::demo::Args),
     Simulate(command::simulate::Args),
     Config(command::config::Args),
     Paper(command::paper::Args),
@@ -29,6 +31,8 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Replay(args) => command::replay::run(&args),
         Command::Calibrate(args) => command::calibrate::run(&args),
+        Command::Run(args) => command::run::run(&args),
+        Command::Demo(args) => command::demo::run(&args),
         Command::Simulate(args) => command::simulate::run(&args),
         Command::Config(args) => command::config::run(&args),
         Command::Paper(args) => command::paper::run(&args),

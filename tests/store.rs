@@ -35,6 +35,7 @@ fn planar() -> Parameters {
         basis: [Vector3::new(cos, 0.0, sin), Vector3::y()],
         bias_mgauss: Vector2::new(-87.1, 31.7),
         scale: Vector2::new(1.03, 0.97),
+        level: Vector2::new(0.01, -0.02),
     })
 }
 

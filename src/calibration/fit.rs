@@ -2,6 +2,7 @@
 
 use nalgebra::SMatrix;
 
+use super::curve::Curve;
 use super::mpsot::Stop;
 use super::objective::{Factored, Normal, Position, direct};
 use super::refine::{Refined, median, refine};
@@ -148,16 +149,16 @@ pub struct Normalised<const P: usize> {
 
 /// Refines from `start` and, without a given reference, brings the scale factors to a mean of 1: only
 /// their product with Hm can be seen.
-pub fn refined<const D: usize, const P: usize>(
+pub fn refined<C: Curve<D, P>, const D: usize, const P: usize>(
     points: &[[f64; D]],
     start: &Position<P>,
     reference_mgauss: f64,
     reference_given: bool,
 ) -> Option<Normalised<P>> {
-    let mut refined = refine(points, start, reference_mgauss)?;
+    let mut refined = refine::<C, D, P>(points, start, reference_mgauss)?;
     let mut reference = reference_mgauss;
     if !reference_given {
-        let mean = refined.position[D..].iter().sum::<f64>() / D as f64;
+        let mean = refined.position[D..2 * D].iter().sum::<f64>() / D as f64;
         reference *= mean;
         let unit = SMatrix::<f64, P, P>::from_fn(|row, column| {
             if row != column {

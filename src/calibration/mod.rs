@@ -7,6 +7,7 @@
 
 pub mod agreement;
 pub mod coverage;
+pub mod curve;
 pub mod fit;
 pub mod model;
 pub mod mpsot;
@@ -20,7 +21,11 @@ pub mod swarm;
 pub mod verdict;
 
 mod candidate;
-mod window;
+mod clock;
+mod soft_iron;
+mod trial;
+mod uncertainty;
+mod windows;
 mod wobble;
 
 use std::ops::Range;
@@ -30,9 +35,9 @@ use nalgebra::Vector3;
 
 use crate::attitude::Pose;
 use crate::frame::Mounting;
-use candidate::Clock;
+use clock::Clock;
 use model::Calibration;
-use outcome::{Elapsed, Outcome, Samples, Verdict};
+use outcome::{Outcome, Verdict};
 use settings::Settings;
 use verdict::{Limits, Refusal};
 
@@ -81,30 +86,7 @@ pub struct Request {
 /// Calibrates. `clock` tells the time since any origin, for the outcome's `elapsed_us`; a clock that knows
 /// nothing leaves those unknown, as a replay must.
 pub fn calibrate(request: &Request, clock: &dyn Fn() -> Option<Duration>) -> Outcome {
-    let mut outcome = Outcome {
-        verdict: Verdict::Rejected,
-        reason: "",
-        message: String::new(),
-        mode: None,
-        model: None,
-        reference_mgauss: None,
-        residual_mgauss: None,
-        heading_sd_deg: None,
-        gyro_rms_deg: None,
-        seed: request.settings.seed,
-        basis: None,
-        bias_mgauss: None,
-        scale: None,
-        matrix: None,
-        samples: Samples {
-            total: request.samples.len(),
-            ..Samples::default()
-        },
-        window: None,
-        swarm: None,
-        elapsed_us: Elapsed::default(),
-        calibration: None,
-    };
+    let mut outcome = Outcome::begun(request);
     let started = Clock::start(clock);
     let refused = match candidate::calibrate(request, clock, &mut outcome) {
         Ok(message) => {

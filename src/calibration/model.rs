@@ -45,6 +45,10 @@ pub struct Planar {
     pub bias_mgauss: Vector2<f64>,
     /// The diagonal of A, along the basis.
     pub scale: Vector2<f64>,
+    /// Mean of the unit vector that pointed down during the turn, along the basis; 0 if it was not known. A
+    /// board tilted like this is level to this calibration.
+    #[serde(default)]
+    pub level: Vector2<f64>,
 }
 
 /// The parameters of all three axes.

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::Request;
 use super::model::{Calibration, Mode, Model};
 
 /// What became of a candidate.
@@ -59,6 +60,36 @@ pub struct Outcome {
     /// The calibration to put in force, if accepted.
     #[serde(skip)]
     pub calibration: Option<Calibration>,
+}
+
+impl Outcome {
+    /// Of a calibration that has only begun: rejected until it is found to be good.
+    pub fn begun(request: &Request) -> Self {
+        Self {
+            verdict: Verdict::Rejected,
+            reason: "",
+            message: String::new(),
+            mode: None,
+            model: None,
+            reference_mgauss: None,
+            residual_mgauss: None,
+            heading_sd_deg: None,
+            gyro_rms_deg: None,
+            seed: request.settings.seed,
+            basis: None,
+            bias_mgauss: None,
+            scale: None,
+            matrix: None,
+            samples: Samples {
+                total: request.samples.len(),
+                ..Samples::default()
+            },
+            window: None,
+            swarm: None,
+            elapsed_us: Elapsed::default(),
+            calibration: None,
+        }
+    }
 }
 
 /// Counts of samples.

@@ -92,11 +92,18 @@ fn main_axis(turns: &[TurnMade]) -> Option<Vector3<f64>> {
 /// Without a full turn: the body axis about which the board rotated most.
 fn rotation_axis(request: &Request) -> Option<Vector3<f64>> {
     let mut sum = Matrix3::zeros();
+    // With an accelerometer the first poses of a log swing to the vertical as it becomes known: that is no
+    // rotation of the board.
+    let poses = || request.samples.iter().map(|sample| sample.pose);
+    let vertical = poses().flatten().any(|pose| pose.vertical_known);
     for pair in request.samples.windows(2) {
         let (Some(from), Some(to)) = (pair[0].pose, pair[1].pose) else {
             continue;
         };
-        if from.stretch == to.stretch {
+        if from.stretch == to.stretch
+            && from.vertical_known == vertical
+            && to.vertical_known == vertical
+        {
             let step = (from.orientation.inverse() * to.orientation).scaled_axis();
             sum += step * step.transpose();
         }

@@ -7,6 +7,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use super::curve::{Curve, Distance};
 use super::objective::Position;
 
 /// Samples further out than this many standard deviations have no weight. At 6 the biweight loses 1 %
@@ -31,98 +32,52 @@ pub struct Refined<const P: usize> {
     pub cutoff_mgauss: f64,
 }
 
-/// A sample's signed distance from the curve, and its derivatives by the parameters.
-///
-/// e = (|h| − Hm)/|A⁻¹u| with h = A⁻¹(B − b), u = h/|h|: first order in the distance, along the normal n.
-/// The derivatives are taken at the foot point |h| = Hm, not at the noisy sample: there they do not
-/// correlate with the noise, which would bias the scale.
-#[inline]
-pub fn distance<const D: usize, const P: usize>(
-    point: &[f64; D],
-    position: &Position<P>,
-    reference_mgauss: f64,
-) -> Distance<P> {
-    let mut u = [0.0; D];
-    let mut squared = 0.0;
-    for axis in 0..D {
-        u[axis] = (point[axis] - position[axis]) / position[D + axis];
-        squared += u[axis] * u[axis];
-    }
-    let strength = squared.sqrt();
-    let mut gradient_squared = 0.0;
-    let mut inverse_squares = 0.0;
-    let mut derivatives = SVector::<f64, P>::zeros();
-    for axis in 0..D {
-        u[axis] /= strength;
-        let m = u[axis] / position[D + axis];
-        derivatives[axis] = -m;
-        gradient_squared += m * m;
-        inverse_squares += 1.0 / (position[D + axis] * position[D + axis]);
-    }
-    let gradient = gradient_squared.sqrt();
-    for axis in 0..D {
-        derivatives[axis] /= gradient;
-        derivatives[D + axis] = reference_mgauss * u[axis] * derivatives[axis];
-    }
-    Distance {
-        value_mgauss: (strength - reference_mgauss) / gradient,
-        derivatives,
-        curvature: (inverse_squares - gradient_squared) / (gradient * reference_mgauss),
-    }
-}
-
-/// What [`distance`] tells.
-pub struct Distance<const P: usize> {
-    /// The signed distance, outside positive, milligauss.
-    pub value_mgauss: f64,
-    /// Its derivatives by biases and scale factors.
-    pub derivatives: SVector<f64, P>,
-    /// Noise along the curve lifts a sample off it by half of this times the variance.
-    curvature: f64,
-}
-
 /// Refines parameters over samples. `None` where the samples do not determine them, or where no
 /// minimum is found near the start.
-pub fn refine<const D: usize, const P: usize>(
+pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
     points: &[[f64; D]],
     start: &Position<P>,
     reference_mgauss: f64,
 ) -> Option<Refined<P>> {
     let mut position = *start;
-    let mut distances = Vec::with_capacity(points.len());
+    let mut distances: Vec<Distance<P>> = Vec::with_capacity(points.len());
+    let mut sizes = Vec::with_capacity(points.len());
     let mut sigma = f64::INFINITY;
+    let mut converged = false;
     for iteration in 0..50 {
+        let curve = C::new(&position, reference_mgauss)?;
+        distances.clear();
+        distances.extend(points.iter().map(|point| curve.distance(point)));
         // The scale of the residuals settles in a few rounds; held fixed after that, the rest is a
         // plain minimisation and converges.
         if iteration < 8 {
-            distances.clear();
-            distances.extend(
-                points
-                    .iter()
-                    .map(|p| distance(p, &position, reference_mgauss).value_mgauss.abs()),
-            );
-            sigma = 1.4826 * median(&mut distances)?;
-            sigma = sigma.max(NOISE_FLOOR_MGAUSS);
+            sizes.clear();
+            sizes.extend(distances.iter().map(|distance| distance.value_mgauss.abs()));
+            sigma = (1.4826 * median(&mut sizes)?).max(NOISE_FLOOR_MGAUSS);
         }
-        let sums = accumulate(points, &position, reference_mgauss, sigma);
-        let step = sums.information.cholesky()?.solve(&sums.gradient);
+        if converged {
+            break;
+        }
+        let sums = accumulate(&distances, sigma, |z| (1.0 - z * z).powi(2));
+        let mut step = sums.information.cholesky()?.solve(&sums.gradient);
+        // Far from the minimum a whole step may overshoot: no scale is more than halved at once.
+        let halved = (D..2 * D).map(|k| 0.5 * position[k] / step[k].max(0.5 * position[k]));
+        step *= halved.fold(1.0, f64::min);
         let mut largest = 0.0f64;
         for k in 0..P {
             position[k] -= step[k];
             let unit = if k < D { 1.0 } else { reference_mgauss };
             largest = largest.max((step[k] * unit).abs());
         }
-        if !largest.is_finite() || position[D..].iter().any(|&scale| scale <= 0.0) {
+        if !largest.is_finite() {
             return None;
         }
-        if iteration >= 3 && largest < 1e-4 * sigma {
-            break;
-        }
+        converged = iteration >= 3 && largest < 1e-4 * sigma;
     }
 
-    let sums = accumulate(points, &position, reference_mgauss, sigma);
+    let sums = accumulate(&distances, sigma, |_| 1.0);
     let variance = sums.squares / sums.used.checked_sub(P).filter(|&n| n > 0)? as f64;
-    let covariance = sums.plain_information.cholesky()?.inverse() * variance;
+    let covariance = sums.information.cholesky()?.inverse() * variance;
     let sane = covariance
         .iter()
         .chain(&position)
@@ -136,63 +91,48 @@ pub fn refine<const D: usize, const P: usize>(
     })
 }
 
-/// A sample's distance from the curve of these parameters, milligauss.
-pub fn residual<const D: usize, const P: usize>(
-    point: &[f64; D],
-    position: &Position<P>,
-    reference_mgauss: f64,
-) -> f64 {
-    distance(point, position, reference_mgauss).value_mgauss
-}
-
 struct Sums<const P: usize> {
     information: SMatrix<f64, P, P>,
-    plain_information: SMatrix<f64, P, P>,
     gradient: SVector<f64, P>,
     squares: f64,
     used: usize,
 }
 
-fn accumulate<const D: usize, const P: usize>(
-    points: &[[f64; D]],
-    position: &Position<P>,
-    reference_mgauss: f64,
+/// Sums over the samples nearer than the cutoff; `weight` is that of a distance in cutoffs.
+fn accumulate<const P: usize>(
+    distances: &[Distance<P>],
     sigma: f64,
+    weight: impl Fn(f64) -> f64,
 ) -> Sums<P> {
     let mut sums = Sums::<P> {
         information: SMatrix::<f64, P, P>::zeros(),
-        plain_information: SMatrix::<f64, P, P>::zeros(),
         gradient: SVector::<f64, P>::zeros(),
         squares: 0.0,
         used: 0,
     };
-    for point in points {
-        let Distance {
-            value_mgauss,
-            derivatives,
-            curvature,
-        } = distance(point, position, reference_mgauss);
-        let lifted = 0.5 * curvature * sigma * sigma;
-        let value = value_mgauss - lifted;
+    for Distance {
+        value_mgauss,
+        derivatives,
+        curvature,
+    } in distances
+    {
+        let value = value_mgauss - 0.5 * curvature * sigma * sigma;
         let z = value / (BIWEIGHT * sigma);
         if z.abs() >= 1.0 || z.is_nan() {
             continue;
         }
-        let weight = (1.0 - z * z).powi(2);
+        let weight = weight(z);
         for row in 0..P {
-            sums.gradient[row] += weight * derivatives[row] * value;
+            let weighted = weight * derivatives[row];
+            sums.gradient[row] += weighted * value;
             for column in 0..=row {
-                let product = derivatives[row] * derivatives[column];
-                sums.information[(row, column)] += weight * product;
-                sums.plain_information[(row, column)] += product;
+                sums.information[(row, column)] += weighted * derivatives[column];
             }
         }
         sums.squares += value * value;
         sums.used += 1;
     }
     sums.information.fill_upper_triangle_with_lower_triangle();
-    sums.plain_information
-        .fill_upper_triangle_with_lower_triangle();
     sums
 }
 
@@ -208,18 +148,11 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::curve::{Diagonal, Symmetric, symmetric};
+    use nalgebra::Vector3;
 
-    #[test]
-    fn the_distance_is_the_distance_along_the_normal() {
-        // A circle of radius 100·2 about (10, 20).
-        let position = [10.0, 20.0, 2.0, 2.0];
-        let found = distance(&[10.0, 230.0], &position, 100.0);
-        assert!((found.value_mgauss - 10.0).abs() < 1e-12);
-        // Moving the centre up by 1 brings the curve 1 nearer; a larger scale by Hm times as much.
-        assert!((found.derivatives[1] + 1.0).abs() < 1e-12);
-        assert!((found.derivatives[3] + 100.0).abs() < 1e-12);
-        // On a circle the lift is σ²/(2·radius).
-        assert!((found.curvature - 1.0 / 200.0).abs() < 1e-12);
+    fn refine2(points: &[[f64; 2]], start: &[f64; 4], reference: f64) -> Option<Refined<4>> {
+        refine::<Diagonal<2>, 2, 4>(points, start, reference)
     }
 
     #[test]
@@ -234,7 +167,7 @@ mod tests {
                 ]
             })
             .collect();
-        let refined = refine(&points, &[70.0, 70.0, 1.0, 0.9], 170.0).unwrap();
+        let refined = refine2(&points, &[70.0, 70.0, 1.0, 0.9], 170.0).unwrap();
         for (found, true_value) in refined.position.iter().zip(truth) {
             assert!((found - true_value).abs() < 1e-5, "{:?}", refined.position);
         }
@@ -242,10 +175,28 @@ mod tests {
     }
 
     #[test]
+    fn cross_coupling_is_found_from_a_diagonal_start() {
+        let truth = [10.0, -20.0, 30.0, 0.9, 1.0, 1.1, 0.05, -0.03, 0.08];
+        let matrix = symmetric(&truth[3..]);
+        let points: Vec<[f64; 3]> = (0..600)
+            .map(|i| {
+                let (t, s) = (f64::from(i) * 0.37, f64::from(i) * 0.011);
+                let u = Vector3::new(t.cos() * s.cos(), t.sin() * s.cos(), s.sin());
+                (matrix * u * 550.0 + Vector3::new(10.0, -20.0, 30.0)).into()
+            })
+            .collect();
+        let start = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0];
+        let refined = refine::<Symmetric, 3, 9>(&points, &start, 550.0).unwrap();
+        for (found, true_value) in refined.position.iter().zip(truth) {
+            assert!((found - true_value).abs() < 1e-5, "{:?}", refined.position);
+        }
+    }
+
+    #[test]
     fn samples_that_do_not_determine_the_parameters_give_none() {
         let line: Vec<[f64; 2]> = (0..50).map(|i| [f64::from(i), 0.0]).collect();
-        assert!(refine(&line, &[25.0, 0.0, 1.0, 1.0], 25.0).is_none());
-        assert!(refine::<2, 4>(&[], &[0.0, 0.0, 1.0, 1.0], 25.0).is_none());
-        assert!(refine(&[[f64::NAN, 1.0]; 9], &[0.0, 0.0, 1.0, 1.0], 25.0).is_none());
+        assert!(refine2(&line, &[25.0, 0.0, 1.0, 1.0], 25.0).is_none());
+        assert!(refine2(&[], &[0.0, 0.0, 1.0, 1.0], 25.0).is_none());
+        assert!(refine2(&[[f64::NAN, 1.0]; 9], &[0.0, 0.0, 1.0, 1.0], 25.0).is_none());
     }
 }

@@ -19,6 +19,19 @@ pub enum ModeChoice {
     Spatial,
 }
 
+/// The shape of A in space.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum ModelChoice {
+    /// Symmetric where the evidence asks for it, else diagonal.
+    #[default]
+    Auto,
+    /// A scale factor an axis.
+    Diagonal,
+    /// Soft iron and cross-coupling too.
+    Symmetric,
+}
+
 /// A set of swarm coefficients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
@@ -61,6 +74,8 @@ pub enum StopChoice {
 pub struct Settings {
     /// Planar, spatial, or whichever the turns allow.
     pub mode: ModeChoice,
+    /// The shape of A in space.
+    pub model: ModelChoice,
     /// The swarm's coefficients.
     pub profile: Profile,
     /// The samples that the swarm sees.
@@ -99,6 +114,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             mode: ModeChoice::Auto,
+            model: ModelChoice::Auto,
             profile: Profile::Standard,
             window: WindowChoice::Rist,
             stop: StopChoice::Mpsot,

@@ -6,24 +6,26 @@
 //! the same samples. Tilts are taken from their mean, so a turn that was level, or evenly tilted, is
 //! left as it is. What is fitted is still raw samples: no earlier calibration has a part in this.
 
+use super::curve::{Curve, Diagonal, Distance};
 use super::objective::Position;
-use super::refine::{Refined, distance};
+use super::refine::Refined;
 
 /// Tilts that vary by less than this are noise of the accelerometer, radians RMS.
 const LEAST_WOBBLE_RAD: f64 = 0.005;
 
-/// The part of `down` (unit vectors, along the calibrated axes, where known) that differs from its mean, 0
-/// where it is unknown; `None` if it hardly differs.
-pub fn wobble<const D: usize>(down: Vec<Option<[f64; D]>>) -> Option<Vec<[f64; D]>> {
-    let known: Vec<[f64; D]> = down.iter().flatten().copied().collect();
-    let n = known.len().max(1) as f64;
-    let mut mean = [0.0; D];
-    for axis in 0..D {
-        mean[axis] = known.iter().map(|d| d[axis]).sum::<f64>() / n;
-    }
+/// The mean of `down` (unit vectors, along the calibrated axes) where it is known; 0 if it never is.
+pub fn mean<const D: usize>(down: &[Option<[f64; D]>]) -> [f64; D] {
+    let n = down.iter().flatten().count().max(1) as f64;
+    std::array::from_fn(|axis| down.iter().flatten().map(|d| d[axis]).sum::<f64>() / n)
+}
+
+/// The part of `down` that differs from its mean, 0 where it is unknown; `None` if it hardly differs.
+pub fn wobble<const D: usize>(down: &[Option<[f64; D]>]) -> Option<Vec<[f64; D]>> {
+    let mean = mean(down);
     let off = |d: [f64; D]| std::array::from_fn(|axis| d[axis] - mean[axis]);
-    let wobble: Vec<[f64; D]> = down.into_iter().map(|d| d.map_or([0.0; D], off)).collect();
+    let wobble: Vec<[f64; D]> = down.iter().map(|d| d.map_or([0.0; D], off)).collect();
     let squares: f64 = wobble.iter().flatten().map(|d| d * d).sum();
+    let n = down.iter().flatten().count().max(1) as f64;
     ((squares / n).sqrt() > LEAST_WOBBLE_RAD).then_some(wobble)
 }
 
@@ -34,9 +36,12 @@ pub fn vertical_mgauss<const D: usize, const P: usize>(
     fitted: &Refined<P>,
     reference_mgauss: f64,
 ) -> f64 {
+    let Some(curve) = <Diagonal<D> as Curve<D, P>>::new(&fitted.position, reference_mgauss) else {
+        return 0.0;
+    };
     let (mut xx, mut xe) = (1e-12, 0.0);
     for (point, wobble) in points.iter().zip(wobble) {
-        let off = distance(point, &fitted.position, reference_mgauss);
+        let off: Distance<P> = curve.distance(point);
         if off.value_mgauss.abs() >= fitted.cutoff_mgauss {
             continue;
         }
@@ -70,11 +75,15 @@ mod tests {
     use super::*;
     use crate::calibration::refine::refine;
 
+    fn refine2(points: &[[f64; 2]], start: &[f64; 4]) -> Refined<4> {
+        refine::<Diagonal<2>, 2, 4>(points, start, 163.0).unwrap()
+    }
+
     #[test]
     fn an_even_tilt_is_no_wobble() {
-        assert_eq!(wobble(vec![Some([0.1, -0.05]); 50]), None);
-        assert_eq!(wobble::<2>(vec![]), None);
-        assert_eq!(wobble::<2>(vec![None; 9]), None);
+        assert_eq!(wobble(&[Some([0.1, -0.05]); 50]), None);
+        assert_eq!(wobble::<2>(&[]), None);
+        assert_eq!(wobble::<2>(&[None; 9]), None);
     }
 
     #[test]
@@ -99,15 +108,15 @@ mod tests {
                 std::array::from_fn(|k| truth[2 + k] * h[k] + truth[k])
             })
             .collect();
-        let wobble = wobble(down.into_iter().map(Some).collect()).unwrap();
-        let mut fitted = refine(&points, &truth, horizontal).unwrap();
+        let wobble = wobble(&down.into_iter().map(Some).collect::<Vec<_>>()).unwrap();
+        let mut fitted = refine2(&points, &truth);
         let before = fitted.residual_mgauss;
         let mut found = 0.0;
         let mut level = points.clone();
         for _ in 0..10 {
             found += vertical_mgauss(&level, &wobble, &fitted, horizontal);
             level = levelled(&points, &wobble, &fitted.position, found);
-            fitted = refine(&level, &fitted.position, horizontal).unwrap();
+            fitted = refine2(&level, &fitted.position);
         }
         assert!((found - vertical).abs() < 5.0, "{found}");
         assert!(

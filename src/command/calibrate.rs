@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use super::{Failure, load_config, print, unix_now_s};
 use crate::attitude::Attitude;
 use crate::calibration::outcome::{Outcome, Verdict};
-use crate::calibration::settings::{ModeChoice, Profile, StopChoice, WindowChoice};
+use crate::calibration::settings::{ModeChoice, ModelChoice, Profile, StopChoice, WindowChoice};
 use crate::calibration::{Request, Sample, TurnMade, calibrate};
 use crate::config::Config;
 use crate::reading::Field;
@@ -31,6 +31,9 @@ pub struct Args {
     /// The plane of the turn, all three axes, or whichever the turns allow
     #[arg(long, value_enum)]
     pub mode: Option<ModeChoice>,
+    /// The shape of the scale factor matrix in space: symmetric takes in soft iron and cross-coupling
+    #[arg(long, value_enum)]
+    pub model: Option<ModelChoice>,
     /// The plane: from the gyro, or two chip axes, and then no turn is looked for
     #[arg(long, value_enum, default_value = "gyro")]
     pub plane: Plane,
@@ -147,6 +150,7 @@ fn settings(args: &Args) -> Result<Config, Failure> {
     };
     let settings = &mut config.calibration;
     settings.mode = args.mode.unwrap_or(settings.mode);
+    settings.model = args.model.unwrap_or(settings.model);
     settings.profile = args.profile.unwrap_or(settings.profile);
     settings.window = args.window.unwrap_or(settings.window);
     settings.stop = args.stop.unwrap_or(settings.stop);

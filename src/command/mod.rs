@@ -11,8 +11,10 @@ use crate::store::StoreError;
 
 pub mod calibrate;
 pub mod config;
+pub mod demo;
 pub mod paper;
 pub mod replay;
+pub mod run;
 pub mod simulate;
 
 /// Why a command failed: what the shell and the user are told.
@@ -35,6 +37,8 @@ impl Failure {
     pub const NO_INPUT: u8 = 66;
     /// A service or device is not there (EX_UNAVAILABLE).
     pub const UNAVAILABLE: u8 = 69;
+    /// The system refused something that it should give: a thread, a signal (EX_OSERR).
+    pub const SYSTEM: u8 = 71;
     /// An output file cannot be created (EX_CANTCREAT).
     pub const CANNOT_CREATE: u8 = 73;
     /// Reading or writing failed on the way (EX_IOERR).

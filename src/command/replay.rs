@@ -28,7 +28,7 @@ const ROWS_A_LOOK: u64 = 8192;
 pub struct Args {
     /// The log (`headingd simulate` writes one)
     pub log: PathBuf,
-    /// Configuration; its [source] and [mounting] are of no effect here
+    /// Configuration; its tables source and mounting are of no effect here
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Seed of the swarm, in place of the configuration's

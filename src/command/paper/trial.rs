@@ -9,7 +9,9 @@ use super::published::{PLANAR, Published, SPATIAL};
 use crate::calibration::calibrate;
 use crate::calibration::model::Mode;
 use crate::calibration::outcome::Outcome;
-use crate::calibration::settings::{ModeChoice, Profile, Settings, StopChoice, WindowChoice};
+use crate::calibration::settings::{
+    ModeChoice, ModelChoice, Profile, Settings, StopChoice, WindowChoice,
+};
 
 /// What one run came to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -96,6 +98,7 @@ pub fn trial(mode: Mode, published: &Published, seed: u64) -> Result<Trial, Stri
                 Mode::Planar => ModeChoice::Planar,
                 Mode::Spatial => ModeChoice::Spatial,
             },
+            model: ModelChoice::Diagonal,
             profile,
             window,
             stop,

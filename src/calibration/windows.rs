@@ -22,7 +22,7 @@ struct Swing {
 pub fn windows<const D: usize>(
     request: &Request,
     plan: &Plan,
-    project: impl Fn(&Sample) -> [f64; D],
+    project: &dyn Fn(&Sample) -> [f64; D],
 ) -> Vec<Range<usize>> {
     let whole = plan.stretch.clone();
     if request.settings.window != WindowChoice::Rist {
@@ -39,7 +39,7 @@ pub fn windows<const D: usize>(
     };
     let swings: Vec<[Swing; D]> = spans
         .iter()
-        .map(|span| swings(&request.samples[span.clone()], span.start, &project))
+        .map(|span| swings(&request.samples[span.clone()], span.start, project))
         .collect();
 
     let mut windows = Vec::with_capacity(D);
@@ -80,7 +80,7 @@ pub fn windows<const D: usize>(
 fn swings<const D: usize>(
     samples: &[Sample],
     start: usize,
-    project: &impl Fn(&Sample) -> [f64; D],
+    project: &dyn Fn(&Sample) -> [f64; D],
 ) -> [Swing; D] {
     let points: Vec<[f64; D]> = samples.iter().map(project).collect();
     std::array::from_fn(|axis| {

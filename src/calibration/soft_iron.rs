@@ -1,0 +1,62 @@
+//! Whether the samples ask for soft iron: the choice between a diagonal and a symmetric A.
+
+use super::candidate::Fitted;
+use super::curve::{Curve, Symmetric};
+use super::fit::{self, Normalised};
+use super::settings::ModelChoice;
+use super::uncertainty::correlation;
+
+/// An entry of A less certain than this was not seen.
+const UNSEEN_ENTRY: f64 = 0.02;
+
+/// The symmetric model, where the evidence asks for it: refined from the diagonal one.
+///
+/// The evidence is Schwarz's criterion (Annals of Statistics 6, 1978), n·ln σ² + k·ln n, with the samples
+/// counted for what their correlated residuals are worth: three more parameters must lower the residual by
+/// more than chance would. And all nine must have been seen: where a motion leaves one of them open, A's
+/// uncertainty shows it, and the diagonal model is kept.
+pub fn soft_iron(
+    diagonal: &Fitted<3, 6>,
+    reference_given: bool,
+    choice: ModelChoice,
+) -> Option<Fitted<3, 9>> {
+    if choice == ModelChoice::Diagonal {
+        return None;
+    }
+    let Normalised {
+        refined,
+        reference_mgauss,
+    } = &diagonal.best;
+    let mut start = [0.0; 9];
+    start[..6].copy_from_slice(&refined.position);
+    let best = fit::refined::<Symmetric, 3, 9>(
+        &diagonal.points,
+        &start,
+        *reference_mgauss,
+        reference_given,
+    )?;
+    let residuals = residuals::<Symmetric, 3, 9>(&diagonal.points, &best)?;
+    let n = residuals.len() as f64 / correlation(&residuals);
+    let gain = 2.0 * n * (refined.residual_mgauss / best.refined.residual_mgauss).ln();
+    let uncertain = (0..6)
+        .map(|k| best.refined.covariance[(3 + k, 3 + k)])
+        .fold(0.0, f64::max);
+    let asked_for = gain > 3.0 * n.ln() && uncertain.sqrt() < UNSEEN_ENTRY;
+    (asked_for || choice == ModelChoice::Symmetric).then(|| Fitted {
+        points: diagonal.points.clone(),
+        best,
+    })
+}
+
+fn residuals<C: Curve<D, P>, const D: usize, const P: usize>(
+    points: &[[f64; D]],
+    fitted: &Normalised<P>,
+) -> Option<Vec<f64>> {
+    let curve = C::new(&fitted.refined.position, fitted.reference_mgauss)?;
+    Some(
+        points
+            .iter()
+            .map(|point| curve.distance(point).value_mgauss)
+            .collect(),
+    )
+}

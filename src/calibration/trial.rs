@@ -1,0 +1,279 @@
+//! A candidate on trial: everything that is measured of it before the verdict.
+
+use std::time::Duration;
+
+use nalgebra::{SVector, Vector2, Vector3};
+
+use super::agreement::{self, Agreement, Sighting};
+use super::candidate::{Fitted, Work};
+use super::clock::Clock;
+use super::coverage::{centre_inside, coverage_deg, direction_spread, sphere_share};
+use super::curve::{Curve, symmetric};
+use super::fit::Normalised;
+use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
+use super::outcome::Outcome;
+use super::refine::{median, refine};
+use super::uncertainty::{correlation, heading_sd_deg};
+use super::verdict::{self, Measures, Refusal, Standing};
+use super::wobble;
+
+/// Parts in a cross-validation: each is judged by a fit to the other three.
+const FOLDS: usize = 4;
+
+/// Dip assumed for the predicted uncertainty of a heading where the vertical is not known, degrees:
+/// between those of Rome and of Oslo.
+const USUAL_DIP_DEG: f64 = 68.0;
+
+impl<const D: usize> Work<'_, D> {
+    /// Judges, and notes how long that took.
+    pub fn timed_judge<C: Curve<D, P>, const P: usize>(
+        &self,
+        fitted: &Fitted<D, P>,
+        clock: &dyn Fn() -> Option<Duration>,
+        outcome: &mut Outcome,
+    ) -> Result<String, Refusal> {
+        let watch = Clock::start(clock);
+        let result = self.judge::<C, P>(fitted, outcome);
+        outcome.elapsed_us.verdict = watch.elapsed_us();
+        result
+    }
+
+    fn judge<C: Curve<D, P>, const P: usize>(
+        &self,
+        fitted: &Fitted<D, P>,
+        outcome: &mut Outcome,
+    ) -> Result<String, Refusal> {
+        let Fitted { points, best } = fitted;
+        let Normalised {
+            refined,
+            reference_mgauss,
+        } = best;
+        let reference = self.reference();
+        let position = &refined.position;
+        let unusable = || Refusal::new("no_fit", "the fitted scale factors cannot be inverted");
+        let curve = C::new(position, *reference_mgauss).ok_or_else(unusable)?;
+        let parameters = self.parameters(position).ok_or_else(unusable)?;
+        let cutoff = refined.cutoff_mgauss;
+        let sightings = self.sightings(points, |_| &curve, cutoff);
+        let dip = agreement::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
+        let residuals: Vec<f64> = points
+            .iter()
+            .map(|point| curve.distance(point).value_mgauss)
+            .collect();
+        let heading_sd_deg = correlation(&residuals).sqrt()
+            * heading_sd_deg(
+                self.plan.mode,
+                &self.request.mounting,
+                &curve,
+                &refined.covariance,
+                dip,
+            );
+        let gyro = self.cross_validated::<C, P>(points, best);
+        let scale = &position[D..2 * D];
+        let mean_scale = scale.iter().sum::<f64>() / D as f64;
+
+        outcome.samples.used = refined.used;
+        outcome.reference_mgauss = reference;
+        outcome.residual_mgauss = Some(refined.residual_mgauss);
+        outcome.heading_sd_deg = Some(heading_sd_deg);
+        outcome.gyro_rms_deg = gyro.map(|gyro| gyro.rms_deg);
+        outcome.bias_mgauss = Some(position[..D].to_vec());
+        outcome.scale = Some(scale.to_vec());
+        if P > 2 * D {
+            outcome.model = Some(Model::Symmetric);
+            let rows = symmetric(&position[D..]).transpose();
+            outcome.matrix = Some(std::array::from_fn(|k| rows[k]));
+        }
+        outcome.calibration = Some(Calibration {
+            parameters,
+            reference_mgauss: reference,
+            strength_mgauss: *reference_mgauss,
+            residual_mgauss: refined.residual_mgauss,
+            heading_sd_deg,
+        });
+
+        let directions: Vec<SVector<f64, D>> = points
+            .iter()
+            .map(|point| SVector::from(curve.correct(point)).normalize())
+            .collect();
+        let planar = self.plan.mode == Mode::Planar;
+        let measures = Measures {
+            coverage_deg: planar.then(|| coverage_deg(&directions)),
+            sphere_share: (!planar && self.request.turns.is_empty()).then(|| {
+                sphere_share(
+                    directions
+                        .iter()
+                        .map(|u| Vector3::new(u[0], u[1], u[D - 1])),
+                )
+            }),
+            direction_spread: (!planar).then(|| direction_spread(&directions)),
+            outlier_share: 1.0 - refined.used as f64 / points.len() as f64,
+            residual_share: refined.residual_mgauss / (reference_mgauss * mean_scale),
+            scale: scale.to_vec(),
+            reference_given: reference.is_some(),
+            centre_inside: centre_inside(points, &position[..D]),
+            heading_sd_deg,
+            gyro,
+            dip_spread_deg: if planar {
+                None
+            } else {
+                agreement::dip_spread_deg(&sightings)
+            },
+        };
+        verdict::judge(&measures, &self.request.limits)?;
+        self.beats_the_one_in_force(&parameters, heading_sd_deg)?;
+
+        let against_gyro = match gyro {
+            Some(gyro) => format!("agrees with the gyro within {:.1} degrees", gyro.rms_deg),
+            None => "no gyro to compare with".to_owned(),
+        };
+        Ok(format!(
+            "{} samples fit within {:.1} milligauss, headings are certain to {:.2} degrees, {against_gyro}",
+            refined.used, refined.residual_mgauss, heading_sd_deg
+        ))
+    }
+
+    fn parameters(&self, position: &[f64]) -> Option<Parameters> {
+        let (bias, entries) = position.split_at(D);
+        if self.plan.mode == Mode::Planar {
+            return Some(Parameters::Planar(Planar {
+                basis: self.plan.basis,
+                bias_mgauss: Vector2::from_column_slice(bias),
+                scale: Vector2::from_column_slice(entries),
+                level: Vector2::from_column_slice(&wobble::mean(&self.down())),
+            }));
+        }
+        let bias = Vector3::from_column_slice(bias);
+        let spatial = if entries.len() > D {
+            Spatial::new(Model::Symmetric, bias, symmetric(entries))
+        } else {
+            Spatial::diagonal(bias, Vector3::from_column_slice(entries))
+        };
+        spatial.map(Parameters::Spatial)
+    }
+
+    /// The samples with a pose and without outliers, corrected by the curve that holds for each.
+    fn sightings<'c, C: Curve<D, P> + 'c, const P: usize>(
+        &self,
+        points: &[[f64; D]],
+        curve_of: impl Fn(usize) -> &'c C,
+        cutoff_mgauss: f64,
+    ) -> Vec<Sighting> {
+        let samples = &self.request.samples[self.plan.stretch.clone()];
+        let mut sightings = Vec::with_capacity(points.len());
+        for (index, (sample, point)) in samples.iter().zip(points).enumerate() {
+            let Some(pose) = sample.pose else { continue };
+            let curve = curve_of(index);
+            if curve.distance(point).value_mgauss.abs() >= cutoff_mgauss {
+                continue;
+            }
+            let h = curve.correct(point);
+            let field = match self.plan.mode {
+                Mode::Planar => self.plan.basis[0] * h[0] + self.plan.basis[1] * h[1],
+                Mode::Spatial => Vector3::from_column_slice(&h),
+            };
+            sightings.push(Sighting {
+                t_s: sample.t_s,
+                pose,
+                field_body: self.request.mounting.to_body(field),
+            });
+        }
+        sightings
+    }
+
+    fn agreement(&self, sightings: &[Sighting]) -> Option<Agreement> {
+        match self.plan.mode {
+            Mode::Planar => agreement::planar(sightings, &self.normal_body()),
+            Mode::Spatial => agreement::spatial(sightings),
+        }
+    }
+
+    fn normal_body(&self) -> Vector3<f64> {
+        let [e1, e2] = self.plan.basis;
+        self.request.mounting.to_body(e1.cross(&e2))
+    }
+
+    /// Each part of the samples is corrected by a fit to the other parts.
+    fn cross_validated<C: Curve<D, P>, const P: usize>(
+        &self,
+        points: &[[f64; D]],
+        best: &Normalised<P>,
+    ) -> Option<Agreement> {
+        if !self
+            .request
+            .samples
+            .iter()
+            .any(|sample| sample.pose.is_some())
+        {
+            return None;
+        }
+        let Normalised {
+            refined,
+            reference_mgauss,
+        } = best;
+        let part = points.len().div_ceil(FOLDS);
+        let curves = (0..FOLDS)
+            .map(|fold| {
+                let first = (fold * part).min(points.len());
+                let last = (first + part).min(points.len());
+                let others = [&points[..first], &points[last..]].concat();
+                let position = refine::<C, D, P>(&others, &refined.position, *reference_mgauss)
+                    .map_or(refined.position, |refined| refined.position);
+                C::new(&position, *reference_mgauss)
+            })
+            .collect::<Option<Vec<C>>>()?;
+        let cutoff = refined.cutoff_mgauss;
+        self.agreement(&self.sightings(points, |index| &curves[index / part], cutoff))
+    }
+
+    /// Holds the candidate against the calibration in force, on the same samples.
+    fn beats_the_one_in_force(
+        &self,
+        candidate: &Parameters,
+        heading_sd_deg: f64,
+    ) -> Result<(), Refusal> {
+        let Some(in_force) = &self.request.in_force else {
+            return Ok(());
+        };
+        let samples = &self.request.samples[self.plan.stretch.clone()];
+        let standing = |parameters: &Parameters, heading_sd_deg: f64| {
+            let strengths: Vec<f64> = samples
+                .iter()
+                .map(|s| parameters.correct(&s.field_mgauss).norm())
+                .collect();
+            let corrected: Vec<Sighting> = samples
+                .iter()
+                .filter_map(|s| {
+                    let field = parameters.correct(&s.field_mgauss);
+                    let field_body = self.request.mounting.to_body(field);
+                    s.pose.map(|pose| Sighting {
+                        t_s: s.t_s,
+                        pose,
+                        field_body,
+                    })
+                })
+                .collect();
+            Standing {
+                strength_spread: relative_spread(strengths),
+                gyro_rms_deg: self
+                    .agreement(&corrected)
+                    .map(|agreement| agreement.rms_deg),
+                heading_sd_deg,
+                spatial: parameters.mode() == Mode::Spatial,
+            }
+        };
+        verdict::replaces(
+            &standing(candidate, heading_sd_deg),
+            &standing(&in_force.parameters, in_force.heading_sd_deg),
+        )
+    }
+}
+
+/// Robust standard deviation over median.
+fn relative_spread(mut values: Vec<f64>) -> f64 {
+    let Some(middle) = median(&mut values) else {
+        return f64::INFINITY;
+    };
+    let mut off: Vec<f64> = values.iter().map(|value| (value - middle).abs()).collect();
+    1.4826 * median(&mut off).unwrap_or(f64::INFINITY) / middle.abs().max(1e-9)
+}

@@ -1,0 +1,62 @@
+//! How certain headings are, predicted from how certain the parameters are.
+
+use nalgebra::{SMatrix, Vector3};
+
+use super::curve::Curve;
+use super::model::Mode;
+use crate::frame::Mounting;
+
+/// Headings that the prediction is averaged over.
+const HEADINGS: usize = 36;
+
+/// One standard deviation of a level board's heading, RMS over all headings, degrees, from the
+/// parameters' covariance. `mounting` and `dip_rad` matter in space only: a plane has its own axes.
+pub fn heading_sd_deg<C: Curve<D, P>, const D: usize, const P: usize>(
+    mode: Mode,
+    mounting: &Mounting,
+    curve: &C,
+    covariance: &SMatrix<f64, P, P>,
+    dip_rad: f64,
+) -> f64 {
+    let mut variance = 0.0;
+    for k in 0..HEADINGS {
+        let (sin, cos) = (std::f64::consts::TAU * k as f64 / HEADINGS as f64).sin_cos();
+        // The field of strength 1 along the calibrated axes, and how its azimuth changes with them.
+        let (h, azimuth): ([f64; D], [f64; D]) = match mode {
+            Mode::Planar => (
+                std::array::from_fn(|i| [cos, sin][i]),
+                std::array::from_fn(|i| [-sin, cos][i]),
+            ),
+            Mode::Spatial => {
+                let level = Vector3::new(cos, -sin, dip_rad.tan()) * dip_rad.cos();
+                let across = Vector3::new(sin, cos, 0.0) / dip_rad.cos();
+                let (h, across) = (mounting.to_chip(level), mounting.to_chip(across));
+                (
+                    std::array::from_fn(|i| h[i]),
+                    std::array::from_fn(|i| across[i]),
+                )
+            }
+        };
+        let gradient = curve.azimuth(&h, &azimuth);
+        variance += gradient.dot(&(covariance * gradient)) / HEADINGS as f64;
+    }
+    variance.max(0.0).sqrt().to_degrees()
+}
+
+/// How many samples one independent sample takes: 1 for white noise, more where the residuals are those
+/// of a model that does not quite fit. Their autocorrelation, summed up to where it is lost in noise
+/// (Geyer's initial sequence, Statistical Science 7, 1992).
+pub fn correlation(residuals: &[f64]) -> f64 {
+    let variance: f64 = residuals.iter().map(|e| e * e).sum();
+    let noise = 2.0 / (residuals.len() as f64).sqrt();
+    let mut sum = 1.0;
+    for lag in 1..residuals.len() / 4 {
+        let products = residuals.iter().zip(&residuals[lag..]).map(|(a, b)| a * b);
+        let correlation = products.sum::<f64>() / variance;
+        if correlation < noise || correlation.is_nan() {
+            break;
+        }
+        sum += 2.0 * correlation;
+    }
+    sum
+}

@@ -1,0 +1,152 @@
+//! `headingd demo`: the daemon on a simulated board, watched by a client of its own.
+
+mod score;
+mod timeline;
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::net::UnixStream;
+use tokio::signal::unix::SignalKind;
+
+use super::run::{catch, runtime, start_log};
+use super::{Failure, print};
+use crate::config::{Config, source};
+use crate::daemon::{Daemon, DaemonError};
+use crate::publish::server;
+use crate::sensor::simulator::{self, Scenario, Simulator};
+use crate::store;
+use timeline::Timeline;
+
+/// The client asks for everything.
+const WATCH: &[u8] =
+    b"?WATCH={\"enable\":true,\"json\":true,\"state\":true,\"calibration\":true};\n";
+
+/// In accelerated time headings come in bursts, of which no client shall lose any.
+const BACKLOG: usize = 4096;
+
+/// Show the daemon calibrate a simulated board
+///
+/// Runs the real daemon, with its socket, on a simulated HMC5843 with hard iron, a gyro and an
+/// accelerometer: it rests, makes two turns, and then moves about. What is shown was read from the socket,
+/// and is held against the simulator's truth. The exit status is 0 if a calibration was accepted and the
+/// headings after it are right within 1 degree RMS.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// How fast time goes, 0.1 to 1000 times real time
+    #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = speed)]
+    pub speed: f64,
+
+    /// Number that fixes all noise
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+
+    /// Where to put the socket; by default into a temporary folder
+    #[arg(long, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n| (0.1..=1000.0).contains(n));
+    number.ok_or_else(|| "must be a number from 0.1 to 1000".to_owned())
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    start_log("error");
+    runtime()?.block_on(demo(args))
+}
+
+async fn demo(args: &Args) -> Result<(), Failure> {
+    // Before there is anything that would be left behind.
+    let mut signals = catch(&[
+        SignalKind::interrupt(),
+        SignalKind::terminate(),
+        SignalKind::hangup(),
+    ])?;
+    let folder = match args.socket {
+        Some(_) => None,
+        None => Some(tempfile::Builder::new().prefix("headingd-").tempdir().map_err(
+            |error| Failure::new(Failure::CANNOT_CREATE, format!("cannot make a folder for the socket: {error}; choose a place with --socket")),
+        )?),
+    };
+    let socket = match (&args.socket, &folder) {
+        (Some(path), _) => std::path::absolute(path).unwrap_or_else(|_| path.clone()),
+        (None, Some(folder)) => folder.path().join("heading.sock"),
+        (None, None) => PathBuf::new(),
+    };
+    let config = config(args, &socket);
+    let simulator = Simulator::new(config.simulator.clone()).map_err(DaemonError::Simulator)?;
+    let mut timeline = Timeline::new(&config, simulator);
+
+    let daemon = Daemon::open(&config)?;
+    let client = UnixStream::connect(&socket)
+        .await
+        .map_err(|error| lost(&socket, &error))?;
+    print(&timeline.opening())?;
+    let mut caught = None;
+    let told = async {
+        caught = Some(signals.received().await);
+    };
+    let (ended, watched) = tokio::join!(daemon.run(told), watch(client, &mut timeline));
+    ended?;
+    if let Some(signal) = caught {
+        print(timeline.end_of_line())?;
+        // As a shell has it.
+        let status = u8::try_from(128 + signal.as_raw_value()).unwrap_or(Failure::SYSTEM);
+        return Err(Failure::new(status, "stopped; nothing is left behind"));
+    }
+    watched.map_err(|error| lost(&socket, &error))??;
+    print(&timeline.closing())?;
+    timeline.judge()
+}
+
+fn lost(socket: &Path, error: &io::Error) -> Failure {
+    Failure::new(
+        Failure::IO,
+        format!("cannot read from socket {}: {error}", socket.display()),
+    )
+}
+
+fn config(args: &Args, socket: &Path) -> Config {
+    Config {
+        source: source::Settings {
+            speed: args.speed,
+            ..source::Settings::default()
+        },
+        simulator: simulator::Settings {
+            scenario: Scenario::Demo,
+            seed: args.seed,
+            ..simulator::Settings::default()
+        },
+        socket: server::Settings {
+            socket: socket.to_owned(),
+            backlog: BACKLOG,
+            ..server::Settings::default()
+        },
+        // The calibration of a simulated board must not take the place of a real one's.
+        store: store::Settings {
+            directory: PathBuf::new(),
+        },
+        ..Config::default()
+    }
+}
+
+/// Watches like any client, until the daemon hangs up.
+async fn watch(stream: UnixStream, timeline: &mut Timeline) -> io::Result<Result<(), Failure>> {
+    let (reader, mut writer) = stream.into_split();
+    writer.write_all(WATCH).await?;
+    let mut lines = BufReader::new(reader).lines();
+    while let Some(line) = lines.next_line().await? {
+        let message: Value = serde_json::from_str(&line)?;
+        let text = timeline.take(&message);
+        if !text.is_empty()
+            && let Err(failure) = print(&text)
+        {
+            return Ok(Err(failure));
+        }
+    }
+    Ok(Ok(()))
+}

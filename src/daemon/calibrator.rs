@@ -1,0 +1,64 @@
+//! Calibrates on a thread of its own, one calibration at a time.
+
+use std::future::pending;
+use std::time::Instant;
+
+use tokio::sync::oneshot;
+
+use super::spawn;
+use crate::calibration::outcome::Outcome;
+use crate::calibration::{Request, calibrate};
+
+/// The worker.
+#[derive(Default)]
+pub(super) struct Calibrator {
+    running: Option<Running>,
+}
+
+struct Running {
+    outcome: oneshot::Receiver<Outcome>,
+    /// The outcome if the thread fails: the pipeline waits for one.
+    failed: Outcome,
+}
+
+impl Calibrator {
+    /// Starts a calibration. The pipeline asks for none while one is under way.
+    pub(super) fn start(&mut self, request: Request) {
+        let (sender, outcome) = oneshot::channel();
+        let failed = Outcome {
+            reason: "internal",
+            message: "the calibration failed in itself; please report this, with a log of the turn"
+                .to_owned(),
+            ..Outcome::begun(&request)
+        };
+        let work = move || {
+            let begun = Instant::now();
+            let outcome = calibrate(&request, &|| Some(begun.elapsed()));
+            // An error means that the daemon is about to end.
+            let _ = sender.send(outcome);
+        };
+        if let Err(error) = spawn("calibration", "calibration", work) {
+            tracing::error!("{error}");
+        }
+        self.running = Some(Running { outcome, failed });
+    }
+
+    /// Whether a calibration is under way.
+    pub(super) fn is_busy(&self) -> bool {
+        self.running.is_some()
+    }
+
+    /// Waits for the outcome of the calibration under way; for ever, if there is none. Nothing is lost if
+    /// the wait is given up.
+    pub(super) async fn outcome(&mut self) -> Outcome {
+        let Some(running) = &mut self.running else {
+            return pending().await;
+        };
+        // A thread that panicked, or never began, has dropped its end.
+        let outcome = (&mut running.outcome)
+            .await
+            .unwrap_or_else(|_| running.failed.clone());
+        self.running = None;
+        outcome
+    }
+}

@@ -1,0 +1,174 @@
+//! When to ask for a calibration, and on which samples.
+
+use nalgebra::Vector3;
+
+use super::{Action, Pipeline};
+use crate::calibration::coverage::sphere_share;
+use crate::calibration::model::Mode;
+use crate::calibration::settings::ModeChoice;
+use crate::calibration::{self, Request, Sample, TurnMade};
+use crate::turn::Turn;
+
+/// No magnetometer on a board this size is faster; more samples than this a second of buffer are dropped.
+const FASTEST_MAG_HZ: f64 = 200.0;
+
+/// Turns that follow each other within this time and about the same axis calibrate together, seconds.
+const TURNS_FOLLOW_S: f64 = 3.0;
+
+/// Free motion swings every axis by this much either way, milligauss: nowhere on earth is the field below 220.
+const FREE_RANGE_MGAUSS: f64 = 100.0;
+
+/// The most turns that calibrate together: as in the paper's tests. More would make every further turn of
+/// a board that keeps turning dearer than the one before.
+const TURNS_TOGETHER: usize = 2;
+
+/// A planar calibration is of use for headings only if its turn was about the vertical, within this angle.
+const LEVEL_TURN_DEG: f64 = 30.0;
+
+impl Pipeline {
+    /// Keeps a sample for a calibration, and lets go of what is too old or too much.
+    pub(super) fn buffer_sample(&mut self, t_s: f64, field_mgauss: Vector3<f64>) {
+        let pose = self.attitude.pose_at(t_s);
+        self.buffer.push_back(Sample {
+            t_s,
+            field_mgauss,
+            pose,
+        });
+        let oldest_s = t_s - self.setup.pipeline.buffer_s;
+        let most = (self.setup.pipeline.buffer_s * FASTEST_MAG_HZ) as usize;
+        while self
+            .buffer
+            .front()
+            .is_some_and(|sample| sample.t_s < oldest_s)
+            || self.buffer.len() > most
+        {
+            self.buffer.pop_front();
+        }
+        while self
+            .made
+            .front()
+            .is_some_and(|turn| turn.start_s < oldest_s)
+        {
+            self.made.pop_front();
+        }
+    }
+
+    /// Takes note of a full turn.
+    pub(super) fn turned(&mut self, turn: Turn, actions: &mut Vec<Action>) {
+        self.made.push_back(turn);
+        actions.push(Action::Turned(turn));
+        if self.calibrating {
+            self.waiting = true;
+        } else {
+            self.ask_for_calibration(actions);
+        }
+    }
+
+    /// Asks for a calibration on the turns just made, if they allow one.
+    pub(super) fn ask_for_calibration(&mut self, actions: &mut Vec<Action>) {
+        let Some(request) = self.request() else {
+            return;
+        };
+        self.calibrating = true;
+        actions.push(Action::Calibrate(Box::new(request)));
+    }
+
+    fn request(&self) -> Option<Request> {
+        let last = self.made.back()?;
+        let all: Vec<TurnMade> = self.made.iter().map(|turn| self.samples_of(turn)).collect();
+        let settings = &self.setup.calibration;
+        let spatial = settings.mode != ModeChoice::Planar
+            && calibration::plane::axes_apart_deg(&all) >= settings.axes_apart_deg;
+        let first = if spatial {
+            0
+        } else {
+            let tolerance = self.setup.turn.axis_tolerance_deg.to_radians().cos();
+            let follows = |pair: (&Turn, &Turn)| {
+                pair.1.start_s - pair.0.end_s < TURNS_FOLLOW_S
+                    && pair.0.axis_body.dot(&pair.1.axis_body).abs() > tolerance
+            };
+            let turns: Vec<&Turn> = self.made.iter().collect();
+            let count = turns
+                .windows(2)
+                .rev()
+                .take(TURNS_TOGETHER - 1)
+                .take_while(|w| follows((w[0], w[1])))
+                .count();
+            let level = last
+                .from_vertical_deg
+                .is_none_or(|angle| angle < LEVEL_TURN_DEG);
+            if settings.mode == ModeChoice::Spatial || !level {
+                return None;
+            }
+            turns.len() - 1 - count
+        };
+        let turns = &all[first..];
+        let (start, end) = (turns.first()?.samples.start, turns.last()?.samples.end);
+        Some(Request {
+            moving: 0..end - start,
+            samples: self.buffer.range(start..end).copied().collect(),
+            turns: turns
+                .iter()
+                .map(|turn| TurnMade {
+                    samples: turn.samples.start - start..turn.samples.end - start,
+                    axis_body: turn.axis_body,
+                })
+                .collect(),
+            plane: None,
+            mounting: self.setup.mountings.mag,
+            in_force: self.calibration().copied(),
+            settings: settings.clone(),
+            limits: self.setup.verdict.clone(),
+        })
+    }
+
+    /// Free motion that has shown the field from all sides does as well as turns about two axes.
+    pub(super) fn look_for_free_motion(&mut self, actions: &mut Vec<Action>) {
+        let spatial = self
+            .calibration()
+            .is_some_and(|c| c.parameters.mode() == Mode::Spatial);
+        let allowed = self.setup.calibration.mode != ModeChoice::Planar;
+        if self.calibrating || spatial || !allowed || self.buffer.is_empty() {
+            return;
+        }
+        let fields = self.buffer.iter().map(|sample| sample.field_mgauss);
+        let low = fields.clone().reduce(|a, b| a.inf(&b)).unwrap_or_default();
+        let high = fields.clone().reduce(|a, b| a.sup(&b)).unwrap_or_default();
+        let middle = 0.5 * (low + high);
+        let half = 0.5 * (high - low);
+        if half.min() < FREE_RANGE_MGAUSS || half.min() < 0.4 * half.max() {
+            return;
+        }
+        if sphere_share(fields.map(|field| field - middle)) < self.setup.verdict.sphere_share {
+            return;
+        }
+        let settings = calibration::settings::Settings {
+            mode: ModeChoice::Spatial,
+            ..self.setup.calibration.clone()
+        };
+        self.calibrating = true;
+        actions.push(Action::Calibrate(Box::new(Request {
+            samples: self.buffer.iter().copied().collect(),
+            moving: 0..self.buffer.len(),
+            turns: Vec::new(),
+            plane: None,
+            mounting: self.setup.mountings.mag,
+            in_force: self.calibration().copied(),
+            settings,
+            limits: self.setup.verdict.clone(),
+        })));
+    }
+
+    fn samples_of(&self, turn: &Turn) -> TurnMade {
+        let start = self
+            .buffer
+            .partition_point(|sample| sample.t_s < turn.start_s);
+        let end = self
+            .buffer
+            .partition_point(|sample| sample.t_s <= turn.end_s);
+        TurnMade {
+            samples: start..end,
+            axis_body: turn.axis_body,
+        }
+    }
+}

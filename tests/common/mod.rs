@@ -1,0 +1,118 @@
+//! What the tests of whole commands share: simulated logs, and running the program on them.
+// Each test program uses its part of this.
+#![allow(dead_code)]
+
+use std::fs;
+use std::process::{Command, Stdio};
+
+use headingd::recording::{Entry, Header, Writer};
+use headingd::sensor::simulator::{Settings, Simulator};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// What a run of the program came to.
+#[derive(Debug)]
+pub struct Ran {
+    pub status: i32,
+    pub out: String,
+    pub err: String,
+}
+
+impl Ran {
+    /// Standard output as one JSON object.
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.out).unwrap_or_else(|error| panic!("{error}: {self:?}"))
+    }
+
+    /// Standard output as one JSON object a line.
+    pub fn lines(&self) -> Vec<Value> {
+        let parse = |line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}"));
+        self.out.lines().map(parse).collect()
+    }
+}
+
+/// The program, ready for arguments. It reads nothing and finds no settings in the environment.
+pub fn command() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
+    command.stdin(Stdio::null()).env_remove("RUST_LOG");
+    command
+}
+
+/// Runs the program.
+pub fn headingd(args: &[&str]) -> Ran {
+    let output = command().args(args).output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    Ran {
+        status: output.status.code().expect("ended by a signal"),
+        out: text(output.stdout),
+        err: text(output.stderr),
+    }
+}
+
+/// A folder of files that goes away with its handle.
+pub struct Folder(pub TempDir);
+
+impl Folder {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    /// The path of a file in it, which need not exist.
+    pub fn path(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    /// Writes a file and returns its path.
+    pub fn file(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
+        let path = self.path(name);
+        fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    /// Writes the log of a simulated board and returns its path.
+    pub fn log(&self, name: &str, settings: &Settings) -> String {
+        self.file(name, log(&simulated(settings)))
+    }
+
+    /// The names of its files, and how long each is.
+    pub fn listing(&self) -> Vec<(String, u64)> {
+        let mut files: Vec<_> = fs::read_dir(self.0.path())
+            .unwrap()
+            .map(|entry| {
+                let entry = entry.unwrap();
+                let name = entry.file_name().into_string().unwrap();
+                (name, entry.metadata().unwrap().len())
+            })
+            .collect();
+        files.sort();
+        files
+    }
+}
+
+/// A log's header and rows.
+pub type Log = (Header, Vec<Entry>);
+
+/// What a simulated board records.
+pub fn simulated(settings: &Settings) -> Log {
+    let simulator = Simulator::new(settings.clone()).unwrap();
+    (simulator.header(), simulator.collect())
+}
+
+/// A log as bytes.
+pub fn log((header, entries): &Log) -> Vec<u8> {
+    let mut writer = Writer::new(Vec::new(), header).unwrap();
+    for entry in entries {
+        writer.write(entry).unwrap();
+    }
+    writer.into_inner().unwrap()
+}
+
+/// The difference of two headings, degrees, -180 to 180.
+pub fn apart_deg(a: f64, b: f64) -> f64 {
+    (a - b + 180.0).rem_euclid(360.0) - 180.0
+}
+
+/// Root mean square.
+pub fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}

@@ -1,0 +1,57 @@
+//! `headingd demo`.
+
+use std::fs;
+use std::time::Instant;
+
+use crate::rig::{PATIENCE, entries, start, until};
+
+#[test]
+fn it_shows_a_calibration_and_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    // With this seed a second calibration takes the place of the first, just before the board tilts.
+    let arguments = ["demo", "--speed", "50", "--seed", "9"];
+    let mut process = start(folder.path(), &arguments);
+    let status = process.wait();
+    let shown = fs::read_to_string(folder.path().join("stdout")).unwrap();
+    assert!(status.success(), "{shown}\n{}", process.said());
+    assert_eq!(process.said(), "");
+    for part in ["full turn", "RIST ", "swarm ", "accepted: ", "the end."] {
+        assert!(shown.contains(part), "{part} is missing:\n{shown}");
+    }
+    assert!(!shown.contains('\x1b'), "{shown}");
+    assert_eq!(entries(&folder.path().join("tmp")), 0);
+}
+
+#[test]
+fn it_ends_at_once_when_interrupted() {
+    for (signal, right) in [("INT", 130), ("TERM", 143), ("HUP", 129)] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut process = start(folder.path(), &["demo"]);
+        until("the demo's first lines", || {
+            let shown = fs::read_to_string(folder.path().join("stdout")).unwrap();
+            shown.contains("at rest")
+        });
+        assert_eq!(entries(&folder.path().join("tmp")), 1);
+        let begun = Instant::now();
+        process.signal(signal);
+        assert_eq!(process.wait().code(), Some(right));
+        assert!(begun.elapsed().as_secs_f64() < 1.0);
+        assert_eq!(entries(&folder.path().join("tmp")), 0);
+    }
+}
+
+#[test]
+fn its_socket_can_be_put_elsewhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("here.sock");
+    let mut process = start(
+        folder.path(),
+        &["demo", "--socket", socket.to_str().unwrap()],
+    );
+    let begun = Instant::now();
+    until("the socket", || socket.exists());
+    assert!(begun.elapsed() < PATIENCE);
+    process.signal("INT");
+    assert_eq!(process.wait().code(), Some(130));
+    assert!(!socket.exists());
+}

@@ -1,0 +1,166 @@
+//! A daemon in a process and a folder of its own, and a client of it.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// Longer than anything takes on the slowest machine.
+pub const PATIENCE: Duration = Duration::from_secs(30);
+
+pub const SEE_ALL: &str = r#"{"enable":true,"json":true,"state":true,"calibration":true}"#;
+
+/// Two turns and 98 more: it goes on for as long as a test may take.
+pub const LONG: &str = "[simulator]\nturns = 100\n";
+
+/// A process that is killed if a test fails.
+pub struct Process {
+    child: Child,
+    stderr: PathBuf,
+}
+
+/// The program with these arguments; what it says goes into `folder`, which is also its TMPDIR.
+pub fn start(folder: &Path, arguments: &[&str]) -> Process {
+    let temporary = folder.join("tmp");
+    fs::create_dir_all(&temporary).unwrap();
+    let stderr = tempfile::Builder::new().tempfile_in(folder).unwrap();
+    let child = Command::new(env!("CARGO_BIN_EXE_headingd"))
+        .args(arguments)
+        .env("TMPDIR", temporary)
+        .env_remove("RUST_LOG")
+        .stdin(Stdio::null())
+        .stdout(fs::File::create(folder.join("stdout")).unwrap())
+        .stderr(stderr.reopen().unwrap())
+        .spawn()
+        .unwrap();
+    let (_, stderr) = stderr.keep().unwrap();
+    Process { child, stderr }
+}
+
+impl Process {
+    pub fn signal(&self, name: &str) {
+        let number = self.child.id().to_string();
+        let sent = Command::new("kill").args(["-s", name, &number]).status();
+        assert!(sent.unwrap().success());
+    }
+
+    pub fn wait(&mut self) -> ExitStatus {
+        let mut status = None;
+        until("the end of the process", || {
+            status = self.child.try_wait().unwrap();
+            status.is_some()
+        });
+        status.unwrap()
+    }
+
+    pub fn said(&self) -> String {
+        fs::read_to_string(&self.stderr).unwrap()
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // It has ended already, as a rule.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A folder with a configuration in it.
+pub struct Rig {
+    pub folder: tempfile::TempDir,
+}
+
+impl Rig {
+    pub fn new(speed: f64, more: &str) -> Self {
+        let rig = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
+        rig.configure(speed, &rig.path("store"), more);
+        rig
+    }
+
+    /// `more` begins with a table, or is empty.
+    pub fn configure(&self, speed: f64, store: &Path, more: &str) {
+        let socket = self.path("heading.sock");
+        let text = format!(
+            "[socket]\nsocket = {socket:?}\nbacklog = 4096\n[store]\ndirectory = {store:?}\n\
+             [source]\nspeed = {speed}\n{more}"
+        );
+        fs::write(self.path("headingd.toml"), text).unwrap();
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn start(&self) -> Process {
+        let config = self.path("headingd.toml");
+        start(
+            self.folder.path(),
+            &["run", "--config", config.to_str().unwrap()],
+        )
+    }
+
+    /// A daemon and a client that watches it.
+    pub fn watched(&self) -> (Process, Client) {
+        let process = self.start();
+        let socket = self.path("heading.sock");
+        let mut stream = None;
+        until("the socket", || {
+            stream = UnixStream::connect(&socket).ok();
+            stream.is_some()
+        });
+        (process, Client::watch(stream.unwrap()))
+    }
+}
+
+pub struct Client {
+    reader: BufReader<UnixStream>,
+}
+
+impl Client {
+    fn watch(mut stream: UnixStream) -> Self {
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        writeln!(stream, "?WATCH={SEE_ALL};").unwrap();
+        Self {
+            reader: BufReader::new(stream),
+        }
+    }
+
+    /// The next message, or `None` when the daemon has hung up.
+    pub fn next(&mut self) -> Option<Value> {
+        let mut line = String::new();
+        let count = self.reader.read_line(&mut line).unwrap();
+        (count > 0).then(|| serde_json::from_str(&line).unwrap())
+    }
+
+    /// The next message that is of this class and of which this is true.
+    pub fn find(&mut self, class: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        let begun = Instant::now();
+        loop {
+            let message = self.next().expect("the daemon has hung up");
+            if message["class"] == class && wanted(&message) {
+                return message;
+            }
+            assert!(begun.elapsed() < PATIENCE, "waited in vain for {class}");
+        }
+    }
+}
+
+pub fn until(what: &str, mut condition: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !condition() {
+        assert!(begun.elapsed() < PATIENCE, "waited in vain: {what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// How many files and folders there are.
+pub fn entries(folder: &Path) -> usize {
+    fs::read_dir(folder).unwrap().count()
+}

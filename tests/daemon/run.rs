@@ -1,0 +1,216 @@
+//! `headingd run`.
+
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use headingd::sensor::simulator::{Settings, Simulator};
+use serde_json::Value;
+
+use crate::rig::{LONG, Rig};
+
+/// The way from the truth to the heading of an `ATT`, degrees.
+fn error_deg(att: &Value, settings: &Settings) -> f64 {
+    let t_s = att["t_s"].as_f64().unwrap();
+    let truth = Simulator::new(settings.clone())
+        .unwrap()
+        .find(|entry| (entry.reading.t_s - t_s).abs() < 1e-6 && entry.heading_truth_rad.is_some());
+    let truth_deg = truth.unwrap().heading_truth_rad.unwrap().to_degrees();
+    let heading_deg = att["mheading"].as_f64().unwrap();
+    (heading_deg - truth_deg + 540.0).rem_euclid(360.0) - 180.0
+}
+
+fn has_heading(att: &Value) -> bool {
+    att.get("mheading").is_some()
+}
+
+#[test]
+fn it_calibrates_keeps_the_calibration_and_has_it_at_the_next_start() {
+    let rig = Rig::new(50.0, LONG);
+    let settings = Settings {
+        turns: 100.0,
+        ..Settings::default()
+    };
+    let (mut process, mut client) = rig.watched();
+    let att = client.find("ATT", |_| true);
+    assert!(!has_heading(&att), "{att}");
+    let outcome = client.find("CALIBRATION", |_| true);
+    assert_eq!(outcome["verdict"], "accepted", "{outcome}");
+    assert!(outcome["elapsed_us"]["total"].as_u64().is_some());
+    for _ in 0..40 {
+        let att = client.find("ATT", has_heading);
+        assert_eq!(att["cal_state"], "good");
+        assert!(error_deg(&att, &settings).abs() < 2.0, "{att}");
+    }
+    let file = rig.path("store/calibration.json");
+    crate::rig::until("the calibration to be kept", || file.exists());
+
+    let begun = Instant::now();
+    process.signal("TERM");
+    assert!(process.wait().success(), "{}", process.said());
+    assert!(begun.elapsed() < Duration::from_secs(1));
+    assert!(!rig.path("heading.sock").exists());
+    while client.next().is_some() {}
+    let said = process.said();
+    assert!(!said.contains("ERROR"), "{said}");
+    assert_eq!(said.matches("calibration accepted").count(), 1, "{said}");
+
+    // At real time: one turn would take longer than this test.
+    rig.configure(1.0, &rig.path("store"), LONG);
+    let (mut process, mut client) = rig.watched();
+    let att = client.find("ATT", |_| true);
+    assert!(has_heading(&att), "{att}");
+    assert!(error_deg(&att, &settings).abs() < 5.0, "{att}");
+    process.signal("INT");
+    assert!(process.wait().success());
+    assert!(!rig.path("heading.sock").exists());
+}
+
+#[test]
+fn at_real_time_headings_go_on_and_a_simulation_ends_the_daemon() {
+    // A turn a second, so that the whole takes less than ten.
+    let quick = "[simulator]\nturns = 1\nturn_deg_s = 360\n";
+    let rig = Rig::new(1.0, quick);
+    let (mut process, mut client) = rig.watched();
+    let mut seqs = Vec::new();
+    let mut accepted = 0;
+    while let Some(message) = client.next() {
+        if message["class"] == "ATT" {
+            seqs.push(message["seq"].as_u64().unwrap());
+        }
+        accepted += u32::from(message["verdict"] == "accepted");
+    }
+    // The first may have come before the client did, and a machine that is busy may delay some too long.
+    assert!(seqs.is_sorted_by(|a, b| a < b));
+    let last = usize::try_from(seqs[seqs.len() - 1]).unwrap();
+    assert!(seqs.len() * 10 > last * 8, "{} of {last}", seqs.len());
+    assert!(process.wait().success(), "{}", process.said());
+    assert_eq!(accepted, 1, "{}", process.said());
+    assert!(process.said().contains("the source is at its end"));
+    assert!(!rig.path("heading.sock").exists());
+}
+
+#[test]
+fn a_calibration_at_the_very_end_of_a_log_is_published_and_kept() {
+    let rig = Rig::new(10.0, "");
+    let whole = rig.path("whole.csv");
+    let text = {
+        let mut writer = headingd::recording::Writer::new(
+            Vec::new(),
+            &Simulator::new(Settings::default()).unwrap().header(),
+        )
+        .unwrap();
+        // The first turn is complete at about 10.04 s.
+        for entry in Simulator::new(Settings::default()).unwrap() {
+            if entry.reading.t_s > 10.1 {
+                break;
+            }
+            writer.write(&entry).unwrap();
+        }
+        String::from_utf8(writer.into_inner().unwrap()).unwrap()
+    };
+    let spoilt = text.replacen("\n1.003,", "\nhello,", 1);
+    assert_ne!(spoilt, text);
+    fs::write(&whole, spoilt).unwrap();
+    let more = format!("kind = \"replay\"\nlog = {whole:?}\n");
+    rig.configure(10.0, &rig.path("store"), &more);
+    let (mut process, mut client) = rig.watched();
+    let devices = client.find("DEVICES", |_| true);
+    assert_eq!(devices["devices"][0]["path"], whole.to_str().unwrap());
+    let outcome = client.find("CALIBRATION", |_| true);
+    assert_eq!(outcome["verdict"], "accepted", "{outcome}");
+    while client.next().is_some() {}
+    assert!(process.wait().success());
+    assert!(rig.path("store/calibration.json").exists());
+    let said = process.said();
+    assert!(said.contains("skipping rows that cannot be used; the first: log "));
+    assert!(
+        said.contains("skipped rows that cannot be used: 1 in all"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_second_daemon_is_refused_and_the_first_goes_on() {
+    let rig = Rig::new(1.0, LONG);
+    let (_first, mut client) = rig.watched();
+    let mut second = rig.start();
+    assert_eq!(second.wait().code(), Some(69));
+    let said = second.said();
+    assert!(
+        said.contains("another daemon is serving there; stop it, or set another socket"),
+        "{said}"
+    );
+    client.find("ATT", |_| true);
+    assert!(rig.path("heading.sock").exists());
+}
+
+#[test]
+fn a_store_that_cannot_be_written_is_complained_of_once_and_headings_are_served() {
+    let rig = Rig::new(50.0, LONG);
+    // Not even root can make a folder below a file.
+    fs::write(rig.path("file"), "").unwrap();
+    rig.configure(50.0, &rig.path("file/store"), LONG);
+    let (mut process, mut client) = rig.watched();
+    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.find("ATT", has_heading);
+    client.find("CALIBRATION", |_| true);
+    process.signal("TERM");
+    assert!(process.wait().success());
+    let said = process.said();
+    assert_eq!(
+        said.matches("cannot keep calibrations in folder").count(),
+        1,
+        "{said}"
+    );
+    assert!(said.contains("set store.directory to a folder that this user may write"));
+}
+
+#[test]
+fn a_calibration_of_another_sensor_is_not_used_and_a_damaged_one_neither() {
+    let rig = Rig::new(1.0, LONG);
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/store-1.json");
+    let good = fs::read_to_string(example).unwrap();
+    let other = good.replacen("hmc5843", "qmc5883l", 1);
+    assert_ne!(good, other);
+    fs::create_dir(rig.path("store")).unwrap();
+    for (text, complaint) in [
+        (other.as_str(), "it is of qmc5883l mounted"),
+        ("{", "is not a usable calibration file"),
+    ] {
+        fs::write(rig.path("store/calibration.json"), text).unwrap();
+        let (mut process, mut client) = rig.watched();
+        assert!(!has_heading(&client.find("ATT", |_| true)));
+        process.signal("TERM");
+        process.wait();
+        assert!(process.said().contains(complaint), "{}", process.said());
+        let kept = fs::read_to_string(rig.path("store/calibration.json")).unwrap();
+        assert_eq!(kept, text);
+    }
+}
+
+#[test]
+fn a_start_that_cannot_be_says_why() {
+    let rig = Rig::new(1.0, "");
+    for (more, status, sentence) in [
+        ("speeed = 1\n", 78, "unknown key; did you mean speed?"),
+        (
+            "kind = \"replay\"\nlog = \"/none/a.csv\"\n",
+            66,
+            "cannot open log /none/a.csv: there is no such file",
+        ),
+        (
+            "kind = \"replay\"\nlog = \"/dev/null\"\n",
+            65,
+            "cannot read the header of log /dev/null",
+        ),
+    ] {
+        rig.configure(1.0, &rig.path("store"), more);
+        let mut process = rig.start();
+        assert_eq!(process.wait().code(), Some(status), "{}", process.said());
+        assert!(process.said().contains(sentence), "{}", process.said());
+        assert!(!rig.path("heading.sock").exists());
+    }
+    fs::remove_file(rig.path("headingd.toml")).unwrap();
+    assert_eq!(rig.start().wait().code(), Some(66));
+}

@@ -1,0 +1,580 @@
+//! `headingd replay`: the lines that a client would get, from logs of every kind.
+
+mod common;
+
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
+
+use common::{Folder, Log, Ran, apart_deg, command, headingd, log, rms, simulated};
+use headingd::recording::Entry;
+use headingd::sensor::simulator::{Scenario, Settings};
+use serde_json::{Value, json};
+
+/// Keys of ATT that somebody may steer by.
+const STEERING: [&str; 3] = ["mheading", "heading", "inst_heading"];
+
+fn replay(log: &str, more: &[&str]) -> Ran {
+    headingd(&[&["replay", log], more].concat())
+}
+
+/// The lines of a replay that must go well.
+fn lines(log: &str, more: &[&str]) -> Vec<Value> {
+    let ran = replay(log, more);
+    assert_eq!((ran.status, ran.err.as_str()), (0, ""), "{more:?}");
+    ran.lines()
+}
+
+fn of_class(lines: &[Value], class: &str) -> Vec<Value> {
+    lines
+        .iter()
+        .filter(|line| line["class"] == class)
+        .cloned()
+        .collect()
+}
+
+/// The words of the conditions in their order, each as often as it was reported.
+fn states(lines: &[Value]) -> Vec<String> {
+    let word = |line: Value| line["cal_state"].as_str().unwrap().to_owned();
+    let mut words: Vec<String> = of_class(lines, "STATE").into_iter().map(word).collect();
+    // Turning is reported again with its progress.
+    words.dedup();
+    words
+}
+
+fn steers(att: &Value) -> bool {
+    STEERING.iter().any(|key| att.get(key).is_some())
+}
+
+fn t_s(line: &Value) -> f64 {
+    line["t_s"].as_f64().unwrap()
+}
+
+fn whole_field(entry: &Entry) -> bool {
+    entry.reading.whole_field_mgauss().is_some()
+}
+
+/// A log of one turn, and a calibration of it in a file.
+fn with_calibration(folder: &Folder, name: &str) -> (Log, String) {
+    let whole = simulated(&Settings {
+        turns: 1.0,
+        ..Settings::default()
+    });
+    let path = folder.file(name, log(&whole));
+    let out = folder.path("calibration.json");
+    let ran = headingd(&["calibrate", &path, "--out", &out]);
+    assert_eq!(ran.status, 0, "{ran:?}");
+    (whole, out)
+}
+
+/// Published headings less the true ones, degrees, of every line that has one.
+fn errors_deg(lines: &[Value], entries: &[Entry], key: &str) -> Vec<f64> {
+    let atts = of_class(lines, "ATT");
+    let truth = entries
+        .iter()
+        .filter(|entry| entry.reading.field_mgauss.is_some());
+    assert_eq!(
+        atts.len(),
+        truth.clone().count(),
+        "one ATT a magnetometer reading"
+    );
+    let mut errors = Vec::new();
+    for (att, entry) in atts.iter().zip(truth) {
+        assert!((t_s(att) - entry.reading.t_s).abs() < 1e-6);
+        if let (Some(heading), Some(truth)) = (att.get(key), entry.heading_truth_rad) {
+            errors.push(apart_deg(heading.as_f64().unwrap(), truth.to_degrees()));
+        }
+    }
+    errors
+}
+
+#[test]
+fn the_same_log_and_seed_give_the_same_bytes() {
+    let folder = Folder::new();
+    let log = folder.log(
+        "a.csv",
+        &Settings {
+            scenario: Scenario::Spatial,
+            ..Settings::default()
+        },
+    );
+    let config = folder.file("a.toml", "[calibration]\nprofile = \"paper\"\n");
+    let before = folder.listing();
+    let more = ["--config", &config, "--seed", "3"];
+    let first = replay(&log, &more);
+    assert_eq!((first.status, first.err.as_str()), (0, ""));
+    assert_eq!(first.out, replay(&log, &more).out);
+    assert_ne!(
+        first.out,
+        replay(&log, &["--config", &config, "--seed", "4"]).out
+    );
+    let calibrations = of_class(&first.lines(), "CALIBRATION");
+    assert!(!calibrations.is_empty());
+    for calibration in calibrations {
+        assert_eq!(calibration["seed"], 3);
+        assert_eq!(calibration["swarm"]["profile"], "paper");
+        assert!(
+            calibration["elapsed_us"]
+                .as_object()
+                .unwrap()
+                .values()
+                .all(Value::is_null)
+        );
+    }
+    assert_eq!(
+        folder.listing(),
+        before,
+        "a replay without --store wrote a file"
+    );
+}
+
+#[test]
+fn the_lines_are_those_of_the_socket() {
+    let folder = Folder::new();
+    let (header, entries) = simulated(&Settings::default());
+    let log = folder.file("a \"b\".csv", log(&(header, entries.clone())));
+    let ran = replay(&log, &[]);
+    assert_eq!((ran.status, ran.err.as_str()), (0, ""));
+    for line in ran.out.lines() {
+        assert!(line.starts_with("{\"class\":\""), "{line}");
+    }
+    let lines = ran.lines();
+    let class = |i: usize| lines[i]["class"].as_str().unwrap();
+    assert_eq!(
+        [class(0), class(1), class(2)],
+        ["VERSION", "DEVICES", "WATCH"]
+    );
+    assert_eq!(lines[1]["devices"][0]["path"], log);
+    for key in ["enable", "json", "calibration", "state"] {
+        assert_eq!(lines[2][key], true);
+    }
+    for line in &lines[3..] {
+        let class = line["class"].as_str().unwrap();
+        assert!(["ATT", "STATE", "CALIBRATION"].contains(&class), "{line}");
+        assert!(
+            class == "CALIBRATION" || line.get("t_s").is_some(),
+            "{line}"
+        );
+    }
+    let atts = of_class(&lines, "ATT");
+    for (i, att) in atts.iter().enumerate() {
+        assert_eq!(att["seq"], i + 1);
+        assert_eq!((&att["device"], &att["age_ms"]), (&json!(log), &json!(0)));
+        for (key, value) in att.as_object().unwrap() {
+            assert!(
+                !value.is_object() && !value.is_array() && !value.is_null(),
+                "{key}: {value}"
+            );
+        }
+        assert!(att["raw_heading"].is_f64());
+    }
+    assert!(atts.windows(2).all(|pair| t_s(&pair[0]) < t_s(&pair[1])));
+    errors_deg(&lines, &entries, "raw_heading");
+}
+
+#[test]
+fn headings_come_with_the_calibration_and_are_right() {
+    let folder = Folder::new();
+    for turns in [2.0, -2.0] {
+        let (header, entries) = simulated(&Settings {
+            turns,
+            ..Settings::default()
+        });
+        let log = folder.file("a.csv", log(&(header, entries.clone())));
+        let lines = lines(&log, &[]);
+        assert_eq!(
+            states(&lines),
+            ["stale", "uncalibrated", "turning", "calibrating", "good"]
+        );
+        let calibrated = lines
+            .iter()
+            .position(|l| l["class"] == "CALIBRATION")
+            .unwrap();
+        let calibration = &lines[calibrated];
+        assert_eq!(
+            (&calibration["verdict"], &calibration["mode"]),
+            (&json!("accepted"), &json!("planar"))
+        );
+        for (i, line) in lines
+            .iter()
+            .enumerate()
+            .filter(|(_, l)| l["class"] == "ATT")
+        {
+            if i < calibrated {
+                assert!(!steers(line) && line.get("heading_sd").is_none(), "{line}");
+                assert_eq!(line["mag_st"], "C");
+            } else {
+                assert!(
+                    line["mheading"].is_f64() && line["inst_heading"].is_f64(),
+                    "{line}"
+                );
+                assert!(
+                    line.get("mag_z").is_none(),
+                    "a planar calibration knows no Z: {line}"
+                );
+                assert_eq!(line["mag_st"], "N");
+            }
+            // True heading needs a declination, which nobody gave.
+            assert!(line.get("heading").is_none());
+        }
+        // Three seconds of rest are too short to learn all of the gyro's bias, which pulls the fused heading.
+        for (key, largest, typical) in [("mheading", 3.0, 1.6), ("inst_heading", 4.0, 1.0)] {
+            let errors = errors_deg(&lines, &entries, key);
+            assert!(errors.len() > 400, "{}", errors.len());
+            assert_within(&format!("{turns} turns, {key}"), &errors, largest, typical);
+        }
+    }
+}
+
+#[test]
+fn after_a_longer_rest_the_fused_heading_is_better_than_one_sample() {
+    let folder = Folder::new();
+    let (header, mut entries) = simulated(&Settings {
+        scenario: Scenario::Demo,
+        ..Settings::default()
+    });
+    // Without the tilting at the end.
+    entries.retain(|entry| entry.reading.t_s < 20.0);
+    let log = folder.file("a.csv", log(&(header, entries.clone())));
+    let lines = lines(&log, &[]);
+    let fused = errors_deg(&lines, &entries, "mheading");
+    let single = errors_deg(&lines, &entries, "inst_heading");
+    assert!(
+        fused.len() > 250 && rms(&fused) < rms(&single),
+        "{:.2}",
+        rms(&fused)
+    );
+    assert_within("fused", &fused, 1.0, 0.5);
+}
+
+/// Holds heading errors below a largest and a root mean square.
+fn assert_within(what: &str, errors: &[f64], largest: f64, typical: f64) {
+    let found = errors.iter().fold(0.0f64, |a, e| a.max(e.abs()));
+    assert!(found < largest, "{what}: {found:.2} degrees off");
+    assert!(
+        rms(errors) < typical,
+        "{what}: {:.2} degrees RMS",
+        rms(errors)
+    );
+}
+
+#[test]
+fn a_spatial_calibration_carries_any_attitude() {
+    let folder = Folder::new();
+    let (header, entries) = simulated(&Settings {
+        scenario: Scenario::Demo,
+        ..Settings::default()
+    });
+    let log = folder.file("demo.csv", log(&(header, entries.clone())));
+    let spatial = folder.log(
+        "a.csv",
+        &Settings {
+            scenario: Scenario::Spatial,
+            ..Settings::default()
+        },
+    );
+    let out = folder.path("calibration.json");
+    assert_eq!(headingd(&["calibrate", &spatial, "--out", &out]).status, 0);
+    let lines = lines(&log, &["--calibration", &out]);
+    let atts = of_class(&lines, "ATT");
+    assert!(
+        atts.iter()
+            .all(|att| att["mheading"].is_f64() && att["mag_z"].is_f64())
+    );
+    let errors = errors_deg(&lines, &entries, "mheading");
+    assert_eq!(errors.len(), atts.len());
+    // The first seconds, in which the gyro's bias is learnt, tilt the frame by a degree.
+    assert_within("all", &errors, 4.5, 1.5);
+    assert_within("from 10 s on", &errors[400..], 1.5, 0.7);
+    let single = errors_deg(&lines, &entries, "inst_heading");
+    assert_within("of single samples", &single[400..], 4.0, 1.0);
+    assert_eq!(states(&lines), ["stale", "good"]);
+}
+
+#[test]
+fn without_a_full_turn_nothing_is_calibrated() {
+    let folder = Folder::new();
+    for turns in [0.0, 0.5, -0.9] {
+        let log = folder.log(
+            "a.csv",
+            &Settings {
+                turns,
+                ..Settings::default()
+            },
+        );
+        let lines = lines(&log, &[]);
+        assert!(of_class(&lines, "CALIBRATION").is_empty());
+        assert!(!of_class(&lines, "ATT").iter().any(steers), "{turns} turns");
+        let last = of_class(&lines, "STATE").pop().unwrap();
+        assert!(["uncalibrated", "turning"].contains(&last["cal_state"].as_str().unwrap()));
+    }
+    let log = folder.log(
+        "a.csv",
+        &Settings {
+            with_gyro: false,
+            ..Settings::default()
+        },
+    );
+    let lines = lines(&log, &[]);
+    assert!(!of_class(&lines, "ATT").iter().any(steers));
+    assert_eq!(
+        of_class(&lines, "STATE").pop().unwrap()["reason"],
+        "no_gyro"
+    );
+}
+
+#[test]
+fn a_store_is_touched_only_if_it_is_named() {
+    let folder = Folder::new();
+    let log = folder.log("a.csv", &Settings::default());
+    let store = folder.path("store");
+    let first = lines(&log, &["--store", &store]);
+    assert!(!steers(&of_class(&first, "ATT")[0]));
+    let kept = std::fs::read_to_string(folder.path("store/calibration.json")).unwrap();
+    let kept: Value = serde_json::from_str(&kept).unwrap();
+    assert!(kept.to_string().contains("\"planar\""), "{kept}");
+
+    let second = lines(&log, &["--store", &store]);
+    assert!(of_class(&second, "ATT").iter().all(steers));
+    let verdicts: Vec<Value> = of_class(&second, "CALIBRATION")
+        .iter()
+        .map(|c| c["verdict"].clone())
+        .collect();
+    assert!(!verdicts.is_empty());
+
+    let before = (
+        folder.listing(),
+        std::fs::read(folder.path("store/calibration.json")).unwrap(),
+    );
+    let third = lines(&log, &[]);
+    assert_eq!(third, first, "a replay without --store knew of the store");
+    let after = (
+        folder.listing(),
+        std::fs::read(folder.path("store/calibration.json")).unwrap(),
+    );
+    assert_eq!(before, after);
+
+    // One log's calibration file and one store cannot both be in force.
+    let both = replay(&log, &["--store", &store, "--calibration", &store]);
+    assert_eq!(both.status, 2);
+}
+
+#[test]
+fn each_way_to_fail_has_its_status() {
+    let folder = Folder::new();
+    let log = folder.log(
+        "a.csv",
+        &Settings {
+            turns: 0.0,
+            ..Settings::default()
+        },
+    );
+    let bad = folder.file("bad", "hello\n");
+    let missing = folder.path("missing");
+    let directory = folder.path("");
+    let cases: [(i32, Vec<&str>); 11] = [
+        (66, vec![&missing]),
+        (66, vec![&directory]),
+        (65, vec![&bad]),
+        (66, vec![&log, "--calibration", &missing]),
+        (66, vec![&log, "--calibration", &directory]),
+        (65, vec![&log, "--calibration", &bad]),
+        (66, vec![&log, "--config", &missing]),
+        (78, vec![&log, "--config", &bad]),
+        (73, vec![&log, "--store", &bad]),
+        (2, vec![&log, "--seed", "x"]),
+        (2, vec![]),
+    ];
+    for (status, args) in cases {
+        let ran = headingd(&[&["replay"], args.as_slice()].concat());
+        assert_eq!(ran.status, status, "{args:?}: {}", ran.err);
+        assert_eq!(ran.out, "", "{args:?}");
+        assert!(!ran.err.is_empty());
+    }
+}
+
+#[test]
+fn an_overflow_gives_no_heading() {
+    let folder = Folder::new();
+    let ((header, mut entries), calibration) = with_calibration(&folder, "a.csv");
+    let mut count = 0;
+    for entry in &mut entries {
+        if let Some(field) = &mut entry.reading.field_mgauss {
+            count += 1;
+            // One axis now and then, and all the while from 5 to 6.5 seconds.
+            if count % 10 == 0 || (5.0..6.5).contains(&entry.reading.t_s) {
+                field[count % 3] = None;
+            }
+        }
+    }
+    let path = folder.file("overflow.csv", log(&(header, entries.clone())));
+    let lines = lines(&path, &["--calibration", &calibration]);
+    let atts = of_class(&lines, "ATT");
+    let readings: Vec<&Entry> = entries
+        .iter()
+        .filter(|entry| entry.reading.field_mgauss.is_some())
+        .collect();
+    assert_eq!(atts.len(), readings.len());
+    for (att, entry) in atts.iter().zip(readings) {
+        assert_eq!(steers(att), whole_field(entry), "{att}");
+        if !whole_field(entry) {
+            assert!(
+                att.get("raw_heading").is_none() && att.get("mag_x").is_none(),
+                "{att}"
+            );
+            assert!(
+                att.get("mag_len").is_none() && att.get("heading_sd").is_none(),
+                "{att}"
+            );
+        }
+    }
+    let stale: Vec<Value> = of_class(&lines, "STATE")
+        .into_iter()
+        .filter(|s| s["reason"] == "overflow")
+        .collect();
+    assert_eq!(stale.len(), 1);
+    assert!((5.4..5.6).contains(&t_s(&stale[0])), "{}", stale[0]);
+}
+
+#[test]
+fn a_silent_magnetometer_is_stale_and_recovers() {
+    let folder = Folder::new();
+    let ((header, mut entries), calibration) = with_calibration(&folder, "a.csv");
+    let silent = 6.0..7.0;
+    entries.retain(|e| e.reading.field_mgauss.is_none() || !silent.contains(&e.reading.t_s));
+    let path = folder.file("silent.csv", log(&(header, entries.clone())));
+    let lines = lines(&path, &["--calibration", &calibration]);
+    let atts = of_class(&lines, "ATT");
+    assert!(atts.iter().all(|att| !silent.contains(&t_s(att))));
+    let changes: Vec<(String, f64)> = of_class(&lines, "STATE")
+        .iter()
+        .map(|s| (s["cal_state"].as_str().unwrap().to_owned(), t_s(s)))
+        .filter(|(_, t_s)| *t_s > 5.0)
+        .collect();
+    assert_eq!(changes.len(), 2, "{changes:?}");
+    assert_eq!(
+        (changes[0].0.as_str(), changes[1].0.as_str()),
+        ("stale", "good")
+    );
+    // The last sample before is at 5.978 s, and half a second is the limit.
+    assert!((6.47..6.5).contains(&changes[0].1), "{changes:?}");
+    assert!((7.0..7.03).contains(&changes[1].1), "{changes:?}");
+    let back = atts.iter().find(|att| t_s(att) > 7.0).unwrap();
+    assert!(back["mheading"].is_f64(), "{back}");
+    let errors = errors_deg(&lines, &entries, "mheading");
+    assert!(errors.iter().all(|error| error.abs() < 3.0));
+}
+
+#[test]
+fn a_log_may_be_cut_at_any_byte() {
+    let folder = Folder::new();
+    let (header, mut entries) = simulated(&Settings {
+        turns: 0.0,
+        ..Settings::default()
+    });
+    entries.truncate(60);
+    let bytes = log(&(header, entries));
+    let text = String::from_utf8(bytes).unwrap();
+    let starts: Vec<usize> = text.match_indices('\n').map(|(at, _)| at + 1).collect();
+    let first = starts[starts.len() - 5];
+    for cut in first..=text.len() {
+        let path = folder.file("cut.csv", &text[..cut]);
+        let ran = replay(&path, &[]);
+        assert_eq!(ran.status, 0, "{cut}: {ran:?}");
+        // Only whole rows count: the last number of a cut one may have lost digits.
+        let whole = &text[..=text[..cut].rfind('\n').unwrap()];
+        let column = |row: &str| !row.split(',').nth(1).unwrap().is_empty();
+        let readings = whole
+            .lines()
+            .skip_while(|line| !line.starts_with("t_s"))
+            .skip(1);
+        let readings = readings.filter(|row| column(row)).count();
+        assert_eq!(of_class(&ran.lines(), "ATT").len(), readings, "{cut}");
+        let skipped = ran.err.contains("1 rows skipped") && ran.err.contains("cut off");
+        assert_eq!(skipped, whole.len() < cut, "{cut}: {}", ran.err);
+        // `calibrate` reads the same rows, of which there are too few.
+        let ran = headingd(&["calibrate", &path, "--json"]);
+        assert_eq!(ran.status, 3, "{cut}: {ran:?}");
+        assert_eq!(ran.json()["samples"]["total"], readings);
+    }
+}
+
+#[test]
+fn rows_that_are_no_rows_are_skipped_and_counted() {
+    let folder = Folder::new();
+    let whole = simulated(&Settings::default());
+    let clean = log(&whole);
+    let rows: Vec<&[u8]> = clean.split_inclusive(|byte| *byte == b'\n').collect();
+    let garbage: Vec<u8> = (0..=255u8)
+        .filter(|b| *b != b'\n')
+        .cycle()
+        .take(3000)
+        .collect();
+    let long = [b'1'; 10_000];
+    let back = b"1.5,10000,10000,10000,9,9,9,,,,\n";
+    for (what, bad, count) in [
+        ("garbage", [&garbage[..], b"\n"].concat(), 1),
+        ("a long line", [&long[..], b"\n"].concat(), 1),
+        ("time goes back", back.repeat(3), 3),
+        (
+            "not numbers",
+            b"NaN,1,2,3,,,,,,,\n9,inf,1,1,,,,,,,\n9,1,1\n".to_vec(),
+            3,
+        ),
+    ] {
+        let middle = rows.len() / 2;
+        let bytes = [&rows[..middle].concat()[..], &bad, &rows[middle..].concat()].concat();
+        let path = folder.file("a.csv", &clean);
+        let clean = replay(&path, &[]);
+        folder.file("a.csv", bytes);
+        let ran = replay(&path, &[]);
+        assert_eq!((ran.status, clean.status), (0, 0), "{what}");
+        assert!(ran.out == clean.out, "{what} changed the lines");
+        let message = format!(
+            "{count} rows skipped; the first: log {path}, line {}",
+            middle + 1
+        );
+        assert!(ran.err.contains(&message), "{what}: {}", ran.err);
+        assert_eq!(ran.err.lines().count(), 1, "{what}: {}", ran.err);
+    }
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_failure() {
+    let folder = Folder::new();
+    let log = folder.log("a.csv", &Settings::default());
+    let mut child = command()
+        .args(["replay", &log])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut first = String::new();
+    BufReader::with_capacity(16, child.stdout.take().unwrap())
+        .read_line(&mut first)
+        .unwrap();
+    assert!(first.starts_with("{\"class\":\"VERSION\""));
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(0));
+    assert_eq!(String::from_utf8(output.stderr).unwrap(), "");
+}
+
+#[test]
+fn a_full_disk_is_a_failure() {
+    let folder = Folder::new();
+    let log = folder.log("a.csv", &Settings::default());
+    for args in [&["replay", &log][..], &["calibrate", &log, "--json"]] {
+        let full = std::fs::File::options()
+            .write(true)
+            .open("/dev/full")
+            .unwrap();
+        let output = command()
+            .args(args)
+            .stdout(full)
+            .stderr(Stdio::piped())
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(74), "{args:?}");
+        let err = String::from_utf8(output.stderr).unwrap();
+        assert!(err.contains("cannot write to standard output"), "{err}");
+    }
+}

@@ -1,0 +1,61 @@
+//! Readings that come late, after the pipeline has been told of silence.
+
+use headingd::condition::Condition;
+use headingd::pipeline::{Action, Event, Pipeline, Setup};
+use headingd::reading::Reading;
+
+fn field(t_s: f64) -> Event {
+    Event::Reading(Reading {
+        t_s,
+        field_mgauss: Some([Some(160.0), Some(0.0), Some(500.0)]),
+        ..Reading::default()
+    })
+}
+
+fn rate(t_s: f64) -> Event {
+    Event::Reading(Reading {
+        t_s,
+        rate_rad_s: Some(Default::default()),
+        ..Reading::default()
+    })
+}
+
+/// The conditions reported, and how many headings came with them.
+fn handled(events: impl IntoIterator<Item = Event>) -> (Vec<Condition>, usize) {
+    let mut pipeline = Pipeline::new(Setup::default(), None);
+    let mut actions = Vec::new();
+    for event in events {
+        pipeline.handle(event, &mut actions);
+    }
+    let headings = actions.iter().filter(|a| matches!(a, Action::Publish(_)));
+    let reported = actions.iter().filter_map(|action| match action {
+        Action::Report(report) => Some(report.condition),
+        _ => None,
+    });
+    (reported.collect(), headings.count())
+}
+
+#[test]
+fn a_reading_that_is_late_still_counts() {
+    let (reported, headings) =
+        handled([field(0.0), Event::Silence(5.0), field(0.025), field(0.05)]);
+    assert_eq!(headings, 3);
+    assert_eq!(
+        reported,
+        [
+            Condition::Uncalibrated,
+            Condition::Stale,
+            Condition::Uncalibrated
+        ]
+    );
+    // Time that goes back is another thing.
+    assert_eq!(handled([field(1.0), field(0.5)]).1, 1);
+}
+
+#[test]
+fn a_magnetometer_is_given_time_to_speak_first() {
+    let (reported, _) = handled([rate(7.0), rate(7.1), field(7.2)]);
+    assert_eq!(reported, [Condition::Uncalibrated]);
+    let (reported, _) = handled([rate(7.0), rate(7.4), rate(7.6)]);
+    assert_eq!(reported, [Condition::Stale]);
+}
