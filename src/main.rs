@@ -24,6 +24,7 @@ enum Command {
     Demo(command::demo::Args),
     Simulate(command::simulate::Args),
     Config(command::config::Args),
+    Paper(command::paper::Args),
 }
 
 fn main() -> ExitCode {
@@ -34,6 +35,7 @@ fn main() -> ExitCode {
         Command::Demo(args) => command::demo::run(&args),
         Command::Simulate(args) => command::simulate::run(&args),
         Command::Config(args) => command::config::run(&args),
+        Command::Paper(args) => command::paper::run(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,53 +1,71 @@
-//! The samples that the swarm sees.
+//! Which samples the swarm sees: RIST's windows, inside full turns.
 
 use std::ops::Range;
 
 use super::model::Mode;
-use super::plane::Plan;
+use super::plane::{Plan, axes_apart_deg};
 use super::settings::WindowChoice;
-use super::{Request, Sample, rist};
+use super::{Request, Sample, TurnMade, rist};
 
-/// The swarm's windows: RIST for each axis, inside one full turn. In the plane that is the first
-/// turn; in space, for each axis the turn in which it swings most. Windows that overlap are joined.
+/// One axis during one turn.
+struct Swing {
+    /// From its lowest to its highest sample, milligauss.
+    span_mgauss: f64,
+    /// RIST's window.
+    window: Range<usize>,
+}
+
+/// The swarm's windows: RIST for each axis, inside one full turn. In the plane that is the first turn; in
+/// space, for each axis the turn in which it swings most. Where that is one oblique turn for all of them, a
+/// turn about another axis comes with it: a single circle does not determine a sphere. Windows that overlap
+/// are joined.
 pub fn windows<const D: usize>(
     request: &Request,
     plan: &Plan,
     project: &dyn Fn(&Sample) -> [f64; D],
 ) -> Vec<Range<usize>> {
-    let turns: Vec<Range<usize>> = request
-        .turns
-        .iter()
-        .map(|turn| turn.samples.clone())
-        .collect();
     let whole = plan.stretch.clone();
     if request.settings.window != WindowChoice::Rist {
         return vec![whole];
     }
     let turns = match plan.mode {
-        Mode::Planar => turns.into_iter().take(1).collect(),
-        Mode::Spatial => turns,
+        Mode::Planar => &request.turns[..request.turns.len().min(1)],
+        Mode::Spatial => &request.turns,
     };
-    let turns = if turns.is_empty() { vec![whole] } else { turns };
-    let values = |turn: &Range<usize>, axis: usize| -> Vec<f64> {
-        request.samples[turn.clone()]
-            .iter()
-            .map(|s| project(s)[axis])
-            .collect()
+    let spans: Vec<Range<usize>> = if turns.is_empty() {
+        vec![whole]
+    } else {
+        turns.iter().map(|turn| turn.samples.clone()).collect()
     };
-    let swing = |turn: &Range<usize>, axis: usize| {
-        let values = values(turn, axis);
-        let high = values.iter().copied().fold(f64::MIN, f64::max);
-        high - values.iter().copied().fold(f64::MAX, f64::min)
-    };
-    let mut windows: Vec<Range<usize>> = (0..D)
-        .filter_map(|axis| {
-            let turn = turns
-                .iter()
-                .max_by(|a, b| swing(a, axis).total_cmp(&swing(b, axis)))?;
-            let window = rist::window(values(turn, axis));
-            Some(turn.start + window.start..turn.start + window.end)
-        })
+    let swings: Vec<[Swing; D]> = spans
+        .iter()
+        .map(|span| swings(&request.samples[span.clone()], span.start, project))
         .collect();
+
+    let mut windows = Vec::with_capacity(D);
+    let mut chosen = Vec::with_capacity(D);
+    for axis in 0..D {
+        let span = |turn: &usize| swings[*turn][axis].span_mgauss;
+        let most = (0..swings.len()).max_by(|a, b| span(a).total_cmp(&span(b)));
+        if let Some(turn) = most {
+            windows.push(swings[turn][axis].window.clone());
+            chosen.push(turn);
+        }
+    }
+    let one_axis = |chosen: &[usize]| {
+        let made: Vec<TurnMade> = chosen.iter().map(|&turn| turns[turn].clone()).collect();
+        axes_apart_deg(&made) < request.settings.axes_apart_deg
+    };
+    for index in 0..turns.len() {
+        if one_axis(&chosen) && !one_axis(&[chosen[0], index]) {
+            let most = swings[index]
+                .iter()
+                .max_by(|a, b| a.span_mgauss.total_cmp(&b.span_mgauss));
+            windows.extend(most.map(|swing| swing.window.clone()));
+            chosen.push(index);
+        }
+    }
+
     windows.sort_by_key(|window| window.start);
     windows.dedup_by(|next, last| {
         let overlap = next.start <= last.end;
@@ -57,4 +75,20 @@ pub fn windows<const D: usize>(
         overlap
     });
     windows
+}
+
+fn swings<const D: usize>(
+    samples: &[Sample],
+    start: usize,
+    project: &dyn Fn(&Sample) -> [f64; D],
+) -> [Swing; D] {
+    let points: Vec<[f64; D]> = samples.iter().map(project).collect();
+    std::array::from_fn(|axis| {
+        let values = || points.iter().map(|point| point[axis]);
+        let window = rist::window(values());
+        Swing {
+            span_mgauss: values().fold(f64::MIN, f64::max) - values().fold(f64::MAX, f64::min),
+            window: start + window.start..start + window.end,
+        }
+    })
 }

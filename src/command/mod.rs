@@ -12,6 +12,7 @@ use crate::store::StoreError;
 pub mod calibrate;
 pub mod config;
 pub mod demo;
+pub mod paper;
 pub mod replay;
 pub mod run;
 pub mod simulate;

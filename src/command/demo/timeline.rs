@@ -82,7 +82,7 @@ impl Timeline {
              \n  python3 -c 'import socket as s; c = s.socket(s.AF_UNIX); c.connect(\"{socket}\"); \
              c.send(b\"?WATCH={{\\\"enable\\\":true,\\\"json\\\":true}};\\n\"); [print(l, end=\"\") for l in c.makefile()]'\n\
              \nor, where there is an nc that knows -U:\n\
-             \n  (printf '?WATCH={{\"enable\":true,\"json\":true}};\\n'; cat) | nc -U {socket}\n\n",
+             \n  printf '?WATCH={{\"enable\":true,\"json\":true}};\\n' | nc -U {socket}\n\n",
             seed = self.settings.seed,
             turns = self.settings.turns,
             duration = self.duration_s,
@@ -231,8 +231,8 @@ impl Timeline {
         }
         let _ = writeln!(
             shown,
-            "{INDENT}Level turns calibrate their plane alone. What a tilt out of it lets in was learnt from the\n\
-             {INDENT}first tilts, and is taken out.",
+            "{INDENT}Level turns calibrate their plane alone, so that a tilt out of it costs the instantaneous\n\
+             {INDENT}heading up to 3° a degree; the gyro carries the published one through.",
         );
         shown
     }

@@ -1,0 +1,149 @@
+//! One of the paper's tests, run with its own swarm and with ours.
+
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::log::request;
+use super::published::{PLANAR, Published, SPATIAL};
+use crate::calibration::calibrate;
+use crate::calibration::model::Mode;
+use crate::calibration::outcome::Outcome;
+use crate::calibration::settings::{
+    ModeChoice, ModelChoice, Profile, Settings, StopChoice, WindowChoice,
+};
+
+/// What one run came to.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Run {
+    /// Samples that the swarm saw.
+    pub samples: usize,
+    /// Its iterations.
+    pub iterations: usize,
+    /// What stopped it.
+    pub stop: &'static str,
+    /// How often a residual was worked out: particles, iterations and samples multiplied.
+    pub residuals: u64,
+    /// Time of the swarm, microseconds.
+    pub swarm_us: Option<u64>,
+    /// Time of everything, with refinement and verdict, microseconds.
+    pub total_us: Option<u64>,
+    /// Scale factors.
+    pub scale: Vec<f64>,
+    /// Biases, milligauss.
+    pub bias_mgauss: Vec<f64>,
+}
+
+/// One test.
+#[derive(Clone, Debug, Serialize)]
+pub struct Trial {
+    /// As the paper calls it.
+    pub name: &'static str,
+    /// Planar or spatial.
+    pub mode: Mode,
+    /// Samples in the log.
+    pub total: usize,
+    /// Profile `paper`, all samples, all iterations: Tables 1 and 3, "All".
+    pub all: Run,
+    /// Profile `paper`, RIST, all iterations: "RIST", and "PSO" in Tables 2 and 4.
+    pub rist: Run,
+    /// Profile `paper`, RIST and MPSOT: Tables 2 and 4, "MPSOT".
+    pub mpsot: Run,
+    /// Profile `standard`, with its refinement.
+    pub standard: Run,
+    /// The paper's own columns.
+    #[serde(skip)]
+    pub published: Published,
+}
+
+impl Trial {
+    /// Time of RIST's samples by that of all, as a share.
+    pub fn rist_time_share(&self) -> Option<f64> {
+        share(self.rist.swarm_us, self.all.swarm_us)
+    }
+
+    /// Time of MPSOT by that of the basic swarm on the same samples, as a share.
+    pub fn mpsot_time_share(&self) -> Option<f64> {
+        share(self.mpsot.swarm_us, self.rist.swarm_us)
+    }
+
+    /// How many axes it calibrates.
+    pub fn axes(&self) -> usize {
+        match self.mode {
+            Mode::Planar => 2,
+            Mode::Spatial => 3,
+        }
+    }
+}
+
+fn share(part: Option<u64>, whole: Option<u64>) -> Option<f64> {
+    Some(part? as f64 / whole?.max(1) as f64)
+}
+
+/// All tests of the paper with this seed, planar ones first. Says why if one cannot be calibrated.
+pub fn trials(seed: u64) -> Result<Vec<Trial>, String> {
+    let planar = PLANAR.iter().map(|test| (Mode::Planar, test));
+    let spatial = SPATIAL.iter().map(|test| (Mode::Spatial, test));
+    planar
+        .chain(spatial)
+        .map(|(mode, test)| trial(mode, test, seed))
+        .collect()
+}
+
+/// Runs one test.
+pub fn trial(mode: Mode, published: &Published, seed: u64) -> Result<Trial, String> {
+    let run = |profile, window, stop| {
+        let settings = Settings {
+            mode: match mode {
+                Mode::Planar => ModeChoice::Planar,
+                Mode::Spatial => ModeChoice::Spatial,
+            },
+            model: ModelChoice::Diagonal,
+            profile,
+            window,
+            stop,
+            seed,
+            ..Settings::default()
+        };
+        let request = request(mode, &published.all, seed, &settings);
+        let origin = Instant::now();
+        calibrate(&request, &|| Some(origin.elapsed()))
+    };
+    let fault = |outcome: &Outcome| format!("{}: {}", published.name, outcome.message);
+    let paper = |window, stop| {
+        let outcome = run(Profile::Paper, window, stop);
+        let swarm = outcome.swarm.clone().ok_or_else(|| fault(&outcome))?;
+        Ok::<Run, String>(of(&outcome, swarm.scale, swarm.bias_mgauss))
+    };
+    let standard = run(Profile::Standard, WindowChoice::Rist, StopChoice::Mpsot);
+    let refined = standard.scale.clone().zip(standard.bias_mgauss.clone());
+    let (scale, bias_mgauss) = refined.ok_or_else(|| fault(&standard))?;
+    Ok(Trial {
+        name: published.name,
+        mode,
+        total: standard.samples.total,
+        all: paper(WindowChoice::All, StopChoice::Basic)?,
+        rist: paper(WindowChoice::Rist, StopChoice::Basic)?,
+        mpsot: paper(WindowChoice::Rist, StopChoice::Mpsot)?,
+        standard: of(&standard, scale, bias_mgauss),
+        published: *published,
+    })
+}
+
+fn of(outcome: &Outcome, scale: Vec<f64>, bias_mgauss: Vec<f64>) -> Run {
+    let (particles, iterations, stop) = outcome
+        .swarm
+        .as_ref()
+        .map_or((0, 0, ""), |s| (s.particles, s.iterations, s.stop));
+    let samples = outcome.samples.window;
+    Run {
+        samples,
+        iterations,
+        stop,
+        residuals: (particles * iterations * samples) as u64,
+        swarm_us: outcome.elapsed_us.swarm,
+        total_us: outcome.elapsed_us.total,
+        scale,
+        bias_mgauss,
+    }
+}
