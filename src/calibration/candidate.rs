@@ -6,8 +6,11 @@ use std::time::Duration;
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use super::agreement::{self, Agreement, Sighting};
-use super::coverage::{centre_inside, coverage_deg, direction, direction_spread, sphere_share};
+use super::coverage::{
+    self, centre_inside, coverage_deg, direction, direction_spread, sphere_share,
+};
 use super::fit::{self, Fit, Normalised};
+use super::jump::largest_jump;
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::objective::Position;
 use super::outcome::{Outcome, SwarmReport, Window};
@@ -64,14 +67,19 @@ pub fn calibrate(
         ));
     }
     let usable = |s: &Sample| {
-        s.field_mgauss
+        let field = || s.field_mgauss.iter();
+        let pose = s
+            .pose
             .iter()
-            .all(|b| b.is_finite() && b.abs() < 1e6)
+            .flat_map(|pose| pose.orientation.coords.iter());
+        s.t_s.is_finite()
+            && field().all(|b| b.abs() < 1e6)
+            && pose.into_iter().all(|q| q.is_finite())
     };
     if !request.samples.iter().all(usable) {
         return Err(Refusal::new(
             "bad_samples",
-            "a sample is not a finite number of milligauss",
+            "a sample is not a finite number of milligauss, or its time or pose is none",
         ));
     }
     let plan = plane::plan(request).ok_or_else(|| {
@@ -126,8 +134,23 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
             Mode::Planar => settings.horizontal_mgauss,
             Mode::Spatial => settings.total_mgauss,
         };
+        if reference.is_some_and(|reference| !(reference > 0.0 && reference.is_finite())) {
+            return Err(Refusal::new(
+                "bad_reference",
+                "the reference field is not a strength above 0",
+            ));
+        }
         let stretch = &self.request.samples[self.plan.stretch.clone()];
         let points: Vec<[f64; D]> = stretch.iter().map(self.project).collect();
+        if let Some(axis) = self.stuck_axis(stretch, &points) {
+            let name = ["X", "Y", "Z"][axis];
+            return Err(Refusal::new(
+                "stuck_axis",
+                format!(
+                    "chip axis {name} told the same number while the field turned: it is stuck, or at the end of its range"
+                ),
+            ));
+        }
 
         let watch = Clock::start(clock);
         let windows = self.windows();
@@ -176,6 +199,31 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
         let result = self.judge(&points, &fitted, reference, outcome);
         outcome.elapsed_us.verdict = watch.elapsed_us();
         result
+    }
+
+    /// A chip axis in the plane of the turn that stood still while the field moved by half of its swing. In space
+    /// this proves nothing: a roll about an axis leaves the axis as it is.
+    fn stuck_axis(&self, samples: &[Sample], points: &[[f64; D]]) -> Option<usize> {
+        const LEAST_STILL: usize = 10;
+        if self.plan.mode == Mode::Spatial {
+            return None;
+        }
+        let swing = coverage::swing(points);
+        (0..3).find(|&axis| {
+            let [e1, e2] = self.plan.basis;
+            let in_plane = e1[axis].hypot(e2[axis]) > 0.7;
+            let mut from = 0;
+            in_plane
+                && samples
+                    .chunk_by(|a, b| a.field_mgauss[axis] == b.field_mgauss[axis])
+                    .any(|run| {
+                        let here = &points[from..from + run.len()];
+                        from += run.len();
+                        // A spike or a hole in the log moves the other axes too.
+                        run.len() >= LEAST_STILL
+                            && coverage::swing(&fit::without_spikes(here)) > 0.5 * swing
+                    })
+        })
     }
 
     /// Refines the swarm's answer; in the plane, with the samples levelled as far as the tilt is known.
@@ -332,12 +380,19 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
             }),
             direction_spread: (!planar).then(|| direction_spread(&directions)),
             outlier_share: 1.0 - refined.used as f64 / points.len() as f64,
+            end_outlier_share: self.end_outlier_share(points, fitted),
             residual_share: refined.residual_mgauss / (reference_mgauss * mean_scale),
             scale: position[D..].to_vec(),
             reference_given: reference.is_some(),
             centre_inside: centre_inside(points, position),
             heading_sd_deg,
             gyro,
+            jump: largest_jump(&self.sightings(
+                points,
+                |_| *position,
+                *reference_mgauss,
+                f64::INFINITY,
+            )),
             dip_spread_deg: if planar {
                 None
             } else {
@@ -355,6 +410,20 @@ impl<const D: usize, const P: usize> Work<'_, D, P> {
             "{} samples fit within {:.1} milligauss, headings are certain to {:.2} degrees, {against_gyro}",
             refined.used, refined.residual_mgauss, heading_sd_deg
         ))
+    }
+
+    /// The share of outliers among the last samples.
+    fn end_outlier_share(&self, points: &[[f64; D]], fitted: &Normalised<P>) -> f64 {
+        const LAST: usize = 16;
+        let last = &points[points.len().saturating_sub(LAST)..];
+        let Normalised {
+            refined,
+            reference_mgauss,
+        } = fitted;
+        let off = |point: &&[f64; D]| {
+            residual(point, &refined.position, *reference_mgauss).abs() >= refined.cutoff_mgauss
+        };
+        last.iter().filter(off).count() as f64 / last.len() as f64
     }
 
     fn parameters(&self, position: &Position<P>) -> Option<Parameters> {

@@ -224,7 +224,7 @@ impl Case {
     pub fn log(&self, seed: u64) -> Log {
         let mut log = self.log_without_gyro(seed);
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(!seed);
-        let poses = gyro(&log.orientations, 1.0, &mut rng);
+        let poses = gyro(&log.orientations, |step| step, &mut rng);
         for (sample, pose) in log.request.samples.iter_mut().zip(poses) {
             sample.pose = Some(pose);
         }
@@ -342,8 +342,12 @@ impl Wobble {
     }
 }
 
-/// Poses by a gyro with a scale error, bias and noise on its rate. An accelerometer holds the tilt to 0.1°.
-pub fn gyro(orientations: &[UnitQuaternion<f64>], scale: f64, rng: &mut impl Rng) -> Vec<Pose> {
+/// Poses by a gyro that says `said` of each step, with bias and noise. An accelerometer holds the tilt to 0.1°.
+pub fn gyro(
+    orientations: &[UnitQuaternion<f64>],
+    said: impl Fn(Vector3<f64>) -> Vector3<f64>,
+    rng: &mut impl Rng,
+) -> Vec<Pose> {
     let unit_s = 1.0 / RATE_HZ;
     let bias = gauss(rng) * GYRO_BIAS_DEG_S.to_radians();
     let mut orientation = orientations[0];
@@ -352,7 +356,7 @@ pub fn gyro(orientations: &[UnitQuaternion<f64>], scale: f64, rng: &mut impl Rng
         if index > 0 {
             let step = (orientations[index - 1].inverse() * orientations[index]).scaled_axis();
             let noise = gauss(rng) * GYRO_NOISE_DEG_S.to_radians();
-            let said = step * scale + (bias + noise) * unit_s;
+            let said = said(step) + (bias + noise) * unit_s;
             orientation *= UnitQuaternion::from_scaled_axis(said);
             // Up as it is, in the frame of the pose: turn a share of the way to it.
             let up = orientation * (orientations[index].inverse() * Vector3::z());

@@ -2,6 +2,9 @@
 
 mod bound;
 mod cases;
+mod disturbed;
+mod hostile;
+mod judgement;
 mod precision;
 mod survey;
 mod trap;

@@ -17,7 +17,7 @@ use super::cases::{Case, Log};
 const LOGS: u64 = 1000;
 
 /// The clean cases, and those with spikes.
-const CASES: [Case; 15] = [
+pub const CASES: [Case; 15] = [
     Case::planar(0.5),
     Case::planar(2.0),
     Case::planar(5.0),
