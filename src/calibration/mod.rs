@@ -22,6 +22,7 @@ pub mod verdict;
 
 mod candidate;
 mod clock;
+mod folds;
 mod soft_iron;
 mod trial;
 mod uncertainty;
