@@ -294,10 +294,9 @@ fn a_magnet_that_comes_during_a_turn_changes_nothing() {
     }
 }
 
-/// A known fault: an arc without the magnet and one with it can look like one ellipse. Residual 3 to 6 mG,
-/// gyro within 4 to 5 degrees, and headings wrong by 8 degrees with and without the magnet.
+/// An arc without the magnet and one with it can look like one ellipse: residual 3 to 6 mG, gyro within 4 to 5
+/// degrees, and headings wrong by 8 degrees with and without the magnet.
 #[test]
-#[ignore = "the verdict accepts these"]
 fn a_magnet_that_stretches_the_circle_changes_nothing() {
     for from_s in COMES_S {
         assert_kept(1, [0.0, 60.0, 0.0], from_s, true);

@@ -95,7 +95,7 @@ pub fn calibrate(request: &Request, clock: &dyn Fn() -> Option<Duration>) -> Out
             Refusal::new("good", message)
         }
         Err(refusal) => {
-            if refusal.reason == "not_better" {
+            if verdict::KEPT.contains(&refusal.reason) {
                 outcome.verdict = Verdict::Kept;
             }
             outcome.calibration = None;

@@ -126,7 +126,7 @@ impl<const D: usize> Work<'_, D> {
             },
         };
         verdict::judge(&measures, &self.request.limits)?;
-        self.beats_the_one_in_force(&parameters, heading_sd_deg)?;
+        self.beats_the_one_in_force(&parameters, heading_sd_deg, refined.residual_mgauss)?;
 
         let against_gyro = match gyro {
             Some(gyro) => format!("agrees with the gyro within {:.1} degrees", gyro.rms_deg),
@@ -227,12 +227,13 @@ impl<const D: usize> Work<'_, D> {
         &self,
         candidate: &Parameters,
         heading_sd_deg: f64,
+        residual_mgauss: f64,
     ) -> Result<(), Refusal> {
         let Some(in_force) = &self.request.in_force else {
             return Ok(());
         };
         let samples = &self.request.samples[self.plan.stretch.clone()];
-        let standing = |parameters: &Parameters, heading_sd_deg: f64| {
+        let standing = |parameters: &Parameters, heading_sd_deg: f64, residual_mgauss: f64| {
             let strengths: Vec<f64> = samples
                 .iter()
                 .map(|s| parameters.correct(&s.field_mgauss).norm())
@@ -255,12 +256,17 @@ impl<const D: usize> Work<'_, D> {
                     .agreement(&corrected)
                     .map(|agreement| agreement.rms_deg),
                 heading_sd_deg,
+                residual_mgauss,
                 spatial: parameters.mode() == Mode::Spatial,
             }
         };
         verdict::replaces(
-            &standing(candidate, heading_sd_deg),
-            &standing(&in_force.parameters, in_force.heading_sd_deg),
+            &standing(candidate, heading_sd_deg, residual_mgauss),
+            &standing(
+                &in_force.parameters,
+                in_force.heading_sd_deg,
+                in_force.residual_mgauss,
+            ),
         )
     }
 }

@@ -270,12 +270,27 @@ pub struct Standing {
     pub gyro_rms_deg: Option<f64>,
     /// Its predicted uncertainty, degrees.
     pub heading_sd_deg: f64,
+    /// Spread of its own samples about its fit, milligauss.
+    pub residual_mgauss: f64,
     /// Whether it corrects all three axes.
     pub spatial: bool,
 }
 
+/// The refusals that keep the calibration in force, and say nothing against the candidate by itself.
+pub const KEPT: [&str; 2] = ["not_better", "less_certain"];
+
 /// Whether a good candidate should replace the calibration in force, both judged on the candidate's samples.
 pub fn replaces(candidate: &Standing, in_force: &Standing) -> Result<(), Refusal> {
+    // A magnet that came in mid-turn spoils both: the one in force no longer fits, and the candidate fits
+    // worse than a good one does.
+    if candidate.heading_sd_deg > 3.0 * in_force.heading_sd_deg.max(0.05)
+        || candidate.residual_mgauss > 2.0 * in_force.residual_mgauss.max(1.0)
+    {
+        return Err(Refusal::new(
+            "less_certain",
+            "this turn gives much less certain headings than the one that made the calibration in force, which stays: turn again, evenly and away from iron",
+        ));
+    }
     let worn = in_force.strength_spread > 1.5 * candidate.strength_spread + 0.005;
     let strays = match (candidate.gyro_rms_deg, in_force.gyro_rms_deg) {
         (Some(new), Some(old)) => old > 1.1 * new + 0.2,
@@ -373,8 +388,28 @@ mod tests {
             strength_spread: 0.012,
             gyro_rms_deg: Some(1.0),
             heading_sd_deg: 0.05,
+            residual_mgauss: 2.0,
             spatial: false,
         };
+        for doubtful in [
+            Standing {
+                heading_sd_deg: 0.3,
+                ..in_force
+            },
+            Standing {
+                residual_mgauss: 5.0,
+                ..in_force
+            },
+        ] {
+            let worn = Standing {
+                strength_spread: 0.1,
+                ..in_force
+            };
+            assert_eq!(
+                replaces(&doubtful, &worn).unwrap_err().reason,
+                "less_certain"
+            );
+        }
         assert_eq!(
             replaces(&in_force, &in_force).unwrap_err().reason,
             "not_better"
