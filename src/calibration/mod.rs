@@ -23,6 +23,7 @@ pub mod verdict;
 
 mod candidate;
 mod clock;
+mod folds;
 mod soft_iron;
 mod trial;
 mod uncertainty;

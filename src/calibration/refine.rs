@@ -12,7 +12,7 @@ use super::objective::Position;
 
 /// Samples further out than this many standard deviations have no weight. At 6 the biweight loses 1 %
 /// of precision on pure Gaussian noise.
-const BIWEIGHT: f64 = 6.0;
+pub const BIWEIGHT: f64 = 6.0;
 
 /// The least noise that is believed, milligauss: less than any magnetometer's quantisation leaves.
 const NOISE_FLOOR_MGAUSS: f64 = 0.02;
@@ -91,15 +91,18 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
     })
 }
 
-struct Sums<const P: usize> {
-    information: SMatrix<f64, P, P>,
-    gradient: SVector<f64, P>,
+/// What a Gauss–Newton step is made of.
+pub struct Sums<const P: usize> {
+    /// JᵀWJ.
+    pub information: SMatrix<f64, P, P>,
+    /// JᵀWe.
+    pub gradient: SVector<f64, P>,
     squares: f64,
     used: usize,
 }
 
 /// Sums over the samples nearer than the cutoff; `weight` is that of a distance in cutoffs.
-fn accumulate<const P: usize>(
+pub fn accumulate<const P: usize>(
     distances: &[Distance<P>],
     sigma: f64,
     weight: impl Fn(f64) -> f64,

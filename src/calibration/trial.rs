@@ -8,12 +8,13 @@ use super::agreement::{self, Agreement, Sighting};
 use super::candidate::{Fitted, Work};
 use super::clock::Clock;
 use super::coverage::{centre_inside, coverage_deg, direction_spread, sphere_share};
-use super::curve::{Curve, symmetric};
+use super::curve::{Curve, Distance, symmetric};
 use super::fit::Normalised;
+use super::folds::without_each_part;
 use super::jump::largest_jump;
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::outcome::Outcome;
-use super::refine::{median, refine};
+use super::refine::median;
 use super::uncertainty::{correlation, heading_sd_deg};
 use super::verdict::{self, Measures, Refusal, Standing};
 use super::wobble;
@@ -55,12 +56,17 @@ impl<const D: usize> Work<'_, D> {
         let curve = C::new(position, *reference_mgauss).ok_or_else(unusable)?;
         let parameters = self.parameters(position).ok_or_else(unusable)?;
         let cutoff = refined.cutoff_mgauss;
-        let sightings = self.sightings(points, |_| &curve, cutoff);
+        let planar = self.plan.mode == Mode::Planar;
+        // What is asked of them has an answer in space only.
+        let sightings = if planar {
+            Vec::new()
+        } else {
+            self.sightings(points, |_| &curve, cutoff)
+        };
         let dip = agreement::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
-        let residuals: Vec<f64> = points
-            .iter()
-            .map(|point| curve.distance(point).value_mgauss)
-            .collect();
+        let distances: Vec<Distance<P>> =
+            points.iter().map(|point| curve.distance(point)).collect();
+        let residuals: Vec<f64> = distances.iter().map(|d| d.value_mgauss).collect();
         let heading_sd_deg = correlation(&residuals).sqrt()
             * heading_sd_deg(
                 self.plan.mode,
@@ -69,7 +75,7 @@ impl<const D: usize> Work<'_, D> {
                 &refined.covariance,
                 dip,
             );
-        let gyro = self.cross_validated::<C, P>(points, best);
+        let gyro = self.cross_validated::<C, P>(points, &distances, best);
         let scale = &position[D..2 * D];
         let mean_scale = scale.iter().sum::<f64>() / D as f64;
 
@@ -97,7 +103,6 @@ impl<const D: usize> Work<'_, D> {
             .iter()
             .map(|point| SVector::from(curve.correct(point)).normalize())
             .collect();
-        let planar = self.plan.mode == Mode::Planar;
         let measures = Measures {
             coverage_deg: planar.then(|| coverage_deg(&directions)),
             sphere_share: (!planar && self.request.turns.is_empty()).then(|| {
@@ -200,6 +205,7 @@ impl<const D: usize> Work<'_, D> {
     fn cross_validated<C: Curve<D, P>, const P: usize>(
         &self,
         points: &[[f64; D]],
+        distances: &[Distance<P>],
         best: &Normalised<P>,
     ) -> Option<Agreement> {
         if !self
@@ -210,22 +216,12 @@ impl<const D: usize> Work<'_, D> {
         {
             return None;
         }
-        let Normalised {
-            refined,
-            reference_mgauss,
-        } = best;
         let part = points.len().div_ceil(FOLDS);
-        let curves = (0..FOLDS)
-            .map(|fold| {
-                let first = (fold * part).min(points.len());
-                let last = (first + part).min(points.len());
-                let others = [&points[..first], &points[last..]].concat();
-                let position = refine::<C, D, P>(&others, &refined.position, *reference_mgauss)
-                    .map_or(refined.position, |refined| refined.position);
-                C::new(&position, *reference_mgauss)
-            })
+        let curves = without_each_part::<C, D, P>(points, distances, best, part)
+            .iter()
+            .map(|position| C::new(position, best.reference_mgauss))
             .collect::<Option<Vec<C>>>()?;
-        let cutoff = refined.cutoff_mgauss;
+        let cutoff = best.refined.cutoff_mgauss;
         self.agreement(&self.sightings(points, |index| &curves[index / part], cutoff))
     }
 
