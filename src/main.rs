@@ -40,7 +40,9 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure { status, message }) => {
-            eprintln!("headingd: {message}");
+            if !message.is_empty() {
+                eprintln!("headingd: {message}");
+            }
             ExitCode::from(status)
         }
     }

@@ -33,6 +33,9 @@ const FUSED_TILT_SD_RAD: f64 = 0.1;
 /// One that is less certain than this gives no heading at all, radians.
 const HEADING_TILT_SD_RAD: f64 = 0.35;
 
+/// How fast a heading that the gyro carries alone becomes uncertain, degrees a second: a bias not quite learnt.
+const GYRO_DRIFT_DEG_S: f64 = 0.2;
+
 /// The gyro alone carries a fused heading this long, seconds.
 const GYRO_ALONE_S: f64 = 30.0;
 
@@ -116,6 +119,7 @@ pub struct Pipeline {
     overflow_s: f64,
     rate_s: f64,
     fused_s: f64,
+    fused_sd_deg: f64,
     free_check_s: f64,
     strength_deviation: f64,
     tilt_sd_rad: f64,
@@ -143,6 +147,7 @@ impl Pipeline {
             overflow_s: f64::NEG_INFINITY,
             rate_s: f64::NEG_INFINITY,
             fused_s: f64::NEG_INFINITY,
+            fused_sd_deg: 0.0,
             free_check_s: f64::NEG_INFINITY,
             strength_deviation: 0.0,
             tilt_sd_rad: 0.0,
@@ -293,14 +298,21 @@ impl Pipeline {
         let mut heading = self.heading(t_s, condition);
         heading.raw_deg = heading_deg(&raw_body, &down.unwrap_or_else(Vector3::z));
         if let Some((compass, corrected)) = &corrected {
+            let sd_deg = compass.sd_deg(corrected, down.as_ref());
             if corrected.tilt_sd_rad < HEADING_TILT_SD_RAD {
                 heading.instantaneous_deg = compass.heading_deg(corrected, down.as_ref());
+                heading.sd_deg = Some(sd_deg);
             }
-            if t_s - self.fused_s < GYRO_ALONE_S {
+            let alone_s = t_s - self.fused_s;
+            if alone_s < GYRO_ALONE_S {
                 let fused = self.attitude.fused_heading_rad(t_s);
                 heading.fused_deg = fused.map(|heading| wrap_360(heading.to_degrees()));
             }
-            heading.sd_deg = Some(compass.sd_deg(corrected, down.as_ref()));
+            if alone_s == 0.0 {
+                self.fused_sd_deg = sd_deg;
+            } else if heading.fused_deg.is_some() {
+                heading.sd_deg = Some(self.fused_sd_deg.hypot(GYRO_DRIFT_DEG_S * alone_s));
+            }
             heading.field_mgauss = Some(compass.published_field(corrected));
             heading.strength_mgauss = Some(corrected.strength_mgauss);
             heading.mag_status = match condition {

@@ -3,18 +3,21 @@
 use super::candidate::Fitted;
 use super::curve::{Curve, Symmetric};
 use super::fit::{self, Normalised};
+use super::refine::Refined;
 use super::settings::ModelChoice;
 use super::uncertainty::correlation;
 
-/// An entry of A less certain than this was not seen.
-const UNSEEN_ENTRY: f64 = 0.02;
+/// Where the three cross terms make a bias this many times less certain, the motion cannot tell them from it.
+/// Turns about two clearly different axes make it 2 times; rolls at one heading, which show the cross terms by
+/// the wobble of a hand alone, 11.
+const UNSEEN: f64 = 5.0;
 
 /// The symmetric model, where the evidence asks for it: refined from the diagonal one.
 ///
 /// The evidence is Schwarz's criterion (Annals of Statistics 6, 1978), n·ln σ² + k·ln n, with the samples
 /// counted for what their correlated residuals are worth: three more parameters must lower the residual by
-/// more than chance would. And all nine must have been seen: where a motion leaves one of them open, A's
-/// uncertainty shows it, and the diagonal model is kept.
+/// more than chance would. And all nine must have been seen: where a motion leaves one of them open, the
+/// uncertainty of the biases shows it, and the diagonal model is kept.
 pub fn soft_iron(
     diagonal: &Fitted<3, 6>,
     reference_given: bool,
@@ -38,14 +41,19 @@ pub fn soft_iron(
     let residuals = residuals::<Symmetric, 3, 9>(&diagonal.points, &best)?;
     let n = residuals.len() as f64 / correlation(&residuals);
     let gain = 2.0 * n * (refined.residual_mgauss / best.refined.residual_mgauss).ln();
-    let uncertain = (0..6)
-        .map(|k| best.refined.covariance[(3 + k, 3 + k)])
-        .fold(0.0, f64::max);
-    let asked_for = gain > 3.0 * n.ln() && uncertain.sqrt() < UNSEEN_ENTRY;
+    let asked_for = gain > 3.0 * n.ln() && bias_doubt(&best.refined) < UNSEEN * bias_doubt(refined);
     (asked_for || choice == ModelChoice::Symmetric).then(|| Fitted {
         points: diagonal.points.clone(),
         best,
     })
+}
+
+/// How uncertain the least certain bias is, over the noise.
+fn bias_doubt<const P: usize>(refined: &Refined<P>) -> f64 {
+    let variance = (0..3)
+        .map(|k| refined.covariance[(k, k)])
+        .fold(0.0, f64::max);
+    variance.sqrt() / refined.residual_mgauss
 }
 
 fn residuals<C: Curve<D, P>, const D: usize, const P: usize>(

@@ -23,6 +23,7 @@ use crate::turn::{Turn, TurnDetector};
 /// turn, the whole log. Exit status: 0 accepted, 3 refused.
 #[derive(Debug, clap::Args)]
 #[command(
+    allow_negative_numbers = true,
     after_help = "Example: headingd calibrate turn.csv --reference-mgauss 163 --out here.json"
 )]
 pub struct Args {
@@ -94,8 +95,8 @@ impl Plane {
 
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        Ok(value) if (0.1..=1e5).contains(&value) => Ok(value),
-        _ => Err("a number of milligauss from 0.1 to 100000 is needed".to_owned()),
+        Ok(value) if (10.0..=1000.0).contains(&value) => Ok(value),
+        _ => Err("a number of milligauss from 10 to 1000 is needed".to_owned()),
     }
 }
 
@@ -135,10 +136,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     match outcome.verdict {
         Verdict::Accepted => Ok(()),
         // What was to be said stands on standard output.
-        _ => Err(Failure::new(
-            Failure::REFUSED,
-            format!("refused: {}", outcome.message),
-        )),
+        _ => Err(Failure::new(Failure::REFUSED, "")),
     }
 }
 

@@ -22,7 +22,7 @@ pub mod simulate;
 pub struct Failure {
     /// Exit status: one of the constants here.
     pub status: u8,
-    /// What went wrong; may have several lines.
+    /// What went wrong; may have several lines. Empty: it has been said.
     pub message: String,
 }
 

@@ -24,7 +24,10 @@ const ROWS_A_LOOK: u64 = 8192;
 /// log, configuration and seed give the same bytes; nothing is read from or written to a store unless
 /// --store says so.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example: headingd replay turn.csv | grep CALIBRATION")]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "Example: headingd replay turn.csv | grep CALIBRATION"
+)]
 pub struct Args {
     /// The log (`headingd simulate` writes one)
     pub log: PathBuf,

@@ -6,5 +6,6 @@ mod disturbed;
 mod hostile;
 mod judgement;
 mod precision;
+mod soft_iron;
 mod survey;
 mod trap;
