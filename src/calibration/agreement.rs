@@ -1,5 +1,7 @@
 //! Corrected field against the gyro: a fit that looks perfect and turns wrongly is found out here.
 
+use std::f64::consts::PI;
+
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 
 use crate::attitude::Pose;
@@ -154,7 +156,14 @@ fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<Agreement> {
     }
     for i in 1..phases.len() {
         if phases[i].1 == phases[i - 1].1 {
-            phases[i].2 = phases[i - 1].2 + wrap_pi(phases[i].2 - phases[i - 1].2);
+            let change = phases[i].2 - phases[i - 1].2;
+            // Hardly any goes round, and a remainder is slow.
+            let change = if change.abs() < PI {
+                change
+            } else {
+                wrap_pi(change)
+            };
+            phases[i].2 = phases[i - 1].2 + change;
         }
     }
     // Centre each stretch, then one slope through all.
