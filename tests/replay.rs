@@ -183,7 +183,7 @@ fn headings_come_with_the_calibration_and_are_right() {
         let lines = lines(&log, &[]);
         assert_eq!(
             states(&lines),
-            ["stale", "uncalibrated", "turning", "calibrating", "good"]
+            ["uncalibrated", "turning", "calibrating", "good"]
         );
         let calibrated = lines
             .iter()
@@ -287,7 +287,7 @@ fn a_spatial_calibration_carries_any_attitude() {
     assert_within("from 10 s on", &errors[400..], 1.5, 0.7);
     let single = errors_deg(&lines, &entries, "inst_heading");
     assert_within("of single samples", &single[400..], 4.0, 1.0);
-    assert_eq!(states(&lines), ["stale", "good"]);
+    assert_eq!(states(&lines), ["good"]);
 }
 
 #[test]

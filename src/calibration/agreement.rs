@@ -154,18 +154,10 @@ fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<Agreement> {
     if phases.len() < LEAST {
         return None;
     }
-    for i in 1..phases.len() {
-        if phases[i].1 == phases[i - 1].1 {
-            let change = phases[i].2 - phases[i - 1].2;
-            // Hardly any goes round, and a remainder is slow.
-            let change = if change.abs() < PI {
-                change
-            } else {
-                wrap_pi(change)
-            };
-            phases[i].2 = phases[i - 1].2 + change;
-        }
+    for stretch in phases.chunk_by_mut(|a, b| a.1 == b.1) {
+        unwrap(stretch);
     }
+    phases = without_lone(&phases);
     // Centre each stretch, then one slope through all.
     let mut rotation = 0.0;
     let (mut tt, mut tp, mut span) = (0.0, 0.0, 0.0);
@@ -191,6 +183,50 @@ fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<Agreement> {
         rms_deg: (squares / phases.len() as f64).sqrt().to_degrees(),
         drift_share: (drift * span).abs() / rotation.max(1e-9),
     })
+}
+
+/// Brings each phase to within half a turn of the median of the five before it: a single spike that lands
+/// across the circle must not add a turn.
+fn unwrap(stretch: &mut [(f64, u32, f64, f64)]) {
+    for i in 1..stretch.len() {
+        let (before, rest) = stretch.split_at_mut(i);
+        let (before, phase) = (&before[i.saturating_sub(5)..], &mut rest[0].2);
+        // Near to all of them it is near to their median, whichever that is.
+        if before.iter().all(|b| (*phase - b.2).abs() < PI) {
+            continue;
+        }
+        let mut phases = [0.0; 5];
+        for (past, sighting) in phases.iter_mut().zip(before) {
+            *past = sighting.2;
+        }
+        let known = &mut phases[..before.len()];
+        known.sort_unstable_by(f64::total_cmp);
+        let typical = known[known.len() / 2];
+        *phase = typical + wrap_pi(*phase - typical);
+    }
+}
+
+/// Without spikes that happen to lie on the curve: phases that are far from the median of the five about them.
+fn without_lone(phases: &[(f64, u32, f64, f64)]) -> Vec<(f64, u32, f64, f64)> {
+    const FAR_RAD: f64 = 0.5;
+    let mut kept = Vec::with_capacity(phases.len());
+    for stretch in phases.chunk_by(|a, b| a.1 == b.1) {
+        for (i, sighting) in stretch.iter().enumerate() {
+            let around = (i >= 2).then(|| stretch.get(i - 2..i + 3)).flatten();
+            let far = around.is_some_and(|around| {
+                if around.iter().all(|a| (a.2 - sighting.2).abs() <= FAR_RAD) {
+                    return false;
+                }
+                let mut phases: [f64; 5] = std::array::from_fn(|k| around[k].2);
+                phases.sort_unstable_by(f64::total_cmp);
+                (sighting.2 - phases[2]).abs() > FAR_RAD
+            });
+            if !far {
+                kept.push(*sighting);
+            }
+        }
+    }
+    kept
 }
 
 #[cfg(test)]
@@ -255,6 +291,20 @@ mod tests {
             (found.rms_deg - (0.1f64 / 2f64.sqrt()).to_degrees()).abs() < 0.05,
             "{found:?}"
         );
+    }
+
+    #[test]
+    fn a_spike_across_the_circle_adds_no_turn() {
+        let mut sightings = turning(0.9, 0.9, 400);
+        for (index, angle) in [(100, 3.1), (250, 3.1), (300, -3.1)] {
+            let across = UnitQuaternion::from_scaled_axis(Vector3::z() * angle);
+            sightings[index].field_body = across * sightings[index].field_body;
+            // The next one a little to the other side: the two steps would go round the same way.
+            let aside = UnitQuaternion::from_scaled_axis(Vector3::z() * -0.1 * angle);
+            sightings[index + 1].field_body = aside * sightings[index + 1].field_body;
+        }
+        let found = planar(&sightings, &Vector3::z()).unwrap();
+        assert!(found.drift_share < 0.01 && found.rms_deg < 2.0, "{found:?}");
     }
 
     #[test]

@@ -16,7 +16,11 @@ use super::rist;
 use super::soft_iron::soft_iron;
 use super::verdict::Refusal;
 use super::windows::windows;
-use super::{Request, Sample, wobble};
+use super::{Request, Sample, coverage, wobble};
+
+/// A field that swings less than this has not turned, milligauss: the weakest horizontal field that a compass is
+/// of use in swings by twice its strength of 30.
+const LEAST_SWING_MGAUSS: f64 = 20.0;
 
 /// Below this many samples nothing is tried.
 const LEAST_SAMPLES: usize = 20;
@@ -37,14 +41,18 @@ pub fn calibrate(
         ));
     }
     let usable = |s: &Sample| {
-        s.field_mgauss
+        let pose = s
+            .pose
             .iter()
-            .all(|b| b.is_finite() && b.abs() < 1e6)
+            .flat_map(|pose| pose.orientation.coords.iter());
+        s.t_s.is_finite()
+            && s.field_mgauss.iter().all(|b| b.abs() < 1e6)
+            && pose.into_iter().all(|q| q.is_finite())
     };
     if !request.samples.iter().all(usable) {
         return Err(Refusal::new(
             "bad_samples",
-            "a sample is not a finite number of milligauss",
+            "a sample is not a finite number of milligauss, or its time or pose is none",
         ));
     }
     let plan = plane::plan(request).ok_or_else(|| {
@@ -116,8 +124,32 @@ impl<const D: usize> Work<'_, D> {
     ) -> Result<Fitted<D, P>, Refusal> {
         let settings = &self.request.settings;
         let reference = self.reference();
+        if reference.is_some_and(|reference| !(reference > 0.0 && reference.is_finite())) {
+            return Err(Refusal::new(
+                "bad_reference",
+                "the reference field is not a strength above 0",
+            ));
+        }
         let stretch = &self.request.samples[self.plan.stretch.clone()];
         let points: Vec<[f64; D]> = stretch.iter().map(self.project).collect();
+        let no_motion = || {
+            Refusal::new(
+                "no_motion",
+                "the field hardly changed: the board did not turn, or the magnetometer is stuck",
+            )
+        };
+        if coverage::swing(&fit::without_spikes(&points)) < LEAST_SWING_MGAUSS {
+            return Err(no_motion());
+        }
+        if let Some(axis) = self.stuck_axis(stretch, &points) {
+            let name = ["X", "Y", "Z"][axis];
+            return Err(Refusal::new(
+                "stuck_axis",
+                format!(
+                    "chip axis {name} told the same number while the field turned: it is stuck, or at the end of its range"
+                ),
+            ));
+        }
 
         let watch = Clock::start(clock);
         let windows = windows(self.request, self.plan, self.project);
@@ -139,12 +171,7 @@ impl<const D: usize> Work<'_, D> {
             })
             .collect();
         let seen = fit::without_spikes(&seen);
-        let swarm = fit::swarm::<D, P, F>(&seen, reference, settings).ok_or_else(|| {
-            Refusal::new(
-                "no_motion",
-                "the field hardly changed: the board did not turn, or the magnetometer is stuck",
-            )
-        })?;
+        let swarm = fit::swarm::<D, P, F>(&seen, reference, settings).ok_or_else(no_motion)?;
         outcome.elapsed_us.swarm = watch.elapsed_us();
         outcome.swarm = Some(SwarmReport {
             profile: settings.profile.word(),
@@ -162,6 +189,31 @@ impl<const D: usize> Work<'_, D> {
         })?;
         outcome.elapsed_us.refine = watch.elapsed_us();
         Ok(fitted)
+    }
+
+    /// A chip axis in the plane of the turn that stood still while the field moved by half of its swing. In space
+    /// this proves nothing: a roll about an axis leaves the axis as it is.
+    fn stuck_axis(&self, samples: &[Sample], points: &[[f64; D]]) -> Option<usize> {
+        const LEAST_STILL: usize = 10;
+        if self.plan.mode == Mode::Spatial {
+            return None;
+        }
+        let swing = coverage::swing(points);
+        (0..3).find(|&axis| {
+            let [e1, e2] = self.plan.basis;
+            let in_plane = e1[axis].hypot(e2[axis]) > 0.7;
+            let mut from = 0;
+            in_plane
+                && samples
+                    .chunk_by(|a, b| a.field_mgauss[axis] == b.field_mgauss[axis])
+                    .any(|run| {
+                        let here = &points[from..from + run.len()];
+                        from += run.len();
+                        // A spike or a hole in the log moves the other axes too.
+                        run.len() >= LEAST_STILL
+                            && coverage::swing(&fit::without_spikes(here)) > 0.5 * swing
+                    })
+        })
     }
 
     /// Refines the swarm's answer; in the plane, with the samples levelled as far as the tilt is known.

@@ -55,6 +55,15 @@ pub fn sphere_share(directions: impl IntoIterator<Item = Vector3<f64>>) -> f64 {
     seen.iter().filter(|seen| **seen).count() as f64 / 24.0
 }
 
+/// The largest range of the points on an axis.
+pub fn swing<const D: usize>(points: &[[f64; D]]) -> f64 {
+    let range = |axis: usize| {
+        let values = || points.iter().map(|point| point[axis]);
+        values().fold(f64::MIN, f64::max) - values().fold(f64::MAX, f64::min)
+    };
+    (0..D).map(range).fold(0.0, f64::max)
+}
+
 /// Whether the centre lies within the samples on every axis.
 pub fn centre_inside<const D: usize>(points: &[[f64; D]], position: &[f64]) -> bool {
     (0..D).all(|axis| {

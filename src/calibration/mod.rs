@@ -9,6 +9,7 @@ pub mod agreement;
 pub mod coverage;
 pub mod curve;
 pub mod fit;
+pub mod jump;
 pub mod model;
 pub mod mpsot;
 pub mod objective;

@@ -11,6 +11,7 @@ use super::coverage::{centre_inside, coverage_deg, direction_spread, sphere_shar
 use super::curve::{Curve, Distance, symmetric};
 use super::fit::Normalised;
 use super::folds::without_each_part;
+use super::jump::largest_jump;
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::outcome::Outcome;
 use super::refine::median;
@@ -113,12 +114,14 @@ impl<const D: usize> Work<'_, D> {
             }),
             direction_spread: (!planar).then(|| direction_spread(&directions)),
             outlier_share: 1.0 - refined.used as f64 / points.len() as f64,
+            end_outlier_share: end_outlier_share(&residuals, cutoff),
             residual_share: refined.residual_mgauss / (reference_mgauss * mean_scale),
             scale: scale.to_vec(),
             reference_given: reference.is_some(),
             centre_inside: centre_inside(points, &position[..D]),
             heading_sd_deg,
             gyro,
+            jump: largest_jump(&self.sightings(points, |_| &curve, f64::INFINITY)),
             dip_spread_deg: if planar {
                 None
             } else {
@@ -269,6 +272,17 @@ impl<const D: usize> Work<'_, D> {
             ),
         )
     }
+}
+
+/// The share of outliers among the last samples.
+fn end_outlier_share(residuals: &[f64], cutoff_mgauss: f64) -> f64 {
+    const LAST: usize = 16;
+    let last = &residuals[residuals.len().saturating_sub(LAST)..];
+    let outliers = last
+        .iter()
+        .filter(|residual| residual.abs() >= cutoff_mgauss)
+        .count();
+    outliers as f64 / last.len() as f64
 }
 
 /// Robust standard deviation over median.

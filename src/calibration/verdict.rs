@@ -1,100 +1,11 @@
 //! Whether a candidate deserves trust, always with a reason.
 
-use serde::{Deserialize, Serialize};
-
 use super::agreement::Agreement;
-use crate::check::{Check, Fault, within};
+use super::jump::Jump;
 
-/// What is asked of a candidate.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Limits {
-    /// Planar: how much of the circle the samples must cover, degrees, 90 to 360. Below about 225° the
-    /// parameters become several times less certain.
-    pub coverage_deg: f64,
-    /// Spatial: smallest eigenvalue of the covariance of the field's directions, 0 to 0.33. A level turn
-    /// has almost none across its plane.
-    pub direction_spread: f64,
-    /// Spatial, without full turns: from how much of the sphere the field must have been seen, 0 to 1.
-    pub sphere_share: f64,
-    /// Largest share of samples that may be outliers, 0 to 0.5.
-    pub outlier_share: f64,
-    /// Largest residual, as a share of the field's strength, 0.001 to 0.5. Real boards leave 2 % under
-    /// the diagonal model.
-    pub residual_share: f64,
-    /// Largest ratio of two axes' scale factors, 1 to 10.
-    pub axis_ratio: f64,
-    /// Smallest scale factor where a reference field was given, 0.01 to 1.
-    pub scale_min: f64,
-    /// Largest scale factor where a reference field was given, 1 to 100.
-    pub scale_max: f64,
-    /// Largest predicted uncertainty of a heading, degrees, 0.01 to 20.
-    pub heading_sd_deg: f64,
-    /// Largest disagreement of corrected heading and gyro, RMS, degrees, 0.5 to 45. A wobbling hand and a
-    /// magnetometer that is 3° askew on its board make 7°.
-    pub gyro_rms_deg: f64,
-    /// Largest difference between the angle turned by the field and by the gyro, as a share, 0.01 to 0.5.
-    pub gyro_angle_share: f64,
-    /// Spatial: largest change of the dip with attitude, RMS, degrees, 0.5 to 45.
-    pub dip_spread_deg: f64,
-}
+mod limits;
 
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            coverage_deg: 240.0,
-            direction_spread: 0.005,
-            sphere_share: 0.7,
-            outlier_share: 0.1,
-            residual_share: 0.06,
-            axis_ratio: 2.0,
-            scale_min: 0.2,
-            scale_max: 5.0,
-            heading_sd_deg: 1.5,
-            gyro_rms_deg: 10.0,
-            gyro_angle_share: 0.12,
-            dip_spread_deg: 6.0,
-        }
-    }
-}
-
-impl Check for Limits {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let f = &mut faults;
-        within(
-            f,
-            "coverage_deg",
-            self.coverage_deg,
-            90.0..=360.0,
-            "degrees",
-        );
-        within(f, "direction_spread", self.direction_spread, 0.0..=0.33, "");
-        within(f, "sphere_share", self.sphere_share, 0.0..=1.0, "");
-        within(f, "outlier_share", self.outlier_share, 0.0..=0.5, "");
-        within(f, "residual_share", self.residual_share, 0.001..=0.5, "");
-        within(f, "axis_ratio", self.axis_ratio, 1.0..=10.0, "");
-        within(f, "scale_min", self.scale_min, 0.01..=1.0, "");
-        within(f, "scale_max", self.scale_max, 1.0..=100.0, "");
-        within(
-            f,
-            "heading_sd_deg",
-            self.heading_sd_deg,
-            0.01..=20.0,
-            "degrees",
-        );
-        within(f, "gyro_rms_deg", self.gyro_rms_deg, 0.5..=45.0, "degrees");
-        within(f, "gyro_angle_share", self.gyro_angle_share, 0.01..=0.5, "");
-        within(
-            f,
-            "dip_spread_deg",
-            self.dip_spread_deg,
-            0.5..=45.0,
-            "degrees",
-        );
-        faults
-    }
-}
+pub use limits::Limits;
 
 /// Why a candidate was refused.
 #[derive(Clone, Debug, PartialEq)]
@@ -126,6 +37,8 @@ pub struct Measures {
     pub sphere_share: Option<f64>,
     /// Share of samples without weight.
     pub outlier_share: f64,
+    /// The same of the last samples.
+    pub end_outlier_share: f64,
     /// Residual over the field's strength as the sensor sees it.
     pub residual_share: f64,
     /// Scale factors.
@@ -138,9 +51,18 @@ pub struct Measures {
     pub heading_sd_deg: f64,
     /// Agreement with the gyro, cross-validated, where there is a gyro.
     pub gyro: Option<Agreement>,
+    /// The largest jump of the field, where the gyro tells.
+    pub jump: Option<Jump>,
     /// Spatial: change of the dip with attitude, where the vertical is known.
     pub dip_spread_deg: Option<f64>,
 }
+
+/// More outliers than this among the last samples, and the fit does not hold for what comes: one spike in a
+/// hundred samples never makes so many.
+const MOST_AT_THE_END: f64 = 0.5;
+
+/// A jump by a smaller share of the field is none, however still the field is otherwise.
+const LEAST_JUMP_SHARE: f64 = 0.02;
 
 /// The first objection to a candidate, the most telling first; `Ok` if there is none.
 pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
@@ -180,6 +102,12 @@ pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
                 100.0 * m.outlier_share,
                 100.0 * limits.outlier_share
             ),
+        ));
+    }
+    if m.end_outlier_share > MOST_AT_THE_END {
+        return Err(Refusal::new(
+            "outliers",
+            "the last samples lie far off the fit: something magnetic came or went, and the fit no longer holds",
         ));
     }
     if m.residual_share > limits.residual_share {
@@ -248,6 +176,25 @@ pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
                 ),
             ));
         }
+    }
+    let largest_jump = if m.coverage_deg.is_some() {
+        limits.jump_planar
+    } else {
+        limits.jump_spatial
+    };
+    if let Some(jump) = m.jump
+        && jump.share > LEAST_JUMP_SHARE
+        && jump.times_usual > largest_jump
+    {
+        return Err(Refusal::new(
+            "jump",
+            format!(
+                "the field jumped by {:.0} % within half a second, {:.1} times what is usual in this turn (at most {:.1}): something magnetic came or went",
+                100.0 * jump.share,
+                jump.times_usual,
+                largest_jump
+            ),
+        ));
     }
     if let Some(spread) = m.dip_spread_deg.filter(|&s| s > limits.dip_spread_deg) {
         return Err(Refusal::new(
@@ -318,6 +265,7 @@ mod tests {
             direction_spread: Some(0.1),
             sphere_share: Some(0.9),
             outlier_share: 0.0,
+            end_outlier_share: 0.0,
             residual_share: 0.012,
             scale: vec![0.9, 1.1],
             reference_given: true,
@@ -326,6 +274,10 @@ mod tests {
             gyro: Some(Agreement {
                 rms_deg: 1.0,
                 drift_share: 0.01,
+            }),
+            jump: Some(Jump {
+                share: 0.1,
+                times_usual: 2.0,
             }),
             dip_spread_deg: Some(1.0),
         }
@@ -339,16 +291,23 @@ mod tests {
     #[test]
     fn every_refusal_has_its_code_and_a_sentence() {
         type Spoil = fn(&mut Measures);
-        let cases: [(&str, Spoil); 12] = [
+        let cases: [(&str, Spoil); 14] = [
             ("coverage", |m| m.coverage_deg = Some(239.0)),
             ("coverage", |m| m.direction_spread = Some(0.0)),
             ("coverage", |m| m.sphere_share = Some(0.5)),
             ("outliers", |m| m.outlier_share = 0.3),
+            ("outliers", |m| m.end_outlier_share = 0.6),
+            ("jump", |m| {
+                m.jump = Some(Jump {
+                    share: 0.1,
+                    times_usual: 13.0,
+                })
+            }),
             ("residual", |m| m.residual_share = 0.07),
             ("axis_ratio", |m| m.scale = vec![0.4, 0.9]),
             ("scale", |m| m.scale = vec![6.0, 6.0]),
             ("centre", |m| m.centre_inside = false),
-            ("heading_uncertainty", |m| m.heading_sd_deg = 1.6),
+            ("heading_uncertainty", |m| m.heading_sd_deg = 1.1),
             ("gyro_angle", |m| {
                 m.gyro = Some(Agreement {
                     rms_deg: 1.0,

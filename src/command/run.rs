@@ -46,7 +46,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     start_log(&config.log.filter);
     runtime()?.block_on(async {
         // Before the socket is there: whoever sees it may send a signal.
-        let mut signals = catch(&[SignalKind::terminate(), SignalKind::interrupt()])?;
+        let mut signals = catch(&[
+            SignalKind::terminate(),
+            SignalKind::interrupt(),
+            // The terminal it was started from has gone.
+            SignalKind::hangup(),
+        ])?;
         let daemon = Daemon::open(&config)?;
         let told = async {
             signals.received().await;

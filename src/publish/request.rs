@@ -165,8 +165,9 @@ fn watch(argument: &str) -> Result<Watch, String> {
             Some(other) => return Err(wrong("device", other, "a string")),
         },
     };
-    // Whoever only says "enable" wants the headings. Whoever names something else to send may not.
-    let chosen = ["json", "nmea", "raw", "calibration", "state"];
+    // Headings go out unless json is set to false, or another format is asked for; states and calibrations come
+    // beside them.
+    let chosen = ["json", "nmea", "raw"];
     if watch.enable && !chosen.iter().any(|key| object.contains_key(*key)) {
         watch.json = Some(true);
     }
@@ -244,7 +245,9 @@ mod tests {
     fn json_is_on_unless_something_else_was_chosen() {
         assert_eq!(watched("?WATCH={\"enable\":true};").json, Some(true));
         assert_eq!(watched("?WATCH={};").json, Some(true));
-        assert_eq!(watched("?WATCH={\"state\":true};").json, None);
+        assert_eq!(watched("?WATCH={\"state\":true};").json, Some(true));
+        let states = watched("?WATCH={\"state\":true,\"json\":false};");
+        assert_eq!((states.state, states.json), (Some(true), Some(false)));
         assert_eq!(
             watched("?WATCH={\"enable\":true,\"nmea\":true};").json,
             None

@@ -1,0 +1,175 @@
+//! Many logs of every case, each fitted as the product fits it: worked once, looked at by several tests.
+
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use headingd::calibration::curve::Diagonal;
+use headingd::calibration::fit;
+use headingd::calibration::model::Mode;
+use headingd::calibration::objective::Position;
+use headingd::calibration::refine::Refined;
+use headingd::frame::wrap_pi;
+
+use super::bound::{Errors, HEADINGS, bound, level_turn, raw};
+use super::cases::{Case, Log};
+
+/// Logs a case. The RMS over n of them of m independent errors is uncertain by 1/√(2nm): 1.6 % with the
+/// two of a planar bias, so that a ratio of 1.05 is 3 standard deviations from 1.
+const LOGS: u64 = 1000;
+
+/// The clean cases, and those with spikes.
+pub const CASES: [Case; 15] = [
+    Case::planar(0.5),
+    Case::planar(2.0),
+    Case::planar(5.0),
+    Case::planar(0.5).arcs(270.0),
+    Case::planar(2.0).arcs(270.0),
+    Case::planar(5.0).arcs(270.0),
+    Case::planar(2.0).spikes(),
+    Case::spatial(0.5),
+    Case::spatial(2.0),
+    Case::spatial(5.0),
+    Case::spatial(0.5).arcs(270.0),
+    Case::spatial(2.0).arcs(270.0),
+    Case::spatial(5.0).arcs(270.0),
+    Case::spatial(2.0).two_circles(),
+    Case::spatial(2.0).spikes(),
+];
+
+/// What the logs of one case came to.
+pub struct Tally {
+    pub case: Case,
+    pub logs: usize,
+    /// RMS errors.
+    pub rms: Errors,
+    /// The same of the bound.
+    pub bound: Errors,
+    /// Logs whose search box does not hold the truth.
+    pub outside: usize,
+    /// Logs on which swarm and refinement do not end where a refinement started at the truth does.
+    pub trapped: usize,
+}
+
+impl Tally {
+    /// RMS errors over the bound: bias, scale, heading.
+    pub fn ratios(&self) -> [f64; 3] {
+        let (rms, bound) = (self.rms.each(), self.bound.each());
+        std::array::from_fn(|k| rms[k] / bound[k])
+    }
+}
+
+/// Every case, on two threads.
+pub fn tallies() -> &'static [Tally] {
+    static TALLIES: OnceLock<Vec<Tally>> = OnceLock::new();
+    TALLIES.get_or_init(|| {
+        let next = AtomicUsize::new(0);
+        let work = || {
+            let take = || CASES.get(next.fetch_add(1, Ordering::Relaxed));
+            std::iter::from_fn(take).map(tally).collect::<Vec<_>>()
+        };
+        std::thread::scope(|scope| {
+            let other = scope.spawn(work);
+            let mut all = work();
+            all.extend(other.join().unwrap());
+            all
+        })
+    })
+}
+
+fn tally(case: &Case) -> Tally {
+    let mut tally = Tally {
+        case: *case,
+        logs: LOGS as usize,
+        rms: Errors::default(),
+        bound: Errors::default(),
+        outside: 0,
+        trapped: 0,
+    };
+    for seed in 0..LOGS {
+        let log = case.log_without_gyro(seed);
+        let trial = match case.mode {
+            Mode::Planar => trial::<2, 4, 5>(case, &log),
+            Mode::Spatial => trial::<3, 6, 7>(case, &log),
+        };
+        tally.rms += trial.squares;
+        tally.bound += bound(case, &log);
+        tally.outside += usize::from(!trial.inside);
+        tally.trapped += usize::from(trial.trapped);
+    }
+    tally.rms = tally.rms.root_of_mean(LOGS as f64);
+    tally.bound = tally.bound.root_of_mean(LOGS as f64);
+    tally
+}
+
+/// What became of one log.
+struct Trial {
+    /// Squared errors.
+    squares: Errors,
+    inside: bool,
+    trapped: bool,
+}
+
+fn trial<const D: usize, const P: usize, const F: usize>(case: &Case, log: &Log) -> Trial {
+    let truth: Position<P> = true_position(log);
+    let points = points(log);
+    let reference = case.reference_mgauss();
+    let seen = fit::without_spikes(&points);
+    let swarm = fit::swarm::<D, P, F>(&seen, Some(reference), &log.request.settings).unwrap();
+    let refine = |start| {
+        fit::refined::<Diagonal<D>, D, P>(&points, start, reference, true)
+            .unwrap()
+            .refined
+    };
+    let refined = refine(&swarm.found.position);
+    Trial {
+        squares: squares::<D, P>(case, log, &refined.position),
+        inside: swarm.search_box.contains(&truth),
+        trapped: differ::<D, P>(&refined, &refine(&truth)),
+    }
+}
+
+/// The samples along the axes that are calibrated.
+pub fn points<const D: usize>(log: &Log) -> Vec<[f64; D]> {
+    let samples = log.request.samples.iter();
+    samples
+        .map(|sample| std::array::from_fn(|axis| sample.field_mgauss[axis]))
+        .collect()
+}
+
+/// The truth as a particle's position.
+pub fn true_position<const P: usize>(log: &Log) -> Position<P> {
+    std::array::from_fn(|k| match k.checked_sub(P / 2) {
+        None => log.truth.bias[k],
+        Some(axis) => log.truth.scale[axis],
+    })
+}
+
+/// Whether two fits differ by more than their arithmetic: 0.001 milligauss, 0.00001 of scale, or 1 % of
+/// their standard deviation.
+pub fn differ<const D: usize, const P: usize>(one: &Refined<P>, other: &Refined<P>) -> bool {
+    (0..P).any(|k| {
+        let unit: f64 = if k < D { 1e-3 } else { 1e-5 };
+        let apart = (one.position[k] - other.position[k]).abs();
+        apart > unit.max(0.01 * one.covariance[(k, k)].sqrt())
+    })
+}
+
+fn squares<const D: usize, const P: usize>(
+    case: &Case,
+    log: &Log,
+    position: &Position<P>,
+) -> Errors {
+    let mut squares = Errors::default();
+    for axis in 0..D {
+        let (bias, scale) = (position[axis], position[D + axis]);
+        squares.bias += (bias - log.truth.bias[axis]).powi(2) / D as f64;
+        squares.scale += (scale / log.truth.scale[axis] - 1.0).powi(2) / D as f64;
+    }
+    for (field, heading) in level_turn(case) {
+        let raw = raw(&log.truth, &field);
+        let h = |axis: usize| (raw[axis] - position[axis]) / position[D + axis];
+        let error = wrap_pi((-h(1)).atan2(h(0)) - heading).to_degrees();
+        squares.heading += error * error / HEADINGS as f64;
+    }
+    squares
+}
