@@ -1,5 +1,7 @@
 //! Corrected field against the gyro: a fit that looks perfect and turns wrongly is found out here.
 
+use std::f64::consts::PI;
+
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 
 use crate::attitude::Pose;
@@ -187,15 +189,20 @@ fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<Agreement> {
 /// across the circle must not add a turn.
 fn unwrap(stretch: &mut [(f64, u32, f64, f64)]) {
     for i in 1..stretch.len() {
-        let before = &stretch[i.saturating_sub(5)..i];
+        let (before, rest) = stretch.split_at_mut(i);
+        let (before, phase) = (&before[i.saturating_sub(5)..], &mut rest[0].2);
+        // Near to all of them it is near to their median, whichever that is.
+        if before.iter().all(|b| (*phase - b.2).abs() < PI) {
+            continue;
+        }
         let mut phases = [0.0; 5];
-        for (phase, sighting) in phases.iter_mut().zip(before) {
-            *phase = sighting.2;
+        for (past, sighting) in phases.iter_mut().zip(before) {
+            *past = sighting.2;
         }
         let known = &mut phases[..before.len()];
         known.sort_unstable_by(f64::total_cmp);
         let typical = known[known.len() / 2];
-        stretch[i].2 = typical + wrap_pi(stretch[i].2 - typical);
+        *phase = typical + wrap_pi(*phase - typical);
     }
 }
 
@@ -207,6 +214,9 @@ fn without_lone(phases: &[(f64, u32, f64, f64)]) -> Vec<(f64, u32, f64, f64)> {
         for (i, sighting) in stretch.iter().enumerate() {
             let around = (i >= 2).then(|| stretch.get(i - 2..i + 3)).flatten();
             let far = around.is_some_and(|around| {
+                if around.iter().all(|a| (a.2 - sighting.2).abs() <= FAR_RAD) {
+                    return false;
+                }
                 let mut phases: [f64; 5] = std::array::from_fn(|k| around[k].2);
                 phases.sort_unstable_by(f64::total_cmp);
                 (sighting.2 - phases[2]).abs() > FAR_RAD

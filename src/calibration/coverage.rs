@@ -5,16 +5,24 @@ use nalgebra::{Matrix3, SVector, SymmetricEigen, Vector3};
 /// How much of the circle directions cover: 360 degrees less what lies in gaps wider than 15 degrees.
 pub fn coverage_deg<const D: usize>(directions: &[SVector<f64, D>]) -> f64 {
     const GAP_DEG: f64 = 15.0;
-    let mut angles: Vec<f64> = directions
-        .iter()
-        .map(|u| u[1].atan2(u[0]).to_degrees())
+    /// Sectors narrower than a gap: there is none inside one, and nothing needs to be sorted.
+    const SECTORS: usize = 36;
+    let mut ends = [(f64::INFINITY, f64::NEG_INFINITY); SECTORS];
+    for u in directions {
+        let angle = u[1].atan2(u[0]).to_degrees();
+        let sector = (angle + 180.0) * (SECTORS as f64 / 360.0);
+        let (least, most) = &mut ends[(sector as usize).min(SECTORS - 1)];
+        (*least, *most) = (least.min(angle), most.max(angle));
+    }
+    let seen: Vec<(f64, f64)> = ends
+        .into_iter()
+        .filter(|(least, most)| least <= most)
         .collect();
-    angles.sort_unstable_by(f64::total_cmp);
-    let (Some(first), Some(last)) = (angles.first(), angles.last()) else {
+    let (Some(first), Some(last)) = (seen.first(), seen.last()) else {
         return 0.0;
     };
-    let around = 360.0 - (last - first);
-    let gaps = angles.windows(2).map(|w| w[1] - w[0]).chain([around]);
+    let around = 360.0 - (last.1 - first.0);
+    let gaps = seen.windows(2).map(|w| w[1].0 - w[0].1).chain([around]);
     360.0 - gaps.filter(|&gap| gap > GAP_DEG).sum::<f64>()
 }
 
