@@ -138,7 +138,7 @@ impl<const D: usize> Work<'_, D> {
                 "the field hardly changed: the board did not turn, or the magnetometer is stuck",
             )
         };
-        if coverage::swing(&fit::without_spikes(&points)) < LEAST_SWING_MGAUSS {
+        if coverage::swing(&points) < LEAST_SWING_MGAUSS {
             return Err(no_motion());
         }
         if let Some(axis) = self.stuck_axis(stretch, &points) {
