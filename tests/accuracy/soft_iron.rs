@@ -4,6 +4,7 @@ use headingd::calibration::calibrate;
 use headingd::calibration::curve::{Curve, Symmetric, symmetric};
 use headingd::calibration::model::{Mode, Model, Parameters, Spatial};
 use headingd::calibration::outcome::{Outcome, Verdict};
+use headingd::calibration::settings::ModelChoice;
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use crate::cases::{Case, Log, TOTAL_MGAUSS};
@@ -22,6 +23,7 @@ fn coupled(case: &Case, seed: u64, coupling: [f64; 3]) -> (Log, [f64; 9]) {
         sample.field_mgauss += cross * field;
     }
     log.request.settings.total_mgauss = Some(TOTAL_MGAUSS);
+    log.request.settings.model = ModelChoice::Auto;
     let (b, a) = (log.truth.bias, log.truth.scale);
     let truth = [b.x, b.y, b.z, a.x, a.y, a.z, xy, xz, yz];
     (log, truth)
