@@ -24,9 +24,9 @@ pub enum ModeChoice {
 #[serde(rename_all = "lowercase")]
 pub enum ModelChoice {
     /// Symmetric where the evidence asks for it, else diagonal.
+    #[default]
     Auto,
     /// A scale factor an axis: the paper's model.
-    #[default]
     Diagonal,
     /// Soft iron and cross-coupling too.
     Symmetric,
@@ -114,7 +114,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             mode: ModeChoice::Auto,
-            model: ModelChoice::Diagonal,
+            model: ModelChoice::Auto,
             profile: Profile::Standard,
             window: WindowChoice::Rist,
             stop: StopChoice::Mpsot,

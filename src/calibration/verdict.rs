@@ -228,10 +228,13 @@ pub const KEPT: [&str; 2] = ["not_better", "less_certain"];
 
 /// Whether a good candidate should replace the calibration in force, both judged on the candidate's samples.
 pub fn replaces(candidate: &Standing, in_force: &Standing) -> Result<(), Refusal> {
+    let extends = candidate.spatial && !in_force.spatial;
     // A magnet that came in mid-turn spoils both: the one in force no longer fits, and the candidate fits
     // worse than a good one does.
-    if candidate.heading_sd_deg > 3.0 * in_force.heading_sd_deg.max(0.05)
-        || candidate.residual_mgauss > 2.0 * in_force.residual_mgauss.max(1.0)
+    // Three axes are another thing than one plane, and may be less certain of a level heading.
+    if !extends
+        && (candidate.heading_sd_deg > 3.0 * in_force.heading_sd_deg.max(0.05)
+            || candidate.residual_mgauss > 2.0 * in_force.residual_mgauss.max(1.0))
     {
         return Err(Refusal::new(
             "less_certain",
@@ -243,7 +246,6 @@ pub fn replaces(candidate: &Standing, in_force: &Standing) -> Result<(), Refusal
         (Some(new), Some(old)) => old > 1.1 * new + 0.2,
         _ => false,
     };
-    let extends = candidate.spatial && !in_force.spatial;
     let narrows = in_force.spatial && !candidate.spatial;
     let sharper = candidate.heading_sd_deg < 0.7 * in_force.heading_sd_deg;
     if worn || (!narrows && (strays || extends || sharper)) {

@@ -33,8 +33,8 @@ pub struct Args {
     #[arg(long, value_enum)]
     pub mode: Option<ModeChoice>,
     /// The shape of the scale factor matrix in space: symmetric takes in soft iron and cross-coupling
-    #[arg(long, value_enum)]
-    pub model: Option<ModelChoice>,
+    #[arg(long, value_enum, default_value = "diagonal")]
+    pub model: ModelChoice,
     /// The plane: from the gyro, or two chip axes, and then no turn is looked for
     #[arg(long, value_enum, default_value = "gyro")]
     pub plane: Plane,
@@ -148,7 +148,7 @@ fn settings(args: &Args) -> Result<Config, Failure> {
     };
     let settings = &mut config.calibration;
     settings.mode = args.mode.unwrap_or(settings.mode);
-    settings.model = args.model.unwrap_or(settings.model);
+    settings.model = args.model;
     settings.profile = args.profile.unwrap_or(settings.profile);
     settings.window = args.window.unwrap_or(settings.window);
     settings.stop = args.stop.unwrap_or(settings.stop);
