@@ -60,13 +60,22 @@ pub struct Report {
     pub t_s: f64,
 }
 
+/// What is wrong with the source.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Trouble {
+    /// As a code that a program can read (`no_answer`, `unplugged` …).
+    pub code: &'static str,
+    /// As a sentence for a person: what was attempted, on which device, what was found, what helps.
+    pub message: String,
+}
+
 /// What the condition depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evidence<'a> {
     /// The source's clock, seconds.
     pub t_s: f64,
     /// What is wrong with the source, if it is known to be.
-    pub fault: Option<&'a str>,
+    pub fault: Option<&'a Trouble>,
     /// Seconds since the last whole magnetometer sample; infinite if there was none.
     pub silent_s: f64,
     /// Whether what came in the meantime had an axis beyond its range.
@@ -112,7 +121,7 @@ pub fn judge(evidence: &Evidence) -> Report {
         t_s: e.t_s,
     };
     if let Some(fault) = e.fault {
-        return report(Condition::Fault, "source", fault.to_owned());
+        return report(Condition::Fault, fault.code, fault.message.clone());
     }
     if e.silent_s > e.stale_s {
         return if e.overflowing {
@@ -191,6 +200,8 @@ pub fn judge(evidence: &Evidence) -> Report {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::LazyLock;
+
     use super::*;
 
     fn well() -> Evidence<'static> {
@@ -218,7 +229,13 @@ mod tests {
         type Spoil = fn(&mut Evidence<'static>);
         let cases: [(&str, &str, Spoil); 16] = [
             ("good", "good", |_| ()),
-            ("fault", "source", |e| e.fault = Some("unplugged")),
+            ("fault", "unplugged", |e| {
+                static UNPLUGGED: LazyLock<Trouble> = LazyLock::new(|| Trouble {
+                    code: "unplugged",
+                    message: "the port is gone".to_owned(),
+                });
+                e.fault = Some(&UNPLUGGED);
+            }),
             ("stale", "no_samples", |e| e.silent_s = 0.6),
             ("stale", "overflow", |e| {
                 (e.silent_s, e.overflowing) = (0.6, true)

@@ -15,7 +15,7 @@ use crate::attitude::{self, Attitude};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::{self, Request, Sample, verdict};
-use crate::condition::{self, Condition, Evidence, Report};
+use crate::condition::{self, Condition, Evidence, Report, Trouble};
 use crate::frame::{Mountings, wrap_360};
 use crate::heading::{Compass, Heading, MagStatus, heading_deg};
 use crate::reading::Reading;
@@ -77,7 +77,7 @@ pub enum Event {
     /// It is this late on the source's clock, seconds, and nothing was read.
     Silence(f64),
     /// The source is broken, and this is what is wrong; `None` when it works again.
-    Fault(Option<String>),
+    Fault(Option<Trouble>),
     /// A calibration is done.
     Calibrated(Box<Outcome>),
 }
@@ -110,7 +110,7 @@ pub struct Pipeline {
     waiting: bool,
     calibrating: bool,
     refused: Option<(&'static str, String)>,
-    fault: Option<String>,
+    fault: Option<Trouble>,
     report: Option<Report>,
     now_s: f64,
     /// Time of the first reading and of the last.
@@ -365,7 +365,7 @@ impl Pipeline {
         }
         let report = condition::judge(&Evidence {
             t_s: self.now_s,
-            fault: self.fault.as_deref(),
+            fault: self.fault.as_ref(),
             silent_s: self.now_s - self.whole_field_s,
             overflowing: self.overflow_s > self.whole_field_s,
             stale_s: self.setup.pipeline.stale_s,

@@ -9,7 +9,7 @@ use super::calibrator::Calibrator;
 use super::keeper::Keeper;
 use super::source::Message;
 use crate::calibration::outcome::{Outcome, Verdict};
-use crate::condition::{Condition, Report};
+use crate::condition::{Condition, Report, Trouble};
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::server::Publisher;
 
@@ -76,13 +76,16 @@ impl Journey {
                             self.handle(Event::Reading(reading));
                         }
                         Some(Message::End) => (open, over) = (false, true),
-                        Some(Message::Broken(why)) => {
+                        Some(Message::Broken(trouble)) => {
                             open = false;
-                            self.broken(why);
+                            self.broken(trouble);
                         }
                         None => {
                             open = false;
-                            self.broken("the thread of the source panicked".to_owned());
+                            self.broken(Trouble {
+                                code: "internal",
+                                message: "the thread of the source panicked".to_owned(),
+                            });
                         }
                     }
                 }
@@ -98,9 +101,12 @@ impl Journey {
         }
     }
 
-    fn broken(&mut self, why: String) {
-        tracing::error!("there are no readings any more: {why}; see to the source and start again");
-        self.handle(Event::Fault(Some(why)));
+    fn broken(&mut self, trouble: Trouble) {
+        tracing::error!(
+            "there are no readings any more: {}; see to the source and start again",
+            trouble.message
+        );
+        self.handle(Event::Fault(Some(trouble)));
     }
 
     fn handle(&mut self, event: Event) {

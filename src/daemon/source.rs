@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
 use super::{DaemonError, spawn};
+use crate::condition::Trouble;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::reading::Reading;
@@ -29,7 +30,7 @@ pub(super) enum Message {
     /// There is nothing left.
     End,
     /// The source cannot go on, and this is why.
-    Broken(String),
+    Broken(Trouble),
 }
 
 /// Where readings come from.
@@ -131,7 +132,12 @@ fn play(mut source: Source, speed: f64, out: &mpsc::Sender<Message>, stop: &Atom
         }
         let reading = match next {
             Some(Ok(reading)) => reading,
-            Some(Err(error)) => break Some(Message::Broken(error.to_string())),
+            Some(Err(error)) => {
+                break Some(Message::Broken(Trouble {
+                    code: "log",
+                    message: error.to_string(),
+                }));
+            }
             None => break Some(Message::End),
         };
         let (begun, first_s) = *origin.get_or_insert((Instant::now(), reading.t_s));
