@@ -188,9 +188,12 @@ fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<Agreement> {
 /// Brings each phase to within half a turn of the median of the five before it: a single spike that lands
 /// across the circle must not add a turn.
 fn unwrap(stretch: &mut [(f64, u32, f64, f64)]) {
+    // Whole turns so far, radians.
+    let mut turns = 0.0;
     for i in 1..stretch.len() {
         let (before, rest) = stretch.split_at_mut(i);
         let (before, phase) = (&before[i.saturating_sub(5)..], &mut rest[0].2);
+        *phase += turns;
         // Near to all of them it is near to their median, whichever that is.
         if before.iter().all(|b| (*phase - b.2).abs() < PI) {
             continue;
@@ -202,7 +205,9 @@ fn unwrap(stretch: &mut [(f64, u32, f64, f64)]) {
         let known = &mut phases[..before.len()];
         known.sort_unstable_by(f64::total_cmp);
         let typical = known[known.len() / 2];
-        *phase = typical + wrap_pi(*phase - typical);
+        let near = typical + wrap_pi(*phase - typical);
+        turns += near - *phase;
+        *phase = near;
     }
 }
 

@@ -96,6 +96,8 @@ pub fn calibrate(
 /// Levelled points and the parameters that fit them best.
 pub struct Fitted<const D: usize, const P: usize> {
     pub points: Vec<[f64; D]>,
+    /// Down along the axes of a plane, on average, as far as the tilt was known: 0 if it never was.
+    pub level: [f64; D],
     pub best: Normalised<P>,
 }
 
@@ -229,10 +231,15 @@ impl<const D: usize> Work<'_, D> {
             fit::refined::<Diagonal<D>, D, P>(points, start, reference, reference_given)
         };
         let mut fitted = fit(&points, start, swarm.reference_mgauss)?;
-        let planar = self.plan.mode == Mode::Planar;
-        let Some(wobble) = planar.then(|| wobble::wobble(&self.down())).flatten() else {
+        let down = match self.plan.mode {
+            Mode::Planar => self.down(),
+            Mode::Spatial => Vec::new(),
+        };
+        let mean = wobble::mean(&down);
+        let Some(wobble) = wobble::wobble(&down, mean) else {
             return Some(Fitted {
                 points,
+                level: mean,
                 best: fitted,
             });
         };
@@ -249,12 +256,13 @@ impl<const D: usize> Work<'_, D> {
         }
         Some(Fitted {
             points: level,
+            level: mean,
             best: fitted,
         })
     }
 
     /// Down during the stretch, along the calibrated axes, where the tilt is known.
-    pub fn down(&self) -> Vec<Option<[f64; D]>> {
+    fn down(&self) -> Vec<Option<[f64; D]>> {
         let down = |sample: &Sample| {
             let pose = sample.pose.filter(|pose| pose.vertical_known)?;
             let down = pose.orientation.inverse_transform_vector(&-Vector3::z());

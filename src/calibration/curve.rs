@@ -42,6 +42,8 @@ pub struct Diagonal<const D: usize> {
     inverse: [f64; D],
     inverse_squares: f64,
     reference_mgauss: f64,
+    /// 1/Hm.
+    per_reference: f64,
 }
 
 impl<const D: usize, const P: usize> Curve<D, P> for Diagonal<D> {
@@ -55,6 +57,7 @@ impl<const D: usize, const P: usize> Curve<D, P> for Diagonal<D> {
                 inverse,
                 inverse_squares: inverse.iter().map(|i| i * i).sum(),
                 reference_mgauss,
+                per_reference: 1.0 / reference_mgauss,
             })
     }
 
@@ -67,24 +70,25 @@ impl<const D: usize, const P: usize> Curve<D, P> for Diagonal<D> {
             squared += u[axis] * u[axis];
         }
         let strength = squared.sqrt();
+        let per_strength = 1.0 / strength;
         let mut gradient_squared = 0.0;
         let mut derivatives = SVector::<f64, P>::zeros();
         for axis in 0..D {
-            u[axis] /= strength;
+            u[axis] *= per_strength;
             let m = u[axis] * self.inverse[axis];
             derivatives[axis] = -m;
             gradient_squared += m * m;
         }
-        let gradient = gradient_squared.sqrt();
+        let per_gradient = 1.0 / gradient_squared.sqrt();
         for axis in 0..D {
-            derivatives[axis] /= gradient;
+            derivatives[axis] *= per_gradient;
             derivatives[D + axis] = self.reference_mgauss * u[axis] * derivatives[axis];
         }
         Distance {
-            value_mgauss: (strength - self.reference_mgauss) / gradient,
+            value_mgauss: (strength - self.reference_mgauss) * per_gradient,
             derivatives,
             curvature: (self.inverse_squares - gradient_squared)
-                / (gradient * self.reference_mgauss),
+                * (per_gradient * self.per_reference),
         }
     }
 

@@ -29,24 +29,28 @@ pub struct Jump {
 /// `None` where the gyro followed too few samples, or these are too far apart.
 pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
     const COUNT: usize = 2 * AROUND + DURING;
-    let fields: Vec<Vector3<f64>> = sightings
-        .iter()
-        .map(|s| s.pose.orientation * s.field_body)
-        .collect();
-    let middles: Vec<Vector3<f64>> = fields.windows(AROUND).map(middle).collect();
+    // An axis at a time: medians of neighbouring moments are then found several at once.
+    let mut axes = [(); 3].map(|()| Vec::with_capacity(sightings.len()));
+    let mut strength = 0.0;
+    for sighting in sightings {
+        let field = sighting.pose.orientation * sighting.field_body;
+        strength += field.norm() / sightings.len() as f64;
+        for (axis, component) in axes.iter_mut().zip(&field) {
+            axis.push(*component);
+        }
+    }
+    let middles = axes.map(medians_of_7);
     // Half the cosine's angle: a quaternion turns by half of what it stands for.
     let turned = (0.5 * TURNING_RAD).cos();
     let mut largest = 0.0f64;
-    let mut turning = Vec::with_capacity(fields.len());
-    for (around, middles) in sightings
-        .windows(COUNT)
-        .zip(middles.windows(COUNT - AROUND + 1))
-    {
+    let mut turning = Vec::with_capacity(sightings.len());
+    for (start, around) in sightings.windows(COUNT).enumerate() {
         let (first, last) = (&around[0], &around[COUNT - 1]);
         if first.pose.stretch != last.pose.stretch || last.t_s - first.t_s > LONGEST_S {
             continue;
         }
-        let jump = (middles[COUNT - AROUND] - middles[0]).norm();
+        let change = |axis: &Vec<f64>| axis[start + COUNT - AROUND] - axis[start];
+        let jump = Vector3::from(middles.each_ref().map(change)).norm();
         largest = largest.max(jump);
         if first.pose.orientation.dot(&last.pose.orientation).abs() < turned {
             turning.push(jump);
@@ -55,7 +59,6 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
     if turning.len() < 10 * COUNT {
         return None;
     }
-    let strength = fields.iter().map(Vector3::norm).sum::<f64>() / fields.len() as f64;
     let usual = median(&mut turning)?;
     Some(Jump {
         share: largest / strength.max(1e-9),
@@ -63,13 +66,27 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
     })
 }
 
-/// The median of each component.
-fn middle(fields: &[Vector3<f64>]) -> Vector3<f64> {
-    Vector3::from_fn(|axis, _| median_of_7(std::array::from_fn(|k| fields[k][axis])))
+/// The median of every seven that follow each other, some at once.
+fn medians_of_7(mut values: Vec<f64>) -> Vec<f64> {
+    let count = values.len().saturating_sub(AROUND - 1);
+    values.resize(values.len() + LANES, 0.0);
+    let mut medians = Vec::with_capacity(count + LANES);
+    for start in (0..count).step_by(LANES) {
+        medians.extend(median_of_7(std::array::from_fn(|k| {
+            let seen = &values[start + k..start + k + LANES];
+            std::array::from_fn(|lane| seen[lane])
+        })));
+    }
+    medians.truncate(count);
+    medians
 }
 
+/// How many medians are found at once.
+const LANES: usize = 8;
+
 /// By thirteen exchanges (Paeth, Graphics Gems, 1990): this runs three times a sample.
-fn median_of_7(mut v: [f64; AROUND]) -> f64 {
+#[inline]
+fn median_of_7(mut v: [[f64; LANES]; AROUND]) -> [f64; LANES] {
     for (a, b) in [
         (0, 5),
         (0, 3),
@@ -85,7 +102,12 @@ fn median_of_7(mut v: [f64; AROUND]) -> f64 {
         (1, 3),
         (3, 4),
     ] {
-        (v[a], v[b]) = (v[a].min(v[b]), v[a].max(v[b]));
+        for lane in 0..LANES {
+            let (x, y) = (v[a][lane], v[b][lane]);
+            // Not min and max: what those do with NaN, which is not among these, takes longer than the rest.
+            v[a][lane] = if x < y { x } else { y };
+            v[b][lane] = if x > y { x } else { y };
+        }
     }
     v[3]
 }
@@ -119,11 +141,12 @@ mod tests {
 
     #[test]
     fn the_median_of_seven_is_the_fourth_of_them_in_any_order() {
-        let mut order = [0, 1, 2, 3, 4, 5, 6];
+        let mut order = [0u8, 1, 2, 3, 4, 5, 6];
         // Heap's algorithm: all 5040.
-        fn permute(order: &mut [usize; 7], n: usize) {
+        fn permute(order: &mut [u8; 7], n: usize) {
             if n == 1 {
-                assert_eq!(median_of_7(order.map(|k| k as f64)), 3.0, "{order:?}");
+                let values = order.map(f64::from);
+                assert_eq!(medians_of_7(values.to_vec()), [3.0], "{order:?}");
                 return;
             }
             for i in 0..n {
@@ -132,6 +155,9 @@ mod tests {
             }
         }
         permute(&mut order, 7);
+        let rising: Vec<f64> = (0..30).map(f64::from).collect();
+        assert_eq!(medians_of_7(rising.clone()), rising[3..27]);
+        assert!(medians_of_7(vec![0.0; 6]).is_empty());
     }
 
     #[test]

@@ -113,29 +113,31 @@ pub fn accumulate<const P: usize>(
         squares: 0.0,
         used: 0,
     };
+    let per_cutoff = 1.0 / (BIWEIGHT * sigma);
+    let lift = 0.5 * sigma * sigma;
     for Distance {
         value_mgauss,
         derivatives,
         curvature,
     } in distances
     {
-        let value = value_mgauss - 0.5 * curvature * sigma * sigma;
-        let z = value / (BIWEIGHT * sigma);
+        let value = value_mgauss - curvature * lift;
+        let z = value * per_cutoff;
         if z.abs() >= 1.0 || z.is_nan() {
             continue;
         }
         let weight = weight(z);
-        for row in 0..P {
-            let weighted = weight * derivatives[row];
-            sums.gradient[row] += weighted * value;
-            for column in 0..=row {
-                sums.information[(row, column)] += weighted * derivatives[column];
+        sums.gradient += derivatives * (weight * value);
+        // The whole square, not its half: a column at a time goes faster.
+        for column in 0..P {
+            let weighted = derivatives * (weight * derivatives[column]);
+            for row in 0..P {
+                sums.information[(row, column)] += weighted[row];
             }
         }
         sums.squares += value * value;
         sums.used += 1;
     }
-    sums.information.fill_upper_triangle_with_lower_triangle();
     sums
 }
 

@@ -44,6 +44,7 @@ pub fn soft_iron(
     let asked_for = gain > 3.0 * n.ln() && bias_doubt(&best.refined) < UNSEEN * bias_doubt(refined);
     (asked_for || choice == ModelChoice::Symmetric).then(|| Fitted {
         points: diagonal.points.clone(),
+        level: diagonal.level,
         best,
     })
 }

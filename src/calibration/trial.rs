@@ -17,7 +17,6 @@ use super::outcome::Outcome;
 use super::refine::median;
 use super::uncertainty::{correlation, heading_sd_deg};
 use super::verdict::{self, Measures, Refusal, Standing};
-use super::wobble;
 
 /// Parts in a cross-validation: each is judged by a fit to the other three.
 const FOLDS: usize = 4;
@@ -45,7 +44,11 @@ impl<const D: usize> Work<'_, D> {
         fitted: &Fitted<D, P>,
         outcome: &mut Outcome,
     ) -> Result<String, Refusal> {
-        let Fitted { points, best } = fitted;
+        let Fitted {
+            points,
+            level,
+            best,
+        } = fitted;
         let Normalised {
             refined,
             reference_mgauss,
@@ -54,19 +57,20 @@ impl<const D: usize> Work<'_, D> {
         let position = &refined.position;
         let unusable = || Refusal::new("no_fit", "the fitted scale factors cannot be inverted");
         let curve = C::new(position, *reference_mgauss).ok_or_else(unusable)?;
-        let parameters = self.parameters(position).ok_or_else(unusable)?;
+        let parameters = self.parameters(position, level).ok_or_else(unusable)?;
         let cutoff = refined.cutoff_mgauss;
         let planar = self.plan.mode == Mode::Planar;
+        let distances: Vec<Distance<P>> =
+            points.iter().map(|point| curve.distance(point)).collect();
+        let residuals: Vec<f64> = distances.iter().map(|d| d.value_mgauss).collect();
+        let fits = |index: usize| residuals[index].abs() < cutoff;
         // What is asked of them has an answer in space only.
         let sightings = if planar {
             Vec::new()
         } else {
-            self.sightings(points, |_| &curve, cutoff)
+            self.sightings(points, |_| &curve, fits)
         };
         let dip = agreement::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
-        let distances: Vec<Distance<P>> =
-            points.iter().map(|point| curve.distance(point)).collect();
-        let residuals: Vec<f64> = distances.iter().map(|d| d.value_mgauss).collect();
         let heading_sd_deg = correlation(&residuals).sqrt()
             * heading_sd_deg(
                 self.plan.mode,
@@ -75,7 +79,7 @@ impl<const D: usize> Work<'_, D> {
                 &refined.covariance,
                 dip,
             );
-        let gyro = self.cross_validated::<C, P>(points, &distances, best);
+        let gyro = self.cross_validated::<C, P>(points, &distances, best, fits);
         let scale = &position[D..2 * D];
         let mean_scale = scale.iter().sum::<f64>() / D as f64;
 
@@ -121,7 +125,7 @@ impl<const D: usize> Work<'_, D> {
             centre_inside: centre_inside(points, &position[..D]),
             heading_sd_deg,
             gyro,
-            jump: largest_jump(&self.sightings(points, |_| &curve, f64::INFINITY)),
+            jump: largest_jump(&self.sightings(points, |_| &curve, |_| true)),
             dip_spread_deg: if planar {
                 None
             } else {
@@ -141,14 +145,14 @@ impl<const D: usize> Work<'_, D> {
         ))
     }
 
-    fn parameters(&self, position: &[f64]) -> Option<Parameters> {
+    fn parameters(&self, position: &[f64], level: &[f64]) -> Option<Parameters> {
         let (bias, entries) = position.split_at(D);
         if self.plan.mode == Mode::Planar {
             return Some(Parameters::Planar(Planar {
                 basis: self.plan.basis,
                 bias_mgauss: Vector2::from_column_slice(bias),
                 scale: Vector2::from_column_slice(entries),
-                level: Vector2::from_column_slice(&wobble::mean(&self.down())),
+                level: Vector2::from_column_slice(level),
             }));
         }
         let bias = Vector3::from_column_slice(bias);
@@ -160,30 +164,29 @@ impl<const D: usize> Work<'_, D> {
         spatial.map(Parameters::Spatial)
     }
 
-    /// The samples with a pose and without outliers, corrected by the curve that holds for each.
+    /// The samples with a pose that are `wanted`, corrected by the curve that holds for each.
     fn sightings<'c, C: Curve<D, P> + 'c, const P: usize>(
         &self,
         points: &[[f64; D]],
         curve_of: impl Fn(usize) -> &'c C,
-        cutoff_mgauss: f64,
+        wanted: impl Fn(usize) -> bool,
     ) -> Vec<Sighting> {
         let samples = &self.request.samples[self.plan.stretch.clone()];
+        let chip_axes = match self.plan.mode {
+            Mode::Planar => [self.plan.basis[0], self.plan.basis[1], Vector3::zeros()],
+            Mode::Spatial => [Vector3::x(), Vector3::y(), Vector3::z()],
+        };
+        let axes_body = chip_axes.map(|axis| self.request.mounting.to_body(axis));
         let mut sightings = Vec::with_capacity(points.len());
         for (index, (sample, point)) in samples.iter().zip(points).enumerate() {
-            let Some(pose) = sample.pose else { continue };
-            let curve = curve_of(index);
-            if curve.distance(point).value_mgauss.abs() >= cutoff_mgauss {
+            let Some(pose) = sample.pose.filter(|_| wanted(index)) else {
                 continue;
-            }
-            let h = curve.correct(point);
-            let field = match self.plan.mode {
-                Mode::Planar => self.plan.basis[0] * h[0] + self.plan.basis[1] * h[1],
-                Mode::Spatial => Vector3::from_column_slice(&h),
             };
+            let h = curve_of(index).correct(point);
             sightings.push(Sighting {
                 t_s: sample.t_s,
                 pose,
-                field_body: self.request.mounting.to_body(field),
+                field_body: axes_body.iter().zip(h).map(|(axis, h)| axis * h).sum(),
             });
         }
         sightings
@@ -207,6 +210,7 @@ impl<const D: usize> Work<'_, D> {
         points: &[[f64; D]],
         distances: &[Distance<P>],
         best: &Normalised<P>,
+        fits: impl Fn(usize) -> bool,
     ) -> Option<Agreement> {
         if !self
             .request
@@ -221,8 +225,7 @@ impl<const D: usize> Work<'_, D> {
             .iter()
             .map(|position| C::new(position, best.reference_mgauss))
             .collect::<Option<Vec<C>>>()?;
-        let cutoff = best.refined.cutoff_mgauss;
-        self.agreement(&self.sightings(points, |index| &curves[index / part], cutoff))
+        self.agreement(&self.sightings(points, |index| &curves[index / part], fits))
     }
 
     /// Holds the candidate against the calibration in force, on the same samples.
