@@ -33,7 +33,7 @@ impl<'de> Deserialize<'de> for Ordered {
 }
 
 /// Every key of the outcome; flat ones first, since some clients stop at the first array.
-const KEYS: [&str; 18] = [
+const KEYS: [&str; 19] = [
     "verdict",
     "reason",
     "message",
@@ -48,6 +48,7 @@ const KEYS: [&str; 18] = [
     "bias_mgauss",
     "scale",
     "matrix",
+    "unobserved",
     "samples",
     "window",
     "swarm",

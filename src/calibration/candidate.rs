@@ -13,7 +13,7 @@ use super::objective::Position;
 use super::outcome::{Outcome, SwarmReport, Window};
 use super::plane::{self, Plan};
 use super::rist;
-use super::soft_iron::soft_iron;
+use super::soft_iron::{SoftIron, soft_iron};
 use super::verdict::Refusal;
 use super::windows::windows;
 use super::{Request, Sample, coverage, wobble};
@@ -66,6 +66,7 @@ pub fn calibrate(
     outcome.samples.turn = plan.stretch.len();
     match plan.mode {
         Mode::Planar => {
+            outcome.unobserved = &["across_plane", "soft_iron"];
             outcome.basis = Some(plan.basis.map(Into::into));
             let [e1, e2] = plan.basis;
             let project = |s: &Sample| [e1.dot(&s.field_mgauss), e2.dot(&s.field_mgauss)];
@@ -85,10 +86,14 @@ pub fn calibrate(
                 project: &project,
             };
             let fitted = work.fit::<6, 7>(clock, outcome)?;
-            match soft_iron(&fitted, work.reference().is_some(), request.settings.model) {
-                Some(fitted) => work.timed_judge::<Symmetric, 9>(&fitted, clock, outcome),
-                None => work.timed_judge::<Diagonal<3>, 6>(&fitted, clock, outcome),
+            let found = soft_iron(&fitted, work.reference().is_some(), request.settings.model);
+            if let SoftIron::Found(fitted) = found {
+                return work.timed_judge::<Symmetric, 9>(&fitted, clock, outcome);
             }
+            if let SoftIron::Unseen = found {
+                outcome.unobserved = &["soft_iron"];
+            }
+            work.timed_judge::<Diagonal<3>, 6>(&fitted, clock, outcome)
         }
     }
 }

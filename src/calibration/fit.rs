@@ -138,6 +138,17 @@ pub fn swarm<const D: usize, const P: usize, const F: usize>(
     })
 }
 
+/// The linear least-squares conic through points that are not spikes: where a refinement may start.
+pub fn conic<const D: usize, const P: usize, const F: usize>(
+    points: &[[f64; D]],
+    reference_mgauss: f64,
+) -> Option<Position<P>> {
+    let seen = without_spikes(points);
+    let search_box = search_box(&seen, Some(reference_mgauss))?;
+    let normal = Normal::new(&search_box.low, &search_box.high);
+    Factored::<D, F>::new(normal, &seen, reference_mgauss).conic()
+}
+
 /// The refined parameters, and Hm with the scales brought to a mean of 1 if no reference was given.
 #[derive(Clone, Copy, Debug)]
 pub struct Normalised<const P: usize> {

@@ -7,10 +7,15 @@ use super::refine::median;
 
 /// Samples before and after a jump, whose medians are compared: a spike or three do not count.
 const AROUND: usize = 7;
-/// Samples in which a jump may take place: attaching a magnet takes a hand a moment.
-const DURING: usize = 6;
+/// In what time a jump may take place, seconds: a hand attaches a magnet in a moment, a passing car swells for
+/// a second or two. The longer look alone would miss what comes near the end of a turn.
+const DURING_S: [f64; 2] = [0.15, 0.85];
 /// Samples that lie further apart in time are not compared, seconds.
-const LONGEST_S: f64 = 1.0;
+const LONGEST_S: f64 = 2.0;
+/// A longer step in time is a gap, seconds.
+const GAP_S: f64 = 0.5;
+/// With fewer moments of the turns nothing is usual.
+const LEAST_MOMENTS: usize = 200;
 
 /// The board turns while this goes by in the time of one comparison, radians: at rest nothing but noise
 /// moves the field, and says little of what is usual in a turn.
@@ -28,7 +33,14 @@ pub struct Jump {
 /// The largest jump of the corrected field, turned into the gyro's frame, where it should stand still.
 /// `None` where the gyro followed too few samples, or these are too far apart.
 pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
-    const COUNT: usize = 2 * AROUND + DURING;
+    // Bursts make the mean of the steps tell more than their median does, once gaps are left out.
+    let steps = sightings.windows(2).map(|pair| pair[1].t_s - pair[0].t_s);
+    let (count, sum_s) = steps
+        .filter(|step_s| (0.0..GAP_S).contains(step_s))
+        .fold((0.0f64, 0.0), |(count, sum), step| {
+            (count + 1.0, sum + step)
+        });
+    let period_s = (sum_s / count.max(1.0)).max(1e-3);
     // An axis at a time: medians of neighbouring moments are then found several at once.
     let mut axes = [(); 3].map(|()| Vec::with_capacity(sightings.len()));
     let mut strength = 0.0;
@@ -40,30 +52,41 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
         }
     }
     let middles = axes.map(medians_of_7);
+    DURING_S
+        .iter()
+        .filter_map(|during_s| {
+            let during = (during_s / period_s).round() as usize;
+            let (largest, usual) = changes(sightings, &middles, AROUND + during)?;
+            Some(Jump {
+                share: largest / strength.max(1e-9),
+                times_usual: largest / usual.max(1e-9),
+            })
+        })
+        .max_by(|a, b| a.times_usual.total_cmp(&b.times_usual))
+}
+
+/// The largest change of the medians over `apart` samples, and what is usual while the board turns.
+fn changes(sightings: &[Sighting], middles: &[Vec<f64>; 3], apart: usize) -> Option<(f64, f64)> {
     // Half the cosine's angle: a quaternion turns by half of what it stands for.
     let turned = (0.5 * TURNING_RAD).cos();
     let mut largest = 0.0f64;
     let mut turning = Vec::with_capacity(sightings.len());
-    for (start, around) in sightings.windows(COUNT).enumerate() {
-        let (first, last) = (&around[0], &around[COUNT - 1]);
+    for (start, around) in sightings.windows(apart + AROUND).enumerate() {
+        let (first, last) = (&around[0], &around[apart + AROUND - 1]);
         if first.pose.stretch != last.pose.stretch || last.t_s - first.t_s > LONGEST_S {
             continue;
         }
-        let change = |axis: &Vec<f64>| axis[start + COUNT - AROUND] - axis[start];
-        let jump = Vector3::from(middles.each_ref().map(change)).norm();
+        let change = |axis: &Vec<f64>| axis[start + apart] - axis[start];
+        let jump = Vector3::from(middles.each_ref().map(change)).norm_squared();
         largest = largest.max(jump);
         if first.pose.orientation.dot(&last.pose.orientation).abs() < turned {
             turning.push(jump);
         }
     }
-    if turning.len() < 10 * COUNT {
-        return None;
-    }
-    let usual = median(&mut turning)?;
-    Some(Jump {
-        share: largest / strength.max(1e-9),
-        times_usual: largest / usual.max(1e-9),
-    })
+    (turning.len() >= LEAST_MOMENTS)
+        .then(|| median(&mut turning))
+        .flatten()
+        .map(|usual| (largest.sqrt(), usual.sqrt()))
 }
 
 /// The median of every seven that follow each other, some at once.

@@ -4,15 +4,20 @@
 //!
 //! ΔH / Hm² = 1 − Σ ((uᵢ − βᵢ)/αᵢ)²,  β = (b − m)/d,  α = a·Hm/d,
 //!
-//! which is linear in φ = (1, u₁², u₁, u₂², u₂ …). So Σ(ΔH)² = Hm⁴ · cᵀ(Σφφᵀ)c = Hm⁴ · ‖R·c‖², where R is
+//! which is linear in φ = (1, u₁², u₁, u₂², u₂ …); a symmetric A adds the products u₁u₂, u₁u₃, u₂u₃. So Σ(ΔH)² = Hm⁴ · cᵀ(Σφφᵀ)c = Hm⁴ · ‖R·c‖², where R is
 //! the triangular factor of Σφφᵀ: one pass over the samples builds it, and after that a particle costs
 //! the same whatever the length of the log.
 
-/// A particle's position: D biases in milligauss, then D scale factors; P = 2·D.
+use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen};
+
+use super::curve::{PAIRS, symmetric};
+
+/// The parameters of Equation 1: D biases in milligauss, then D scale factors; with a symmetric A, in three
+/// dimensions, its xy, xz and yz too. So P is 4, 6 or 9. A particle has one of the first two.
 pub type Position<const P: usize> = [f64; P];
 
-/// Equation 8 by the direct sum over samples: the reference that the factor is held to, and what
-/// profile `paper` evaluates.
+/// Equation 8 by the direct sum over samples, under the diagonal model: the reference that the factor is held
+/// to, and what profile `paper` evaluates.
 pub fn direct<const D: usize, const P: usize>(
     points: &[[f64; D]],
     position: &Position<P>,
@@ -161,7 +166,7 @@ impl<const D: usize> Normal<D> {
         }
     }
 
-    /// φ = (1, u₁², u₁, u₂², u₂ …); F = 2·D + 1.
+    /// φ = (1, u₁², u₁, u₂², u₂ …), F = 2·D + 1; with the three products of a symmetric model F = 10.
     #[inline]
     pub fn features<const F: usize>(&self, point: &[f64; D]) -> [f64; F] {
         let mut features = [1.0; F];
@@ -169,6 +174,11 @@ impl<const D: usize> Normal<D> {
             let u = (point[axis] - self.centre[axis]) / self.length;
             features[1 + 2 * axis] = u * u;
             features[2 + 2 * axis] = u;
+        }
+        if F > 2 * D + 1 {
+            for (k, (i, j)) in PAIRS.into_iter().enumerate() {
+                features[2 * D + 1 + k] = features[2 + 2 * i] * features[2 + 2 * j];
+            }
         }
         features
     }
@@ -179,6 +189,9 @@ impl<const D: usize> Normal<D> {
         position: &Position<P>,
         reference_mgauss: f64,
     ) -> [f64; F] {
+        if P > 2 * D {
+            return self.symmetric_coefficients(position, reference_mgauss);
+        }
         let mut coefficients = [1.0; F];
         for axis in 0..D {
             let beta = (position[axis] - self.centre[axis]) / self.length;
@@ -187,6 +200,32 @@ impl<const D: usize> Normal<D> {
             coefficients[0] -= beta * beta * inverse;
             coefficients[1 + 2 * axis] = -inverse;
             coefficients[2 + 2 * axis] = 2.0 * beta * inverse;
+        }
+        coefficients
+    }
+
+    /// The same with |α⁻¹(u − β)|², α = A·Hm/d a symmetric matrix; infinite if it cannot be inverted.
+    fn symmetric_coefficients<const P: usize, const F: usize>(
+        &self,
+        position: &Position<P>,
+        reference_mgauss: f64,
+    ) -> [f64; F] {
+        let alpha = symmetric(&position[D..]) * (reference_mgauss / self.length);
+        let Some(inverse) = alpha.try_inverse() else {
+            return [f64::INFINITY; F];
+        };
+        let form = inverse * inverse;
+        let beta = SVector::<f64, 3>::from_fn(|axis, _| {
+            (position[axis] - self.centre[axis]) / self.length
+        });
+        let linear = form * beta;
+        let mut coefficients = [1.0 - beta.dot(&linear); F];
+        for axis in 0..D {
+            coefficients[1 + 2 * axis] = -form[(axis, axis)];
+            coefficients[2 + 2 * axis] = 2.0 * linear[axis];
+        }
+        for (k, pair) in PAIRS.into_iter().enumerate() {
+            coefficients[2 * D + 1 + k] = -2.0 * form[pair];
         }
         coefficients
     }
@@ -234,6 +273,9 @@ impl<const D: usize, const F: usize> Factored<D, F> {
     /// start that is never far away. `None` if it is no ellipse.
     pub fn conic<const P: usize>(&self) -> Option<Position<P>> {
         let theta = self.moments.solve_for_one()?;
+        if P > 2 * D {
+            return self.symmetric_conic(&theta);
+        }
         let mut level = 1.0;
         let mut position = [0.0; P];
         for axis in 0..D {
@@ -251,98 +293,43 @@ impl<const D: usize, const F: usize> Factored<D, F> {
             .all(|value| value.is_finite())
             .then_some(position)
     }
+
+    /// uᵀQu + lᵀu = 1 as a position: the centre is −Q⁻¹l/2, and A is the inverse square root of what Q is
+    /// about it.
+    fn symmetric_conic<const P: usize>(&self, theta: &[f64; F]) -> Option<Position<P>> {
+        let mut form = Matrix3::zeros();
+        for axis in 0..D {
+            form[(axis, axis)] = theta[1 + 2 * axis];
+        }
+        for (k, (i, j)) in PAIRS.into_iter().enumerate() {
+            (form[(i, j)], form[(j, i)]) = (0.5 * theta[2 * D + 1 + k], 0.5 * theta[2 * D + 1 + k]);
+        }
+        let linear = SVector::<f64, 3>::from_fn(|axis, _| theta[2 + 2 * axis]);
+        let centre = form.try_inverse()? * linear * -0.5;
+        let level = 1.0 + centre.dot(&(form * centre));
+        let eigen = SymmetricEigen::new(form / level);
+        if !eigen.eigenvalues.iter().all(|&value| value > 0.0) {
+            return None;
+        }
+        let radii = SMatrix::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.sqrt()));
+        let a = eigen.eigenvectors
+            * radii
+            * eigen.eigenvectors.transpose()
+            * (self.normal.length / self.reference_mgauss);
+        let mut position = [0.0; P];
+        for axis in 0..D {
+            position[axis] = self.normal.centre[axis] + self.normal.length * centre[axis];
+            position[D + axis] = a[(axis, axis)];
+        }
+        for (k, pair) in PAIRS.into_iter().enumerate() {
+            position[2 * D + k] = a[pair];
+        }
+        position
+            .iter()
+            .all(|value| value.is_finite())
+            .then_some(position)
+    }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    #[test]
-    fn the_direct_sum_is_equation_8() {
-        // Hm = 5; at (7, 8) with b = (1, 0), a = (2, 2): H = (3, 4), ΔH = 0.
-        // At (1, 2): H = (0, 1), ΔH = 24. At (3, 0): H = (1, 0), ΔH = 24.
-        let position = [1.0, 0.0, 2.0, 2.0];
-        let points = [[7.0, 8.0], [1.0, 2.0], [3.0, 0.0]];
-        assert!((direct(&points, &position, 5.0) - (2.0f64 * 24.0 * 24.0).sqrt()).abs() < 1e-12);
-    }
-
-    fn ellipse(
-        count: usize,
-        position: &[f64; 6],
-        noise: impl Fn(usize, usize) -> f64,
-    ) -> Vec<[f64; 3]> {
-        (0..count)
-            .map(|i| {
-                let (t, s) = (i as f64 * 0.37, i as f64 * 0.011);
-                let h = [t.cos() * s.cos(), t.sin() * s.cos(), s.sin()];
-                std::array::from_fn(|k| h[k] * 500.0 * position[3 + k] + position[k] + noise(i, k))
-            })
-            .collect()
-    }
-
-    proptest! {
-        #[test]
-        fn factor_and_direct_sum_agree(
-            bias in prop::array::uniform3(-10_000.0..10_000.0f64),
-            scale in prop::array::uniform3(0.3..3.0f64),
-            off in prop::array::uniform6(0.9..1.1f64),
-            seed in 0u64..1000,
-        ) {
-            let truth = [bias[0], bias[1], bias[2], scale[0], scale[1], scale[2]];
-            let hash = |i: usize, k: usize| {
-                let x = (seed as usize + 1).wrapping_mul(i * 3 + k + 1).wrapping_mul(2_654_435_761);
-                (x >> 7 & 0xffff) as f64 / 65536.0 - 0.5
-            };
-            let points = ellipse(400, &truth, |i, k| 6.0 * hash(i, k));
-            let low = std::array::from_fn(|k| points.iter().map(|p| p[k]).fold(f64::MAX, f64::min));
-            let high = std::array::from_fn(|k| points.iter().map(|p| p[k]).fold(f64::MIN, f64::max));
-            let factored = Factored::<3, 7>::new(Normal::new(&low, &high), &points, 500.0);
-            let near: [f64; 6] = std::array::from_fn(|k| if k < 3 { truth[k] + 300.0 * (off[k] - 1.0) } else { truth[k] * off[k] });
-            for position in [truth, near] {
-                let (a, b) = (direct(&points, &position, 500.0), factored.fit_value(&position));
-                prop_assert!((a - b).abs() <= 1e-9 * a, "{a} {b}");
-            }
-        }
-    }
-
-    #[test]
-    fn parts_of_a_log_merge() {
-        let points = ellipse(100, &[10.0, 20.0, 30.0, 1.0, 1.1, 0.9], |_, _| 0.0);
-        let normal = Normal::new(&[-500.0; 3], &[500.0; 3]);
-        let sum = |points: &[[f64; 3]]| {
-            let mut moments = Moments::<7>::default();
-            points
-                .iter()
-                .for_each(|point| moments.add(&normal.features(point)));
-            moments
-        };
-        let mut merged = sum(&points[..37]);
-        merged.merge(&sum(&points[37..]));
-        let (merged, whole) = (merged.factor(), sum(&points).factor());
-        let probe = [1.0, -0.9, 0.1, -1.1, 0.2, -0.8, 0.3];
-        assert!((merged.norm(&probe) - whole.norm(&probe)).abs() < 1e-12);
-    }
-
-    #[test]
-    fn the_conic_is_exact_without_noise() {
-        let truth = [87.28, 54.19, 135.0, 0.873, 0.998, 0.94];
-        let points = ellipse(300, &truth, |_, _| 0.0);
-        let normal = Normal::new(&[-400.0; 3], &[600.0; 3]);
-        let conic: [f64; 6] = Factored::<3, 7>::new(normal, &points, 500.0)
-            .conic()
-            .unwrap();
-        for (found, true_value) in conic.iter().zip(truth) {
-            assert!((found - true_value).abs() < 1e-6, "{conic:?}");
-        }
-    }
-
-    #[test]
-    fn a_constant_axis_gives_no_conic_and_no_nan() {
-        let points: Vec<[f64; 2]> = (0..50).map(|i| [f64::from(i), 3.0]).collect();
-        let factored =
-            Factored::<2, 5>::new(Normal::new(&[0.0, 3.0], &[49.0, 3.0]), &points, 100.0);
-        assert_eq!(factored.conic::<4>(), None);
-        assert!(factored.fit_value(&[25.0, 3.0, 1.0, 1.0]).is_finite());
-    }
-}
+mod tests;

@@ -49,6 +49,10 @@ pub struct Outcome {
     pub scale: Option<Vec<f64>>,
     /// A of Equation 1, row by row; symmetric model only.
     pub matrix: Option<[f64; 9]>,
+    /// What the motion did not show, and the calibration therefore says nothing about: `across_plane`, bias and
+    /// scale factor across the plane of a planar calibration's turn; `soft_iron`, the entries of A beside its
+    /// diagonal.
+    pub unobserved: &'static [&'static str],
     /// How many samples took part.
     pub samples: Samples,
     /// RIST's window.
@@ -80,6 +84,7 @@ impl Outcome {
             bias_mgauss: None,
             scale: None,
             matrix: None,
+            unobserved: &[],
             samples: Samples {
                 total: request.samples.len(),
                 ..Samples::default()

@@ -17,6 +17,9 @@ pub const BIWEIGHT: f64 = 6.0;
 /// The least noise that is believed, milligauss: less than any magnetometer's quantisation leaves.
 const NOISE_FLOOR_MGAUSS: f64 = 0.02;
 
+/// A scale of the residuals that changes by a smaller share from one round to the next has settled.
+const SETTLED: f64 = 2e-5;
+
 /// Refined parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refined<const P: usize> {
@@ -43,17 +46,19 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
     let mut distances: Vec<Distance<P>> = Vec::with_capacity(points.len());
     let mut sizes = Vec::with_capacity(points.len());
     let mut sigma = f64::INFINITY;
-    let mut converged = false;
+    let (mut settled, mut converged) = (false, false);
     for iteration in 0..50 {
         let curve = C::new(&position, reference_mgauss)?;
         distances.clear();
         distances.extend(points.iter().map(|point| curve.distance(point)));
         // The scale of the residuals settles in a few rounds; held fixed after that, the rest is a
         // plain minimisation and converges.
-        if iteration < 8 {
+        if !settled {
             sizes.clear();
             sizes.extend(distances.iter().map(|distance| distance.value_mgauss.abs()));
+            let before = sigma;
             sigma = (1.4826 * median(&mut sizes)?).max(NOISE_FLOOR_MGAUSS);
+            settled = iteration == 7 || (sigma - before).abs() < SETTLED * sigma;
         }
         if converged {
             break;
@@ -72,7 +77,7 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
         if !largest.is_finite() {
             return None;
         }
-        converged = iteration >= 3 && largest < 1e-4 * sigma;
+        converged = settled && largest < 3e-4 * sigma;
     }
 
     let sums = accumulate(&distances, sigma, |_| 1.0);

@@ -12,41 +12,64 @@ use super::uncertainty::correlation;
 /// the wobble of a hand alone, 11.
 const UNSEEN: f64 = 5.0;
 
-/// The symmetric model, where the evidence asks for it: refined from the diagonal one.
+/// What the samples say of the entries of A beside its diagonal.
+pub enum SoftIron {
+    /// They are there, or were asked for.
+    Found(Box<Fitted<3, 9>>),
+    /// They would have been seen, and are not there; or nobody asked.
+    None,
+    /// This motion cannot tell them from the biases.
+    Unseen,
+}
+
+/// The symmetric model, where the evidence asks for it: started from the linear conic.
 ///
 /// The evidence is Schwarz's criterion (Annals of Statistics 6, 1978), n·ln σ² + k·ln n, with the samples
 /// counted for what their correlated residuals are worth: three more parameters must lower the residual by
 /// more than chance would. And all nine must have been seen: where a motion leaves one of them open, the
 /// uncertainty of the biases shows it, and the diagonal model is kept.
-pub fn soft_iron(
-    diagonal: &Fitted<3, 6>,
-    reference_given: bool,
-    choice: ModelChoice,
-) -> Option<Fitted<3, 9>> {
+pub fn soft_iron(diagonal: &Fitted<3, 6>, reference_given: bool, choice: ModelChoice) -> SoftIron {
     if choice == ModelChoice::Diagonal {
-        return None;
+        return SoftIron::None;
     }
     let Normalised {
         refined,
         reference_mgauss,
     } = &diagonal.best;
-    let mut start = [0.0; 9];
-    start[..6].copy_from_slice(&refined.position);
-    let best = fit::refined::<Symmetric, 3, 9>(
-        &diagonal.points,
-        &start,
-        *reference_mgauss,
-        reference_given,
-    )?;
-    let residuals = residuals::<Symmetric, 3, 9>(&diagonal.points, &best)?;
-    let n = residuals.len() as f64 / correlation(&residuals);
-    let gain = 2.0 * n * (refined.residual_mgauss / best.refined.residual_mgauss).ln();
-    let asked_for = gain > 3.0 * n.ln() && bias_doubt(&best.refined) < UNSEEN * bias_doubt(refined);
-    (asked_for || choice == ModelChoice::Symmetric).then(|| Fitted {
-        points: diagonal.points.clone(),
-        level: diagonal.level,
-        best,
-    })
+    let symmetric = fit::conic::<3, 9, 10>(&diagonal.points, *reference_mgauss).and_then(|start| {
+        fit::refined::<Symmetric, 3, 9>(
+            &diagonal.points,
+            &start,
+            *reference_mgauss,
+            reference_given,
+        )
+    });
+    let Some(best) = symmetric else {
+        return SoftIron::Unseen;
+    };
+    let seen = bias_doubt(&best.refined) < UNSEEN * bias_doubt(refined);
+    let asked_for = || {
+        let curve = Symmetric::new(&best.refined.position, best.reference_mgauss)?;
+        let residuals: Vec<f64> = diagonal
+            .points
+            .iter()
+            .map(|point| curve.distance(point).value_mgauss)
+            .collect();
+        let n = residuals.len() as f64 / correlation(&residuals);
+        let gain = 2.0 * n * (refined.residual_mgauss / best.refined.residual_mgauss).ln();
+        Some(gain > 3.0 * n.ln())
+    };
+    if choice == ModelChoice::Symmetric || (seen && asked_for() == Some(true)) {
+        SoftIron::Found(Box::new(Fitted {
+            points: diagonal.points.clone(),
+            level: diagonal.level,
+            best,
+        }))
+    } else if seen {
+        SoftIron::None
+    } else {
+        SoftIron::Unseen
+    }
 }
 
 /// How uncertain the least certain bias is, over the noise.
@@ -55,17 +78,4 @@ fn bias_doubt<const P: usize>(refined: &Refined<P>) -> f64 {
         .map(|k| refined.covariance[(k, k)])
         .fold(0.0, f64::max);
     variance.sqrt() / refined.residual_mgauss
-}
-
-fn residuals<C: Curve<D, P>, const D: usize, const P: usize>(
-    points: &[[f64; D]],
-    fitted: &Normalised<P>,
-) -> Option<Vec<f64>> {
-    let curve = C::new(&fitted.refined.position, fitted.reference_mgauss)?;
-    Some(
-        points
-            .iter()
-            .map(|point| curve.distance(point).value_mgauss)
-            .collect(),
-    )
 }

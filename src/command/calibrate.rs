@@ -32,9 +32,10 @@ pub struct Args {
     /// The plane of the turn, all three axes, or whichever the turns allow
     #[arg(long, value_enum)]
     pub mode: Option<ModeChoice>,
-    /// The shape of the scale factor matrix in space: symmetric takes in soft iron and cross-coupling
-    #[arg(long, value_enum, default_value = "diagonal")]
-    pub model: ModelChoice,
+    /// The shape of the scale factor matrix in space: `symmetric` takes in soft iron and cross-coupling,
+    /// `auto` chooses it where the samples ask for it
+    #[arg(long, value_enum)]
+    pub model: Option<ModelChoice>,
     /// The plane: from the gyro, or two chip axes, and then no turn is looked for
     #[arg(long, value_enum, default_value = "gyro")]
     pub plane: Plane,
@@ -148,7 +149,7 @@ fn settings(args: &Args) -> Result<Config, Failure> {
     };
     let settings = &mut config.calibration;
     settings.mode = args.mode.unwrap_or(settings.mode);
-    settings.model = args.model;
+    settings.model = args.model.unwrap_or(settings.model);
     settings.profile = args.profile.unwrap_or(settings.profile);
     settings.window = args.window.unwrap_or(settings.window);
     settings.stop = args.stop.unwrap_or(settings.stop);
@@ -282,6 +283,15 @@ fn needed(field: &Field, plane: Plane) -> Option<Vector3<f64>> {
 }
 
 /// An outcome for a person.
+/// What the motion did not show, in words.
+fn unseen(code: &str) -> &str {
+    match code {
+        "across_plane" => "bias and scale factor across the plane of the turn",
+        "soft_iron" => "soft iron",
+        other => other,
+    }
+}
+
 fn summary(outcome: &Outcome) -> String {
     let list = |numbers: &Option<Vec<f64>>, digits: usize| match numbers {
         Some(numbers) => {
@@ -310,6 +320,10 @@ fn summary(outcome: &Outcome) -> String {
             "plane   ({:.3} {:.3} {:.3}) and ({:.3} {:.3} {:.3}) in chip axes\n",
             e1[0], e1[1], e1[2], e2[0], e2[1], e2[2]
         );
+    }
+    if let (false, Some(_)) = (outcome.unobserved.is_empty(), &outcome.bias_mgauss) {
+        let words: Vec<&str> = outcome.unobserved.iter().copied().map(unseen).collect();
+        text += &format!("unseen  {}\n", words.join("; "));
     }
     if let (Some(window), Some(swarm)) = (&outcome.window, &outcome.swarm) {
         text += &format!(

@@ -309,6 +309,7 @@ mod tests {
             bias_mgauss: Some(vec![1.0, 2.0]),
             scale: None,
             matrix: None,
+            unobserved: &[],
             samples: Samples::default(),
             window: None,
             swarm: None,

@@ -176,6 +176,7 @@ pub fn outcome() -> Outcome {
         bias_mgauss: Some(vec![10.0, 20.0]),
         scale: None,
         matrix: None,
+        unobserved: &[],
         samples: Samples::default(),
         window: None,
         swarm: None,

@@ -36,12 +36,14 @@ pub struct Limits {
     pub gyro_rms_deg: f64,
     /// Largest difference between the angle turned by the field and by the gyro, as a share, 0.01 to 0.5.
     pub gyro_angle_share: f64,
-    /// Planar: largest jump of the corrected field in the gyro's frame within half a second, over the median of
-    /// such changes, 3 to 1000. Noise, spikes and a real board's misfit make up to 4.7; a car that passed in a
-    /// single turn and cost 2.2° of heading made 6.2, magnets much more.
+    /// Planar: largest jump of the corrected field in the gyro's frame, within a moment or a second, over the
+    /// median of such changes, 3 to 1000. In 14,000 clean turns noise makes 4.8 at most in 999 of 1000, a real
+    /// board's misfit 4.2. Every magnet that cost more than 1.2° of heading made 13 and more, in 2000 logs. Of
+    /// 1000 logs of two turns with a car none was accepted at 6, of 1000 of a single turn 9, and six of those
+    /// were 2.3 to 4.4° off: a swell as long as a quarter of the turn looks like a real board's misfit.
     pub jump_planar: f64,
-    /// The same in space, where one turn is not like the other and a real board's misfit makes 8. At 12, of 250
-    /// logs each with a car or a magnet none was accepted with a heading error above 0.8°.
+    /// The same in space, where one turn is not like the other and a real board's misfit makes 8.4. Of 1000 logs
+    /// with a car none was accepted at 10 with a heading error above 1.8°.
     pub jump_spatial: f64,
     /// Spatial: largest change of the dip with attitude, RMS, degrees, 0.5 to 45.
     pub dip_spread_deg: f64,
@@ -62,7 +64,7 @@ impl Default for Limits {
             gyro_rms_deg: 10.0,
             gyro_angle_share: 0.12,
             jump_planar: 6.0,
-            jump_spatial: 12.0,
+            jump_spatial: 10.0,
             dip_spread_deg: 6.0,
         }
     }
