@@ -76,6 +76,7 @@ impl Journey {
                             self.handle(Event::Reading(reading));
                         }
                         Some(Message::End) => (open, over) = (false, true),
+                        Some(Message::Trouble(trouble)) => self.handle(Event::Fault(trouble)),
                         Some(Message::Broken(trouble)) => {
                             open = false;
                             self.broken(trouble);

@@ -27,6 +27,8 @@ const LOOK: Duration = Duration::from_millis(50);
 pub(super) enum Message {
     /// A reading, and when it was handed out.
     Reading(Reading, Instant),
+    /// Something is wrong with the source, which goes on trying; `None` when it works again.
+    Trouble(Option<Trouble>),
     /// There is nothing left.
     End,
     /// The source cannot go on, and this is why.
