@@ -40,7 +40,7 @@ pub(super) enum Source {
     Played(Played),
     I2c {
         settings: i2c::Settings,
-        mountings: Mountings,
+        mountings: Box<Mountings>,
     },
 }
 
@@ -82,7 +82,7 @@ impl Source {
             // Chips that are missing now may come yet: nothing is opened here.
             Kind::I2c => Self::I2c {
                 settings: config.i2c.clone(),
-                mountings: config.i2c.mountings(&config.mounting),
+                mountings: Box::new(config.i2c.mountings(&config.mounting)),
             },
         })
     }
@@ -106,7 +106,7 @@ impl Source {
                 mountings,
             } => Header {
                 sensor: Some(settings.sensor().to_owned()),
-                mountings: *mountings,
+                mountings: **mountings,
                 ..Header::default()
             },
         }

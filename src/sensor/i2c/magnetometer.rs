@@ -42,7 +42,7 @@ struct AtWork {
     measuring_since_s: Option<f64>,
     /// When the last single measurement was to begin.
     slot_s: f64,
-    /// Continuous: how long after a measurement the next is looked for.
+    /// How long after the beginning of a measurement it is looked for: as learnt.
     patience_s: f64,
     looked: bool,
     was_ready: bool,
@@ -109,7 +109,11 @@ impl Magnetometer {
             },
             measuring_since_s: continuous.then_some(now_s + period_s),
             slot_s: now_s,
-            patience_s: period_s,
+            patience_s: if continuous {
+                period_s
+            } else {
+                kind.conversion_s()
+            },
             looked: false,
             was_ready: false,
             verify_s: now_s + VERIFY_S,
@@ -150,13 +154,13 @@ impl AtWork {
             self.verify(bus, now_s)?;
             self.chip.trigger(bus)?;
             self.measuring_since_s = Some(now_s);
-            self.due_s = now_s + self.chip.kind().conversion_s();
+            self.due_s = now_s + self.patience_s;
             return Ok(None);
         };
         let sample = self.chip.poll(bus)?;
         self.was_ready |= sample.is_some();
         match sample {
-            Some(sample) if self.is_new(&sample, memory) => {
+            Some(sample) if self.is_new(&sample, memory, now_s - since_s) => {
                 memory.last = Some(sample.raw);
                 self.schedule(now_s);
                 let sample = self.take(bus, now_s, sample, memory)?;
@@ -174,18 +178,33 @@ impl AtWork {
         }
     }
 
-    /// RDY need not fall when the data are read (the data sheet has it low for 250 µs alone), so in continuous
-    /// measurement the same numbers are the same measurement: noise tells the next one.
-    fn is_new(&self, sample: &Sample, memory: &Memory) -> bool {
-        self.chip.pace() == Pace::Single || memory.last != Some(sample.raw) || sample.overflowed()
+    /// RDY need not fall when the data are read or a measurement begins (the data sheet has it low for 250 µs
+    /// alone), so noise tells a new measurement from the one before. A single one that looks the same is new once
+    /// the longest time that it may take is over.
+    fn is_new(&self, sample: &Sample, memory: &Memory, waited_s: f64) -> bool {
+        memory.last != Some(sample.raw)
+            || match self.chip.pace() {
+                Pace::Single => waited_s >= self.chip.kind().conversion_s(),
+                Pace::Continuous(_) => sample.overflowed(),
+            }
     }
 
     fn look_s(&self) -> f64 {
-        LOOK_S.max(self.period_s / 20.0)
+        match self.chip.pace() {
+            Pace::Single => LOOK_S,
+            Pace::Continuous(_) => LOOK_S.max(self.period_s / 20.0),
+        }
     }
 
     /// When the next thing is to be done after a measurement that was read now.
     fn schedule(&mut self, now_s: f64) {
+        // A measurement found at the first look may have been there for long: look earlier next time.
+        let step_s = self.look_s() * if self.looked { 0.25 } else { -0.5 };
+        let (least_s, most_s) = match self.chip.pace() {
+            Pace::Single => (LOOK_S, self.chip.kind().conversion_s()),
+            Pace::Continuous(_) => (FAST * self.period_s, self.period_s),
+        };
+        self.patience_s = (self.patience_s + step_s).clamp(least_s, most_s);
         match self.chip.pace() {
             Pace::Single => {
                 self.measuring_since_s = None;
@@ -197,10 +216,6 @@ impl AtWork {
             }
             Pace::Continuous(_) => {
                 self.measuring_since_s = Some(now_s);
-                // A measurement found at the first look may have been there for long: look earlier next time.
-                let step_s = self.look_s() * if self.looked { 0.25 } else { -0.5 };
-                let range_s = (FAST * self.period_s, self.period_s);
-                self.patience_s = (self.patience_s + step_s).clamp(range_s.0, range_s.1);
                 self.due_s = now_s + self.patience_s;
             }
         }

@@ -152,7 +152,8 @@ fn the_magnetometer_keeps_40_hz_and_the_gyro_100_each_with_its_time() {
     let (said, chips) = play(&settings(), &bus, 0.001, vec![], 10.0);
     let fields = field_times(&said);
     assert!((394..=400).contains(&fields.len()), "{}", fields.len());
-    for two in fields.windows(2) {
+    // Until it has learnt how long a measurement takes, each is looked for a bit earlier.
+    for two in fields[40..].windows(2) {
         assert!((two[1] - two[0] - 0.025).abs() < 1e-6, "{two:?}");
     }
     let motions: Vec<_> = readings(&said).filter(|r| r.rate_rad_s.is_some()).collect();
@@ -161,7 +162,7 @@ fn the_magnetometer_keeps_40_hz_and_the_gyro_100_each_with_its_time() {
     // In order of time, as the pipeline wants them.
     assert!(readings(&said).is_sorted_by(|a, b| a.t_s <= b.t_s));
     assert!(codes(&said).is_empty() && chips.troubles().count() == 0);
-    // A measurement: told to, and after 20 ms looked at and read.
+    // A measurement: told to, looked at, and read.
     let transfers: Vec<_> = bus.transfers();
     let of_mag =
         |t: &&Transfer| matches!(t, Transfer::Read(MAG, 3.., _) | Transfer::Write(MAG, 2, _));
