@@ -81,7 +81,12 @@ pub(super) struct Problem {
 
 impl Report {
     fn problem(&mut self, code: &'static str, message: String) {
-        if !self.problems.iter().any(|known| known.message == message) {
+        // The chips are tried more than once, the second time with the name of their part before the sentence.
+        if !self
+            .problems
+            .iter()
+            .any(|known| message.ends_with(&known.message))
+        {
             self.problems.push(Problem { code, message });
         }
     }
