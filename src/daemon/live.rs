@@ -3,20 +3,38 @@
 use tokio::sync::mpsc;
 
 use super::source::Message;
+use crate::reading::Reading;
 use crate::sensor::bus::LinuxBus;
 use crate::sensor::clock::SystemClock;
 use crate::sensor::i2c::{Chips, Said, Settings};
+
+/// The gyro's readings wait this long for one of the magnetometer, seconds. A heading goes out with that one alone,
+/// so nothing is later for it, and the daemon is woken half as often or less.
+const WAITING_S: f64 = 0.03;
 
 /// Reads the chips until the clock says stop, or nobody listens any more.
 pub(super) fn read(settings: &Settings, out: &mpsc::Sender<Message>, mut clock: SystemClock) {
     let mut bus = LinuxBus::new(settings.bus);
     let taken = clock.clone();
+    let mut waiting: Vec<Reading> = Vec::new();
     let mut say = |said| {
-        let message = match said {
-            Said::Reading(reading) => Message::Reading(reading, taken.instant(reading.t_s)),
-            Said::Trouble(trouble) => Message::Trouble(trouble),
+        let trouble = match said {
+            Said::Reading(reading) => {
+                waiting.push(reading);
+                let since_s = reading.t_s - waiting[0].t_s;
+                if reading.field_mgauss.is_none() && since_s < WAITING_S {
+                    return true;
+                }
+                None
+            }
+            Said::Trouble(trouble) => Some(Message::Trouble(trouble)),
         };
-        out.blocking_send(message).is_ok()
+        let readings = waiting
+            .drain(..)
+            .map(|reading| Message::Reading(reading, taken.instant(reading.t_s)));
+        readings
+            .chain(trouble)
+            .all(|message| out.blocking_send(message).is_ok())
     };
     Chips::new(settings).run(&mut bus, &mut clock, &mut say);
 }
