@@ -80,6 +80,12 @@ impl Journey {
                             self.last = (reading.t_s, taken);
                             self.handle(Event::Reading(reading));
                         }
+                        Some(Message::Readings(readings)) => {
+                            for (reading, taken) in readings {
+                                self.last = (reading.t_s, taken);
+                                self.handle(Event::Reading(reading));
+                            }
+                        }
                         Some(Message::End) => (open, over) = (false, true),
                         Some(Message::Trouble(trouble)) => self.handle(Event::Fault(trouble)),
                         Some(Message::Broken(trouble)) => {

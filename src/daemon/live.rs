@@ -1,5 +1,7 @@
 //! Real chips as a source: what they say becomes messages, with the moment at which it was read.
 
+use std::time::Instant;
+
 use tokio::sync::mpsc;
 
 use super::source::Message;
@@ -16,12 +18,12 @@ const WAITING_S: f64 = 0.03;
 pub(super) fn read(settings: &Settings, out: &mpsc::Sender<Message>, mut clock: SystemClock) {
     let mut bus = LinuxBus::new(settings.bus);
     let taken = clock.clone();
-    let mut waiting: Vec<Reading> = Vec::new();
+    let mut waiting: Vec<(Reading, Instant)> = Vec::new();
     let mut say = |said| {
         let trouble = match said {
             Said::Reading(reading) => {
-                waiting.push(reading);
-                let since_s = reading.t_s - waiting[0].t_s;
+                waiting.push((reading, taken.instant(reading.t_s)));
+                let since_s = reading.t_s - waiting[0].0.t_s;
                 if reading.field_mgauss.is_none() && since_s < WAITING_S {
                     return true;
                 }
@@ -29,11 +31,11 @@ pub(super) fn read(settings: &Settings, out: &mpsc::Sender<Message>, mut clock: 
             }
             Said::Trouble(trouble) => Some(Message::Trouble(trouble)),
         };
-        let readings = waiting
-            .drain(..)
-            .map(|reading| Message::Reading(reading, taken.instant(reading.t_s)));
-        readings
-            .chain(trouble)
+        // As one message: each that is sent wakes the daemon.
+        let readings = Message::Readings(std::mem::take(&mut waiting));
+        [Some(readings), trouble]
+            .into_iter()
+            .flatten()
             .all(|message| out.blocking_send(message).is_ok())
     };
     Chips::new(settings).run(&mut bus, &mut clock, &mut say);

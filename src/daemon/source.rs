@@ -27,6 +27,8 @@ const WAITING_MESSAGES: usize = 64;
 pub(super) enum Message {
     /// A reading, and when it was handed out.
     Reading(Reading, Instant),
+    /// Several readings at once, in order, each with the moment when it was taken.
+    Readings(Vec<(Reading, Instant)>),
     /// Something is wrong with the source, which goes on trying; `None` when it works again.
     Trouble(Option<Trouble>),
     /// There is nothing left.

@@ -12,8 +12,9 @@ const LOOK_S: f64 = 0.002;
 const LATE_PERIODS: f64 = 5.0;
 /// How often its configuration is read back, seconds.
 const VERIFY_S: f64 = 1.0;
-/// Its own clock may be this much faster than it should be.
+/// Its own clock may be this much faster or slower than it should be.
 const FAST: f64 = 0.9;
+const SLOW: f64 = 1.1;
 
 /// The magnetometer at work.
 pub(super) struct Magnetometer {
@@ -198,11 +199,12 @@ impl AtWork {
 
     /// When the next thing is to be done after a measurement that was read now.
     fn schedule(&mut self, now_s: f64) {
-        // A measurement found at the first look may have been there for long: look earlier next time.
-        let step_s = self.look_s() * if self.looked { 0.25 } else { -0.5 };
+        // A measurement found at the first look may have been there for long: look a bit earlier next time. A look in
+        // vain costs a wake-up, and so is to be rare.
+        let step_s = self.look_s() * if self.looked { 0.25 } else { -0.05 };
         let (least_s, most_s) = match self.chip.pace() {
             Pace::Single => (LOOK_S, self.chip.kind().conversion_s()),
-            Pace::Continuous(_) => (FAST * self.period_s, self.period_s),
+            Pace::Continuous(_) => (FAST * self.period_s, SLOW * self.period_s),
         };
         self.patience_s = (self.patience_s + step_s).clamp(least_s, most_s);
         match self.chip.pace() {

@@ -1,4 +1,4 @@
-//! Real chips on a bus of Linux: the gyro and the accelerometer at an even rate, the magnetometer at its own,
+//! Real chips on a bus of Linux: the gyro and the accelerometer at their rate or faster, the magnetometer at its own,
 //! each reading with the time at which it was read.
 //!
 //! Nothing ends it but being told to. A chip that fails is counted, set up anew, and waited for; the others go on.
@@ -24,6 +24,10 @@ use magnetometer::Magnetometer;
 use station::Station;
 
 pub use settings::Settings;
+
+/// A reading of the gyro and one of the magnetometer that are nearer than this share of the gyro's period are made
+/// together.
+const TOGETHER: f64 = 0.4;
 
 /// What a live source says.
 #[derive(Clone, Debug, PartialEq)]
@@ -106,7 +110,8 @@ impl Chips {
             .filter_map(Health::trouble)
     }
 
-    /// When the next thing is to be done.
+    /// When the next thing is to be done. A tick shortly before the magnetometer's time waits for that: one
+    /// wake-up less.
     fn due_s(&self) -> f64 {
         let magnetometer = self
             .health
@@ -115,7 +120,12 @@ impl Chips {
         let companions = [&self.gyro, &self.accel].into_iter().flatten();
         let companions =
             companions.map(|station| station.health.set_up_at_s().unwrap_or(self.tick_s));
-        companions.fold(magnetometer, f64::min)
+        let tick_s = companions.fold(f64::INFINITY, f64::min);
+        if (tick_s..tick_s + TOGETHER * self.period_s).contains(&magnetometer) {
+            magnetometer
+        } else {
+            tick_s.min(magnetometer)
+        }
     }
 
     /// Sets up and reads gyro and accelerometer, as far as that is due.
@@ -135,12 +145,14 @@ impl Chips {
             accel.start(bus, clock)?;
         }
         let now_s = clock.now_s();
-        if now_s < self.tick_s {
+        // Whoever is awake for the magnetometer shortly before a tick takes it along, and wakes up less often.
+        if now_s < self.tick_s - TOGETHER * self.period_s {
             return Ok(());
         }
         // Each tick is counted from the one before, so that being late never adds up; lost ones are not made up for.
+        let late_s = now_s - self.tick_s;
         self.tick_s += self.period_s;
-        if self.tick_s < now_s {
+        if !(0.0..self.period_s).contains(&late_s) {
             self.tick_s = now_s + self.period_s;
         }
         let gyro = self.gyro.as_mut().and_then(|gyro| gyro.read(bus, now_s));

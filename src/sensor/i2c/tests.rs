@@ -153,11 +153,14 @@ fn the_magnetometer_keeps_40_hz_and_the_gyro_100_each_with_its_time() {
     let fields = field_times(&said);
     assert!((394..=400).contains(&fields.len()), "{}", fields.len());
     // Until it has learnt how long a measurement takes, each is looked for a bit earlier.
-    for two in fields[40..].windows(2) {
+    for two in fields[200..].windows(2) {
         assert!((two[1] - two[0] - 0.025).abs() < 1e-6, "{two:?}");
     }
     let motions: Vec<_> = readings(&said).filter(|r| r.rate_rad_s.is_some()).collect();
-    assert!((990..=1001).contains(&motions.len()), "{}", motions.len());
+    // 100 Hz or more: a reading of the magnetometer takes a tick along.
+    assert!((1000..=1250).contains(&motions.len()), "{}", motions.len());
+    let longest_s = motions.windows(2).map(|two| two[1].t_s - two[0].t_s);
+    assert!(longest_s.fold(0.0, f64::max) < 0.0141);
     assert!(motions.iter().all(|r| r.specific_force_m_s2.is_some()));
     // In order of time, as the pipeline wants them.
     assert!(readings(&said).is_sorted_by(|a, b| a.t_s <= b.t_s));
@@ -256,12 +259,20 @@ fn frozen_registers_stop_the_readings_within_half_a_second() {
     bus.set(MAG, 0x03, &[0, 1, 0, 2, 0, 3, 1]);
     let (said, chips) = play_dead(&settings(), &bus, 3.0);
     assert_eq!(codes(&said), ["frozen"]);
-    let fields = field_times(&said);
-    assert!(fields[fields.len() - 1] - fields[0] < 0.5);
     let found: Vec<_> = chips.troubles().map(|trouble| trouble.code).collect();
     assert_eq!(found, ["frozen"; 3]);
     // Setting them up anew does not make them any better.
     assert_eq!(readings(&said).count(), 2 * 19);
+    let alone = Settings {
+        companions: Companions::None,
+        ..settings()
+    };
+    let (said, _) = play_dead(&alone, &bus, 3.0);
+    let fields = field_times(&said);
+    assert!(
+        fields.len() == 19 && fields[18] - fields[0] < 0.5,
+        "{fields:?}"
+    );
 }
 
 #[test]
