@@ -23,6 +23,7 @@ enum Command {
     Run(command::run::Args),
     Demo(command::demo::Args),
     Simulate(command::simulate::Args),
+    Check(command::check::Args),
     Config(command::config::Args),
     Paper(command::paper::Args),
 }
@@ -34,6 +35,7 @@ fn main() -> ExitCode {
         Command::Run(args) => command::run::run(&args),
         Command::Demo(args) => command::demo::run(&args),
         Command::Simulate(args) => command::simulate::run(&args),
+        Command::Check(args) => command::check::run(&args),
         Command::Config(args) => command::config::run(&args),
         Command::Paper(args) => command::paper::run(&args),
     };

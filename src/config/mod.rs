@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use crate::check::{Check, Fault};
 use crate::publish::server;
-use crate::sensor::simulator;
+use crate::sensor::{i2c, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, turn};
 
 pub use fault::{ConfigError, ConfigFault, Problem};
@@ -62,6 +62,8 @@ tables! {
     source: source::Settings,
     /// The simulated board.
     simulator: simulator::Settings,
+    /// Chips on an I2C bus.
+    i2c: i2c::Settings,
     /// How the chips are mounted on the body.
     mounting: frame::Mountings,
     /// Following the board's attitude.
@@ -155,17 +157,17 @@ mod tests {
     #[test]
     fn every_fault_is_reported_at_its_line() {
         let text = "speed = 1\n\n[source]\nkind = \"reply\"\nsped = 2\nspeed = 0\n\n\
-                    [mounting]\nmag_axes = \"+x +y\"\ngyro_axes = 3\n\n[stroe]\n\n[i2c]\nbus = 1\n";
+                    [mounting]\nmag_axes = \"+x +y\"\ngyro_axes = 3\n\n[stroe]\n\n[i2s]\nbus = 1\n";
         let faults = faults(text);
         let right = [
             "file.toml:1: speed: this key stands in no table; ",
-            "file.toml:4: source.kind is \"reply\", but must be \"simulator\" or \"replay\"",
+            "file.toml:4: source.kind is \"reply\", but must be \"simulator\" or \"replay\" or \"i2c\"",
             "file.toml:5: source.sped: unknown key; did you mean speed?",
             "file.toml:6: source.speed is 0, but must be from 0.1 to 1000 times real time",
             "file.toml:9: mounting.mag_axes: mounting \"+x +y\" is not understood: it has 2 words",
             "file.toml:10: mounting.gyro_axes is 3, but must be a text in quotes",
             "file.toml:12: stroe: unknown table; did you mean store?",
-            "file.toml:14: i2c: unknown table; known are source, simulator, mounting, ",
+            "file.toml:14: i2s: unknown table; did you mean i2c?",
         ];
         assert_eq!(faults.len(), right.len(), "{faults:#?}");
         for (fault, right) in faults.iter().zip(right) {
@@ -182,7 +184,7 @@ mod tests {
             ),
             (
                 "[source]\nkind = 3",
-                "file.toml:2: source.kind is 3, but must be \"simulator\" or \"replay\"",
+                "file.toml:2: source.kind is 3, but must be \"simulator\" or \"replay\" or \"i2c\"",
             ),
             (
                 "[source]\nlog = true",

@@ -14,7 +14,7 @@ pub struct Settings {
     pub kind: Kind,
     /// The log to replay; of no effect with other kinds. Empty: none.
     pub log: PathBuf,
-    /// How fast a log is replayed or a simulation runs, in times real time: 0.1 to 1000.
+    /// How fast a log is replayed or a simulation runs, in times real time: 0.1 to 1000. Of no effect with chips.
     pub speed: f64,
 }
 
@@ -27,6 +27,8 @@ pub enum Kind {
     Simulator,
     /// A recorded log.
     Replay,
+    /// Chips on an I2C bus: table `[i2c]`.
+    I2c,
 }
 
 impl Default for Settings {

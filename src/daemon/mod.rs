@@ -6,8 +6,10 @@
 mod calibrator;
 mod journey;
 mod keeper;
+mod live;
 pub mod signals;
 mod source;
+mod time_of_day;
 
 use std::future::Future;
 use std::io;
@@ -100,11 +102,15 @@ impl Daemon {
             sensor: header.sensor.unwrap_or_else(|| UNNAMED_SENSOR.to_owned()),
             mag_axes: header.mountings.mag,
         };
+        let speed = if source.is_live() {
+            1.0
+        } else {
+            config.source.speed
+        };
         tracing::info!(
-            "{} from {}, {} times real time, on socket {}",
+            "{} from {}, {speed} times real time, on socket {}",
             identity.sensor,
             source.name(),
-            config.source.speed,
             config.socket.socket.display()
         );
         let (keeper, calibration) = Keeper::open(config.store.directory(), identity)?;
@@ -114,7 +120,7 @@ impl Daemon {
             server,
             socket: config.socket.socket.clone(),
             keeper,
-            speed: config.source.speed,
+            speed,
         })
     }
 
@@ -127,8 +133,9 @@ impl Daemon {
             // An error means that the other end is gone, which is a reason to stop as well.
             let _ = server_stopped.await;
         }));
-        let mut playing = self.source.play(self.speed)?;
-        let mut journey = Journey::new(self.pipeline, publisher, self.keeper, self.speed);
+        let live = self.source.is_live();
+        let mut playing = self.source.start(self.speed)?;
+        let mut journey = Journey::new(self.pipeline, publisher, self.keeper, self.speed, live);
         let ended = tokio::select! {
             biased;
             () = shutdown => Some(Ended::Told),
