@@ -28,6 +28,7 @@
 mod header;
 mod lines;
 mod read;
+mod rows;
 mod write;
 
 use std::io;
@@ -35,7 +36,9 @@ use std::io;
 use crate::frame::Mountings;
 use crate::reading::Reading;
 
+pub use header::HeaderLines;
 pub use read::Reader;
+pub use rows::Rows;
 pub use write::Writer;
 
 /// The first line of every log this version reads and writes, without its `#`.
