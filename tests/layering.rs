@@ -48,7 +48,8 @@ const ROOMS: &[Room] = &[
     room("pipeline", 1, &["reading", "frame", "attitude", "turn", "calibration", "heading", "condition"]),
 
     // The simulator distorts a field with the model that a calibration inverts.
-    room("sensor", 2, &["reading", "frame", "recording", "calibration::model"]),
+    // A live source says what is wrong with it.
+    room("sensor", 2, &["reading", "frame", "recording", "calibration::model", "condition"]),
     room("publish", 2, &["heading", "condition", "calibration"]),
     // The mounting is kept with the calibration: the one holds only with the other.
     room("store", 2, &["calibration", "frame"]),

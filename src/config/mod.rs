@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use crate::check::{Check, Fault};
 use crate::publish::server;
-use crate::sensor::simulator;
+use crate::sensor::{serial, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, turn};
 
 pub use fault::{ConfigError, ConfigFault, Problem};
@@ -62,6 +62,8 @@ tables! {
     source: source::Settings,
     /// The simulated board.
     simulator: simulator::Settings,
+    /// A board behind a serial line.
+    serial: serial::settings::Settings,
     /// How the chips are mounted on the body.
     mounting: frame::Mountings,
     /// Following the board's attitude.
@@ -118,7 +120,15 @@ impl Config {
 
     /// What is wrong between tables that are right in themselves. The keys are `table.key`.
     fn check_across(&self) -> Vec<Fault> {
-        Vec::new()
+        let mut faults = Vec::new();
+        if self.source.kind == source::Kind::Serial && self.serial.port.as_os_str().is_empty() {
+            faults.push(Fault {
+                key: "serial.port".to_owned(),
+                found: "empty".to_owned(),
+                right: "the path of the serial port, best one in /dev/serial/by-id".to_owned(),
+            });
+        }
+        faults
     }
 }
 
@@ -159,7 +169,7 @@ mod tests {
         let faults = faults(text);
         let right = [
             "file.toml:1: speed: this key stands in no table; ",
-            "file.toml:4: source.kind is \"reply\", but must be \"simulator\" or \"replay\"",
+            "file.toml:4: source.kind is \"reply\", but must be \"simulator\" or \"replay\" or \"serial\"",
             "file.toml:5: source.sped: unknown key; did you mean speed?",
             "file.toml:6: source.speed is 0, but must be from 0.1 to 1000 times real time",
             "file.toml:9: mounting.mag_axes: mounting \"+x +y\" is not understood: it has 2 words",
@@ -182,7 +192,7 @@ mod tests {
             ),
             (
                 "[source]\nkind = 3",
-                "file.toml:2: source.kind is 3, but must be \"simulator\" or \"replay\"",
+                "file.toml:2: source.kind is 3, but must be \"simulator\" or \"replay\" or \"serial\"",
             ),
             (
                 "[source]\nlog = true",
@@ -236,6 +246,16 @@ mod tests {
         assert_eq!(
             faults("[source]\nkind = \"replay\""),
             ["file.toml:1: source.log is empty, but must be the path of the log to replay"]
+        );
+        let serial = faults("[source]\nkind = \"serial\"");
+        assert!(
+            serial[0].contains("serial.port is empty, but must be the path"),
+            "{serial:?}"
+        );
+        let relative = faults("[serial]\nport = \"ttyUSB0\"\nbaud = 1");
+        assert!(
+            relative[0].contains("an absolute path") && relative.len() == 2,
+            "{relative:?}"
         );
     }
 

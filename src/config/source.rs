@@ -14,7 +14,8 @@ pub struct Settings {
     pub kind: Kind,
     /// The log to replay; of no effect with other kinds. Empty: none.
     pub log: PathBuf,
-    /// How fast a log is replayed or a simulation runs, in times real time: 0.1 to 1000.
+    /// How fast a log is replayed or a simulation runs, in times real time: 0.1 to 1000. Of no effect with
+    /// real devices.
     pub speed: f64,
 }
 
@@ -27,6 +28,15 @@ pub enum Kind {
     Simulator,
     /// A recorded log.
     Replay,
+    /// A board behind a serial line: table `[serial]`.
+    Serial,
+}
+
+impl Kind {
+    /// Whether its readings are taken now, by a real device.
+    pub fn is_live(self) -> bool {
+        matches!(self, Self::Serial)
+    }
 }
 
 impl Default for Settings {

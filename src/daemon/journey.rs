@@ -8,6 +8,7 @@ use tokio::time::sleep_until;
 use super::calibrator::Calibrator;
 use super::keeper::Keeper;
 use super::source::Message;
+use super::time_of_day;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::condition::{Condition, Report, Trouble};
 use crate::pipeline::{Action, Event, Pipeline};
@@ -23,6 +24,8 @@ pub(super) struct Journey {
     calibrator: Calibrator,
     keeper: Keeper,
     speed: f64,
+    /// Whether the readings are taken now, so that they have a time of day.
+    live: bool,
     actions: Vec<Action>,
     /// The last reading's time on the source's clock, and when it was handed out.
     last: (f64, Instant),
@@ -35,6 +38,7 @@ impl Journey {
         publisher: Publisher,
         keeper: Keeper,
         speed: f64,
+        live: bool,
     ) -> Self {
         Self {
             pipeline,
@@ -42,6 +46,7 @@ impl Journey {
             calibrator: Calibrator::default(),
             keeper,
             speed,
+            live,
             actions: Vec::new(),
             last: (0.0, Instant::now()),
             logged: None,
@@ -121,8 +126,11 @@ impl Journey {
 
     fn carry_out(&mut self, action: Action) {
         match action {
-            // The time of day of a simulated or recorded reading is not known.
-            Action::Publish(heading) => self.publisher.heading(heading, self.last.1, None),
+            Action::Publish(heading) => {
+                let taken = self.last.1;
+                let time = self.live.then(|| time_of_day::at(taken)).flatten();
+                self.publisher.heading(heading, taken, time);
+            }
             Action::Report(report) => {
                 self.log_report(&report);
                 self.publisher.state(&report);

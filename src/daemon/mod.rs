@@ -6,8 +6,10 @@
 mod calibrator;
 mod journey;
 mod keeper;
+mod serial;
 pub mod signals;
 mod source;
+mod time_of_day;
 
 use std::future::Future;
 use std::io;
@@ -81,6 +83,7 @@ pub struct Daemon {
     keeper: Keeper,
     pipeline: Pipeline,
     speed: f64,
+    live: bool,
 }
 
 impl Daemon {
@@ -100,11 +103,13 @@ impl Daemon {
             sensor: header.sensor.unwrap_or_else(|| UNNAMED_SENSOR.to_owned()),
             mag_axes: header.mountings.mag,
         };
+        let live = config.source.kind.is_live();
+        // A real device has the pace it has.
+        let speed = if live { 1.0 } else { config.source.speed };
         tracing::info!(
-            "{} from {}, {} times real time, on socket {}",
+            "{} from {}, {speed} times real time, on socket {}",
             identity.sensor,
             source.name(),
-            config.source.speed,
             config.socket.socket.display()
         );
         let (keeper, calibration) = Keeper::open(config.store.directory(), identity)?;
@@ -114,7 +119,8 @@ impl Daemon {
             server,
             socket: config.socket.socket.clone(),
             keeper,
-            speed: config.source.speed,
+            speed,
+            live,
         })
     }
 
@@ -128,7 +134,8 @@ impl Daemon {
             let _ = server_stopped.await;
         }));
         let mut playing = self.source.play(self.speed)?;
-        let mut journey = Journey::new(self.pipeline, publisher, self.keeper, self.speed);
+        let mut journey =
+            Journey::new(self.pipeline, publisher, self.keeper, self.speed, self.live);
         let ended = tokio::select! {
             biased;
             () = shutdown => Some(Ended::Told),

@@ -7,13 +7,14 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc;
 
-use super::{DaemonError, spawn};
+use super::{DaemonError, serial, spawn};
 use crate::condition::Trouble;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::reading::Reading;
 use crate::recording::Header;
 use crate::sensor::replay::{Replay, ReplayError};
+use crate::sensor::serial::Bridge;
 use crate::sensor::simulator::Simulator;
 
 /// How many messages wait for the pipeline; then the source waits.
@@ -38,7 +39,15 @@ pub(super) enum Message {
 /// Where readings come from.
 pub(super) enum Source {
     Simulator(Box<Simulator>),
-    Replay { log: String, replay: Box<Replay> },
+    Replay {
+        log: String,
+        replay: Box<Replay>,
+    },
+    Serial {
+        port: String,
+        header: Header,
+        bridge: Box<Bridge>,
+    },
 }
 
 /// A source at work.
@@ -70,6 +79,15 @@ impl Source {
                 log: config.source.log.display().to_string(),
                 replay: Box::new(Replay::open(&config.source.log)?),
             },
+            Kind::Serial => Self::Serial {
+                port: config.serial.port.display().to_string(),
+                header: Header {
+                    sensor: Some(config.serial.chip.name().to_owned()),
+                    mountings: config.mounting,
+                    truth: Vec::new(),
+                },
+                bridge: Box::new(Bridge::new(&config.serial, config.mounting)),
+            },
         })
     }
 
@@ -78,6 +96,7 @@ impl Source {
         match self {
             Self::Simulator(_) => "simulator".to_owned(),
             Self::Replay { log, .. } => log.clone(),
+            Self::Serial { port, .. } => port.clone(),
         }
     }
 
@@ -86,6 +105,7 @@ impl Source {
         match self {
             Self::Simulator(simulator) => simulator.header(),
             Self::Replay { replay, .. } => replay.header().clone(),
+            Self::Serial { header, .. } => header.clone(),
         }
     }
 
@@ -94,8 +114,9 @@ impl Source {
         let (sender, messages) = mpsc::channel(WAITING_MESSAGES);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
-        let thread = spawn("source", "source", move || {
-            play(self, speed, &sender, &stopped);
+        let thread = spawn("source", "source", move || match self {
+            Self::Serial { bridge, .. } => serial::play(*bridge, &sender, &stopped),
+            paced => play(paced, speed, &sender, &stopped),
         })?;
         Ok(Playing {
             messages,
@@ -108,13 +129,15 @@ impl Source {
         match self {
             Self::Simulator(simulator) => simulator.next().map(|entry| Ok(entry.reading)),
             Self::Replay { replay, .. } => Some(replay.next()?.map(|entry| entry.reading)),
+            // It has a pace of its own.
+            Self::Serial { .. } => None,
         }
     }
 
     /// How many rows were skipped, and the first one's error.
     fn skipped(&self) -> Option<(u64, String)> {
         match self {
-            Self::Simulator(_) => None,
+            Self::Simulator(_) | Self::Serial { .. } => None,
             Self::Replay { replay, .. } => {
                 let skips = replay.skips();
                 Some((skips.count(), skips.first()?.to_string()))

@@ -156,8 +156,8 @@ impl Skips {
     }
 }
 
-/// Text of a log as an error message shows it: quoted, escaped and not too long.
-fn shown(text: &[u8]) -> String {
+/// Text of a log or a line as an error message shows it: quoted, escaped and not too long.
+pub(crate) fn shown(text: &[u8]) -> String {
     const LONGEST: usize = 40;
     let text = String::from_utf8_lossy(&text[..text.len().min(4 * LONGEST)]);
     if text.chars().count() > LONGEST {

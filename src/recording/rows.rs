@@ -33,6 +33,11 @@ impl Rows {
         &self.header
     }
 
+    /// How many cells a row has.
+    pub fn columns(&self) -> usize {
+        self.layout.columns.len()
+    }
+
     #[cfg(test)]
     pub(super) fn layout(&self) -> &Layout {
         &self.layout

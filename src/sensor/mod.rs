@@ -1,4 +1,5 @@
 //! Sources of readings.
 
 pub mod replay;
+pub mod serial;
 pub mod simulator;
