@@ -59,6 +59,7 @@ pub enum Firmware {
 /// A device at work, until it is dropped or unplugged.
 pub struct Device {
     stop: Arc<AtomicBool>,
+    fails: Arc<AtomicBool>,
     /// How often it was reset by being opened, and what it has been sent.
     pub resets: Arc<AtomicU32>,
     pub heard: Arc<Mutex<Vec<u8>>>,
@@ -78,11 +79,13 @@ impl Device {
         drop(File::open(&node).unwrap());
         symlink(node, link).unwrap();
         let stop = Arc::new(AtomicBool::new(false));
+        let fails = Arc::new(AtomicBool::new(false));
         let (resets, heard) = (Arc::default(), Arc::default());
         let mut board = Board {
             pty: File::from(pty),
             firmware,
             habits,
+            fails: Arc::clone(&fails),
             resets: Arc::clone(&resets),
             heard: Arc::clone(&heard),
             open: false,
@@ -99,11 +102,17 @@ impl Device {
         let thread = std::thread::spawn(move || board.run(&stopped));
         Self {
             stop,
+            fails,
             resets,
             heard,
             thread: Some(thread),
             link: link.to_owned(),
         }
+    }
+
+    /// Its supply fails for a moment.
+    pub fn brown_out(&self) {
+        self.fails.store(true, Ordering::Relaxed);
     }
 
     /// Pulls the plug: in the middle of a line.
@@ -131,6 +140,7 @@ struct Board {
     pty: File,
     firmware: Firmware,
     habits: Habits,
+    fails: Arc<AtomicBool>,
     resets: Arc<AtomicU32>,
     heard: Arc<Mutex<Vec<u8>>>,
     open: bool,
@@ -151,6 +161,9 @@ impl Board {
     fn run(&mut self, stop: &AtomicBool) {
         let mut tick = Instant::now();
         while !stop.load(Ordering::Relaxed) {
+            if self.fails.swap(false, Ordering::Relaxed) {
+                self.open = false;
+            }
             self.listen();
             let booted = self.started.elapsed() >= BOOT;
             if self.open && booted && tick <= Instant::now() {
@@ -175,7 +188,8 @@ impl Board {
             Ok(count) => {
                 self.reset_if_opened();
                 self.heard.lock().unwrap().extend(&bytes[..count]);
-                if self.started.elapsed() >= BOOT {
+                let understands = matches!(self.firmware, Firmware::Razor(_));
+                if understands && self.started.elapsed() >= BOOT {
                     self.input.extend(&bytes[..count]);
                 }
             }

@@ -11,7 +11,9 @@ const BLOCK_S: f64 = 0.25;
 /// So many of them: 16 seconds.
 const BLOCKS: usize = 64;
 /// From this span of them on, seconds, the slope is learnt.
-const SLOPE_FROM_S: f64 = 2.0;
+const SLOPE_FROM_S: f64 = 1.0;
+/// Before, the line follows so many of the newest.
+const FOLLOWED: usize = 2;
 
 /// A line from the device's clock (seconds, of any origin) to ours, beneath all arrivals.
 #[derive(Clone, Debug)]
@@ -19,6 +21,7 @@ pub(super) struct Envelope {
     /// How far the device's clock may be off, as a share.
     tolerance: f64,
     slope: f64,
+    learnt: bool,
     /// A point of the line: device's clock, ours.
     anchor: Option<(f64, f64)>,
     /// The least delayed arrivals, oldest first: device's clock, ours.
@@ -37,6 +40,7 @@ impl Envelope {
         Self {
             tolerance,
             slope: 1.0,
+            learnt: false,
             anchor: None,
             points: VecDeque::with_capacity(BLOCKS + 1),
             block: None,
@@ -48,6 +52,11 @@ impl Envelope {
         self.anchor = None;
         self.points.clear();
         self.block = None;
+    }
+
+    /// Whether the slope has been learnt.
+    pub(super) fn is_learnt(&self) -> bool {
+        self.learnt
     }
 
     /// Our time of a time of the device's clock; `None` before the first arrival.
@@ -91,11 +100,19 @@ impl Envelope {
             && let Some(slope) = self.hull_slope()
         {
             self.slope = slope.clamp(1.0 - self.tolerance, 1.0 + self.tolerance);
+            self.learnt = true;
         }
         let slope = self.slope;
+        let followed = if self.learnt {
+            self.points.len()
+        } else {
+            FOLLOWED
+        };
         let lowest = self
             .points
             .iter()
+            .rev()
+            .take(followed)
             .map(|(device_s, ours_s)| ours_s - slope * device_s);
         let height = lowest.fold(f64::INFINITY, f64::min);
         let at_s = self.points.back().map_or(0.0, |point| point.0);

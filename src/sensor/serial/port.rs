@@ -48,10 +48,10 @@ pub(super) fn open(settings: &Settings) -> Result<SerialStream, Trouble> {
             tokio_serial::ErrorKind::Io(kind) => {
                 by_system(&io::Error::new(kind, error.description))
             }
-            tokio_serial::ErrorKind::NoDevice => match fs::File::open(&settings.port) {
-                Err(error) => by_system(&error),
-                Ok(_) => fail("port", error.description),
-            },
+            // So it calls a port that is locked.
+            tokio_serial::ErrorKind::NoDevice => {
+                by_system(&io::Error::from(io::ErrorKind::ResourceBusy))
+            }
             _ => fail("port", error.description),
         })?;
     // What was sent at another speed, before the port was set up.

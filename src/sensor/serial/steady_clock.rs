@@ -12,7 +12,7 @@ const LONGEST_DELAY_S: f64 = 0.5;
 /// Arrivals all late by more than this share of a period mean that frames were lost.
 const LATE_SHARE: f64 = 0.6;
 /// For this long, seconds, and at least this many.
-const LATE_S: f64 = 0.5;
+const LATE_S: f64 = 0.3;
 const LATE_FRAMES: u32 = 8;
 /// The device's rate is counted over this long, seconds.
 const RATE_S: f64 = 2.0;
@@ -75,7 +75,7 @@ impl SteadyClock {
             self.lost += (late_s / self.period_s) as u64;
             self.envelope.restart();
             self.late = None;
-        } else if late_s > LATE_SHARE * self.period_s {
+        } else if late_s > LATE_SHARE * self.period_s && self.envelope.is_learnt() {
             let late = self.late.get_or_insert(Late {
                 since_s: arrival_s,
                 frames: 0,
