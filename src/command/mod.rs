@@ -13,6 +13,7 @@ pub mod calibrate;
 pub mod config;
 pub mod demo;
 pub mod paper;
+pub mod record;
 pub mod replay;
 pub mod run;
 pub mod simulate;

@@ -6,6 +6,7 @@
 mod fault;
 pub mod log;
 mod reader;
+pub mod record;
 pub mod source;
 mod words;
 
@@ -80,6 +81,8 @@ tables! {
     socket: server::Settings,
     /// Where the calibration is kept.
     store: store::Settings,
+    /// Raw readings kept for later.
+    record: record::Settings,
     /// What the daemon says about itself.
     log: log::Settings,
 }

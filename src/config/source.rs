@@ -49,6 +49,13 @@ impl Default for Settings {
     }
 }
 
+impl Settings {
+    /// How fast time goes: a real device has the pace it has.
+    pub fn pace(&self) -> f64 {
+        if self.kind.is_live() { 1.0 } else { self.speed }
+    }
+}
+
 impl Check for Settings {
     fn check(&self) -> Vec<Fault> {
         let mut faults = Vec::new();

@@ -7,6 +7,7 @@ use tokio::time::sleep_until;
 
 use super::calibrator::Calibrator;
 use super::keeper::Keeper;
+use super::recorder::Recorder;
 use super::source::Message;
 use super::time_of_day;
 use crate::calibration::outcome::{Outcome, Verdict};
@@ -23,6 +24,7 @@ pub(super) struct Journey {
     publisher: Publisher,
     calibrator: Calibrator,
     keeper: Keeper,
+    recorder: Option<Recorder>,
     speed: f64,
     /// Whether the readings are taken now, so that they have a time of day.
     live: bool,
@@ -37,6 +39,7 @@ impl Journey {
         pipeline: Pipeline,
         publisher: Publisher,
         keeper: Keeper,
+        recorder: Option<Recorder>,
         speed: f64,
         live: bool,
     ) -> Self {
@@ -45,6 +48,7 @@ impl Journey {
             publisher,
             calibrator: Calibrator::default(),
             keeper,
+            recorder,
             speed,
             live,
             actions: Vec::new(),
@@ -53,8 +57,12 @@ impl Journey {
         }
     }
 
-    pub(super) fn into_keeper(self) -> Keeper {
-        self.keeper
+    /// Waits until everything that was to be kept is on disk.
+    pub(super) fn close(self) {
+        if let Some(recorder) = self.recorder {
+            recorder.close();
+        }
+        self.keeper.close();
     }
 
     /// Goes on until the source is at its end and the last calibration on it has come back. A source that
@@ -78,6 +86,9 @@ impl Journey {
                     match message {
                         Some(Message::Reading(reading, taken)) => {
                             self.last = (reading.t_s, taken);
+                            if let Some(recorder) = &mut self.recorder {
+                                recorder.take(reading);
+                            }
                             self.handle(Event::Reading(reading));
                         }
                         Some(Message::End) => (open, over) = (false, true),
