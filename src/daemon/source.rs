@@ -45,7 +45,7 @@ pub(super) enum Source {
     },
     Serial {
         port: String,
-        header: Header,
+        header: Box<Header>,
         bridge: Box<Bridge>,
     },
 }
@@ -81,11 +81,11 @@ impl Source {
             },
             Kind::Serial => Self::Serial {
                 port: config.serial.port.display().to_string(),
-                header: Header {
+                header: Box::new(Header {
                     sensor: Some(config.serial.chip.name().to_owned()),
                     mountings: config.mounting,
                     truth: Vec::new(),
-                },
+                }),
                 bridge: Box::new(Bridge::new(&config.serial, config.mounting)),
             },
         })
@@ -105,7 +105,7 @@ impl Source {
         match self {
             Self::Simulator(simulator) => simulator.header(),
             Self::Replay { replay, .. } => replay.header().clone(),
-            Self::Serial { header, .. } => header.clone(),
+            Self::Serial { header, .. } => (**header).clone(),
         }
     }
 

@@ -261,6 +261,17 @@ fn rows_with_a_header_are_those_of_a_log() {
 }
 
 #[test]
+fn the_sketch_of_the_readme_is_understood() {
+    let readme = include_str!("../../README.md");
+    let sketch = readme.split_once("Serial.print(F(\"").unwrap().1;
+    let header = sketch.split_once("\"))").unwrap().0.replace("\\n", "\n");
+    let stream = format!("{header}0.0200,130.000,,13.000,14.375,0.000,-1.000\n");
+    let reading = readings(&of_rows(Mountings::default(), &[stream.as_bytes()]))[0];
+    assert_eq!(reading.field_mgauss, Some([Some(100.0), None, Some(10.0)]));
+    assert_eq!(reading.rate_rad_s.unwrap().x, 14.375f64.to_radians());
+}
+
+#[test]
 fn rows_without_a_header_count_when_two_agree() {
     let row = "1,10,20,30,0.1,0.2,0.3,0,0,-9.8\n";
     let all = readings(&of_rows(

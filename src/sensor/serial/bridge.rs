@@ -161,10 +161,9 @@ impl Bridge {
         }
         let orders = session.orders(now_s);
         if let (None, Some(bytes)) = (&gone, orders.send) {
-            match timeout(WRITE_PATIENCE, stream.write_all(bytes)).await {
-                Ok(Err(error)) => gone = Some(error.to_string()),
-                // It will be sent again, and what is wrong shows in what does not come.
-                Ok(Ok(())) | Err(_) => {}
+            // What was not taken in time will be sent again.
+            if let Ok(Err(error)) = timeout(WRITE_PATIENCE, stream.write_all(bytes)).await {
+                gone = Some(error.to_string());
             }
         }
         if gone.is_some() || orders.reopen {
