@@ -178,7 +178,7 @@ mod tests {
             "file.toml:9: mounting.mag_axes: mounting \"+x +y\" is not understood: it has 2 words",
             "file.toml:10: mounting.gyro_axes is 3, but must be a text in quotes",
             "file.toml:12: stroe: unknown table; did you mean store?",
-            "file.toml:14: i2c: unknown table; known are source, simulator, mounting, ",
+            "file.toml:14: i2c: unknown table; known are source, simulator, serial, ",
         ];
         assert_eq!(faults.len(), right.len(), "{faults:#?}");
         for (fault, right) in faults.iter().zip(right) {

@@ -98,7 +98,7 @@ mod tests {
         assert_eq!(start.due(0.9, Protocol::Razor), None);
         assert_eq!(start.due(1.0, Protocol::Razor), Some(ASK));
         assert_eq!(start.due(1.1, Protocol::Razor), None);
-        assert_eq!(start.due(1.2, Protocol::Razor), Some(ASK));
+        assert_eq!(start.due(1.3, Protocol::Razor), Some(ASK));
         assert_eq!(start.due(7.0, Protocol::Razor), Some(ASK));
         assert_eq!(start.due(7.5, Protocol::Razor), None);
         start.answered(*b"01");
