@@ -332,6 +332,26 @@ fn assert_cuts(stream: &[u8], cuts: &[usize], decode: impl Fn(&[&[u8]]) -> Vec<I
     assert_eq!(decode(&pieces), decode(&[stream]));
 }
 
+#[test]
+fn a_stream_may_be_split_at_every_position() {
+    let counts = [[-3, 7, 256], [100, -200, 4095], [5, -5, 0]];
+    let lines = [
+        b"!ERR: reading gyroscope\r\n",
+        &text(counts)[..],
+        &text(counts),
+    ]
+    .concat();
+    let frames = [b"#SYNCH01\r\n", &binary(counts)[..], &binary(counts)].concat();
+    let rows = format!("{HEADER}0.5,1,2,3\r\n0.6,1,,3\r\n");
+    for at in 0..lines.len().max(frames.len()).max(rows.len()) {
+        assert_cuts(&lines, &[at], of_text);
+        assert_cuts(&frames, &[at], of_binary);
+        assert_cuts(rows.as_bytes(), &[at], |pieces| {
+            of_rows(Mountings::default(), pieces)
+        });
+    }
+}
+
 fn frames() -> impl Strategy<Value = Vec<[[i32; 3]; 3]>> {
     prop::collection::vec(
         prop::array::uniform3(prop::array::uniform3(-2048i32..2048)),
