@@ -114,11 +114,17 @@ fn assert_same_headings(log: &Path, chip: &str, counts_per_gauss: f64, within_de
     assert!(process.wait().success(), "{}", process.said());
     let said = process.said();
     assert_eq!(said.matches("cannot open serial port").count(), 1, "{said}");
-    let outcome = live
+    // On a turn made by hand the first candidate may be refused.
+    let outcomes: Vec<_> = live
         .iter()
-        .find(|message| message["class"] == "CALIBRATION")
-        .unwrap();
-    assert_eq!(outcome["verdict"], "accepted", "{outcome}");
+        .filter(|message| message["class"] == "CALIBRATION")
+        .collect();
+    assert!(
+        outcomes
+            .iter()
+            .any(|outcome| outcome["verdict"] == "accepted"),
+        "{outcomes:?}"
+    );
 
     let replay = Command::new(env!("CARGO_BIN_EXE_headingd"))
         .arg("replay")
