@@ -14,6 +14,7 @@ pub mod check;
 pub mod config;
 pub mod demo;
 pub mod paper;
+pub mod record;
 pub mod replay;
 pub mod run;
 pub mod simulate;

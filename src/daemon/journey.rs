@@ -7,12 +7,14 @@ use tokio::time::sleep_until;
 
 use super::calibrator::Calibrator;
 use super::keeper::Keeper;
+use super::recorder::Recorder;
 use super::source::Message;
 use super::time_of_day;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::condition::{Condition, Report, Trouble};
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::server::Publisher;
+use crate::reading::Reading;
 
 /// The pipeline is told when nothing was read for this long.
 const SILENCE: Duration = Duration::from_millis(100);
@@ -23,6 +25,7 @@ pub(super) struct Journey {
     publisher: Publisher,
     calibrator: Calibrator,
     keeper: Keeper,
+    recorder: Option<Recorder>,
     speed: f64,
     /// Whether readings are taken now: then their time of day is known.
     live: bool,
@@ -37,6 +40,7 @@ impl Journey {
         pipeline: Pipeline,
         publisher: Publisher,
         keeper: Keeper,
+        recorder: Option<Recorder>,
         speed: f64,
         live: bool,
     ) -> Self {
@@ -45,6 +49,7 @@ impl Journey {
             publisher,
             calibrator: Calibrator::default(),
             keeper,
+            recorder,
             speed,
             live,
             actions: Vec::new(),
@@ -53,8 +58,12 @@ impl Journey {
         }
     }
 
-    pub(super) fn into_keeper(self) -> Keeper {
-        self.keeper
+    /// Waits until everything that was to be kept is on disk.
+    pub(super) fn close(self) {
+        if let Some(recorder) = self.recorder {
+            recorder.close();
+        }
+        self.keeper.close();
     }
 
     /// Goes on until the source is at its end and the last calibration on it has come back. A source that
@@ -76,14 +85,10 @@ impl Journey {
                 message = messages.recv(), if listening => {
                     heard = Instant::now();
                     match message {
-                        Some(Message::Reading(reading, taken)) => {
-                            self.last = (reading.t_s, taken);
-                            self.handle(Event::Reading(reading));
-                        }
+                        Some(Message::Reading(reading, taken)) => self.read(reading, taken),
                         Some(Message::Readings(readings)) => {
                             for (reading, taken) in readings {
-                                self.last = (reading.t_s, taken);
-                                self.handle(Event::Reading(reading));
+                                self.read(reading, taken);
                             }
                         }
                         Some(Message::End) => (open, over) = (false, true),
@@ -111,6 +116,14 @@ impl Journey {
         if over {
             tracing::info!("the source is at its end");
         }
+    }
+
+    fn read(&mut self, reading: Reading, taken: Instant) {
+        self.last = (reading.t_s, taken);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.take(reading);
+        }
+        self.handle(Event::Reading(reading));
     }
 
     fn broken(&mut self, trouble: Trouble) {

@@ -1,4 +1,4 @@
-//! The source thread: readings of a log or a simulated board, each at its own time, or of real chips.
+//! The source thread: readings of a log or a simulated board, each at its own time, or of real chips and boards.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use tokio::sync::mpsc;
 
-use super::{DaemonError, live, spawn};
+use super::{DaemonError, chips, serial, spawn};
 use crate::condition::Trouble;
 use crate::config::Config;
 use crate::config::source::Kind;
@@ -17,6 +17,7 @@ use crate::recording::Header;
 use crate::sensor::clock::{Clock, SystemClock};
 use crate::sensor::i2c;
 use crate::sensor::replay::{Replay, ReplayError};
+use crate::sensor::serial::Bridge;
 use crate::sensor::simulator::Simulator;
 
 /// How many messages wait for the pipeline; then the source waits.
@@ -43,6 +44,11 @@ pub(super) enum Source {
     I2c {
         settings: i2c::Settings,
         mountings: Box<Mountings>,
+    },
+    Serial {
+        port: String,
+        header: Box<Header>,
+        bridge: Box<Bridge>,
     },
 }
 
@@ -86,6 +92,15 @@ impl Source {
                 settings: config.i2c.clone(),
                 mountings: Box::new(config.i2c.mountings(&config.mounting)),
             },
+            Kind::Serial => Self::Serial {
+                port: config.serial.port.display().to_string(),
+                header: Box::new(Header {
+                    sensor: Some(config.serial.chip.name().to_owned()),
+                    mountings: config.mounting,
+                    ..Header::default()
+                }),
+                bridge: Box::new(Bridge::new(&config.serial, config.mounting)),
+            },
         })
     }
 
@@ -95,6 +110,7 @@ impl Source {
             Self::Played(Played::Simulator(_)) => "simulator".to_owned(),
             Self::Played(Played::Replay { log, .. }) => log.clone(),
             Self::I2c { settings, .. } => settings.path().display().to_string(),
+            Self::Serial { port, .. } => port.clone(),
         }
     }
 
@@ -111,22 +127,20 @@ impl Source {
                 mountings: **mountings,
                 ..Header::default()
             },
+            Self::Serial { header, .. } => (**header).clone(),
         }
-    }
-
-    /// Whether its readings are taken as they are handed out: they have a time of day, and only one speed.
-    pub(super) fn is_live(&self) -> bool {
-        matches!(self, Self::I2c { .. })
     }
 
     /// Starts to hand out readings, those that are played `speed` times as fast as they were taken.
     pub(super) fn start(self, speed: f64) -> Result<Playing, DaemonError> {
         let (sender, messages) = mpsc::channel(WAITING_MESSAGES);
         let stop = Arc::new(AtomicBool::new(false));
+        let stopped = stop.clone();
         let clock = SystemClock::new(stop.clone());
         let thread = spawn("source", "source", move || match self {
             Self::Played(played) => play(played, speed, &sender, clock),
-            Self::I2c { settings, .. } => live::read(&settings, &sender, clock),
+            Self::I2c { settings, .. } => chips::read(&settings, &sender, clock),
+            Self::Serial { bridge, .. } => serial::play(*bridge, &sender, &stopped),
         })?;
         Ok(Playing {
             messages,

@@ -6,4 +6,5 @@ pub mod chip;
 pub mod clock;
 pub mod i2c;
 pub mod replay;
+pub mod serial;
 pub mod simulator;
