@@ -86,6 +86,12 @@ pub struct Evidence<'a> {
     pub calibrated: bool,
     /// Whether one is being computed.
     pub calibrating: bool,
+    /// Whether a turn would be calibrated on.
+    pub wanted: bool,
+    /// Whether the calibration in force has stopped fitting.
+    pub misfit: bool,
+    /// Whether the calibration in force is not to be replaced.
+    pub locked: bool,
     /// How much of a turn has been made, 0 to 1.
     pub progress: f64,
     /// Why the last candidate was refused, if nothing was accepted since.
@@ -102,6 +108,11 @@ pub struct Evidence<'a> {
     pub tilt_known: bool,
     /// Whether the gyro speaks.
     pub gyro_speaks: bool,
+}
+
+/// Whether the field's strength is off by more than is normal. What a tilt lets in is not yet a disturbance.
+pub fn strength_is_off(deviation: f64, tolerance: f64, tilt_sd_rad: f64) -> bool {
+    deviation.abs() > tolerance + 2.0 * tilt_sd_rad
 }
 
 /// A rotation this far along is called a turn.
@@ -139,6 +150,9 @@ pub fn judge(evidence: &Evidence) -> Report {
                 "calibrating",
                 "calibrating on the motion just made".to_owned(),
             )
+        } else if !e.wanted {
+            let message = "told not to calibrate by itself: headingd calibration start, and then turn the board";
+            report(Condition::Uncalibrated, "mode_off", message.to_owned())
         } else if e.progress >= TURNING_FROM {
             report(
                 Condition::Turning,
@@ -164,8 +178,18 @@ pub fn judge(evidence: &Evidence) -> Report {
             )
         };
     }
-    // What a tilt lets in is not yet a disturbance.
-    if e.strength_deviation.abs() > e.strength_tolerance + 2.0 * e.tilt_sd_rad {
+    if e.misfit {
+        let remedy = if e.wanted {
+            "turn the board once all the way round, away from iron"
+        } else if e.locked {
+            "headingd calibration unlock, and then turn the board"
+        } else {
+            "headingd calibration start, and then turn the board"
+        };
+        let message = format!("field and gyro have long disagreed with the calibration: {remedy}");
+        return report(Condition::Degraded, "calibration_stale", message);
+    }
+    if strength_is_off(e.strength_deviation, e.strength_tolerance, e.tilt_sd_rad) {
         let percent = 100.0 * (1.0 + e.strength_deviation);
         // In steps, or every sample would be news.
         let message = format!(
@@ -213,6 +237,9 @@ mod tests {
             stale_s: 0.5,
             calibrated: true,
             calibrating: false,
+            wanted: true,
+            misfit: false,
+            locked: false,
             progress: 0.0,
             refused: None,
             strength_deviation: 0.01,
@@ -227,7 +254,7 @@ mod tests {
     #[test]
     fn every_condition_has_its_evidence() {
         type Spoil = fn(&mut Evidence<'static>);
-        let cases: [(&str, &str, Spoil); 16] = [
+        let cases: [(&str, &str, Spoil); 20] = [
             ("good", "good", |_| ()),
             ("fault", "unplugged", |e| {
                 static UNPLUGGED: LazyLock<Trouble> = LazyLock::new(|| Trouble {
@@ -257,6 +284,18 @@ mod tests {
                 e.strength_deviation = -0.2
             }),
             ("disturbed", "field_changed", |e| e.field_disturbed = true),
+            ("uncalibrated", "mode_off", |e| {
+                (e.calibrated, e.wanted, e.progress) = (false, false, 0.5)
+            }),
+            ("degraded", "calibration_stale", |e| {
+                (e.misfit, e.field_disturbed) = (true, true)
+            }),
+            ("degraded", "calibration_stale", |e| {
+                (e.misfit, e.wanted, e.locked) = (true, false, true)
+            }),
+            ("degraded", "calibration_stale", |e| {
+                (e.misfit, e.wanted) = (true, false)
+            }),
             ("degraded", "tilted", |e| e.tilt_sd_rad = 0.2),
             ("degraded", "no_accelerometer", |e| e.tilt_known = false),
             ("degraded", "no_gyro", |e| e.gyro_speaks = false),

@@ -4,6 +4,8 @@
 //! goes out as an action. A calibration is an action whose outcome comes back as an event: live, when
 //! the worker has finished; in a replay, before the next reading.
 
+mod fitness;
+mod force;
 mod occasion;
 mod settings;
 
@@ -13,13 +15,15 @@ use nalgebra::Vector3;
 
 use crate::attitude::{self, Attitude};
 use crate::calibration::model::Calibration;
-use crate::calibration::outcome::{Outcome, Verdict};
+use crate::calibration::outcome::Outcome;
+use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::{self, Request, Sample, verdict};
 use crate::condition::{self, Condition, Evidence, Report, Trouble};
 use crate::frame::{Mountings, wrap_360};
 use crate::heading::{Compass, Heading, MagStatus, heading_deg};
 use crate::reading::Reading;
 use crate::turn::{self, Turn, TurnDetector};
+use fitness::Fitness;
 
 pub use settings::Settings;
 
@@ -80,6 +84,14 @@ pub enum Event {
     Fault(Option<Trouble>),
     /// A calibration is done.
     Calibrated(Box<Outcome>),
+    /// Calibrate by itself, or not, or never again.
+    Policy(Policy),
+    /// Calibrate on the next motion, whatever the policy, until that gives an answer.
+    Start,
+    /// Give up what was started, and a calibration that is under way.
+    Cancel,
+    /// Another calibration is in force from now on, or none.
+    InForce(Option<Calibration>),
 }
 
 /// What a pipeline wants done.
@@ -109,6 +121,14 @@ pub struct Pipeline {
     /// Turns found while a calibration was under way wait for its end.
     waiting: bool,
     calibrating: bool,
+    /// Why the calibration under way, or the last one, was asked for.
+    asked: Reason,
+    /// Its outcome, when it comes, is not wanted any more.
+    unwanted: bool,
+    policy: Policy,
+    /// The next motion is to be calibrated on.
+    armed: bool,
+    fitness: Fitness,
     refused: Option<(&'static str, String)>,
     fault: Option<Trouble>,
     report: Option<Report>,
@@ -138,6 +158,11 @@ impl Pipeline {
             made: VecDeque::new(),
             waiting: false,
             calibrating: false,
+            asked: Reason::Turn,
+            unwanted: false,
+            policy: Policy::On,
+            armed: false,
+            fitness: Fitness::default(),
             refused: None,
             fault: None,
             report: None,
@@ -170,12 +195,42 @@ impl Pipeline {
                 self.update_condition(actions);
             }
             Event::Calibrated(outcome) => self.conclude(outcome, actions),
+            Event::Policy(policy) => self.set_policy(policy, actions),
+            Event::Start => self.start(actions),
+            Event::Cancel => self.cancel(actions),
+            Event::InForce(calibration) => self.put_in_force(calibration, actions),
         }
     }
 
     /// The calibration in force.
     pub fn calibration(&self) -> Option<&Calibration> {
         self.compass.as_ref().map(Compass::calibration)
+    }
+
+    /// Why the last calibration was asked for.
+    pub fn reason(&self) -> Reason {
+        self.asked
+    }
+
+    /// Whether the next motion is to be calibrated on, because of an order or since the calibration in force has
+    /// stopped fitting.
+    pub fn is_armed(&self) -> bool {
+        matches!(self.wanted(), Some(Reason::Start | Reason::Stale))
+    }
+
+    /// Whether a calibration is under way.
+    pub fn is_calibrating(&self) -> bool {
+        self.calibrating
+    }
+
+    /// How much of a full turn has been made, 0 to 1.
+    pub fn progress(&self) -> f64 {
+        self.turns.progress()
+    }
+
+    /// What was reported last.
+    pub fn report(&self) -> Option<&Report> {
+        self.report.as_ref()
     }
 
     fn read(&mut self, reading: &Reading, actions: &mut Vec<Action>) {
@@ -220,47 +275,6 @@ impl Pipeline {
         }
     }
 
-    fn conclude(&mut self, outcome: Box<Outcome>, actions: &mut Vec<Action>) {
-        self.calibrating = false;
-        match (outcome.verdict, outcome.calibration) {
-            (Verdict::Accepted, Some(calibration)) => {
-                let new = Compass::new(calibration, self.setup.mountings.mag);
-                // A fusion that begins anew follows the field closely at first, tilts and all.
-                if self
-                    .turned_by_deg(&new)
-                    .is_none_or(|turned| turned > RESTART_DEG)
-                {
-                    self.attitude.restart_fusion();
-                }
-                self.compass = Some(new);
-                self.strength_deviation = 0.0;
-                self.refused = None;
-            }
-            (Verdict::Kept, _) => self.refused = None,
-            _ => {
-                self.refused = Some((outcome.reason, outcome.message.clone()));
-                self.free_check_s = self.now_s + FREE_PAUSE_S;
-            }
-        }
-        actions.push(Action::Conclude(outcome));
-        if std::mem::take(&mut self.waiting) {
-            self.ask_for_calibration(actions);
-        }
-        self.update_condition(actions);
-    }
-
-    /// How far this calibration turns the heading of the newest sample, degrees, if there is one in force.
-    fn turned_by_deg(&self, new: &Compass) -> Option<f64> {
-        let sample = self.buffer.back()?;
-        let down = self.down(sample.t_s);
-        let heading = |compass: &Compass| {
-            let corrected = compass.correct(&sample.field_mgauss, down.as_ref());
-            compass.heading_deg(&corrected, down.as_ref())
-        };
-        let turned = wrap_360(heading(new)? - heading(self.compass.as_ref()?)?);
-        Some(turned.min(360.0 - turned))
-    }
-
     /// The direction of down in body axes, if the tilt is known.
     fn down(&self, t_s: f64) -> Option<Vector3<f64>> {
         let tilt = self.attitude.tilt(t_s)?;
@@ -293,6 +307,9 @@ impl Pipeline {
                 self.fused_s = t_s;
             }
         }
+        if let Some((compass, corrected)) = &corrected {
+            self.hold_against(t_s, compass, corrected, down.as_ref());
+        }
         let condition = self.update_condition(actions);
         let raw_body = self.setup.mountings.mag.to_body(*raw);
         let mut heading = self.heading(t_s, condition);
@@ -316,6 +333,7 @@ impl Pipeline {
             heading.field_mgauss = Some(compass.published_field(corrected));
             heading.strength_mgauss = Some(corrected.strength_mgauss);
             heading.mag_status = match condition {
+                Condition::Degraded if self.fitness.is_misfit() => MagStatus::Calibration,
                 Condition::Disturbed if self.strength_deviation > 0.0 => MagStatus::HighField,
                 Condition::Disturbed => MagStatus::LowField,
                 _ => MagStatus::Normal,
@@ -370,7 +388,10 @@ impl Pipeline {
             overflowing: self.overflow_s > self.whole_field_s,
             stale_s: self.setup.pipeline.stale_s,
             calibrated: self.compass.is_some(),
-            calibrating: self.calibrating,
+            calibrating: self.calibrating && !self.unwanted,
+            wanted: self.wanted().is_some(),
+            misfit: self.fitness.is_misfit(),
+            locked: self.policy == Policy::Locked,
             progress: self.turns.progress(),
             refused: self
                 .refused

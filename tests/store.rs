@@ -1,10 +1,12 @@
-//! The calibration file, with real files and folders.
+//! The calibrations kept, with real files and folders.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use headingd::calibration::model::{Calibration, Model, Parameters, Planar, Spatial};
-use headingd::store::{Identity, Loaded, Store, StoreError, Stored};
+use headingd::calibration::policy::{Policy, Reason};
+use headingd::store::history::{Forget, Refusal};
+use headingd::store::{Contents, History, Identity, Loaded, Made, Store, StoreError};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 
@@ -15,10 +17,12 @@ fn identity() -> Identity {
     }
 }
 
-fn stored(parameters: Parameters) -> Stored {
-    Stored {
-        identity: identity(),
-        saved_unix_s: 1_760_000_000,
+fn made(parameters: Parameters) -> Made {
+    Made {
+        saved_unix_s: Some(1_760_000_000),
+        reason: Some(Reason::Turn),
+        gyro_rms_deg: Some(1.0 / 7.0),
+        samples: Some(560),
         calibration: Calibration {
             parameters,
             reference_mgauss: None,
@@ -27,6 +31,19 @@ fn stored(parameters: Parameters) -> Stored {
             heading_sd_deg: 0.7,
         },
     }
+}
+
+/// With one calibration, in force.
+fn history(parameters: Parameters) -> History {
+    History::of(identity(), made(parameters))
+}
+
+/// The only calibration of a file with one sensor.
+fn only(contents: &Contents) -> Made {
+    let [history] = contents.sensors.as_slice() else {
+        panic!("{contents:?}");
+    };
+    history.in_force().unwrap().made
 }
 
 fn planar() -> Parameters {
@@ -71,15 +88,23 @@ fn message(result: Result<impl std::fmt::Debug, StoreError>) -> String {
 }
 
 #[test]
-fn a_calibration_comes_back_bit_for_bit() {
+fn a_history_comes_back_bit_for_bit() {
     let (_folder, store) = store();
     assert_eq!(store.load(&identity()).unwrap(), Loaded::None);
+    let mut known = None;
+    let mut history = History::new(identity());
     for parameters in [planar(), diagonal(), symmetric()] {
-        let stored = stored(parameters);
-        assert_eq!(store.save(&stored).unwrap(), None);
-        assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(stored));
+        history.keep(made(parameters), 10);
+        history.mode = Policy::Locked;
+        assert_eq!(store.save(&history, known.as_ref()).unwrap(), None);
+        assert_eq!(
+            store.load(&identity()).unwrap(),
+            Loaded::Found(history.clone())
+        );
         assert_eq!(files(&store), ["calibration.json"]);
+        known = Some(history.clone());
     }
+    assert_eq!(history.entries.len(), 3);
 }
 
 #[test]
@@ -88,14 +113,15 @@ fn no_number_is_rounded_on_its_way() {
     let file = folder.path().join("out.json");
     let mut random = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(1);
     for _ in 0..200 {
-        let mut stored = stored(planar());
-        if let Parameters::Planar(planar) = &mut stored.calibration.parameters {
+        let mut made = made(planar());
+        if let Parameters::Planar(planar) = &mut made.calibration.parameters {
             planar.bias_mgauss = Vector2::from_fn(|_, _| random.random_range(-500.0..500.0));
             planar.scale = Vector2::from_fn(|_, _| random.random_range(0.5..2.0));
         }
-        stored.calibration.reference_mgauss = Some(random.random_range(100.0..700.0));
-        Store::write_file(&file, &stored).unwrap();
-        assert_eq!(Store::read_file(&file).unwrap(), stored);
+        made.calibration.reference_mgauss = Some(random.random_range(100.0..700.0));
+        let contents = Contents::of(History::of(identity(), made));
+        Store::write_file(&file, &contents).unwrap();
+        assert_eq!(Store::read_file(&file).unwrap(), contents);
     }
 }
 
@@ -103,29 +129,125 @@ fn no_number_is_rounded_on_its_way() {
 fn old_files_load() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let found = Store::read_file(&data.join("store-1.json")).unwrap();
-    assert_eq!(found.identity, identity());
-    assert_eq!(found.saved_unix_s, 1_760_000_000);
-    let Parameters::Planar(planar) = found.calibration.parameters else {
+    assert_eq!(found.sensors[0].identity, identity());
+    assert_eq!(found.sensors[0].mode, Policy::On);
+    let made = only(&found);
+    assert_eq!(made.saved_unix_s, Some(1_760_000_000));
+    assert_eq!((made.reason, made.samples), (None, None));
+    let Parameters::Planar(planar) = made.calibration.parameters else {
         panic!("{found:?}");
     };
     assert_eq!(planar.bias_mgauss, Vector2::new(-87.5, 31.25));
 
     let found = Store::read_file(&data.join("store-1-spatial.json")).unwrap();
-    assert_eq!(found.calibration.reference_mgauss, Some(502.0));
-    let Parameters::Spatial(spatial) = found.calibration.parameters else {
+    let calibration = only(&found).calibration;
+    assert_eq!(calibration.reference_mgauss, Some(502.0));
+    let Parameters::Spatial(spatial) = calibration.parameters else {
         panic!("{found:?}");
     };
     assert_eq!(spatial.model(), Model::Symmetric);
     assert_eq!(spatial.matrix()[(0, 1)], 0.0625);
+
+    let found = Store::read_file(&data.join("store-2.json")).unwrap();
+    let [stick, razor] = found.sensors.as_slice() else {
+        panic!("{found:?}");
+    };
+    assert_eq!(stick.identity, identity());
+    assert_eq!((stick.mode, stick.in_force), (Policy::Locked, Some(3)));
+    let numbers: Vec<u64> = stick.entries.iter().map(|entry| entry.number).collect();
+    assert_eq!((numbers, stick.last_number), (vec![1, 3, 4], 4));
+    let [first, third, _] = stick.entries.as_slice() else {
+        panic!("{stick:?}");
+    };
+    // It is from version 1, of a board whose clock was not set.
+    assert_eq!((first.made.saved_unix_s, first.made.reason), (None, None));
+    assert_eq!(third.made.reason, Some(Reason::Start));
+    assert_eq!(
+        (third.made.gyro_rms_deg, third.made.samples),
+        (Some(0.75), Some(560))
+    );
+    assert_eq!((razor.mode, razor.in_force()), (Policy::Off, None));
+}
+
+/// A store of version 1 that a new calibration was saved to.
+#[test]
+fn a_calibration_of_version_1_becomes_the_first_of_a_history() {
+    let (_folder, store) = store();
+    let old = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/store-1.json");
+    fs::copy(old, store.path()).unwrap();
+    let Loaded::Found(known) = store.load(&identity()).unwrap() else {
+        panic!("not found");
+    };
+    let mut history = known.clone();
+    history.keep(made(planar()), 10);
+    assert_eq!(store.save(&history, Some(&known)).unwrap(), None);
+    let kept = fs::read_to_string(store.path()).unwrap();
+    assert!(kept.starts_with("{\n  \"headingd_store\": 2,"), "{kept}");
+    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(history));
+    assert_eq!(files(&store), ["calibration.json"]);
+}
+
+#[test]
+fn the_oldest_goes_by_number_whatever_the_clock_said() {
+    let mut history = History::new(identity());
+    for clock in [Some(900), Some(5_000), None, Some(100), Some(200)] {
+        let made = Made {
+            saved_unix_s: clock,
+            ..made(planar())
+        };
+        history.keep(made, 3);
+    }
+    let kept: Vec<(u64, Option<u64>)> = history
+        .entries
+        .iter()
+        .map(|entry| (entry.number, entry.made.saved_unix_s))
+        .collect();
+    assert_eq!(kept, [(3, None), (4, Some(100)), (5, Some(200))]);
+    assert_eq!(history.roll_back(None).unwrap().number, 4);
+    assert_eq!(history.roll_back(None).unwrap().number, 3);
+    assert_eq!(history.roll_back(None), Err(Refusal::NothingBefore));
+    assert_eq!(history.roll_back(Some(1)), Err(Refusal::NoSuchNumber(1)));
+    assert_eq!(history.in_force, Some(3));
+    // What is saved next is the newest, and no number is given twice.
+    assert_eq!(history.forget(Forget::Number(5)), Ok(1));
+    history.keep(made(planar()), 3);
+    assert_eq!((history.in_force, history.entries.len()), (Some(6), 3));
+    assert_eq!(history.forget(Forget::InForce), Ok(1));
+    assert_eq!(history.in_force(), None);
+    assert_eq!(history.forget(Forget::InForce), Err(Refusal::NoneInForce));
+    assert_eq!(history.roll_back(None).unwrap().number, 4);
+    assert_eq!(history.forget(Forget::All), Ok(2));
+    assert_eq!((history.in_force, history.last_number), (None, 6));
+}
+
+#[test]
+fn a_locked_calibration_neither_goes_nor_is_rolled_back() {
+    let mut history = History::new(identity());
+    assert_eq!(history.set_mode(Policy::Locked), Err(Refusal::NoneInForce));
+    history.keep(made(planar()), 10);
+    history.keep(made(diagonal()), 10);
+    history.set_mode(Policy::Locked).unwrap();
+    let locked = history.clone();
+    for refused in [
+        history.roll_back(None).map(|_| ()),
+        history.forget(Forget::InForce).map(|_| ()),
+        history.forget(Forget::Number(2)).map(|_| ()),
+        history.forget(Forget::All).map(|_| ()),
+    ] {
+        assert_eq!(refused, Err(Refusal::Locked));
+    }
+    assert_eq!(history, locked);
+    assert_eq!(history.forget(Forget::Number(1)), Ok(1));
+    history.set_mode(Policy::On).unwrap();
+    assert_eq!(history.forget(Forget::All), Ok(1));
 }
 
 #[test]
 fn a_file_cut_anywhere_is_refused_and_left_alone() {
     let (_folder, store) = store();
     for parameters in [planar(), symmetric()] {
-        let stored = stored(parameters);
         let path = store.path();
-        Store::write_file(&path, &stored).unwrap();
+        Store::write_file(&path, &Contents::of(history(parameters))).unwrap();
         let whole = fs::read(&path).unwrap();
         // The last byte ends the line: without it nothing is missing.
         for length in 0..whole.len() - 1 {
@@ -140,42 +262,44 @@ fn a_file_cut_anywhere_is_refused_and_left_alone() {
 #[test]
 fn a_file_that_is_not_understood_is_set_aside_before_the_next_save() {
     let (_folder, store) = store();
-    let good = stored(planar());
-    for (number, text) in ["{\"headingd_store\": 1,", "{\"headingd_store\": 2}", ""]
-        .iter()
-        .enumerate()
-    {
+    let good = history(planar());
+    for (text, name) in [
+        ("{\"headingd_store\": 2,", "unreadable-1"),
+        ("{\"headingd_store\": 2}", "unreadable-2"),
+        ("", "unreadable-3"),
+        ("{\"headingd_store\": 3, \"future\": []}", "newer-1"),
+    ] {
         fs::write(store.path(), text).unwrap();
         store.load(&identity()).unwrap_err();
-        let aside = store.save(&good).unwrap().unwrap();
-        let name = format!("calibration.json.unreadable-{}", number + 1);
+        let aside = store.save(&good, None).unwrap().unwrap();
+        let name = format!("calibration.json.{name}");
         assert_eq!(aside.file_name().unwrap().to_str(), Some(name.as_str()));
-        assert_eq!(fs::read_to_string(aside).unwrap(), *text);
+        assert_eq!(fs::read_to_string(aside).unwrap(), text);
         assert_eq!(
             store.load(&identity()).unwrap(),
             Loaded::Found(good.clone())
         );
     }
-    assert_eq!(files(&store).len(), 4);
+    assert_eq!(files(&store).len(), 5);
 }
 
 #[test]
 fn a_newer_file_is_told_from_a_damaged_one() {
     let (_folder, store) = store();
-    fs::write(store.path(), "{\"headingd_store\": 2, \"history\": []}").unwrap();
+    fs::write(store.path(), "{\"headingd_store\": 3, \"sensors\": []}").unwrap();
     let error = store.load(&identity()).unwrap_err();
     assert!(
-        matches!(error, StoreError::Newer { version: 2, .. }),
+        matches!(error, StoreError::Newer { version: 3, .. }),
         "{error}"
     );
 }
 
 #[test]
-fn another_sensors_calibration_is_not_used_and_not_lost() {
+fn another_sensors_calibrations_are_not_used_and_stay() {
     let (_folder, store) = store();
-    let first = stored(planar());
-    store.save(&first).unwrap();
-    for other in [
+    let first = history(planar());
+    store.save(&first, None).unwrap();
+    let others = [
         Identity {
             sensor: "hmc5883l".to_owned(),
             ..identity()
@@ -184,22 +308,36 @@ fn another_sensors_calibration_is_not_used_and_not_lost() {
             mag_axes: "+x +y +z".parse().unwrap(),
             ..identity()
         },
-    ] {
+    ];
+    let mut there = vec![identity()];
+    for other in others {
+        assert_eq!(store.load(&other).unwrap(), Loaded::Others(there.clone()));
+        there.push(other.clone());
+        let second = History::of(other.clone(), made(diagonal()));
+        assert_eq!(store.save(&second, None).unwrap(), None);
+        assert_eq!(store.load(&other).unwrap(), Loaded::Found(second));
         assert_eq!(
-            store.load(&other).unwrap(),
-            Loaded::OtherSensor(first.clone())
+            store.load(&identity()).unwrap(),
+            Loaded::Found(first.clone())
         );
     }
-    let second = Stored {
-        identity: Identity {
-            sensor: "hmc5883l".to_owned(),
-            ..identity()
-        },
-        ..stored(diagonal())
-    };
-    let aside = store.save(&second).unwrap().unwrap();
-    assert!(aside.ends_with("calibration.json.other-1"));
-    assert_eq!(Store::read_file(&aside).unwrap(), first);
+    assert_eq!(files(&store), ["calibration.json"]);
+}
+
+#[test]
+fn what_somebody_else_has_changed_meanwhile_is_set_aside() {
+    let (_folder, store) = store();
+    let known = history(planar());
+    store.save(&known, None).unwrap_or_default();
+    // A backup is put back while the daemon runs.
+    let backup = history(diagonal());
+    Store::write_file(&store.path(), &Contents::of(backup.clone())).unwrap();
+    let mut next = known.clone();
+    next.keep(made(symmetric()), 10);
+    let aside = store.save(&next, Some(&known)).unwrap().unwrap();
+    assert!(aside.ends_with("calibration.json.changed-1"));
+    assert_eq!(Store::read_file(&aside).unwrap(), Contents::of(backup));
+    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(next));
 }
 
 #[test]
@@ -226,8 +364,8 @@ fn values_that_no_calibration_has_are_named() {
         (planar(), "\"scale\"", "\"scael\"", "missing field `scale`"),
         (
             planar(),
-            "      1.0,",
-            "      1.01,",
+            "              1.0,",
+            "              1.01,",
             "calibration.basis is",
         ),
         (
@@ -239,10 +377,29 @@ fn values_that_no_calibration_has_are_named() {
         (planar(), "+y -x +z", "+y -x", "mounting \"+y -x\""),
         (
             planar(),
-            "\"headingd_store\": 1",
+            "\"headingd_store\": 2",
             "\"headingd_store\": 0",
             "no version number",
         ),
+        (
+            planar(),
+            "\"in_force\": 1",
+            "\"in_force\": 2",
+            "history has no such number",
+        ),
+        (
+            planar(),
+            "\"last_number\": 1",
+            "\"last_number\": 0",
+            "history has a number 1",
+        ),
+        (
+            planar(),
+            "\"number\": 1",
+            "\"number\": 0",
+            "numbers must rise from 1",
+        ),
+        (planar(), "\"on\"", "\"of\"", "unknown variant `of`"),
         (
             planar(),
             "headingd_store",
@@ -252,8 +409,8 @@ fn values_that_no_calibration_has_are_named() {
         (symmetric(), "1.1", "-1.1", "calibration.matrix is"),
         (
             symmetric(),
-            "0.02,\n      0.9",
-            "0.03,\n      0.9",
+            "0.02,\n              0.9",
+            "0.03,\n              0.9",
             "must be symmetric",
         ),
         (
@@ -265,7 +422,7 @@ fn values_that_no_calibration_has_are_named() {
         (diagonal(), "1.1", "0", "cannot be inverted"),
         (diagonal(), "1.1", "1e-5", "eigenvalues from 0.01 to 100"),
     ] {
-        Store::write_file(&file, &stored(parameters)).unwrap();
+        Store::write_file(&file, &Contents::of(history(parameters))).unwrap();
         let text = fs::read_to_string(&file).unwrap();
         assert!(text.contains(from), "{from} is not in {text}");
         fs::write(&file, text.replacen(from, to, 1)).unwrap();
@@ -280,11 +437,11 @@ fn values_that_no_calibration_has_are_named() {
 #[test]
 fn what_could_not_be_read_again_is_not_saved() {
     let (_folder, store) = store();
-    let good = stored(planar());
-    store.save(&good).unwrap();
+    let good = history(planar());
+    store.save(&good, None).unwrap();
     let mut bad = good.clone();
-    bad.calibration.heading_sd_deg = f64::NAN;
-    assert!(message(store.save(&bad)).contains("heading_sd_deg is NaN"));
+    bad.entries[0].made.calibration.heading_sd_deg = f64::NAN;
+    assert!(message(store.save(&bad, Some(&good))).contains("heading_sd_deg is NaN"));
     assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(good));
 }
 
@@ -315,8 +472,8 @@ fn a_folder_that_may_not_be_written_is_refused_at_the_start() {
 #[test]
 fn a_killed_save_leaves_nothing_behind() {
     let (_folder, store) = store();
-    let good = stored(planar());
-    store.save(&good).unwrap();
+    let good = history(planar());
+    store.save(&good, None).unwrap();
     let directory = store.path().parent().unwrap().to_owned();
     fs::write(directory.join(".calibration.json.x1y2.tmp"), "{\"head").unwrap();
     fs::write(directory.join("notes.tmp"), "mine").unwrap();
@@ -336,13 +493,13 @@ fn a_link_stays_a_link_and_a_device_a_device() {
     let (file, link) = (folder.path().join("file"), folder.path().join("link"));
     fs::write(&file, "old").unwrap();
     symlink(&file, &link).unwrap();
-    Store::write_file(&link, &stored(planar())).unwrap();
+    Store::write_file(&link, &Contents::of(history(planar()))).unwrap();
     assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
     Store::read_file(&file).unwrap();
 
     // Every write to /dev/full fails as on a full disk.
     let full = PathBuf::from("/dev/full");
-    let error = Store::write_file(&full, &stored(planar())).unwrap_err();
+    let error = Store::write_file(&full, &Contents::of(history(planar()))).unwrap_err();
     assert!(matches!(error, StoreError::Write { .. }), "{error}");
     assert!(fs::metadata(&full).unwrap().file_type().is_char_device());
 }

@@ -15,6 +15,7 @@ pub mod mpsot;
 pub mod objective;
 pub mod outcome;
 pub mod plane;
+pub mod policy;
 pub mod refine;
 pub mod rist;
 pub mod settings;
@@ -63,6 +64,16 @@ pub struct TurnMade {
     pub axis_body: Vector3<f64>,
 }
 
+/// The calibration in force, as a candidate meets it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rival {
+    /// The calibration.
+    pub calibration: Calibration,
+    /// Whether it has stopped fitting for long: then what it says of its own quality counts no more, only how it
+    /// does on the candidate's samples.
+    pub doubted: bool,
+}
+
 /// Everything that a calibration needs.
 #[derive(Clone, Debug)]
 pub struct Request {
@@ -78,7 +89,7 @@ pub struct Request {
     /// How the magnetometer is mounted.
     pub mounting: Mounting,
     /// The calibration in force, to be beaten on the same samples.
-    pub in_force: Option<Calibration>,
+    pub in_force: Option<Rival>,
     /// How to calibrate.
     pub settings: Settings,
     /// What to ask of the result.

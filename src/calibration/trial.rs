@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use nalgebra::{SVector, Vector2, Vector3};
 
+use super::Rival;
 use super::agreement::{self, Agreement, Sighting};
 use super::candidate::{Fitted, Work};
 use super::clock::Clock;
@@ -95,13 +96,14 @@ impl<const D: usize> Work<'_, D> {
             let rows = symmetric(&position[D..]).transpose();
             outcome.matrix = Some(std::array::from_fn(|k| rows[k]));
         }
-        outcome.calibration = Some(Calibration {
+        let candidate = Calibration {
             parameters,
             reference_mgauss: reference,
             strength_mgauss: *reference_mgauss,
             residual_mgauss: refined.residual_mgauss,
             heading_sd_deg,
-        });
+        };
+        outcome.calibration = Some(candidate);
 
         let directions: Vec<SVector<f64, D>> = points
             .iter()
@@ -133,7 +135,7 @@ impl<const D: usize> Work<'_, D> {
             },
         };
         verdict::judge(&measures, &self.request.limits)?;
-        self.beats_the_one_in_force(&parameters, heading_sd_deg, refined.residual_mgauss)?;
+        self.beats_the_one_in_force(&candidate)?;
 
         let against_gyro = match gyro {
             Some(gyro) => format!("agrees with the gyro within {:.1} degrees", gyro.rms_deg),
@@ -229,18 +231,18 @@ impl<const D: usize> Work<'_, D> {
     }
 
     /// Holds the candidate against the calibration in force, on the same samples.
-    fn beats_the_one_in_force(
-        &self,
-        candidate: &Parameters,
-        heading_sd_deg: f64,
-        residual_mgauss: f64,
-    ) -> Result<(), Refusal> {
-        let Some(in_force) = &self.request.in_force else {
+    fn beats_the_one_in_force(&self, candidate: &Calibration) -> Result<(), Refusal> {
+        let Some(Rival {
+            calibration: in_force,
+            doubted,
+        }) = &self.request.in_force
+        else {
             return Ok(());
         };
         let samples = &self.request.samples[self.plan.stretch.clone()];
-        let standing = |parameters: &Parameters, heading_sd_deg: f64, residual_mgauss: f64| {
-            let strengths: Vec<f64> = samples
+        let standing = |calibration: &Calibration| {
+            let parameters = &calibration.parameters;
+            let mut strengths: Vec<f64> = samples
                 .iter()
                 .map(|s| parameters.correct(&s.field_mgauss).norm())
                 .collect();
@@ -257,23 +259,24 @@ impl<const D: usize> Work<'_, D> {
                 })
                 .collect();
             Standing {
+                strength_off: median(&mut strengths).map_or(f64::INFINITY, |m| {
+                    (m / calibration.strength_mgauss - 1.0).abs()
+                }),
                 strength_spread: relative_spread(strengths),
                 gyro_rms_deg: self
                     .agreement(&corrected)
                     .map(|agreement| agreement.rms_deg),
-                heading_sd_deg,
-                residual_mgauss,
+                heading_sd_deg: calibration.heading_sd_deg,
+                residual_mgauss: calibration.residual_mgauss,
                 spatial: parameters.mode() == Mode::Spatial,
             }
         };
-        verdict::replaces(
-            &standing(candidate, heading_sd_deg, residual_mgauss),
-            &standing(
-                &in_force.parameters,
-                in_force.heading_sd_deg,
-                in_force.residual_mgauss,
-            ),
-        )
+        let (candidate, in_force) = (standing(candidate), standing(in_force));
+        if *doubted {
+            verdict::replaces_doubted(&candidate, &in_force)
+        } else {
+            verdict::replaces(&candidate, &in_force)
+        }
     }
 }
 

@@ -211,6 +211,8 @@ pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
 /// How a calibration does on given samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Standing {
+    /// How far the corrected field's strength is off what the calibration expects, as a share.
+    pub strength_off: f64,
     /// Spread of the corrected field's strength, one standard deviation over its mean.
     pub strength_spread: f64,
     /// RMS against the gyro, degrees, where there is one.
@@ -241,20 +243,45 @@ pub fn replaces(candidate: &Standing, in_force: &Standing) -> Result<(), Refusal
             "this turn gives much less certain headings than the one that made the calibration in force, which stays: turn again, evenly and away from iron",
         ));
     }
-    let worn = in_force.strength_spread > 1.5 * candidate.strength_spread + 0.005;
-    let strays = match (candidate.gyro_rms_deg, in_force.gyro_rms_deg) {
-        (Some(new), Some(old)) => old > 1.1 * new + 0.2,
-        _ => false,
-    };
+    let (worn, strays) = does_worse(in_force, candidate);
     let narrows = in_force.spatial && !candidate.spatial;
     let sharper = candidate.heading_sd_deg < 0.7 * in_force.heading_sd_deg;
     if worn || (!narrows && (strays || extends || sharper)) {
         return Ok(());
     }
-    Err(Refusal::new(
+    Err(not_better())
+}
+
+/// A calibration in force is off by more than this share of the field only if it has stopped fitting.
+const STRENGTH_OFF: f64 = 0.1;
+
+/// The same where the calibration in force has stopped fitting: what it says of itself counts no more, and a
+/// candidate for the plane alone may take the place of one for all axes. But it must do better on its samples.
+pub fn replaces_doubted(candidate: &Standing, in_force: &Standing) -> Result<(), Refusal> {
+    let (worn, strays) = does_worse(in_force, candidate);
+    let off = in_force.strength_off > STRENGTH_OFF + candidate.strength_off;
+    if worn || strays || off {
+        Ok(())
+    } else {
+        Err(not_better())
+    }
+}
+
+/// Whether the first does clearly worse than the second, by the field's strength and by the gyro.
+fn does_worse(first: &Standing, second: &Standing) -> (bool, bool) {
+    let worn = first.strength_spread > 1.5 * second.strength_spread + 0.005;
+    let strays = match (second.gyro_rms_deg, first.gyro_rms_deg) {
+        (Some(good), Some(bad)) => bad > 1.1 * good + 0.2,
+        _ => false,
+    };
+    (worn, strays)
+}
+
+fn not_better() -> Refusal {
+    Refusal::new(
         "not_better",
         "the calibration in force does as well on this turn, and stays",
-    ))
+    )
 }
 
 #[cfg(test)]
@@ -346,6 +373,7 @@ mod tests {
     #[test]
     fn a_calibration_is_replaced_only_by_a_better_one() {
         let in_force = Standing {
+            strength_off: 0.01,
             strength_spread: 0.012,
             gyro_rms_deg: Some(1.0),
             heading_sd_deg: 0.05,
@@ -390,5 +418,29 @@ mod tests {
             ..in_force
         };
         assert!(replaces(&spatial, &in_force).is_ok() && replaces(&in_force, &spatial).is_err());
+
+        // One that has stopped fitting claims a quality that it has no more.
+        let rough = Standing {
+            heading_sd_deg: 0.4,
+            residual_mgauss: 6.0,
+            ..in_force
+        };
+        for stale in [
+            moved_iron,
+            strays,
+            Standing {
+                strength_off: 0.2,
+                spatial: true,
+                ..in_force
+            },
+        ] {
+            assert!(replaces(&rough, &stale).is_err());
+            assert_eq!(replaces_doubted(&rough, &stale), Ok(()));
+        }
+        // The turn shows that it fits after all.
+        assert_eq!(
+            replaces_doubted(&rough, &in_force).unwrap_err().reason,
+            "not_better"
+        );
     }
 }

@@ -6,15 +6,17 @@ use std::time::Instant;
 use clap::ValueEnum;
 use nalgebra::Vector3;
 
-use super::{Failure, load_config, print, unix_now_s};
+use super::{Failure, load_config, print};
 use crate::attitude::Attitude;
 use crate::calibration::outcome::{Outcome, Verdict};
+use crate::calibration::policy::Reason;
 use crate::calibration::settings::{ModeChoice, ModelChoice, Profile, StopChoice, WindowChoice};
 use crate::calibration::{Request, Sample, TurnMade, calibrate};
 use crate::config::Config;
+use crate::daemon::time_of_day::unix_now_s;
 use crate::reading::Field;
 use crate::sensor::replay::Replay;
-use crate::store::{Identity, Store, Stored};
+use crate::store::{Contents, History, Identity, Made, Store};
 use crate::turn::{Turn, TurnDetector};
 
 /// Calibrate on a recorded log
@@ -113,15 +115,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let survey = Survey::of(args, &config)?;
     let outcome = survey.calibrate(args, &config)?;
     if let (Some(path), Some(calibration)) = (&args.out, outcome.calibration) {
-        let identity = survey.identity.clone();
-        Store::write_file(
-            path,
-            &Stored {
-                identity,
-                saved_unix_s: unix_now_s(),
-                calibration,
-            },
-        )?;
+        let made = Made::of(&outcome, calibration, Reason::Log, unix_now_s());
+        let history = History::of(survey.identity.clone(), made);
+        Store::write_file(path, &Contents::of(history))?;
     }
     if args.json {
         let json = serde_json::to_string(&outcome).map_err(|error| {

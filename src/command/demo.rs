@@ -129,6 +129,7 @@ fn config(args: &Args, socket: &Path) -> Config {
         // The calibration of a simulated board must not take the place of a real one's.
         store: store::Settings {
             directory: PathBuf::new(),
+            ..store::Settings::default()
         },
         ..Config::default()
     }

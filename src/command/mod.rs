@@ -3,7 +3,6 @@
 use std::fmt;
 use std::io::{self, Write};
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::config::Config;
 use crate::sensor::replay::ReplayError;
@@ -115,11 +114,4 @@ impl From<StoreError> for Failure {
         };
         Self::new(status, error)
     }
-}
-
-/// Seconds since 1970 by the system's clock; 0 if that stands before 1970.
-pub fn unix_now_s() -> u64 {
-    SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |since| since.as_secs())
 }

@@ -1,18 +1,21 @@
 //! `headingd replay`: a recorded log through the same pipeline as live readings, as fast as it goes.
 
 use std::io::{self, BufWriter, IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Failure, load_config, unix_now_s};
+use super::{Failure, load_config};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
+use crate::calibration::outcome::Outcome;
+use crate::calibration::policy::Reason;
 use crate::config::Config;
+use crate::daemon::time_of_day::unix_now_s;
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::gpsd::{self, Device, Policy};
 use crate::sensor::replay::Replay;
-use crate::store::{Identity, Loaded, Store, Stored};
+use crate::store::{History, Identity, Loaded, Made, Store};
 
 /// How many rows are read between two looks at the progress bar.
 const ROWS_A_LOOK: u64 = 8192;
@@ -65,7 +68,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let mut keep = Keep {
         store: None,
-        identity,
+        history: History::new(identity),
+        most: config.store.history,
     };
     let calibration = keep.open(args)?;
     let pipeline = Pipeline::new(config.setup(header.mountings), calibration);
@@ -74,7 +78,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         out: BufWriter::with_capacity(1 << 16, io::stdout().lock()),
         line: String::new(),
     };
-    match play(replay, pipeline, lines, &keep) {
+    match play(replay, pipeline, lines, &mut keep) {
         // The reader has seen enough: `| head`.
         Err(Halt::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         Err(Halt::Output(error)) => Err(Failure::new(
@@ -102,7 +106,7 @@ fn play<W: Write>(
     mut replay: Replay,
     mut pipeline: Pipeline,
     mut lines: Lines<W>,
-    keep: &Keep,
+    keep: &mut Keep,
 ) -> Result<(), Halt> {
     let bar = progress_bar();
     lines.greet()?;
@@ -123,7 +127,7 @@ fn play<W: Write>(
                     Action::Conclude(outcome) => {
                         lines.write(&gpsd::calibration(&outcome))?;
                         if let Some(calibration) = outcome.calibration {
-                            keep.save(calibration).map_err(Halt::Failure)?;
+                            keep.save(&outcome, calibration).map_err(Halt::Failure)?;
                         }
                     }
                 }
@@ -196,56 +200,76 @@ impl<W: Write> Lines<W> {
     }
 }
 
-/// The store, if one is used, and whose calibrations it keeps.
+/// The store, if one is used, and what it keeps of the log's sensor.
 struct Keep {
     store: Option<Store>,
-    identity: Identity,
+    history: History,
+    most: usize,
 }
 
 impl Keep {
     /// Opens what the arguments name; the calibration to start with.
     fn open(&mut self, args: &Args) -> Result<Option<Calibration>, Failure> {
         if let Some(path) = &args.calibration {
-            let stored = Store::read_file(path)?;
-            if stored.identity != self.identity {
-                eprintln!(
-                    "headingd: {} was made for {}, the log is of {}",
-                    path.display(),
-                    stored.identity,
-                    self.identity
-                );
-            }
-            return Ok(Some(stored.calibration));
+            return Ok(Some(self.in_file(path)?));
         }
         let Some(directory) = &args.store else {
             return Ok(None);
         };
         let store = self.store.insert(Store::open(directory)?);
-        Ok(match store.load(&self.identity)? {
-            Loaded::Found(stored) => Some(stored.calibration),
-            Loaded::None => None,
-            Loaded::OtherSensor(stored) => {
-                eprintln!(
-                    "headingd: the calibration in {} is that of {}, the log is of {}: not used",
-                    directory.display(),
-                    stored.identity,
-                    self.identity
-                );
-                None
-            }
-        })
+        match store.load(&self.history.identity)? {
+            Loaded::Found(history) => self.history = history,
+            Loaded::None => {}
+            Loaded::Others(others) => eprintln!(
+                "headingd: the calibration in {} is that of {}, the log is of {}: not used",
+                directory.display(),
+                others[0],
+                self.history.identity
+            ),
+        }
+        Ok(self.history.in_force().map(|entry| entry.made.calibration))
     }
 
-    fn save(&self, calibration: Calibration) -> Result<(), Failure> {
+    /// The calibration in force in a file: that of the log's sensor, or else the only one.
+    fn in_file(&self, path: &Path) -> Result<Calibration, Failure> {
+        let contents = Store::read_file(path)?;
+        let found = contents.find(&self.history.identity);
+        let history = match (found, contents.sensors.as_slice()) {
+            (Some(history), _) => history,
+            (None, [history]) => {
+                eprintln!(
+                    "headingd: {} was made for {}, the log is of {}",
+                    path.display(),
+                    history.identity,
+                    self.history.identity
+                );
+                history
+            }
+            (None, sensors) => {
+                let message = format!(
+                    "{} holds calibrations of {} sensors, and none of {}",
+                    path.display(),
+                    sensors.len(),
+                    self.history.identity
+                );
+                return Err(Failure::new(Failure::DATA, message));
+            }
+        };
+        let entry = history.in_force().ok_or_else(|| {
+            let message = format!("no calibration in {} is in force", path.display());
+            Failure::new(Failure::DATA, message)
+        })?;
+        Ok(entry.made.calibration)
+    }
+
+    fn save(&mut self, outcome: &Outcome, calibration: Calibration) -> Result<(), Failure> {
         let Some(store) = &self.store else {
             return Ok(());
         };
-        let identity = self.identity.clone();
-        store.save(&Stored {
-            identity,
-            saved_unix_s: unix_now_s(),
-            calibration,
-        })?;
+        let known = self.history.clone();
+        let made = Made::of(outcome, calibration, Reason::Log, unix_now_s());
+        self.history.keep(made, self.most);
+        store.save(&self.history, Some(&known))?;
         Ok(())
     }
 }

@@ -15,6 +15,7 @@ use crate::condition::{Condition, Report, Trouble};
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::server::Publisher;
 use crate::reading::Reading;
+use crate::store::Made;
 
 /// The pipeline is told when nothing was read for this long.
 const SILENCE: Duration = Duration::from_millis(100);
@@ -167,7 +168,12 @@ impl Journey {
                 if let (Verdict::Accepted, Some(calibration)) =
                     (outcome.verdict, outcome.calibration)
                 {
-                    self.keeper.save(calibration);
+                    let reason = self.pipeline.reason();
+                    let now = time_of_day::unix_now_s();
+                    let made = Made::of(&outcome, calibration, reason, now);
+                    let most = self.keeper.most();
+                    self.keeper.history_mut().keep(made, most);
+                    self.keeper.save(Box::new(|_| ()));
                 }
             }
         }

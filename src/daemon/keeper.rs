@@ -1,146 +1,284 @@
-//! Keeps accepted calibrations on disk, on a thread of its own: a slow disk delays no heading.
+//! What is kept of one sensor: in memory for everybody, and on disk by a thread of its own, so that a slow disk delays
+//! no heading.
 
-use std::path::{Path, PathBuf};
-use std::sync::mpsc;
+use std::path::PathBuf;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::SystemTime;
+use std::time::Duration;
 
-use super::{DaemonError, spawn};
-use crate::calibration::model::Calibration;
-use crate::store::{Identity, Loaded, Store, StoreError, Stored};
+use super::{DaemonError, join_for, spawn};
+use crate::store::{History, Identity, Loaded, Settings, Store, StoreError};
+
+/// Pauses before a save that failed is tried again: the first, doubled each time up to the last.
+const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
+
+/// A disk that hangs is waited for this long at the end.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Told when something is on disk, or why it is not.
+pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
 
 /// What keeps the calibrations of one sensor.
 pub(super) struct Keeper {
-    identity: Identity,
+    history: History,
+    most: usize,
     disk: Option<Disk>,
 }
 
 struct Disk {
-    /// Unbounded, but a calibration takes a turn of the board and has a few hundred bytes.
-    queue: mpsc::Sender<Stored>,
+    /// Unbounded, but a calibration takes a turn of the board and has a few hundred bytes, and whoever asks for a
+    /// change waits for it.
+    queue: mpsc::Sender<Order>,
     thread: JoinHandle<()>,
+    directory: PathBuf,
+    trouble: Trouble,
+}
+
+struct Order {
+    history: History,
+    then: Then,
+}
+
+/// What is wrong with the store now, for people.
+#[derive(Clone, Default)]
+struct Trouble(Arc<Mutex<Option<String>>>);
+
+impl Trouble {
+    fn lock(&self) -> MutexGuard<'_, Option<String>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// How the store does.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum StoreState {
+    /// Nothing is to be kept.
+    Off,
+    /// What is to be kept is in this folder.
+    Good(PathBuf),
+    /// Something is wrong with this folder, for people.
+    Failing(PathBuf, String),
 }
 
 impl Keeper {
-    /// Looks into the folder, and gives back the calibration that it holds for this sensor. Whatever is wrong
-    /// with it is logged.
-    pub(super) fn open(
-        directory: Option<&Path>,
-        identity: Identity,
-    ) -> Result<(Self, Option<Calibration>), DaemonError> {
-        let Some(directory) = directory else {
+    /// Looks into the folder for what is kept of this sensor. Whatever is wrong with it is logged.
+    pub(super) fn open(settings: &Settings, identity: Identity) -> Result<Self, DaemonError> {
+        let most = settings.history;
+        let Some(directory) = settings.directory() else {
             tracing::info!("store.directory is empty: calibrations are not kept");
-            let disk = None;
-            return Ok((Self { identity, disk }, None));
+            return Ok(Self {
+                history: History::new(identity),
+                most,
+                disk: None,
+            });
         };
+        let trouble = Trouble::default();
         let opened = Store::open(directory);
         if let Err(error) = &opened {
             tracing::error!("{error}; until then headings are served, but calibrations are lost");
+            *trouble.lock() = Some(error.to_string());
         }
         // What cannot be written may still be read.
-        let calibration = match &opened {
-            Ok(store) => load(store, &identity),
-            Err(_) => load(&Store::unchecked(directory), &identity),
-        };
+        let store = Store::unchecked(directory);
+        let known = load(&store, &identity).unwrap_or_else(|error| {
+            tracing::error!(
+                "{error}; starting without a calibration: turn the board once, or bring back a good file; \
+                 this one is set aside when there is a new calibration"
+            );
+            trouble.lock().get_or_insert(error.to_string());
+            None
+        });
         let (queue, orders) = mpsc::channel();
-        let directory = directory.to_owned();
-        let store = opened.ok();
-        let thread = spawn("store", "store", move || keep(directory, store, &orders))?;
-        let disk = Some(Disk { queue, thread });
-        Ok((Self { identity, disk }, calibration))
+        let writer = Writer {
+            directory: directory.to_owned(),
+            store: opened.ok(),
+            known: known.clone(),
+            unsaved: None,
+            pause: PAUSES.0,
+            trouble: trouble.clone(),
+        };
+        Ok(Self {
+            history: known.unwrap_or_else(|| History::new(identity)),
+            most,
+            disk: Some(Disk {
+                queue,
+                thread: spawn("store", "store", move || writer.run(&orders))?,
+                directory: directory.to_owned(),
+                trouble,
+            }),
+        })
     }
 
-    /// Has the calibration saved.
-    pub(super) fn save(&self, calibration: Calibration) {
+    /// What is kept.
+    pub(super) fn history(&self) -> &History {
+        &self.history
+    }
+
+    /// What is kept, to be changed; [`Keeper::save`] makes it last.
+    pub(super) fn history_mut(&mut self) -> &mut History {
+        &mut self.history
+    }
+
+    /// How many calibrations are kept.
+    pub(super) fn most(&self) -> usize {
+        self.most
+    }
+
+    /// Has everything saved as it is now, and says so to `then`: at once, if nothing is to be kept.
+    pub(super) fn save(&self, then: Then) {
         let Some(disk) = &self.disk else {
-            return;
+            return then(Ok(()));
         };
-        // A clock before 1970 has never been set; the file needs some number.
-        let saved_unix_s = SystemTime::now()
-            .duration_since(SystemTime::UNIX_EPOCH)
-            .map_or(0, |since| since.as_secs());
-        let stored = Stored {
-            identity: self.identity.clone(),
-            saved_unix_s,
-            calibration,
+        let order = Order {
+            history: self.history.clone(),
+            then,
         };
-        if disk.queue.send(stored).is_err() {
-            tracing::error!("cannot keep the calibration: the thread of the store has failed");
+        if let Err(mpsc::SendError(order)) = disk.queue.send(order) {
+            let message = "the thread of the store has failed".to_owned();
+            tracing::error!("cannot keep calibrations: {message}");
+            *disk.trouble.lock() = Some(message.clone());
+            (order.then)(Err(message));
+        }
+    }
+
+    /// How the store does.
+    pub(super) fn state(&self) -> StoreState {
+        let Some(disk) = &self.disk else {
+            return StoreState::Off;
+        };
+        let directory = disk.directory.clone();
+        match disk.trouble.lock().clone() {
+            None => StoreState::Good(directory),
+            Some(message) => StoreState::Failing(directory, message),
         }
     }
 
     /// Waits until everything is on disk.
     pub(super) fn close(self) {
-        if let Some(Disk { queue, thread }) = self.disk {
+        if let Some(Disk { queue, thread, .. }) = self.disk {
             drop(queue);
-            if thread.join().is_err() {
-                tracing::error!("the thread of the store panicked");
+            if !join_for("store", thread, PATIENCE) {
+                tracing::error!("the disk hangs: what was saved last may not be kept");
             }
         }
     }
 }
 
-fn load(store: &Store, identity: &Identity) -> Option<Calibration> {
+fn load(store: &Store, identity: &Identity) -> Result<Option<History>, StoreError> {
     let path = store.path();
     let path = path.display();
-    match store.load(identity) {
-        Ok(Loaded::Found(stored)) => {
-            tracing::info!(
-                saved_unix_s = stored.saved_unix_s,
-                "using the {:?} calibration of {path}",
-                stored.calibration.parameters.mode()
-            );
-            return Some(stored.calibration);
+    match store.load(identity)? {
+        Loaded::Found(history) => {
+            match history.in_force() {
+                Some(entry) => tracing::info!(
+                    number = entry.number,
+                    saved_unix_s = entry.made.saved_unix_s,
+                    mode = history.mode.word(),
+                    "using the {:?} calibration of {path}",
+                    entry.made.calibration.parameters.mode()
+                ),
+                None => tracing::info!("no calibration of {path} is in force: turn the board once"),
+            }
+            return Ok(Some(history));
         }
-        Ok(Loaded::None) => tracing::info!("no calibration in {path} yet: turn the board once"),
-        Ok(Loaded::OtherSensor(other)) => tracing::warn!(
-            "not using the calibration of {path}: it is of {} mounted \"{}\", and this is {} mounted \"{}\"; it \
-             is set aside when there is a new one",
-            other.identity.sensor,
-            other.identity.mag_axes,
-            identity.sensor,
-            identity.mag_axes
-        ),
-        Err(error) => tracing::error!(
-            "{error}; starting without a calibration: turn the board once, or bring back a good file"
-        ),
+        Loaded::None => tracing::info!("no calibration in {path} yet: turn the board once"),
+        Loaded::Others(others) => {
+            let others: Vec<String> = others
+                .iter()
+                .map(|other| format!("of {} mounted \"{}\"", other.sensor, other.mag_axes))
+                .collect();
+            tracing::warn!(
+                "not using the calibration of {path}: it is {}, and this is {} mounted \"{}\"; it stays there",
+                others.join(" and "),
+                identity.sensor,
+                identity.mag_axes
+            );
+        }
     }
-    None
+    Ok(None)
 }
 
-/// Saves what comes. A folder that does not work is tried anew each time, and complained of once.
-fn keep(directory: PathBuf, mut store: Option<Store>, orders: &mpsc::Receiver<Stored>) {
-    let mut failing = store.is_none();
-    for stored in orders {
-        match save(&directory, &mut store, &stored) {
-            Ok(aside) => {
-                if let Some(aside) = aside {
-                    tracing::warn!("set aside the file that was there: {}", aside.display());
+/// Saves what comes. What could not be saved is tried again, and complained of once.
+struct Writer {
+    directory: PathBuf,
+    store: Option<Store>,
+    /// What the file holds of this sensor.
+    known: Option<History>,
+    unsaved: Option<History>,
+    pause: Duration,
+    trouble: Trouble,
+}
+
+impl Writer {
+    fn run(mut self, orders: &mpsc::Receiver<Order>) {
+        loop {
+            let failing = self.unsaved.is_some() || self.store.is_none();
+            let order = if failing {
+                orders.recv_timeout(self.pause)
+            } else {
+                orders.recv().map_err(|_| RecvTimeoutError::Disconnected)
+            };
+            match order {
+                Ok(Order { history, then }) => {
+                    self.unsaved = Some(history);
+                    then(self.attempt());
                 }
-                tracing::info!("kept the calibration in {}", directory.display());
-                failing = false;
+                Err(RecvTimeoutError::Timeout) => {
+                    self.pause = (2 * self.pause).min(PAUSES.1);
+                    // It has been told.
+                    let _ = self.attempt();
+                }
+                Err(RecvTimeoutError::Disconnected) => break,
             }
-            Err(error) => {
-                store = None;
-                if !failing {
-                    tracing::error!(
-                        "{error}; the calibration is in force, but is lost when the daemon stops: see to the \
-                         disk and the folder's permissions, and turn the board again"
+        }
+        if self.unsaved.is_some() && self.attempt().is_err() {
+            tracing::error!("the last calibration or setting could not be kept, and is lost");
+        }
+    }
+
+    /// Saves what is unsaved; where nothing is, sees whether the folder works now.
+    fn attempt(&mut self) -> Result<(), String> {
+        let told = self.trouble.lock().is_some();
+        match self.save() {
+            Ok(()) => {
+                if told {
+                    tracing::info!(
+                        "calibrations are kept in {} again",
+                        self.directory.display()
                     );
                 }
-                failing = true;
+                self.pause = PAUSES.0;
+                *self.trouble.lock() = None;
+                Ok(())
+            }
+            Err(error) => {
+                self.store = None;
+                let message = error.to_string();
+                if !told {
+                    tracing::error!(
+                        "{message}; what is in force stays in force, but is lost when the daemon stops: make room \
+                         on the disk, or see to the folder's permissions; it is tried again"
+                    );
+                }
+                *self.trouble.lock() = Some(message.clone());
+                Err(message)
             }
         }
     }
-}
 
-fn save(
-    directory: &Path,
-    store: &mut Option<Store>,
-    stored: &Stored,
-) -> Result<Option<PathBuf>, StoreError> {
-    match store {
-        Some(store) => store.save(stored),
-        None => store.insert(Store::open(directory)?).save(stored),
+    fn save(&mut self) -> Result<(), StoreError> {
+        let store = match &mut self.store {
+            Some(store) => store,
+            none => none.insert(Store::open(&self.directory)?),
+        };
+        if let Some(history) = &self.unsaved {
+            if let Some(aside) = store.save(history, self.known.as_ref())? {
+                tracing::warn!("set aside the file that was there: {}", aside.display());
+            }
+            tracing::info!("kept the calibrations in {}", self.directory.display());
+            self.known = self.unsaved.take();
+        }
+        Ok(())
     }
 }

@@ -13,7 +13,7 @@ mod ring;
 mod serial;
 pub mod signals;
 mod source;
-mod time_of_day;
+pub mod time_of_day;
 
 use std::future::Future;
 use std::io;
@@ -126,7 +126,9 @@ impl Daemon {
             config.socket.socket.display()
         );
         let recorder = Recorder::ring(&config.record, source.header())?;
-        let (keeper, calibration) = Keeper::open(config.store.directory(), identity)?;
+        let keeper = Keeper::open(&config.store, identity)?;
+        let in_force = keeper.history().in_force();
+        let calibration = in_force.map(|entry| entry.made.calibration);
         Ok(Self {
             pipeline: Pipeline::new(config.setup(header.mountings), calibration),
             source,
@@ -182,18 +184,19 @@ impl Daemon {
     }
 }
 
-/// Joins a thread if it ends in time.
-fn join_for(name: &str, thread: JoinHandle<()>, patience: Duration) {
+/// Joins a thread if it ends in time, and says whether it has ended.
+fn join_for(name: &str, thread: JoinHandle<()>, patience: Duration) -> bool {
     let begun = Instant::now();
     while !thread.is_finished() {
         if begun.elapsed() > patience {
-            return;
+            return false;
         }
         std::thread::sleep(Duration::from_millis(1));
     }
     if thread.join().is_err() {
         tracing::error!("the thread of the {name} panicked");
     }
+    true
 }
 
 /// A thread with a name; `task` completes "cannot start the thread of the …".

@@ -1,4 +1,4 @@
-//! The time of day of a live reading, as RFC 3339 has it.
+//! The time of day, where the system knows it.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -6,10 +6,23 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 const CREDIBLE: Duration = Duration::from_secs(1_577_836_800);
 
 /// The time of day, in UTC and to the millisecond, at a moment not long ago; `None` if the system does not know it.
-pub(super) fn rfc3339(moment: Instant) -> Option<String> {
-    let then = SystemTime::now().checked_sub(moment.elapsed())?;
-    let since_1970 = then.duration_since(UNIX_EPOCH).ok()?;
-    (since_1970 >= CREDIBLE).then(|| written(since_1970))
+pub fn rfc3339(moment: Instant) -> Option<String> {
+    since_1970(SystemTime::now().checked_sub(moment.elapsed())?).map(written)
+}
+
+/// A moment told in seconds since 1970, as RFC 3339 has it, in UTC.
+pub fn rfc3339_of_unix(unix_s: u64) -> String {
+    written(Duration::from_secs(unix_s))
+}
+
+/// Seconds since 1970 by the system's clock; `None` if that was never set.
+pub fn unix_now_s() -> Option<u64> {
+    since_1970(SystemTime::now()).map(|since| since.as_secs())
+}
+
+fn since_1970(time: SystemTime) -> Option<Duration> {
+    let since = time.duration_since(UNIX_EPOCH).ok()?;
+    (since >= CREDIBLE).then_some(since)
 }
 
 fn written(since_1970: Duration) -> String {

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::{Action, Pipeline};
 use crate::calibration::coverage::sphere_share;
 use crate::calibration::model::Mode;
+use crate::calibration::policy::Reason;
 use crate::calibration::settings::ModeChoice;
 use crate::calibration::{self, Request, Sample, TurnMade};
 use crate::turn::Turn;
@@ -66,14 +67,18 @@ impl Pipeline {
 
     /// Asks for a calibration on the turns just made, if they allow one.
     pub(super) fn ask_for_calibration(&mut self, actions: &mut Vec<Action>) {
-        let Some(request) = self.request() else {
+        let Some(reason) = self.wanted() else {
+            return;
+        };
+        let Some(request) = self.request(reason) else {
             return;
         };
         self.calibrating = true;
+        self.asked = reason;
         actions.push(Action::Calibrate(Box::new(request)));
     }
 
-    fn request(&self) -> Option<Request> {
+    fn request(&self, reason: Reason) -> Option<Request> {
         let last = self.made.back()?;
         let all: Vec<TurnMade> = self.made.iter().map(|turn| self.samples_of(turn)).collect();
         let settings = &self.setup.calibration;
@@ -116,7 +121,7 @@ impl Pipeline {
                 .collect(),
             plane: None,
             mounting: self.setup.mountings.mag,
-            in_force: self.calibration().copied(),
+            in_force: self.rival(reason),
             settings: settings.clone(),
             limits: self.setup.verdict.clone(),
         })
@@ -124,11 +129,16 @@ impl Pipeline {
 
     /// Free motion that has shown the field from all sides does as well as turns about two axes.
     pub(super) fn look_for_free_motion(&mut self, actions: &mut Vec<Action>) {
-        let spatial = self
-            .calibration()
-            .is_some_and(|c| c.parameters.mode() == Mode::Spatial);
+        let Some(reason) = self.wanted() else {
+            return;
+        };
+        // Motion of every day must not calibrate all the time where all axes are known.
+        let enough = reason == Reason::Turn
+            && self
+                .calibration()
+                .is_some_and(|c| c.parameters.mode() == Mode::Spatial);
         let allowed = self.setup.calibration.mode != ModeChoice::Planar;
-        if self.calibrating || spatial || !allowed || self.buffer.is_empty() {
+        if self.calibrating || enough || !allowed || self.buffer.is_empty() {
             return;
         }
         let fields = self.buffer.iter().map(|sample| sample.field_mgauss);
@@ -147,13 +157,14 @@ impl Pipeline {
             ..self.setup.calibration.clone()
         };
         self.calibrating = true;
+        self.asked = reason;
         actions.push(Action::Calibrate(Box::new(Request {
             samples: self.buffer.iter().copied().collect(),
             moving: 0..self.buffer.len(),
             turns: Vec::new(),
             plane: None,
             mounting: self.setup.mountings.mag,
-            in_force: self.calibration().copied(),
+            in_force: self.rival(reason),
             settings,
             limits: self.setup.verdict.clone(),
         })));

@@ -16,6 +16,9 @@ pub struct Settings {
     /// A field whose strength is off by more than this share of what the calibration expects is
     /// called disturbed: 0.02 to 1.
     pub strength_tolerance: f64,
+    /// A calibration that field or gyro disagree with for this long, while the board is moved and in several
+    /// orientations, has stopped fitting: 10 to 3600 seconds.
+    pub misfit_s: f64,
 }
 
 impl Default for Settings {
@@ -24,6 +27,7 @@ impl Default for Settings {
             stale_s: 0.5,
             buffer_s: 120.0,
             strength_tolerance: 0.15,
+            misfit_s: 120.0,
         }
     }
 }
@@ -45,6 +49,13 @@ impl Check for Settings {
             self.strength_tolerance,
             0.02..=1.0,
             "of the field",
+        );
+        within(
+            &mut faults,
+            "misfit_s",
+            self.misfit_s,
+            10.0..=3600.0,
+            "seconds",
         );
         faults
     }

@@ -1,29 +1,38 @@
 //! The calibration file: JSON, with its version in front.
 //!
 //! ```json
-//! { "headingd_store": 1, "sensor": "hmc5843", "mag_axes": "+x +y +z", "saved_unix_s": 1760000000,
-//!   "calibration": { "mode": "planar", … } }
+//! { "headingd_store": 2, "sensors": [
+//!   { "sensor": "hmc5843", "mag_axes": "+x +y +z", "mode": "on", "in_force": 2, "last_number": 2, "history": [
+//!     { "number": 2, "saved_unix_s": 1760000000, "reason": "turn", "gyro_rms_deg": 0.8, "samples": 560,
+//!       "calibration": { "mode": "planar", … } } ] } ] }
 //! ```
 //!
-//! Keys that version 1 does not know are ignored. A change that an older program must not ignore needs
-//! a new version.
+//! Version 1 had one sensor, and the calibration in force alone. Keys that a version does not know are ignored. A
+//! change that an older program must not ignore needs a new version.
 
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::Stored;
-use crate::calibration::model::{Calibration, Model, Parameters, Planar, Spatial};
-use crate::check::{Fault, within};
+use super::history::{History, Identity, Made};
+use super::plausible::{faults, join, no_number};
 
-const VERSION: u64 = 1;
+const VERSION: u64 = 2;
+
+/// What a calibration file holds.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Contents {
+    /// What is kept, sensor by sensor.
+    pub sensors: Vec<History>,
+}
 
 /// Why a text is no calibration file.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum FormatError {
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FormatError {
     /// Not understood, half-written or with values that no calibration has.
+    #[error("{0}")]
     Unreadable(String),
     /// Of a version that only a newer program knows.
+    #[error("it has version {0}, which this program is too old to read: use a newer headingd")]
     Newer(u64),
 }
 
@@ -31,165 +40,133 @@ pub(super) enum FormatError {
 struct Written<'a> {
     headingd_store: u64,
     #[serde(flatten)]
-    stored: &'a Stored,
+    contents: &'a Contents,
 }
 
-/// The text of a calibration file.
-pub(super) fn write(stored: &Stored) -> Result<String, String> {
-    // What is written must be readable: JSON has no NaN, for one.
-    let faults = faults(&stored.calibration);
-    if !faults.is_empty() {
-        return Err(join(&faults));
-    }
-    let mut text = serde_json::to_string_pretty(&Written {
-        headingd_store: VERSION,
-        stored,
-    })
-    .map_err(|error| error.to_string())?;
-    text.push('\n');
-    Ok(text)
+/// A file of version 1.
+#[derive(Deserialize)]
+struct Version1 {
+    #[serde(flatten)]
+    identity: Identity,
+    #[serde(flatten)]
+    made: Made,
 }
 
-/// Reads a calibration file and checks that its values can be a calibration's.
-pub(super) fn read(bytes: &[u8]) -> Result<Stored, FormatError> {
-    let fail = |why: String| FormatError::Unreadable(why);
-    let value: Value = serde_json::from_slice(bytes).map_err(|error| fail(error.to_string()))?;
-    // The version first: everything else may be otherwise in another one.
-    match value.get("headingd_store").map(Value::as_u64) {
-        Some(Some(VERSION)) => {}
-        Some(Some(newer)) if newer > VERSION => return Err(FormatError::Newer(newer)),
-        Some(_) => return Err(fail("headingd_store is no version number".to_owned())),
-        None => return Err(fail("key headingd_store is missing".to_owned())),
-    }
-    if let Some(why) = value.get("calibration").and_then(no_number) {
-        return Err(fail(why));
-    }
-    let stored = Stored::deserialize(value).map_err(|error| fail(error.to_string()))?;
-    let faults = faults(&stored.calibration);
-    if faults.is_empty() {
-        Ok(stored)
-    } else {
-        Err(fail(join(&faults)))
-    }
-}
-
-/// Finds what is no number but should be: the deserialiser would not say where it stands.
-fn no_number(calibration: &Value) -> Option<String> {
-    fn search(value: &Value, key: &str) -> Option<String> {
-        match value {
-            Value::Number(_) => None,
-            Value::Array(values) => values
-                .iter()
-                .enumerate()
-                .find_map(|(index, value)| search(value, &format!("{key}[{index}]"))),
-            other => Some(format!("{key} is {other}, but must be a number")),
+impl Contents {
+    /// With one sensor.
+    pub fn of(history: History) -> Self {
+        Self {
+            sensors: vec![history],
         }
     }
-    [
-        "basis",
-        "bias_mgauss",
-        "scale",
-        "matrix",
-        "reference_mgauss",
-        "strength_mgauss",
-        "residual_mgauss",
-        "heading_sd_deg",
-    ]
-    .iter()
-    .filter_map(|key| calibration.get(key).map(|value| (key, value)))
-    .filter(|(key, value)| !(**key == "reference_mgauss" && value.is_null()))
-    .find_map(|(key, value)| search(value, &format!("calibration.{key}")))
-}
 
-/// What no calibration can have. The ranges are far wider than any sensor's: they are there to find
-/// damage, not to judge.
-fn faults(calibration: &Calibration) -> Vec<Fault> {
-    let mut faults = Vec::new();
-    match &calibration.parameters {
-        Parameters::Planar(planar) => planar_faults(&mut faults, planar),
-        Parameters::Spatial(spatial) => spatial_faults(&mut faults, spatial),
+    /// What is kept for this sensor.
+    pub fn find(&self, identity: &Identity) -> Option<&History> {
+        self.sensors.iter().find(|kept| kept.identity == *identity)
     }
-    let mut check = |key, value, range| within(&mut faults, key, value, range, "milligauss");
-    if let Some(reference) = calibration.reference_mgauss {
-        check("calibration.reference_mgauss", reference, 0.1..=1e5);
-    }
-    check(
-        "calibration.strength_mgauss",
-        calibration.strength_mgauss,
-        0.1..=1e5,
-    );
-    check(
-        "calibration.residual_mgauss",
-        calibration.residual_mgauss,
-        0.0..=1e5,
-    );
-    within(
-        &mut faults,
-        "calibration.heading_sd_deg",
-        calibration.heading_sd_deg,
-        0.0..=180.0,
-        "degrees",
-    );
-    faults
-}
 
-fn planar_faults(faults: &mut Vec<Fault>, planar: &Planar) {
-    const TOLERANCE: f64 = 1e-6;
-    let [first, second] = &planar.basis;
-    let off = (first.norm_squared() - 1.0)
-        .abs()
-        .max((second.norm_squared() - 1.0).abs())
-        .max(first.dot(second).abs());
-    // Written so that NaN is off too.
-    if !matches!(off.partial_cmp(&TOLERANCE), Some(order) if order.is_le()) {
-        let text = |v: &Vector3<f64>| format!("[{}, {}, {}]", v.x, v.y, v.z);
-        faults.push(Fault {
-            key: "calibration.basis".to_owned(),
-            found: format!("[{}, {}]", text(first), text(second)),
-            right: "two perpendicular unit vectors".to_owned(),
-        });
-    }
-    bias_faults(faults, planar.bias_mgauss.as_slice());
-    for (index, scale) in planar.scale.iter().enumerate() {
-        let key = format!("calibration.scale[{index}]");
-        within(faults, &key, *scale, 0.01..=100.0, "");
-    }
-}
-
-fn spatial_faults(faults: &mut Vec<Fault>, spatial: &Spatial) {
-    bias_faults(faults, spatial.bias_mgauss().as_slice());
-    let matrix = spatial.matrix();
-    let right = match spatial.model() {
-        // Also keeps infinities from the eigenvalues, which would be sought for ever.
-        _ if !matrix.iter().all(|number| number.is_finite()) => "of finite numbers",
-        Model::Diagonal if (0..9).any(|i| i % 4 != 0 && matrix[i] != 0.0) => {
-            "diagonal, as its model is"
+    /// What is kept for this sensor takes the place of what was.
+    pub(super) fn put(&mut self, history: History) {
+        match self
+            .sensors
+            .iter_mut()
+            .find(|kept| kept.identity == history.identity)
+        {
+            Some(kept) => *kept = history,
+            None => self.sensors.push(history),
         }
-        Model::Symmetric if (matrix - matrix.transpose()).amax() > 1e-6 => "symmetric",
-        _ => {
-            let eigenvalues = matrix.symmetric_eigenvalues();
-            if eigenvalues.iter().all(|e| (0.01..=100.0).contains(e)) {
-                return;
+    }
+
+    /// As JSON; an error says what could not be read again.
+    pub fn to_json(&self) -> Result<String, String> {
+        // What is written must be readable: JSON has no NaN, for one.
+        if let Some(fault) = self.fault() {
+            return Err(fault);
+        }
+        let written = Written {
+            headingd_store: VERSION,
+            contents: self,
+        };
+        let mut text = serde_json::to_string_pretty(&written).map_err(|error| error.to_string())?;
+        text.push('\n');
+        Ok(text)
+    }
+
+    /// Reads a calibration file, and checks that its values can be a calibration's.
+    pub fn from_json(bytes: &[u8]) -> Result<Self, FormatError> {
+        let value: Value = serde_json::from_slice(bytes)
+            .map_err(|error| FormatError::Unreadable(error.to_string()))?;
+        Self::from_value(value)
+    }
+
+    /// The same of JSON that has been read.
+    pub fn from_value(value: Value) -> Result<Self, FormatError> {
+        let fail = |why: String| FormatError::Unreadable(why);
+        // The version first: everything else may be otherwise in another one.
+        let version = match value.get("headingd_store").map(Value::as_u64) {
+            Some(Some(newer)) if newer > VERSION => return Err(FormatError::Newer(newer)),
+            Some(Some(version)) if version > 0 => version,
+            Some(_) => return Err(fail("headingd_store is no version number".to_owned())),
+            None => return Err(fail("key headingd_store is missing".to_owned())),
+        };
+        if let Some(why) = calibrations(&value).into_iter().find_map(no_number) {
+            return Err(fail(why));
+        }
+        let contents = if version == 1 {
+            Version1::deserialize(value).map(|old| {
+                // Version 1 wrote 0 where the clock was not set.
+                let saved_unix_s = old.made.saved_unix_s.filter(|&s| s > 0);
+                let made = Made {
+                    saved_unix_s,
+                    ..old.made
+                };
+                Self::of(History::of(old.identity, made))
+            })
+        } else {
+            Self::deserialize(value)
+        };
+        let contents = contents.map_err(|error| fail(error.to_string()))?;
+        match contents.fault() {
+            None => Ok(contents),
+            Some(fault) => Err(fail(fault)),
+        }
+    }
+
+    fn fault(&self) -> Option<String> {
+        for (index, history) in self.sensors.iter().enumerate() {
+            if let Some(fault) = history.fault() {
+                return Some(format!("sensors[{index}]: {fault}"));
             }
-            "one with eigenvalues from 0.01 to 100"
+            if self.sensors[..index]
+                .iter()
+                .any(|other| other.identity == history.identity)
+            {
+                return Some(format!("{} stands there twice", history.identity));
+            }
+            for entry in &history.entries {
+                let faults = faults(&entry.made.calibration);
+                if !faults.is_empty() {
+                    return Some(join(&faults));
+                }
+                if let Some(rms) = entry.made.gyro_rms_deg.filter(|rms| !rms.is_finite()) {
+                    return Some(format!("gyro_rms_deg is {rms}, but must be a number"));
+                }
+            }
         }
-    };
-    let numbers: Vec<String> = matrix.iter().map(f64::to_string).collect();
-    faults.push(Fault {
-        key: "calibration.matrix".to_owned(),
-        found: format!("[{}]", numbers.join(", ")),
-        right: right.to_owned(),
-    });
-}
-
-fn bias_faults(faults: &mut Vec<Fault>, bias_mgauss: &[f64]) {
-    for (index, bias) in bias_mgauss.iter().enumerate() {
-        let key = format!("calibration.bias_mgauss[{index}]");
-        within(faults, &key, *bias, -1e5..=1e5, "milligauss");
+        None
     }
 }
 
-fn join(faults: &[Fault]) -> String {
-    let texts: Vec<String> = faults.iter().map(Fault::to_string).collect();
-    texts.join("; ")
+/// All calibrations in a file of any version.
+fn calibrations(value: &Value) -> Vec<&Value> {
+    let sensors = value.get("sensors").and_then(Value::as_array);
+    let entries = sensors
+        .into_iter()
+        .flatten()
+        .filter_map(|sensor| sensor.get("history")?.as_array())
+        .flatten();
+    entries
+        .chain(Some(value))
+        .filter_map(|entry| entry.get("calibration"))
+        .collect()
 }

@@ -1,0 +1,90 @@
+//! Files replaced as a whole: whenever the power goes, either the old content or the new one is there.
+
+use std::fs::{self, File, OpenOptions, Permissions};
+use std::io::{self, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+const TEMPORARY_SUFFIX: &str = ".tmp";
+
+/// Replaces a file's content as a whole.
+pub(super) fn replace(path: &Path, text: &str) -> io::Result<()> {
+    // A link keeps pointing where it did, and a device or pipe is written to, not replaced.
+    let path = match fs::canonicalize(path) {
+        Ok(path) => path,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => path.to_owned(),
+        Err(error) => return Err(error),
+    };
+    if path.exists() && !path.is_file() {
+        let mut device = OpenOptions::new().write(true).open(&path)?;
+        return device.write_all(text.as_bytes());
+    }
+    let directory = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    written(directory, &name, text)?.persist(&path)?;
+    sync_folder(directory)
+}
+
+/// A temporary file with this content, safe on disk; dropped, it is removed.
+pub(super) fn written(
+    directory: &Path,
+    name: &str,
+    text: &str,
+) -> io::Result<tempfile::NamedTempFile> {
+    let mut file = tempfile::Builder::new()
+        .prefix(&temporary_prefix(name))
+        .suffix(TEMPORARY_SUFFIX)
+        // A calibration is no secret; the umask still applies.
+        .permissions(Permissions::from_mode(0o644))
+        .tempfile_in(directory)?;
+    file.write_all(text.as_bytes())?;
+    file.as_file().sync_all()?;
+    Ok(file)
+}
+
+fn temporary_prefix(name: &str) -> String {
+    format!(".{name}.")
+}
+
+/// Removes what a process left that was killed while it wrote a file of this name.
+pub(super) fn remove_leftovers(directory: &Path, name: &str) -> io::Result<()> {
+    for entry in fs::read_dir(directory)? {
+        let entry = entry?;
+        let found = entry.file_name();
+        let found = found.to_string_lossy();
+        if found.starts_with(&temporary_prefix(name)) && found.ends_with(TEMPORARY_SUFFIX) {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+/// Makes a rename last: it is the folder that has changed.
+pub(super) fn sync_folder(directory: &Path) -> io::Result<()> {
+    File::open(directory)?.sync_all()
+}
+
+/// Gives the file's content a second name, `<path>.<reason>-<n>`, n the first free number. The file itself stays
+/// until it is replaced, so that there is never a moment without one.
+pub(super) fn set_aside(path: &Path, reason: &str) -> io::Result<PathBuf> {
+    let mut number = 1_u32;
+    loop {
+        let mut name = path.as_os_str().to_owned();
+        name.push(format!(".{reason}-{number}"));
+        let aside = PathBuf::from(name);
+        match fs::hard_link(path, &aside) {
+            Ok(()) => return Ok(aside),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
+            // Not every file system has links.
+            Err(_) if fs::symlink_metadata(&aside).is_err() => {
+                fs::copy(path, &aside)?;
+                File::open(&aside)?.sync_all()?;
+                return Ok(aside);
+            }
+            Err(_) => number += 1,
+        }
+    }
+}

@@ -1,0 +1,278 @@
+//! What is kept for one sensor: its calibrations in the order in which they were saved, and which is in force. Pure.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::calibration::model::Calibration;
+use crate::calibration::outcome::Outcome;
+use crate::calibration::policy::{Policy, Reason};
+use crate::frame::Mounting;
+
+/// Which sensor a calibration holds for, and how it is mounted.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// The sensor's name, such as `hmc5843`.
+    pub sensor: String,
+    /// The magnetometer's mounting.
+    pub mag_axes: Mounting,
+}
+
+impl fmt::Display for Identity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} mounted {}", self.sensor, self.mag_axes)
+    }
+}
+
+/// A calibration with where it came from and how good it was found to be.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Made {
+    /// When it was made, seconds since 1970-01-01 UTC; left out if the clock was not set.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub saved_unix_s: Option<u64>,
+    /// Why it was made, or how it came here; version 1 does not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<Reason>,
+    /// Heading against the gyro, RMS, degrees, if there was a gyro.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gyro_rms_deg: Option<f64>,
+    /// How many samples it was fitted to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub samples: Option<usize>,
+    /// The calibration.
+    pub calibration: Calibration,
+}
+
+impl Made {
+    /// A calibration with what its outcome says of it.
+    pub fn of(
+        outcome: &Outcome,
+        calibration: Calibration,
+        reason: Reason,
+        saved_unix_s: Option<u64>,
+    ) -> Self {
+        Self {
+            saved_unix_s,
+            reason: Some(reason),
+            gyro_rms_deg: outcome.gyro_rms_deg,
+            samples: Some(outcome.samples.used),
+            calibration,
+        }
+    }
+}
+
+/// One calibration of a history.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Entry {
+    /// Counts what was saved for this sensor, from 1: the order is this, whatever the clock said.
+    pub number: u64,
+    /// The calibration.
+    #[serde(flatten)]
+    pub made: Made,
+}
+
+/// Everything that is kept for one sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct History {
+    /// The sensor.
+    #[serde(flatten)]
+    pub identity: Identity,
+    /// Whether the daemon calibrates it by itself.
+    #[serde(default)]
+    pub mode: Policy,
+    /// The number of the calibration in force, if one is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub in_force: Option<u64>,
+    /// The number given last: none is given twice.
+    pub last_number: u64,
+    /// The calibrations, in the order of their numbers.
+    #[serde(rename = "history")]
+    pub entries: Vec<Entry>,
+}
+
+/// Why something could not be done with a history.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// There is no calibration with this number.
+    NoSuchNumber(u64),
+    /// Nothing was kept before the calibration in force.
+    NothingBefore,
+    /// No calibration is in force.
+    NoneInForce,
+    /// The one in force is locked.
+    Locked,
+}
+
+impl Refusal {
+    /// A code for programs.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::NoSuchNumber(_) => "no_such_number",
+            Self::NothingBefore => "nothing_before",
+            Self::NoneInForce => "no_calibration",
+            Self::Locked => "locked",
+        }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoSuchNumber(number) => write!(
+                f,
+                "there is no calibration {number}: headingd calibration list shows which there are"
+            ),
+            Self::NothingBefore => f.write_str(
+                "there is no earlier calibration to go back to: headingd calibration list shows which there are",
+            ),
+            Self::NoneInForce => f.write_str("no calibration is in force: turn the board once"),
+            Self::Locked => f.write_str(
+                "the calibration in force is locked: headingd calibration unlock lets it go",
+            ),
+        }
+    }
+}
+
+/// What is to be forgotten.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Forget {
+    /// The calibration in force.
+    InForce,
+    /// This one.
+    Number(u64),
+    /// All of this sensor.
+    All,
+}
+
+impl History {
+    /// Of a sensor for which nothing was kept yet.
+    pub fn new(identity: Identity) -> Self {
+        Self {
+            identity,
+            mode: Policy::default(),
+            in_force: None,
+            last_number: 0,
+            entries: Vec::new(),
+        }
+    }
+
+    /// With one calibration, which is in force.
+    pub fn of(identity: Identity, made: Made) -> Self {
+        let mut history = Self::new(identity);
+        history.keep(made, 1);
+        history
+    }
+
+    /// The calibration in force.
+    pub fn in_force(&self) -> Option<&Entry> {
+        self.entry(self.in_force?)
+    }
+
+    /// The calibration with this number.
+    pub fn entry(&self, number: u64) -> Option<&Entry> {
+        self.entries.iter().find(|entry| entry.number == number)
+    }
+
+    /// The calibration with this number, or the one in force.
+    pub fn find(&self, number: Option<u64>) -> Result<&Entry, Refusal> {
+        match number {
+            Some(number) => self.entry(number).ok_or(Refusal::NoSuchNumber(number)),
+            None => self.in_force().ok_or(Refusal::NoneInForce),
+        }
+    }
+
+    /// Whether the calibration in force must not be replaced.
+    pub fn is_locked(&self) -> bool {
+        self.mode == Policy::Locked && self.in_force.is_some()
+    }
+
+    /// Puts a calibration in force, and lets go of the oldest ones beyond `most`.
+    pub fn keep(&mut self, made: Made, most: usize) {
+        self.last_number += 1;
+        self.in_force = Some(self.last_number);
+        self.entries.push(Entry {
+            number: self.last_number,
+            made,
+        });
+        let beyond = self.entries.len().saturating_sub(most.max(1));
+        self.entries.drain(..beyond);
+    }
+
+    /// Puts an earlier calibration in force: that with this number, or the one saved before.
+    pub fn roll_back(&mut self, number: Option<u64>) -> Result<&Entry, Refusal> {
+        if self.is_locked() {
+            return Err(Refusal::Locked);
+        }
+        let index = match number {
+            Some(number) => self
+                .entries
+                .iter()
+                .position(|entry| entry.number == number)
+                .ok_or(Refusal::NoSuchNumber(number))?,
+            None => {
+                let before = self.in_force.unwrap_or(u64::MAX);
+                self.entries
+                    .iter()
+                    .rposition(|entry| entry.number < before)
+                    .ok_or(Refusal::NothingBefore)?
+            }
+        };
+        let entry = &self.entries[index];
+        self.in_force = Some(entry.number);
+        Ok(entry)
+    }
+
+    /// Forgets calibrations; how many. If that in force is among them, none is in force any more.
+    pub fn forget(&mut self, what: Forget) -> Result<usize, Refusal> {
+        let number = match what {
+            Forget::InForce => Some(self.in_force.ok_or(Refusal::NoneInForce)?),
+            Forget::Number(number) => Some(self.find(Some(number))?.number),
+            Forget::All => None,
+        };
+        let goes = |entry: &Entry| number.is_none_or(|number| entry.number == number);
+        if self.is_locked() && self.in_force().is_some_and(goes) {
+            return Err(Refusal::Locked);
+        }
+        let before = self.entries.len();
+        self.entries.retain(|entry| !goes(entry));
+        if self.in_force().is_none() {
+            self.in_force = None;
+        }
+        Ok(before - self.entries.len())
+    }
+
+    /// Locks the calibration in force, or sets another mode.
+    pub fn set_mode(&mut self, mode: Policy) -> Result<(), Refusal> {
+        if mode == Policy::Locked && self.in_force.is_none() {
+            return Err(Refusal::NoneInForce);
+        }
+        self.mode = mode;
+        Ok(())
+    }
+
+    /// What is wrong in itself.
+    pub(super) fn fault(&self) -> Option<String> {
+        let mut last = 0;
+        for entry in &self.entries {
+            if entry.number <= last {
+                return Some(format!(
+                    "history: number {} follows {last}, but numbers must rise from 1",
+                    entry.number
+                ));
+            }
+            last = entry.number;
+        }
+        if last > self.last_number {
+            return Some(format!(
+                "last_number is {}, but the history has a number {last}",
+                self.last_number
+            ));
+        }
+        match self.in_force {
+            Some(number) if self.entry(number).is_none() => Some(format!(
+                "in_force is {number}, but the history has no such number"
+            )),
+            _ => None,
+        }
+    }
+}

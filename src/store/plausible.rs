@@ -1,0 +1,128 @@
+//! Whether a calibration's numbers can be a calibration's: what finds damage in a file.
+
+use nalgebra::Vector3;
+use serde_json::Value;
+
+use crate::calibration::model::{Calibration, Model, Parameters, Planar, Spatial};
+use crate::check::{Fault, within};
+
+/// Finds what is no number but should be: the deserialiser would not say where it stands.
+pub(super) fn no_number(calibration: &Value) -> Option<String> {
+    fn search(value: &Value, key: &str) -> Option<String> {
+        match value {
+            Value::Number(_) => None,
+            Value::Array(values) => values
+                .iter()
+                .enumerate()
+                .find_map(|(index, value)| search(value, &format!("{key}[{index}]"))),
+            other => Some(format!("{key} is {other}, but must be a number")),
+        }
+    }
+    [
+        "basis",
+        "bias_mgauss",
+        "scale",
+        "matrix",
+        "reference_mgauss",
+        "strength_mgauss",
+        "residual_mgauss",
+        "heading_sd_deg",
+    ]
+    .iter()
+    .filter_map(|key| calibration.get(key).map(|value| (key, value)))
+    .filter(|(key, value)| !(**key == "reference_mgauss" && value.is_null()))
+    .find_map(|(key, value)| search(value, &format!("calibration.{key}")))
+}
+
+/// What no calibration can have. The ranges are far wider than any sensor's: they are there to find
+/// damage, not to judge.
+pub(super) fn faults(calibration: &Calibration) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    match &calibration.parameters {
+        Parameters::Planar(planar) => planar_faults(&mut faults, planar),
+        Parameters::Spatial(spatial) => spatial_faults(&mut faults, spatial),
+    }
+    let mut check = |key, value, range| within(&mut faults, key, value, range, "milligauss");
+    if let Some(reference) = calibration.reference_mgauss {
+        check("calibration.reference_mgauss", reference, 0.1..=1e5);
+    }
+    check(
+        "calibration.strength_mgauss",
+        calibration.strength_mgauss,
+        0.1..=1e5,
+    );
+    check(
+        "calibration.residual_mgauss",
+        calibration.residual_mgauss,
+        0.0..=1e5,
+    );
+    within(
+        &mut faults,
+        "calibration.heading_sd_deg",
+        calibration.heading_sd_deg,
+        0.0..=180.0,
+        "degrees",
+    );
+    faults
+}
+
+fn planar_faults(faults: &mut Vec<Fault>, planar: &Planar) {
+    const TOLERANCE: f64 = 1e-6;
+    let [first, second] = &planar.basis;
+    let off = (first.norm_squared() - 1.0)
+        .abs()
+        .max((second.norm_squared() - 1.0).abs())
+        .max(first.dot(second).abs());
+    // Written so that NaN is off too.
+    if !matches!(off.partial_cmp(&TOLERANCE), Some(order) if order.is_le()) {
+        let text = |v: &Vector3<f64>| format!("[{}, {}, {}]", v.x, v.y, v.z);
+        faults.push(Fault {
+            key: "calibration.basis".to_owned(),
+            found: format!("[{}, {}]", text(first), text(second)),
+            right: "two perpendicular unit vectors".to_owned(),
+        });
+    }
+    bias_faults(faults, planar.bias_mgauss.as_slice());
+    for (index, scale) in planar.scale.iter().enumerate() {
+        let key = format!("calibration.scale[{index}]");
+        within(faults, &key, *scale, 0.01..=100.0, "");
+    }
+}
+
+fn spatial_faults(faults: &mut Vec<Fault>, spatial: &Spatial) {
+    bias_faults(faults, spatial.bias_mgauss().as_slice());
+    let matrix = spatial.matrix();
+    let right = match spatial.model() {
+        // Also keeps infinities from the eigenvalues, which would be sought for ever.
+        _ if !matrix.iter().all(|number| number.is_finite()) => "of finite numbers",
+        Model::Diagonal if (0..9).any(|i| i % 4 != 0 && matrix[i] != 0.0) => {
+            "diagonal, as its model is"
+        }
+        Model::Symmetric if (matrix - matrix.transpose()).amax() > 1e-6 => "symmetric",
+        _ => {
+            let eigenvalues = matrix.symmetric_eigenvalues();
+            if eigenvalues.iter().all(|e| (0.01..=100.0).contains(e)) {
+                return;
+            }
+            "one with eigenvalues from 0.01 to 100"
+        }
+    };
+    let numbers: Vec<String> = matrix.iter().map(f64::to_string).collect();
+    faults.push(Fault {
+        key: "calibration.matrix".to_owned(),
+        found: format!("[{}]", numbers.join(", ")),
+        right: right.to_owned(),
+    });
+}
+
+fn bias_faults(faults: &mut Vec<Fault>, bias_mgauss: &[f64]) {
+    for (index, bias) in bias_mgauss.iter().enumerate() {
+        let key = format!("calibration.bias_mgauss[{index}]");
+        within(faults, &key, *bias, -1e5..=1e5, "milligauss");
+    }
+}
+
+pub(super) fn join(faults: &[Fault]) -> String {
+    let texts: Vec<String> = faults.iter().map(Fault::to_string).collect();
+    texts.join("; ")
+}
