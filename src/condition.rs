@@ -1,4 +1,37 @@
 //! The one state of the daemon, and the reason for it: the word that the socket, the log and systemd show.
+//!
+//! [`judge`] knows no past: it names the first state, the worst first, that the evidence asks for. So trouble with the
+//! source, and a silent magnetometer, lead from any state to `fault` and `stale`, and their end to whatever holds then.
+//! What leads from one state to another (held against the pipeline by `tests/condition`):
+//!
+//! | from | what happens | to | reason |
+//! |---|---|---|---|
+//! | (start) | readings come, and no calibration is kept | uncalibrated | `no_calibration` |
+//! | (start) | readings come, and one is kept | good | `good` |
+//! | (start) | readings come, but none of the magnetometer | stale | `no_samples` |
+//! | uncalibrated | a tenth of a turn | turning | `turning` |
+//! | turning | `turn.time_limit_s` passes | uncalibrated | `no_calibration` |
+//! | turning | a full turn | calibrating | `calibrating` |
+//! | turning | mode off | uncalibrated | `mode_off` |
+//! | calibrating | the candidate is accepted | good | `good` |
+//! | calibrating | the candidate is rejected | uncalibrated | the refusal's |
+//! | uncalibrated | rollback or import | good | `good` |
+//! | good | forget | uncalibrated | `no_calibration` |
+//! | good | the field is too weak or too strong | disturbed | `field_strength` |
+//! | good | the field has another dip | disturbed | `field_changed` |
+//! | disturbed | the field is as before | good | `good` |
+//! | good | the board is tilted out of its plane | degraded | `tilted` |
+//! | degraded | the board is level again | good | `good` |
+//! | good | the accelerometer falls silent | degraded | `no_accelerometer` |
+//! | good | the gyro falls silent | degraded | `no_gyro` |
+//! | disturbed | field or gyro disagree for `heading.misfit_s` | degraded | `calibration_stale` |
+//! | degraded | they agree again for as long | good | `good` |
+//! | degraded | a new candidate is accepted | good | `good` |
+//! | good | the magnetometer falls silent | stale | `no_samples` |
+//! | good | an axis overflows | stale | `overflow` |
+//! | stale | it speaks again | good | `good` |
+//! | good | the source is in trouble | fault | the trouble's |
+//! | fault | the trouble is over | good | `good` |
 
 use serde::Serialize;
 

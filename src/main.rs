@@ -20,6 +20,8 @@ struct Cli {
 enum Command {
     Replay(command::replay::Args),
     Calibrate(command::calibrate::Args),
+    Calibration(command::calibration::Args),
+    Status(command::status::Args),
     Run(command::run::Args),
     Record(command::record::Args),
     Demo(command::demo::Args),
@@ -33,6 +35,8 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Replay(args) => command::replay::run(&args),
         Command::Calibrate(args) => command::calibrate::run(&args),
+        Command::Calibration(args) => command::calibration::run(&args),
+        Command::Status(args) => command::status::run(&args),
         Command::Run(args) => command::run::run(&args),
         Command::Record(args) => command::record::run(&args),
         Command::Demo(args) => command::demo::run(&args),

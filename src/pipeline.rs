@@ -212,12 +212,6 @@ impl Pipeline {
         self.asked
     }
 
-    /// Whether the next motion is to be calibrated on, because of an order or since the calibration in force has
-    /// stopped fitting.
-    pub fn is_armed(&self) -> bool {
-        matches!(self.wanted(), Some(Reason::Start | Reason::Stale))
-    }
-
     /// Whether a calibration is under way.
     pub fn is_calibrating(&self) -> bool {
         self.calibrating

@@ -3,6 +3,7 @@
 use super::agreement::Agreement;
 use super::jump::Jump;
 
+pub mod imported;
 mod limits;
 
 pub use limits::Limits;

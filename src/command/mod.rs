@@ -9,14 +9,17 @@ use crate::sensor::replay::ReplayError;
 use crate::store::StoreError;
 
 pub mod calibrate;
+pub mod calibration;
 pub mod check;
 pub mod config;
+pub mod control;
 pub mod demo;
 pub mod paper;
 pub mod record;
 pub mod replay;
 pub mod run;
 pub mod simulate;
+pub mod status;
 
 /// Why a command failed: what the shell and the user are told.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,6 +47,8 @@ impl Failure {
     pub const CANNOT_CREATE: u8 = 73;
     /// Reading or writing failed on the way (EX_IOERR).
     pub const IO: u8 = 74;
+    /// Not allowed (EX_NOPERM).
+    pub const NO_PERMISSION: u8 = 77;
     /// A wrong configuration (EX_CONFIG).
     pub const CONFIG: u8 = 78;
 

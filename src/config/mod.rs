@@ -13,7 +13,7 @@ mod words;
 use serde::Serialize;
 
 use crate::check::{Check, Fault};
-use crate::publish::server;
+use crate::publish::{control, server};
 use crate::sensor::{i2c, serial, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, turn};
 
@@ -81,6 +81,8 @@ tables! {
     heading: pipeline::Settings,
     /// Publishing headings.
     socket: server::Settings,
+    /// Looking after the calibration.
+    control: control::Settings,
     /// Where the calibration is kept.
     store: store::Settings,
     /// Raw readings kept for later.
@@ -131,6 +133,13 @@ impl Config {
                 key: "serial.port".to_owned(),
                 found: "empty".to_owned(),
                 right: "the path of the serial port, best one in /dev/serial/by-id".to_owned(),
+            });
+        }
+        if self.control.path(&self.socket.socket) == self.socket.socket {
+            faults.push(Fault {
+                key: "control.socket".to_owned(),
+                found: format!("{:?}, as socket.socket is", self.socket.socket),
+                right: "another path than that of the socket for headings".to_owned(),
             });
         }
         faults

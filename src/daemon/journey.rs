@@ -1,5 +1,7 @@
 //! The one task that hands events to the pipeline and carries out its actions.
 
+mod orders;
+
 use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc;
@@ -11,8 +13,10 @@ use super::recorder::Recorder;
 use super::source::Message;
 use super::time_of_day;
 use crate::calibration::outcome::{Outcome, Verdict};
+use crate::calibration::verdict::Limits;
 use crate::condition::{Condition, Report, Trouble};
 use crate::pipeline::{Action, Event, Pipeline};
+use crate::publish::control::Order;
 use crate::publish::server::Publisher;
 use crate::reading::Reading;
 use crate::store::Made;
@@ -34,29 +38,44 @@ pub(super) struct Journey {
     /// The last reading's time on the source's clock, and when it was handed out.
     last: (f64, Instant),
     logged: Option<(Condition, &'static str)>,
+    /// As clients see it.
+    source: String,
+    limits: Limits,
+    begun: Instant,
+}
+
+/// What a journey begins with.
+pub(super) struct Outfit {
+    pub(super) pipeline: Pipeline,
+    pub(super) publisher: Publisher,
+    pub(super) keeper: Keeper,
+    pub(super) recorder: Option<Recorder>,
+    pub(super) speed: f64,
+    pub(super) live: bool,
+    pub(super) source: String,
+    pub(super) limits: Limits,
 }
 
 impl Journey {
-    pub(super) fn new(
-        pipeline: Pipeline,
-        publisher: Publisher,
-        keeper: Keeper,
-        recorder: Option<Recorder>,
-        speed: f64,
-        live: bool,
-    ) -> Self {
-        Self {
-            pipeline,
-            publisher,
+    pub(super) fn new(outfit: Outfit) -> Self {
+        let now = Instant::now();
+        let mut journey = Self {
+            pipeline: outfit.pipeline,
+            publisher: outfit.publisher,
             calibrator: Calibrator::default(),
-            keeper,
-            recorder,
-            speed,
-            live,
+            keeper: outfit.keeper,
+            recorder: outfit.recorder,
+            speed: outfit.speed,
+            live: outfit.live,
             actions: Vec::new(),
-            last: (0.0, Instant::now()),
+            last: (0.0, now),
             logged: None,
-        }
+            source: outfit.source,
+            limits: outfit.limits,
+            begun: now,
+        };
+        journey.handle(Event::Policy(journey.keeper.history().mode));
+        journey
     }
 
     /// Waits until everything that was to be kept is on disk.
@@ -69,7 +88,11 @@ impl Journey {
 
     /// Goes on until the source is at its end and the last calibration on it has come back. A source that
     /// breaks is no end: clients shall see what is wrong.
-    pub(super) async fn make(&mut self, messages: &mut mpsc::Receiver<Message>) {
+    pub(super) async fn make(
+        &mut self,
+        messages: &mut mpsc::Receiver<Message>,
+        orders: &mut mpsc::Receiver<Order>,
+    ) {
         let mut open = true;
         let mut over = false;
         let mut heard = Instant::now();
@@ -83,6 +106,7 @@ impl Journey {
                     self.handle(Event::Calibrated(Box::new(outcome)));
                     heard = Instant::now();
                 }
+                Some(order) = orders.recv() => self.order(order),
                 message = messages.recv(), if listening => {
                     heard = Instant::now();
                     match message {
@@ -125,6 +149,14 @@ impl Journey {
             recorder.take(reading);
         }
         self.handle(Event::Reading(reading));
+    }
+
+    /// Puts a calibration first in the history; its number.
+    fn keep(&mut self, made: Made) -> u64 {
+        let most = self.keeper.most();
+        let history = self.keeper.history_mut();
+        history.keep(made, most);
+        history.last_number
     }
 
     fn broken(&mut self, trouble: Trouble) {
@@ -171,8 +203,7 @@ impl Journey {
                     let reason = self.pipeline.reason();
                     let now = time_of_day::unix_now_s();
                     let made = Made::of(&outcome, calibration, reason, now);
-                    let most = self.keeper.most();
-                    self.keeper.history_mut().keep(made, most);
+                    self.keep(made);
                     self.keeper.save(Box::new(|_| ()));
                 }
             }

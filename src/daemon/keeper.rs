@@ -82,11 +82,14 @@ impl Keeper {
         // What cannot be written may still be read.
         let store = Store::unchecked(directory);
         let known = load(&store, &identity).unwrap_or_else(|error| {
-            tracing::error!(
-                "{error}; starting without a calibration: turn the board once, or bring back a good file; \
-                 this one is set aside when there is a new calibration"
-            );
-            trouble.lock().get_or_insert(error.to_string());
+            // A folder that cannot be used has been complained of.
+            if opened.is_ok() || !matches!(error, StoreError::Read { .. }) {
+                tracing::error!(
+                    "{error}; starting without a calibration: turn the board once, or bring back a good file; \
+                     this one is set aside when there is a new calibration"
+                );
+                trouble.lock().get_or_insert(error.to_string());
+            }
             None
         });
         let (queue, orders) = mpsc::channel();

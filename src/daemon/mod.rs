@@ -21,16 +21,18 @@ use std::path::PathBuf;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use tokio::sync::oneshot;
+use tokio::sync::{mpsc, oneshot};
 
+use crate::calibration::verdict::Limits;
 use crate::check::Fault;
 use crate::config::Config;
 use crate::pipeline::Pipeline;
+use crate::publish::control::Control;
 use crate::publish::gpsd::Device;
 use crate::publish::server::{BindError, Server};
 use crate::sensor::replay::ReplayError;
 use crate::store::Identity;
-use journey::Journey;
+use journey::{Journey, Outfit};
 use keeper::Keeper;
 pub use recorder::RecordError;
 use recorder::Recorder;
@@ -38,6 +40,9 @@ use source::Source;
 
 /// A sensor that a log does not name is kept under this name.
 const UNNAMED_SENSOR: &str = "unknown";
+
+/// How many orders wait for the pipeline; then whoever asks waits.
+const WAITING_ORDERS: usize = 8;
 
 /// A source that hangs in a read is waited for this long at the end, and then left to the end of the process.
 const SOURCE_PATIENCE: Duration = Duration::from_millis(300);
@@ -91,7 +96,9 @@ pub enum Ended {
 pub struct Daemon {
     source: Source,
     server: Server,
+    control: Option<Control>,
     socket: PathBuf,
+    limits: Limits,
     keeper: Keeper,
     pipeline: Pipeline,
     speed: f64,
@@ -133,6 +140,8 @@ impl Daemon {
             pipeline: Pipeline::new(config.setup(header.mountings), calibration),
             source,
             server,
+            control: control(config),
+            limits: config.verdict.clone(),
             socket: config.socket.socket.clone(),
             keeper,
             speed,
@@ -150,30 +159,49 @@ impl Daemon {
             // An error means that the other end is gone, which is a reason to stop as well.
             let _ = server_stopped.await;
         }));
+        let (sender, mut orders) = mpsc::channel(WAITING_ORDERS);
+        let (stop_control, control_stopped) = oneshot::channel::<()>();
+        let controlling = self.control.map(|control| {
+            tokio::spawn(control.run(sender, async {
+                let _ = control_stopped.await;
+            }))
+        });
+        let source = self.source.name();
         let mut playing = self.source.start(self.speed)?;
-        let mut journey = Journey::new(
-            self.pipeline,
+        let mut journey = Journey::new(Outfit {
+            pipeline: self.pipeline,
             publisher,
-            self.keeper,
-            self.recorder,
-            self.speed,
-            self.live,
-        );
+            keeper: self.keeper,
+            recorder: self.recorder,
+            speed: self.speed,
+            live: self.live,
+            source,
+            limits: self.limits,
+        });
         let ended = tokio::select! {
             biased;
             () = shutdown => Some(Ended::Told),
             _ = &mut serving => None,
-            () = journey.make(&mut playing.messages) => Some(Ended::Source),
+            () = journey.make(&mut playing.messages, &mut orders) => Some(Ended::Source),
         };
         playing.stop();
         // An error means that the server has stopped already.
         let _ = stop_server.send(());
+        // Whoever still waits for an answer is told that there is none to come.
+        drop(orders);
+        let _ = stop_control.send(());
         let served = match ended {
             Some(_) => serving
                 .await
                 .unwrap_or_else(|failed| Err(io::Error::other(failed))),
             None => Err(io::Error::other("the server has stopped")),
         };
+        if let Some(controlling) = controlling {
+            let ended = controlling.await.map_err(io::Error::other);
+            if let Err(error) = ended.and_then(|ended| ended) {
+                tracing::error!("the control socket has failed: {error}");
+            }
+        }
         join_for("source", playing.thread, SOURCE_PATIENCE);
         journey.close();
         served.map_err(|source| DaemonError::Serve {
@@ -182,6 +210,18 @@ impl Daemon {
         })?;
         Ok(ended.unwrap_or(Ended::Told))
     }
+}
+
+/// The control socket. Headings are served without it.
+fn control(config: &Config) -> Option<Control> {
+    let bound = Control::bind(&config.control, &config.socket.socket);
+    bound
+        .inspect_err(|error| {
+            tracing::error!(
+                "{error}; headings are served, but headingd status and headingd calibration will not work"
+            );
+        })
+        .ok()
 }
 
 /// Joins a thread if it ends in time, and says whether it has ended.

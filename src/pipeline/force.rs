@@ -11,7 +11,7 @@ use crate::heading::Compass;
 
 impl Pipeline {
     /// Why a motion would be calibrated on now; `None` if none would.
-    pub(super) fn wanted(&self) -> Option<Reason> {
+    pub fn wanted(&self) -> Option<Reason> {
         match self.policy {
             Policy::Locked if self.compass.is_some() => None,
             _ if self.armed => Some(Reason::Start),

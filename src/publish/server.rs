@@ -5,37 +5,26 @@
 //! `ATT` carries its time and `age_ms`, its age when it was written.
 
 use std::future::Future;
-use std::io::{self, Write};
-use std::os::unix::ffi::OsStrExt;
+use std::io;
 use std::os::unix::net::UnixListener as StdListener;
 use std::path::PathBuf;
-use std::pin::pin;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use tokio::net::{UnixListener, UnixStream};
-use tokio::sync::watch;
-use tokio::task::JoinSet;
-use tokio::time::{sleep, timeout};
 
-use super::client::{ClientError, LINE_END, serve};
+use super::client::{LINE_END, serve};
+use super::clients::{Door, serve_clients};
 use super::feed::Feed;
 pub use super::feed::Publisher;
 use super::gpsd::{self, Device};
+use super::place::{check_mode, check_path, mode_bits};
 pub use super::socket_file::BindError;
 use super::socket_file::{SocketFile, claim};
 use crate::check::{Check, Fault, within};
 
-/// How long clients have at the end to take what is on its way to them.
-const FAREWELL: Duration = Duration::from_millis(80);
-
-/// Pauses after a failed accept: the first, doubled each time up to the last.
-const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
-
-/// The longest path of a socket, bytes: the system takes 107, and the name under which it is made needs some.
-const LONGEST_PATH: usize = 100;
+/// Headings are no secret, and nothing can be changed here.
+const MOST_OPEN: u32 = 0o666;
 
 /// Settings of the socket.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -70,38 +59,11 @@ impl Default for Settings {
     }
 }
 
-impl Settings {
-    /// The permissions as a number, if they are ones that a socket may have.
-    fn mode_bits(&self) -> Option<u32> {
-        // A sign is no part of a mode, but would be of a number.
-        let octal = self.mode.bytes().all(|b| matches!(b, b'0'..=b'7'));
-        u32::from_str_radix(&self.mode, 8)
-            .ok()
-            .filter(|_| octal)
-            .filter(|bits| bits & !0o666 == 0 && bits & 0o600 == 0o600)
-    }
-}
-
 impl Check for Settings {
     fn check(&self) -> Vec<Fault> {
         let mut faults = Vec::new();
-        let length = self.socket.as_os_str().as_bytes().len();
-        if !self.socket.is_absolute() || self.socket.file_name().is_none() || length > LONGEST_PATH
-        {
-            faults.push(Fault {
-                key: "socket".into(),
-                found: format!("{:?} ({length} bytes)", self.socket),
-                right: format!("an absolute path of up to {LONGEST_PATH} bytes"),
-            });
-        }
-        if self.mode_bits().is_none() {
-            faults.push(Fault {
-                key: "mode".into(),
-                found: format!("{:?}", self.mode),
-                right: "octal permissions in quotes, from \"0600\" to \"0666\", without execution"
-                    .into(),
-            });
-        }
+        check_path(&mut faults, "socket", &self.socket);
+        check_mode(&mut faults, "mode", &self.mode, MOST_OPEN);
         within(
             &mut faults,
             "max_clients",
@@ -150,8 +112,7 @@ impl Server {
         if let Some(fault) = settings.check().first() {
             return Err(refused(fault.to_string()));
         }
-        let mode = settings
-            .mode_bits()
+        let mode = mode_bits(&settings.mode, MOST_OPEN)
             .ok_or_else(|| refused("mode is not octal".into()))?;
         let (listener, file) = claim(&settings.socket, mode)?;
         Ok(Self {
@@ -172,89 +133,27 @@ impl Server {
     ///
     /// An error means that the socket could not be handed to the runtime; nothing that a client does ends it.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> io::Result<()> {
-        let listener = UnixListener::from_std(self.listener)?;
-        let (stop, stopped) = watch::channel(false);
-        let mut clients: JoinSet<Result<(), ClientError>> = JoinSet::new();
-        let mut shutdown = pin!(shutdown);
-        let mut pause = None;
-        loop {
-            let accepted = tokio::select! {
-                () = &mut shutdown => break,
-                Some(left) = clients.join_next() => {
-                    log_leave(left);
-                    None
-                }
-                accepted = accept(&listener, pause) => Some(accepted),
-            };
-            // All who have left make room before the next is refused.
-            while let Some(left) = clients.try_join_next() {
-                log_leave(left);
-            }
-            match accepted {
-                None => {}
-                Some(Ok(stream)) => {
-                    pause = None;
-                    if clients.len() >= self.settings.max_clients {
-                        refuse(stream, self.settings.max_clients);
-                    } else {
-                        clients.spawn(serve(
-                            stream,
-                            self.feed.clone(),
-                            self.settings.request_limit_bytes,
-                            Duration::from_secs_f64(self.settings.write_timeout_s),
-                            stopped.clone(),
-                        ));
-                    }
-                }
-                Some(Err(error)) => {
-                    // Out of file descriptors, as a rule; the client stays in the queue. Once an episode.
-                    if pause.is_none() {
-                        tracing::warn!("cannot accept a client, will try again: {error}");
-                    }
-                    pause = Some(pause.map_or(PAUSES.0, |last: Duration| (last * 2).min(PAUSES.1)));
-                }
-            }
-            self.feed.clients.store(clients.len(), Ordering::Relaxed);
-        }
-        drop((listener, self.file));
-        // Receivers are there as long as `stopped` is.
-        let _ = stop.send(true);
-        let _ = timeout(FAREWELL, async {
-            while clients.join_next().await.is_some() {}
+        let limit = self.settings.max_clients;
+        let refusal = gpsd::error(&format!(
+            "headingd serves {limit} clients already; raise max_clients, or try again later"
+        ));
+        let door = Door {
+            listener: self.listener,
+            file: self.file,
+            most: limit,
+            refusal: refusal + LINE_END,
+            count: &self.feed.clients,
+        };
+        serve_clients(door, shutdown, |stream, stopped| {
+            serve(
+                stream,
+                self.feed.clone(),
+                self.settings.request_limit_bytes,
+                Duration::from_secs_f64(self.settings.write_timeout_s),
+                stopped,
+            )
         })
-        .await;
-        clients.shutdown().await;
-        self.feed.clients.store(0, Ordering::Relaxed);
-        Ok(())
-    }
-}
-
-/// The next client, after a pause if the last attempt failed.
-async fn accept(listener: &UnixListener, pause: Option<Duration>) -> io::Result<UnixStream> {
-    if let Some(pause) = pause {
-        sleep(pause).await;
-    }
-    listener.accept().await.map(|(stream, _)| stream)
-}
-
-/// Tells a client that there is no room. Its buffer is empty, so that this takes no time and no task.
-fn refuse(stream: UnixStream, limit: usize) {
-    let line = gpsd::error(&format!(
-        "headingd serves {limit} clients already; raise max_clients, or try again later"
-    ));
-    // A client that has gone in the meantime need not be told.
-    if let Ok(mut stream) = stream.into_std() {
-        let _ = stream.write_all(format!("{line}{LINE_END}").as_bytes());
-    }
-    tracing::info!("refused a client: {limit} are connected");
-}
-
-fn log_leave(left: Result<Result<(), ClientError>, tokio::task::JoinError>) {
-    match left {
-        Ok(Ok(())) => tracing::debug!("a client left"),
-        Ok(Err(error @ ClientError::Broken(_))) => tracing::debug!("a client left: {error}"),
-        Ok(Err(error)) => tracing::info!("let a client go: {error}"),
-        Err(error) => tracing::error!("a client's task failed: {error}"),
+        .await
     }
 }
 

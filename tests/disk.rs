@@ -1,4 +1,5 @@
-//! A process that is killed while it saves: whatever the instant, the file is whole, old or new.
+//! A process that is killed while it saves, and disks that are full or may not be written: the file is whole, old or
+//! new.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -81,6 +82,78 @@ impl Drop for Saver {
         // It has been killed already, as a rule.
         let _ = self.0.kill();
         let _ = self.0.wait();
+    }
+}
+
+/// Saves once, and prints what came of it.
+#[test]
+#[ignore = "the process whose disk is full; another test starts it"]
+fn saves_once() {
+    let Ok(folder) = std::env::var(FOLDER) else {
+        return;
+    };
+    let folder = Path::new(&folder);
+    let store = match Store::open(folder) {
+        Ok(store) => store,
+        Err(error) => {
+            println!("open: {error}");
+            return;
+        }
+    };
+    let known = load(&store);
+    let mut history = known.clone().unwrap();
+    history.keep(made(history.last_number + 1), 10);
+    match store.save(&history, known.as_ref()) {
+        Ok(_) => println!("saved"),
+        Err(error) => println!("save: {error}"),
+    }
+}
+
+/// A limit to the size of files does what a full disk does: a write fails, at once or after some bytes.
+#[test]
+fn on_a_full_disk_the_old_file_stays_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    let mut history = History::new(identity());
+    for number in 1..=5 {
+        history.keep(made(number), 10);
+    }
+    store.save(&history, None).unwrap();
+    let run = |blocks: &str| {
+        let script = format!(
+            "trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" --exact saves_once --ignored --nocapture"
+        );
+        let output = Command::new("sh")
+            .args(["-c", &script])
+            .arg(std::env::current_exe().unwrap())
+            .env(FOLDER, folder.path())
+            .output()
+            .unwrap();
+        String::from_utf8(output.stdout).unwrap()
+    };
+    // Not even the probe; the probe, but not all of a file; all.
+    for (blocks, said) in [
+        ("0", "open: cannot keep calibrations in folder"),
+        ("1", "save: cannot save calibration"),
+    ] {
+        let out = run(blocks);
+        assert!(out.contains(said), "{out}");
+        assert_eq!(load(&store), Some(history.clone()));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+    assert!(run("unlimited").contains("saved"));
+    assert_eq!(load(&store).unwrap().last_number, 6);
+}
+
+/// Nobody may make files there, not even root.
+#[test]
+fn a_folder_that_may_not_be_written_is_refused_with_the_remedy() {
+    for folder in ["/proc/self", "/proc/none"] {
+        let error = Store::open(Path::new(folder)).unwrap_err().to_string();
+        assert!(
+            error.contains(folder) && error.contains("StateDirectory="),
+            "{error}"
+        );
     }
 }
 

@@ -1,0 +1,191 @@
+//! `headingd calibration`: looks after the calibrations of a running daemon.
+
+use std::path::{Path, PathBuf};
+
+use clap::Subcommand;
+use serde_json::{Value, json};
+
+use super::control::Target;
+use super::{Failure, print};
+use crate::store::{Contents, Store};
+
+/// Look after the calibration of the running daemon
+///
+/// Talks to the daemon's control socket, which its user and its group may use.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example: headingd calibration list")]
+pub struct Args {
+    /// Which daemon is meant.
+    #[command(flatten)]
+    pub target: Target,
+    /// Print the daemon's answer, one JSON object
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// What to do.
+    #[command(subcommand)]
+    pub action: Action,
+}
+
+/// What to do with the calibrations.
+#[derive(Clone, Debug, Subcommand)]
+pub enum Action {
+    /// List the calibrations kept of this sensor, the oldest first
+    List,
+    /// Show a calibration with its parameters
+    Show {
+        /// Its number; without it, the one in force
+        number: Option<u64>,
+    },
+    /// Lock the calibration in force: nothing replaces it, until it is unlocked
+    Lock,
+    /// Unlock it: every turn is calibrated on again
+    Unlock,
+    /// Put an earlier calibration in force
+    Rollback {
+        /// Its number; without it, the one saved before that in force
+        number: Option<u64>,
+    },
+    /// Forget the calibration in force, or another one
+    Forget {
+        /// Its number; without it, the one in force
+        number: Option<u64>,
+        /// All of this sensor
+        #[arg(long, conflicts_with = "number")]
+        all: bool,
+    },
+    /// Write a calibration to a file, or to standard output
+    Export {
+        /// Its number; without it, the one in force
+        number: Option<u64>,
+        /// The file; an existing one is replaced
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
+    },
+    /// Put the calibration in a file in force: one that export or "headingd calibrate --out" wrote
+    Import {
+        /// The file
+        file: PathBuf,
+    },
+    /// Calibrate on the next turn, even if there is a calibration and the mode is off
+    Start,
+    /// Give that up
+    Cancel,
+    /// Calibrate on every turn (on), only when told to (off), or never (locked); without a word, tell which
+    Mode {
+        /// The mode
+        #[arg(value_parser = ["on", "off", "locked"])]
+        mode: Option<String>,
+    },
+}
+
+impl Action {
+    fn request(&self) -> Result<Value, Failure> {
+        let numbered = |request: &str, number: &Option<u64>| match number {
+            Some(number) => json!({ "request": request, "number": number }),
+            None => json!({ "request": request }),
+        };
+        Ok(match self {
+            Self::List => json!({ "request": "list" }),
+            Self::Show { number } => numbered("show", number),
+            Self::Lock => json!({ "request": "lock" }),
+            Self::Unlock => json!({ "request": "unlock" }),
+            Self::Rollback { number } => numbered("rollback", number),
+            Self::Forget { all: true, .. } => json!({ "request": "forget", "all": true }),
+            Self::Forget { number, .. } => numbered("forget", number),
+            Self::Export { number, .. } => numbered("export", number),
+            Self::Import { file } => json!({ "request": "import", "file": read(file)? }),
+            Self::Start => json!({ "request": "start" }),
+            Self::Cancel => json!({ "request": "cancel" }),
+            Self::Mode { mode: Some(mode) } => json!({ "request": "mode", "mode": mode }),
+            Self::Mode { mode: None } => json!({ "request": "mode" }),
+        })
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let answer = args.target.ask(&args.action.request()?)?;
+    if let Action::Export { out, .. } = &args.action {
+        return export(&answer, out.as_deref());
+    }
+    if args.json {
+        return print(&format!("{answer}\n"));
+    }
+    let message = answer["message"].as_str().unwrap_or_default();
+    match &args.action {
+        Action::List => print(&format!("{}{message}\n", table(&answer))),
+        Action::Show { .. } => print(&format!(
+            "{message}\n{}\n{}\n",
+            line(&answer["calibration"]),
+            answer["parameters"]
+        )),
+        _ => print(&format!("{message}\n")),
+    }
+}
+
+/// A calibration file, checked here too: what is wrong is told with the file's name.
+fn read(file: &Path) -> Result<Value, Failure> {
+    let contents = Store::read_file(file)?;
+    let text = to_json(&contents)?;
+    serde_json::from_str(&text).map_err(|error| Failure::new(Failure::DATA, error))
+}
+
+fn to_json(contents: &Contents) -> Result<String, Failure> {
+    contents
+        .to_json()
+        .map_err(|why| Failure::new(Failure::DATA, why))
+}
+
+fn export(answer: &Value, out: Option<&Path>) -> Result<(), Failure> {
+    let contents = Contents::from_value(answer["file"].clone())
+        .map_err(|error| Failure::new(Failure::DATA, error))?;
+    match out {
+        Some(path) => Ok(Store::write_file(path, &contents)?),
+        None => print(&to_json(&contents)?),
+    }
+}
+
+fn table(answer: &Value) -> String {
+    let calibrations = answer["calibrations"].as_array();
+    let lines = calibrations.into_iter().flatten().map(|calibration| {
+        let mark = if calibration["in_force"] == true {
+            '*'
+        } else {
+            ' '
+        };
+        format!("{mark} {}\n", line(calibration))
+    });
+    lines.collect()
+}
+
+/// One calibration, as list, show and status print it.
+pub(super) fn line(calibration: &Value) -> String {
+    let text = |key: &str| calibration[key].as_str();
+    let number = |key: &str| calibration[key].as_f64();
+    let mut line = format!(
+        "{:>3}  {}  {:8}",
+        calibration["number"],
+        text("time").unwrap_or("at an unknown time      "),
+        text("mode").unwrap_or_default(),
+    );
+    let mut add = |what: &str, value: Option<String>| {
+        if let Some(value) = value {
+            line += &format!("  {what} {value}");
+        }
+    };
+    add("by", text("reason").map(str::to_owned));
+    add(
+        "residual",
+        number("residual_mgauss").map(|n| format!("{n:.1} mG")),
+    );
+    add(
+        "heading",
+        number("heading_sd_deg").map(|n| format!("{n:.2} deg")),
+    );
+    add(
+        "gyro",
+        number("gyro_rms_deg").map(|n| format!("{n:.1} deg")),
+    );
+    add("samples", number("samples").map(|n| n.to_string()));
+    line
+}

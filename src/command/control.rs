@@ -1,0 +1,120 @@
+//! A client of the control socket: how the commands that look after the daemon reach it, and what helps if they
+//! do not.
+
+use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::{Failure, load_config};
+use crate::config::Config;
+
+/// A little longer than the daemon waits for a disk.
+const PATIENCE: Duration = Duration::from_secs(15);
+
+/// No answer is longer, bytes.
+const LONGEST: u64 = 1 << 22;
+
+/// Which daemon is meant.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Target {
+    /// The daemon's control socket; without it, that of the configuration
+    #[arg(long, value_name = "PATH", global = true, conflicts_with = "config")]
+    pub socket: Option<PathBuf>,
+    /// The daemon's configuration file; without it, the defaults
+    #[arg(long, value_name = "FILE", global = true)]
+    pub config: Option<PathBuf>,
+}
+
+impl Target {
+    fn path(&self) -> Result<PathBuf, Failure> {
+        if let Some(path) = &self.socket {
+            return Ok(path.clone());
+        }
+        let config = match &self.config {
+            Some(file) => load_config(file)?,
+            None => Config::default(),
+        };
+        Ok(config.control.path(&config.socket.socket))
+    }
+
+    /// Asks the daemon, and gives back its answer if that is yes.
+    pub fn ask(&self, request: &Value) -> Result<Value, Failure> {
+        let path = self.path()?;
+        let answer = exchange(&path, request).map_err(|error| unreachable(&path, &error))?;
+        let answer: Value = serde_json::from_str(&answer).map_err(|error| {
+            let message = format!("{} gave no sensible answer: {error}", path.display());
+            Failure::new(Failure::DATA, message)
+        })?;
+        if answer["ok"] == true {
+            return Ok(answer);
+        }
+        let code = answer["code"].as_str().unwrap_or("internal");
+        let message = answer["message"].as_str().unwrap_or_default();
+        Err(Failure::new(status(code), format!("{message} ({code})")))
+    }
+}
+
+/// The exit status for a refusal with this code.
+fn status(code: &str) -> u8 {
+    match code {
+        "unreadable" | "newer" | "malformed" | "unknown_request" | "too_long" => Failure::DATA,
+        "stopping" | "timeout" | "too_many_clients" => Failure::UNAVAILABLE,
+        "not_kept" | "internal" => Failure::IO,
+        _ => Failure::REFUSED,
+    }
+}
+
+fn exchange(path: &Path, request: &Value) -> io::Result<String> {
+    let mut stream = UnixStream::connect(path)?;
+    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_write_timeout(Some(PATIENCE))?;
+    let sent = stream.write_all(format!("{request}\n").as_bytes());
+    let mut answer = String::new();
+    let read = BufReader::new(stream.take(LONGEST)).read_line(&mut answer);
+    // A daemon that would not take all of it may still have said why.
+    if answer.is_empty() {
+        sent?;
+        read?;
+        return Err(ErrorKind::UnexpectedEof.into());
+    }
+    Ok(answer)
+}
+
+fn unreachable(path: &Path, error: &io::Error) -> Failure {
+    let name = path.display();
+    match error.kind() {
+        ErrorKind::NotFound | ErrorKind::ConnectionRefused => Failure::new(
+            Failure::UNAVAILABLE,
+            format!(
+                "no headingd is running at {name}: start it (systemctl start headingd), or name its socket with \
+                 --socket, or its configuration with --config"
+            ),
+        ),
+        ErrorKind::PermissionDenied => Failure::new(
+            Failure::NO_PERMISSION,
+            format!(
+                "not allowed to connect to {name}: only its user and its group are; ls -l {name} shows which (as a \
+                 service, headingd: usermod -aG headingd $USER, and log in again)"
+            ),
+        ),
+        ErrorKind::UnexpectedEof | ErrorKind::BrokenPipe | ErrorKind::ConnectionReset => {
+            Failure::new(
+                Failure::UNAVAILABLE,
+                format!(
+                    "headingd has closed {name} without an answer: it is about to stop; try again"
+                ),
+            )
+        }
+        ErrorKind::WouldBlock | ErrorKind::TimedOut => Failure::new(
+            Failure::UNAVAILABLE,
+            format!("headingd does not answer at {name}: systemctl restart headingd"),
+        ),
+        _ => Failure::new(
+            Failure::IO,
+            format!("cannot talk to headingd at {name}: {error}"),
+        ),
+    }
+}

@@ -1,0 +1,137 @@
+//! `headingd status`: how the running daemon does.
+
+use serde_json::{Value, json};
+
+use super::calibration::line;
+use super::control::Target;
+use super::{Failure, print};
+
+/// Show how the running daemon does
+///
+/// The same word and reason as on the heading socket, the calibration in force, and whether calibrations are kept.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example: headingd status --json")]
+pub struct Args {
+    /// Which daemon is meant.
+    #[command(flatten)]
+    pub target: Target,
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let answer = args.target.ask(&json!({ "request": "status" }))?;
+    if args.json {
+        print(&format!("{answer}\n"))
+    } else {
+        print(&written(&answer))
+    }
+}
+
+fn written(status: &Value) -> String {
+    let text = |value: &Value| value.as_str().unwrap_or("unknown").to_owned();
+    let mut out = format!(
+        "{} ({}): {}\n",
+        status["cal_state"].as_str().unwrap_or("starting"),
+        status["reason"].as_str().unwrap_or("starting"),
+        text(&status["message"])
+    );
+    let mut add = |name: &str, value: String| out += &format!("{name:<12} {value}\n");
+    add(
+        "calibration",
+        match &status["calibration"] {
+            Value::Null => "none in force".to_owned(),
+            calibration => match calibration["age_s"].as_u64() {
+                Some(age_s) => format!("{}, {} old", line(calibration).trim_start(), span(age_s)),
+                None => line(calibration).trim_start().to_owned(),
+            },
+        },
+    );
+    let mut mode = text(&status["mode"]);
+    if status["armed"] == true {
+        mode += "; the next turn is calibrated on";
+    }
+    if status["calibrating"] == true {
+        mode += "; a calibration is under way";
+    }
+    add("mode", mode);
+    if let Some(progress) = status["progress"].as_f64().filter(|&p| p > 0.0) {
+        add("turn", format!("{:.0} %", 100.0 * progress));
+    }
+    let mounting = text(&status["mag_axes"]);
+    add(
+        "source",
+        format!(
+            "{}, {} mounted {mounting}",
+            text(&status["source"]),
+            text(&status["sensor"])
+        ),
+    );
+    let store = &status["store"];
+    add(
+        "store",
+        match store["state"].as_str() {
+            Some("good") => format!("good, in {}", text(&store["directory"])),
+            Some("off") => "off: calibrations are lost when the daemon stops".to_owned(),
+            _ => format!("failing: {}", text(&store["message"])),
+        },
+    );
+    let up_s = status["uptime_s"].as_u64().unwrap_or_default();
+    add(
+        "up",
+        format!("{}, clients {}", span(up_s), status["clients"]),
+    );
+    out
+}
+
+/// A time span in two units.
+fn span(seconds: u64) -> String {
+    let (minutes, hours, days) = (seconds / 60, seconds / 3600, seconds / 86_400);
+    match (days, hours, minutes) {
+        (0, 0, 0) => format!("{seconds} s"),
+        (0, 0, _) => format!("{minutes} min {} s", seconds % 60),
+        (0, _, _) => format!("{hours} h {} min", minutes % 60),
+        _ => format!("{days} d {} h", hours % 24),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spans_have_the_units_that_matter() {
+        for (seconds, text) in [
+            (0, "0 s"),
+            (61, "1 min 1 s"),
+            (7_260, "2 h 1 min"),
+            (200_000, "2 d 7 h"),
+        ] {
+            assert_eq!(span(seconds), text);
+        }
+    }
+
+    #[test]
+    fn every_trouble_is_shown() {
+        let text = written(&json!({
+            "message": "none speaks", "cal_state": "degraded", "reason": "no_gyro", "mode": "off", "armed": true,
+            "calibrating": true, "progress": 0.42, "source": "/dev/i2c-1", "sensor": "hmc5843",
+            "mag_axes": "+x +y +z", "uptime_s": 61, "clients": 2,
+            "store": { "state": "failing", "directory": "/a", "message": "no room" },
+            "calibration": { "number": 3, "mode": "planar", "age_s": 60, "residual_mgauss": 2.04 }
+        }));
+        for part in [
+            "degraded (no_gyro): none speaks\n",
+            "off; the next turn is calibrated on; a calibration is under way\n",
+            "42 %",
+            "failing: no room\n",
+            "residual 2.0 mG, 1 min 0 s old\n",
+            "/dev/i2c-1, hmc5843 mounted +x +y +z\n",
+            "1 min 1 s, clients 2\n",
+        ] {
+            assert!(text.contains(part), "{part} is not in {text}");
+        }
+    }
+}

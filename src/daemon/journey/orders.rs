@@ -1,0 +1,353 @@
+//! What is asked at the control socket, carried out.
+
+use std::time::Duration;
+
+use serde_json::{Map, Value, json};
+
+use super::super::keeper::StoreState;
+use super::super::time_of_day;
+use super::Journey;
+use crate::calibration::policy::{Policy, Reason};
+use crate::calibration::verdict::imported;
+use crate::pipeline::Event;
+use crate::publish::control::{Answer, Forget, Order, Request};
+use crate::store::history::{self, Refusal};
+use crate::store::{Contents, Entry, FormatError, History, Made};
+
+/// What came of a request: an answer, and whether something is to be kept before it is given.
+struct Done {
+    answer: Answer,
+    changed: bool,
+}
+
+impl From<Refusal> for Answer {
+    fn from(refusal: Refusal) -> Self {
+        Self::refused(refusal.code(), refusal.to_string())
+    }
+}
+
+impl Journey {
+    /// Carries an order out. What changes something is answered once it is on disk.
+    pub(super) fn order(&mut self, order: Order) {
+        let Order { request, answer } = order;
+        let done = self.carry_out_order(request).unwrap_or_else(told);
+        // A client that has left need not be told.
+        if !done.changed {
+            let _ = answer.send(done.answer);
+            return;
+        }
+        self.keeper.save(Box::new(move |kept| {
+            let _ = answer.send(match kept {
+                Ok(()) => done.answer,
+                Err(why) => Answer {
+                    ok: false,
+                    code: "not_kept",
+                    message: format!(
+                        "{}; but only until the daemon stops: {why}",
+                        done.answer.message
+                    ),
+                    ..done.answer
+                },
+            });
+        }));
+    }
+
+    fn carry_out_order(&mut self, request: Request) -> Result<Done, Answer> {
+        match request {
+            Request::Status => Ok(told(self.status())),
+            Request::List => Ok(told(self.list())),
+            Request::Show(number) => {
+                let history = self.keeper.history();
+                let entry = history.find(number)?;
+                let shown = described(entry, history);
+                let answer = Answer::done(sentence(entry)).with("calibration", shown);
+                Ok(told(
+                    answer.with("parameters", as_value(&entry.made.calibration)?),
+                ))
+            }
+            Request::Export(number) => self.export(number).map(told),
+            Request::Import(file) => self.import(file),
+            Request::Rollback(number) => {
+                let entry = *self.keeper.history_mut().roll_back(number)?;
+                self.handle(Event::InForce(Some(entry.made.calibration)));
+                Ok(changed(
+                    Answer::done(format!("calibration {} is in force", entry.number))
+                        .with("number", entry.number),
+                ))
+            }
+            Request::Forget(what) => self.forget(what),
+            Request::Lock => self.set_mode(Policy::Locked),
+            Request::Unlock if self.keeper.history().mode != Policy::Locked => {
+                Ok(told(Answer::done("nothing was locked")))
+            }
+            Request::Unlock => self.set_mode(Policy::On),
+            Request::Mode(Some(mode)) => self.set_mode(mode),
+            Request::Mode(None) => {
+                let mode = self.keeper.history().mode;
+                Ok(told(mode_answer(mode)))
+            }
+            Request::Start => {
+                if self.keeper.history().is_locked() {
+                    return Err(Refusal::Locked.into());
+                }
+                self.handle(Event::Start);
+                Ok(told(Answer::done(
+                    "turn the board once all the way round, level and away from iron: that turn is calibrated on",
+                )))
+            }
+            Request::Cancel => {
+                let started = self.pipeline.wanted() == Some(Reason::Start);
+                if !started && !self.pipeline.is_calibrating() {
+                    return Err(Answer::refused(
+                        "nothing_to_cancel",
+                        "nothing was started, and no calibration is under way",
+                    ));
+                }
+                self.handle(Event::Cancel);
+                Ok(told(Answer::done("given up: what is in force stays")))
+            }
+        }
+    }
+
+    fn set_mode(&mut self, mode: Policy) -> Result<Done, Answer> {
+        self.keeper.history_mut().set_mode(mode)?;
+        self.handle(Event::Policy(mode));
+        Ok(changed(mode_answer(mode)))
+    }
+
+    fn forget(&mut self, what: Forget) -> Result<Done, Answer> {
+        let what = match what {
+            Forget::InForce => history::Forget::InForce,
+            Forget::Number(number) => history::Forget::Number(number),
+            Forget::All => history::Forget::All,
+        };
+        let history = self.keeper.history_mut();
+        let was_in_force = history.in_force.is_some();
+        let count = history.forget(what)?;
+        let goes_on = history.in_force.is_some();
+        if was_in_force && !goes_on {
+            self.handle(Event::InForce(None));
+        }
+        let rest = if goes_on {
+            "that in force stays"
+        } else {
+            "none is in force: turn the board, or roll back"
+        };
+        Ok(changed(
+            Answer::done(format!("forgot {count} of the calibrations; {rest}"))
+                .with("count", count),
+        ))
+    }
+
+    fn export(&self, number: Option<u64>) -> Result<Answer, Answer> {
+        let history = self.keeper.history();
+        let entry = history.find(number)?;
+        let contents = Contents::of(History::of(history.identity.clone(), entry.made));
+        let text = contents.to_json().map_err(failed)?;
+        let file: Value = serde_json::from_str(&text).map_err(failed)?;
+        Ok(Answer::done(sentence(entry)).with("file", file))
+    }
+
+    fn import(&mut self, file: Value) -> Result<Done, Answer> {
+        let contents = Contents::from_value(file).map_err(|error| {
+            let code = match &error {
+                FormatError::Unreadable(_) => "unreadable",
+                FormatError::Newer(_) => "newer",
+            };
+            Answer::refused(code, format!("this is no usable calibration file: {error}"))
+        })?;
+        let history = self.keeper.history();
+        let found = contents.find(&history.identity);
+        let found = found.ok_or_else(|| other_sensor(&contents, history))?;
+        let entry = found.in_force().ok_or_else(|| {
+            let message = "no calibration in this file is in force: export writes one that is";
+            Answer::refused("no_calibration", message)
+        })?;
+        imported::check(&entry.made.calibration, &self.limits).map_err(|refusal| {
+            let message = format!("{}: {}", refusal.reason, refusal.message);
+            Answer::refused("implausible", message)
+        })?;
+        if history.is_locked() {
+            return Err(Refusal::Locked.into());
+        }
+        let made = Made {
+            reason: Some(Reason::Import),
+            ..entry.made
+        };
+        let number = self.keep(made);
+        self.handle(Event::InForce(Some(made.calibration)));
+        Ok(changed(
+            Answer::done(format!("calibration {number} is in force")).with("number", number),
+        ))
+    }
+
+    fn list(&self) -> Answer {
+        let history = self.keeper.history();
+        let entries: Vec<Value> = history
+            .entries
+            .iter()
+            .map(|entry| described(entry, history).into())
+            .collect();
+        let message = match (entries.len(), history.in_force) {
+            (0, _) => format!("no calibration of {} is kept", history.identity),
+            (count, Some(number)) => format!("{count} kept; {number} is in force"),
+            (count, None) => format!("{count} kept; none is in force"),
+        };
+        Answer::done(message)
+            .with("sensor", history.identity.sensor.as_str())
+            .with("mag_axes", history.identity.mag_axes.to_string())
+            .with("mode", history.mode.word())
+            .with("in_force", history.in_force)
+            .with("calibrations", entries)
+    }
+
+    /// How everything stands, with word, reason and sentence of the `STATE` published last.
+    fn status(&self) -> Answer {
+        let history = self.keeper.history();
+        let answer = match self.pipeline.report() {
+            Some(report) => Answer::done(report.message.clone())
+                .with("cal_state", report.condition.word())
+                .with("reason", report.reason),
+            None => Answer::done("the daemon has just started: no reading has come yet"),
+        };
+        let progress = self.pipeline.progress();
+        let reason = self.pipeline.wanted();
+        answer
+            .with("mode", history.mode.word())
+            .with(
+                "armed",
+                matches!(reason, Some(Reason::Start | Reason::Stale)),
+            )
+            .with("calibrating", self.pipeline.is_calibrating())
+            .with("progress", (100.0 * progress).round() / 100.0)
+            .with(
+                "calibration",
+                history.in_force().map(|entry| described(entry, history)),
+            )
+            .with("source", self.source.as_str())
+            .with("sensor", history.identity.sensor.as_str())
+            .with("mag_axes", history.identity.mag_axes.to_string())
+            .with("uptime_s", whole(self.begun.elapsed()))
+            .with("clients", self.publisher.clients())
+            .with("store", store(self.keeper.state()))
+            .with("version", env!("CARGO_PKG_VERSION"))
+    }
+}
+
+fn told(answer: Answer) -> Done {
+    Done {
+        answer,
+        changed: false,
+    }
+}
+
+fn changed(answer: Answer) -> Done {
+    Done {
+        answer,
+        changed: true,
+    }
+}
+
+fn mode_answer(mode: Policy) -> Answer {
+    let message = match mode {
+        Policy::On => "mode on: every turn is calibrated on",
+        Policy::Off => {
+            "mode off: nothing is calibrated unless headingd calibration start asks for it"
+        }
+        Policy::Locked => "mode locked: nothing takes the place of the calibration in force",
+    };
+    Answer::done(message).with("mode", mode.word())
+}
+
+/// A calibration as list, show and status tell of it.
+fn described(entry: &Entry, history: &History) -> Map<String, Value> {
+    let Made {
+        saved_unix_s,
+        reason,
+        gyro_rms_deg,
+        samples,
+        calibration,
+    } = entry.made;
+    let age_s = saved_unix_s.and_then(|saved| time_of_day::unix_now_s()?.checked_sub(saved));
+    let pairs = [
+        ("number", json!(entry.number)),
+        ("in_force", json!(history.in_force == Some(entry.number))),
+        ("saved_unix_s", json!(saved_unix_s)),
+        (
+            "time",
+            json!(saved_unix_s.map(time_of_day::rfc3339_of_unix)),
+        ),
+        ("age_s", json!(age_s)),
+        ("reason", json!(reason)),
+        ("mode", json!(calibration.parameters.mode())),
+        ("residual_mgauss", json!(calibration.residual_mgauss)),
+        ("heading_sd_deg", json!(calibration.heading_sd_deg)),
+        ("gyro_rms_deg", json!(gyro_rms_deg)),
+        ("samples", json!(samples)),
+    ];
+    let known = pairs.into_iter().filter(|(_, value)| !value.is_null());
+    known.map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+fn sentence(entry: &Entry) -> String {
+    let calibration = &entry.made.calibration;
+    format!(
+        "calibration {}: {:?}, residual {:.1} milligauss, headings certain to {:.2} degrees",
+        entry.number,
+        calibration.parameters.mode(),
+        calibration.residual_mgauss,
+        calibration.heading_sd_deg
+    )
+}
+
+fn other_sensor(contents: &Contents, history: &History) -> Answer {
+    let here = &history.identity;
+    let others: Vec<String> = contents
+        .sensors
+        .iter()
+        .map(|other| other.identity.to_string())
+        .collect();
+    let turned = contents
+        .sensors
+        .iter()
+        .any(|other| other.identity.sensor == here.sensor);
+    let (code, remedy) = if turned {
+        (
+            "other_mounting",
+            "set [mounting] right, or turn the board to calibrate anew",
+        )
+    } else {
+        ("other_sensor", "turn the board to calibrate this one")
+    };
+    let message = format!(
+        "this file is of {}, and this is {here}: {remedy}",
+        if others.is_empty() {
+            "no sensor".to_owned()
+        } else {
+            others.join(" and ")
+        }
+    );
+    Answer::refused(code, message)
+}
+
+fn store(state: StoreState) -> Value {
+    match state {
+        StoreState::Off => json!({ "state": "off" }),
+        StoreState::Good(directory) => json!({ "state": "good", "directory": directory }),
+        StoreState::Failing(directory, message) => {
+            json!({ "state": "failing", "directory": directory, "message": message })
+        }
+    }
+}
+
+fn as_value(what: &impl serde::Serialize) -> Result<Value, Answer> {
+    serde_json::to_value(what).map_err(failed)
+}
+
+fn failed(error: impl std::fmt::Display) -> Answer {
+    Answer::refused("internal", format!("this cannot be written: {error}"))
+}
+
+fn whole(duration: Duration) -> u64 {
+    duration.as_secs()
+}

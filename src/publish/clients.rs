@@ -1,0 +1,120 @@
+//! Accepts clients, up to a limit, and sees them off at the end.
+
+use std::future::Future;
+use std::io::{self, Write};
+use std::os::unix::net::UnixListener as StdListener;
+use std::pin::pin;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use tokio::net::{UnixListener, UnixStream};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio::time::{sleep, timeout};
+
+use super::client::ClientError;
+use super::socket_file::SocketFile;
+
+/// How long clients have at the end to take what is on its way to them.
+const FAREWELL: Duration = Duration::from_millis(80);
+
+/// Pauses after a failed accept: the first, doubled each time up to the last.
+const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
+
+/// A socket that has been claimed, and how many clients it has room for.
+pub(super) struct Door<'a> {
+    pub listener: StdListener,
+    pub file: SocketFile,
+    pub most: usize,
+    /// What a client is told for which there is no room.
+    pub refusal: String,
+    /// How many are connected.
+    pub count: &'a AtomicUsize,
+}
+
+/// Serves clients until `shutdown` is ready. Then the socket is removed, and every client has until [`FAREWELL`] to
+/// end by itself. `serve` is handed a receiver that tells of the end.
+pub(super) async fn serve_clients<S, F>(
+    door: Door<'_>,
+    shutdown: impl Future<Output = ()>,
+    serve: S,
+) -> io::Result<()>
+where
+    S: Fn(UnixStream, watch::Receiver<bool>) -> F,
+    F: Future<Output = Result<(), ClientError>> + Send + 'static,
+{
+    let listener = UnixListener::from_std(door.listener)?;
+    let (stop, stopped) = watch::channel(false);
+    let mut clients: JoinSet<Result<(), ClientError>> = JoinSet::new();
+    let mut shutdown = pin!(shutdown);
+    let mut pause = None;
+    loop {
+        let accepted = tokio::select! {
+            () = &mut shutdown => break,
+            Some(left) = clients.join_next() => {
+                log_leave(left);
+                None
+            }
+            accepted = accept(&listener, pause) => Some(accepted),
+        };
+        // All who have left make room before the next is refused.
+        while let Some(left) = clients.try_join_next() {
+            log_leave(left);
+        }
+        match accepted {
+            None => {}
+            Some(Ok(stream)) => {
+                pause = None;
+                if clients.len() >= door.most {
+                    refuse(stream, &door.refusal);
+                    tracing::info!("refused a client: {} are connected", door.most);
+                } else {
+                    clients.spawn(serve(stream, stopped.clone()));
+                }
+            }
+            Some(Err(error)) => {
+                // Out of file descriptors, as a rule; the client stays in the queue. Once an episode.
+                if pause.is_none() {
+                    tracing::warn!("cannot accept a client, will try again: {error}");
+                }
+                pause = Some(pause.map_or(PAUSES.0, |last: Duration| (last * 2).min(PAUSES.1)));
+            }
+        }
+        door.count.store(clients.len(), Ordering::Relaxed);
+    }
+    drop((listener, door.file));
+    // Receivers are there as long as `stopped` is.
+    let _ = stop.send(true);
+    let _ = timeout(FAREWELL, async {
+        while clients.join_next().await.is_some() {}
+    })
+    .await;
+    clients.shutdown().await;
+    door.count.store(0, Ordering::Relaxed);
+    Ok(())
+}
+
+/// The next client, after a pause if the last attempt failed.
+async fn accept(listener: &UnixListener, pause: Option<Duration>) -> io::Result<UnixStream> {
+    if let Some(pause) = pause {
+        sleep(pause).await;
+    }
+    listener.accept().await.map(|(stream, _)| stream)
+}
+
+/// Tells a client that there is no room. Its buffer is empty, so that this takes no time and no task.
+fn refuse(stream: UnixStream, line: &str) {
+    // A client that has gone in the meantime need not be told.
+    if let Ok(mut stream) = stream.into_std() {
+        let _ = stream.write_all(line.as_bytes());
+    }
+}
+
+fn log_leave(left: Result<Result<(), ClientError>, tokio::task::JoinError>) {
+    match left {
+        Ok(Ok(())) => tracing::debug!("a client left"),
+        Ok(Err(error @ ClientError::Broken(_))) => tracing::debug!("a client left: {error}"),
+        Ok(Err(error)) => tracing::info!("let a client go: {error}"),
+        Err(error) => tracing::error!("a client's task failed: {error}"),
+    }
+}

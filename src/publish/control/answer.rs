@@ -1,0 +1,57 @@
+//! The answer to one request.
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+/// What a client is told: whether it was done, a code, a sentence, and whatever else was asked for.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Answer {
+    /// Whether what was asked was done, and is kept where it is to be kept.
+    pub ok: bool,
+    /// For programs: `ok`, or why not.
+    pub code: &'static str,
+    /// For people.
+    pub message: String,
+    /// What was asked for.
+    #[serde(flatten)]
+    pub more: Map<String, Value>,
+}
+
+impl Answer {
+    /// It was done.
+    pub fn done(message: impl Into<String>) -> Self {
+        Self {
+            ok: true,
+            code: "ok",
+            message: message.into(),
+            more: Map::new(),
+        }
+    }
+
+    /// It was not done, and why.
+    pub fn refused(code: &'static str, message: impl Into<String>) -> Self {
+        Self {
+            ok: false,
+            code,
+            message: message.into(),
+            more: Map::new(),
+        }
+    }
+
+    /// With something more; what is null is not known, and left out.
+    pub fn with(mut self, key: &str, value: impl Into<Value>) -> Self {
+        let value = value.into();
+        if !value.is_null() {
+            self.more.insert(key.to_owned(), value);
+        }
+        self
+    }
+
+    /// As one line.
+    pub(super) fn line(&self) -> String {
+        // A map with text for keys can always be written.
+        let mut line = serde_json::to_string(self).unwrap_or_default();
+        line.push('\n');
+        line
+    }
+}

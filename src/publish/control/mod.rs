@@ -1,0 +1,158 @@
+//! The control socket: what changes the daemon, and tells how it does, for those who may.
+//!
+//! A request is one line of JSON, `{"request":"rollback","number":3}`, and so is its answer:
+//! `{"ok":true,"code":"ok","message":"…",…}`. Whoever asked is logged, with the credentials that the system gives.
+
+mod answer;
+mod client;
+mod request;
+
+use std::future::Future;
+use std::io;
+use std::os::unix::net::UnixListener;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicUsize;
+
+use serde::{Deserialize, Serialize};
+use tokio::sync::{mpsc, oneshot};
+
+use super::clients::{Door, serve_clients};
+use super::place::{check_mode, check_path, mode_bits};
+use super::socket_file::{BindError, SocketFile, claim};
+use crate::check::{Check, Fault};
+pub use answer::Answer;
+pub use request::{Forget, Request};
+
+/// Calibrations can be put in force here: the rest of the world stays out.
+const MOST_OPEN: u32 = 0o660;
+
+/// How many clients are served at a time.
+const MOST_CLIENTS: usize = 8;
+
+/// The name of the socket where the configuration names none.
+const FILE_NAME: &str = "control.sock";
+
+/// Settings of the control socket.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// Path of the socket, absolute, up to 100 bytes. Empty: `control.sock` in the folder of the heading socket.
+    pub socket: PathBuf,
+    /// Permissions of the socket, octal, `"0600"` to `"0660"`. Default `"0660"`: the daemon's user and its group.
+    pub mode: String,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            socket: PathBuf::new(),
+            mode: "0660".into(),
+        }
+    }
+}
+
+impl Settings {
+    /// Where the socket is, beside this one for headings.
+    pub fn path(&self, heading_socket: &Path) -> PathBuf {
+        if self.socket.as_os_str().is_empty() {
+            heading_socket.with_file_name(FILE_NAME)
+        } else {
+            self.socket.clone()
+        }
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        if !self.socket.as_os_str().is_empty() {
+            check_path(&mut faults, "socket", &self.socket);
+        }
+        check_mode(&mut faults, "mode", &self.mode, MOST_OPEN);
+        faults
+    }
+}
+
+/// A request, and where its answer goes.
+#[derive(Debug)]
+pub struct Order {
+    /// What is asked.
+    pub request: Request,
+    /// An answer that is dropped says that the daemon is about to end.
+    pub answer: oneshot::Sender<Answer>,
+}
+
+/// The control socket, claimed.
+#[derive(Debug)]
+pub struct Control {
+    listener: UnixListener,
+    file: SocketFile,
+}
+
+impl Control {
+    /// Claims the socket, as that for headings is. `heading_socket` is beside it unless the settings say otherwise.
+    pub fn bind(settings: &Settings, heading_socket: &Path) -> Result<Self, BindError> {
+        let path = settings.path(heading_socket);
+        let mode = mode_bits(&settings.mode, MOST_OPEN).ok_or_else(|| BindError::Settings {
+            path: path.clone(),
+            fault: "mode is not octal".into(),
+        })?;
+        let (listener, file) = claim(&path, mode)?;
+        Ok(Self { listener, file })
+    }
+
+    /// Hands requests to `orders` and answers to those who asked, until `shutdown` is ready. Then the socket is gone.
+    pub async fn run(
+        self,
+        orders: mpsc::Sender<Order>,
+        shutdown: impl Future<Output = ()>,
+    ) -> io::Result<()> {
+        let refusal = Answer::refused(
+            "too_many_clients",
+            format!("{MOST_CLIENTS} clients are connected already: try again later"),
+        );
+        let door = Door {
+            listener: self.listener,
+            file: self.file,
+            most: MOST_CLIENTS,
+            refusal: refusal.line(),
+            count: &AtomicUsize::new(0),
+        };
+        serve_clients(door, shutdown, |stream, stopped| {
+            client::serve(stream, orders.clone(), stopped)
+        })
+        .await
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_socket_is_beside_that_for_headings_unless_it_is_named() {
+        let settings = Settings::default();
+        assert_eq!(settings.check(), []);
+        assert_eq!(
+            settings.path(Path::new("/run/headingd/heading.sock")),
+            Path::new("/run/headingd/control.sock")
+        );
+        let named = Settings {
+            socket: "/tmp/c".into(),
+            ..settings
+        };
+        assert_eq!(named.path(Path::new("/run/a")), Path::new("/tmp/c"));
+    }
+
+    #[test]
+    fn nobody_but_user_and_group_may_be_let_in() {
+        for mode in ["0666", "0661", "660x", "0060"] {
+            let settings = Settings {
+                socket: "relative".into(),
+                mode: mode.into(),
+            };
+            let keys: Vec<_> = settings.check().into_iter().map(|f| f.key).collect();
+            assert_eq!(keys, ["socket", "mode"], "{mode}");
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! What may be asked at the control socket. Pure.
+
+use serde_json::{Map, Value};
+
+use super::Answer;
+use crate::calibration::policy::Policy;
+
+/// One request.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Request {
+    /// How everything stands.
+    Status,
+    /// All calibrations kept of this sensor.
+    List,
+    /// One of them, or that in force.
+    Show(Option<u64>),
+    /// Lock the calibration in force.
+    Lock,
+    /// Unlock it.
+    Unlock,
+    /// Put an earlier calibration in force: this one, or the one before.
+    Rollback(Option<u64>),
+    /// Forget calibrations.
+    Forget(Forget),
+    /// One calibration as a file, or that in force.
+    Export(Option<u64>),
+    /// Put the calibration in this file in force.
+    Import(Value),
+    /// Calibrate on the next motion.
+    Start,
+    /// Give that up.
+    Cancel,
+    /// Calibrate by itself or not from now on; or tell which.
+    Mode(Option<Policy>),
+}
+
+/// Which calibrations are to be forgotten.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Forget {
+    /// That in force.
+    InForce,
+    /// This one.
+    Number(u64),
+    /// All of this sensor.
+    All,
+}
+
+/// All names, as a refusal lists them.
+const NAMES: &str =
+    "status, list, show, lock, unlock, rollback, forget, export, import, start, cancel, mode";
+
+/// How much of what is not understood is repeated, characters.
+const QUOTED: usize = 60;
+
+impl Request {
+    /// Reads one line; the error is the answer.
+    pub fn parse(line: &[u8]) -> Result<Self, Answer> {
+        let malformed = |message: String| Answer::refused("malformed", message);
+        let value: Value = serde_json::from_slice(line).map_err(|error| {
+            malformed(format!(
+                "not a line of JSON: {error}; send, for instance, {{\"request\":\"status\"}}"
+            ))
+        })?;
+        let Value::Object(mut keys) = value else {
+            return Err(malformed(
+                "a request is an object, as {\"request\":\"status\"}".to_owned(),
+            ));
+        };
+        let name = match keys.remove("request") {
+            Some(Value::String(name)) => name,
+            Some(other) => {
+                return Err(malformed(wrong("request", &other, "a name in quotes")));
+            }
+            None => return Err(malformed("the key \"request\" is missing".to_owned())),
+        };
+        let request = match name.as_str() {
+            "status" => Self::Status,
+            "list" => Self::List,
+            "show" => Self::Show(number(&mut keys)?),
+            "lock" => Self::Lock,
+            "unlock" => Self::Unlock,
+            "rollback" => Self::Rollback(number(&mut keys)?),
+            "forget" => Self::Forget(forget(&mut keys)?),
+            "export" => Self::Export(number(&mut keys)?),
+            "import" => Self::Import(keys.remove("file").ok_or_else(|| {
+                malformed("the key \"file\" is missing: what export gave".to_owned())
+            })?),
+            "start" => Self::Start,
+            "cancel" => Self::Cancel,
+            "mode" => Self::Mode(mode(&mut keys)?),
+            other => {
+                let other: String = other.chars().take(QUOTED).collect();
+                return Err(Answer::refused(
+                    "unknown_request",
+                    format!("there is no request {other:?}; there are {NAMES}"),
+                ));
+            }
+        };
+        match keys.keys().next() {
+            None => Ok(request),
+            Some(key) => {
+                let key: String = key.chars().take(QUOTED).collect();
+                Err(malformed(format!("{name} takes no key {key:?}")))
+            }
+        }
+    }
+
+    /// Whether it may change anything: that is worth a line in the log.
+    pub fn changes(&self) -> bool {
+        !matches!(
+            self,
+            Self::Status | Self::List | Self::Show(_) | Self::Export(_) | Self::Mode(None)
+        )
+    }
+}
+
+fn number(keys: &mut Map<String, Value>) -> Result<Option<u64>, Answer> {
+    let Some(value) = keys.remove("number") else {
+        return Ok(None);
+    };
+    let right = "the number of a calibration, as list shows them";
+    let number = value.as_u64().filter(|&number| number > 0);
+    number
+        .map(Some)
+        .ok_or_else(|| Answer::refused("malformed", wrong("number", &value, right)))
+}
+
+fn forget(keys: &mut Map<String, Value>) -> Result<Forget, Answer> {
+    let number = number(keys)?;
+    match (number, keys.remove("all")) {
+        (None, Some(Value::Bool(true))) => Ok(Forget::All),
+        (Some(number), None | Some(Value::Bool(false))) => Ok(Forget::Number(number)),
+        (None, None | Some(Value::Bool(false))) => Ok(Forget::InForce),
+        (_, Some(other)) => Err(Answer::refused(
+            "malformed",
+            wrong("all", &other, "true, and without a number"),
+        )),
+    }
+}
+
+fn mode(keys: &mut Map<String, Value>) -> Result<Option<Policy>, Answer> {
+    let Some(value) = keys.remove("mode") else {
+        return Ok(None);
+    };
+    let known = |word: &str| Policy::ALL.into_iter().find(|mode| mode.word() == word);
+    let mode = value.as_str().and_then(known);
+    mode.map(Some).ok_or_else(|| {
+        let right = "\"on\", \"off\" or \"locked\"";
+        Answer::refused("malformed", wrong("mode", &value, right))
+    })
+}
+
+fn wrong(key: &str, found: &Value, right: &str) -> String {
+    let found: String = found.to_string().chars().take(QUOTED).collect();
+    format!("{key} is {found}, but must be {right}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn parse(text: &str) -> Result<Request, Answer> {
+        Request::parse(text.as_bytes())
+    }
+
+    #[test]
+    fn every_request_is_known() {
+        for name in NAMES.split(", ").filter(|name| *name != "import") {
+            assert!(
+                parse(&format!("{{\"request\":{name:?}}}")).is_ok(),
+                "{name}"
+            );
+        }
+        for (text, request) in [
+            (r#"{"request":"show","number":3}"#, Request::Show(Some(3))),
+            (
+                r#"{"number":3,"request":"rollback"}"#,
+                Request::Rollback(Some(3)),
+            ),
+            (r#"{"request":"forget"}"#, Request::Forget(Forget::InForce)),
+            (
+                r#"{"request":"forget","all":true}"#,
+                Request::Forget(Forget::All),
+            ),
+            (
+                r#"{"request":"forget","number":2,"all":false}"#,
+                Request::Forget(Forget::Number(2)),
+            ),
+            (
+                r#"{"request":"mode","mode":"off"}"#,
+                Request::Mode(Some(Policy::Off)),
+            ),
+            (
+                r#"{"request":"import","file":7}"#,
+                Request::Import(7.into()),
+            ),
+        ] {
+            assert_eq!(parse(text), Ok(request));
+        }
+    }
+
+    #[test]
+    fn whatever_is_wrong_is_named_with_what_would_be_right() {
+        for (text, code, sentence) in [
+            ("", "malformed", "not a line of JSON"),
+            ("status", "malformed", "{\"request\":\"status\"}"),
+            ("[]", "malformed", "a request is an object"),
+            ("{}", "malformed", "\"request\" is missing"),
+            (
+                r#"{"request":1}"#,
+                "malformed",
+                "request is 1, but must be a name",
+            ),
+            (
+                r#"{"request":"stat"}"#,
+                "unknown_request",
+                "there are status, list",
+            ),
+            (
+                r#"{"request":"show","number":0}"#,
+                "malformed",
+                "number is 0",
+            ),
+            (
+                r#"{"request":"show","number":-1}"#,
+                "malformed",
+                "number is -1",
+            ),
+            (
+                r#"{"request":"lock","number":1}"#,
+                "malformed",
+                "lock takes no key \"number\"",
+            ),
+            (
+                r#"{"request":"forget","number":1,"all":true}"#,
+                "malformed",
+                "without a number",
+            ),
+            (
+                r#"{"request":"mode","mode":"of"}"#,
+                "malformed",
+                "\"on\", \"off\" or \"locked\"",
+            ),
+            (
+                r#"{"request":"import"}"#,
+                "malformed",
+                "\"file\" is missing",
+            ),
+        ] {
+            let answer = parse(text).unwrap_err();
+            assert_eq!((answer.ok, answer.code), (false, code), "{text}");
+            assert!(answer.message.contains(sentence), "{}", answer.message);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_it_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
+            let _ = Request::parse(&bytes);
+        }
+
+        #[test]
+        fn neither_does_any_value(text in r#"\{"request":"(show|forget|mode|import)","(number|all|mode|file)":[-0-9a-z."\[\]]{0,9}\}"#) {
+            let _ = Request::parse(text.as_bytes());
+        }
+    }
+}

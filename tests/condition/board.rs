@@ -1,0 +1,234 @@
+//! A board that is moved as a test wants, and a pipeline that reads it.
+
+use headingd::calibration::model::{Calibration, Parameters, Planar, Spatial};
+use headingd::calibration::outcome::Outcome;
+use headingd::calibration::{Request, calibrate};
+use headingd::condition::Report;
+use headingd::heading::Heading;
+use headingd::pipeline::{Action, Event, Pipeline, Settings, Setup};
+use headingd::reading::Reading;
+use nalgebra::{Rotation3, Vector2, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+/// Between two readings, seconds; all chips speak in each.
+const STEP_S: f64 = 0.02;
+
+pub const BIAS: Vector3<f64> = Vector3::new(87.0, 54.0, 135.0);
+const EARTH: Vector3<f64> = Vector3::new(163.0, 0.0, 527.0);
+
+pub struct Board {
+    pub pipeline: Pipeline,
+    t_s: f64,
+    heading_deg: f64,
+    pitch_deg: f64,
+    /// Iron on the board.
+    pub bias_mgauss: Vector3<f64>,
+    pub earth_mgauss: Vector3<f64>,
+    pub with_field: bool,
+    pub with_gyro: bool,
+    pub with_accel: bool,
+    pub overflow: bool,
+    random: Xoshiro256PlusPlus,
+    /// Outcomes wait until they are asked for.
+    pub late: bool,
+    pub under_way: Option<Box<Request>>,
+    pub reports: Vec<Report>,
+    pub outcomes: Vec<Outcome>,
+    pub heading: Option<Heading>,
+    /// How many calibrations were asked for.
+    pub asked: usize,
+}
+
+impl Board {
+    pub fn new(calibration: Option<Calibration>) -> Self {
+        let setup = Setup {
+            pipeline: Settings {
+                misfit_s: 30.0,
+                ..Settings::default()
+            },
+            ..Setup::default()
+        };
+        Self {
+            pipeline: Pipeline::new(setup, calibration),
+            t_s: 0.0,
+            heading_deg: 0.0,
+            pitch_deg: 0.0,
+            bias_mgauss: BIAS,
+            earth_mgauss: EARTH,
+            with_field: true,
+            with_gyro: true,
+            with_accel: true,
+            overflow: false,
+            random: Xoshiro256PlusPlus::seed_from_u64(1),
+            late: false,
+            under_way: None,
+            reports: Vec::new(),
+            outcomes: Vec::new(),
+            heading: None,
+            asked: 0,
+        }
+    }
+
+    /// One at rest for long enough to know its gyro's bias.
+    pub fn rested(calibration: Option<Calibration>) -> Self {
+        let mut board = Self::new(calibration);
+        board.rest(4.0);
+        board
+    }
+
+    pub fn rest(&mut self, duration_s: f64) {
+        self.turn_at(0.0, duration_s);
+    }
+
+    /// Turns clockwise at 60 degrees a second.
+    pub fn turn(&mut self, angle_deg: f64) {
+        self.turn_at(60.0 * angle_deg.signum(), angle_deg.abs() / 60.0);
+    }
+
+    fn turn_at(&mut self, rate_deg_s: f64, duration_s: f64) {
+        for _ in 0..(duration_s / STEP_S).round() as usize {
+            self.t_s += STEP_S;
+            self.heading_deg += rate_deg_s * STEP_S;
+            self.read(Vector3::z() * rate_deg_s);
+        }
+    }
+
+    /// Lifts or sinks the nose, at 60 degrees a second.
+    pub fn pitch_to(&mut self, pitch_deg: f64) {
+        let rate_deg_s = 60.0 * (pitch_deg - self.pitch_deg).signum();
+        while (pitch_deg - self.pitch_deg) * rate_deg_s > 0.0 {
+            self.t_s += STEP_S;
+            self.pitch_deg += rate_deg_s * STEP_S;
+            // It points east, but for the heading.
+            let axis =
+                Rotation3::from_axis_angle(&Vector3::z_axis(), self.heading_deg.to_radians());
+            self.read(axis * Vector3::y() * rate_deg_s);
+        }
+    }
+
+    fn read(&mut self, rate_deg_s: Vector3<f64>) {
+        let reading = self.reading(rate_deg_s);
+        self.tell(Event::Reading(reading));
+    }
+
+    /// Moves about in all orientations until this is so, at most this long; how long it took, seconds.
+    pub fn wander_until(&mut self, most_s: f64, wanted: impl Fn(&Self) -> bool) -> f64 {
+        let begun_s = self.t_s;
+        while !wanted(self) {
+            assert!(
+                self.t_s - begun_s < most_s,
+                "{:?}, {:?}",
+                self.reports.last(),
+                self.outcomes.last()
+            );
+            // To and fro, so that no turn is ever full.
+            self.turn(250.0);
+            self.turn(-250.0);
+        }
+        self.t_s - begun_s
+    }
+
+    /// Does so for at least so long.
+    pub fn wander(&mut self, duration_s: f64) {
+        let until_s = self.t_s + duration_s;
+        self.wander_until(2.0 * duration_s, |board| board.t_s >= until_s);
+    }
+
+    /// Makes a full turn of which nothing was made before: part of one is undone, and that takes its time.
+    pub fn turn_anew(&mut self) {
+        self.turn(-200.0);
+        self.rest(5.0);
+        self.turn(365.0);
+    }
+
+    /// `rate_deg_s` is in the axes of the earth: north, east, down.
+    fn reading(&mut self, rate_deg_s: Vector3<f64>) -> Reading {
+        let (heading, pitch) = (self.heading_deg.to_radians(), self.pitch_deg.to_radians());
+        let to_body = Rotation3::from_euler_angles(0.0, pitch, heading).inverse();
+        let noise = Vector3::from_fn(|_, _| self.random.random_range(-2.0..2.0));
+        let field = to_body * self.earth_mgauss + self.bias_mgauss + noise;
+        let axis = |value| Some(value).filter(|_| !self.overflow);
+        Reading {
+            t_s: self.t_s,
+            field_mgauss: self
+                .with_field
+                .then(|| [axis(field.x), Some(field.y), Some(field.z)]),
+            rate_rad_s: self
+                .with_gyro
+                .then(|| to_body * rate_deg_s.map(f64::to_radians)),
+            specific_force_m_s2: self.with_accel.then(|| to_body * Vector3::z() * -9.8),
+        }
+    }
+
+    pub fn tell(&mut self, event: Event) {
+        let mut actions = Vec::new();
+        self.pipeline.handle(event, &mut actions);
+        for action in actions {
+            match action {
+                Action::Publish(heading) => self.heading = Some(heading),
+                Action::Report(report) => self.reports.push(report),
+                Action::Turned(_) => {}
+                Action::Calibrate(request) => {
+                    assert!(self.under_way.is_none(), "two calibrations at a time");
+                    self.asked += 1;
+                    self.under_way = Some(request);
+                }
+                Action::Conclude(outcome) => self.outcomes.push(*outcome),
+            }
+        }
+        if !self.late {
+            self.finish();
+        }
+    }
+
+    /// The calibration under way comes to its end.
+    pub fn finish(&mut self) {
+        if let Some(request) = self.under_way.take() {
+            let outcome = calibrate(&request, &|| None);
+            self.tell(Event::Calibrated(Box::new(outcome)));
+        }
+    }
+
+    /// The condition and its reason.
+    pub fn state(&self) -> (&'static str, &'static str) {
+        let report = self.reports.last().expect("nothing was reported");
+        (report.condition.word(), report.reason)
+    }
+
+    /// The verdict on the last calibration and its reason.
+    pub fn verdict(&self) -> (String, &'static str) {
+        let outcome = self.outcomes.last().expect("there was no outcome");
+        (
+            format!("{:?}", outcome.verdict).to_lowercase(),
+            outcome.reason,
+        )
+    }
+}
+
+/// The calibration of a level turn, off by this.
+pub fn planar(off_mgauss: f64) -> Calibration {
+    Calibration {
+        parameters: Parameters::Planar(Planar {
+            basis: [Vector3::x(), Vector3::y()],
+            bias_mgauss: BIAS.xy() + Vector2::new(off_mgauss, 0.0),
+            scale: Vector2::new(1.0, 1.0),
+            level: Vector2::zeros(),
+        }),
+        reference_mgauss: None,
+        strength_mgauss: EARTH.x,
+        residual_mgauss: 1.2,
+        heading_sd_deg: 0.05,
+    }
+}
+
+/// One of all axes, off by this.
+pub fn spatial(off_mgauss: f64) -> Calibration {
+    let bias = BIAS + Vector3::new(off_mgauss, 0.0, 0.0);
+    let diagonal = Spatial::diagonal(bias, Vector3::new(1.0, 1.0, 1.0)).unwrap();
+    Calibration {
+        parameters: Parameters::Spatial(diagonal),
+        strength_mgauss: EARTH.norm(),
+        ..planar(0.0)
+    }
+}

@@ -1,0 +1,5 @@
+//! The one state, and what is ordered of the pipeline: a board moved about, reading by reading.
+
+mod board;
+mod orders;
+mod transitions;

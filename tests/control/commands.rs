@@ -1,0 +1,211 @@
+//! `headingd status` and `headingd calibration`: what they print, and how they end.
+
+use std::fs;
+use std::os::unix::net::UnixListener;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+use crate::link::Link;
+use crate::rig::{LONG, Rig};
+
+fn headingd(arguments: &[&str]) -> (i32, String, String) {
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = Command::new(env!("CARGO_BIN_EXE_headingd"))
+        .args(arguments)
+        .output()
+        .unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (status.code().unwrap(), text(stdout), text(stderr))
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn every_command_does_what_it_says() {
+    let rig = Rig::new(50.0, LONG);
+    let (_process, mut client) = rig.watched();
+    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    let config = rig.path("headingd.toml");
+    let run = |arguments: &[&str]| {
+        let (status, out, err) =
+            headingd(&[&["calibration"], arguments, &["--config", text(&config)]].concat());
+        assert_eq!((status, err.as_str()), (0, ""), "{arguments:?}");
+        out
+    };
+    assert!(run(&["mode", "off"]).starts_with("mode off: "));
+    assert_eq!(run(&["mode"]), run(&["mode", "off"]));
+    let listed = run(&["list"]);
+    let last = listed.lines().rev().nth(1).unwrap();
+    assert!(
+        last.starts_with("* ") && last.contains("planar"),
+        "{listed}"
+    );
+    assert!(
+        last.contains("by turn") && last.contains("residual"),
+        "{listed}"
+    );
+    let list: Value = serde_json::from_str(&run(&["list", "--json"])).unwrap();
+    let number = list["in_force"].as_u64().unwrap();
+
+    let file = rig.path("exported.json");
+    assert_eq!(run(&["export", "--out", text(&file)]), "");
+    let exported = fs::read_to_string(&file).unwrap();
+    assert_eq!(run(&["export", &number.to_string()]), exported);
+    let next = number + 1;
+    assert_eq!(
+        run(&["import", text(&file)]),
+        format!("calibration {next} is in force\n")
+    );
+    assert!(run(&["show"]).contains("\"bias_mgauss\""));
+    assert_eq!(
+        run(&["rollback"]),
+        format!("calibration {number} is in force\n")
+    );
+    assert!(run(&["forget", &next.to_string()]).contains("that in force stays"));
+    assert!(run(&["start"]).contains("turn the board"));
+    run(&["cancel"]);
+    run(&["lock"]);
+
+    let socket = rig.path("control.sock");
+    let (status, out, _) = headingd(&["status", "--socket", text(&socket)]);
+    assert_eq!(status, 0);
+    for part in [
+        "mode         locked\n",
+        "store        good, in ",
+        "simulator, hmc5843 mounted +x +y +z\n",
+        " old\n",
+    ] {
+        assert!(out.contains(part), "{part} is not in {out}");
+    }
+    // The same word and reason as on the heading socket.
+    let (_, out, _) = headingd(&["status", "--json", "--config", text(&config)]);
+    let status: Value = serde_json::from_str(&out).unwrap();
+    let state = rig.client().find("STATE", |_| true);
+    for (ours, theirs) in [
+        ("cal_state", "cal_state"),
+        ("reason", "reason"),
+        ("message", "message"),
+    ] {
+        assert_eq!(status[ours], state[theirs], "{status} {state}");
+    }
+    assert!(status["clients"].as_u64().unwrap() > 0);
+    assert_eq!(status["source"], "simulator");
+
+    let (status, out, err) = headingd(&["calibration", "start", "--config", text(&config)]);
+    assert_eq!((status, out.as_str()), (3, ""));
+    assert!(
+        err.contains("headingd calibration unlock lets it go (locked)"),
+        "{err}"
+    );
+    run(&["unlock"]);
+    assert!(run(&["forget", "--all"]).contains("none is in force"));
+}
+
+#[test]
+fn each_way_to_fail_has_its_status_and_its_remedy() {
+    let rig = Rig::new(1.0, LONG);
+    let nobody = rig.path("none.sock");
+    let dead = rig.path("dead.sock");
+    drop(UnixListener::bind(&dead).unwrap());
+    let bad = rig.path("bad.json");
+    fs::write(&bad, "{\"headingd_store\": 2").unwrap();
+    let missing = rig.path("missing.json");
+    let _process = rig.start();
+    Link::new(&rig).told("status");
+    let socket = rig.path("control.sock");
+    let socket = text(&socket);
+    let other = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/store-2.json");
+    for (expected, arguments, sentence) in [
+        (
+            69,
+            vec!["status", "--socket", text(&nobody)],
+            "systemctl start headingd",
+        ),
+        (
+            69,
+            vec!["status", "--socket", text(&dead)],
+            "no headingd is running at",
+        ),
+        (
+            66,
+            vec!["status", "--config", text(&missing)],
+            "cannot read configuration",
+        ),
+        (78, vec!["status", "--config", text(&bad)], "bad.json"),
+        (
+            2,
+            vec!["status", "--socket", "a", "--config", "b"],
+            "cannot be used with",
+        ),
+        (
+            2,
+            vec!["calibration", "mode", "of"],
+            "[possible values: on, off, locked]",
+        ),
+        (
+            2,
+            vec!["calibration", "forget", "1", "--all"],
+            "cannot be used with",
+        ),
+        (
+            66,
+            vec!["calibration", "import", text(&missing), "--socket", socket],
+            "missing.json",
+        ),
+        (
+            65,
+            vec!["calibration", "import", text(&bad), "--socket", socket],
+            "bad.json is not a usable",
+        ),
+        (
+            3,
+            vec!["calibration", "import", text(&other), "--socket", socket],
+            "(other_mounting)",
+        ),
+        (
+            3,
+            vec!["calibration", "lock", "--socket", socket],
+            "turn the board once (no_calibration)",
+        ),
+        (
+            3,
+            vec!["calibration", "show", "7", "--socket", socket],
+            "headingd calibration list shows",
+        ),
+    ] {
+        let (status, out, err) = headingd(&arguments);
+        assert_eq!(
+            (status, out.as_str()),
+            (expected, ""),
+            "{arguments:?}: {err}"
+        );
+        assert!(err.contains(sentence), "{arguments:?}: {err}");
+    }
+}
+
+#[test]
+fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
+    let rig = Rig::new(50.0, LONG);
+    fs::write(rig.path("file"), "").unwrap();
+    rig.configure(50.0, &rig.path("file/store"), LONG);
+    let (_process, mut client) = rig.watched();
+    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    let socket = rig.path("control.sock");
+    let (status, _, err) = headingd(&["calibration", "lock", "--socket", text(&socket)]);
+    assert_eq!(status, 74, "{err}");
+    assert!(err.contains("(not_kept)"), "{err}");
+
+    let hangs_up = rig.path("hangs-up.sock");
+    let listener = UnixListener::bind(&hangs_up).unwrap();
+    let thread = std::thread::spawn(move || drop(listener.accept().unwrap()));
+    let (status, _, err) = headingd(&["status", "--socket", text(&hangs_up)]);
+    thread.join().unwrap();
+    assert_eq!(status, 69, "{err}");
+}

@@ -1,0 +1,99 @@
+//! A store that does not work: the daemon serves, says so, and makes up for it.
+
+use std::fs;
+
+use serde_json::json;
+
+use crate::link::Link;
+use crate::rig::{LONG, Rig};
+
+#[test]
+fn a_store_that_fails_shows_in_the_status_and_catches_up_when_it_works() {
+    let rig = Rig::new(50.0, LONG);
+    // Not even root can make a folder below a file.
+    fs::write(rig.path("file"), "").unwrap();
+    let store = rig.path("file/store");
+    rig.configure(50.0, &store, LONG);
+    let (process, mut client) = rig.watched();
+    let mut link = Link::new(&rig);
+    let status = link.told("status");
+    assert_eq!(status["store"]["state"], "failing");
+    let message = status["store"]["message"].as_str().unwrap();
+    assert!(message.contains("set store.directory"), "{message}");
+    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    // It is done, but not kept, and says so.
+    let answer = link.ask(&json!({"request": "lock"}));
+    assert_eq!(
+        (&answer["ok"], &answer["code"]),
+        (&json!(false), &json!("not_kept"))
+    );
+    let message = answer["message"].as_str().unwrap();
+    assert!(message.contains("only until the daemon stops"), "{message}");
+    assert_eq!(link.told("status")["mode"], "locked");
+
+    fs::remove_file(rig.path("file")).unwrap();
+    link.status("the store to work", |status| {
+        status["store"]["state"] == "good"
+    });
+    let kept = fs::read_to_string(store.join("calibration.json")).unwrap();
+    assert!(
+        kept.contains("\"locked\"") && kept.contains("\"planar\""),
+        "{kept}"
+    );
+    let said = process.said();
+    assert!(said.contains("calibrations are kept in"), "{said}");
+    assert_eq!(
+        said.matches("ERROR cannot keep calibrations in folder")
+            .count(),
+        1,
+        "{said}"
+    );
+}
+
+#[test]
+fn a_file_of_a_newer_version_or_half_a_one_is_served_without_said_and_set_aside() {
+    for (text, why, name) in [
+        (
+            "{\"headingd_store\": 3, \"more\": []}",
+            "too old to read",
+            "newer-1",
+        ),
+        (
+            "{\"headingd_store\": 2, \"sens",
+            "is not a usable calibration file",
+            "unreadable-1",
+        ),
+    ] {
+        let rig = Rig::new(50.0, LONG);
+        let store = rig.path("store");
+        fs::create_dir(&store).unwrap();
+        fs::write(store.join("calibration.json"), text).unwrap();
+        let process = rig.start();
+        let mut client = rig.client();
+        let mut link = Link::new(&rig);
+        let status = link.told("status");
+        assert_eq!(status["store"]["state"], "failing", "{status}");
+        let message = status["store"]["message"].as_str().unwrap();
+        assert!(message.contains(why), "{message}");
+        client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+        link.status("the store to work", |status| {
+            status["store"]["state"] == "good"
+        });
+        let aside = store.join(format!("calibration.json.{name}"));
+        assert_eq!(fs::read_to_string(aside).unwrap(), text);
+        assert!(process.said().contains("set aside the file that was there"));
+    }
+}
+
+#[test]
+fn with_no_store_at_all_what_is_ordered_holds_until_the_end() {
+    let rig = Rig::new(50.0, LONG);
+    rig.configure(50.0, "".as_ref(), LONG);
+    let (_process, mut client) = rig.watched();
+    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    let mut link = Link::new(&rig);
+    link.told("lock");
+    let status = link.told("status");
+    assert_eq!(status["store"], json!({"state": "off"}));
+    assert_eq!(status["mode"], "locked");
+}
