@@ -218,11 +218,14 @@ impl Journey {
         }
         self.logged = Some(state);
         let (word, reason) = (report.condition.word(), report.reason);
-        match report.condition {
-            Condition::Stale | Condition::Fault | Condition::Disturbed => {
-                tracing::warn!(reason, t_s = report.t_s, "{word}: {}", report.message);
-            }
-            _ => tracing::info!(reason, t_s = report.t_s, "{word}: {}", report.message),
+        let worth_a_look = matches!(
+            report.condition,
+            Condition::Stale | Condition::Fault | Condition::Disturbed
+        ) || reason == "calibration_stale";
+        if worth_a_look {
+            tracing::warn!(reason, t_s = report.t_s, "{word}: {}", report.message);
+        } else {
+            tracing::info!(reason, t_s = report.t_s, "{word}: {}", report.message);
         }
     }
 }

@@ -1,7 +1,9 @@
 //! `headingd status` and `headingd calibration`: what they print, and how they end.
 
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::os::unix::net::UnixListener;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -21,6 +23,31 @@ fn headingd(arguments: &[&str]) -> (i32, String, String) {
         .unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();
     (status.code().unwrap(), text(stdout), text(stderr))
+}
+
+/// Whoever is not of the daemon's group.
+#[test]
+fn who_may_not_connect_is_told_what_helps() {
+    let rig = Rig::new(1.0, LONG);
+    let _process = rig.start();
+    Link::new(&rig).told("status");
+    let socket = rig.path("control.sock");
+    // Where somebody else can run it.
+    let program = rig.path("headingd");
+    fs::copy(env!("CARGO_BIN_EXE_headingd"), &program).unwrap();
+    fs::set_permissions(rig.folder.path(), Permissions::from_mode(0o755)).unwrap();
+    let mut command = Command::new(&program);
+    command.args(["status", "--socket", text(&socket)]);
+    if fs::metadata(&socket).unwrap().uid() == 0 {
+        // The superuser may connect anywhere.
+        command.uid(65534).gid(65534);
+    } else {
+        fs::set_permissions(&socket, Permissions::from_mode(0)).unwrap();
+    }
+    let output = command.output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(77), "{said}");
+    assert!(said.contains("usermod -aG headingd $USER"), "{said}");
 }
 
 fn text(path: &Path) -> &str {
