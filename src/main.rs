@@ -21,8 +21,10 @@ enum Command {
     Replay(command::replay::Args),
     Calibrate(command::calibrate::Args),
     Run(command::run::Args),
+    Record(command::record::Args),
     Demo(command::demo::Args),
     Simulate(command::simulate::Args),
+    Check(command::check::Args),
     Config(command::config::Args),
     Paper(command::paper::Args),
 }
@@ -32,8 +34,10 @@ fn main() -> ExitCode {
         Command::Replay(args) => command::replay::run(&args),
         Command::Calibrate(args) => command::calibrate::run(&args),
         Command::Run(args) => command::run::run(&args),
+        Command::Record(args) => command::record::run(&args),
         Command::Demo(args) => command::demo::run(&args),
         Command::Simulate(args) => command::simulate::run(&args),
+        Command::Check(args) => command::check::run(&args),
         Command::Config(args) => command::config::run(&args),
         Command::Paper(args) => command::paper::run(&args),
     };

@@ -10,9 +10,11 @@ use crate::sensor::replay::ReplayError;
 use crate::store::StoreError;
 
 pub mod calibrate;
+pub mod check;
 pub mod config;
 pub mod demo;
 pub mod paper;
+pub mod record;
 pub mod replay;
 pub mod run;
 pub mod simulate;
@@ -29,7 +31,7 @@ pub struct Failure {
 impl Failure {
     /// Wrong arguments (as clap has it).
     pub const USAGE: u8 = 2;
-    /// The work was done, and the answer is no: a calibration that was refused.
+    /// The work was done, and the answer is no: a calibration that was refused, chips that are not well.
     pub const REFUSED: u8 = 3;
     /// Data that cannot be understood (EX_DATAERR in sysexits.h).
     pub const DATA: u8 = 65;

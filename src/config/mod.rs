@@ -6,6 +6,7 @@
 mod fault;
 pub mod log;
 mod reader;
+pub mod record;
 pub mod source;
 mod words;
 
@@ -13,7 +14,7 @@ use serde::Serialize;
 
 use crate::check::{Check, Fault};
 use crate::publish::server;
-use crate::sensor::simulator;
+use crate::sensor::{i2c, serial, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, turn};
 
 pub use fault::{ConfigError, ConfigFault, Problem};
@@ -62,6 +63,10 @@ tables! {
     source: source::Settings,
     /// The simulated board.
     simulator: simulator::Settings,
+    /// Chips on an I2C bus.
+    i2c: i2c::Settings,
+    /// A board behind a serial line.
+    serial: serial::settings::Settings,
     /// How the chips are mounted on the body.
     mounting: frame::Mountings,
     /// Following the board's attitude.
@@ -78,6 +83,8 @@ tables! {
     socket: server::Settings,
     /// Where the calibration is kept.
     store: store::Settings,
+    /// Raw readings kept for later.
+    record: record::Settings,
     /// What the daemon says about itself.
     log: log::Settings,
 }
@@ -118,7 +125,15 @@ impl Config {
 
     /// What is wrong between tables that are right in themselves. The keys are `table.key`.
     fn check_across(&self) -> Vec<Fault> {
-        Vec::new()
+        let mut faults = Vec::new();
+        if self.source.kind == source::Kind::Serial && self.serial.port.as_os_str().is_empty() {
+            faults.push(Fault {
+                key: "serial.port".to_owned(),
+                found: "empty".to_owned(),
+                right: "the path of the serial port, best one in /dev/serial/by-id".to_owned(),
+            });
+        }
+        faults
     }
 }
 
@@ -155,17 +170,17 @@ mod tests {
     #[test]
     fn every_fault_is_reported_at_its_line() {
         let text = "speed = 1\n\n[source]\nkind = \"reply\"\nsped = 2\nspeed = 0\n\n\
-                    [mounting]\nmag_axes = \"+x +y\"\ngyro_axes = 3\n\n[stroe]\n\n[i2c]\nbus = 1\n";
+                    [mounting]\nmag_axes = \"+x +y\"\ngyro_axes = 3\n\n[stroe]\n\n[i2s]\nbus = 1\n";
         let faults = faults(text);
         let right = [
             "file.toml:1: speed: this key stands in no table; ",
-            "file.toml:4: source.kind is \"reply\", but must be \"simulator\" or \"replay\"",
+            "file.toml:4: source.kind is \"reply\", but must be \"simulator\" or \"replay\" or \"i2c\" or \"serial\"",
             "file.toml:5: source.sped: unknown key; did you mean speed?",
             "file.toml:6: source.speed is 0, but must be from 0.1 to 1000 times real time",
             "file.toml:9: mounting.mag_axes: mounting \"+x +y\" is not understood: it has 2 words",
             "file.toml:10: mounting.gyro_axes is 3, but must be a text in quotes",
             "file.toml:12: stroe: unknown table; did you mean store?",
-            "file.toml:14: i2c: unknown table; known are source, simulator, mounting, ",
+            "file.toml:14: i2s: unknown table; did you mean i2c?",
         ];
         assert_eq!(faults.len(), right.len(), "{faults:#?}");
         for (fault, right) in faults.iter().zip(right) {
@@ -182,7 +197,7 @@ mod tests {
             ),
             (
                 "[source]\nkind = 3",
-                "file.toml:2: source.kind is 3, but must be \"simulator\" or \"replay\"",
+                "file.toml:2: source.kind is 3, but must be \"simulator\" or \"replay\" or \"i2c\" or \"serial\"",
             ),
             (
                 "[source]\nlog = true",
@@ -236,6 +251,16 @@ mod tests {
         assert_eq!(
             faults("[source]\nkind = \"replay\""),
             ["file.toml:1: source.log is empty, but must be the path of the log to replay"]
+        );
+        let serial = faults("[source]\nkind = \"serial\"");
+        assert!(
+            serial[0].contains("serial.port is empty, but must be the path"),
+            "{serial:?}"
+        );
+        let relative = faults("[serial]\nport = \"ttyUSB0\"\nbaud = 1");
+        assert!(
+            relative[0].contains("an absolute path") && relative.len() == 2,
+            "{relative:?}"
         );
     }
 

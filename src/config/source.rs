@@ -14,7 +14,8 @@ pub struct Settings {
     pub kind: Kind,
     /// The log to replay; of no effect with other kinds. Empty: none.
     pub log: PathBuf,
-    /// How fast a log is replayed or a simulation runs, in times real time: 0.1 to 1000.
+    /// How fast a log is replayed or a simulation runs, in times real time: 0.1 to 1000. Of no effect with
+    /// real devices.
     pub speed: f64,
 }
 
@@ -27,6 +28,17 @@ pub enum Kind {
     Simulator,
     /// A recorded log.
     Replay,
+    /// Chips on an I2C bus: table `[i2c]`.
+    I2c,
+    /// A board behind a serial line: table `[serial]`.
+    Serial,
+}
+
+impl Kind {
+    /// Whether its readings are taken now, by a real device.
+    pub fn is_live(self) -> bool {
+        matches!(self, Self::I2c | Self::Serial)
+    }
 }
 
 impl Default for Settings {
@@ -36,6 +48,13 @@ impl Default for Settings {
             log: PathBuf::new(),
             speed: 1.0,
         }
+    }
+}
+
+impl Settings {
+    /// How fast time goes: a real device has the pace it has.
+    pub fn pace(&self) -> f64 {
+        if self.kind.is_live() { 1.0 } else { self.speed }
     }
 }
 

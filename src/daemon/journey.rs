@@ -7,11 +7,14 @@ use tokio::time::sleep_until;
 
 use super::calibrator::Calibrator;
 use super::keeper::Keeper;
+use super::recorder::Recorder;
 use super::source::Message;
+use super::time_of_day;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::condition::{Condition, Report, Trouble};
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::server::Publisher;
+use crate::reading::Reading;
 
 /// The pipeline is told when nothing was read for this long.
 const SILENCE: Duration = Duration::from_millis(100);
@@ -22,7 +25,10 @@ pub(super) struct Journey {
     publisher: Publisher,
     calibrator: Calibrator,
     keeper: Keeper,
+    recorder: Option<Recorder>,
     speed: f64,
+    /// Whether readings are taken now: then their time of day is known.
+    live: bool,
     actions: Vec<Action>,
     /// The last reading's time on the source's clock, and when it was handed out.
     last: (f64, Instant),
@@ -34,22 +40,30 @@ impl Journey {
         pipeline: Pipeline,
         publisher: Publisher,
         keeper: Keeper,
+        recorder: Option<Recorder>,
         speed: f64,
+        live: bool,
     ) -> Self {
         Self {
             pipeline,
             publisher,
             calibrator: Calibrator::default(),
             keeper,
+            recorder,
             speed,
+            live,
             actions: Vec::new(),
             last: (0.0, Instant::now()),
             logged: None,
         }
     }
 
-    pub(super) fn into_keeper(self) -> Keeper {
-        self.keeper
+    /// Waits until everything that was to be kept is on disk.
+    pub(super) fn close(self) {
+        if let Some(recorder) = self.recorder {
+            recorder.close();
+        }
+        self.keeper.close();
     }
 
     /// Goes on until the source is at its end and the last calibration on it has come back. A source that
@@ -71,11 +85,14 @@ impl Journey {
                 message = messages.recv(), if listening => {
                     heard = Instant::now();
                     match message {
-                        Some(Message::Reading(reading, taken)) => {
-                            self.last = (reading.t_s, taken);
-                            self.handle(Event::Reading(reading));
+                        Some(Message::Reading(reading, taken)) => self.read(reading, taken),
+                        Some(Message::Readings(readings)) => {
+                            for (reading, taken) in readings {
+                                self.read(reading, taken);
+                            }
                         }
                         Some(Message::End) => (open, over) = (false, true),
+                        Some(Message::Trouble(trouble)) => self.handle(Event::Fault(trouble)),
                         Some(Message::Broken(trouble)) => {
                             open = false;
                             self.broken(trouble);
@@ -101,6 +118,14 @@ impl Journey {
         }
     }
 
+    fn read(&mut self, reading: Reading, taken: Instant) {
+        self.last = (reading.t_s, taken);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.take(reading);
+        }
+        self.handle(Event::Reading(reading));
+    }
+
     fn broken(&mut self, trouble: Trouble) {
         tracing::error!(
             "there are no readings any more: {}; see to the source and start again",
@@ -120,8 +145,11 @@ impl Journey {
 
     fn carry_out(&mut self, action: Action) {
         match action {
-            // The time of day of a simulated or recorded reading is not known.
-            Action::Publish(heading) => self.publisher.heading(heading, self.last.1, None),
+            Action::Publish(heading) => {
+                let taken = self.last.1;
+                let time = self.live.then(|| time_of_day::rfc3339(taken)).flatten();
+                self.publisher.heading(heading, taken, time);
+            }
             Action::Report(report) => {
                 self.log_report(&report);
                 self.publisher.state(&report);

@@ -4,10 +4,16 @@
 //! source, a calibration, and the disk that calibrations are kept on.
 
 mod calibrator;
+mod chips;
 mod journey;
 mod keeper;
+pub mod record;
+mod recorder;
+mod ring;
+mod serial;
 pub mod signals;
 mod source;
+mod time_of_day;
 
 use std::future::Future;
 use std::io;
@@ -26,6 +32,8 @@ use crate::sensor::replay::ReplayError;
 use crate::store::Identity;
 use journey::Journey;
 use keeper::Keeper;
+pub use recorder::RecordError;
+use recorder::Recorder;
 use source::Source;
 
 /// A sensor that a log does not name is kept under this name.
@@ -46,6 +54,9 @@ pub enum DaemonError {
     /// The socket cannot be served on.
     #[error(transparent)]
     Bind(#[from] BindError),
+    /// Another daemon serves there, and so has the source that was to be recorded.
+    #[error("{0}; or have that one record: its configuration takes a table [record]")]
+    Serving(BindError),
     /// The socket was claimed, but then could not be served on.
     #[error("cannot go on serving on {}: {source}", path.display())]
     Serve {
@@ -54,6 +65,9 @@ pub enum DaemonError {
         /// What the system said.
         source: io::Error,
     },
+    /// The readings cannot be recorded any more.
+    #[error(transparent)]
+    Record(RecordError),
     /// The system gives no thread.
     #[error("cannot start the thread of the {task}: {source}")]
     Thread {
@@ -81,11 +95,14 @@ pub struct Daemon {
     keeper: Keeper,
     pipeline: Pipeline,
     speed: f64,
+    live: bool,
+    recorder: Option<Recorder>,
 }
 
 impl Daemon {
     /// Opens the source, claims the socket, and loads the calibration kept for this sensor. Clients can
-    /// connect from now on. A store that does not work is logged; headings are served without it.
+    /// connect from now on. A store or a recording that does not work is logged; headings are served without it.
+    /// Needs a runtime.
     pub fn open(config: &Config) -> Result<Self, DaemonError> {
         let source = Source::open(config)?;
         let device = Device {
@@ -100,13 +117,15 @@ impl Daemon {
             sensor: header.sensor.unwrap_or_else(|| UNNAMED_SENSOR.to_owned()),
             mag_axes: header.mountings.mag,
         };
+        let live = config.source.kind.is_live();
+        let speed = config.source.pace();
         tracing::info!(
-            "{} from {}, {} times real time, on socket {}",
+            "{} from {}, {speed} times real time, on socket {}",
             identity.sensor,
             source.name(),
-            config.source.speed,
             config.socket.socket.display()
         );
+        let recorder = Recorder::ring(&config.record, source.header())?;
         let (keeper, calibration) = Keeper::open(config.store.directory(), identity)?;
         Ok(Self {
             pipeline: Pipeline::new(config.setup(header.mountings), calibration),
@@ -114,7 +133,9 @@ impl Daemon {
             server,
             socket: config.socket.socket.clone(),
             keeper,
-            speed: config.source.speed,
+            speed,
+            live,
+            recorder,
         })
     }
 
@@ -127,8 +148,15 @@ impl Daemon {
             // An error means that the other end is gone, which is a reason to stop as well.
             let _ = server_stopped.await;
         }));
-        let mut playing = self.source.play(self.speed)?;
-        let mut journey = Journey::new(self.pipeline, publisher, self.keeper, self.speed);
+        let mut playing = self.source.start(self.speed)?;
+        let mut journey = Journey::new(
+            self.pipeline,
+            publisher,
+            self.keeper,
+            self.recorder,
+            self.speed,
+            self.live,
+        );
         let ended = tokio::select! {
             biased;
             () = shutdown => Some(Ended::Told),
@@ -144,8 +172,8 @@ impl Daemon {
                 .unwrap_or_else(|failed| Err(io::Error::other(failed))),
             None => Err(io::Error::other("the server has stopped")),
         };
-        join_for(playing.thread, SOURCE_PATIENCE);
-        journey.into_keeper().close();
+        join_for("source", playing.thread, SOURCE_PATIENCE);
+        journey.close();
         served.map_err(|source| DaemonError::Serve {
             path: self.socket,
             source,
@@ -155,7 +183,7 @@ impl Daemon {
 }
 
 /// Joins a thread if it ends in time.
-fn join_for(thread: JoinHandle<()>, patience: Duration) {
+fn join_for(name: &str, thread: JoinHandle<()>, patience: Duration) {
     let begun = Instant::now();
     while !thread.is_finished() {
         if begun.elapsed() > patience {
@@ -164,7 +192,7 @@ fn join_for(thread: JoinHandle<()>, patience: Duration) {
         std::thread::sleep(Duration::from_millis(1));
     }
     if thread.join().is_err() {
-        tracing::error!("the thread of the source panicked");
+        tracing::error!("the thread of the {name} panicked");
     }
 }
 

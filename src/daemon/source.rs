@@ -1,32 +1,37 @@
-//! The source thread: readings of a log or a simulated board, each at its own time.
+//! The source thread: readings of a log or a simulated board, each at its own time, or of real chips and boards.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{self, JoinHandle};
-use std::time::{Duration, Instant};
+use std::thread::JoinHandle;
+use std::time::Instant;
 
 use tokio::sync::mpsc;
 
-use super::{DaemonError, spawn};
+use super::{DaemonError, chips, serial, spawn};
 use crate::condition::Trouble;
 use crate::config::Config;
 use crate::config::source::Kind;
+use crate::frame::Mountings;
 use crate::reading::Reading;
 use crate::recording::Header;
+use crate::sensor::clock::{Clock, SystemClock};
+use crate::sensor::i2c;
 use crate::sensor::replay::{Replay, ReplayError};
+use crate::sensor::serial::Bridge;
 use crate::sensor::simulator::Simulator;
 
 /// How many messages wait for the pipeline; then the source waits.
 const WAITING_MESSAGES: usize = 64;
-
-/// A source that sleeps looks this often whether it is to stop.
-const LOOK: Duration = Duration::from_millis(50);
 
 /// What the source thread says.
 #[derive(Debug)]
 pub(super) enum Message {
     /// A reading, and when it was handed out.
     Reading(Reading, Instant),
+    /// Several readings at once, in order, each with the moment when it was taken.
+    Readings(Vec<(Reading, Instant)>),
+    /// Something is wrong with the source, which goes on trying; `None` when it works again.
+    Trouble(Option<Trouble>),
     /// There is nothing left.
     End,
     /// The source cannot go on, and this is why.
@@ -35,6 +40,20 @@ pub(super) enum Message {
 
 /// Where readings come from.
 pub(super) enum Source {
+    Played(Played),
+    I2c {
+        settings: i2c::Settings,
+        mountings: Box<Mountings>,
+    },
+    Serial {
+        port: String,
+        header: Box<Header>,
+        bridge: Box<Bridge>,
+    },
+}
+
+/// A source whose readings were made before.
+pub(super) enum Played {
     Simulator(Box<Simulator>),
     Replay { log: String, replay: Box<Replay> },
 }
@@ -47,7 +66,7 @@ pub(super) struct Playing {
 }
 
 impl Playing {
-    /// Tells the thread to end, which it does at once or after [`LOOK`].
+    /// Tells the thread to end, which it does at once or when it looks next.
     pub(super) fn stop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         // The thread may be waiting for room.
@@ -62,11 +81,25 @@ impl Source {
             Kind::Simulator => {
                 let simulator =
                     Simulator::new(config.simulator.clone()).map_err(DaemonError::Simulator)?;
-                Self::Simulator(Box::new(simulator))
+                Self::Played(Played::Simulator(Box::new(simulator)))
             }
-            Kind::Replay => Self::Replay {
+            Kind::Replay => Self::Played(Played::Replay {
                 log: config.source.log.display().to_string(),
                 replay: Box::new(Replay::open(&config.source.log)?),
+            }),
+            // Chips that are missing now may come yet: nothing is opened here.
+            Kind::I2c => Self::I2c {
+                settings: config.i2c.clone(),
+                mountings: Box::new(config.i2c.mountings(&config.mounting)),
+            },
+            Kind::Serial => Self::Serial {
+                port: config.serial.port.display().to_string(),
+                header: Box::new(Header {
+                    sensor: Some(config.serial.chip.name().to_owned()),
+                    mountings: config.mounting,
+                    ..Header::default()
+                }),
+                bridge: Box::new(Bridge::new(&config.serial, config.mounting)),
             },
         })
     }
@@ -74,26 +107,40 @@ impl Source {
     /// As clients see it.
     pub(super) fn name(&self) -> String {
         match self {
-            Self::Simulator(_) => "simulator".to_owned(),
-            Self::Replay { log, .. } => log.clone(),
+            Self::Played(Played::Simulator(_)) => "simulator".to_owned(),
+            Self::Played(Played::Replay { log, .. }) => log.clone(),
+            Self::I2c { settings, .. } => settings.path().display().to_string(),
+            Self::Serial { port, .. } => port.clone(),
         }
     }
 
     /// What the board says of itself.
     pub(super) fn header(&self) -> Header {
         match self {
-            Self::Simulator(simulator) => simulator.header(),
-            Self::Replay { replay, .. } => replay.header().clone(),
+            Self::Played(Played::Simulator(simulator)) => simulator.header(),
+            Self::Played(Played::Replay { replay, .. }) => replay.header().clone(),
+            Self::I2c {
+                settings,
+                mountings,
+            } => Header {
+                sensor: Some(settings.sensor().to_owned()),
+                mountings: **mountings,
+                ..Header::default()
+            },
+            Self::Serial { header, .. } => (**header).clone(),
         }
     }
 
-    /// Starts to hand out readings, `speed` times as fast as they were taken.
-    pub(super) fn play(self, speed: f64) -> Result<Playing, DaemonError> {
+    /// Starts to hand out readings, those that are played `speed` times as fast as they were taken.
+    pub(super) fn start(self, speed: f64) -> Result<Playing, DaemonError> {
         let (sender, messages) = mpsc::channel(WAITING_MESSAGES);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
-        let thread = spawn("source", "source", move || {
-            play(self, speed, &sender, &stopped);
+        let clock = SystemClock::new(stop.clone());
+        let thread = spawn("source", "source", move || match self {
+            Self::Played(played) => play(played, speed, &sender, clock),
+            Self::I2c { settings, .. } => chips::read(&settings, &sender, clock),
+            Self::Serial { bridge, .. } => serial::play(*bridge, &sender, &stopped),
         })?;
         Ok(Playing {
             messages,
@@ -101,7 +148,9 @@ impl Source {
             stop,
         })
     }
+}
 
+impl Played {
     fn next(&mut self) -> Option<Result<Reading, ReplayError>> {
         match self {
             Self::Simulator(simulator) => simulator.next().map(|entry| Ok(entry.reading)),
@@ -121,7 +170,7 @@ impl Source {
     }
 }
 
-fn play(mut source: Source, speed: f64, out: &mpsc::Sender<Message>, stop: &AtomicBool) {
+fn play(mut source: Played, speed: f64, out: &mpsc::Sender<Message>, mut clock: SystemClock) {
     let mut origin = None;
     let mut told = false;
     let last_words = loop {
@@ -140,9 +189,9 @@ fn play(mut source: Source, speed: f64, out: &mpsc::Sender<Message>, stop: &Atom
             }
             None => break Some(Message::End),
         };
-        let (begun, first_s) = *origin.get_or_insert((Instant::now(), reading.t_s));
+        let (begun_s, first_s) = *origin.get_or_insert_with(|| (clock.now_s(), reading.t_s));
         // Each due time is counted from the first, so that sleeping too long never adds up.
-        if !sleep_until(begun, (reading.t_s - first_s) / speed, stop) {
+        if !clock.wait_until(begun_s + (reading.t_s - first_s) / speed) {
             break None;
         }
         if out
@@ -158,19 +207,5 @@ fn play(mut source: Source, speed: f64, out: &mpsc::Sender<Message>, stop: &Atom
     if let Some(message) = last_words {
         // An error means that the daemon is about to end anyway.
         let _ = out.blocking_send(message);
-    }
-}
-
-/// Sleeps until this long after `begun`; false if it was told to stop.
-fn sleep_until(begun: Instant, due_s: f64, stop: &AtomicBool) -> bool {
-    loop {
-        if stop.load(Ordering::Relaxed) {
-            return false;
-        }
-        let left_s = due_s - begun.elapsed().as_secs_f64();
-        if left_s <= 0.0 {
-            return true;
-        }
-        thread::sleep(Duration::from_secs_f64(left_s.min(LOOK.as_secs_f64())));
     }
 }

@@ -3,6 +3,7 @@
 use std::io::BufRead;
 
 use super::lines::{Line, Lines};
+use super::rows::Rows;
 use super::{ACCEL, COLUMNS, GYRO, HEADING, Header, MAG, MAGIC, RecordingError, VERSION, shown};
 
 /// More `#` lines than this are no header.
@@ -31,32 +32,73 @@ pub(super) struct Layout {
 }
 
 /// Reads everything up to and with the line of column names.
-pub(super) fn read<R: BufRead>(
-    log: &str,
-    lines: &mut Lines<R>,
-) -> Result<(Header, Layout), RecordingError> {
+pub(super) fn read<R: BufRead>(log: &str, lines: &mut Lines<R>) -> Result<Rows, RecordingError> {
     let text = next_line(log, lines)?;
-    check_version(text.trim_start_matches('\u{feff}'))
+    let mut header = HeaderLines::begin(text.trim_start_matches('\u{feff}'))
         .map_err(|what| wrong(log, lines.number(), what))?;
-    let mut keys = Keys::default();
     loop {
-        let few = lines.number() < MOST_LINES;
         let text = next_line(log, lines)?;
-        let done = match text.strip_prefix('#') {
-            Some(comment) if few => keys.add(comment).map(|()| None),
+        let done = header.add(text);
+        if let Some(rows) = done.map_err(|what| wrong(log, lines.number(), what))? {
+            return Ok(rows);
+        }
+    }
+}
+
+/// A header on its way, line by line: from a file, or over a serial line.
+#[derive(Debug)]
+pub struct HeaderLines {
+    keys: Keys,
+    count: u64,
+}
+
+impl HeaderLines {
+    /// Takes the first line, `# headingd-log 1`.
+    ///
+    /// # Errors
+    ///
+    /// What was found and what would be right.
+    pub fn begin(text: &str) -> Result<Self, String> {
+        check_version(text)?;
+        Ok(Self {
+            keys: Keys::default(),
+            count: 1,
+        })
+    }
+
+    /// Takes the next line; the one with the column names completes the header.
+    ///
+    /// # Errors
+    ///
+    /// What was found and what would be right.
+    pub fn add(&mut self, text: &str) -> Result<Option<Rows>, String> {
+        self.count += 1;
+        match text.strip_prefix('#') {
+            Some(comment) if self.count <= MOST_LINES => self.keys.add(comment).map(|()| None),
             Some(_) => Err(format!(
                 "more than {MOST_LINES} # lines, but the line of column names must follow them"
             )),
             None if text.trim().is_empty() => Ok(None),
-            None => columns(text).map(Some),
-        };
-        if let Some(columns) = done.map_err(|what| wrong(log, lines.number(), what))? {
-            let rules = keys
-                .rules()
-                .map_err(|what| wrong(log, lines.number(), what))?;
-            return Ok((keys.header, Layout { columns, rules }));
+            None => {
+                let columns = columns(text)?;
+                let rules = self.keys.rules()?;
+                let header = std::mem::take(&mut self.keys.header);
+                Ok(Some(Rows::new(header, Layout { columns, rules })))
+            }
         }
     }
+}
+
+/// The layout of rows without a header: the first columns, in our units. A row has a time and one to three
+/// sensors, so that only some counts of cells will do.
+pub(super) fn plain(cells: usize) -> Option<Layout> {
+    let rules = Keys::default().rules().ok()?;
+    [GYRO, ACCEL, HEADING, COLUMNS.len()]
+        .contains(&cells)
+        .then(|| Layout {
+            columns: (0..cells).map(Some).collect(),
+            rules,
+        })
 }
 
 fn wrong(log: &str, line: u64, what: String) -> RecordingError {
@@ -111,7 +153,7 @@ fn check_version(text: &str) -> Result<(), String> {
 }
 
 /// The keys read so far.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Keys {
     header: Header,
     seen: Vec<&'static str>,
@@ -121,6 +163,7 @@ struct Keys {
     accel: Option<(f64, &'static str)>,
 }
 
+#[derive(Debug)]
 enum MagUnit {
     /// Milligauss in one unit, and its name.
     Fixed(f64, &'static str),
@@ -260,7 +303,9 @@ mod tests {
     use super::*;
 
     fn header(text: &str) -> Result<(Header, Layout), String> {
-        read("a.csv", &mut Lines::new(text.as_bytes())).map_err(|error| error.to_string())
+        read("a.csv", &mut Lines::new(text.as_bytes()))
+            .map(|rows| (rows.header().clone(), rows.layout().clone()))
+            .map_err(|error| error.to_string())
     }
 
     #[test]

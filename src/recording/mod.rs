@@ -28,6 +28,7 @@
 mod header;
 mod lines;
 mod read;
+mod rows;
 mod write;
 
 use std::io;
@@ -35,7 +36,9 @@ use std::io;
 use crate::frame::Mountings;
 use crate::reading::Reading;
 
+pub use header::HeaderLines;
 pub use read::Reader;
+pub use rows::Rows;
 pub use write::Writer;
 
 /// The first line of every log this version reads and writes, without its `#`.
@@ -153,8 +156,8 @@ impl Skips {
     }
 }
 
-/// Text of a log as an error message shows it: quoted, escaped and not too long.
-fn shown(text: &[u8]) -> String {
+/// Text of a log or a line as an error message shows it: quoted, escaped and not too long.
+pub(crate) fn shown(text: &[u8]) -> String {
     const LONGEST: usize = 40;
     let text = String::from_utf8_lossy(&text[..text.len().min(4 * LONGEST)]);
     if text.chars().count() > LONGEST {

@@ -2,13 +2,10 @@
 
 use std::io::BufRead;
 
-use nalgebra::Vector3;
-
-use super::header::{self, Layout};
+use super::header;
 use super::lines::{Line, Lines};
-use super::{ACCEL, COLUMNS, Entry, GYRO, HEADING, Header, MAG, RecordingError, RowError, shown};
-use crate::frame::wrap_360;
-use crate::reading::Reading;
+use super::rows::{Fault, Rows};
+use super::{Entry, Header, RecordingError, RowError};
 
 /// Reads a log: the header at once, then an iterator of its rows, in milligauss, rad/s and m/s².
 ///
@@ -18,26 +15,21 @@ use crate::reading::Reading;
 pub struct Reader<R> {
     log: String,
     lines: Lines<R>,
-    header: Header,
-    layout: Layout,
+    rows: Rows,
     last_t_s: f64,
     done: bool,
 }
-
-/// What is wrong with a row: the column, if one cell is to blame, and what was found.
-type Fault = (Option<usize>, String);
 
 impl<R: BufRead> Reader<R> {
     /// Reads the header. `log` names the log in messages.
     pub fn new(log: impl Into<String>, input: R) -> Result<Self, RecordingError> {
         let log = log.into();
         let mut lines = Lines::new(input);
-        let (header, layout) = header::read(&log, &mut lines)?;
+        let rows = header::read(&log, &mut lines)?;
         Ok(Self {
             log,
             lines,
-            header,
-            layout,
+            rows,
             last_t_s: f64::NEG_INFINITY,
             done: false,
         })
@@ -45,112 +37,29 @@ impl<R: BufRead> Reader<R> {
 
     /// What the `#` lines said.
     pub fn header(&self) -> &Header {
-        &self.header
+        self.rows.header()
     }
 
+    /// The row in the buffer, if it can be used and is no older than the one before.
     fn entry(&self) -> Result<Entry, Fault> {
-        let cells = self.cells()?;
-        let t_s = cells[0].ok_or((
-            Some(0),
-            "found an empty cell, but each row must have its time in seconds".to_owned(),
-        ))?;
+        let entry = self.rows.entry(self.lines.text())?;
+        let t_s = entry.reading.t_s;
         if t_s < self.last_t_s {
-            return Err((
-                Some(0),
-                format!(
-                    "found time {t_s}, but must be at least {}, that of the row before",
-                    self.last_t_s
-                ),
-            ));
+            let what = format!(
+                "found time {t_s}, but must be at least {}, that of the row before",
+                self.last_t_s
+            );
+            return Err((Some(0), what));
         }
-        let field = [cells[MAG], cells[MAG + 1], cells[MAG + 2]];
-        Ok(Entry {
-            reading: Reading {
-                t_s,
-                field_mgauss: field.iter().any(Option::is_some).then_some(field),
-                rate_rad_s: vector(&cells, GYRO)?,
-                specific_force_m_s2: vector(&cells, ACCEL)?,
-            },
-            heading_truth_rad: cells[HEADING].map(|deg| wrap_360(deg).to_radians()),
-        })
-    }
-
-    /// The row's numbers in our units, in the order of [`COLUMNS`].
-    fn cells(&self) -> Result<[Option<f64>; COLUMNS.len()], Fault> {
-        let line = self.lines.text();
-        let text = str::from_utf8(line).map_err(|error| {
-            let rest = &line[error.valid_up_to()..];
-            (
-                None,
-                format!("found bytes that are no text: {}", shown(rest)),
-            )
-        })?;
-        let count = 1 + line.iter().filter(|byte| **byte == b',').count();
-        let expected = self.layout.columns.len();
-        if count != expected {
-            return Err((
-                None,
-                format!(
-                    "found {count} cells in {}, but must be {expected}, one a column",
-                    shown(line)
-                ),
-            ));
-        }
-        let mut cells = [None; COLUMNS.len()];
-        for (column, cell) in self.layout.columns.iter().zip(text.split(',')) {
-            let Some(column) = *column else { continue };
-            let cell = cell.trim_ascii();
-            if cell.is_empty() {
-                continue;
-            }
-            let rule = &self.layout.rules[column];
-            // NaN fails the comparison too.
-            match cell.parse::<f64>() {
-                Ok(number) if number.abs() <= rule.limit => {
-                    cells[column] = Some(number * rule.factor);
-                }
-                _ => {
-                    let right = format!(
-                        "a number from -{limit} to {limit} {unit}",
-                        limit = rule.limit,
-                        unit = rule.unit
-                    );
-                    let what = format!("found {}, but must be {right}", shown(cell.as_bytes()));
-                    return Err((Some(column), what));
-                }
-            }
-        }
-        Ok(cells)
+        Ok(entry)
     }
 
     fn row_error(&self, (column, what): Fault) -> RowError {
-        let number = |column| {
-            let found = |c: &Option<usize>| *c == Some(column);
-            1 + self.layout.columns.iter().position(found).unwrap_or(0)
-        };
         RowError {
             log: self.log.clone(),
             line: self.lines.number(),
-            column: column.map(|column| (number(column), COLUMNS[column])),
+            column: column.map(|column| self.rows.place(column)),
             what,
-        }
-    }
-}
-
-fn vector(
-    cells: &[Option<f64>; COLUMNS.len()],
-    first: usize,
-) -> Result<Option<Vector3<f64>>, Fault> {
-    match [cells[first], cells[first + 1], cells[first + 2]] {
-        [Some(x), Some(y), Some(z)] => Ok(Some(Vector3::new(x, y, z))),
-        [None, None, None] => Ok(None),
-        some => {
-            let empty = first + some.iter().position(Option::is_none).unwrap_or(0);
-            let names = COLUMNS[first..first + 3].join(", ");
-            Err((
-                Some(empty),
-                format!("found an empty cell, but {names} must be filled or empty together"),
-            ))
         }
     }
 }
@@ -200,10 +109,12 @@ impl<R: BufRead> Iterator for Reader<R> {
 mod tests {
     use std::io::{self, BufReader, Read};
 
+    use nalgebra::Vector3;
     use proptest::prelude::*;
 
     use super::super::Skips;
     use super::*;
+    use crate::reading::Reading;
 
     const HEAD: &str = "# headingd-log 1\nt_s,mx,my,mz,gx,gy,gz,ax,ay,az,heading_deg\n";
 

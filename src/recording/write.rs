@@ -76,6 +76,11 @@ impl<W: Write> Writer<W> {
         self.output.write_all(self.line.as_bytes())
     }
 
+    /// What it writes to.
+    pub fn get_ref(&self) -> &W {
+        &self.output
+    }
+
     /// Flushes the output.
     pub fn flush(&mut self) -> io::Result<()> {
         self.output.flush()

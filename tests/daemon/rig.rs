@@ -109,13 +109,18 @@ impl Rig {
     /// A daemon and a client that watches it.
     pub fn watched(&self) -> (Process, Client) {
         let process = self.start();
+        (process, self.client())
+    }
+
+    /// A client that watches the daemon that is running, or soon will be.
+    pub fn client(&self) -> Client {
         let socket = self.path("heading.sock");
         let mut stream = None;
         until("the socket", || {
             stream = UnixStream::connect(&socket).ok();
             stream.is_some()
         });
-        (process, Client::watch(stream.unwrap()))
+        Client::watch(stream.unwrap())
     }
 }
 

@@ -1,0 +1,383 @@
+//! The examination of a board's chips, over any bus.
+
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use crate::config::Config;
+use crate::frame::Mountings;
+use crate::sensor::bus::{Bus, BusError, Cause, read_byte};
+use crate::sensor::chip::adxl345::Adxl345;
+use crate::sensor::chip::hmc5843::{AxisTest, MAG_ADDRESS, identify, self_test};
+use crate::sensor::chip::itg3200::Itg3200;
+use crate::sensor::chip::mpu6050::Mpu6050;
+use crate::sensor::chip::{ChipError, Companion};
+use crate::sensor::clock::Clock;
+use crate::sensor::i2c::{Chips, Said};
+
+/// The chips are read for this long, seconds, after a second for setting them up.
+const READING_S: f64 = 2.0;
+const SETTLING_S: f64 = 1.0;
+/// The Earth's field is 220 to 670 milligauss; hard iron of the board adds or takes away.
+const PLAUSIBLE_MGAUSS: (f64, f64) = (100.0, 1500.0);
+const GRAVITY_M_S2: f64 = 9.8;
+const GRAVITY_TOLERANCE: f64 = 0.15;
+/// More noise than this is a board that moves, degrees a second.
+const STILL_DEG_S: f64 = 2.0;
+/// The least share of the wanted rate.
+const RATE_SHARE: f64 = 0.9;
+/// Where chips are looked for.
+const ADDRESSES: [u8; 7] = [MAG_ADDRESS, 0x68, 0x69, 0x53, 0x1D, 0x0D, 0x2C];
+
+/// What was found.
+#[derive(Clone, Debug, Default, Serialize)]
+pub(super) struct Report {
+    pub(super) bus: String,
+    pub(super) chips: Vec<Found>,
+    pub(super) magnetometer: Option<Magnetometer>,
+    pub(super) self_test: Vec<Axis>,
+    /// Strength of the raw field, milligauss.
+    pub(super) field_mgauss: Option<f64>,
+    pub(super) mag_rate_hz: Option<f64>,
+    /// Mean of the gyro at rest, body axes, and the largest noise of an axis.
+    pub(super) gyro_deg_s: Option<[f64; 3]>,
+    pub(super) gyro_noise_deg_s: Option<f64>,
+    pub(super) gyro_rate_hz: Option<f64>,
+    /// Mean of the accelerometer at rest, body axes.
+    pub(super) accel_m_s2: Option<[f64; 3]>,
+    pub(super) problems: Vec<Problem>,
+}
+
+/// A chip that answers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Found {
+    pub(super) address: u8,
+    pub(super) chip: &'static str,
+}
+
+/// Which magnetometer it is, and why.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Magnetometer {
+    pub(super) kind: &'static str,
+    pub(super) sure: bool,
+    pub(super) why: &'static str,
+}
+
+/// One axis of the self-test, counts.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Axis {
+    pub(super) axis: &'static str,
+    pub(super) expected: f64,
+    pub(super) limits: (f64, f64),
+    pub(super) measured: Option<f64>,
+    pub(super) passed: bool,
+}
+
+/// Something that is not well.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Problem {
+    pub(super) code: &'static str,
+    pub(super) message: String,
+}
+
+impl Report {
+    fn problem(&mut self, code: &'static str, message: String) {
+        // The chips are tried more than once, the second time with the name of their part before the sentence.
+        if !self
+            .problems
+            .iter()
+            .any(|known| message.ends_with(&known.message))
+        {
+            self.problems.push(Problem { code, message });
+        }
+    }
+
+    fn failed(&mut self, error: &ChipError) {
+        self.problem(error.code(), error.to_string());
+    }
+}
+
+/// Examines the chips of a configuration.
+pub(super) fn examine(config: &Config, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Report {
+    let mut report = Report {
+        bus: config.i2c.path().display().to_string(),
+        ..Report::default()
+    };
+    if !call_the_roll(&mut report, bus, clock) {
+        return report;
+    }
+    test_the_magnetometer(config, &mut report, bus, clock);
+    read_all(config, &mut report, bus, clock);
+    report
+}
+
+/// Which chips answer; false if nothing else is worth trying.
+fn call_the_roll(report: &mut Report, bus: &mut dyn Bus, clock: &mut dyn Clock) -> bool {
+    // A magnetometer behind an MPU-6050 answers once that has its bypass on.
+    for address in [0x68, 0x69] {
+        let mut mpu = Mpu6050::new(address);
+        if mpu.identify(bus).is_ok()
+            && let Err(error) = mpu.start(bus, clock)
+        {
+            report.failed(&error);
+        }
+    }
+    for address in ADDRESSES {
+        match read_byte(bus, address, 0) {
+            Ok(_) => report.chips.push(Found {
+                address,
+                chip: name(bus, address),
+            }),
+            Err(BusError {
+                cause: Cause::NoAnswer,
+                ..
+            }) => {}
+            Err(error) => {
+                let for_all = matches!(error.cause, Cause::NoBus | Cause::Permission);
+                report.failed(&error.into());
+                if for_all {
+                    return false;
+                }
+            }
+        }
+    }
+    true
+}
+
+fn name(bus: &mut dyn Bus, address: u8) -> &'static str {
+    match address {
+        MAG_ADDRESS => "HMC5843 or kin",
+        0x0D => "QMC5883L",
+        0x2C => "QMC5883P",
+        0x68 | 0x69 if Mpu6050::new(address).identify(bus).is_ok() => "MPU-6050",
+        0x68 | 0x69 if Itg3200::new(address).identify(bus).is_ok() => "ITG-3200 or ITG-3205",
+        0x53 | 0x1D if Adxl345::new(address).identify(bus).is_ok() => "ADXL345",
+        _ => "unknown",
+    }
+}
+
+fn test_the_magnetometer(
+    config: &Config,
+    report: &mut Report,
+    bus: &mut dyn Bus,
+    clock: &mut dyn Clock,
+) {
+    let found = match identify(bus, clock, config.i2c.magnetometer.kind()) {
+        Ok(found) => found,
+        Err(error) => return report.failed(&error),
+    };
+    report.magnetometer = Some(Magnetometer {
+        kind: found.kind.name(),
+        sure: found.sure,
+        why: found.why,
+    });
+    let test = match self_test(bus, clock, found.kind) {
+        Ok(test) => test,
+        Err(error) => return report.failed(&error),
+    };
+    for (axis, test) in ["X", "Y", "Z"].into_iter().zip(test.axes) {
+        report.self_test.push(Axis {
+            axis,
+            expected: test.expected,
+            limits: test.limits,
+            measured: test.measured,
+            passed: test.passed(),
+        });
+        if !test.passed() {
+            report.problem("self_test", axis_sentence(axis, &test));
+        }
+    }
+}
+
+fn axis_sentence(axis: &str, test: &AxisTest) -> String {
+    let (low, high) = test.limits;
+    let right = format!("{:.0} to {:.0} counts are right", low, high);
+    match test.measured {
+        None => format!(
+            "self-test: axis {axis} overflowed; take magnets away; an axis that always overflows is a broken \
+             chip, or a board with a wrong strap capacitor (early SparkFun ones)"
+        ),
+        Some(measured)
+            if measured * test.expected < 0.0 && measured.abs() > 0.3 * test.expected.abs() =>
+        {
+            format!(
+                "self-test: axis {axis} measured {measured:.0} counts, the wrong sign ({right}); is it the chip \
+                 that i2c.magnetometer says?"
+            )
+        }
+        Some(measured) => format!(
+            "self-test: axis {axis} measured {measured:.0} counts of its own field ({right}); is it the chip \
+             that i2c.magnetometer says? If so, it is broken, or its strap capacitor is missing"
+        ),
+    }
+}
+
+/// What the chips said while they were read.
+#[derive(Default)]
+struct Heard {
+    fields: u32,
+    overflows: u32,
+    field_sum_mgauss: Vector3<f64>,
+    rates: Vec<Vector3<f64>>,
+    force_sum_m_s2: Vector3<f64>,
+    forces: u32,
+}
+
+/// Reads all chips as the daemon does.
+fn read_all(config: &Config, report: &mut Report, bus: &mut dyn Bus, clock: &mut dyn Clock) {
+    let mut heard = Heard::default();
+    let begin_s = clock.now_s() + SETTLING_S;
+    let end_s = begin_s + READING_S;
+    let mut chips = Chips::new(&config.i2c);
+    let mut last_s = begin_s;
+    let mut listen = |said| {
+        let Said::Reading(reading) = said else {
+            // A chip that does not come back would never say another word.
+            return last_s < end_s;
+        };
+        last_s = reading.t_s;
+        if reading.t_s >= begin_s {
+            if let Some(field) = reading.whole_field_mgauss() {
+                heard.field_sum_mgauss += field;
+                heard.fields += 1;
+            }
+            heard.overflows += u32::from(reading.field_overflowed());
+            heard.rates.extend(reading.rate_rad_s);
+            if let Some(force) = reading.specific_force_m_s2 {
+                heard.force_sum_m_s2 += force;
+                heard.forces += 1;
+            }
+        }
+        reading.t_s < end_s
+    };
+    let mut until = Until { clock, end_s };
+    chips.run(bus, &mut until, &mut listen);
+    for trouble in chips.troubles() {
+        report.problem(trouble.code, trouble.message.clone());
+    }
+    judge(config, report, &heard);
+}
+
+/// A clock that says stop at a time of its own, even if no chip says anything.
+struct Until<'a> {
+    clock: &'a mut dyn Clock,
+    end_s: f64,
+}
+
+impl Clock for Until<'_> {
+    fn now_s(&self) -> f64 {
+        self.clock.now_s()
+    }
+
+    fn wait_until(&mut self, t_s: f64) -> bool {
+        t_s < self.end_s && self.clock.wait_until(t_s)
+    }
+}
+
+fn judge(config: &Config, report: &mut Report, heard: &Heard) {
+    let mountings = config.i2c.mountings(&config.mounting);
+    judge_field(config, report, heard);
+    judge_gyro(config, report, heard, &mountings);
+    if heard.forces > 0 {
+        let force = mountings
+            .accel
+            .to_body(heard.force_sum_m_s2 / f64::from(heard.forces));
+        report.accel_m_s2 = Some(force.into());
+        let strength = force.norm();
+        if (strength / GRAVITY_M_S2 - 1.0).abs() > GRAVITY_TOLERANCE {
+            report.problem(
+                "accel_strength",
+                format!(
+                    "the accelerometer at rest measures {strength:.1} m/s2, and should measure 9.8; let the board \
+                     lie still, and check which chip it is"
+                ),
+            );
+        } else if force.z > 0.5 * GRAVITY_M_S2 {
+            report.problem(
+                "accel_sign",
+                format!(
+                    "the accelerometer measures {:+.1} m/s2 on body Z, and a level board -9.8: its signs are wrong \
+                     (it reads gravity, not force), or the board lies on its back; check mounting.accel_axes and \
+                     i2c.board",
+                    force.z
+                ),
+            );
+        }
+    }
+}
+
+fn judge_field(config: &Config, report: &mut Report, heard: &Heard) {
+    if heard.overflows > heard.fields {
+        report.problem(
+            "overflow",
+            "the field is beyond the magnetometer's range; take magnets away, or leave out i2c.gain".to_owned(),
+        );
+    }
+    if heard.fields == 0 {
+        return;
+    }
+    let strength = (heard.field_sum_mgauss / f64::from(heard.fields)).norm();
+    report.field_mgauss = Some(strength);
+    let (low, high) = PLAUSIBLE_MGAUSS;
+    if !(low..=high).contains(&strength) {
+        report.problem(
+            "field_strength",
+            format!(
+                "the field has {strength:.0} milligauss, and the Earth's has 220 to 670; look for magnets, iron and \
+                 currents nearby, and check i2c.magnetometer"
+            ),
+        );
+    }
+    let rate_hz = f64::from(heard.fields + heard.overflows) / READING_S;
+    report.mag_rate_hz = Some(rate_hz);
+    // A chip may have a slower rate than was asked for as its fastest.
+    let wanted_hz = config.i2c.rate_hz.min(50.0);
+    if rate_hz < RATE_SHARE * wanted_hz - 1.0 / READING_S {
+        report.problem("rate", slow("magnetometer", rate_hz, wanted_hz));
+    }
+}
+
+fn judge_gyro(config: &Config, report: &mut Report, heard: &Heard, mountings: &Mountings) {
+    let count = heard.rates.len() as f64;
+    if count == 0.0 {
+        return;
+    }
+    let mean = heard.rates.iter().sum::<Vector3<f64>>() / count;
+    let square = |rate: &Vector3<f64>| (rate - mean).component_mul(&(rate - mean));
+    let variance = heard.rates.iter().map(square).sum::<Vector3<f64>>() / count;
+    let noise_deg_s = variance.max().sqrt().to_degrees();
+    let mean_deg_s = mountings.gyro.to_body(mean).map(f64::to_degrees);
+    report.gyro_deg_s = Some(mean_deg_s.into());
+    report.gyro_noise_deg_s = Some(noise_deg_s);
+    let rate_hz = count / READING_S;
+    report.gyro_rate_hz = Some(rate_hz);
+    let limit_deg_s = config.attitude.gyro_bias_limit_deg_s;
+    if noise_deg_s > STILL_DEG_S {
+        report.problem(
+            "not_still",
+            format!("the gyro's rate varies by {noise_deg_s:.1} degrees a second; let the board lie still, and check again"),
+        );
+    } else if mean_deg_s.amax() > limit_deg_s {
+        report.problem(
+            "gyro_bias",
+            format!(
+                "the gyro at rest measures {:.1} degrees a second, more than attitude.gyro_bias_limit_deg_s \
+                 ({limit_deg_s}); let the board lie still; if it did, raise that limit",
+                mean_deg_s.amax()
+            ),
+        );
+    }
+    if rate_hz < RATE_SHARE * config.i2c.gyro_rate_hz {
+        report.problem("rate", slow("gyro", rate_hz, config.i2c.gyro_rate_hz));
+    }
+}
+
+fn slow(what: &str, rate_hz: f64, wanted_hz: f64) -> String {
+    format!(
+        "the {what} gave {rate_hz:.1} readings a second of {wanted_hz}; raise the bus clock (400 kHz), or let the \
+         machine do less"
+    )
+}
+
+#[cfg(test)]
+#[path = "tests.rs"]
+mod tests;

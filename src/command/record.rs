@@ -1,0 +1,65 @@
+//! `headingd record`: raw readings of any source into a log.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use tokio::signal::unix::SignalKind;
+
+use super::run::{catch, runtime, start_log};
+use super::{Failure, load_config};
+use crate::config::Config;
+use crate::daemon::record::record;
+
+/// Record raw readings into a log, until told to stop
+///
+/// Reads the source of the configuration as the daemon does, serves headings meanwhile, and writes every raw
+/// reading into the log, for "headingd replay" and "headingd calibrate". If the socket cannot be served on it
+/// records all the same; if another headingd serves there, that one has the source, and its own [record]
+/// table makes it record.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example: headingd record --config my.toml --out turn.csv --duration 60")]
+pub struct Args {
+    /// The log to write; an existing one is replaced
+    #[arg(long, value_name = "LOG")]
+    pub out: PathBuf,
+    /// The configuration file; without one the simulated board is recorded
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Stop after so many seconds, 0.1 to 10000000
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub duration: Option<f64>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n| (0.1..=1e7).contains(n));
+    number.ok_or_else(|| "must be a number from 0.1 to 10000000".to_owned())
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let config = match &args.config {
+        Some(path) => load_config(path)?,
+        None => Config::default(),
+    };
+    start_log(&config.log.filter);
+    runtime()?.block_on(async {
+        let mut signals = catch(&[
+            SignalKind::terminate(),
+            SignalKind::interrupt(),
+            SignalKind::hangup(),
+        ])?;
+        let over = async {
+            match args.duration {
+                Some(duration_s) => tokio::time::sleep(Duration::from_secs_f64(duration_s)).await,
+                None => std::future::pending().await,
+            }
+        };
+        let told = async {
+            tokio::select! {
+                _ = signals.received() => {}
+                () = over => {}
+            }
+        };
+        Ok(record(&config, &args.out, told).await?)
+    })
+}

@@ -1,0 +1,226 @@
+//! Writes raw readings into logs, on a thread of its own: a slow or full disk delays no heading.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use tokio::sync::oneshot;
+
+use super::{DaemonError, join_for, ring, spawn, time_of_day};
+use crate::config::record::Settings;
+use crate::reading::Reading;
+use crate::recording::{Entry, Header, Writer};
+
+/// Readings that may wait for the disk: some ten seconds of them.
+const QUEUE: usize = 4096;
+/// What was read goes to the disk this often, so that a power cut costs no more.
+const FLUSH: Duration = Duration::from_secs(1);
+/// At the end a disk that hangs is waited for this long.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// Why there is no recording any more.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot {attempt} recording {}: {source}", path.display())]
+pub struct RecordError {
+    attempt: &'static str,
+    path: PathBuf,
+    source: io::Error,
+}
+
+impl RecordError {
+    /// Whether not even the file could be made.
+    pub fn is_at_start(&self) -> bool {
+        self.attempt == "begin"
+    }
+}
+
+/// Where the readings go.
+pub(super) enum Target {
+    /// Into one file.
+    File(PathBuf),
+    /// Into a ring of files.
+    Ring(Settings),
+}
+
+/// The daemon's end of a recording.
+pub(super) struct Recorder {
+    queue: Option<SyncSender<Reading>>,
+    thread: JoinHandle<()>,
+    dropped: u64,
+}
+
+/// Ready when the recording has ended, and with what.
+pub(super) type Ending = oneshot::Receiver<Result<(), RecordError>>;
+
+impl Recorder {
+    /// Starts the thread. What goes wrong on it comes out of the second value.
+    pub(super) fn start(target: Target, header: Header) -> Result<(Self, Ending), DaemonError> {
+        let (queue, readings) = sync_channel(QUEUE);
+        let (sender, ending) = oneshot::channel();
+        let thread = spawn("recorder", "recorder", move || {
+            // Nobody may want to know.
+            let _ = sender.send(record(&target, &header, &readings));
+        })?;
+        let recorder = Self {
+            queue: Some(queue),
+            thread,
+            dropped: 0,
+        };
+        Ok((recorder, ending))
+    }
+
+    /// A recording into a ring, if one is wanted. That it cannot go on is said once.
+    pub(super) fn ring(settings: &Settings, header: Header) -> Result<Option<Self>, DaemonError> {
+        if settings.directory.as_os_str().is_empty() {
+            return Ok(None);
+        }
+        let (recorder, ending) = Self::start(Target::Ring(settings.clone()), header)?;
+        tokio::spawn(async move {
+            if let Ok(Err(error)) = ending.await {
+                tracing::error!(
+                    "{error}; nothing is recorded any more, headings go on: see to the disk and record.directory, \
+                     and start again"
+                );
+            }
+        });
+        Ok(Some(recorder))
+    }
+
+    /// Records a reading, if there is room for it. Never waits.
+    pub(super) fn take(&mut self, reading: Reading) {
+        let Some(queue) = &self.queue else { return };
+        match queue.try_send(reading) {
+            Ok(()) => {}
+            Err(TrySendError::Full(_)) => {
+                if self.dropped == 0 {
+                    tracing::warn!(
+                        "the disk is too slow for the recording: readings are left out of it"
+                    );
+                }
+                self.dropped += 1;
+            }
+            // It has ended, and has said why.
+            Err(TrySendError::Disconnected(_)) => self.queue = None,
+        }
+    }
+
+    /// Waits until everything is on disk.
+    pub(super) fn close(mut self) {
+        self.queue = None;
+        join_for("recorder", self.thread, PATIENCE);
+        if self.dropped > 0 {
+            tracing::warn!(
+                readings = self.dropped,
+                "readings were left out of the recording"
+            );
+        }
+    }
+}
+
+/// A file that knows how long it is.
+struct Counted {
+    file: File,
+    bytes: u64,
+}
+
+impl Write for Counted {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let count = self.file.write(bytes)?;
+        self.bytes += count as u64;
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// An open log.
+struct Log {
+    path: PathBuf,
+    writer: Writer<BufWriter<Counted>>,
+}
+
+impl Target {
+    fn open(&self, header: &Header) -> Result<Log, RecordError> {
+        let fail = |path: &Path| {
+            let path = path.to_owned();
+            move |source| RecordError {
+                attempt: "begin",
+                path,
+                source,
+            }
+        };
+        let (path, file) = match self {
+            Self::File(path) => {
+                let file = File::create(path).map_err(fail(path))?;
+                (path.clone(), file)
+            }
+            Self::Ring(ring) => {
+                ring::next(&ring.directory, ring.files).map_err(fail(&ring.directory))?
+            }
+        };
+        let mut header = header.clone();
+        if let Some(time) = time_of_day::rfc3339(Instant::now()) {
+            header.truth.push(("recorded_from".to_owned(), time));
+        }
+        let writer = Writer::new(BufWriter::new(Counted { file, bytes: 0 }), &header);
+        let writer = writer.map_err(fail(&path))?;
+        Ok(Log { path, writer })
+    }
+
+    fn most_bytes(&self) -> u64 {
+        match self {
+            Self::File(_) => u64::MAX,
+            Self::Ring(ring) => ring.file_mib << 20,
+        }
+    }
+}
+
+fn record(
+    target: &Target,
+    header: &Header,
+    readings: &Receiver<Reading>,
+) -> Result<(), RecordError> {
+    let mut log = target.open(header)?;
+    tracing::info!("recording into {}", log.path.display());
+    let mut flushed = Instant::now();
+    loop {
+        let left = FLUSH.saturating_sub(flushed.elapsed());
+        let written = match readings.recv_timeout(left) {
+            Ok(reading) => log.writer.write(&Entry {
+                reading,
+                heading_truth_rad: None,
+            }),
+            Err(RecvTimeoutError::Timeout) => {
+                flushed = Instant::now();
+                log.writer.flush()
+            }
+            Err(RecvTimeoutError::Disconnected) => break,
+        };
+        written.map_err(|source| log.failed(source))?;
+        if log.writer.get_ref().get_ref().bytes >= target.most_bytes() {
+            log.close()?;
+            log = target.open(header)?;
+        }
+    }
+    log.close()
+}
+
+impl Log {
+    fn failed(&self, source: io::Error) -> RecordError {
+        RecordError {
+            attempt: "go on with",
+            path: self.path.clone(),
+            source,
+        }
+    }
+
+    fn close(&mut self) -> Result<(), RecordError> {
+        let closed = self.writer.flush();
+        closed.map_err(|source| self.failed(source))
+    }
+}

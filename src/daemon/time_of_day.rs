@@ -1,0 +1,66 @@
+//! The time of day of a live reading, as RFC 3339 has it.
+
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+/// A clock that says less has never been set: a board without a battery begins in 1970. It is 2020-01-01.
+const CREDIBLE: Duration = Duration::from_secs(1_577_836_800);
+
+/// The time of day, in UTC and to the millisecond, at a moment not long ago; `None` if the system does not know it.
+pub(super) fn rfc3339(moment: Instant) -> Option<String> {
+    let then = SystemTime::now().checked_sub(moment.elapsed())?;
+    let since_1970 = then.duration_since(UNIX_EPOCH).ok()?;
+    (since_1970 >= CREDIBLE).then(|| written(since_1970))
+}
+
+fn written(since_1970: Duration) -> String {
+    let seconds = since_1970.as_secs();
+    let (year, month, day) = date(seconds / 86_400);
+    let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
+    let millisecond = since_1970.subsec_millis();
+    format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}.{millisecond:03}Z")
+}
+
+/// Year, month and day of a number of days since 1970-01-01. The year is taken to begin in March, so that the
+/// leap day is its last.
+fn date(days: u64) -> (u64, u64, u64) {
+    const DAYS_IN_400_YEARS: u64 = 146_097;
+    // Since 0000-03-01.
+    let days = days + 719_468;
+    let in_era = days % DAYS_IN_400_YEARS;
+    let year_in_era = (in_era - in_era / 1460 + in_era / 36_524 - in_era / 146_096) / 365;
+    let in_year = in_era - (365 * year_in_era + year_in_era / 4 - year_in_era / 100);
+    let month = (5 * in_year + 2) / 153;
+    let day = in_year - (153 * month + 2) / 5 + 1;
+    let year = year_in_era + days / DAYS_IN_400_YEARS * 400;
+    if month < 10 {
+        (year, month + 3, day)
+    } else {
+        (year + 1, month - 9, day)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Compared with `date -u -d @N`.
+    #[test]
+    fn seconds_become_dates() {
+        for (milliseconds, text) in [
+            (0, "1970-01-01T00:00:00.000Z"),
+            (951_782_400_007, "2000-02-29T00:00:00.007Z"),
+            (1_709_251_199_999, "2024-02-29T23:59:59.999Z"),
+            (1_795_271_132_250, "2026-11-21T14:25:32.250Z"),
+            (4_107_542_400_000, "2100-03-01T00:00:00.000Z"),
+        ] {
+            assert_eq!(written(Duration::from_millis(milliseconds)), text);
+        }
+    }
+
+    #[test]
+    fn a_moment_ago_is_earlier_than_now() {
+        let now = Instant::now();
+        let (earlier, later) = (rfc3339(now - Duration::from_secs(2)), rfc3339(now));
+        assert!(earlier.is_some() && earlier < later);
+    }
+}

@@ -1,0 +1,151 @@
+//! The rows of a log, one line at a time: text to numbers in our units.
+
+use nalgebra::Vector3;
+
+use super::header::{self, Layout};
+use super::{ACCEL, COLUMNS, Entry, GYRO, HEADING, Header, MAG, shown};
+use crate::frame::wrap_360;
+use crate::reading::Reading;
+
+/// How a log's rows are to be read, and what its header said.
+#[derive(Clone, Debug)]
+pub struct Rows {
+    header: Header,
+    layout: Layout,
+}
+
+/// What is wrong with a row: the column, if one cell is to blame, and what was found.
+pub(super) type Fault = (Option<usize>, String);
+
+impl Rows {
+    pub(super) fn new(header: Header, layout: Layout) -> Self {
+        Self { header, layout }
+    }
+
+    /// Rows without a header, of this many cells: `t_s,mx,my,mz`, or with `gx,gy,gz`, or with `ax,ay,az`
+    /// too, or with `heading_deg` too; in milligauss, rad/s and m/s². `None` for any other count.
+    pub fn plain(cells: usize) -> Option<Self> {
+        Some(Self::new(Header::default(), header::plain(cells)?))
+    }
+
+    /// What the `#` lines said.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// How many cells a row has.
+    pub fn columns(&self) -> usize {
+        self.layout.columns.len()
+    }
+
+    #[cfg(test)]
+    pub(super) fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// One row, without its line's end. Its time may be anything.
+    ///
+    /// # Errors
+    ///
+    /// What was found, in which column, and what would be right.
+    pub fn row(&self, line: &[u8]) -> Result<Entry, String> {
+        self.entry(line).map_err(|(column, what)| match column {
+            Some(column) => {
+                let (number, name) = self.place(column);
+                format!("column {number} ({name}): {what}")
+            }
+            None => what,
+        })
+    }
+
+    /// Number of one of [`COLUMNS`] in the log, from 1, and its name.
+    pub(super) fn place(&self, column: usize) -> (usize, &'static str) {
+        let found = |c: &Option<usize>| *c == Some(column);
+        let number = 1 + self.layout.columns.iter().position(found).unwrap_or(0);
+        (number, COLUMNS[column])
+    }
+
+    /// One row, without its line's end. Whether its time follows the time of the row before is not asked.
+    pub(super) fn entry(&self, line: &[u8]) -> Result<Entry, Fault> {
+        let cells = self.cells(line)?;
+        let t_s = cells[0].ok_or((
+            Some(0),
+            "found an empty cell, but each row must have its time in seconds".to_owned(),
+        ))?;
+        let field = [cells[MAG], cells[MAG + 1], cells[MAG + 2]];
+        Ok(Entry {
+            reading: Reading {
+                t_s,
+                field_mgauss: field.iter().any(Option::is_some).then_some(field),
+                rate_rad_s: vector(&cells, GYRO)?,
+                specific_force_m_s2: vector(&cells, ACCEL)?,
+            },
+            heading_truth_rad: cells[HEADING].map(|deg| wrap_360(deg).to_radians()),
+        })
+    }
+
+    /// The row's numbers in our units, in the order of [`COLUMNS`].
+    fn cells(&self, line: &[u8]) -> Result<[Option<f64>; COLUMNS.len()], Fault> {
+        let text = str::from_utf8(line).map_err(|error| {
+            let rest = &line[error.valid_up_to()..];
+            (
+                None,
+                format!("found bytes that are no text: {}", shown(rest)),
+            )
+        })?;
+        let count = 1 + line.iter().filter(|byte| **byte == b',').count();
+        let expected = self.layout.columns.len();
+        if count != expected {
+            return Err((
+                None,
+                format!(
+                    "found {count} cells in {}, but must be {expected}, one a column",
+                    shown(line)
+                ),
+            ));
+        }
+        let mut cells = [None; COLUMNS.len()];
+        for (column, cell) in self.layout.columns.iter().zip(text.split(',')) {
+            let Some(column) = *column else { continue };
+            let cell = cell.trim_ascii();
+            if cell.is_empty() {
+                continue;
+            }
+            let rule = &self.layout.rules[column];
+            // NaN fails the comparison too.
+            match cell.parse::<f64>() {
+                Ok(number) if number.abs() <= rule.limit => {
+                    cells[column] = Some(number * rule.factor);
+                }
+                _ => {
+                    let right = format!(
+                        "a number from -{limit} to {limit} {unit}",
+                        limit = rule.limit,
+                        unit = rule.unit
+                    );
+                    let what = format!("found {}, but must be {right}", shown(cell.as_bytes()));
+                    return Err((Some(column), what));
+                }
+            }
+        }
+        Ok(cells)
+    }
+}
+
+fn vector(
+    cells: &[Option<f64>; COLUMNS.len()],
+    first: usize,
+) -> Result<Option<Vector3<f64>>, Fault> {
+    match [cells[first], cells[first + 1], cells[first + 2]] {
+        [Some(x), Some(y), Some(z)] => Ok(Some(Vector3::new(x, y, z))),
+        [None, None, None] => Ok(None),
+        some => {
+            let empty = first + some.iter().position(Option::is_none).unwrap_or(0);
+            let names = COLUMNS[first..first + 3].join(", ");
+            Err((
+                Some(empty),
+                format!("found an empty cell, but {names} must be filled or empty together"),
+            ))
+        }
+    }
+}

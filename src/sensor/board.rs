@@ -1,0 +1,155 @@
+//! Boards by name: which chips they carry, and how those are mounted.
+
+use serde::{Deserialize, Serialize};
+
+use crate::frame::Mountings;
+
+/// The boards that are known, and the one that the configuration describes itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Board {
+    /// SparkFun's 9DOF Sensor Stick, SEN-10183, SEN-10321 and SEN-10724.
+    #[serde(rename = "sparkfun-9dof-stick")]
+    Sparkfun9dofStick,
+    /// GY-85.
+    #[serde(rename = "gy-85")]
+    Gy85,
+    /// GY-86.
+    #[serde(rename = "gy-86")]
+    Gy86,
+    /// Any other: table `[mounting]` says how its chips lie.
+    #[default]
+    Custom,
+}
+
+/// The chips beside the magnetometer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Companions {
+    /// Those of the board; with a custom one, those that answer.
+    #[default]
+    Auto,
+    /// None: no turn can be seen.
+    None,
+    /// A gyro ITG-3200 or ITG-3205 alone.
+    Itg3200,
+    /// The same and an accelerometer ADXL345.
+    #[serde(rename = "itg3200+adxl345")]
+    Itg3200Adxl345,
+    /// An MPU-6050.
+    Mpu6050,
+}
+
+impl Board {
+    /// How its chips are mounted: body X forward, Y right, Z down; `None` if the board does not say.
+    ///
+    /// Sources: the firmware Razor AHRS (`Sensors.ino`) for the stick, MultiWii (`def.h`) for the GY boards. Both
+    /// store an accelerometer's reading as gravity or with signs of their own; what is here maps specific force,
+    /// as the chip has it. On the stick the magnetometer is turned against the other two; on the GY boards all
+    /// are parallel, with chip Y forward, chip X to the right and chip Z up.
+    pub fn mountings(self) -> Option<Mountings> {
+        let (mag, others) = match self {
+            Self::Sparkfun9dofStick => ("+x -y -z", "-y -x -z"),
+            Self::Gy85 | Self::Gy86 => ("+y +x -z", "+y +x -z"),
+            Self::Custom => return None,
+        };
+        let parsed = |text: &str| text.parse().expect("a mounting of three axes");
+        Some(Mountings {
+            mag: parsed(mag),
+            gyro: parsed(others),
+            accel: parsed(others),
+        })
+    }
+
+    /// The chips beside the magnetometer, as far as the board says.
+    pub fn companions(self) -> Companions {
+        match self {
+            Self::Sparkfun9dofStick | Self::Gy85 => Companions::Itg3200Adxl345,
+            Self::Gy86 => Companions::Mpu6050,
+            Self::Custom => Companions::Auto,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+
+    /// On the printed side, which is up, chip Z of every chip points up.
+    #[test]
+    fn a_level_board_reads_minus_9_8_down_and_a_clockwise_turn_is_positive() {
+        for board in [Board::Sparkfun9dofStick, Board::Gy85, Board::Gy86] {
+            let mountings = board.mountings().unwrap();
+            // Specific force points up: ADXL345 and MPU-6050 read +1 g on chip Z.
+            let force = mountings.accel.to_body(Vector3::new(0.0, 0.0, 9.8));
+            assert_eq!(force, Vector3::new(0.0, 0.0, -9.8));
+            // Clockwise from above is negative about an axis that points up.
+            let rate = mountings.gyro.to_body(Vector3::new(0.0, 0.0, -1.0));
+            assert_eq!(rate, Vector3::new(0.0, 0.0, 1.0));
+            // In the north the field points down.
+            let field = mountings.mag.to_body(Vector3::new(0.0, 0.0, -400.0));
+            assert_eq!(field.z, 400.0);
+        }
+    }
+
+    /// Real chips are right-handed, so a mirrored mounting would be a slip of the pen.
+    #[test]
+    fn no_mounting_is_mirrored() {
+        for board in [Board::Sparkfun9dofStick, Board::Gy85, Board::Gy86] {
+            let m = board.mountings().unwrap();
+            for mounting in [m.mag, m.gyro, m.accel] {
+                let [x, y, z] =
+                    [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| mounting.to_body(axis));
+                assert_eq!(x.cross(&y), z);
+            }
+        }
+    }
+
+    /// Nose up, the front of the board points up, and so a part of the force of the table is along it; and
+    /// nose up is a positive rotation about the axis to the right.
+    #[test]
+    fn the_chips_of_a_board_agree_on_where_its_front_is() {
+        // The stick's front is at its chips' −Y, the GY boards' at their +Y.
+        for (board, front, right) in [
+            (Board::Sparkfun9dofStick, -Vector3::y(), -Vector3::x()),
+            (Board::Gy85, Vector3::y(), Vector3::x()),
+            (Board::Gy86, Vector3::y(), Vector3::x()),
+        ] {
+            let m = board.mountings().unwrap();
+            assert_eq!(m.accel.to_body(front), Vector3::x());
+            assert_eq!(m.gyro.to_body(right), Vector3::y());
+        }
+        // The magnetometer of the stick has its X to the front; that of the GY boards lies as the others.
+        let stick = Board::Sparkfun9dofStick.mountings().unwrap();
+        assert_eq!(stick.mag.to_body(Vector3::x()), Vector3::x());
+        let gy = Board::Gy85.mountings().unwrap();
+        assert_eq!(gy.mag, gy.accel);
+    }
+
+    /// A level board at heading ψ sees (H cos ψ, −H sin ψ, Z): facing east, north is to its left.
+    #[test]
+    fn facing_east_north_is_to_the_left() {
+        // The stick's magnetometer: X forward, so Y is to the left (Z is up), and reads north.
+        let stick = Board::Sparkfun9dofStick.mountings().unwrap();
+        let field = stick.mag.to_body(Vector3::new(0.0, 170.0, -500.0));
+        assert_eq!(field, Vector3::new(0.0, -170.0, 500.0));
+        // The GY boards' X is to the right, and reads south.
+        let gy = Board::Gy85.mountings().unwrap();
+        let field = gy.mag.to_body(Vector3::new(-170.0, 0.0, -500.0));
+        assert_eq!(field, Vector3::new(0.0, -170.0, 500.0));
+    }
+
+    #[test]
+    fn the_names_are_those_of_the_boards() {
+        for (board, name) in [
+            (Board::Sparkfun9dofStick, "sparkfun-9dof-stick"),
+            (Board::Gy85, "gy-85"),
+            (Board::Gy86, "gy-86"),
+            (Board::Custom, "custom"),
+        ] {
+            assert_eq!(toml::Value::try_from(board).unwrap().as_str(), Some(name));
+        }
+    }
+}

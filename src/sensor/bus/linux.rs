@@ -1,0 +1,210 @@
+//! A bus of Linux, `/dev/i2c-N`, through SMBus transfers alone: they work where the adapter refuses plain I2C
+//! ones (I2C_RDWR), and opening a chip for them (I2C_SLAVE) is refused while a driver of the kernel has it.
+//! That refusal is never forced.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use i2cdev::core::I2CDevice;
+use i2cdev::linux::{LinuxI2CDevice, LinuxI2CError};
+use libc::{EACCES, EAGAIN, EBUSY, ENODEV, ENOENT, ENXIO, EOPNOTSUPP, EPERM, EREMOTEIO, ETIMEDOUT};
+
+use super::{Attempt, Bus, BusError, Cause, Claim};
+
+/// Where the kernel shows which driver has which chip.
+const DEVICES: &str = "/sys/bus/i2c/devices";
+
+/// A bus of Linux. Chips are opened when they are first talked to.
+pub struct LinuxBus {
+    number: u8,
+    /// One open file a chip: its address belongs to the file. After any error the file is closed, so that a bus
+    /// that has gone and come back, or a chip that a driver has freed, is found by the next transfer.
+    devices: Vec<(u8, LinuxI2CDevice)>,
+}
+
+impl LinuxBus {
+    /// The bus `/dev/i2c-N`. Nothing is opened yet.
+    pub fn new(number: u8) -> Self {
+        Self {
+            number,
+            devices: Vec::new(),
+        }
+    }
+
+    /// The path of a bus.
+    pub fn path(number: u8) -> PathBuf {
+        format!("/dev/i2c-{number}").into()
+    }
+
+    fn device(&mut self, address: u8) -> Result<&mut LinuxI2CDevice, BusError> {
+        let found = self.devices.iter().position(|(open, _)| *open == address);
+        let at = match found {
+            Some(at) => at,
+            None => {
+                let opened = LinuxI2CDevice::new(Self::path(self.number), address.into());
+                let device = opened.map_err(|error| {
+                    self.error(
+                        Attempt::Open { address },
+                        opening(&error, self.number, address),
+                    )
+                })?;
+                self.devices.push((address, device));
+                self.devices.len() - 1
+            }
+        };
+        Ok(&mut self.devices[at].1)
+    }
+
+    fn error(&self, attempt: Attempt, cause: Cause) -> BusError {
+        BusError {
+            bus: Self::path(self.number).display().to_string(),
+            attempt,
+            cause,
+        }
+    }
+
+    fn failed(&mut self, address: u8, attempt: Attempt, cause: Cause) -> BusError {
+        self.devices.retain(|(open, _)| *open != address);
+        self.error(attempt, cause)
+    }
+}
+
+impl Bus for LinuxBus {
+    fn read(&mut self, address: u8, register: u8, into: &mut [u8]) -> Result<(), BusError> {
+        let count = into.len() as u8;
+        let read = self
+            .device(address)?
+            .smbus_read_i2c_block_data(register, count);
+        let cause = match read {
+            Ok(bytes) if bytes.len() == into.len() => {
+                into.copy_from_slice(&bytes);
+                return Ok(());
+            }
+            Ok(bytes) => Cause::ShortRead {
+                found: bytes.len() as u8,
+            },
+            Err(error) => transfer(&error),
+        };
+        let attempt = Attempt::Read {
+            address,
+            register,
+            count,
+        };
+        Err(self.failed(address, attempt, cause))
+    }
+
+    fn write(&mut self, address: u8, register: u8, value: u8) -> Result<(), BusError> {
+        self.device(address)?
+            .smbus_write_byte_data(register, value)
+            .map_err(|error| {
+                let attempt = Attempt::Write { address, register };
+                self.failed(address, attempt, transfer(&error))
+            })
+    }
+}
+
+fn errno(error: &LinuxI2CError) -> Option<i32> {
+    match error {
+        LinuxI2CError::Errno(errno) => Some(*errno),
+        LinuxI2CError::Io(error) => error.raw_os_error(),
+    }
+}
+
+/// What a refusal to open means: of the file, or of the address.
+fn opening(error: &LinuxI2CError, number: u8, address: u8) -> Cause {
+    match errno(error) {
+        Some(ENOENT | ENODEV | ENXIO) => Cause::NoBus,
+        Some(EACCES | EPERM) => Cause::Permission,
+        Some(EBUSY) => Cause::Claimed {
+            driver: claim(Path::new(DEVICES), number, address),
+        },
+        _ => Cause::Other(error.to_string()),
+    }
+}
+
+/// What a failed transfer means, as `Documentation/i2c/fault-codes.rst` of the kernel has it.
+fn transfer(error: &LinuxI2CError) -> Cause {
+    match errno(error) {
+        // A chip that is not there is ENXIO; BCM2835 says EREMOTEIO, some say ENODEV.
+        Some(ENXIO | EREMOTEIO | ENODEV) => Cause::NoAnswer,
+        Some(ETIMEDOUT) => Cause::Timeout,
+        Some(EAGAIN) => Cause::ArbitrationLost,
+        Some(EOPNOTSUPP) => Cause::Unsupported,
+        Some(EBUSY) => Cause::Claimed { driver: None },
+        Some(EACCES | EPERM) => Cause::Permission,
+        Some(errno) => Cause::Other(io::Error::from_raw_os_error(errno).to_string()),
+        None => Cause::Other(error.to_string()),
+    }
+}
+
+/// The driver that has claimed a chip.
+fn claim(devices: &Path, number: u8, address: u8) -> Option<Claim> {
+    let device = format!("{number}-{address:04x}");
+    let driver = devices.join(&device).join("driver").canonicalize().ok()?;
+    Some(Claim {
+        driver: driver.file_name()?.to_str()?.to_owned(),
+        device,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::os::unix::fs::symlink;
+
+    use super::*;
+
+    #[test]
+    fn an_errno_becomes_a_cause() {
+        let of = |errno| transfer(&LinuxI2CError::Errno(errno));
+        for (errno, code) in [
+            (ENXIO, "no_answer"),
+            (EREMOTEIO, "no_answer"),
+            (ENODEV, "no_answer"),
+            (ETIMEDOUT, "timeout"),
+            (EAGAIN, "arbitration_lost"),
+            (EOPNOTSUPP, "unsupported"),
+            (5, "bus_error"),
+        ] {
+            assert_eq!(of(errno).code(), code);
+        }
+        assert!(of(5).to_string().contains("Input/output error"));
+        let open = |errno| {
+            let error = LinuxI2CError::Io(io::Error::from_raw_os_error(errno));
+            opening(&error, 250, 0x1e).code()
+        };
+        assert_eq!(
+            [open(ENOENT), open(EACCES), open(EBUSY), open(5)],
+            ["no_bus", "permission", "claimed", "bus_error"]
+        );
+    }
+
+    #[test]
+    fn a_bus_that_is_not_there_says_how_to_get_it() {
+        let mut byte = [0];
+        let error = LinuxBus::new(250).read(0x1e, 10, &mut byte).unwrap_err();
+        assert_eq!(error.cause, Cause::NoBus);
+        let said = error.to_string();
+        for part in ["0x1e", "/dev/i2c-250", "modprobe i2c-dev"] {
+            assert!(said.contains(part), "{said}");
+        }
+    }
+
+    #[test]
+    fn the_driver_that_has_the_chip_is_named_with_the_line_that_frees_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let driver = folder.path().join("drivers/hmc5843");
+        let device = folder.path().join("devices/1-001e");
+        fs::create_dir_all(&driver).unwrap();
+        fs::create_dir_all(&device).unwrap();
+        symlink(&driver, device.join("driver")).unwrap();
+        let devices = folder.path().join("devices");
+        let driver = claim(&devices, 1, 0x1e);
+        let said = Cause::Claimed { driver }.to_string();
+        assert!(
+            said.contains("echo 1-001e | sudo tee /sys/bus/i2c/drivers/hmc5843/unbind"),
+            "{said}"
+        );
+        assert_eq!(claim(&devices, 1, 0x68), None);
+    }
+}

@@ -1,0 +1,203 @@
+//! A bus with chips on it: what a driver needs of one, and what can go wrong with it.
+
+#[cfg(test)]
+pub(crate) mod fake;
+mod linux;
+
+use std::fmt;
+
+pub use linux::LinuxBus;
+
+/// The longest block that one transfer reads: the limit of an SMBus I2C block read.
+pub const LONGEST_BLOCK: usize = 32;
+
+/// Reads and writes the registers of the chips on one bus.
+pub trait Bus {
+    /// Reads registers from `register` on, as many as `into` is long (1 to [`LONGEST_BLOCK`]), in one transfer.
+    fn read(&mut self, address: u8, register: u8, into: &mut [u8]) -> Result<(), BusError>;
+
+    /// Writes one register.
+    fn write(&mut self, address: u8, register: u8, value: u8) -> Result<(), BusError>;
+}
+
+/// Reads one register.
+pub fn read_byte(bus: &mut dyn Bus, address: u8, register: u8) -> Result<u8, BusError> {
+    let mut byte = [0];
+    bus.read(address, register, &mut byte)?;
+    Ok(byte[0])
+}
+
+/// What was attempted on a bus, and what came of it.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("cannot {attempt} on {bus}: {cause}")]
+pub struct BusError {
+    /// The bus: `/dev/i2c-1`.
+    pub bus: String,
+    /// What was attempted.
+    pub attempt: Attempt,
+    /// Why it failed.
+    pub cause: Cause,
+}
+
+/// What was attempted on a bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Attempt {
+    /// Opening it, to talk to the chip at this address.
+    Open {
+        /// 7-bit address.
+        address: u8,
+    },
+    /// Reading registers.
+    Read {
+        /// 7-bit address.
+        address: u8,
+        /// The first register.
+        register: u8,
+        /// How many.
+        count: u8,
+    },
+    /// Writing one register.
+    Write {
+        /// 7-bit address.
+        address: u8,
+        /// The register.
+        register: u8,
+    },
+}
+
+/// Why a transfer failed, in the words of Linux's `fault-codes.rst` as far as it has them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// There is no such bus, or it has gone.
+    NoBus,
+    /// The user may not use it.
+    Permission,
+    /// A driver of the kernel has the chip.
+    Claimed {
+        /// What to write where to free it, if the driver was found.
+        driver: Option<Claim>,
+    },
+    /// No chip acknowledges the address.
+    NoAnswer,
+    /// The transfer did not end in time.
+    Timeout,
+    /// Another master spoke at the same time.
+    ArbitrationLost,
+    /// Fewer bytes came than were asked for.
+    ShortRead {
+        /// How many came.
+        found: u8,
+    },
+    /// The adapter has no such transfer.
+    Unsupported,
+    /// Anything else, as the system says it.
+    Other(String),
+}
+
+/// A driver of the kernel that has a chip.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Claim {
+    /// The driver: `hmc5843`.
+    pub driver: String,
+    /// The chip, as the kernel names it: `1-001e`.
+    pub device: String,
+}
+
+impl Cause {
+    /// As a code that a program can read.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::NoBus => "no_bus",
+            Self::Permission => "permission",
+            Self::Claimed { .. } => "claimed",
+            Self::NoAnswer => "no_answer",
+            Self::Timeout => "timeout",
+            Self::ArbitrationLost => "arbitration_lost",
+            Self::ShortRead { .. } => "short_read",
+            Self::Unsupported => "unsupported",
+            Self::Other(_) => "bus_error",
+        }
+    }
+
+    /// Whether the next attempt may do: a disturbance on the wires. The others need somebody's help.
+    pub fn is_passing(&self) -> bool {
+        !matches!(
+            self,
+            Self::NoBus | Self::Permission | Self::Claimed { .. } | Self::Unsupported
+        )
+    }
+}
+
+/// What was found, and what helps.
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoBus => f.write_str(
+                "there is no such bus; enable it in the board's settings, load the module (modprobe i2c-dev), \
+                 and look which buses there are (ls /dev/i2c-*)",
+            ),
+            Self::Permission => f.write_str(
+                "permission denied; let the user join the group i2c (usermod -aG i2c USER) and log in anew",
+            ),
+            Self::Claimed { driver: Some(claim) } => write!(
+                f,
+                "the kernel's driver {driver} has claimed the chip; free it with: echo {device} | sudo tee \
+                 /sys/bus/i2c/drivers/{driver}/unbind",
+                driver = claim.driver,
+                device = claim.device
+            ),
+            Self::Claimed { driver: None } => f.write_str(
+                "the address is busy, but no driver of the kernel has claimed it; is the bus stuck? Switch \
+                 the chips off and on",
+            ),
+            Self::NoAnswer => f.write_str(
+                "no chip answers; check wiring, power and address (a magnetometer behind an MPU-6050 answers \
+                 only when that has its bypass on)",
+            ),
+            Self::Timeout => f.write_str(
+                "the transfer timed out; check the pull-up resistors and for a line held low, or choose a \
+                 slower bus clock",
+            ),
+            Self::ArbitrationLost => {
+                f.write_str("arbitration lost; another master, or noise, is on the bus")
+            }
+            Self::ShortRead { found } => {
+                write!(f, "only {found} bytes came; check wiring and bus clock")
+            }
+            Self::Unsupported => f.write_str(
+                "the adapter does not support SMBus I2C block reads; use another adapter",
+            ),
+            Self::Other(what) => write!(f, "{what}; check wiring, power and bus clock"),
+        }
+    }
+}
+
+impl fmt::Display for Attempt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Open { address } => write!(f, "talk to the chip at 0x{address:02x}"),
+            Self::Read {
+                address,
+                register,
+                count: 1,
+            } => write!(
+                f,
+                "read register 0x{register:02x} of the chip at 0x{address:02x}"
+            ),
+            Self::Read {
+                address,
+                register,
+                count,
+            } => write!(
+                f,
+                "read {count} registers from 0x{register:02x} on of the chip at 0x{address:02x}"
+            ),
+            Self::Write { address, register } => {
+                write!(
+                    f,
+                    "write register 0x{register:02x} of the chip at 0x{address:02x}"
+                )
+            }
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! Which of the kin a chip is: all say "H43".
+
+use super::registers::*;
+use super::{ChipError, Kind};
+use crate::sensor::bus::{Bus, read_byte};
+use crate::sensor::chip::pause;
+use crate::sensor::clock::Clock;
+
+/// Averaging and the fastest rate: an HMC5883L keeps the averaging bits, an HMC5843 has none.
+const PROBE: u8 = 0x78;
+const PROBE_WITHOUT_AVERAGING: u8 = 0x18;
+/// At rate code 6 an HMC5843 measures at 50 Hz, all others at 75 Hz. The limit lies between.
+const PERIOD_LIMIT_S: f64 = 0.0163;
+const LOOK_S: f64 = 0.001;
+/// Changes of the data that are timed, and the longest that this may take.
+const CHANGES: u32 = 6;
+const PATIENCE_S: f64 = 0.3;
+
+/// Where clones answer, and what they are.
+const CLONES: [(u8, &str); 2] = [(0x0D, "QMC5883L"), (0x2C, "QMC5883P")];
+
+/// What a chip is, and how that is known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Identified {
+    /// The kind.
+    pub kind: Kind,
+    /// Whether that is certain. If not, it is the most likely one.
+    pub sure: bool,
+    /// Why.
+    pub why: &'static str,
+}
+
+/// Tells which chip answers at 0x1E. `named` is what the configuration says, if it does; then only "H43" is looked for.
+///
+/// Otherwise the chip is written to: it keeps the averaging bits of CRA or does not, and measures at 50 or at 75 Hz.
+pub fn identify(
+    bus: &mut dyn Bus,
+    clock: &mut dyn Clock,
+    named: Option<Kind>,
+) -> Result<Identified, ChipError> {
+    let mut identity = [0; 3];
+    if let Err(error) = bus.read(ADDRESS, IDENTITY, &mut identity) {
+        let error = ChipError::from(error);
+        return Err(if error.is_no_answer() {
+            clone(bus).unwrap_or(error)
+        } else {
+            error
+        });
+    }
+    if identity != H43 {
+        return Err(ChipError::Identity {
+            chip: "HMC5843 or kin",
+            address: ADDRESS,
+            register: IDENTITY,
+            found: identity.to_vec(),
+            right: "48, 34, 33 (\"H43\")",
+        });
+    }
+    if let Some(kind) = named {
+        return Ok(Identified {
+            kind,
+            sure: true,
+            why: "the configuration says so",
+        });
+    }
+    bus.write(ADDRESS, CRA, PROBE)?;
+    let averages = read_byte(bus, ADDRESS, CRA)? != PROBE_WITHOUT_AVERAGING;
+    let slow = is_slow(bus, clock)?;
+    let (kind, sure, why) = match (averages, slow) {
+        (false, Some(true)) => (
+            Kind::Hmc5843,
+            true,
+            "it has no averaging and measures at 50 Hz",
+        ),
+        (false, Some(false)) => (
+            Kind::Hmc5883,
+            false,
+            "it has no averaging and measures at 75 Hz; an LSM303DLHC would too",
+        ),
+        (false, None) => (
+            Kind::Hmc5843,
+            false,
+            "it has no averaging; its rate did not show, and an HMC5883 has none either",
+        ),
+        (true, Some(false)) => (
+            Kind::Hmc5883l,
+            true,
+            "it has averaging and measures at 75 Hz; an HMC5983 has the same gains and order",
+        ),
+        (true, _) => (
+            Kind::Hmc5883l,
+            false,
+            "it has averaging, but its rate did not show as 75 Hz",
+        ),
+    };
+    Ok(Identified { kind, sure, why })
+}
+
+/// The clone that answers in place of the real chip, if one does.
+fn clone(bus: &mut dyn Bus) -> Option<ChipError> {
+    let answers = |&(address, _): &(u8, _)| read_byte(bus, address, 0).is_ok();
+    let (address, name) = CLONES.into_iter().find(answers)?;
+    Some(ChipError::Clone { address, name })
+}
+
+/// Whether rate code 6 is 50 Hz; `None` if the data do not change.
+///
+/// RDY need not fall when the data are read, so a new measurement is known from its noise. Measurements that look
+/// the same only make the mean period longer: the shortest of the periods decides.
+fn is_slow(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<Option<bool>, ChipError> {
+    bus.write(ADDRESS, CRA, cra(FASTEST, NO_BIAS))?;
+    bus.write(ADDRESS, MODE, CONTINUOUS)?;
+    let begun_s = clock.now_s();
+    let mut last = None;
+    let mut changes_s = Vec::new();
+    while changes_s.len() <= CHANGES as usize {
+        pause(clock, LOOK_S)?;
+        if clock.now_s() - begun_s > PATIENCE_S {
+            return Ok(None);
+        }
+        let t_s = clock.now_s();
+        if read_byte(bus, ADDRESS, STATUS)? & RDY == 0 {
+            continue;
+        }
+        let mut data = [0; 6];
+        bus.read(ADDRESS, DATA, &mut data)?;
+        if last != Some(data) {
+            last = Some(data);
+            changes_s.push(t_s);
+        }
+    }
+    // The first may have been waiting since long before.
+    let periods = changes_s[1..].windows(2).map(|two| two[1] - two[0]);
+    let mut periods: Vec<f64> = periods.collect();
+    periods.sort_by(f64::total_cmp);
+    Ok(Some(periods[periods.len() / 2] > PERIOD_LIMIT_S))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::bus::fake::{FakeBus, Transfer::*, World};
+    use crate::sensor::chip::tests::JumpingClock;
+
+    /// A clock under which the chip measures, every so many seconds.
+    struct Measuring {
+        bus: FakeBus,
+        clock: JumpingClock,
+        period_s: f64,
+    }
+
+    impl Clock for Measuring {
+        fn now_s(&self) -> f64 {
+            self.clock.now_s()
+        }
+
+        fn wait_until(&mut self, t_s: f64) -> bool {
+            let count = (t_s / self.period_s) as u8;
+            self.bus.set(ADDRESS, DATA, &[0, count, 0, 1, 0, 2, RDY]);
+            self.clock.wait_until(t_s)
+        }
+    }
+
+    fn chip(averages: bool, period_s: f64) -> (FakeBus, Measuring) {
+        let bus = FakeBus::default();
+        bus.set(ADDRESS, IDENTITY, &H43);
+        if !averages {
+            let reserved = |world: &mut World, address, register, value| {
+                if register == CRA {
+                    world.set(address, CRA, &[value & 0x1F]);
+                }
+            };
+            bus.world.borrow_mut().on_write = Some(reserved);
+        }
+        let clock = Measuring {
+            bus: bus.clone(),
+            clock: JumpingClock::default(),
+            period_s,
+        };
+        (bus, clock)
+    }
+
+    #[test]
+    fn averaging_bits_and_rate_tell_the_kin_apart() {
+        for (averages, period_s, kind, sure) in [
+            (false, 1.0 / 50.0, Kind::Hmc5843, true),
+            (false, 1.0 / 75.0, Kind::Hmc5883, false),
+            (false, 1e9, Kind::Hmc5843, false),
+            (true, 1.0 / 75.0, Kind::Hmc5883l, true),
+            (true, 1e9, Kind::Hmc5883l, false),
+        ] {
+            let (mut bus, mut clock) = chip(averages, period_s);
+            let found = identify(&mut bus, &mut clock, None).unwrap();
+            assert_eq!(
+                (found.kind, found.sure),
+                (kind, sure),
+                "{averages} {period_s}"
+            );
+            let begin = [
+                Read(0x1E, 0x0A, 3),
+                Write(0x1E, 0x00, 0x78),
+                Read(0x1E, 0x00, 1),
+                Write(0x1E, 0x00, 0x18),
+                Write(0x1E, 0x02, 0x00),
+                Read(0x1E, 0x09, 1),
+            ];
+            assert_eq!(bus.transfers()[..6], begin);
+        }
+    }
+
+    #[test]
+    fn a_named_chip_is_not_written_to() {
+        let (mut bus, mut clock) = chip(true, 1.0);
+        let found = identify(&mut bus, &mut clock, Some(Kind::Hmc5843)).unwrap();
+        assert!(found.kind == Kind::Hmc5843 && found.sure);
+        assert_eq!(bus.transfers(), [Read(0x1E, 0x0A, 3)]);
+    }
+
+    #[test]
+    fn another_chip_a_clone_and_silence_are_told_apart() {
+        let mut clock = JumpingClock::default();
+        let mut code = |bus: &FakeBus| {
+            identify(&mut bus.clone(), &mut clock, None)
+                .unwrap_err()
+                .code()
+        };
+        let bus = FakeBus::default();
+        assert_eq!(code(&bus), "no_answer");
+        bus.set(0x0D, 0, &[0]);
+        assert_eq!(code(&bus), "clone");
+        bus.set(ADDRESS, IDENTITY, b"abc");
+        assert_eq!(code(&bus), "wrong_identity");
+    }
+}

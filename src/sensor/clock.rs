@@ -1,0 +1,60 @@
+//! The clock that a live source works by: a test brings its own, and waits for nothing.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Whoever waits looks this often whether it is to stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Time from an origin of its own, and waiting.
+pub trait Clock {
+    /// Seconds since the origin; never goes back.
+    fn now_s(&self) -> f64;
+
+    /// Waits until then; false as soon as it is told to stop.
+    #[must_use]
+    fn wait_until(&mut self, t_s: f64) -> bool;
+}
+
+/// The system's monotonic clock.
+#[derive(Clone, Debug)]
+pub struct SystemClock {
+    origin: Instant,
+    stop: Arc<AtomicBool>,
+}
+
+impl SystemClock {
+    /// A clock that begins now, and whose waiting ends when `stop` becomes true.
+    pub fn new(stop: Arc<AtomicBool>) -> Self {
+        Self {
+            origin: Instant::now(),
+            stop,
+        }
+    }
+
+    /// The moment that is this late on this clock.
+    pub fn instant(&self, t_s: f64) -> Instant {
+        self.origin + Duration::try_from_secs_f64(t_s).unwrap_or_default()
+    }
+}
+
+impl Clock for SystemClock {
+    fn now_s(&self) -> f64 {
+        self.origin.elapsed().as_secs_f64()
+    }
+
+    fn wait_until(&mut self, t_s: f64) -> bool {
+        loop {
+            if self.stop.load(Ordering::Relaxed) {
+                return false;
+            }
+            let left_s = t_s - self.now_s();
+            if left_s <= 0.0 {
+                return true;
+            }
+            thread::sleep(Duration::from_secs_f64(left_s.min(LOOK.as_secs_f64())));
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! How a chip is doing: its faults are counted, told once, and tried to be mended ever more rarely.
+
+use crate::condition::Trouble;
+use crate::sensor::chip::ChipError;
+
+/// So many failures in a row, and the chip is set up anew.
+const IN_A_ROW: u32 = 3;
+/// The first wait before that, and the longest, seconds.
+const FIRST_WAIT_S: f64 = 0.1;
+const LONGEST_WAIT_S: f64 = 5.0;
+/// A time of faults is over when there were none for this long, seconds.
+const QUIET_S: f64 = 2.0;
+
+/// How one chip is doing.
+pub(super) struct Health {
+    what: &'static str,
+    /// When to set it up; `None` while it works.
+    set_up_at_s: Option<f64>,
+    wait_s: f64,
+    in_a_row: u32,
+    faults: Option<Faults>,
+}
+
+/// A time of faults.
+struct Faults {
+    since_s: f64,
+    last_s: f64,
+    count: u64,
+    /// The codes that the log has been told of.
+    told: Vec<&'static str>,
+    newest: Trouble,
+}
+
+impl Health {
+    /// A chip that is still to be set up; `what` is its part: "gyro".
+    pub(super) fn new(what: &'static str) -> Self {
+        Self {
+            what,
+            set_up_at_s: Some(0.0),
+            wait_s: FIRST_WAIT_S,
+            in_a_row: 0,
+            faults: None,
+        }
+    }
+
+    /// When the chip is to be set up; `None` while it works.
+    pub(super) fn set_up_at_s(&self) -> Option<f64> {
+        self.set_up_at_s
+    }
+
+    /// The chip is set up.
+    pub(super) fn set_up(&mut self) {
+        self.set_up_at_s = None;
+        self.in_a_row = 0;
+    }
+
+    /// Something went wrong; true if the chip is to be set up anew.
+    pub(super) fn failed(&mut self, now_s: f64, error: &ChipError) -> bool {
+        let newest = Trouble {
+            code: error.code(),
+            message: format!("{}: {error}", self.what),
+        };
+        let faults = self.faults.get_or_insert_with(|| Faults {
+            since_s: now_s,
+            last_s: now_s,
+            count: 0,
+            told: Vec::new(),
+            newest: newest.clone(),
+        });
+        faults.count += 1;
+        faults.last_s = now_s;
+        if !faults.told.contains(&newest.code) {
+            faults.told.push(newest.code);
+            tracing::warn!(code = newest.code, "{}", newest.message);
+        }
+        faults.newest = newest;
+        self.in_a_row += 1;
+        let working = self.set_up_at_s.is_none();
+        let again = !working || !error.is_passing() || self.in_a_row >= IN_A_ROW;
+        if again {
+            self.set_up_at_s = Some(now_s + self.wait_s);
+            self.wait_s = (2.0 * self.wait_s).min(LONGEST_WAIT_S);
+        }
+        again
+    }
+
+    /// A reading came.
+    pub(super) fn worked(&mut self, now_s: f64) {
+        self.in_a_row = 0;
+        if let Some(faults) = &self.faults
+            && now_s - faults.last_s > QUIET_S
+        {
+            tracing::info!(
+                faults = faults.count,
+                "{} works again, after {:.1} s",
+                self.what,
+                faults.last_s - faults.since_s
+            );
+            self.faults = None;
+            self.wait_s = FIRST_WAIT_S;
+        }
+    }
+
+    /// The newest fault, while there are some.
+    pub(super) fn trouble(&self) -> Option<&Trouble> {
+        self.faults.as_ref().map(|faults| &faults.newest)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor::bus::{Attempt, BusError, Cause};
+
+    fn error(cause: Cause) -> ChipError {
+        ChipError::Bus(BusError {
+            bus: "/dev/i2c-1".to_owned(),
+            attempt: Attempt::Open { address: 0x1e },
+            cause,
+        })
+    }
+
+    #[test]
+    fn a_passing_fault_is_forgiven_twice_and_others_are_not() {
+        let mut health = Health::new("gyro");
+        health.set_up();
+        assert!(!health.failed(0.0, &error(Cause::Timeout)));
+        assert!(!health.failed(0.1, &error(Cause::NoAnswer)));
+        health.worked(0.2);
+        assert!(!health.failed(0.3, &error(Cause::Timeout)));
+        assert!(!health.failed(0.4, &error(Cause::ArbitrationLost)));
+        assert!(health.failed(0.5, &error(Cause::ArbitrationLost)));
+        health.set_up();
+        assert!(health.failed(0.6, &error(Cause::Permission)));
+    }
+
+    #[test]
+    fn the_wait_doubles_to_five_seconds_and_is_short_again_after_a_quiet_time() {
+        let mut health = Health::new("gyro");
+        let mut now_s = 0.0;
+        let mut waits = Vec::new();
+        for _ in 0..8 {
+            health.failed(now_s, &error(Cause::NoAnswer));
+            let at_s = health.set_up_at_s().unwrap();
+            waits.push(((at_s - now_s) * 10.0).round() / 10.0);
+            now_s = at_s;
+        }
+        assert_eq!(waits, [0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0]);
+        health.failed(now_s, &error(Cause::NoAnswer));
+        health.set_up();
+        health.worked(now_s + 1.0);
+        assert_eq!(health.trouble().unwrap().code, "no_answer");
+        health.worked(now_s + 2.1);
+        assert!(health.trouble().is_none());
+        health.failed(now_s + 3.0, &error(Cause::NoBus));
+        assert!((health.set_up_at_s().unwrap() - now_s - 3.1).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,237 @@
+//! Real chips on a bus of Linux: the gyro and the accelerometer at their rate or faster, the magnetometer at its own,
+//! each reading with the time at which it was read.
+//!
+//! Nothing ends it but being told to. A chip that fails is counted, set up anew, and waited for; the others go on.
+
+mod health;
+mod magnetometer;
+mod settings;
+mod station;
+#[cfg(test)]
+mod tests;
+
+use super::board::Companions;
+use super::bus::Bus;
+use super::chip::adxl345::Adxl345;
+use super::chip::itg3200::Itg3200;
+use super::chip::mpu6050::Mpu6050;
+use super::chip::{ChipError, Companion};
+use super::clock::Clock;
+use crate::condition::Trouble;
+use crate::reading::Reading;
+use health::Health;
+use magnetometer::Magnetometer;
+use station::Station;
+
+pub use settings::Settings;
+
+/// A reading of the gyro and one of the magnetometer that are nearer than this share of the gyro's period are made
+/// together.
+const TOGETHER: f64 = 0.4;
+
+/// What a live source says.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Said {
+    /// A reading; its time is the clock's.
+    Reading(Reading),
+    /// The magnetometer is in trouble; `None` when it works again.
+    Trouble(Option<Trouble>),
+}
+
+/// The chips of a board at work.
+pub struct Chips {
+    magnetometer: Magnetometer,
+    health: Health,
+    /// The code of the trouble that was said.
+    said: Option<&'static str>,
+    gyro: Option<Station>,
+    accel: Option<Station>,
+    period_s: f64,
+    tick_s: f64,
+}
+
+impl Chips {
+    /// The chips of these settings. Nothing is read yet.
+    pub fn new(settings: &Settings) -> Self {
+        let mpu = || Box::new(Mpu6050::new(settings.gyro_address)) as Box<dyn Companion + Send>;
+        let itg = || Box::new(Itg3200::new(settings.gyro_address)) as Box<dyn Companion + Send>;
+        let adxl = || Box::new(Adxl345::new(settings.accel_address)) as Box<dyn Companion + Send>;
+        let companions = match settings.companions {
+            Companions::Auto => settings.board.companions(),
+            named => named,
+        };
+        // Which of the two answers at the gyro's address is told by their identities.
+        let (gyro, accel) = match companions {
+            Companions::Auto => (vec![mpu(), itg()], vec![adxl()]),
+            Companions::None => (vec![], vec![]),
+            Companions::Itg3200 => (vec![itg()], vec![]),
+            Companions::Itg3200Adxl345 => (vec![itg()], vec![adxl()]),
+            Companions::Mpu6050 => (vec![mpu()], vec![]),
+        };
+        let station =
+            |what, choices: Vec<_>| (!choices.is_empty()).then(|| Station::new(what, choices));
+        Self {
+            magnetometer: Magnetometer::new(settings),
+            health: Health::new("magnetometer"),
+            said: None,
+            gyro: station("gyro", gyro),
+            accel: station("accelerometer", accel),
+            period_s: 1.0 / settings.gyro_rate_hz,
+            tick_s: 0.0,
+        }
+    }
+
+    /// Reads until the clock says stop, or `out` does by giving false.
+    pub fn run(
+        &mut self,
+        bus: &mut dyn Bus,
+        clock: &mut dyn Clock,
+        out: &mut dyn FnMut(Said) -> bool,
+    ) {
+        self.tick_s = clock.now_s();
+        while clock.wait_until(self.due_s()) {
+            // The companions first: a magnetometer behind an MPU-6050 answers once that is set up.
+            let done = self
+                .move_on(bus, clock, out)
+                .and_then(|()| self.measure(bus, clock, out));
+            if done.is_err() {
+                return;
+            }
+        }
+    }
+
+    /// The newest fault of each chip that has some.
+    pub fn troubles(&self) -> impl Iterator<Item = &Trouble> {
+        let companions = [&self.gyro, &self.accel].into_iter().flatten();
+        let healths = companions.map(|station| &station.health);
+        [&self.health]
+            .into_iter()
+            .chain(healths)
+            .filter_map(Health::trouble)
+    }
+
+    /// When the next thing is to be done. A tick shortly before the magnetometer's time waits for that: one
+    /// wake-up less.
+    fn due_s(&self) -> f64 {
+        let magnetometer = self
+            .health
+            .set_up_at_s()
+            .unwrap_or(self.magnetometer.due_s());
+        let companions = [&self.gyro, &self.accel].into_iter().flatten();
+        let companions =
+            companions.map(|station| station.health.set_up_at_s().unwrap_or(self.tick_s));
+        let tick_s = companions.fold(f64::INFINITY, f64::min);
+        if (tick_s..tick_s + TOGETHER * self.period_s).contains(&magnetometer) {
+            magnetometer
+        } else {
+            tick_s.min(magnetometer)
+        }
+    }
+
+    /// Sets up and reads gyro and accelerometer, as far as that is due.
+    fn move_on(
+        &mut self,
+        bus: &mut dyn Bus,
+        clock: &mut dyn Clock,
+        out: &mut dyn FnMut(Said) -> bool,
+    ) -> Result<(), ChipError> {
+        if let Some(gyro) = &mut self.gyro {
+            gyro.start(bus, clock)?;
+            if gyro.measures_force() {
+                self.accel = None;
+            }
+        }
+        if let Some(accel) = &mut self.accel {
+            accel.start(bus, clock)?;
+        }
+        let now_s = clock.now_s();
+        // Whoever is awake for the magnetometer shortly before a tick takes it along, and wakes up less often.
+        if now_s < self.tick_s - TOGETHER * self.period_s {
+            return Ok(());
+        }
+        // Each tick is counted from the one before, so that being late never adds up; lost ones are not made up for.
+        let late_s = now_s - self.tick_s;
+        self.tick_s += self.period_s;
+        if !(0.0..self.period_s).contains(&late_s) {
+            self.tick_s = now_s + self.period_s;
+        }
+        let gyro = self.gyro.as_mut().and_then(|gyro| gyro.read(bus, now_s));
+        let gyro = gyro.unwrap_or_default();
+        let accel = self.accel.as_mut().and_then(|accel| accel.read(bus, now_s));
+        let force = accel.and_then(|motion| motion.specific_force_m_s2);
+        let reading = Reading {
+            t_s: now_s,
+            field_mgauss: None,
+            rate_rad_s: gyro.rate_rad_s,
+            specific_force_m_s2: gyro.specific_force_m_s2.or(force),
+        };
+        if reading.rate_rad_s.is_none() && reading.specific_force_m_s2.is_none() {
+            return Ok(());
+        }
+        tell(out, Said::Reading(reading))
+    }
+
+    /// Sets up and reads the magnetometer, as far as that is due.
+    fn measure(
+        &mut self,
+        bus: &mut dyn Bus,
+        clock: &mut dyn Clock,
+        out: &mut dyn FnMut(Said) -> bool,
+    ) -> Result<(), ChipError> {
+        let mut now_s = clock.now_s();
+        if let Some(at_s) = self.health.set_up_at_s() {
+            if at_s > now_s {
+                return Ok(());
+            }
+            match self.magnetometer.start(bus, clock) {
+                Ok(()) => self.health.set_up(),
+                Err(error) => return self.failed(clock.now_s(), &error, out),
+            }
+            now_s = clock.now_s();
+        }
+        if self.magnetometer.due_s() > now_s {
+            return Ok(());
+        }
+        match self.magnetometer.step(bus, now_s) {
+            Ok(None) => Ok(()),
+            Ok(Some((t_s, sample))) => {
+                self.health.worked(t_s);
+                if self.said.take().is_some() {
+                    tell(out, Said::Trouble(None))?;
+                }
+                let reading = Reading {
+                    t_s,
+                    field_mgauss: Some(sample.field_mgauss),
+                    ..Reading::default()
+                };
+                tell(out, Said::Reading(reading))
+            }
+            Err(error) => self.failed(now_s, &error, out),
+        }
+    }
+
+    fn failed(
+        &mut self,
+        now_s: f64,
+        error: &ChipError,
+        out: &mut dyn FnMut(Said) -> bool,
+    ) -> Result<(), ChipError> {
+        if *error == ChipError::Stopped {
+            return Err(ChipError::Stopped);
+        }
+        let down = self.health.failed(now_s, error);
+        if !down || self.said == Some(error.code()) {
+            return Ok(());
+        }
+        self.said = Some(error.code());
+        tell(out, Said::Trouble(self.health.trouble().cloned()))
+    }
+}
+
+fn tell(out: &mut dyn FnMut(Said) -> bool, said: Said) -> Result<(), ChipError> {
+    if out(said) {
+        Ok(())
+    } else {
+        Err(ChipError::Stopped)
+    }
+}

@@ -1,0 +1,204 @@
+//! The port over months: opened, lost and found again.
+
+use std::collections::VecDeque;
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::time::{sleep, timeout};
+use tokio_serial::SerialStream;
+
+use super::port;
+use super::session::Session;
+use super::settings::{Protocol, Settings};
+use crate::condition::Trouble;
+use crate::frame::Mountings;
+use crate::reading::Reading;
+
+/// Whether it is to stop is looked at this often.
+const LOOK: Duration = Duration::from_millis(50);
+/// Pauses before the port is tried again, the first, doubled each time up to the last.
+const PAUSES: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(3));
+/// A device that takes nothing for this long does not listen.
+const WRITE_PATIENCE: Duration = Duration::from_millis(100);
+
+/// What the bridge has to say.
+#[derive(Debug)]
+pub enum Heard {
+    /// A reading, and when it was taken.
+    Reading(Reading, Instant),
+    /// Something is wrong; `None` when there are readings again.
+    Trouble(Option<Trouble>),
+}
+
+/// A device behind a serial line, whether it is there or not.
+#[derive(Debug)]
+pub struct Bridge {
+    settings: Settings,
+    board: Mountings,
+    /// Origin of the readings' times.
+    origin: Instant,
+    state: State,
+    waiting: VecDeque<Heard>,
+    /// What was said last to be wrong.
+    trouble: Option<&'static str>,
+    found: Protocol,
+    last_s: f64,
+    bytes: Box<[u8; 4096]>,
+}
+
+#[derive(Debug)]
+enum State {
+    Closed {
+        retry: Instant,
+        pause: Duration,
+    },
+    Open {
+        stream: SerialStream,
+        session: Box<Session>,
+    },
+}
+
+impl Bridge {
+    /// Opens nothing yet. Readings come out in the axes of chips that are mounted like `board`.
+    pub fn new(settings: &Settings, board: Mountings) -> Self {
+        let origin = Instant::now();
+        Self {
+            settings: settings.clone(),
+            board,
+            origin,
+            state: State::Closed {
+                retry: origin,
+                pause: PAUSES.0,
+            },
+            waiting: VecDeque::new(),
+            trouble: None,
+            found: Protocol::Auto,
+            last_s: 0.0,
+            bytes: Box::new([0; 4096]),
+        }
+    }
+
+    /// Waits for the next thing to say; `None` when it was told to stop. Needs a runtime.
+    pub async fn next(&mut self, stop: &AtomicBool) -> Option<Heard> {
+        loop {
+            if stop.load(Ordering::Relaxed) {
+                return None;
+            }
+            if let Some(heard) = self.waiting.pop_front() {
+                return Some(heard);
+            }
+            match &mut self.state {
+                State::Closed { retry, .. } => {
+                    let left = retry.saturating_duration_since(Instant::now());
+                    if left.is_zero() {
+                        self.open();
+                    } else {
+                        sleep(left.min(LOOK)).await;
+                    }
+                }
+                State::Open { stream, .. } => {
+                    let read = timeout(LOOK, stream.read(&mut self.bytes[..])).await;
+                    self.take(read.ok()).await;
+                }
+            }
+        }
+    }
+
+    fn open(&mut self) {
+        match port::open(&self.settings) {
+            Ok(stream) => {
+                let session = Session::new(&self.settings, self.board, self.now_s());
+                self.state = State::Open {
+                    stream,
+                    session: Box::new(session),
+                };
+            }
+            Err(trouble) => {
+                // That it is not there is no news after it was unplugged.
+                if !(trouble.code == "no_device" && self.trouble == Some("unplugged")) {
+                    self.complain(trouble);
+                }
+                if let State::Closed { retry, pause } = &mut self.state {
+                    *retry = Instant::now() + *pause;
+                    *pause = (*pause * 2).min(PAUSES.1);
+                }
+            }
+        }
+    }
+
+    /// What a read came to, and what the time asks for; `None`: nothing came.
+    async fn take(&mut self, read: Option<io::Result<usize>>) {
+        let now_s = self.now_s();
+        let State::Open { stream, session } = &mut self.state else {
+            return;
+        };
+        let mut gone = None;
+        match read {
+            None => {}
+            Some(Ok(0)) => gone = Some("it has hung up".to_owned()),
+            Some(Ok(count)) => {
+                let (waiting, origin) = (&mut self.waiting, self.origin);
+                let (trouble, last_s) = (&mut self.trouble, &mut self.last_s);
+                session.bytes(&self.bytes[..count], now_s, |mut reading| {
+                    if trouble.take().is_some() {
+                        waiting.push_back(Heard::Trouble(None));
+                    }
+                    // Each port has a clock of its own.
+                    reading.t_s = reading.t_s.max(*last_s);
+                    *last_s = reading.t_s;
+                    let taken = origin + Duration::from_secs_f64(reading.t_s);
+                    waiting.push_back(Heard::Reading(reading, taken));
+                });
+                if session.protocol() != self.found && session.protocol() != Protocol::Auto {
+                    self.found = session.protocol();
+                    let (port, name) = (self.settings.port.display(), self.found.name());
+                    tracing::info!("the device at {port} speaks {name}");
+                }
+            }
+            Some(Err(error)) => gone = Some(error.to_string()),
+        }
+        let orders = session.orders(now_s);
+        if let (None, Some(bytes)) = (&gone, orders.send) {
+            // What was not taken in time will be sent again.
+            if let Ok(Err(error)) = timeout(WRITE_PATIENCE, stream.write_all(bytes)).await {
+                gone = Some(error.to_string());
+            }
+        }
+        if gone.is_some() || orders.reopen {
+            if session.lost() > 0 {
+                tracing::info!(
+                    frames = session.lost(),
+                    "frames were lost on the way from {}",
+                    self.settings.port.display()
+                );
+            }
+            self.state = State::Closed {
+                retry: Instant::now() + PAUSES.0,
+                pause: PAUSES.0,
+            };
+        }
+        let unplugged = gone.map(|why| Trouble {
+            code: "unplugged",
+            message: format!(
+                "the serial port {} is gone ({why}); plug the device in again",
+                self.settings.port.display()
+            ),
+        });
+        if let Some(trouble) = unplugged.or(orders.trouble) {
+            self.complain(trouble);
+        }
+    }
+
+    fn complain(&mut self, trouble: Trouble) {
+        if self.trouble != Some(trouble.code) {
+            self.trouble = Some(trouble.code);
+            self.waiting.push_back(Heard::Trouble(Some(trouble)));
+        }
+    }
+
+    fn now_s(&self) -> f64 {
+        self.origin.elapsed().as_secs_f64()
+    }
+}

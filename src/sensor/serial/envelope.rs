@@ -1,0 +1,140 @@
+//! The straight line under a cloud of arrivals: when things happened, by those that were least delayed.
+//!
+//! What is sent at even intervals arrives late by whatever the USB and the system take, never early. So the
+//! arrivals lie on or above the line that the device's clock draws, and the lower hull of a few seconds of
+//! them finds it: where it stands, and by how much the device's clock is fast or slow.
+
+use std::collections::VecDeque;
+
+/// The least delayed arrival of each block of this length is kept, seconds.
+const BLOCK_S: f64 = 0.25;
+/// So many of them: 16 seconds.
+const BLOCKS: usize = 64;
+/// From this span of them on, seconds, the slope is learnt.
+const SLOPE_FROM_S: f64 = 1.0;
+/// Before, the line follows so many of the newest.
+const FOLLOWED: usize = 2;
+
+/// A line from the device's clock (seconds, of any origin) to ours, beneath all arrivals.
+#[derive(Clone, Debug)]
+pub(super) struct Envelope {
+    /// How far the device's clock may be off, as a share.
+    tolerance: f64,
+    slope: f64,
+    learnt: bool,
+    /// A point of the line: device's clock, ours.
+    anchor: Option<(f64, f64)>,
+    /// The least delayed arrivals, oldest first: device's clock, ours.
+    points: VecDeque<(f64, f64)>,
+    block: Option<Block>,
+}
+
+#[derive(Clone, Debug)]
+struct Block {
+    begun_s: f64,
+    best: (f64, f64),
+}
+
+impl Envelope {
+    pub(super) fn new(tolerance: f64) -> Self {
+        Self {
+            tolerance,
+            slope: 1.0,
+            learnt: false,
+            anchor: None,
+            points: VecDeque::with_capacity(BLOCKS + 1),
+            block: None,
+        }
+    }
+
+    /// Forgets where the line stood, but not its slope. The next arrival is on it.
+    pub(super) fn restart(&mut self) {
+        self.anchor = None;
+        self.points.clear();
+        self.block = None;
+    }
+
+    /// Whether the slope has been learnt.
+    pub(super) fn is_learnt(&self) -> bool {
+        self.learnt
+    }
+
+    /// Our time of a time of the device's clock; `None` before the first arrival.
+    pub(super) fn time(&self, device_s: f64) -> Option<f64> {
+        let (at_s, ours_s) = self.anchor?;
+        Some(ours_s + self.slope * (device_s - at_s))
+    }
+
+    /// Learns from an arrival.
+    pub(super) fn take(&mut self, device_s: f64, arrival_s: f64) {
+        match self.time(device_s) {
+            // Nothing arrives before it was sent.
+            Some(line_s) if line_s <= arrival_s => {}
+            _ => self.anchor = Some((device_s, arrival_s)),
+        }
+        let point = (device_s, arrival_s);
+        let slope = self.slope;
+        let height = |(device_s, ours_s): (f64, f64)| ours_s - slope * device_s;
+        let block = self.block.get_or_insert(Block {
+            begun_s: arrival_s,
+            best: point,
+        });
+        if height(point) < height(block.best) {
+            block.best = point;
+        }
+        if arrival_s - block.begun_s >= BLOCK_S {
+            self.points.push_back(block.best);
+            self.block = None;
+            if self.points.len() > BLOCKS {
+                self.points.pop_front();
+            }
+            self.fit();
+        }
+    }
+
+    fn fit(&mut self) {
+        let (Some(first), Some(last)) = (self.points.front(), self.points.back()) else {
+            return;
+        };
+        if last.0 - first.0 >= SLOPE_FROM_S
+            && let Some(slope) = self.hull_slope()
+        {
+            self.slope = slope.clamp(1.0 - self.tolerance, 1.0 + self.tolerance);
+            self.learnt = true;
+        }
+        let slope = self.slope;
+        let followed = if self.learnt {
+            self.points.len()
+        } else {
+            FOLLOWED
+        };
+        let lowest = self
+            .points
+            .iter()
+            .rev()
+            .take(followed)
+            .map(|(device_s, ours_s)| ours_s - slope * device_s);
+        let height = lowest.fold(f64::INFINITY, f64::min);
+        let at_s = self.points.back().map_or(0.0, |point| point.0);
+        self.anchor = Some((at_s, height + slope * at_s));
+    }
+
+    /// Slope of the lower hull's edge under the middle of the points: of all lines beneath them that is the
+    /// one to which they are nearest on average.
+    fn hull_slope(&self) -> Option<f64> {
+        let mut hull: Vec<(f64, f64)> = Vec::with_capacity(self.points.len());
+        for &point in &self.points {
+            while let [.., a, b] = hull[..]
+                && (b.1 - a.1) * (point.0 - a.0) >= (point.1 - a.1) * (b.0 - a.0)
+            {
+                hull.pop();
+            }
+            hull.push(point);
+        }
+        let middle =
+            self.points.iter().map(|point| point.0).sum::<f64>() / self.points.len() as f64;
+        let edge = hull.windows(2).find(|edge| edge[1].0 >= middle)?;
+        let run = edge[1].0 - edge[0].0;
+        (run > 0.0).then(|| (edge[1].1 - edge[0].1) / run)
+    }
+}

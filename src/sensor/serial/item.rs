@@ -1,0 +1,22 @@
+//! What a codec makes of a device's bytes.
+
+use crate::reading::Reading;
+
+/// One thing that a device said.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Item {
+    /// The sensors at the device's next tick. The device sends no time: `t_s` is 0.
+    Frame(Reading),
+    /// The sensors at a time of the device's own clock.
+    Timed(Reading),
+    /// The answer to a request for synchronisation, with the two bytes that were asked for.
+    Synch([u8; 2]),
+    /// The device speaks, but what it says is of no use here: it is in this mode.
+    OtherMode(&'static str),
+    /// A remark, or a part of a header: nothing is wrong.
+    Remark,
+    /// Bytes that cannot be used, and why.
+    Bad(String),
+    /// A line that does not end.
+    TooLong,
+}

@@ -1,0 +1,193 @@
+//! headingd's own log rows over a line, with or without their header: what a sketch of twenty lines sends.
+//!
+//! A device may send its header once, with every reset, or every now and then; it counts from its last line
+//! on. Without any, rows have the first 4, 7, 10 or 11 columns of the log format, in our units.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::item::Item;
+use super::lines::{Line, Lines};
+use super::shown;
+use crate::frame::{Mounting, Mountings};
+use crate::reading::{Field, Reading};
+use crate::recording::{HeaderLines, Rows};
+
+/// Bytes in, readings out.
+#[derive(Debug)]
+pub struct LogRows {
+    lines: Lines,
+    rows: Wire,
+}
+
+#[derive(Debug)]
+struct Wire {
+    /// How the daemon holds the chips to be mounted.
+    board: Mountings,
+    /// A header on its way, and which mountings it has named.
+    header: Option<(HeaderLines, [bool; 3])>,
+    rows: Option<Rows>,
+    turns: [Option<Matrix3<f64>>; 3],
+    /// The device has sent a part of a header: rows count only after the whole.
+    has_header: bool,
+    first: bool,
+    /// Cells of the line before, where there is no header: two lines must agree.
+    cells: usize,
+}
+
+impl LogRows {
+    /// Readings come out in the axes of chips that are mounted like this, whatever the header says.
+    pub fn new(board: Mountings) -> Self {
+        Self {
+            lines: Lines::default(),
+            rows: Wire {
+                board,
+                header: None,
+                rows: None,
+                turns: [None; 3],
+                has_header: false,
+                first: true,
+                cells: 0,
+            },
+        }
+    }
+
+    /// Hands over what `bytes` complete, in order.
+    pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
+        let rows = &mut self.rows;
+        self.lines.feed(bytes, |line| match line {
+            Line::Whole(line) => rows.line(line, &mut found),
+            Line::TooLong => found(Item::TooLong),
+        });
+    }
+
+    /// The name of the magnetometer, if a header gave one.
+    pub fn sensor(&self) -> Option<&str> {
+        self.rows.rows.as_ref()?.header().sensor.as_deref()
+    }
+}
+
+impl Wire {
+    fn line(&mut self, line: &[u8], found: &mut impl FnMut(Item)) {
+        let first = std::mem::take(&mut self.first);
+        if line.trim_ascii().is_empty() {
+            return;
+        }
+        let bad = |what: String| Item::Bad(format!("found {}: {what}", shown(line)));
+        let text = str::from_utf8(line).ok();
+        if let Some(begun) = text.and_then(|text| HeaderLines::begin(text).ok()) {
+            (self.header, self.has_header) = (Some((begun, [false; 3])), true);
+            return found(Item::Remark);
+        }
+        let is_header = line.starts_with(b"#") || names(line);
+        match (text, &mut self.header) {
+            (Some(text), Some((header, named))) if is_header => {
+                for (named, key) in named
+                    .iter_mut()
+                    .zip(["mag_axes", "gyro_axes", "accel_axes"])
+                {
+                    *named |= text.trim_start_matches('#').trim_start().starts_with(key);
+                }
+                match header.add(text) {
+                    Ok(None) => found(Item::Remark),
+                    Ok(Some(rows)) => {
+                        let named = *named;
+                        self.header = None;
+                        self.begin(rows, named);
+                        found(Item::Remark);
+                    }
+                    Err(what) => {
+                        self.header = None;
+                        found(bad(what));
+                    }
+                }
+            }
+            // Its beginning was lost, or it is a mere remark. Who sends headers sends the next one too.
+            _ if is_header => {
+                self.has_header |= names(line) || line.contains(&b'=');
+                found(Item::Remark);
+            }
+            _ => {
+                // A row where the header should go on: its column names were lost.
+                self.header = None;
+                // The beginning of the first line was not heard, and what is left may look whole.
+                if !first {
+                    found(self.row(line).map_or_else(bad, Item::Timed));
+                }
+            }
+        }
+    }
+
+    fn begin(&mut self, rows: Rows, named: [bool; 3]) {
+        let theirs = rows.header().mountings;
+        let pairs = [
+            (theirs.mag, self.board.mag),
+            (theirs.gyro, self.board.gyro),
+            (theirs.accel, self.board.accel),
+        ];
+        for ((turn, named), (theirs, ours)) in self.turns.iter_mut().zip(named).zip(pairs) {
+            *turn = (named && theirs != ours).then(|| between(theirs, ours));
+        }
+        self.rows = Some(rows);
+    }
+
+    fn row(&mut self, line: &[u8]) -> Result<Reading, String> {
+        if !self.has_header {
+            let cells = 1 + line.iter().filter(|byte| **byte == b',').count();
+            let agree = cells == self.cells;
+            // A line may have lost a part and still look whole, so that one alone changes nothing.
+            if agree
+                && self
+                    .rows
+                    .as_ref()
+                    .is_none_or(|rows| rows.columns() != cells)
+            {
+                self.rows = Some(Rows::plain(cells).ok_or_else(|| {
+                    format!("{cells} cells, but without a header a row must have 4, 7, 10 or 11")
+                })?);
+            }
+            self.cells = cells;
+        }
+        let Some(rows) = &self.rows else {
+            return Err(match self.has_header {
+                true => "a row, but of its header only a part was heard; waiting for the next one",
+                false => "a first row; waiting for a second one like it",
+            }
+            .to_owned());
+        };
+        let mut reading = rows.row(line)?.reading;
+        let [mag, gyro, accel] = &self.turns;
+        if let (Some(turn), Some(field)) = (mag, &mut reading.field_mgauss) {
+            *field = turned(turn, field);
+        }
+        let turn = |turn: &Option<Matrix3<f64>>, vector: &mut Option<Vector3<f64>>| {
+            if let (Some(turn), Some(vector)) = (turn, vector) {
+                *vector = turn * *vector;
+            }
+        };
+        turn(gyro, &mut reading.rate_rad_s);
+        turn(accel, &mut reading.specific_force_m_s2);
+        Ok(reading)
+    }
+}
+
+/// Whether a line is one of column names.
+fn names(line: &[u8]) -> bool {
+    line.split(|byte| *byte == b',')
+        .any(|cell| cell.trim_ascii() == b"t_s")
+}
+
+/// From the axes of a chip that is mounted like `theirs` into those of one mounted like `ours`.
+fn between(theirs: Mounting, ours: Mounting) -> Matrix3<f64> {
+    let axis = |axis: Vector3<f64>| ours.to_chip(theirs.to_body(axis));
+    Matrix3::from_columns(&[axis(Vector3::x()), axis(Vector3::y()), axis(Vector3::z())])
+}
+
+/// A field in other axes; an axis into which one that overflowed enters is unknown.
+fn turned(turn: &Matrix3<f64>, field: &Field) -> Field {
+    std::array::from_fn(|row| {
+        (0..3)
+            .filter(|column| turn[(row, *column)].abs() > 1e-9)
+            .map(|column| Some(turn[(row, column)] * field[column]?))
+            .sum()
+    })
+}

@@ -1,0 +1,60 @@
+//! Opening a serial port, and why it cannot be opened.
+
+use std::fs;
+use std::io;
+use std::os::unix::fs::FileTypeExt;
+
+use tokio_serial::{ClearBuffer, SerialPort, SerialPortBuilderExt, SerialStream};
+
+use super::settings::Settings;
+use crate::condition::Trouble;
+
+/// Opens the port for this process alone: 8 data bits, no parity, 1 stop bit, no flow control. Most boards
+/// take that as a reset, since the system raises DTR. Needs a runtime.
+pub(super) fn open(settings: &Settings) -> Result<SerialStream, Trouble> {
+    let path = settings.port.display();
+    let fail = |code, what: String| Trouble {
+        code,
+        message: format!("cannot open serial port {path}: {what}"),
+    };
+    let by_system = |error: &io::Error| {
+        match error.kind() {
+        io::ErrorKind::NotFound => fail(
+            "no_device",
+            "there is none; waiting until it is plugged in (or set serial.port to one in /dev/serial/by-id)"
+                .to_owned(),
+        ),
+        io::ErrorKind::PermissionDenied => fail(
+            "permission",
+            "this user may not; join its group, which is dialout as a rule".to_owned(),
+        ),
+        io::ErrorKind::ResourceBusy | io::ErrorKind::WouldBlock => fail(
+            "busy",
+            "another program holds it; stop that one (a terminal, ModemManager, another headingd)".to_owned(),
+        ),
+        _ => fail("port", error.to_string()),
+    }
+    };
+    let found = fs::metadata(&settings.port).map_err(|error| by_system(&error))?;
+    if !found.file_type().is_char_device() {
+        return Err(fail(
+            "port",
+            "it is no terminal device; set serial.port to one".to_owned(),
+        ));
+    }
+    let stream = tokio_serial::new(settings.port.to_string_lossy(), settings.baud)
+        .open_native_async()
+        .map_err(|error| match error.kind {
+            tokio_serial::ErrorKind::Io(kind) => {
+                by_system(&io::Error::new(kind, error.description))
+            }
+            // So it calls a port that is locked.
+            tokio_serial::ErrorKind::NoDevice => {
+                by_system(&io::Error::from(io::ErrorKind::ResourceBusy))
+            }
+            _ => fail("port", error.description),
+        })?;
+    // What was sent at another speed, before the port was set up.
+    let _ = stream.clear(ClearBuffer::Input);
+    Ok(stream)
+}

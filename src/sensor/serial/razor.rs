@@ -1,0 +1,132 @@
+//! What text and binary output of the Razor AHRS firmware have in common: raw counts, and what they mean.
+//!
+//! Razor-AHRS/razor-9dof-ahrs 1.4.2, `Razor_AHRS.ino` and `Sensors.ino`. The firmware turns every chip into
+//! the board's body frame (X to the edge with the connector holes, Y right, Z down) before it sends.
+
+use nalgebra::Vector3;
+
+use crate::reading::{Field, Reading};
+
+/// ADXL345 at full resolution (data sheet, register 0x31), counts per g.
+const ACCEL_COUNTS_PER_G: f64 = 256.0;
+/// The same chip's largest count, at 16 g.
+const ACCEL_MOST: f64 = 4096.0;
+/// ITG-3200 (data sheet, section 3.1), counts per degree per second.
+const GYRO_COUNTS_PER_DEG_S: f64 = 14.375;
+/// Its largest count: 16 bits.
+const GYRO_MOST: f64 = 32768.0;
+/// HMC5843 and HMC5883L: 12 bits. An axis that overflowed says -4096.
+const MAG_MOST: f64 = 2048.0;
+const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
+
+/// Three axes in counts; `None` is an axis that told no number.
+pub(super) type Counts = [Option<f64>; 3];
+
+/// One of the Razor's sensors, in the order in which it sends them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sensor {
+    Accel,
+    Mag,
+    Gyro,
+}
+
+/// Counts of all three sensors, where they were told.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Frame {
+    pub(super) accel: Option<Counts>,
+    pub(super) mag: Option<Counts>,
+    pub(super) gyro: Option<Counts>,
+}
+
+impl Frame {
+    /// The frame in our units; its time is 0. The firmware stores gravity, we have specific force.
+    pub(super) fn reading(&self, counts_per_gauss: f64) -> Reading {
+        let whole = |counts: Option<Counts>, most: f64, unit: f64| match counts? {
+            [Some(x), Some(y), Some(z)] if [x, y, z].iter().all(|n| n.abs() <= most) => {
+                Some(Vector3::new(x, y, z) * unit)
+            }
+            _ => None,
+        };
+        Reading {
+            t_s: 0.0,
+            field_mgauss: self.mag.map(|counts| field(counts, counts_per_gauss)),
+            rate_rad_s: whole(
+                self.gyro,
+                GYRO_MOST,
+                1f64.to_radians() / GYRO_COUNTS_PER_DEG_S,
+            ),
+            specific_force_m_s2: whole(
+                self.accel,
+                ACCEL_MOST,
+                -STANDARD_GRAVITY_M_S2 / ACCEL_COUNTS_PER_G,
+            ),
+        }
+    }
+}
+
+/// On boards SEN-10183 and SEN-10321 the firmware reads negative counts of one axis as if they had no sign.
+fn field(counts: Counts, counts_per_gauss: f64) -> Field {
+    counts.map(|axis| {
+        let count = axis.map(|n| if n >= 32768.0 { n - 65536.0 } else { n })?;
+        (count.abs() <= MAG_MOST).then_some(count * 1000.0 / counts_per_gauss)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(x: f64, y: f64, z: f64) -> Option<Counts> {
+        Some([Some(x), Some(y), Some(z)])
+    }
+
+    #[test]
+    fn counts_become_our_units() {
+        let frame = Frame {
+            accel: of(0.0, -128.0, 256.0),
+            mag: of(1300.0, -650.0, 13.0),
+            gyro: of(14.375, 0.0, -28.75),
+        };
+        let reading = frame.reading(1300.0);
+        assert_eq!(
+            reading.field_mgauss,
+            Some([Some(1000.0), Some(-500.0), Some(10.0)])
+        );
+        let rate = reading.rate_rad_s.unwrap();
+        let right = Vector3::new(1f64.to_radians(), 0.0, -2f64.to_radians());
+        assert!((rate - right).norm() < 1e-15, "{rate}");
+        // Level, the right way up: gravity down is a force up.
+        let force = reading.specific_force_m_s2.unwrap();
+        assert_eq!((force.y, force.z), (9.80665 / 2.0, -9.80665));
+    }
+
+    #[test]
+    fn a_lost_sign_is_found_and_an_overflow_is_no_number() {
+        let field = |x| {
+            let mag = of(x, 1.0, 2.0);
+            let frame = Frame {
+                mag,
+                ..Frame::default()
+            };
+            frame.reading(1000.0).field_mgauss.unwrap()[0]
+        };
+        assert_eq!(field(65535.0), Some(-1.0));
+        assert_eq!(field(63488.0), Some(-2048.0));
+        for overflow in [-4096.0, 4096.0, 61440.0, 2049.0, f64::INFINITY, f64::NAN] {
+            assert_eq!(field(overflow), None, "{overflow}");
+        }
+    }
+
+    #[test]
+    fn half_a_vector_is_none() {
+        let half = Some([Some(1.0), None, Some(3.0)]);
+        let frame = Frame {
+            accel: half,
+            mag: half,
+            gyro: half,
+        };
+        let reading = frame.reading(1000.0);
+        assert_eq!(reading.field_mgauss, Some([Some(1.0), None, Some(3.0)]));
+        assert!(reading.rate_rad_s.is_none() && reading.specific_force_m_s2.is_none());
+    }
+}

@@ -1,0 +1,154 @@
+//! The Razor AHRS firmware's raw readings in binary, `#osrb`: 36 bytes a frame, nine little-endian floats,
+//! accelerometer, magnetometer, gyro.
+//!
+//! Frames have neither a beginning nor a checksum, so they are counted from the answer to `#s01`, and
+//! believed only while they hold what raw counts can be: whole numbers within 16 bits. Error lines would
+//! stand among the frames, so error output is off, and a failed read shows only in numbers that stand still.
+
+use super::item::Item;
+use super::razor::{Counts, Frame};
+
+/// Bytes of a frame.
+const FRAME: usize = 36;
+/// What frames are counted from.
+const MARK: &[u8] = b"#SYNCH01\r\n";
+/// Raw counts have 16 bits, with or without a sign.
+const MOST: f32 = 65536.0;
+/// Noise moves a sensor's numbers from frame to frame. After so many that are equal (half a second) it is
+/// taken as not read.
+const STILL: u32 = 25;
+
+/// Bytes in, frames out.
+#[derive(Clone, Debug)]
+pub struct RazorBinary {
+    counts_per_gauss: f64,
+    /// Less than a frame while aligned, less than a mark while not.
+    pending: Vec<u8>,
+    aligned: bool,
+    /// Bytes passed over since the last complaint.
+    passed: usize,
+    last: [[f32; 3]; 3],
+    still: [u32; 3],
+}
+
+impl RazorBinary {
+    /// For a magnetometer with this gain, counts per gauss.
+    pub fn new(counts_per_gauss: f64) -> Self {
+        Self {
+            counts_per_gauss,
+            pending: Vec::with_capacity(2 * FRAME),
+            aligned: false,
+            passed: 0,
+            last: [[f32::NAN; 3]; 3],
+            still: [0; 3],
+        }
+    }
+
+    /// Whether it knows where frames begin; if not, it waits for the answer to `#s01`.
+    pub fn is_aligned(&self) -> bool {
+        self.aligned
+    }
+
+    /// Hands over what `bytes` complete, in order.
+    pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
+        for &byte in bytes {
+            self.pending.push(byte);
+            if self.aligned {
+                self.step(&mut found);
+            } else {
+                self.hunt(&mut found);
+            }
+        }
+    }
+
+    fn step(&mut self, found: &mut impl FnMut(Item)) {
+        if self.pending == MARK {
+            self.pending.clear();
+            found(Item::Synch(*b"01"));
+        } else if self.pending.len() == FRAME {
+            let numbers = numbers(&self.pending);
+            if numbers
+                .iter()
+                .flatten()
+                .all(|n| n.fract() == 0.0 && n.abs() <= MOST)
+            {
+                self.pending.clear();
+                found(Item::Frame(
+                    self.frame(numbers).reading(self.counts_per_gauss),
+                ));
+            } else {
+                found(Item::Bad(
+                    "found 36 bytes that are no frame of raw counts: bytes were lost, or the mode is another"
+                        .to_owned(),
+                ));
+                self.aligned = false;
+                // The mark may begin in them.
+                for byte in std::mem::take(&mut self.pending) {
+                    self.pending.push(byte);
+                    if self.aligned {
+                        self.step(found);
+                    } else {
+                        self.hunt(found);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Passes over everything that cannot be the beginning of the mark.
+    fn hunt(&mut self, found: &mut impl FnMut(Item)) {
+        if self.pending.ends_with(MARK) {
+            self.pending.clear();
+            self.passed = 0;
+            self.aligned = true;
+            found(Item::Synch(*b"01"));
+            return;
+        }
+        if self.pending.ends_with(b"#SYNCH00") {
+            found(Item::Synch(*b"00"));
+        }
+        // Another mode's lines say which it is.
+        if self.pending.ends_with(b"#YPR") {
+            found(Item::OtherMode("angles (#ot)"));
+        }
+        if self.pending.len() > MARK.len() {
+            self.pending.remove(0);
+        }
+        self.passed += 1;
+        if self.passed > 10 * FRAME {
+            self.passed = 0;
+            found(Item::Bad(
+                "found bytes without #SYNCH01 among them".to_owned(),
+            ));
+        }
+    }
+
+    fn frame(&mut self, numbers: [[f32; 3]; 3]) -> Frame {
+        let fresh: [Option<Counts>; 3] = std::array::from_fn(|sensor| {
+            let same = numbers[sensor] == self.last[sensor];
+            self.still[sensor] = if same {
+                self.still[sensor].saturating_add(1)
+            } else {
+                0
+            };
+            let counts = numbers[sensor].map(|n| Some(f64::from(n)));
+            (self.still[sensor] < STILL).then_some(counts)
+        });
+        self.last = numbers;
+        let [accel, mag, gyro] = fresh;
+        Frame { accel, mag, gyro }
+    }
+}
+
+/// The frame's numbers, by sensor.
+fn numbers(frame: &[u8]) -> [[f32; 3]; 3] {
+    let mut numbers = [[0.0; 3]; 3];
+    for (number, bytes) in numbers
+        .as_flattened_mut()
+        .iter_mut()
+        .zip(frame.chunks_exact(4))
+    {
+        *number = f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+    }
+    numbers
+}

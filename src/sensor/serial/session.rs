@@ -1,0 +1,151 @@
+//! One opened port: from its bytes to timed readings, what to send to the device, and what is wrong. Pure.
+
+use super::decoder::Decoder;
+use super::device_clock::DeviceClock;
+use super::diagnosis::Diagnosis;
+use super::item::Item;
+use super::settings::{Protocol, Settings};
+use super::start::Start;
+use super::steady_clock::SteadyClock;
+use crate::condition::Trouble;
+use crate::frame::Mountings;
+use crate::reading::Reading;
+
+/// The Razor's loop (`OUTPUT__DATA_INTERVAL`), seconds.
+const RAZOR_PERIOD_S: f64 = 0.02;
+/// A device of unknown kind is listened to before it is asked.
+const LISTEN_S: f64 = 2.0;
+/// A device has this long to boot, to be asked and to send its first reading; more than the authors' client
+/// gives it.
+const FIRST_S: f64 = 6.0;
+/// Without a reading for this long something is wrong.
+const NEXT_S: f64 = 2.0;
+/// And after this long the port is opened anew, which resets the device.
+const REOPEN_S: f64 = 12.0;
+
+/// What is to be done.
+#[derive(Debug, Default)]
+pub(super) struct Orders {
+    /// To be sent to the device.
+    pub(super) send: Option<&'static [u8]>,
+    /// To be told, once.
+    pub(super) trouble: Option<Trouble>,
+    /// The port is to be closed and opened again.
+    pub(super) reopen: bool,
+}
+
+/// All that is known of one opened port.
+#[derive(Debug)]
+pub(super) struct Session {
+    settings: Settings,
+    decoder: Decoder,
+    start: Start,
+    frames: SteadyClock,
+    device: DeviceClock,
+    diagnosis: Diagnosis,
+    heard_s: f64,
+    /// When the last reading came; before the first, when the port was opened.
+    good_s: f64,
+    patience_s: f64,
+    complained: bool,
+}
+
+impl Session {
+    pub(super) fn new(settings: &Settings, board: Mountings, now_s: f64) -> Self {
+        let listen_s = match settings.protocol {
+            Protocol::Auto => LISTEN_S,
+            _ => 0.0,
+        };
+        Self {
+            settings: settings.clone(),
+            decoder: Decoder::new(settings, board),
+            start: Start::at(now_s + listen_s),
+            frames: SteadyClock::new(RAZOR_PERIOD_S),
+            device: DeviceClock::default(),
+            diagnosis: Diagnosis::default(),
+            heard_s: now_s,
+            good_s: now_s,
+            patience_s: FIRST_S,
+            complained: false,
+        }
+    }
+
+    /// What the device speaks; [`Protocol::Auto`] while that is not known.
+    pub(super) fn protocol(&self) -> Protocol {
+        self.decoder.protocol()
+    }
+
+    /// How many frames were lost on the way.
+    pub(super) fn lost(&self) -> u64 {
+        self.frames.lost()
+    }
+
+    /// Takes bytes that have arrived at this time, and hands over the readings that they complete.
+    pub(super) fn bytes(&mut self, bytes: &[u8], now_s: f64, mut reading: impl FnMut(Reading)) {
+        self.heard_s = now_s;
+        self.diagnosis.bytes(bytes);
+        let Self {
+            decoder,
+            start,
+            frames,
+            device,
+            diagnosis,
+            ..
+        } = self;
+        let mut good = false;
+        decoder.feed(bytes, |item| {
+            let timed = match item {
+                Item::Frame(frame) => Reading {
+                    t_s: frames.time(now_s),
+                    ..frame
+                },
+                Item::Timed(row) => Reading {
+                    t_s: device.time(row.t_s, now_s),
+                    ..row
+                },
+                other => {
+                    match &other {
+                        Item::Synch(id) => start.answered(*id),
+                        Item::OtherMode(_) => start.order_again(),
+                        _ => {}
+                    }
+                    return diagnosis.item(other);
+                }
+            };
+            let says_something = timed.field_mgauss.is_some()
+                || timed.rate_rad_s.is_some()
+                || timed.specific_force_m_s2.is_some();
+            if says_something {
+                good = true;
+                reading(timed);
+            } else {
+                diagnosis.item(Item::Frame(timed));
+            }
+        });
+        if decoder.is_lost() {
+            start.order_again();
+        }
+        if good {
+            self.good_s = now_s;
+            self.patience_s = NEXT_S;
+            self.complained = false;
+            self.diagnosis = Diagnosis::default();
+        }
+    }
+
+    /// What the time asks for.
+    pub(super) fn orders(&mut self, now_s: f64) -> Orders {
+        if now_s - self.heard_s > NEXT_S {
+            self.start.ask_again(now_s);
+        }
+        let waited_s = now_s - self.good_s;
+        let complain = waited_s > self.patience_s && !self.complained;
+        self.complained |= complain;
+        let protocol = self.protocol();
+        Orders {
+            send: self.start.due(now_s, protocol),
+            trouble: complain.then(|| self.diagnosis.trouble(&self.settings, protocol)),
+            reopen: waited_s > REOPEN_S,
+        }
+    }
+}

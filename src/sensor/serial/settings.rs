@@ -1,0 +1,104 @@
+//! Table `[serial]`: a sensor board behind a serial line.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use crate::check::{Check, Fault, within};
+
+/// The port, and what the device at its other end speaks.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// The port's path, absolute: best one in `/dev/serial/by-id`, which stays the same. Empty: none.
+    pub port: PathBuf,
+    /// Its speed, 300 to 4000000 baud, 8 data bits, no parity, 1 stop bit. Default 57600, the Razor's.
+    pub baud: u32,
+    /// What the device speaks.
+    pub protocol: Protocol,
+    /// The magnetometer: it says what the Razor's counts are worth, and names the calibration that is kept.
+    pub chip: Chip,
+}
+
+/// What a device speaks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Protocol {
+    /// Listen, then ask, and say what was found.
+    #[default]
+    Auto,
+    /// The Razor AHRS firmware, raw readings as text.
+    Razor,
+    /// The same in binary.
+    RazorBinary,
+    /// headingd's own log rows.
+    LogRows,
+}
+
+impl Protocol {
+    /// What a person calls it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "any protocol known here",
+            Self::Razor => "Razor AHRS, text",
+            Self::RazorBinary => "Razor AHRS, binary",
+            Self::LogRows => "log rows",
+        }
+    }
+}
+
+/// The magnetometer behind the line.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Chip {
+    /// HMC5843: Razor SEN-10125, sticks SEN-10183 and SEN-10321.
+    #[default]
+    Hmc5843,
+    /// HMC5883L: Razor SEN-10736, stick SEN-10724.
+    Hmc5883l,
+}
+
+impl Chip {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Hmc5843 => "hmc5843",
+            Self::Hmc5883l => "hmc5883l",
+        }
+    }
+
+    /// Counts per gauss at the gain after power-on, which the Razor never changes (data sheets, register
+    /// 0x01, CRB).
+    pub fn counts_per_gauss(self) -> f64 {
+        match self {
+            Self::Hmc5843 => 1300.0,
+            Self::Hmc5883l => 1090.0,
+        }
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            port: PathBuf::new(),
+            baud: 57600,
+            protocol: Protocol::default(),
+            chip: Chip::default(),
+        }
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        if !self.port.as_os_str().is_empty() && !self.port.is_absolute() {
+            faults.push(Fault {
+                key: "port".to_owned(),
+                found: format!("{:?}", self.port),
+                right: "an absolute path, as /dev/ttyUSB0 or one in /dev/serial/by-id".to_owned(),
+            });
+        }
+        within(&mut faults, "baud", self.baud, 300..=4_000_000, "baud");
+        faults
+    }
+}

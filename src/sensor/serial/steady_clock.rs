@@ -1,0 +1,143 @@
+//! Times for frames of a device that sends none, but sends them evenly.
+//!
+//! Frames are counted, and their times are those of an even clock fitted beneath their arrivals. A frame that
+//! arrives late came late; if from then on all do, frames were lost, and the count goes on behind them.
+
+use super::envelope::Envelope;
+
+/// How far the device's period may be off from what it is taken for, as a share.
+const TOLERANCE: f64 = 0.1;
+/// Nothing delays a frame by more, seconds: whatever should have come in the meantime is lost.
+const LONGEST_DELAY_S: f64 = 0.5;
+/// Arrivals all late by more than this share of a period mean that frames were lost.
+const LATE_SHARE: f64 = 0.6;
+/// For this long, seconds, and at least this many.
+const LATE_S: f64 = 0.3;
+const LATE_FRAMES: u32 = 8;
+/// The device's rate is counted over this long, seconds.
+const RATE_S: f64 = 2.0;
+/// A rate off by more than this share, twice, is another rate.
+const RATE_SHARE: f64 = 0.15;
+
+/// Arrivals in, times out.
+#[derive(Clone, Debug)]
+pub struct SteadyClock {
+    period_s: f64,
+    envelope: Envelope,
+    count: u64,
+    lost: u64,
+    last_s: f64,
+    late: Option<Late>,
+    rate: Option<Rate>,
+}
+
+/// A run of arrivals that are all late.
+#[derive(Clone, Debug)]
+struct Late {
+    since_s: f64,
+    frames: u32,
+    least_s: f64,
+}
+
+/// Counting the device's rate.
+#[derive(Clone, Debug)]
+struct Rate {
+    since_s: f64,
+    frames: u32,
+    /// The period counted before, if it was not ours.
+    other_s: Option<f64>,
+}
+
+impl SteadyClock {
+    /// For a device that sends a frame every `period_s` seconds or so.
+    pub fn new(period_s: f64) -> Self {
+        Self {
+            period_s,
+            envelope: Envelope::new(TOLERANCE),
+            count: 0,
+            lost: 0,
+            last_s: f64::NEG_INFINITY,
+            late: None,
+            rate: None,
+        }
+    }
+
+    /// The time of the frame that has arrived, seconds on the clock of the arrivals. Times never decrease, and
+    /// are never later than the arrival.
+    pub fn time(&mut self, arrival_s: f64) -> f64 {
+        self.count_rate(arrival_s);
+        self.count += 1;
+        let late_s = match self.envelope.time(self.device_s()) {
+            Some(line_s) => arrival_s - line_s,
+            None => 0.0,
+        };
+        if late_s > LONGEST_DELAY_S {
+            self.lost += (late_s / self.period_s) as u64;
+            self.envelope.restart();
+            self.late = None;
+        } else if late_s > LATE_SHARE * self.period_s && self.envelope.is_learnt() {
+            let late = self.late.get_or_insert(Late {
+                since_s: arrival_s,
+                frames: 0,
+                least_s: late_s,
+            });
+            late.frames += 1;
+            late.least_s = late.least_s.min(late_s);
+            if late.frames >= LATE_FRAMES && arrival_s - late.since_s >= LATE_S {
+                let lost = (late.least_s / self.period_s).round().max(1.0) as u64;
+                self.count += lost;
+                self.lost += lost;
+                self.late = None;
+            }
+        } else {
+            self.late = None;
+        }
+        // While it is open whether frames are late or lost there is nothing to learn.
+        if self.late.is_none() {
+            self.envelope.take(self.device_s(), arrival_s);
+        }
+        let line_s = self.envelope.time(self.device_s()).unwrap_or(arrival_s);
+        self.last_s = line_s.min(arrival_s).max(self.last_s);
+        self.last_s
+    }
+
+    /// How many frames were lost, as far as the gaps tell.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    fn device_s(&self) -> f64 {
+        self.count as f64 * self.period_s
+    }
+
+    /// A device may have another rate than it is taken for.
+    fn count_rate(&mut self, arrival_s: f64) {
+        let rate = self.rate.get_or_insert(Rate {
+            since_s: arrival_s,
+            frames: 0,
+            other_s: None,
+        });
+        let span_s = arrival_s - rate.since_s;
+        if span_s >= RATE_S {
+            let counted_s = span_s / f64::from(rate.frames.max(1));
+            let off = |from_s: f64| (counted_s / from_s - 1.0).abs() > RATE_SHARE;
+            // A pause is no rate.
+            let plain = span_s < 2.0 * RATE_S && rate.frames >= LATE_FRAMES;
+            let other_s = (plain && off(self.period_s)).then_some(counted_s);
+            if let (Some(period_s), Some(before_s)) = (other_s, rate.other_s)
+                && !off(before_s)
+            {
+                self.period_s = period_s;
+                self.envelope = Envelope::new(TOLERANCE);
+                self.late = None;
+            }
+            self.rate = Some(Rate {
+                since_s: arrival_s,
+                frames: 1,
+                other_s,
+            });
+        } else {
+            rate.frames += 1;
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! `headingd record` and table `[record]`: raw readings into logs, whatever the disk and the socket do.
+
+#[path = "daemon/rig.rs"]
+#[allow(dead_code)]
+mod rig;
+
+use std::fs;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use headingd::reading::Reading;
+use headingd::sensor::replay::Replay;
+use headingd::sensor::simulator::{Settings, Simulator};
+use rig::{LONG, Process, Rig, start, until};
+
+fn recorded(log: &Path) -> Vec<Reading> {
+    let mut replay = Replay::open(log).unwrap();
+    assert_eq!(replay.header().sensor.as_deref(), Some("hmc5843"));
+    assert!(
+        replay
+            .header()
+            .truth
+            .iter()
+            .any(|(key, _)| key == "recorded_from")
+    );
+    let readings = replay
+        .by_ref()
+        .map(|entry| entry.unwrap().reading)
+        .collect();
+    assert_eq!(replay.skips().count(), 0);
+    readings
+}
+
+fn simulated(turns: f64) -> impl Iterator<Item = Reading> {
+    let settings = Settings {
+        turns,
+        ..Settings::default()
+    };
+    Simulator::new(settings).unwrap().map(|entry| entry.reading)
+}
+
+fn record(rig: &Rig, out: &Path, more: &[&str]) -> Process {
+    let config = rig.path("headingd.toml");
+    let arguments = [
+        "record",
+        "--config",
+        config.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+    ];
+    start(rig.folder.path(), &[&arguments[..], more].concat())
+}
+
+#[test]
+fn a_source_is_recorded_to_its_end_while_the_socket_is_served() {
+    let rig = Rig::new(20.0, "");
+    let out = rig.path("a.csv");
+    let mut process = record(&rig, &out, &[]);
+    until("the socket", || rig.path("heading.sock").exists());
+    // Who has the socket has the source.
+    let mut second = record(&rig, &rig.path("b.csv"), &[]);
+    assert_eq!(second.wait().code(), Some(69));
+    assert!(
+        second.said().contains("takes a table [record]"),
+        "{}",
+        second.said()
+    );
+    assert!(!rig.path("b.csv").exists());
+    assert!(process.wait().success(), "{}", process.said());
+    assert!(recorded(&out).into_iter().eq(simulated(2.0)));
+}
+
+#[test]
+fn without_a_socket_it_is_recorded_all_the_same() {
+    let rig = Rig::new(1.0, "");
+    let config = rig.path("headingd.toml");
+    let text = fs::read_to_string(&config)
+        .unwrap()
+        .replace("heading.sock", "none/heading.sock");
+    fs::write(&config, text).unwrap();
+    let out = rig.path("a.csv");
+    let mut process = record(&rig, &out, &["--duration", "1.5"]);
+    assert!(process.wait().success(), "{}", process.said());
+    assert!(
+        process.said().contains("recording without a socket"),
+        "{}",
+        process.said()
+    );
+    let readings = recorded(&out);
+    assert!(readings.len() > 100);
+    assert!(
+        readings
+            .iter()
+            .copied()
+            .eq(simulated(2.0).take(readings.len()))
+    );
+}
+
+#[test]
+fn a_log_that_cannot_be_written_ends_the_command() {
+    let rig = Rig::new(1.0, LONG);
+    for (out, status, part) in [
+        (
+            "/dev/full",
+            74,
+            "cannot go on with recording /dev/full: No space left",
+        ),
+        (
+            "/none/a.csv",
+            73,
+            "cannot begin recording /none/a.csv: No such file",
+        ),
+    ] {
+        let mut process = record(&rig, Path::new(out), &[]);
+        assert_eq!(process.wait().code(), Some(status), "{}", process.said());
+        assert_eq!(
+            process.said().matches(part).count(),
+            1,
+            "{}",
+            process.said()
+        );
+        assert!(!rig.path("heading.sock").exists());
+    }
+}
+
+fn files(ring: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<_> = fs::read_dir(ring)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn the_daemon_keeps_a_ring_of_logs() {
+    let rig = Rig::new(1.0, "");
+    let ring = rig.path("ring");
+    let more = format!("{LONG}[record]\ndirectory = {ring:?}\nfiles = 2\nfile_mib = 1\n");
+    rig.configure(100.0, &rig.path("store"), &more);
+    let mut process = rig.start();
+    until("a fourth file", || ring.join("record-000004.csv").exists());
+    process.signal("TERM");
+    assert!(process.wait().success(), "{}", process.said());
+    let files = files(&ring);
+    assert!(
+        files.len() == 2 && files[1] >= ring.join("record-000004.csv"),
+        "{files:?}"
+    );
+    assert!(fs::metadata(&files[0]).unwrap().len() < (1 << 20) + (1 << 17));
+    // Each is a log of its own, and the later goes on where the earlier ends.
+    let [earlier, later] = [recorded(&files[0]), recorded(&files[1])];
+    let from_s = earlier[0].t_s;
+    let all: Vec<Reading> = earlier.into_iter().chain(later).collect();
+    let right = simulated(100.0).skip_while(|reading| reading.t_s < from_s);
+    assert!(
+        all.iter().copied().eq(right.take(all.len())),
+        "{}",
+        process.said()
+    );
+}
+
+#[test]
+fn a_full_disk_ends_the_recording_and_not_the_headings() {
+    let rig = Rig::new(1.0, "");
+    let ring = rig.path("ring");
+    let more = format!("{LONG}[record]\ndirectory = {ring:?}\n");
+    rig.configure(50.0, &rig.path("store"), &more);
+    // No file may become longer than 64 KiB: what a full disk is, without filling one.
+    let said = fs::File::create(rig.path("said")).unwrap();
+    let mut child = Command::new("bash")
+        .args([
+            "-c",
+            "trap '' XFSZ; ulimit -f 64; exec \"$0\" run --config \"$1\"",
+        ])
+        .arg(env!("CARGO_BIN_EXE_headingd"))
+        .arg(rig.path("headingd.toml"))
+        .stderr(said)
+        .process_group(0)
+        .spawn()
+        .unwrap();
+    let said = || fs::read_to_string(rig.path("said")).unwrap();
+    until("the end of the recording", || {
+        said().contains("nothing is recorded any more")
+    });
+    let mut client = rig.client();
+    let first = client.find("ATT", |_| true)["seq"].as_u64().unwrap();
+    client.find("ATT", |att| att["seq"].as_u64() > Some(first + 100));
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert_eq!(
+        said().matches("cannot go on with recording").count(),
+        1,
+        "{}",
+        said()
+    );
+    assert!(fs::metadata(&files(&ring)[0]).unwrap().len() <= 64 << 10);
+}

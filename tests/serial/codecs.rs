@@ -1,0 +1,405 @@
+//! The codecs: exact bytes, any cut of them, and any bytes at all.
+
+use headingd::frame::Mountings;
+use headingd::reading::Reading;
+use headingd::sensor::serial::{Item, LogRows, RazorBinary, RazorText};
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+use crate::device::{binary, text};
+
+const GAIN: f64 = 1300.0;
+
+fn of_text(pieces: &[&[u8]]) -> Vec<Item> {
+    let (mut codec, mut items) = (RazorText::new(GAIN), Vec::new());
+    for piece in pieces {
+        codec.feed(piece, |item| items.push(item));
+    }
+    items
+}
+
+fn of_binary(pieces: &[&[u8]]) -> Vec<Item> {
+    let (mut codec, mut items) = (RazorBinary::new(GAIN), Vec::new());
+    for piece in pieces {
+        codec.feed(piece, |item| items.push(item));
+    }
+    items
+}
+
+fn of_rows(board: Mountings, pieces: &[&[u8]]) -> Vec<Item> {
+    let (mut codec, mut items) = (LogRows::new(board), Vec::new());
+    for piece in pieces {
+        codec.feed(piece, |item| items.push(item));
+    }
+    items
+}
+
+fn readings(items: &[Item]) -> Vec<Reading> {
+    let reading = |item: &Item| match item {
+        Item::Frame(reading) | Item::Timed(reading) => Some(*reading),
+        _ => None,
+    };
+    items.iter().filter_map(reading).collect()
+}
+
+fn bad(items: &[Item]) -> Vec<&str> {
+    let why = |item: &'_ Item| matches!(item, Item::Bad(_));
+    items
+        .iter()
+        .filter(|item| why(item))
+        .map(|item| match item {
+            Item::Bad(why) => why.as_str(),
+            _ => "",
+        })
+        .collect()
+}
+
+/// The field's X, which tells frames apart.
+fn first_mgauss(reading: &Reading) -> Option<f64> {
+    reading.field_mgauss?[0]
+}
+
+#[test]
+fn a_frame_of_three_lines_is_one_reading() {
+    let items = of_text(&[
+        b"#A-R=0.00,-128.00,256.00\r\n#M-R=130.00,-13.00,0.00\r\n#G-R=14.00,0.00,-1.00\r\n",
+    ]);
+    let [Item::Frame(reading)] = items[..] else {
+        panic!("{items:?}");
+    };
+    assert_eq!(
+        reading.field_mgauss,
+        Some([Some(100.0), Some(-10.0), Some(0.0)])
+    );
+    assert_eq!(reading.specific_force_m_s2.unwrap().z, -9.80665);
+    let rate_deg_s = reading.rate_rad_s.unwrap().map(f64::to_degrees);
+    assert!((rate_deg_s - Vector3::new(14.0 / 14.375, 0.0, -1.0 / 14.375)).norm() < 1e-12);
+}
+
+#[test]
+fn what_is_no_number_is_unknown_and_never_0() {
+    for (numbers, field) in [
+        ("nan,2,3", [None, Some(2.0), Some(3.0)]),
+        ("1,inf,-inf", [Some(1.0), None, None]),
+        ("ovf,-ovf,3.00", [None, None, Some(3.0)]),
+        (",2,", [None, Some(2.0), None]),
+        (",,", [None; 3]),
+        ("65535.00,-1,-4096", [Some(-1.0), Some(-1.0), None]),
+    ] {
+        let items = of_text(&[format!("#M-R={numbers}\r\n#G-R=0,nan,0\r\n").as_bytes()]);
+        let reading = readings(&items)[0];
+        let right = field.map(|axis: Option<f64>| axis.map(|count| count * 1000.0 / GAIN));
+        assert_eq!(reading.field_mgauss, Some(right), "{numbers}");
+        assert_eq!(reading.rate_rad_s, None);
+        assert_eq!(reading.specific_force_m_s2, None);
+    }
+}
+
+#[test]
+fn numbers_that_cannot_be_raw_counts_are_refused_with_their_line() {
+    for (line, why) in [
+        ("#M-R=1,2", "three numbers"),
+        ("#M-R=1,2,3,4", "three numbers"),
+        ("#M-R=1,2x,3", "garbled"),
+        ("#M-R=0.25,1,2", "another firmware"),
+        ("hello", "no line of the Razor"),
+    ] {
+        let items = of_text(&[format!("{line}\r\n#G-R=1,2,3\r\n").as_bytes()]);
+        let bad = bad(&items);
+        assert!(bad[0].contains(why) && bad[0].contains(line), "{bad:?}");
+        // The other sensors of the frame count.
+        let reading = readings(&items)[0];
+        assert!(reading.field_mgauss.is_none() && reading.rate_rad_s.is_some());
+    }
+}
+
+#[test]
+fn old_values_after_a_failed_read_are_not_fresh() {
+    let frame = "#A-R=0,0,256\r\n#M-R=13,0,0\r\n#G-R=0,0,0\r\n";
+    let stream = format!(
+        "{frame}!ERR: reading magnetometer\r\n{frame}!ERR: reading gyroscope\r\n!ERR: reading accelerometer\r\n\
+         {frame}{frame}!ERR: reading gy\r\n{frame}"
+    );
+    let spoke = |reading: &Reading| {
+        (
+            reading.specific_force_m_s2.is_some(),
+            reading.field_mgauss.is_some(),
+            reading.rate_rad_s.is_some(),
+        )
+    };
+    let all: Vec<_> = readings(&of_text(&[stream.as_bytes()]))
+        .iter()
+        .map(spoke)
+        .collect();
+    let right = [
+        (true, true, true),
+        (true, false, true),
+        (false, true, false),
+        (true, true, true),
+        // Which one it was cannot be told.
+        (false, false, false),
+    ];
+    assert_eq!(all, right);
+}
+
+#[test]
+fn a_lost_line_costs_its_sensor_and_no_frame() {
+    let [a, m, g] = ["#A-R=0,0,256\r\n", "#M-R=13,0,0\r\n", "#G-R=0,0,0\r\n"];
+    for (stream, count) in [
+        (format!("{a}{m}{a}{m}{g}"), 2),
+        (format!("{m}{g}{a}{m}{g}"), 2),
+        (format!("{a}{g}{a}{m}{g}"), 2),
+        (format!("{m}{m}{g}"), 2),
+        (format!("{g}{g}"), 2),
+        (format!("{a}!ERR: reading magnetometer\r\n{a}{m}{g}"), 2),
+    ] {
+        assert_eq!(
+            readings(&of_text(&[stream.as_bytes()])).len(),
+            count,
+            "{stream}"
+        );
+    }
+}
+
+#[test]
+fn other_modes_are_named() {
+    for (line, name) in [
+        ("#YPR=1.00,2.00,3.00", "angles"),
+        ("#YPRAG=1,2,3,4,5,6,7,8,9", "angles"),
+        ("#YPRAMG=1,2,3", "angles"),
+        ("#A-C=1,2,3", "calibrated"),
+        ("accel x,y,z (min/max) = 1/2  3/4  5/6", "calibration"),
+        (
+            "gyro x,y,z (current/average) = 1/2  3/4  5/6",
+            "calibration",
+        ),
+        ("$1,2,3,4,5,6,7,8,9#", "stock firmware"),
+    ] {
+        let items = of_text(&[line.as_bytes(), b"\n\r"]);
+        assert!(
+            matches!(items[..], [Item::OtherMode(mode)] if mode.contains(name)),
+            "{items:?}"
+        );
+    }
+    let garbled = [&b"\x00\xff\x80#SYNCH01\r\n"[..]];
+    assert_eq!(of_text(&garbled), [Item::Synch(*b"01")]);
+}
+
+#[test]
+fn binary_frames_are_counted_from_the_synchronisation() {
+    let frame = binary([[0, 0, 256], [13, 0, -26], [0, 0, 0]]);
+    let stream = [
+        &b"\x12\x34#YPR=1,2"[..],
+        b"#SYNCH01\r\n",
+        &frame,
+        b"#SYNCH01\r\n",
+        &frame,
+    ]
+    .concat();
+    let items = of_binary(&[&stream]);
+    let all = readings(&items);
+    assert_eq!(all.len(), 2, "{items:?}");
+    assert_eq!(
+        all[1].field_mgauss,
+        Some([Some(10.0), Some(0.0), Some(-20.0)])
+    );
+    assert!(items.contains(&Item::OtherMode("angles (#ot)")));
+}
+
+#[test]
+fn a_lost_byte_is_noticed_and_waited_out() {
+    let frame = |i: i32| binary([[3, -7, 256], [100 + i, -200, 300], [5, -5, i]]);
+    let good: Vec<u8> = (0..4).flat_map(frame).collect();
+    for lost in 0..36 {
+        let mut spoilt = frame(9);
+        spoilt.remove(lost);
+        let stream = [
+            b"#SYNCH01\r\n",
+            &good[..],
+            &spoilt,
+            &good,
+            b"#SYNCH01\r\n",
+            &good,
+        ]
+        .concat();
+        let items = of_binary(&[&stream]);
+        assert!(!bad(&items).is_empty());
+        let all = readings(&items);
+        assert!(all.len() >= 8, "{lost}: {}", all.len());
+        let right = readings(&of_binary(&[b"#SYNCH01\r\n", &good]));
+        assert_eq!(all[..4], right);
+        assert_eq!(all[all.len() - 4..], right);
+    }
+}
+
+#[test]
+fn binary_numbers_that_stand_still_are_not_fresh() {
+    let mut stream = b"#SYNCH01\r\n".to_vec();
+    for i in 0..40 {
+        stream.extend(binary([[i, 0, 256], [7, 7, 7], [i, 0, 0]]));
+    }
+    let all = readings(&of_binary(&[&stream]));
+    assert_eq!(all.len(), 40);
+    assert!(all[24].field_mgauss.is_some());
+    assert!(all[25].field_mgauss.is_none() && all[25].rate_rad_s.is_some());
+}
+
+const HEADER: &str = "# headingd-log 1\n# sensor = qmc5883l\n# mag_unit = uT\nt_s,mx,my,mz\n";
+
+#[test]
+fn rows_with_a_header_are_those_of_a_log() {
+    let stream = format!("t,5\n{HEADER}0.5,1,2,3\n0.6,1,,3\n# a remark\n{HEADER}0,4,5,6\n");
+    let all = readings(&of_rows(Mountings::default(), &[stream.as_bytes()]));
+    assert_eq!(all.len(), 3);
+    assert_eq!(
+        all[0].field_mgauss,
+        Some([Some(10.0), Some(20.0), Some(30.0)])
+    );
+    assert_eq!(all[1].field_mgauss.unwrap()[1], None);
+    // After a reset its clock begins again.
+    assert_eq!((all[2].t_s, first_mgauss(&all[2])), (0.0, Some(40.0)));
+}
+
+#[test]
+fn the_sketch_of_the_readme_is_understood() {
+    let readme = include_str!("../../README.md");
+    let sketch = readme.split_once("Serial.print(F(\"").unwrap().1;
+    let header = sketch.split_once("\"))").unwrap().0.replace("\\n", "\n");
+    let stream = format!("{header}0.0200,130.000,,13.000,14.375,0.000,-1.000\n");
+    let reading = readings(&of_rows(Mountings::default(), &[stream.as_bytes()]))[0];
+    assert_eq!(reading.field_mgauss, Some([Some(100.0), None, Some(10.0)]));
+    assert_eq!(reading.rate_rad_s.unwrap().x, 14.375f64.to_radians());
+}
+
+#[test]
+fn rows_without_a_header_count_when_two_agree() {
+    let row = "1,10,20,30,0.1,0.2,0.3,0,0,-9.8\n";
+    let all = readings(&of_rows(
+        Mountings::default(),
+        &[format!("5,6\n{row}{row}{row}3,1,2,3\n{row}").as_bytes()],
+    ));
+    assert_eq!(all.len(), 3, "{all:?}");
+    assert_eq!(all[0].rate_rad_s, Some(Vector3::new(0.1, 0.2, 0.3)));
+    let items = of_rows(Mountings::default(), &[b"1\n1,2\n1,2\n"]);
+    assert!(bad(&items)[1].contains("4, 7, 10 or 11"), "{items:?}");
+}
+
+#[test]
+fn rows_whose_header_was_half_heard_wait_for_the_next_one() {
+    let half = "nit = uT\n# gyro_unit = deg/s\nt_s,mx,my,mz\n1,2,3,4\n2,2,3,4\n";
+    let items = of_rows(Mountings::default(), &[half.as_bytes()]);
+    assert!(readings(&items).is_empty(), "{items:?}");
+    assert!(
+        bad(&items)[0].contains("waiting for the next one"),
+        "{items:?}"
+    );
+    let whole = format!("{half}{HEADER}3,2,3,4\n");
+    assert_eq!(
+        readings(&of_rows(Mountings::default(), &[whole.as_bytes()])).len(),
+        1
+    );
+}
+
+#[test]
+fn mountings_in_a_header_are_turned_into_the_boards() {
+    let header = "# headingd-log 1\n# mag_axes = +y -x +z\n# gyro_axes = +x -y -z\nt_s,mx,my,mz,gx,gy,gz,ax,ay,az\n";
+    let stream = format!("x\n{header}0,1,,3,1,2,3,1,2,3\n");
+    let board = Mountings {
+        mag: "-z +y +x".parse().unwrap(),
+        accel: "+y +x -z".parse().unwrap(),
+        ..Mountings::default()
+    };
+    let reading = readings(&of_rows(board, &[stream.as_bytes()]))[0];
+    // Body (my, -mx, mz) = (?, -1, 3); on our chip X is body Z, Y is Y, Z is -X.
+    assert_eq!(reading.field_mgauss, Some([Some(3.0), Some(-1.0), None]));
+    assert_eq!(reading.rate_rad_s, Some(Vector3::new(1.0, -2.0, -3.0)));
+    // The header does not name the accelerometer's.
+    assert_eq!(
+        reading.specific_force_m_s2,
+        Some(Vector3::new(1.0, 2.0, 3.0))
+    );
+}
+
+/// The items of a stream cut at these places are those of the whole stream.
+fn assert_cuts(stream: &[u8], cuts: &[usize], decode: impl Fn(&[&[u8]]) -> Vec<Item>) {
+    let mut ends: Vec<usize> = cuts.iter().map(|cut| cut % (stream.len() + 1)).collect();
+    ends.extend([0, stream.len()]);
+    ends.sort_unstable();
+    let pieces: Vec<&[u8]> = ends
+        .windows(2)
+        .map(|pair| &stream[pair[0]..pair[1]])
+        .collect();
+    assert_eq!(decode(&pieces), decode(&[stream]));
+}
+
+#[test]
+fn a_stream_may_be_split_at_every_position() {
+    let counts = [[-3, 7, 256], [100, -200, 4095], [5, -5, 0]];
+    let lines = [
+        b"!ERR: reading gyroscope\r\n",
+        &text(counts)[..],
+        &text(counts),
+    ]
+    .concat();
+    let frames = [b"#SYNCH01\r\n", &binary(counts)[..], &binary(counts)].concat();
+    let rows = format!("{HEADER}0.5,1,2,3\r\n0.6,1,,3\r\n");
+    for at in 0..lines.len().max(frames.len()).max(rows.len()) {
+        assert_cuts(&lines, &[at], of_text);
+        assert_cuts(&frames, &[at], of_binary);
+        assert_cuts(rows.as_bytes(), &[at], |pieces| {
+            of_rows(Mountings::default(), pieces)
+        });
+    }
+}
+
+fn frames() -> impl Strategy<Value = Vec<[[i32; 3]; 3]>> {
+    prop::collection::vec(
+        prop::array::uniform3(prop::array::uniform3(-2048i32..2048)),
+        1..12,
+    )
+}
+
+proptest! {
+    #[test]
+    fn any_cut_of_text_gives_the_same_readings(frames in frames(), cuts in prop::collection::vec(any::<usize>(), 0..20)) {
+        let stream: Vec<u8> = frames.iter().flat_map(|frame| text(*frame)).collect();
+        assert_cuts(&stream, &cuts, of_text);
+        prop_assert_eq!(readings(&of_text(&[&stream])).len(), frames.len());
+    }
+
+    #[test]
+    fn any_cut_of_binary_gives_the_same_readings(frames in frames(), cuts in prop::collection::vec(any::<usize>(), 0..20)) {
+        let stream: Vec<u8> =
+            b"#SYNCH01\r\n".iter().copied().chain(frames.iter().flat_map(|frame| binary(*frame))).collect();
+        assert_cuts(&stream, &cuts, of_binary);
+        prop_assert_eq!(readings(&of_binary(&[&stream])).len(), frames.len());
+    }
+
+    #[test]
+    fn any_cut_of_rows_gives_the_same_readings(rows in prop::collection::vec(-1e3..1e3f64, 1..12), cuts in prop::collection::vec(any::<usize>(), 0..20)) {
+        let rows_text: String = rows.iter().map(|n| format!("1,{n},2,3\n")).collect();
+        let stream = format!("{HEADER}{rows_text}");
+        assert_cuts(stream.as_bytes(), &cuts, |pieces| of_rows(Mountings::default(), pieces));
+        prop_assert_eq!(readings(&of_rows(Mountings::default(), &[stream.as_bytes()])).len(), rows.len());
+    }
+
+    #[test]
+    fn no_bytes_make_a_codec_panic(bytes in prop::collection::vec(any::<u8>(), 0..3000), at in any::<usize>()) {
+        for head in [&b""[..], b"#SYNCH01\r\n", b"#A-R=", b"#M-R=1,", HEADER.as_bytes()] {
+            let stream = [head, &bytes].concat();
+            let cut = at % (stream.len() + 1);
+            let pieces = [&stream[..cut], &stream[cut..]];
+            // What comes out is bounded by what went in.
+            prop_assert!(of_text(&pieces).len() <= stream.len());
+            prop_assert!(of_binary(&pieces).len() <= stream.len());
+            prop_assert!(of_rows(Mountings::default(), &pieces).len() <= stream.len());
+        }
+    }
+
+    #[test]
+    fn no_near_line_makes_a_codec_panic(text in "[#AMGR=0-9eE+.,\r\nNnaifovt_sSYCH!:-]{0,300}") {
+        of_text(&[text.as_bytes()]);
+        of_binary(&[b"#SYNCH01\r\n", text.as_bytes()]);
+        of_rows(Mountings::default(), &[HEADER.as_bytes(), text.as_bytes()]);
+    }
+}

@@ -1,0 +1,196 @@
+//! The daemon on a simulated Razor: what comes out is what a replay of the same log gives.
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+use headingd::recording::{Entry, Writer};
+use headingd::sensor::replay::Replay;
+use headingd::sensor::simulator::{Settings, Simulator};
+use serde_json::Value;
+
+use crate::device::{Device, Firmware, Habits, counts_of};
+use crate::rig::{Rig, until};
+
+/// Rest, two turns in two seconds each, rest.
+fn board() -> Simulator {
+    let settings = Settings {
+        turns: 2.0,
+        turn_deg_s: 180.0,
+        ..Settings::default()
+    };
+    Simulator::new(settings).unwrap()
+}
+
+fn configure(rig: &Rig, chip: &str) {
+    let port = rig.path("tty");
+    let more = format!(
+        "kind = \"serial\"\n[serial]\nport = {port:?}\nprotocol = \"razor\"\nchip = {chip:?}\n"
+    );
+    rig.configure(1.0, &rig.path("store"), &more);
+}
+
+/// Times and headings, where there are any.
+fn headings(messages: &[Value]) -> Vec<(f64, f64)> {
+    let of = |att: &Value| Some((att["t_s"].as_f64()?, att.get("mheading")?.as_f64()?));
+    messages
+        .iter()
+        .filter(|message| message["class"] == "ATT")
+        .filter_map(of)
+        .collect()
+}
+
+/// RMS difference of headings, the one's clock set forward by `offset_s`, and over how many.
+fn apart_deg(live: &[(f64, f64)], direct: &[(f64, f64)], offset_s: f64) -> (f64, usize) {
+    let mut squares = Vec::new();
+    for (t_s, heading) in live {
+        let after = direct.partition_point(|(direct_s, _)| *direct_s < t_s - offset_s);
+        if let Some((direct_s, right)) = direct.get(after)
+            && (direct_s - (t_s - offset_s)).abs() < 0.1
+        {
+            let apart = (heading - right + 540.0).rem_euclid(360.0) - 180.0;
+            squares.push(apart * apart);
+        }
+    }
+    (
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt(),
+        squares.len(),
+    )
+}
+
+/// Plays a log to the daemon as a Razor would, and asks for the headings of its direct replay.
+fn assert_same_headings(log: &Path, chip: &str, counts_per_gauss: f64, within_deg: f64) {
+    let mut replay = Replay::open(log).unwrap();
+    let mountings = replay.header().mountings;
+    // The Razor turns its readings into the board's frame.
+    let entries: Vec<Entry> = replay
+        .by_ref()
+        .map(|entry| {
+            let mut entry = entry.unwrap();
+            let reading = &mut entry.reading;
+            reading.field_mgauss = reading
+                .whole_field_mgauss()
+                .map(|field| <[f64; 3]>::from(mountings.mag.to_body(field)).map(Some));
+            reading.rate_rad_s = reading.rate_rad_s.map(|rate| mountings.gyro.to_body(rate));
+            reading.specific_force_m_s2 = reading
+                .specific_force_m_s2
+                .map(|force| mountings.accel.to_body(force));
+            entry
+        })
+        .collect();
+    let end_s = entries[entries.len() - 1].reading.t_s;
+
+    let rig = Rig::new(1.0, "");
+    configure(&rig, chip);
+    let (mut process, mut client) = rig.watched();
+    let fault = client.find("STATE", |state| state["cal_state"] == "fault");
+    assert_eq!(fault["reason"], "no_device", "{fault}");
+    let habits = Habits {
+        burst: Duration::from_millis(30),
+        ..Habits::default()
+    };
+    let firmware = Firmware::Razor(Box::new(counts_of(entries, counts_per_gauss)));
+    let _device = Device::plug(&rig.path("tty"), firmware, habits);
+    let begun = client.find("ATT", |_| true);
+    assert_eq!(begun["device"], rig.path("tty").to_str().unwrap());
+    let time = begun["time"].as_str().unwrap();
+    assert!(
+        time.starts_with("20") && time.ends_with('Z') && time.len() == 24,
+        "{time}"
+    );
+    assert!(begun["age_ms"].as_u64().unwrap() < 1000, "{begun}");
+    let begun_s = begun["t_s"].as_f64().unwrap();
+    let mut live = vec![begun];
+    let over = |message: &Value| {
+        message["t_s"]
+            .as_f64()
+            .is_some_and(|t_s| t_s > begun_s + end_s)
+    };
+    while !over(&live[live.len() - 1]) {
+        live.push(client.next().unwrap());
+    }
+    process.signal("TERM");
+    assert!(process.wait().success(), "{}", process.said());
+    let said = process.said();
+    assert_eq!(said.matches("cannot open serial port").count(), 1, "{said}");
+    // On a turn made by hand the first candidate may be refused.
+    let outcomes: Vec<_> = live
+        .iter()
+        .filter(|message| message["class"] == "CALIBRATION")
+        .collect();
+    assert!(
+        outcomes
+            .iter()
+            .any(|outcome| outcome["verdict"] == "accepted"),
+        "{outcomes:?}"
+    );
+
+    let replay = Command::new(env!("CARGO_BIN_EXE_headingd"))
+        .arg("replay")
+        .arg(log)
+        .output()
+        .unwrap();
+    let lines = replay.stdout.split(|byte| *byte == b'\n');
+    let replayed: Vec<Value> = lines
+        .filter_map(|line| serde_json::from_slice(line).ok())
+        .collect();
+    let (live, direct) = (headings(&live), headings(&replayed));
+    // The board began to speak some seconds before it was understood.
+    let best = (0..1000)
+        .map(|step| apart_deg(&live, &direct, begun_s - f64::from(step) * 0.005))
+        .filter(|(_, count)| *count * 10 > live.len() * 7)
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    let (rms_deg, count) = best.expect("headings at the same times");
+    assert!(
+        rms_deg < within_deg && count > 100,
+        "{rms_deg} over {count}"
+    );
+}
+
+#[test]
+fn a_log_through_bridge_and_daemon_gives_the_headings_of_its_replay() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("log.csv");
+    let mut writer = Writer::new(Vec::new(), &board().header()).unwrap();
+    board().for_each(|entry| writer.write(&entry).unwrap());
+    fs::write(&log, writer.into_inner().unwrap()).unwrap();
+    assert_same_headings(&log, "hmc5843", 1300.0, 1.5);
+}
+
+#[test]
+fn a_real_log_through_bridge_and_daemon_gives_the_headings_of_its_replay() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let log = data.join("hmc5883l_set2_zrot_2turns.csv");
+    if !log.exists() {
+        eprintln!("skipped: {} is not there", log.display());
+        return;
+    }
+    assert_same_headings(&log, "hmc5883l", 1090.0, 4.0);
+}
+
+#[test]
+fn unplugged_and_plugged_in_again_readings_go_on() {
+    let rig = Rig::new(1.0, "");
+    configure(&rig, "hmc5843");
+    let (mut process, mut client) = rig.watched();
+    for _ in 0..2 {
+        let firmware = Firmware::Razor(Box::new(counts_of(board().collect(), 1300.0)));
+        let device = Device::plug(&rig.path("tty"), firmware, Habits::default());
+        client.find("STATE", |state| state["reason"] == "no_calibration");
+        client.find("ATT", |_| true);
+        device.unplug();
+        client.find("STATE", |state| state["reason"] == "unplugged");
+    }
+    until("the second to be told of", || {
+        process.said().matches("is gone").count() == 2
+    });
+    process.signal("TERM");
+    assert!(process.wait().success(), "{}", process.said());
+    assert_eq!(
+        process.said().matches("is gone").count(),
+        2,
+        "{}",
+        process.said()
+    );
+}

@@ -1,0 +1,355 @@
+//! The bridge over a pseudo-terminal: started, unplugged, plugged in elsewhere, and all that may come instead
+//! of readings.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use headingd::frame::Mountings;
+use headingd::reading::Reading;
+use headingd::sensor::serial::settings::{Protocol, Settings};
+use headingd::sensor::serial::{Bridge, Heard};
+use tokio::runtime::{Builder, Runtime};
+
+use crate::device::{Counts, Device, Firmware, Habits};
+use crate::rig::PATIENCE;
+
+const COUNTS: Counts = [[1, -2, 256], [130, -13, 650], [14, 0, -14]];
+
+/// At rest, with some noise: numbers that stood still would be those of a sensor that is not read.
+fn razor() -> Firmware {
+    let mut noise = 0;
+    Firmware::Razor(Box::new(move |_| {
+        noise = 1 - noise;
+        COUNTS.map(|[x, y, z]| [x + noise, y, z])
+    }))
+}
+
+struct Rig {
+    folder: tempfile::TempDir,
+    bridge: Bridge,
+    runtime: Runtime,
+}
+
+impl Rig {
+    fn new(protocol: Protocol) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = Settings {
+            port: folder.path().join("tty"),
+            protocol,
+            ..Settings::default()
+        };
+        Self {
+            folder,
+            bridge: Bridge::new(&settings, Mountings::default()),
+            runtime: Builder::new_current_thread().enable_all().build().unwrap(),
+        }
+    }
+
+    fn link(&self) -> PathBuf {
+        self.folder.path().join("tty")
+    }
+
+    fn plug(&self, firmware: Firmware) -> Device {
+        Device::plug(&self.link(), firmware, Habits::default())
+    }
+
+    fn next(&mut self) -> Heard {
+        let next = async {
+            tokio::time::timeout(PATIENCE, self.bridge.next(&AtomicBool::new(false))).await
+        };
+        self.runtime
+            .block_on(next)
+            .expect("waited in vain")
+            .expect("nobody told it to stop")
+    }
+
+    fn trouble(&mut self) -> (&'static str, String) {
+        let begun = Instant::now();
+        loop {
+            if let Heard::Trouble(Some(trouble)) = self.next() {
+                return (trouble.code, trouble.message);
+            }
+            assert!(begun.elapsed() < PATIENCE, "waited in vain for trouble");
+        }
+    }
+
+    /// This many readings, between which nothing is said.
+    fn readings(&mut self, count: usize) -> Vec<(Reading, Instant)> {
+        let mut readings = Vec::new();
+        while readings.len() < count {
+            match self.next() {
+                Heard::Reading(reading, taken) => readings.push((reading, taken)),
+                Heard::Trouble(trouble) => assert!(readings.is_empty(), "{trouble:?}"),
+            }
+        }
+        readings
+    }
+}
+
+fn is_right(reading: &Reading) -> bool {
+    [130.0, 131.0].iter().any(|x| {
+        reading.field_mgauss == Some([Some(x * 1000.0 / 1300.0), Some(-10.0), Some(500.0)])
+    }) && reading.rate_rad_s.is_some()
+        && reading
+            .specific_force_m_s2
+            .is_some_and(|force| force.z == -9.80665)
+}
+
+#[test]
+fn a_razor_is_reset_started_and_read() {
+    for (protocol, order) in [
+        (Protocol::Auto, "#osrt#o1#oe1#s01"),
+        (Protocol::Razor, "#osrt#o1#oe1#s01"),
+        (Protocol::RazorBinary, "#osrb#o1#oe0#s01"),
+    ] {
+        let mut rig = Rig::new(protocol);
+        let device = rig.plug(razor());
+        let readings = rig.readings(20);
+        assert!(
+            readings.iter().all(|(reading, _)| is_right(reading)),
+            "{protocol:?}: {readings:?}"
+        );
+        assert!(readings.is_sorted_by(|a, b| a.0.t_s <= b.0.t_s && a.1 <= b.1));
+        assert_eq!(device.resets.load(std::sync::atomic::Ordering::Relaxed), 1);
+        let heard = String::from_utf8(device.heard.lock().unwrap().clone()).unwrap();
+        assert!(
+            heard.starts_with("#s00") && heard.ends_with(order),
+            "{heard}"
+        );
+    }
+}
+
+#[test]
+fn an_unplugged_device_is_told_of_once_and_found_again_as_another_node() {
+    let mut rig = Rig::new(Protocol::Auto);
+    let (code, message) = rig.trouble();
+    assert_eq!(code, "no_device");
+    assert!(
+        message.contains("cannot open serial port") && message.contains("by-id"),
+        "{message}"
+    );
+    let mut last_s = 0.0;
+    let mut nodes: Vec<PathBuf> = Vec::new();
+    let mut kept = Vec::new();
+    for round in 0..3 {
+        let device = rig.plug(razor());
+        nodes.push(std::fs::read_link(rig.link()).unwrap());
+        if round > 0 {
+            assert!(matches!(rig.next(), Heard::Trouble(None)));
+        }
+        let readings = rig.readings(5);
+        assert!(
+            readings[0].0.t_s >= last_s && readings.iter().all(|(reading, _)| is_right(reading))
+        );
+        last_s = readings[4].0.t_s;
+        device.unplug();
+
+        let (code, message) = rig.trouble();
+        assert!(
+            code == "unplugged" && message.contains("plug the device in again"),
+            "{message}"
+        );
+        // So that the next one gets another number.
+        kept.push(std::fs::File::open("/dev/ptmx").unwrap());
+    }
+    nodes.sort();
+    nodes.dedup();
+    assert!(nodes.len() > 1, "{nodes:?}");
+}
+
+#[test]
+fn a_device_that_was_reset_is_started_again() {
+    for protocol in [Protocol::Razor, Protocol::RazorBinary] {
+        let mut rig = Rig::new(protocol);
+        let device = rig.plug(razor());
+        rig.readings(5);
+        let orders = || {
+            device
+                .heard
+                .lock()
+                .unwrap()
+                .windows(4)
+                .filter(|bytes| bytes == b"#s01")
+                .count()
+        };
+        let before = orders();
+        // Its supply fails for a moment: it is in its first mode again, and nobody has opened the port.
+        device.brown_out();
+        rig.readings(100);
+        assert!(orders() > before);
+    }
+}
+
+#[test]
+fn lost_bytes_cost_frames_and_no_more() {
+    for protocol in [Protocol::Razor, Protocol::RazorBinary] {
+        let mut rig = Rig::new(protocol);
+        let habits = Habits {
+            lose: Some(997),
+            ..Habits::default()
+        };
+        let _device = Device::plug(&rig.link(), razor(), habits);
+        let readings = rig.readings(100);
+        let right = readings
+            .iter()
+            .filter(|(reading, _)| is_right(reading))
+            .count();
+        assert!(right >= 85, "{protocol:?}: {right}");
+    }
+}
+
+#[test]
+fn a_magnetometer_that_fails_has_no_field() {
+    let mut rig = Rig::new(Protocol::Razor);
+    let habits = Habits {
+        mag_fails: true,
+        ..Habits::default()
+    };
+    let _device = Device::plug(&rig.link(), razor(), habits);
+    let readings = rig.readings(10);
+    assert!(
+        readings
+            .iter()
+            .all(|(reading, _)| reading.field_mgauss.is_none() && reading.rate_rad_s.is_some())
+    );
+}
+
+#[test]
+fn log_rows_are_found_and_timed_by_the_device() {
+    let mut rig = Rig::new(Protocol::Auto);
+    let header = "# headingd-log 1\r\n# mag_unit = uT\r\nt_s,mx,my,mz\r\n";
+    let firmware = Firmware::Plain(header.into(), "{t},10,20,30\r\n".into());
+    let habits = Habits {
+        burst: Duration::from_millis(60),
+        ..Habits::default()
+    };
+    let device = Device::plug(&rig.link(), firmware, habits);
+    let readings = rig.readings(60);
+    assert!(
+        readings
+            .iter()
+            .all(|(r, _)| r.field_mgauss == Some([Some(100.0), Some(200.0), Some(300.0)]))
+    );
+    // They come in bursts of three; their times are even, but for what the sender's sleep adds.
+    let apart = |pair: &[(Reading, Instant)]| pair[1].0.t_s - pair[0].0.t_s;
+    let uneven = readings[20..]
+        .windows(2)
+        .filter(|pair| (apart(pair) - 0.02).abs() > 0.008)
+        .count();
+    assert!(uneven < 10, "{uneven}");
+    assert!(device.heard.lock().unwrap().is_empty());
+}
+
+#[test]
+fn whatever_comes_instead_has_one_message() {
+    let noise: Vec<u8> = (0..200u32).map(|i| (i * 97 + 131) as u8 | 0x80).collect();
+    let cases = [
+        (
+            "silent",
+            Protocol::Auto,
+            Firmware::Plain(Vec::new(), String::new()),
+            "says nothing",
+        ),
+        (
+            "noise",
+            Protocol::Auto,
+            Firmware::Flood(noise.clone()),
+            "serial.baud, which is 57600",
+        ),
+        (
+            "noise",
+            Protocol::RazorBinary,
+            Firmware::Flood(noise),
+            "serial.baud, which is 57600",
+        ),
+        (
+            "long_line",
+            Protocol::Auto,
+            Firmware::Flood(vec![b'7'; 2000]),
+            "longer than 4 KiB",
+        ),
+        (
+            "not_understood",
+            Protocol::Auto,
+            Firmware::Plain(Vec::new(), "hello world\r\n".into()),
+            "hello world",
+        ),
+        (
+            "other_mode",
+            Protocol::Razor,
+            Firmware::Plain(Vec::new(), "#YPR=1,2,3\r\n".into()),
+            "both ways",
+        ),
+        (
+            "not_understood",
+            Protocol::LogRows,
+            Firmware::Plain(Vec::new(), "a,b\r\n".into()),
+            "serial.protocol",
+        ),
+    ];
+    let watch = |(code, protocol, firmware, part): (&'static str, _, _, &'static str)| {
+        move || {
+            let mut rig = Rig::new(protocol);
+            let _device = rig.plug(firmware);
+            let (found, message) = rig.trouble();
+            assert!(
+                found == code && message.contains(part),
+                "{found}: {message}"
+            );
+            assert!(message.contains(rig.link().to_str().unwrap()), "{message}");
+            // It is said once, though it goes on; also when the port has been opened anew.
+            let more = async {
+                tokio::time::timeout(
+                    Duration::from_secs(8),
+                    rig.bridge.next(&AtomicBool::new(false)),
+                )
+                .await
+            };
+            let more = rig.runtime.block_on(more);
+            assert!(more.is_err(), "{code}: {more:?}");
+        }
+    };
+    let threads: Vec<_> = cases
+        .into_iter()
+        .map(|case| std::thread::spawn(watch(case)))
+        .collect();
+    for thread in threads {
+        thread.join().unwrap();
+    }
+}
+
+#[test]
+fn what_cannot_be_opened_says_why() {
+    let mut rig = Rig::new(Protocol::Auto);
+    std::fs::write(rig.link(), "a file").unwrap();
+    let (code, message) = rig.trouble();
+    assert!(
+        code == "port" && message.contains("no terminal device"),
+        "{message}"
+    );
+
+    let mut first = Rig::new(Protocol::Auto);
+    let _device = first.plug(razor());
+    first.readings(1);
+    let mut second = Rig::new(Protocol::Auto);
+    std::os::unix::fs::symlink(std::fs::read_link(first.link()).unwrap(), second.link()).unwrap();
+    let (code, message) = second.trouble();
+    assert!(
+        code == "busy" && message.contains("another program holds it"),
+        "{code}: {message}"
+    );
+    first.readings(5);
+}
+
+#[test]
+fn it_stops_at_once() {
+    let mut rig = Rig::new(Protocol::Auto);
+    rig.trouble();
+    let begun = Instant::now();
+    let stopped = rig
+        .runtime
+        .block_on(rig.bridge.next(&AtomicBool::new(true)));
+    assert!(stopped.is_none() && begun.elapsed() < Duration::from_millis(200));
+    assert!(!Path::new(&rig.link()).exists());
+}
