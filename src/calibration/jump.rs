@@ -52,7 +52,13 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
             axis.push(*component);
         }
     }
-    let middles = axes.map(medians_of_7);
+    let [x, y, z] = axes.map(medians_of_7);
+    let middles: Vec<Vector3<f64>> = x
+        .into_iter()
+        .zip(y)
+        .zip(z)
+        .map(|((x, y), z)| Vector3::new(x, y, z))
+        .collect();
     DURING_S
         .iter()
         .filter_map(|during_s| {
@@ -67,18 +73,19 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
 }
 
 /// The largest change of the medians over `apart` samples, and what is usual while the board turns.
-fn changes(sightings: &[Sighting], middles: &[Vec<f64>; 3], apart: usize) -> Option<(f64, f64)> {
+fn changes(sightings: &[Sighting], middles: &[Vector3<f64>], apart: usize) -> Option<(f64, f64)> {
     // Half the cosine's angle: a quaternion turns by half of what it stands for.
     let turned = (0.5 * TURNING_RAD).cos();
     let mut largest = 0.0f64;
     let mut turning = Vec::with_capacity(sightings.len());
-    for (start, around) in sightings.windows(apart + AROUND).enumerate() {
-        let (first, last) = (&around[0], &around[apart + AROUND - 1]);
+    let later = sightings.iter().skip(apart + AROUND - 1);
+    let ends = sightings.iter().zip(later);
+    let jumps = middles.iter().zip(middles.iter().skip(apart));
+    for ((first, last), (before, after)) in ends.zip(jumps) {
         if first.pose.stretch != last.pose.stretch || last.t_s - first.t_s > LONGEST_S {
             continue;
         }
-        let change = |axis: &Vec<f64>| axis[start + apart] - axis[start];
-        let jump = Vector3::from(middles.each_ref().map(change)).norm_squared();
+        let jump = (after - before).norm_squared();
         largest = largest.max(jump);
         if first.pose.orientation.dot(&last.pose.orientation).abs() < turned {
             turning.push(jump);

@@ -1,43 +1,37 @@
 //! Medians of a few neighbours, by networks of exchanges (Paeth, Graphics Gems, 1990), some at once: they
 //! are taken for every sample and axis.
 
-/// How many medians are found at once.
-const LANES: usize = 4;
+/// How many medians are found at once: as many as lie beside each other in the registers of most processors.
+const LANES: usize = 2;
 
 /// The median of every five that follow each other; none of these is NaN.
 pub fn medians_of_5(values: Vec<f64>) -> Vec<f64> {
-    medians::<5, 7>(
-        values,
-        [(0, 1), (3, 4), (0, 3), (1, 4), (1, 2), (2, 3), (1, 2)],
-    )
+    medians::<5>(values, |v| {
+        v.exchange(&[(0, 1), (3, 4), (0, 3)]);
+        v.exchange(&[(1, 4), (1, 2), (2, 3), (1, 2)]);
+    })
 }
 
 /// The median of every seven that follow each other; none of these is NaN.
-#[rustfmt::skip]
 pub fn medians_of_7(values: Vec<f64>) -> Vec<f64> {
-    medians::<7, 13>(
-        values,
-        [
-            (0, 5), (0, 3), (1, 6), (2, 4), (0, 1), (3, 5), (2, 6),
-            (2, 3), (3, 6), (4, 5), (1, 4), (1, 3), (3, 4),
-        ],
-    )
+    medians::<7>(values, |v| {
+        v.exchange(&[(0, 5), (0, 3), (1, 6), (2, 4)]);
+        v.exchange(&[(0, 1), (3, 5), (2, 6)]);
+        v.exchange(&[(2, 3), (3, 6), (4, 5)]);
+        v.exchange(&[(1, 4), (1, 3), (3, 4)]);
+    })
 }
 
-/// The exchanges of `network` leave the median of N in the middle.
-#[inline]
-fn medians<const N: usize, const E: usize>(
-    mut values: Vec<f64>,
-    network: [(usize, usize); E],
-) -> Vec<f64> {
-    let count = (values.len() + 1).saturating_sub(N);
-    let mut medians = vec![0.0; count.next_multiple_of(LANES)];
-    values.resize(values.len() + LANES, 0.0);
-    for (block, found) in medians.chunks_exact_mut(LANES).enumerate() {
-        let seen = &values[block * LANES..][..LANES + N - 1];
-        let mut v: [[f64; LANES]; N] =
-            std::array::from_fn(|k| std::array::from_fn(|lane| seen[k + lane]));
-        for (a, b) in network {
+/// N neighbours, in each lane others.
+struct Lanes<const N: usize>([[f64; LANES]; N]);
+
+impl<const N: usize> Lanes<N> {
+    /// Brings the lesser of each pair to the first place. In short pieces, so that the compiler unrolls them and
+    /// all values stay in registers.
+    #[inline(always)]
+    fn exchange<const E: usize>(&mut self, pairs: &[(usize, usize); E]) {
+        let v = &mut self.0;
+        for &(a, b) in pairs {
             for lane in 0..LANES {
                 let (x, y) = (v[a][lane], v[b][lane]);
                 // Not min and max: what those do with NaN takes longer than the rest.
@@ -45,7 +39,22 @@ fn medians<const N: usize, const E: usize>(
                 v[b][lane] = if x > y { x } else { y };
             }
         }
-        found.copy_from_slice(&v[N / 2]);
+    }
+}
+
+/// The exchanges of `network` leave the median of N in the middle.
+#[inline(always)]
+fn medians<const N: usize>(mut values: Vec<f64>, network: impl Fn(&mut Lanes<N>)) -> Vec<f64> {
+    let count = (values.len() + 1).saturating_sub(N);
+    let mut medians = vec![0.0; count.next_multiple_of(LANES)];
+    values.resize(values.len() + LANES, 0.0);
+    for (block, found) in medians.chunks_exact_mut(LANES).enumerate() {
+        let seen = &values[block * LANES..][..LANES + N - 1];
+        let mut v = Lanes(std::array::from_fn(|k| {
+            std::array::from_fn(|lane| seen[k + lane])
+        }));
+        network(&mut v);
+        found.copy_from_slice(&v.0[N / 2]);
     }
     medians.truncate(count);
     medians

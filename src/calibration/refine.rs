@@ -18,7 +18,11 @@ pub const BIWEIGHT: f64 = 6.0;
 const NOISE_FLOOR_MGAUSS: f64 = 0.02;
 
 /// A scale of the residuals that changes by a smaller share from one round to the next has settled.
-const SETTLED: f64 = 2e-5;
+const SETTLED: f64 = 2e-4;
+
+/// JᵀWJ overstates how fast JᵀWe falls: by the mean of the biweight over that of its influence's slope, on
+/// Gaussian noise (1 − 2/c² + 3/c⁴)/(1 − 6/c² + 15/c⁴) with c = [`BIWEIGHT`]. Steps lengthened by it converge in fewer rounds.
+const LENGTHENED: f64 = 1.12;
 
 /// Refined parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,7 +69,7 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
             break;
         }
         let sums = accumulate(&distances, sigma, |z| (1.0 - z * z).powi(2));
-        let mut step = sums.information.cholesky()?.solve(&sums.gradient);
+        let mut step = sums.information.cholesky()?.solve(&sums.gradient) * LENGTHENED;
         // Far from the minimum a whole step may overshoot: no scale is more than halved at once.
         let halved = (D..2 * D).map(|k| 0.5 * position[k] / step[k].max(0.5 * position[k]));
         step *= halved.fold(1.0, f64::min);
