@@ -44,16 +44,15 @@ pub fn planar(sightings: &[Sighting], normal_body: &Vector3<f64>) -> Option<Agre
     let e1 = Unit::new_normalize(first - normal.scale(normal.dot(&first)));
     let e2 = normal.cross(&e1);
     let mut rotation = 0.0;
+    let mut bearing = Bearing::default();
     let mut previous: Option<&Pose> = None;
     let phases = sightings.iter().map(|sighting| {
         if let Some(previous) = previous.filter(|p| p.stretch == sighting.pose.stretch) {
             rotation += step(previous, &sighting.pose).dot(&normal);
         }
         previous = Some(&sighting.pose);
-        let angle = sighting
-            .field_body
-            .dot(&e2)
-            .atan2(sighting.field_body.dot(&e1));
+        let field = &sighting.field_body;
+        let angle = bearing.follow(field.dot(&e1), field.dot(&e2));
         (
             sighting.t_s,
             sighting.pose.stretch,
@@ -90,13 +89,14 @@ pub fn spatial(sightings: &[Sighting]) -> Option<Agreement> {
         )
     };
     let mut turned = 0.0;
+    let mut bearing = Bearing::default();
     let mut previous: Option<&Pose> = None;
     let phases = sightings.iter().zip(&earth).map(|(sighting, field)| {
         if let Some(previous) = previous.filter(|p| p.stretch == sighting.pose.stretch) {
             turned += step(previous, &sighting.pose).norm();
         }
         previous = Some(&sighting.pose);
-        let azimuth = field.dot(&e2).atan2(field.dot(&e1));
+        let azimuth = bearing.follow(field.dot(&e1), field.dot(&e2));
         (sighting.t_s, sighting.pose.stretch, azimuth, turned)
     });
     detrend(phases.collect())
@@ -129,6 +129,37 @@ fn dip_rad(sighting: &Sighting) -> f64 {
     (-earth.z).atan2(earth.x.hypot(earth.y))
 }
 
+/// A direction in a plane, followed from sample to sample.
+#[derive(Default)]
+struct Bearing {
+    x: f64,
+    y: f64,
+    angle: f64,
+}
+
+impl Bearing {
+    /// The angle of the next direction, up to whole turns, radians.
+    fn follow(&mut self, x: f64, y: f64) -> f64 {
+        let cross = self.x * y - self.y * x;
+        let dot = self.x * x + self.y * y;
+        if cross.abs() < 0.1 * dot {
+            // The arc tangent by its series, exact to 1e-16 here, where nearly all samples are.
+            let t = cross / dot;
+            let s = t * t;
+            self.angle += t
+                * (1.0
+                    - s * (1.0 / 3.0
+                        - s * (1.0 / 5.0
+                            - s * (1.0 / 7.0
+                                - s * (1.0 / 9.0 - s * (1.0 / 11.0 - s * (1.0 / 13.0)))))));
+        } else {
+            self.angle = y.atan2(x);
+        }
+        (self.x, self.y) = (x, y);
+        self.angle
+    }
+}
+
 /// The rotation from one pose to the next, as a vector in the body frame.
 fn step(from: &Pose, to: &Pose) -> Vector3<f64> {
     let step: UnitQuaternion<f64> = from.orientation.inverse() * to.orientation;
@@ -155,9 +186,11 @@ fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<Agreement> {
         return None;
     }
     for stretch in phases.chunk_by_mut(|a, b| a.1 == b.1) {
-        unwrap(stretch);
+        if !together(stretch, PI) {
+            unwrap(stretch);
+        }
     }
-    phases = without_lone(&phases);
+    phases = without_lone(phases);
     // Centre each stretch, then one slope through all.
     let mut rotation = 0.0;
     let (mut tt, mut tp, mut span) = (0.0, 0.0, 0.0);
@@ -183,6 +216,15 @@ fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<Agreement> {
         rms_deg: (squares / phases.len() as f64).sqrt().to_degrees(),
         drift_share: (drift * span).abs() / rotation.max(1e-9),
     })
+}
+
+/// Whether all phases of a stretch lie within less than `width`: then nothing needs to be looked for.
+fn together(stretch: &[(f64, u32, f64, f64)], width: f64) -> bool {
+    let (least, most) = stretch.iter().fold(
+        (f64::INFINITY, f64::NEG_INFINITY),
+        |(least, most), phase| (least.min(phase.2), most.max(phase.2)),
+    );
+    most - least < width
 }
 
 /// Brings each phase to within half a turn of the median of the five before it: a single spike that lands
@@ -212,8 +254,12 @@ fn unwrap(stretch: &mut [(f64, u32, f64, f64)]) {
 }
 
 /// Without spikes that happen to lie on the curve: phases that are far from the median of the five about them.
-fn without_lone(phases: &[(f64, u32, f64, f64)]) -> Vec<(f64, u32, f64, f64)> {
+fn without_lone(phases: Vec<(f64, u32, f64, f64)>) -> Vec<(f64, u32, f64, f64)> {
     const FAR_RAD: f64 = 0.5;
+    let mut stretches = phases.chunk_by(|a, b| a.1 == b.1);
+    if stretches.all(|stretch| together(stretch, FAR_RAD)) {
+        return phases;
+    }
     let mut kept = Vec::with_capacity(phases.len());
     for stretch in phases.chunk_by(|a, b| a.1 == b.1) {
         for (i, sighting) in stretch.iter().enumerate() {
@@ -310,6 +356,22 @@ mod tests {
         }
         let found = planar(&sightings, &Vector3::z()).unwrap();
         assert!(found.drift_share < 0.01 && found.rms_deg < 2.0, "{found:?}");
+    }
+
+    #[test]
+    fn a_bearing_is_the_angle_up_to_whole_turns() {
+        let mut bearing = Bearing::default();
+        for i in 0..2000u32 {
+            // Two turns forward and two back in steps of up to 0.1, with a spike and no field at all.
+            let angle = 12.0 * (f64::from(i) * 0.008).sin();
+            let (x, y) = match i {
+                500 => (-80.0, -60.0),
+                700 => (0.0, 0.0),
+                _ => (150.0 * angle.cos(), 150.0 * angle.sin()),
+            };
+            let off = wrap_pi(bearing.follow(x, y) - y.atan2(x));
+            assert!(off.abs() < 1e-12, "{i}: {off}");
+        }
     }
 
     #[test]

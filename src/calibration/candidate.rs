@@ -17,6 +17,7 @@ use super::soft_iron::{SoftIron, soft_iron};
 use super::verdict::Refusal;
 use super::windows::windows;
 use super::{Request, Sample, coverage, wobble};
+use crate::attitude::Pose;
 
 /// A field that swings less than this has not turned, milligauss: the weakest horizontal field that a compass is
 /// of use in swings by twice its strength of 30.
@@ -41,13 +42,11 @@ pub fn calibrate(
         ));
     }
     let usable = |s: &Sample| {
-        let pose = s
-            .pose
-            .iter()
-            .flat_map(|pose| pose.orientation.coords.iter());
+        // A sum of squares is finite only if each of them is.
+        let finite = |pose: &Pose| pose.orientation.coords.norm_squared().is_finite();
         s.t_s.is_finite()
             && s.field_mgauss.iter().all(|b| b.abs() < 1e6)
-            && pose.into_iter().all(|q| q.is_finite())
+            && s.pose.as_ref().is_none_or(finite)
     };
     if !request.samples.iter().all(usable) {
         return Err(Refusal::new(

@@ -3,6 +3,7 @@
 use nalgebra::SMatrix;
 
 use super::curve::Curve;
+use super::medians::medians_of_5;
 use super::mpsot::Stop;
 use super::objective::{Factored, Normal, Position, direct};
 use super::refine::{Refined, median, refine};
@@ -84,12 +85,11 @@ pub fn without_spikes<const D: usize>(points: &[[f64; D]]) -> Vec<[f64; D]> {
     let mut keep = vec![true; points.len()];
     let mut deviations = Vec::with_capacity(points.len());
     for axis in 0..D {
+        let medians = medians_of_5(points.iter().map(|point| point[axis]).collect());
         deviations.clear();
-        deviations.extend((0..points.len()).map(|i| {
+        deviations.extend(points.iter().enumerate().map(|(i, point)| {
             let first = i.saturating_sub(2).min(points.len() - 5);
-            let mut five: [f64; 5] = std::array::from_fn(|k| points[first + k][axis]);
-            five.sort_unstable_by(f64::total_cmp);
-            (points[i][axis] - five[2]).abs()
+            (point[axis] - medians[first]).abs()
         }));
         let Some(typical) = median(&mut deviations.clone()) else {
             continue;

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::agreement::Sighting;
+use super::medians::medians_of_7;
 use super::refine::median;
 
 /// Samples before and after a jump, whose medians are compared: a spike or three do not count.
@@ -51,7 +52,13 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
             axis.push(*component);
         }
     }
-    let middles = axes.map(medians_of_7);
+    let [x, y, z] = axes.map(medians_of_7);
+    let middles: Vec<Vector3<f64>> = x
+        .into_iter()
+        .zip(y)
+        .zip(z)
+        .map(|((x, y), z)| Vector3::new(x, y, z))
+        .collect();
     DURING_S
         .iter()
         .filter_map(|during_s| {
@@ -66,18 +73,19 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
 }
 
 /// The largest change of the medians over `apart` samples, and what is usual while the board turns.
-fn changes(sightings: &[Sighting], middles: &[Vec<f64>; 3], apart: usize) -> Option<(f64, f64)> {
+fn changes(sightings: &[Sighting], middles: &[Vector3<f64>], apart: usize) -> Option<(f64, f64)> {
     // Half the cosine's angle: a quaternion turns by half of what it stands for.
     let turned = (0.5 * TURNING_RAD).cos();
     let mut largest = 0.0f64;
     let mut turning = Vec::with_capacity(sightings.len());
-    for (start, around) in sightings.windows(apart + AROUND).enumerate() {
-        let (first, last) = (&around[0], &around[apart + AROUND - 1]);
+    let later = sightings.iter().skip(apart + AROUND - 1);
+    let ends = sightings.iter().zip(later);
+    let jumps = middles.iter().zip(middles.iter().skip(apart));
+    for ((first, last), (before, after)) in ends.zip(jumps) {
         if first.pose.stretch != last.pose.stretch || last.t_s - first.t_s > LONGEST_S {
             continue;
         }
-        let change = |axis: &Vec<f64>| axis[start + apart] - axis[start];
-        let jump = Vector3::from(middles.each_ref().map(change)).norm_squared();
+        let jump = (after - before).norm_squared();
         largest = largest.max(jump);
         if first.pose.orientation.dot(&last.pose.orientation).abs() < turned {
             turning.push(jump);
@@ -87,52 +95,6 @@ fn changes(sightings: &[Sighting], middles: &[Vec<f64>; 3], apart: usize) -> Opt
         .then(|| median(&mut turning))
         .flatten()
         .map(|usual| (largest.sqrt(), usual.sqrt()))
-}
-
-/// The median of every seven that follow each other, some at once.
-fn medians_of_7(mut values: Vec<f64>) -> Vec<f64> {
-    let count = values.len().saturating_sub(AROUND - 1);
-    values.resize(values.len() + LANES, 0.0);
-    let mut medians = Vec::with_capacity(count + LANES);
-    for start in (0..count).step_by(LANES) {
-        medians.extend(median_of_7(std::array::from_fn(|k| {
-            let seen = &values[start + k..start + k + LANES];
-            std::array::from_fn(|lane| seen[lane])
-        })));
-    }
-    medians.truncate(count);
-    medians
-}
-
-/// How many medians are found at once.
-const LANES: usize = 8;
-
-/// By thirteen exchanges (Paeth, Graphics Gems, 1990): this runs three times a sample.
-#[inline]
-fn median_of_7(mut v: [[f64; LANES]; AROUND]) -> [f64; LANES] {
-    for (a, b) in [
-        (0, 5),
-        (0, 3),
-        (1, 6),
-        (2, 4),
-        (0, 1),
-        (3, 5),
-        (2, 6),
-        (2, 3),
-        (3, 6),
-        (4, 5),
-        (1, 4),
-        (1, 3),
-        (3, 4),
-    ] {
-        for lane in 0..LANES {
-            let (x, y) = (v[a][lane], v[b][lane]);
-            // Not min and max: what those do with NaN, which is not among these, takes longer than the rest.
-            v[a][lane] = if x < y { x } else { y };
-            v[b][lane] = if x > y { x } else { y };
-        }
-    }
-    v[3]
 }
 
 #[cfg(test)]
@@ -160,27 +122,6 @@ mod tests {
                 }
             })
             .collect()
-    }
-
-    #[test]
-    fn the_median_of_seven_is_the_fourth_of_them_in_any_order() {
-        let mut order = [0u8, 1, 2, 3, 4, 5, 6];
-        // Heap's algorithm: all 5040.
-        fn permute(order: &mut [u8; 7], n: usize) {
-            if n == 1 {
-                let values = order.map(f64::from);
-                assert_eq!(medians_of_7(values.to_vec()), [3.0], "{order:?}");
-                return;
-            }
-            for i in 0..n {
-                permute(order, n - 1);
-                order.swap(if n.is_multiple_of(2) { i } else { 0 }, n - 1);
-            }
-        }
-        permute(&mut order, 7);
-        let rising: Vec<f64> = (0..30).map(f64::from).collect();
-        assert_eq!(medians_of_7(rising.clone()), rising[3..27]);
-        assert!(medians_of_7(vec![0.0; 6]).is_empty());
     }
 
     #[test]

@@ -25,6 +25,7 @@ pub mod verdict;
 mod candidate;
 mod clock;
 mod folds;
+mod medians;
 mod soft_iron;
 mod trial;
 mod uncertainty;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use nalgebra::{SVector, Vector2, Vector3};
+use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use super::Rival;
 use super::agreement::{self, Agreement, Sighting};
@@ -178,17 +178,18 @@ impl<const D: usize> Work<'_, D> {
             Mode::Planar => [self.plan.basis[0], self.plan.basis[1], Vector3::zeros()],
             Mode::Spatial => [Vector3::x(), Vector3::y(), Vector3::z()],
         };
-        let axes_body = chip_axes.map(|axis| self.request.mounting.to_body(axis));
+        let axes_body = SMatrix::<f64, 3, D>::from_fn(|row, column| {
+            self.request.mounting.to_body(chip_axes[column])[row]
+        });
         let mut sightings = Vec::with_capacity(points.len());
         for (index, (sample, point)) in samples.iter().zip(points).enumerate() {
             let Some(pose) = sample.pose.filter(|_| wanted(index)) else {
                 continue;
             };
-            let h = curve_of(index).correct(point);
             sightings.push(Sighting {
                 t_s: sample.t_s,
                 pose,
-                field_body: axes_body.iter().zip(h).map(|(axis, h)| axis * h).sum(),
+                field_body: axes_body * SVector::from(curve_of(index).correct(point)),
             });
         }
         sightings

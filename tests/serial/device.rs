@@ -297,11 +297,14 @@ impl Board {
     }
 }
 
-/// The last numbers of a log before a time, as a Razor with its chips in line with the body would tell them.
+/// The last numbers of a log before a time, as a Razor with its chips in line with the body would tell them. The
+/// log begins when it is first asked for: what the host misses before that may be the rest before a turn.
 pub fn counts_of(entries: Vec<Entry>, counts_per_gauss: f64) -> impl FnMut(f64) -> Counts + Send {
     let mut entries = entries.into_iter().peekable();
     let mut counts = [[0; 3]; 3];
+    let mut begun_s = None;
     move |t_s| {
+        let t_s = t_s - *begun_s.get_or_insert(t_s);
         while let Some(entry) = entries.next_if(|entry| entry.reading.t_s <= t_s) {
             let reading = entry.reading;
             if let Some(force) = reading.specific_force_m_s2 {
