@@ -42,7 +42,7 @@ fn who_may_not_connect_is_told_what_helps() {
         // The superuser may connect anywhere.
         command.uid(65534).gid(65534);
     } else {
-        fs::set_permissions(&socket, Permissions::from_mode(0)).unwrap();
+        fs::set_permissions(&socket, Permissions::from_mode(0o000)).unwrap();
     }
     let output = command.output().unwrap();
     let said = String::from_utf8(output.stderr).unwrap();
