@@ -14,5 +14,6 @@ pub mod publish;
 pub mod reading;
 pub mod recording;
 pub mod sensor;
+pub mod service;
 pub mod store;
 pub mod turn;

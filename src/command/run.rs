@@ -9,8 +9,9 @@ use tracing_subscriber::EnvFilter;
 
 use super::{Failure, load_config};
 use crate::daemon::signals::Signals;
-use crate::daemon::{Daemon, DaemonError, Ended};
+use crate::daemon::{Daemon, DaemonError, Ended, Order};
 use crate::sensor::replay::ReplayError;
+use crate::service::Service;
 
 /// The environment variable that takes the place of `log.filter`.
 const FILTER_VARIABLE: &str = "RUST_LOG";
@@ -44,21 +45,35 @@ impl From<DaemonError> for Failure {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    // Before there is a thread.
+    let service = Service::from_env();
     let config = load_config(&args.config)?;
     start_log(&config.log.filter);
+    let on_terminal = io::stderr().is_terminal();
     runtime()?.block_on(async {
         // Before the socket is there: whoever sees it may send a signal.
         let mut signals = catch(&[
             SignalKind::terminate(),
             SignalKind::interrupt(),
-            // The terminal it was started from has gone.
             SignalKind::hangup(),
+            SignalKind::user_defined1(),
         ])?;
-        let daemon = Daemon::open(&config)?;
-        let told = async {
-            signals.received().await;
+        let daemon = Daemon::open(&config, service)?;
+        let order = async || {
+            let kind = signals.received().await;
+            if kind == SignalKind::user_defined1() {
+                Order::Summary
+            } else if kind != SignalKind::hangup() {
+                Order::Stop
+            } else if on_terminal && !io::stderr().is_terminal() {
+                // The terminal it was started from has gone.
+                Order::Stop
+            } else {
+                let loaded = load_config(&args.config);
+                Order::Reload(loaded.map(Box::new).map_err(|failure| failure.message))
+            }
         };
-        match daemon.run(told).await? {
+        match daemon.run(order).await? {
             Ended::Told => tracing::info!("told to stop"),
             Ended::Source => {}
         }

@@ -9,73 +9,110 @@ use super::calibrator::Calibrator;
 use super::keeper::Keeper;
 use super::recorder::Recorder;
 use super::source::Message;
-use super::time_of_day;
+use super::tally::Tally;
+use super::{DISK_PATIENCE, join_for, spawn, time_of_day};
+use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::condition::{Condition, Report, Trouble};
+use crate::config::source;
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::server::Publisher;
 use crate::reading::Reading;
+use crate::service::Service;
 
 /// The pipeline is told when nothing was read for this long.
 const SILENCE: Duration = Duration::from_millis(100);
 
 /// The pipeline and everything that it acts on.
 pub(super) struct Journey {
+    /// What goes on after a reload.
+    pub(super) lasting: Lasting,
     pipeline: Pipeline,
-    publisher: Publisher,
     calibrator: Calibrator,
     keeper: Keeper,
     recorder: Option<Recorder>,
     speed: f64,
-    /// Whether readings are taken now: then their time of day is known.
+    /// Whether readings are taken now: then their time of day is known, and silence means that something hangs.
     live: bool,
     actions: Vec<Action>,
     /// The last reading's time on the source's clock, and when it was handed out.
     last: (f64, Instant),
-    logged: Option<(Condition, &'static str)>,
+    /// Whether the source may still say something, and whether it is at its end.
+    open: bool,
+    over: bool,
+    /// Whether the source is known to be in trouble, and is waited for.
+    troubled: bool,
+}
+
+/// What the daemon says about itself, from its start to its end.
+pub(super) struct Lasting {
+    pub(super) service: Service,
+    publisher: Publisher,
+    tally: Tally,
+    reported: Option<Report>,
+}
+
+impl Lasting {
+    pub(super) fn new(publisher: Publisher, service: Service) -> Self {
+        Self {
+            service,
+            publisher,
+            tally: Tally::new(),
+            reported: None,
+        }
+    }
 }
 
 impl Journey {
     pub(super) fn new(
         pipeline: Pipeline,
-        publisher: Publisher,
         keeper: Keeper,
         recorder: Option<Recorder>,
-        speed: f64,
-        live: bool,
+        source: &source::Settings,
+        lasting: Lasting,
     ) -> Self {
         Self {
+            lasting,
             pipeline,
-            publisher,
             calibrator: Calibrator::default(),
             keeper,
             recorder,
-            speed,
-            live,
+            speed: source.pace(),
+            live: source.kind.is_live(),
             actions: Vec::new(),
             last: (0.0, Instant::now()),
-            logged: None,
+            open: true,
+            over: false,
+            troubled: false,
         }
     }
 
-    /// Waits until everything that was to be kept is on disk.
-    pub(super) fn close(self) {
-        if let Some(recorder) = self.recorder {
-            recorder.close();
+    /// Waits until everything that was to be kept is on disk, if that goes on for no longer than a stop may take.
+    /// Gives back what goes on, and the calibration in force.
+    pub(super) fn close(self) -> (Lasting, Option<Calibration>) {
+        let (recorder, keeper) = (self.recorder, self.keeper);
+        let closing = spawn("closing", "end", move || {
+            keeper.close();
+            if let Some(recorder) = recorder {
+                recorder.close();
+            }
+        });
+        match closing {
+            Ok(thread) => join_for("disk", thread, DISK_PATIENCE),
+            Err(error) => tracing::error!("{error}"),
         }
-        self.keeper.close();
+        (self.lasting, self.pipeline.calibration().copied())
     }
 
     /// Goes on until the source is at its end and the last calibration on it has come back. A source that
     /// breaks is no end: clients shall see what is wrong.
     pub(super) async fn make(&mut self, messages: &mut mpsc::Receiver<Message>) {
-        let mut open = true;
-        let mut over = false;
         let mut heard = Instant::now();
-        while !over || self.calibrator.is_busy() {
+        while !self.over || self.calibrator.is_busy() {
             // In accelerated time the fraction of a second that a calibration takes would be half a minute
             // of headings: there the readings wait for it.
-            let listening = open && !(self.speed > 1.0 && self.calibrator.is_busy());
+            let listening = self.open && !(self.speed > 1.0 && self.calibrator.is_busy());
+            let mut alive = false;
             tokio::select! {
                 biased;
                 outcome = self.calibrator.outcome() => {
@@ -84,27 +121,7 @@ impl Journey {
                 }
                 message = messages.recv(), if listening => {
                     heard = Instant::now();
-                    match message {
-                        Some(Message::Reading(reading, taken)) => self.read(reading, taken),
-                        Some(Message::Readings(readings)) => {
-                            for (reading, taken) in readings {
-                                self.read(reading, taken);
-                            }
-                        }
-                        Some(Message::End) => (open, over) = (false, true),
-                        Some(Message::Trouble(trouble)) => self.handle(Event::Fault(trouble)),
-                        Some(Message::Broken(trouble)) => {
-                            open = false;
-                            self.broken(trouble);
-                        }
-                        None => {
-                            open = false;
-                            self.broken(Trouble {
-                                code: "internal",
-                                message: "the thread of the source panicked".to_owned(),
-                            });
-                        }
-                    }
+                    alive = self.take(message);
                 }
                 () = sleep_until((heard + SILENCE).into()), if listening => {
                     heard = Instant::now();
@@ -112,26 +129,75 @@ impl Journey {
                     self.handle(Event::Silence(t_s + taken.elapsed().as_secs_f64() * self.speed));
                 }
             }
+            // A device that is silent without saying why hangs. One that is known to be away is waited for, and a
+            // log may have holes.
+            let alive = alive || self.troubled || !self.live || !self.open;
+            self.lasting.service.tick(heard, alive);
         }
-        if over {
+        if self.over {
             tracing::info!("the source is at its end");
         }
     }
 
+    /// Whether there was a reading in it. The first message says that the source answers or is waited for.
+    fn take(&mut self, message: Option<Message>) -> bool {
+        let fresh = match message {
+            Some(Message::Reading(reading, taken)) => {
+                self.read(reading, taken);
+                true
+            }
+            Some(Message::Readings(readings)) => {
+                for (reading, taken) in &readings {
+                    self.read(*reading, *taken);
+                }
+                !readings.is_empty()
+            }
+            Some(Message::Trouble(trouble)) => {
+                self.troubled = trouble.is_some();
+                self.fault(trouble);
+                false
+            }
+            Some(Message::End) => {
+                (self.open, self.over) = (false, true);
+                false
+            }
+            Some(Message::Broken(trouble)) => {
+                self.broken(trouble);
+                false
+            }
+            None => {
+                self.broken(Trouble {
+                    code: "internal",
+                    message: "the thread of the source panicked".to_owned(),
+                });
+                false
+            }
+        };
+        self.lasting.service.ready();
+        fresh
+    }
+
     fn read(&mut self, reading: Reading, taken: Instant) {
         self.last = (reading.t_s, taken);
+        self.lasting.tally.readings += 1;
         if let Some(recorder) = &mut self.recorder {
             recorder.take(reading);
         }
         self.handle(Event::Reading(reading));
     }
 
+    fn fault(&mut self, trouble: Option<Trouble>) {
+        self.lasting.tally.faults += u64::from(trouble.is_some());
+        self.handle(Event::Fault(trouble));
+    }
+
     fn broken(&mut self, trouble: Trouble) {
+        self.open = false;
         tracing::error!(
             "there are no readings any more: {}; see to the source and start again",
             trouble.message
         );
-        self.handle(Event::Fault(Some(trouble)));
+        self.fault(Some(trouble));
     }
 
     fn handle(&mut self, event: Event) {
@@ -144,26 +210,43 @@ impl Journey {
     }
 
     fn carry_out(&mut self, action: Action) {
+        let Lasting {
+            service,
+            publisher,
+            tally,
+            ..
+        } = &mut self.lasting;
         match action {
             Action::Publish(heading) => {
                 let taken = self.last.1;
                 let time = self.live.then(|| time_of_day::rfc3339(taken)).flatten();
-                self.publisher.heading(heading, taken, time);
+                tally.headings += u64::from(heading.fused_deg.is_some());
+                service.heading(heading.fused_deg);
+                publisher.heading(heading, taken, time);
             }
             Action::Report(report) => {
-                self.log_report(&report);
-                self.publisher.state(&report);
+                service.state(&report);
+                publisher.state(&report);
+                self.log_report(report);
             }
-            Action::Turned(turn) => tracing::info!(
-                from_s = turn.start_s,
-                to_s = turn.end_s,
-                from_vertical_deg = turn.from_vertical_deg,
-                "the board has made a full turn"
-            ),
+            Action::Turned(turn) => {
+                tally.turns += 1;
+                tracing::info!(
+                    from_s = turn.start_s,
+                    to_s = turn.end_s,
+                    from_vertical_deg = turn.from_vertical_deg,
+                    "the board has made a full turn"
+                );
+            }
             Action::Calibrate(request) => self.calibrator.start(*request),
             Action::Conclude(outcome) => {
                 log_outcome(&outcome);
-                self.publisher.calibration(&outcome);
+                publisher.calibration(&outcome);
+                match outcome.verdict {
+                    Verdict::Accepted => tally.accepted += 1,
+                    Verdict::Rejected => tally.refused += 1,
+                    Verdict::Kept => {}
+                }
                 if let (Verdict::Accepted, Some(calibration)) =
                     (outcome.verdict, outcome.calibration)
                 {
@@ -174,12 +257,16 @@ impl Journey {
     }
 
     /// One line a change; the progress of a turn is none.
-    fn log_report(&mut self, report: &Report) {
-        let state = (report.condition, report.reason);
-        if self.logged == Some(state) {
+    fn log_report(&mut self, report: Report) {
+        let last = self.lasting.reported.replace(report);
+        let Some(report) = &self.lasting.reported else {
+            return;
+        };
+        if last
+            .is_some_and(|last| (last.condition, last.reason) == (report.condition, report.reason))
+        {
             return;
         }
-        self.logged = Some(state);
         let (word, reason) = (report.condition.word(), report.reason);
         match report.condition {
             Condition::Stale | Condition::Fault | Condition::Disturbed => {
@@ -187,6 +274,36 @@ impl Journey {
             }
             _ => tracing::info!(reason, t_s = report.t_s, "{word}: {}", report.message),
         }
+    }
+
+    /// One line with all that is worth knowing.
+    pub(super) fn log_summary(&self) {
+        let Lasting {
+            publisher,
+            tally,
+            reported,
+            ..
+        } = &self.lasting;
+        let calibration = self.pipeline.calibration();
+        let mode = calibration.map(|calibration| format!("{:?}", calibration.parameters.mode()));
+        let (word, reason) = reported
+            .as_ref()
+            .map_or(("starting", "starting"), |report| {
+                (report.condition.word(), report.reason)
+            });
+        tracing::info!(
+            reason,
+            calibration = mode.as_deref().unwrap_or("none"),
+            readings = tally.readings,
+            headings = tally.headings,
+            turns = tally.turns,
+            calibrations_accepted = tally.accepted,
+            calibrations_refused = tally.refused,
+            faults = tally.faults,
+            clients = publisher.clients(),
+            uptime_s = tally.begun.elapsed().as_secs(),
+            "summary: {word}"
+        );
     }
 }
 

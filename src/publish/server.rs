@@ -132,7 +132,8 @@ impl Check for Settings {
 #[derive(Debug)]
 pub struct Server {
     listener: StdListener,
-    file: SocketFile,
+    /// None if somebody else has made the socket, and will remove it.
+    file: Option<SocketFile>,
     settings: Settings,
     feed: Arc<Feed>,
 }
@@ -154,12 +155,51 @@ impl Server {
             .mode_bits()
             .ok_or_else(|| refused("mode is not octal".into()))?;
         let (listener, file) = claim(&settings.socket, mode)?;
-        Ok(Self {
+        Ok(Self::on(listener, Some(file), settings, device, stale))
+    }
+
+    /// Serves on a socket that somebody else has made, and will remove. Its path and mode are not those of the
+    /// settings.
+    pub fn inherit(
+        listener: StdListener,
+        settings: &Settings,
+        device: Device,
+        stale: Duration,
+    ) -> Result<Self, BindError> {
+        listener
+            .set_nonblocking(true)
+            .map_err(|source| BindError::System {
+                path: settings.socket.clone(),
+                attempt: "cannot make the socket that was handed over non-blocking",
+                source,
+            })?;
+        Ok(Self::on(listener, None, settings, device, stale))
+    }
+
+    fn on(
+        listener: StdListener,
+        file: Option<SocketFile>,
+        settings: &Settings,
+        device: Device,
+        stale: Duration,
+    ) -> Self {
+        Self {
             listener,
             file,
             feed: Arc::new(Feed::new(device, settings.backlog, stale)),
             settings: settings.clone(),
-        })
+        }
+    }
+
+    /// The path at which clients connect; that of the settings, if the socket has none.
+    pub fn socket(&self) -> PathBuf {
+        let address = self.listener.local_addr().ok();
+        let path = address.and_then(|address| Some(address.as_pathname()?.to_owned()));
+        match &self.file {
+            None => path.unwrap_or_else(|| self.settings.socket.clone()),
+            // It was made under another name.
+            Some(_) => self.settings.socket.clone(),
+        }
     }
 
     /// A handle by which headings, conditions and calibrations get in.
