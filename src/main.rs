@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use headingd::command::{self, Failure};
+use headingd::command;
 
 /// A compass daemon that calibrates its magnetometer by itself
 ///
@@ -43,11 +43,9 @@ fn main() -> ExitCode {
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Failure { status, message }) => {
-            if !message.is_empty() {
-                eprintln!("headingd: {message}");
-            }
-            ExitCode::from(status)
+        Err(failure) => {
+            failure.tell();
+            ExitCode::from(failure.status)
         }
     }
 }

@@ -111,6 +111,11 @@ impl Service {
         self.say("STOPPING=1\nSTATUS=stopping");
     }
 
+    /// The daemon cannot start or go on, and this is why.
+    pub fn failed(message: &str) {
+        Self::line_from_env().say(&status(message));
+    }
+
     /// How things stand, for the status line.
     pub fn state(&mut self, report: &Report) {
         self.state = format!(
@@ -151,7 +156,7 @@ impl Service {
             Some(deg) => format!("; heading {deg} degrees"),
             None => String::new(),
         };
-        if self.say(&format!("STATUS={}{heading}", self.state)) {
+        if self.say(&status(&format!("{}{heading}", self.state))) {
             self.told = Some((self.state.clone(), self.heading_deg, now));
         }
     }
@@ -159,6 +164,11 @@ impl Service {
     fn say(&mut self, message: &str) -> bool {
         self.line.as_mut().is_none_or(|line| line.say(message))
     }
+}
+
+/// A status is one line: the next would be something else.
+fn status(text: &str) -> String {
+    format!("STATUS={}", text.trim().replace('\n', "; "))
 }
 
 #[derive(Debug)]

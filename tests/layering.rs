@@ -52,6 +52,7 @@ const ROOMS: &[Room] = &[
     room("publish", 2, &["heading", "condition", "calibration"]),
     // The mounting is kept with the calibration: the one holds only with the other.
     room("store", 2, &["calibration", "frame"]),
+    room("logging", 2, &[]),
     // Tells systemd the condition.
     room("service", 2, &["condition"]),
     // One table for each room that has settings.
@@ -65,7 +66,7 @@ const ROOMS: &[Room] = &[
     ]),
     room("command", 3, &[
         "reading", "frame", "attitude", "turn", "calibration", "heading", "condition", "recording",
-        "pipeline", "sensor", "publish", "store", "service", "config", "daemon",
+        "pipeline", "sensor", "publish", "store", "service", "logging", "config", "daemon",
     ]),
     room("main", 3, &["command"]),
     // The table of contents: it declares the rooms and imports none.

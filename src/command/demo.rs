@@ -11,10 +11,11 @@ use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::UnixStream;
 use tokio::signal::unix::SignalKind;
 
-use super::run::{catch, runtime, start_log};
+use super::run::{catch, runtime};
 use super::{Failure, print};
 use crate::config::{Config, source};
 use crate::daemon::{Daemon, DaemonError};
+use crate::logging::Log;
 use crate::publish::server;
 use crate::sensor::simulator::{self, Scenario, Simulator};
 use crate::service::Service;
@@ -56,7 +57,7 @@ fn speed(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    start_log("error");
+    Log::start("error");
     runtime()?.block_on(demo(args))
 }
 

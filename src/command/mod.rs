@@ -6,6 +6,7 @@ use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::config::Config;
+use crate::logging;
 use crate::sensor::replay::ReplayError;
 use crate::store::StoreError;
 
@@ -53,6 +54,15 @@ impl Failure {
         Self {
             status,
             message: message.to_string(),
+        }
+    }
+
+    /// Says on standard error what went wrong; in the journal as an error, each line of it.
+    pub fn tell(&self) {
+        let priority = if logging::to_journal() { "<3>" } else { "" };
+        if !self.message.is_empty() {
+            let lines = self.message.replace('\n', &format!("\n{priority}"));
+            eprintln!("{priority}headingd: {lines}");
         }
     }
 }
