@@ -1,4 +1,4 @@
-//! The subcommands, one file each, and how they fail.
+//! The commands, one file each, the line they stand in, and how they fail.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -14,6 +14,7 @@ pub mod calibrate;
 pub mod check;
 pub mod config;
 pub mod demo;
+pub mod line;
 pub mod paper;
 pub mod record;
 pub mod replay;
