@@ -73,7 +73,7 @@ impl Service {
 
     /// A manager on this socket, a path or (after `@`) an abstract name, that wants a sign of life within
     /// every `watchdog`.
-    fn at(name: &str, watchdog: Option<Duration>) -> io::Result<Self> {
+    pub(crate) fn at(name: &str, watchdog: Option<Duration>) -> io::Result<Self> {
         let address = match name.strip_prefix('@') {
             Some(name) => SocketAddr::from_abstract_name(name)?,
             None => SocketAddr::from_pathname(name)?,

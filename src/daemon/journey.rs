@@ -37,6 +37,8 @@ pub(super) struct Journey {
     actions: Vec<Action>,
     /// The last reading's time on the source's clock, and when it was handed out.
     last: (f64, Instant),
+    /// When something came of anybody last.
+    heard: Instant,
     /// Whether the source may still say something, and whether it is at its end.
     open: bool,
     over: bool,
@@ -81,6 +83,7 @@ impl Journey {
             live: source.kind.is_live(),
             actions: Vec::new(),
             last: (0.0, Instant::now()),
+            heard: Instant::now(),
             open: true,
             over: false,
             troubled: false,
@@ -107,7 +110,6 @@ impl Journey {
     /// Goes on until the source is at its end and the last calibration on it has come back. A source that
     /// breaks is no end: clients shall see what is wrong.
     pub(super) async fn make(&mut self, messages: &mut mpsc::Receiver<Message>) {
-        let mut heard = Instant::now();
         while !self.over || self.calibrator.is_busy() {
             // In accelerated time the fraction of a second that a calibration takes would be half a minute
             // of headings: there the readings wait for it.
@@ -117,22 +119,24 @@ impl Journey {
                 biased;
                 outcome = self.calibrator.outcome() => {
                     self.handle(Event::Calibrated(Box::new(outcome)));
-                    heard = Instant::now();
+                    self.heard = Instant::now();
                 }
                 message = messages.recv(), if listening => {
-                    heard = Instant::now();
+                    self.heard = Instant::now();
                     alive = self.take(message);
                 }
-                () = sleep_until((heard + SILENCE).into()), if listening => {
-                    heard = Instant::now();
-                    let (t_s, taken) = self.last;
-                    self.handle(Event::Silence(t_s + taken.elapsed().as_secs_f64() * self.speed));
+                () = sleep_until((self.heard + SILENCE).into()) => {
+                    self.heard = Instant::now();
+                    if listening {
+                        let (t_s, taken) = self.last;
+                        self.handle(Event::Silence(t_s + taken.elapsed().as_secs_f64() * self.speed));
+                    }
                 }
             }
-            // A device that is silent without saying why hangs. One that is known to be away is waited for, and a
-            // log may have holes.
-            let alive = alive || self.troubled || !self.live || !self.open;
-            self.lasting.service.tick(heard, alive);
+            // A device that is silent without saying why hangs, and a new start may help. One that is known to be
+            // away is waited for, and a log may have holes.
+            let alive = alive || self.troubled || !self.live;
+            self.lasting.service.tick(self.heard, alive);
         }
         if self.over {
             tracing::info!("the source is at its end");
@@ -321,3 +325,6 @@ fn log_outcome(outcome: &Outcome) {
         Verdict::Rejected => tracing::warn!(reason, "calibration rejected: {message}"),
     }
 }
+
+#[cfg(test)]
+mod tests;
