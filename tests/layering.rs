@@ -52,6 +52,9 @@ const ROOMS: &[Room] = &[
     room("publish", 2, &["heading", "condition", "calibration"]),
     // The mounting is kept with the calibration: the one holds only with the other.
     room("store", 2, &["calibration", "frame"]),
+    room("logging", 2, &[]),
+    // Tells systemd the condition.
+    room("service", 2, &["condition"]),
     // One table for each room that has settings.
     room("config", 2, &[
         "frame", "attitude", "turn", "calibration", "pipeline", "sensor", "publish", "store",
@@ -59,11 +62,11 @@ const ROOMS: &[Room] = &[
 
     room("daemon", 3, &[
         "reading", "frame", "attitude", "turn", "calibration", "heading", "condition", "recording",
-        "pipeline", "sensor", "publish", "store", "config",
+        "pipeline", "sensor", "publish", "store", "service", "config",
     ]),
     room("command", 3, &[
         "reading", "frame", "attitude", "turn", "calibration", "heading", "condition", "recording",
-        "pipeline", "sensor", "publish", "store", "config", "daemon",
+        "pipeline", "sensor", "publish", "store", "service", "logging", "config", "daemon",
     ]),
     room("main", 3, &["command"]),
     // The table of contents: it declares the rooms and imports none.

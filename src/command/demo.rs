@@ -11,12 +11,14 @@ use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::UnixStream;
 use tokio::signal::unix::SignalKind;
 
-use super::run::{catch, runtime, start_log};
+use super::run::{catch, runtime};
 use super::{Failure, print};
 use crate::config::{Config, source};
 use crate::daemon::{Daemon, DaemonError};
+use crate::logging::Log;
 use crate::publish::server;
 use crate::sensor::simulator::{self, Scenario, Simulator};
+use crate::service::Service;
 use crate::store;
 use timeline::Timeline;
 
@@ -55,7 +57,7 @@ fn speed(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    start_log("error");
+    Log::start("error");
     runtime()?.block_on(demo(args))
 }
 
@@ -81,7 +83,7 @@ async fn demo(args: &Args) -> Result<(), Failure> {
     let simulator = Simulator::new(config.simulator.clone()).map_err(DaemonError::Simulator)?;
     let mut timeline = Timeline::new(&config, simulator);
 
-    let daemon = Daemon::open(&config)?;
+    let daemon = Daemon::open(&config, Service::default())?;
     let client = UnixStream::connect(&socket)
         .await
         .map_err(|error| lost(&socket, &error))?;
@@ -90,7 +92,7 @@ async fn demo(args: &Args) -> Result<(), Failure> {
     let told = async {
         caught = Some(signals.received().await);
     };
-    let (ended, watched) = tokio::join!(daemon.run(told), watch(client, &mut timeline));
+    let (ended, watched) = tokio::join!(daemon.run_until(told), watch(client, &mut timeline));
     ended?;
     if let Some(signal) = caught {
         print(timeline.end_of_line())?;

@@ -1,10 +1,11 @@
-//! The subcommands, one file each, and how they fail.
+//! The commands, one file each, the line they stand in, and how they fail.
 
 use std::fmt;
 use std::io::{self, Write};
 use std::path::Path;
 
 use crate::config::Config;
+use crate::logging;
 use crate::sensor::replay::ReplayError;
 use crate::store::StoreError;
 
@@ -14,6 +15,7 @@ pub mod check;
 pub mod config;
 pub mod control;
 pub mod demo;
+pub mod line;
 pub mod paper;
 pub mod record;
 pub mod replay;
@@ -57,6 +59,15 @@ impl Failure {
         Self {
             status,
             message: message.to_string(),
+        }
+    }
+
+    /// Says on standard error what went wrong; in the journal as an error, each line of it.
+    pub fn tell(&self) {
+        let priority = if logging::to_journal() { "<3>" } else { "" };
+        if !self.message.is_empty() {
+            let lines = self.message.replace('\n', &format!("\n{priority}"));
+            eprintln!("{priority}headingd: {lines}");
         }
     }
 }

@@ -5,10 +5,11 @@ use std::time::Duration;
 
 use tokio::signal::unix::SignalKind;
 
-use super::run::{catch, runtime, start_log};
+use super::run::{catch, runtime};
 use super::{Failure, load_config};
 use crate::config::Config;
 use crate::daemon::record::record;
+use crate::logging::Log;
 
 /// Record raw readings into a log, until told to stop
 ///
@@ -41,7 +42,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Some(path) => load_config(path)?,
         None => Config::default(),
     };
-    start_log(&config.log.filter);
+    Log::start(&config.log.filter);
     runtime()?.block_on(async {
         let mut signals = catch(&[
             SignalKind::terminate(),

@@ -5,20 +5,21 @@ use std::path::PathBuf;
 
 use tokio::runtime::{Builder, Runtime};
 use tokio::signal::unix::SignalKind;
-use tracing_subscriber::EnvFilter;
 
 use super::{Failure, load_config};
 use crate::daemon::signals::Signals;
-use crate::daemon::{Daemon, DaemonError, Ended};
+use crate::daemon::{Daemon, DaemonError, Ended, Notice};
+use crate::logging::Log;
 use crate::sensor::replay::ReplayError;
-
-/// The environment variable that takes the place of `log.filter`.
-const FILTER_VARIABLE: &str = "RUST_LOG";
+use crate::service::Service;
 
 /// Run the daemon: read the sensors, calibrate, and serve headings
 ///
 /// Runs in the foreground until SIGTERM or SIGINT, or until a replayed log or a simulation ends. The log goes
-/// to standard error; the variable RUST_LOG overrides log.filter of the configuration.
+/// to standard error, or under systemd to the journal; the variable RUST_LOG overrides log.filter of the configuration.
+///
+/// SIGHUP has the configuration read again: clients stay connected, and what can only change with a restart is named;
+/// a file with a fault in it changes nothing. SIGUSR1 logs a summary.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// The configuration file; "headingd config show" prints all settings
@@ -44,50 +45,47 @@ impl From<DaemonError> for Failure {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    serve(args).inspect_err(|failure| Service::failed(&failure.message))
+}
+
+fn serve(args: &Args) -> Result<(), Failure> {
     let config = load_config(&args.config)?;
-    start_log(&config.log.filter);
+    let log = Log::start(&config.log.filter);
+    // Before there is a thread.
+    let service = Service::from_env();
+    let on_terminal = io::stderr().is_terminal();
     runtime()?.block_on(async {
         // Before the socket is there: whoever sees it may send a signal.
         let mut signals = catch(&[
             SignalKind::terminate(),
             SignalKind::interrupt(),
-            // The terminal it was started from has gone.
             SignalKind::hangup(),
+            SignalKind::user_defined1(),
         ])?;
-        let daemon = Daemon::open(&config)?;
-        let told = async {
-            signals.received().await;
+        let daemon = Daemon::open(&config, service)?;
+        let order = async || {
+            let kind = signals.received().await;
+            if kind == SignalKind::user_defined1() {
+                Notice::Summary
+            } else if kind != SignalKind::hangup() {
+                Notice::Stop
+            } else if on_terminal && !io::stderr().is_terminal() {
+                // The terminal it was started from has gone.
+                Notice::Stop
+            } else {
+                let loaded = load_config(&args.config);
+                if let Ok(config) = &loaded {
+                    log.set(&config.log.filter);
+                }
+                Notice::Reload(loaded.map(Box::new).map_err(|failure| failure.message))
+            }
         };
-        match daemon.run(told).await? {
+        match daemon.run(order).await? {
             Ended::Told => tracing::info!("told to stop"),
             Ended::Source => {}
         }
         Ok(())
     })
-}
-
-/// Starts to log to standard error, with this filter unless the environment has another.
-pub(super) fn start_log(filter: &str) {
-    let wanted = std::env::var(FILTER_VARIABLE)
-        .ok()
-        .filter(|text| !text.is_empty());
-    let parsed = wanted.map(|text| EnvFilter::try_new(&text).map_err(|error| (text, error)));
-    let (chosen, wrong) = match parsed {
-        Some(Ok(chosen)) => (chosen, None),
-        Some(Err(wrong)) => (EnvFilter::new(filter), Some(wrong)),
-        None => (EnvFilter::new(filter), None),
-    };
-    tracing_subscriber::fmt()
-        .with_env_filter(chosen)
-        .with_writer(io::stderr)
-        .with_ansi(io::stderr().is_terminal())
-        .with_target(false)
-        .init();
-    if let Some((text, error)) = wrong {
-        tracing::warn!(
-            "{FILTER_VARIABLE} is {text:?}, which is no filter: {error}; using {filter:?}"
-        );
-    }
 }
 
 /// The daemon's runtime: one thread for everything that waits.

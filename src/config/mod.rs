@@ -3,6 +3,7 @@
 //! Each room owns its settings: defaults, ranges, units. Here stands only which table belongs to which
 //! room. A configuration is refused early and in full, with every fault at once.
 
+mod change;
 mod fault;
 pub mod log;
 mod reader;
@@ -17,6 +18,7 @@ use crate::publish::{control, server};
 use crate::sensor::{i2c, serial, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, turn};
 
+pub use change::Change;
 pub use fault::{ConfigError, ConfigFault, Problem};
 pub use reader::Settings;
 

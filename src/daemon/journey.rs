@@ -11,79 +11,118 @@ use super::calibrator::Calibrator;
 use super::keeper::Keeper;
 use super::recorder::Recorder;
 use super::source::Message;
-use super::time_of_day;
+use super::tally::Tally;
+use super::{DISK_PATIENCE, join_for, spawn, time_of_day};
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::verdict::Limits;
 use crate::condition::{Condition, Report, Trouble};
+use crate::config::Config;
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::control::Order;
 use crate::publish::server::Publisher;
 use crate::reading::Reading;
-use crate::store::Made;
+use crate::service::Service;
+use crate::store::{History, Made};
 
 /// The pipeline is told when nothing was read for this long.
 const SILENCE: Duration = Duration::from_millis(100);
 
 /// The pipeline and everything that it acts on.
 pub(super) struct Journey {
+    /// What goes on after a reload.
+    pub(super) lasting: Lasting,
     pipeline: Pipeline,
-    publisher: Publisher,
     calibrator: Calibrator,
     keeper: Keeper,
     recorder: Option<Recorder>,
     speed: f64,
-    /// Whether readings are taken now: then their time of day is known.
+    /// Whether readings are taken now: then their time of day is known, and silence means that something hangs.
     live: bool,
     actions: Vec<Action>,
     /// The last reading's time on the source's clock, and when it was handed out.
     last: (f64, Instant),
-    logged: Option<(Condition, &'static str)>,
+    /// When something came of anybody last.
+    heard: Instant,
+    /// Whether the source may still say something, and whether it is at its end.
+    open: bool,
+    over: bool,
+    /// Whether the source is known to be in trouble, and is waited for.
+    troubled: bool,
     /// As clients see it.
     source: String,
     limits: Limits,
-    begun: Instant,
 }
 
-/// What a journey begins with.
-pub(super) struct Outfit {
-    pub(super) pipeline: Pipeline,
-    pub(super) publisher: Publisher,
-    pub(super) keeper: Keeper,
-    pub(super) recorder: Option<Recorder>,
-    pub(super) speed: f64,
-    pub(super) live: bool,
-    pub(super) source: String,
-    pub(super) limits: Limits,
+/// What the daemon says about itself, from its start to its end.
+pub(super) struct Lasting {
+    pub(super) service: Service,
+    publisher: Publisher,
+    tally: Tally,
+    reported: Option<Report>,
+}
+
+impl Lasting {
+    pub(super) fn new(publisher: Publisher, service: Service) -> Self {
+        Self {
+            service,
+            publisher,
+            tally: Tally::new(),
+            reported: None,
+        }
+    }
 }
 
 impl Journey {
-    pub(super) fn new(outfit: Outfit) -> Self {
-        let now = Instant::now();
+    /// `source` is its name, as clients see it.
+    pub(super) fn new(
+        pipeline: Pipeline,
+        keeper: Keeper,
+        recorder: Option<Recorder>,
+        config: &Config,
+        source: String,
+        lasting: Lasting,
+    ) -> Self {
         let mut journey = Self {
-            pipeline: outfit.pipeline,
-            publisher: outfit.publisher,
+            lasting,
+            pipeline,
             calibrator: Calibrator::default(),
-            keeper: outfit.keeper,
-            recorder: outfit.recorder,
-            speed: outfit.speed,
-            live: outfit.live,
+            keeper,
+            recorder,
+            speed: config.source.pace(),
+            live: config.source.kind.is_live(),
             actions: Vec::new(),
-            last: (0.0, now),
-            logged: None,
-            source: outfit.source,
-            limits: outfit.limits,
-            begun: now,
+            last: (0.0, Instant::now()),
+            heard: Instant::now(),
+            open: true,
+            over: false,
+            troubled: false,
+            source,
+            limits: config.verdict.clone(),
         };
         journey.handle(Event::Policy(journey.keeper.history().mode));
         journey
     }
 
-    /// Waits until everything that was to be kept is on disk.
-    pub(super) fn close(self) {
-        if let Some(recorder) = self.recorder {
-            recorder.close();
+    /// Waits until everything that was to be kept is on disk, if that goes on for no longer than a stop may take.
+    /// Gives back what goes on, and what was kept.
+    pub(super) fn close(self) -> (Lasting, History) {
+        let (recorder, keeper) = (self.recorder, self.keeper);
+        let history = keeper.history().clone();
+        let closing = spawn("closing", "end", move || {
+            keeper.close();
+            if let Some(recorder) = recorder {
+                recorder.close();
+            }
+        });
+        match closing {
+            Ok(thread) => {
+                if !join_for("disk", thread, DISK_PATIENCE) {
+                    tracing::error!("the disk hangs: what was saved last may not be kept");
+                }
+            }
+            Err(error) => tracing::error!("{error}"),
         }
-        self.keeper.close();
+        (self.lasting, history)
     }
 
     /// Goes on until the source is at its end and the last calibration on it has come back. A source that
@@ -93,58 +132,81 @@ impl Journey {
         messages: &mut mpsc::Receiver<Message>,
         orders: &mut mpsc::Receiver<Order>,
     ) {
-        let mut open = true;
-        let mut over = false;
-        let mut heard = Instant::now();
-        while !over || self.calibrator.is_busy() {
+        while !self.over || self.calibrator.is_busy() {
             // In accelerated time the fraction of a second that a calibration takes would be half a minute
             // of headings: there the readings wait for it.
-            let listening = open && !(self.speed > 1.0 && self.calibrator.is_busy());
+            let listening = self.open && !(self.speed > 1.0 && self.calibrator.is_busy());
+            let mut alive = false;
             tokio::select! {
                 biased;
                 outcome = self.calibrator.outcome() => {
                     self.handle(Event::Calibrated(Box::new(outcome)));
-                    heard = Instant::now();
+                    self.heard = Instant::now();
                 }
                 Some(order) = orders.recv() => self.order(order),
                 message = messages.recv(), if listening => {
-                    heard = Instant::now();
-                    match message {
-                        Some(Message::Reading(reading, taken)) => self.read(reading, taken),
-                        Some(Message::Readings(readings)) => {
-                            for (reading, taken) in readings {
-                                self.read(reading, taken);
-                            }
-                        }
-                        Some(Message::End) => (open, over) = (false, true),
-                        Some(Message::Trouble(trouble)) => self.handle(Event::Fault(trouble)),
-                        Some(Message::Broken(trouble)) => {
-                            open = false;
-                            self.broken(trouble);
-                        }
-                        None => {
-                            open = false;
-                            self.broken(Trouble {
-                                code: "internal",
-                                message: "the thread of the source panicked".to_owned(),
-                            });
-                        }
+                    self.heard = Instant::now();
+                    alive = self.take(message);
+                }
+                () = sleep_until((self.heard + SILENCE).into()) => {
+                    self.heard = Instant::now();
+                    if listening {
+                        let (t_s, taken) = self.last;
+                        self.handle(Event::Silence(t_s + taken.elapsed().as_secs_f64() * self.speed));
                     }
                 }
-                () = sleep_until((heard + SILENCE).into()), if listening => {
-                    heard = Instant::now();
-                    let (t_s, taken) = self.last;
-                    self.handle(Event::Silence(t_s + taken.elapsed().as_secs_f64() * self.speed));
-                }
             }
+            // A device that is silent without saying why hangs, and a new start may help. One that is known to be
+            // away is waited for, and a log may have holes.
+            let alive = alive || self.troubled || !self.live;
+            self.lasting.service.tick(self.heard, alive);
         }
-        if over {
+        if self.over {
             tracing::info!("the source is at its end");
         }
     }
 
+    /// Whether there was a reading in it. The first message says that the source answers or is waited for.
+    fn take(&mut self, message: Option<Message>) -> bool {
+        let fresh = match message {
+            Some(Message::Reading(reading, taken)) => {
+                self.read(reading, taken);
+                true
+            }
+            Some(Message::Readings(readings)) => {
+                for (reading, taken) in &readings {
+                    self.read(*reading, *taken);
+                }
+                !readings.is_empty()
+            }
+            Some(Message::Trouble(trouble)) => {
+                self.troubled = trouble.is_some();
+                self.fault(trouble);
+                false
+            }
+            Some(Message::End) => {
+                (self.open, self.over) = (false, true);
+                false
+            }
+            Some(Message::Broken(trouble)) => {
+                self.broken(trouble);
+                false
+            }
+            None => {
+                self.broken(Trouble {
+                    code: "internal",
+                    message: "the thread of the source panicked".to_owned(),
+                });
+                false
+            }
+        };
+        self.lasting.service.ready();
+        fresh
+    }
+
     fn read(&mut self, reading: Reading, taken: Instant) {
         self.last = (reading.t_s, taken);
+        self.lasting.tally.readings += 1;
         if let Some(recorder) = &mut self.recorder {
             recorder.take(reading);
         }
@@ -159,12 +221,18 @@ impl Journey {
         history.last_number
     }
 
+    fn fault(&mut self, trouble: Option<Trouble>) {
+        self.lasting.tally.faults += u64::from(trouble.is_some());
+        self.handle(Event::Fault(trouble));
+    }
+
     fn broken(&mut self, trouble: Trouble) {
+        self.open = false;
         tracing::error!(
             "there are no readings any more: {}; see to the source and start again",
             trouble.message
         );
-        self.handle(Event::Fault(Some(trouble)));
+        self.fault(Some(trouble));
     }
 
     fn handle(&mut self, event: Event) {
@@ -177,26 +245,43 @@ impl Journey {
     }
 
     fn carry_out(&mut self, action: Action) {
+        let Lasting {
+            service,
+            publisher,
+            tally,
+            ..
+        } = &mut self.lasting;
         match action {
             Action::Publish(heading) => {
                 let taken = self.last.1;
                 let time = self.live.then(|| time_of_day::rfc3339(taken)).flatten();
-                self.publisher.heading(heading, taken, time);
+                tally.headings += u64::from(heading.fused_deg.is_some());
+                service.heading(heading.fused_deg);
+                publisher.heading(heading, taken, time);
             }
             Action::Report(report) => {
-                self.log_report(&report);
-                self.publisher.state(&report);
+                service.state(&report);
+                publisher.state(&report);
+                self.log_report(report);
             }
-            Action::Turned(turn) => tracing::info!(
-                from_s = turn.start_s,
-                to_s = turn.end_s,
-                from_vertical_deg = turn.from_vertical_deg,
-                "the board has made a full turn"
-            ),
+            Action::Turned(turn) => {
+                tally.turns += 1;
+                tracing::info!(
+                    from_s = turn.start_s,
+                    to_s = turn.end_s,
+                    from_vertical_deg = turn.from_vertical_deg,
+                    "the board has made a full turn"
+                );
+            }
             Action::Calibrate(request) => self.calibrator.start(*request),
             Action::Conclude(outcome) => {
                 log_outcome(&outcome);
-                self.publisher.calibration(&outcome);
+                publisher.calibration(&outcome);
+                match outcome.verdict {
+                    Verdict::Accepted => tally.accepted += 1,
+                    Verdict::Rejected => tally.refused += 1,
+                    Verdict::Kept => {}
+                }
                 if let (Verdict::Accepted, Some(calibration)) =
                     (outcome.verdict, outcome.calibration)
                 {
@@ -211,12 +296,16 @@ impl Journey {
     }
 
     /// One line a change; the progress of a turn is none.
-    fn log_report(&mut self, report: &Report) {
-        let state = (report.condition, report.reason);
-        if self.logged == Some(state) {
+    fn log_report(&mut self, report: Report) {
+        let last = self.lasting.reported.replace(report);
+        let Some(report) = &self.lasting.reported else {
+            return;
+        };
+        if last
+            .is_some_and(|last| (last.condition, last.reason) == (report.condition, report.reason))
+        {
             return;
         }
-        self.logged = Some(state);
         let (word, reason) = (report.condition.word(), report.reason);
         let worth_a_look = matches!(
             report.condition,
@@ -227,6 +316,36 @@ impl Journey {
         } else {
             tracing::info!(reason, t_s = report.t_s, "{word}: {}", report.message);
         }
+    }
+
+    /// One line with all that is worth knowing.
+    pub(super) fn log_summary(&self) {
+        let Lasting {
+            publisher,
+            tally,
+            reported,
+            ..
+        } = &self.lasting;
+        let calibration = self.pipeline.calibration();
+        let mode = calibration.map(|calibration| format!("{:?}", calibration.parameters.mode()));
+        let (word, reason) = reported
+            .as_ref()
+            .map_or(("starting", "starting"), |report| {
+                (report.condition.word(), report.reason)
+            });
+        tracing::info!(
+            reason,
+            calibration = mode.as_deref().unwrap_or("none"),
+            readings = tally.readings,
+            headings = tally.headings,
+            turns = tally.turns,
+            calibrations_accepted = tally.accepted,
+            calibrations_refused = tally.refused,
+            faults = tally.faults,
+            clients = publisher.clients(),
+            uptime_s = tally.begun.elapsed().as_secs(),
+            "summary: {word}"
+        );
     }
 }
 
@@ -244,3 +363,6 @@ fn log_outcome(outcome: &Outcome) {
         Verdict::Rejected => tracing::warn!(reason, "calibration rejected: {message}"),
     }
 }
+
+#[cfg(test)]
+mod tests;

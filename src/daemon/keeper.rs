@@ -7,14 +7,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use super::{DaemonError, join_for, spawn};
+use super::{DaemonError, spawn};
 use crate::store::{History, Identity, Loaded, Settings, Store, StoreError};
 
 /// Pauses before a save that failed is tried again: the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
-
-/// A disk that hangs is waited for this long at the end.
-const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Told when something is on disk, or why it is not.
 pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
@@ -123,6 +120,15 @@ impl Keeper {
         &mut self.history
     }
 
+    /// Goes on from what was kept before a reload, unless the folder knows better.
+    pub(super) fn take_over(&mut self, known: History) {
+        let (here, there) = (self.history.last_number, known.last_number);
+        if known.identity == self.history.identity && there > here {
+            self.history = known;
+            self.save(Box::new(|_| ()));
+        }
+    }
+
     /// How many calibrations are kept.
     pub(super) fn most(&self) -> usize {
         self.most
@@ -161,8 +167,8 @@ impl Keeper {
     pub(super) fn close(self) {
         if let Some(Disk { queue, thread, .. }) = self.disk {
             drop(queue);
-            if !join_for("store", thread, PATIENCE) {
-                tracing::error!("the disk hangs: what was saved last may not be kept");
+            if thread.join().is_err() {
+                tracing::error!("the thread of the store panicked");
             }
         }
     }

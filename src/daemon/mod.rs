@@ -5,6 +5,7 @@
 
 mod calibrator;
 mod chips;
+mod course;
 mod journey;
 mod keeper;
 pub mod record;
@@ -13,29 +14,28 @@ mod ring;
 mod serial;
 pub mod signals;
 mod source;
+mod tally;
 pub mod time_of_day;
 
 use std::future::Future;
 use std::io;
 use std::path::PathBuf;
+use std::pin::pin;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, oneshot};
 
-use crate::calibration::verdict::Limits;
 use crate::check::Fault;
 use crate::config::Config;
-use crate::pipeline::Pipeline;
 use crate::publish::control::Control;
 use crate::publish::gpsd::Device;
 use crate::publish::server::{BindError, Server};
 use crate::sensor::replay::ReplayError;
-use crate::store::Identity;
-use journey::{Journey, Outfit};
-use keeper::Keeper;
+use crate::service::{Service, sockets};
+use course::{Course, Parts};
+use journey::Lasting;
 pub use recorder::RecordError;
-use recorder::Recorder;
 use source::Source;
 
 /// A sensor that a log does not name is kept under this name.
@@ -45,7 +45,10 @@ const UNNAMED_SENSOR: &str = "unknown";
 const WAITING_ORDERS: usize = 8;
 
 /// A source that hangs in a read is waited for this long at the end, and then left to the end of the process.
-const SOURCE_PATIENCE: Duration = Duration::from_millis(300);
+const SOURCE_PATIENCE: Duration = Duration::from_millis(200);
+
+/// What is still to be written is waited for this long at the end: a stop takes less than a second.
+const DISK_PATIENCE: Duration = Duration::from_millis(600);
 
 /// Why the daemon cannot start or go on.
 #[derive(Debug, thiserror::Error)]
@@ -92,67 +95,72 @@ pub enum Ended {
     Told,
 }
 
+/// What a running daemon is told.
+#[derive(Debug)]
+pub enum Notice {
+    /// To end.
+    Stop,
+    /// To go on with this configuration, or to say why it cannot be had and to go on as before.
+    Reload(Result<Box<Config>, String>),
+    /// To log how it is.
+    Summary,
+}
+
 /// A daemon that has its source, its socket and its calibration, and can start.
 pub struct Daemon {
-    source: Source,
+    config: Config,
     server: Server,
     control: Option<Control>,
-    socket: PathBuf,
-    limits: Limits,
-    keeper: Keeper,
-    pipeline: Pipeline,
-    speed: f64,
-    live: bool,
-    recorder: Option<Recorder>,
+    service: Service,
+    parts: Parts,
 }
 
 impl Daemon {
     /// Opens the source, claims the socket, and loads the calibration kept for this sensor. Clients can
     /// connect from now on. A store or a recording that does not work is logged; headings are served without it.
     /// Needs a runtime.
-    pub fn open(config: &Config) -> Result<Self, DaemonError> {
+    pub fn open(config: &Config, mut service: Service) -> Result<Self, DaemonError> {
         let source = Source::open(config)?;
         let device = Device {
             path: source.name(),
             activated: None,
         };
         let stale = Duration::from_secs_f64(config.heading.stale_s);
-        let server = Server::bind(&config.socket, device, stale)?;
-        // A log and the simulated board say themselves how their chips are mounted.
-        let header = source.header();
-        let identity = Identity {
-            sensor: header.sensor.unwrap_or_else(|| UNNAMED_SENSOR.to_owned()),
-            mag_axes: header.mountings.mag,
+        let server = match service.sockets.take(sockets::HEADING) {
+            Some(listener) => Server::inherit(listener, &config.socket, device, stale)?,
+            None => Server::bind(&config.socket, device, stale)?,
         };
-        let live = config.source.kind.is_live();
-        let speed = config.source.pace();
-        tracing::info!(
-            "{} from {}, {speed} times real time, on socket {}",
-            identity.sensor,
-            source.name(),
-            config.socket.socket.display()
-        );
-        let recorder = Recorder::ring(&config.record, source.header())?;
-        let keeper = Keeper::open(&config.store, identity)?;
-        let in_force = keeper.history().in_force();
-        let calibration = in_force.map(|entry| entry.made.calibration);
+        tracing::info!("serving on socket {}", server.socket().display());
+        let control = control(config, &mut service);
+        for name in service.sockets.names() {
+            tracing::warn!(
+                "the service manager has handed over a socket {name:?}, which nobody here serves on"
+            );
+        }
         Ok(Self {
-            pipeline: Pipeline::new(config.setup(header.mountings), calibration),
-            source,
+            parts: Parts::open(source, config, None)?,
+            config: config.clone(),
             server,
-            control: control(config),
-            limits: config.verdict.clone(),
-            socket: config.socket.socket.clone(),
-            keeper,
-            speed,
-            live,
-            recorder,
+            control,
+            service,
         })
     }
 
     /// Serves until the source is at its end and the last calibration on it is published, or until
     /// `shutdown` is ready. Then the socket is gone, and what was to be kept is on disk.
-    pub async fn run(self, shutdown: impl Future<Output = ()>) -> Result<Ended, DaemonError> {
+    pub async fn run_until(self, shutdown: impl Future<Output = ()>) -> Result<Ended, DaemonError> {
+        let mut shutdown = pin!(shutdown);
+        let notice = async || {
+            (&mut shutdown).await;
+            Notice::Stop
+        };
+        self.run(notice).await
+    }
+
+    /// The same, with other notices than the last one too. `notice` waits for the next; nothing may be lost when
+    /// the wait is given up.
+    pub async fn run(self, mut notice: impl AsyncFnMut() -> Notice) -> Result<Ended, DaemonError> {
+        let socket = self.config.socket.socket.clone();
         let publisher = self.server.publisher();
         let (stop_server, server_stopped) = oneshot::channel::<()>();
         let mut serving = tokio::spawn(self.server.run(async {
@@ -166,25 +174,23 @@ impl Daemon {
                 let _ = control_stopped.await;
             }))
         });
-        let source = self.source.name();
-        let mut playing = self.source.start(self.speed)?;
-        let mut journey = Journey::new(Outfit {
-            pipeline: self.pipeline,
-            publisher,
-            keeper: self.keeper,
-            recorder: self.recorder,
-            speed: self.speed,
-            live: self.live,
-            source,
-            limits: self.limits,
-        });
-        let ended = tokio::select! {
-            biased;
-            () = shutdown => Some(Ended::Told),
-            _ = &mut serving => None,
-            () = journey.make(&mut playing.messages, &mut orders) => Some(Ended::Source),
+        let lasting = Lasting::new(publisher, self.service);
+        let mut course = Course::start(self.parts, self.config, lasting)?;
+        let ended = loop {
+            let notice = tokio::select! {
+                biased;
+                notice = notice() => notice,
+                _ = &mut serving => break None,
+                () = course.journey.make(&mut course.playing.messages, &mut orders) => break Some(Ended::Source),
+            };
+            match notice {
+                Notice::Stop => break Some(Ended::Told),
+                Notice::Summary => course.journey.log_summary(),
+                Notice::Reload(wanted) => course = course.reload(wanted)?,
+            }
         };
-        playing.stop();
+        course.journey.lasting.service.stopping();
+        course.playing.stop();
         // An error means that the server has stopped already.
         let _ = stop_server.send(());
         // Whoever still waits for an answer is told that there is none to come.
@@ -202,10 +208,9 @@ impl Daemon {
                 tracing::error!("the control socket has failed: {error}");
             }
         }
-        join_for("source", playing.thread, SOURCE_PATIENCE);
-        journey.close();
+        course.end();
         served.map_err(|source| DaemonError::Serve {
-            path: self.socket,
+            path: socket,
             source,
         })?;
         Ok(ended.unwrap_or(Ended::Told))
@@ -213,8 +218,11 @@ impl Daemon {
 }
 
 /// The control socket. Headings are served without it.
-fn control(config: &Config) -> Option<Control> {
-    let bound = Control::bind(&config.control, &config.socket.socket);
+fn control(config: &Config, service: &mut Service) -> Option<Control> {
+    let bound = match service.sockets.take(sockets::CONTROL) {
+        Some(listener) => Control::inherit(listener, &config.control, &config.socket.socket),
+        None => Control::bind(&config.control, &config.socket.socket),
+    };
     bound
         .inspect_err(|error| {
             tracing::error!(
@@ -229,6 +237,7 @@ fn join_for(name: &str, thread: JoinHandle<()>, patience: Duration) -> bool {
     let begun = Instant::now();
     while !thread.is_finished() {
         if begun.elapsed() > patience {
+            tracing::warn!("the thread of the {name} hangs; ending without it");
             return false;
         }
         std::thread::sleep(Duration::from_millis(1));

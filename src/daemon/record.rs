@@ -8,6 +8,7 @@ use super::source::{Message, Source};
 use super::{Daemon, DaemonError};
 use crate::config::{Config, record};
 use crate::publish::server::BindError;
+use crate::service::Service;
 
 /// Records the source into one log until it is at its end, the log cannot be written, or `shutdown` is ready.
 /// Headings are served meanwhile, as by the daemon. Where there can be no socket it says so and records all
@@ -22,7 +23,7 @@ pub async fn record(
         record: record::Settings::default(),
         ..config.clone()
     };
-    let daemon = match Daemon::open(config) {
+    let daemon = match Daemon::open(config, Service::default()) {
         Err(DaemonError::Bind(error @ BindError::Busy { .. })) => {
             return Err(DaemonError::Serving(error));
         }
@@ -33,7 +34,7 @@ pub async fn record(
         opened => Some(opened?),
     };
     let source = match &daemon {
-        Some(daemon) => daemon.source.header(),
+        Some(daemon) => daemon.parts.source.header(),
         None => Source::open(config)?.header(),
     };
     let (recorder, mut ending) = Recorder::start(Target::File(out.to_owned()), source)?;
@@ -46,8 +47,8 @@ pub async fn record(
     };
     match daemon {
         Some(mut daemon) => {
-            daemon.recorder = Some(recorder);
-            daemon.run(stop).await?;
+            daemon.parts.recorder = Some(recorder);
+            daemon.run_until(stop).await?;
         }
         None => alone(config, recorder, stop).await?,
     }

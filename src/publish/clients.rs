@@ -24,7 +24,8 @@ const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_
 /// A socket that has been claimed, and how many clients it has room for.
 pub(super) struct Door<'a> {
     pub listener: StdListener,
-    pub file: SocketFile,
+    /// None if somebody else has made the socket, and will remove it.
+    pub file: Option<SocketFile>,
     pub most: usize,
     /// What a client is told for which there is no room.
     pub refusal: String,

@@ -20,7 +20,7 @@ pub use super::feed::Publisher;
 use super::gpsd::{self, Device};
 use super::place::{check_mode, check_path, mode_bits};
 pub use super::socket_file::BindError;
-use super::socket_file::{SocketFile, claim};
+use super::socket_file::{SocketFile, claim, inherited};
 use crate::check::{Check, Fault, within};
 
 /// Headings are no secret, and nothing can be changed here.
@@ -94,7 +94,8 @@ impl Check for Settings {
 #[derive(Debug)]
 pub struct Server {
     listener: StdListener,
-    file: SocketFile,
+    /// None if somebody else has made the socket, and will remove it.
+    file: Option<SocketFile>,
     settings: Settings,
     feed: Arc<Feed>,
 }
@@ -115,12 +116,45 @@ impl Server {
         let mode = mode_bits(&settings.mode, MOST_OPEN)
             .ok_or_else(|| refused("mode is not octal".into()))?;
         let (listener, file) = claim(&settings.socket, mode)?;
-        Ok(Self {
+        Ok(Self::on(listener, Some(file), settings, device, stale))
+    }
+
+    /// Serves on a socket that somebody else has made, and will remove. Its path and mode are not those of the
+    /// settings.
+    pub fn inherit(
+        listener: StdListener,
+        settings: &Settings,
+        device: Device,
+        stale: Duration,
+    ) -> Result<Self, BindError> {
+        let listener = inherited(listener, &settings.socket)?;
+        Ok(Self::on(listener, None, settings, device, stale))
+    }
+
+    fn on(
+        listener: StdListener,
+        file: Option<SocketFile>,
+        settings: &Settings,
+        device: Device,
+        stale: Duration,
+    ) -> Self {
+        Self {
             listener,
             file,
             feed: Arc::new(Feed::new(device, settings.backlog, stale)),
             settings: settings.clone(),
-        })
+        }
+    }
+
+    /// The path at which clients connect; that of the settings, if the socket has none.
+    pub fn socket(&self) -> PathBuf {
+        let address = self.listener.local_addr().ok();
+        let path = address.and_then(|address| Some(address.as_pathname()?.to_owned()));
+        match &self.file {
+            None => path.unwrap_or_else(|| self.settings.socket.clone()),
+            // It was made under another name.
+            Some(_) => self.settings.socket.clone(),
+        }
     }
 
     /// A handle by which headings, conditions and calibrations get in.

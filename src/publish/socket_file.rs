@@ -69,6 +69,18 @@ pub(super) struct SocketFile {
     identity: (u64, u64),
 }
 
+/// A socket that somebody else has made, ready to be served on; `path` is for the message.
+pub(super) fn inherited(listener: UnixListener, path: &Path) -> Result<UnixListener, BindError> {
+    listener
+        .set_nonblocking(true)
+        .map_err(|source| BindError::System {
+            path: path.to_owned(),
+            attempt: "cannot make the socket that was handed over non-blocking",
+            source,
+        })?;
+    Ok(listener)
+}
+
 /// Listens on `path` with permissions `mode`. A socket that nobody serves on any more is replaced.
 pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile), BindError> {
     let failed = |attempt| {

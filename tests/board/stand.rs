@@ -2,6 +2,8 @@
 //! say in the motion of a log, in real time, and holds the headings on the daemon's socket against the log's truth.
 //!
 //!     stand BUS LOG SOCKET
+//!     stand --feed BUS LOG         (over and over, until it is killed)
+//!     stand --heading SOCKET S     (waits for a heading, S seconds at most)
 //!     stand --set BUS ADDRESS REGISTER VALUE     (one register, in hexadecimal: 0x1e 0x0a 0x48)
 //!
 //! i2c-stub keeps what is written and does nothing by itself. So this program looks whether the magnetometer was
@@ -14,7 +16,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use headingd::recording::Entry;
 use headingd::sensor::board::Board;
@@ -51,6 +53,13 @@ fn run() -> Outcome<()> {
             let mut chip = LinuxI2CDevice::new(bus, byte(address)?.into())?;
             Ok(chip.smbus_write_byte_data(byte(register)?, byte(value)?)?)
         }
+        ["--feed", bus, log] => {
+            let entries = load(log)?;
+            loop {
+                feed(bus, &entries, SystemClock::new(Arc::default()))?;
+            }
+        }
+        ["--heading", socket, patience_s] => heading(socket, patience_s.parse()?),
         [bus, log, socket] => stand(bus, log, socket),
         _ => Err("usage: stand BUS LOG SOCKET".into()),
     }
@@ -60,9 +69,42 @@ fn byte(text: &str) -> Outcome<u8> {
     Ok(u8::from_str_radix(text.trim_start_matches("0x"), 16)?)
 }
 
+fn load(log: &str) -> Outcome<Vec<Entry>> {
+    Ok(Replay::open(log.as_ref())?.collect::<Result<_, _>>()?)
+}
+
+/// Waits for the first heading of a daemon that may not run yet.
+fn heading(socket: &str, patience_s: f64) -> Outcome<()> {
+    let begun = Instant::now();
+    let until = begun + Duration::from_secs_f64(patience_s);
+    while Instant::now() < until {
+        // Refused, or hung up: it is tried again.
+        if let Some(heading_deg) = first_heading(socket, until) {
+            let s = begun.elapsed().as_secs_f64();
+            println!("heading {heading_deg:.0} deg after {s:.2} s");
+            return Ok(());
+        }
+        thread::sleep(Duration::from_millis(10));
+    }
+    Err(format!("no heading within {patience_s} s").into())
+}
+
+fn first_heading(socket: &str, until: Instant) -> Option<f64> {
+    let mut stream = UnixStream::connect(socket).ok()?;
+    let left = until.saturating_duration_since(Instant::now());
+    stream.set_read_timeout(Some(left)).ok()?;
+    stream.write_all(b"?WATCH={\"enable\":true};\n").ok()?;
+    let lines = BufReader::new(stream).lines().map_while(Result::ok);
+    lines
+        .take_while(|_| Instant::now() < until)
+        .find_map(|line| {
+            let message: Value = serde_json::from_str(&line).ok()?;
+            message["mheading"].as_f64()
+        })
+}
+
 fn stand(bus: &str, log: &str, socket: &str) -> Outcome<()> {
-    let replay = Replay::open(log.as_ref())?;
-    let entries: Vec<Entry> = replay.collect::<Result<_, _>>()?;
+    let entries = load(log)?;
     let over = Arc::new(AtomicBool::new(false));
     let clock = SystemClock::new(over.clone());
     // The daemon tells the time of day of each reading; the log's time 0 is now.

@@ -4,3 +4,4 @@ mod demo;
 mod i2c;
 mod rig;
 mod run;
+mod service;

@@ -25,14 +25,22 @@ pub struct Process {
 
 /// The program with these arguments; what it says goes into `folder`, which is also its TMPDIR.
 pub fn start(folder: &Path, arguments: &[&str]) -> Process {
+    spawn(
+        folder,
+        Command::new(env!("CARGO_BIN_EXE_headingd"))
+            .args(arguments)
+            .stdin(Stdio::null()),
+    )
+}
+
+/// The same for a command that starts the program.
+pub fn spawn(folder: &Path, command: &mut Command) -> Process {
     let temporary = folder.join("tmp");
     fs::create_dir_all(&temporary).unwrap();
     let stderr = tempfile::Builder::new().tempfile_in(folder).unwrap();
-    let child = Command::new(env!("CARGO_BIN_EXE_headingd"))
-        .args(arguments)
+    let child = command
         .env("TMPDIR", temporary)
         .env_remove("RUST_LOG")
-        .stdin(Stdio::null())
         .stdout(fs::File::create(folder.join("stdout")).unwrap())
         .stderr(stderr.reopen().unwrap())
         .spawn()

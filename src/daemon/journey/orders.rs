@@ -227,8 +227,8 @@ impl Journey {
             .with("source", self.source.as_str())
             .with("sensor", history.identity.sensor.as_str())
             .with("mag_axes", history.identity.mag_axes.to_string())
-            .with("uptime_s", whole(self.begun.elapsed()))
-            .with("clients", self.publisher.clients())
+            .with("uptime_s", whole(self.lasting.tally.begun.elapsed()))
+            .with("clients", self.lasting.publisher.clients())
             .with("store", store(self.keeper.state()))
             .with("version", env!("CARGO_PKG_VERSION"))
     }

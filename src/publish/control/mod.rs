@@ -18,7 +18,7 @@ use tokio::sync::{mpsc, oneshot};
 
 use super::clients::{Door, serve_clients};
 use super::place::{check_mode, check_path, mode_bits};
-use super::socket_file::{BindError, SocketFile, claim};
+use super::socket_file::{BindError, SocketFile, claim, inherited};
 use crate::check::{Check, Fault};
 pub use answer::Answer;
 pub use request::{Forget, Request};
@@ -86,7 +86,8 @@ pub struct Order {
 #[derive(Debug)]
 pub struct Control {
     listener: UnixListener,
-    file: SocketFile,
+    /// None if somebody else has made the socket, and will remove it.
+    file: Option<SocketFile>,
 }
 
 impl Control {
@@ -98,7 +99,23 @@ impl Control {
             fault: "mode is not octal".into(),
         })?;
         let (listener, file) = claim(&path, mode)?;
-        Ok(Self { listener, file })
+        Ok(Self {
+            listener,
+            file: Some(file),
+        })
+    }
+
+    /// Goes on with a socket that another process has opened, and will remove.
+    pub fn inherit(
+        listener: UnixListener,
+        settings: &Settings,
+        heading_socket: &Path,
+    ) -> Result<Self, BindError> {
+        let path = settings.path(heading_socket);
+        Ok(Self {
+            listener: inherited(listener, &path)?,
+            file: None,
+        })
     }
 
     /// Hands requests to `orders` and answers to those who asked, until `shutdown` is ready. Then the socket is gone.

@@ -1,0 +1,57 @@
+//! The command line as a whole: its commands and their help, from which the manual pages come too.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// A compass daemon that calibrates its magnetometer by itself
+///
+/// headingd reads a three-axis magnetometer and a gyro, notices when the board has made a full turn,
+/// calibrates on that turn, judges the result, and publishes headings on a Unix socket in the JSON of gpsd.
+#[derive(Parser)]
+#[command(name = "headingd", version, after_help = "Start with: headingd demo")]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Replay(super::replay::Args),
+    Calibrate(super::calibrate::Args),
+    Calibration(super::calibration::Args),
+    Status(super::status::Args),
+    Run(super::run::Args),
+    Record(super::record::Args),
+    Demo(super::demo::Args),
+    Simulate(super::simulate::Args),
+    Check(super::check::Args),
+    Config(super::config::Args),
+    Paper(super::paper::Args),
+}
+
+impl Cli {
+    /// Carries out the command. What goes wrong is said on standard error, and the status tells it to programs.
+    pub fn run(self) -> ExitCode {
+        let result = match self.command {
+            Command::Replay(args) => super::replay::run(&args),
+            Command::Calibrate(args) => super::calibrate::run(&args),
+            Command::Calibration(args) => super::calibration::run(&args),
+            Command::Status(args) => super::status::run(&args),
+            Command::Run(args) => super::run::run(&args),
+            Command::Record(args) => super::record::run(&args),
+            Command::Demo(args) => super::demo::run(&args),
+            Command::Simulate(args) => super::simulate::run(&args),
+            Command::Check(args) => super::check::run(&args),
+            Command::Config(args) => super::config::run(&args),
+            Command::Paper(args) => super::paper::run(&args),
+        };
+        match result {
+            Ok(()) => ExitCode::SUCCESS,
+            Err(failure) => {
+                failure.tell();
+                ExitCode::from(failure.status)
+            }
+        }
+    }
+}

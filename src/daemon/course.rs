@@ -1,0 +1,136 @@
+//! What a reload makes anew: source, store, pipeline and recording. Clients see nothing of it but their headings.
+
+use super::journey::{Journey, Lasting};
+use super::keeper::Keeper;
+use super::recorder::Recorder;
+use super::source::{Playing, Source};
+use super::{DaemonError, SOURCE_PATIENCE, UNNAMED_SENSOR, join_for};
+use crate::config::Config;
+use crate::pipeline::Pipeline;
+use crate::store::{History, Identity};
+
+/// Everything between the device and the socket, ready to start.
+pub(super) struct Parts {
+    pub(super) source: Source,
+    pub(super) recorder: Option<Recorder>,
+    keeper: Keeper,
+    pipeline: Pipeline,
+}
+
+impl Parts {
+    /// Loads what is kept of the source's sensor; where there is nothing, what was `known` before stays, if it is of that
+    /// sensor.
+    pub(super) fn open(
+        source: Source,
+        config: &Config,
+        known: Option<History>,
+    ) -> Result<Self, DaemonError> {
+        // A log and the simulated board say themselves how their chips are mounted.
+        let header = source.header();
+        let identity = Identity {
+            sensor: header.sensor.unwrap_or_else(|| UNNAMED_SENSOR.to_owned()),
+            mag_axes: header.mountings.mag,
+        };
+        tracing::info!(
+            "{} from {}, {} times real time",
+            identity.sensor,
+            source.name(),
+            config.source.pace()
+        );
+        let recorder = Recorder::ring(&config.record, source.header())?;
+        let mut keeper = Keeper::open(&config.store, identity)?;
+        if let Some(known) = known {
+            keeper.take_over(known);
+        }
+        let in_force = keeper.history().in_force();
+        let calibration = in_force.map(|entry| entry.made.calibration);
+        Ok(Self {
+            pipeline: Pipeline::new(config.setup(header.mountings), calibration),
+            source,
+            recorder,
+            keeper,
+        })
+    }
+}
+
+/// The parts at work.
+pub(super) struct Course {
+    pub(super) journey: Journey,
+    pub(super) playing: Playing,
+    config: Config,
+}
+
+impl Course {
+    /// Starts the source.
+    pub(super) fn start(
+        parts: Parts,
+        config: Config,
+        lasting: Lasting,
+    ) -> Result<Self, DaemonError> {
+        let source = parts.source.name();
+        Ok(Self {
+            playing: parts.source.start(config.source.pace())?,
+            journey: Journey::new(
+                parts.pipeline,
+                parts.keeper,
+                parts.recorder,
+                &config,
+                source,
+                lasting,
+            ),
+            config,
+        })
+    }
+
+    /// Goes on with this configuration, or as before if it cannot be had. What stands in the way is logged.
+    pub(super) fn reload(
+        mut self,
+        wanted: Result<Box<Config>, String>,
+    ) -> Result<Self, DaemonError> {
+        self.journey.lasting.service.reloading();
+        match wanted.and_then(|wanted| self.prepare(&wanted)) {
+            Ok(Some((source, config))) => {
+                let (lasting, known) = self.end();
+                Self::start(Parts::open(source, &config, Some(known))?, config, lasting)
+            }
+            Ok(None) => {
+                self.journey.lasting.service.ready();
+                Ok(self)
+            }
+            Err(message) => {
+                tracing::error!("not reloaded, all goes on as before: {message}");
+                self.journey.lasting.service.ready();
+                Ok(self)
+            }
+        }
+    }
+
+    /// Ends it, with everything on disk that the disk takes in time. What outlasts it is given back, and
+    /// what was kept.
+    pub(super) fn end(mut self) -> (Lasting, History) {
+        self.playing.stop();
+        join_for("source", self.playing.thread, SOURCE_PATIENCE);
+        self.journey.close()
+    }
+
+    /// The source that is wanted, and its configuration; `None` if what runs is as wanted.
+    fn prepare(&self, wanted: &Config) -> Result<Option<(Source, Config)>, String> {
+        let change = self
+            .config
+            .change(wanted)
+            .map_err(|error| error.to_string())?;
+        if !change.at_start.is_empty() {
+            tracing::warn!(
+                "changes only with a restart: {}",
+                change.at_start.join(", ")
+            );
+        }
+        if change.now.is_empty() {
+            tracing::info!("reloaded; nothing else has changed");
+            return Ok(None);
+        }
+        let source = Source::open(&change.config).map_err(|error| error.to_string())?;
+        tracing::info!("reloaded: {}", change.now.join(", "));
+        Ok(Some((source, change.config)))
+    }
+}

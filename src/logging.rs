@@ -1,0 +1,96 @@
+//! The log: fields for the journal under systemd, lines on standard error elsewhere, and no flood.
+
+mod repeats;
+
+use std::env;
+use std::fs::File;
+use std::io::{self, IsTerminal};
+use std::os::fd::AsFd;
+use std::os::unix::fs::MetadataExt;
+
+use tracing_journald::{Priority, PriorityMappings};
+use tracing_subscriber::prelude::*;
+use tracing_subscriber::{EnvFilter, Layer, Registry, fmt, reload};
+
+use repeats::Repeats;
+
+/// The environment variable that takes the place of `log.filter`.
+const FILTER_VARIABLE: &str = "RUST_LOG";
+
+/// The log at work.
+#[derive(Debug)]
+pub struct Log {
+    /// None if the environment has a filter of its own, which stays.
+    filter: Option<reload::Handle<EnvFilter, Registry>>,
+}
+
+impl Log {
+    /// Starts to log, with this filter unless the environment has another. To be called once.
+    pub fn start(filter: &str) -> Self {
+        let wanted = env::var(FILTER_VARIABLE)
+            .ok()
+            .filter(|text| !text.is_empty());
+        let parsed = wanted.map(|text| EnvFilter::try_new(&text).map_err(|error| (text, error)));
+        let (chosen, own, wrong) = match parsed {
+            Some(Ok(chosen)) => (chosen, true, None),
+            Some(Err(wrong)) => (EnvFilter::new(filter), false, Some(wrong)),
+            None => (EnvFilter::new(filter), false, None),
+        };
+        let (chosen, handle) = reload::Layer::new(chosen);
+        tracing_subscriber::registry()
+            .with(chosen)
+            .with(Repeats::of(output()))
+            .init();
+        if let Some((text, error)) = wrong {
+            tracing::warn!(
+                "{FILTER_VARIABLE} is {text:?}, which is no filter: {error}; using {filter:?}"
+            );
+        }
+        Self {
+            filter: (!own).then_some(handle),
+        }
+    }
+
+    /// Takes another filter from the configuration.
+    pub fn set(&self, filter: &str) {
+        if let Some(handle) = &self.filter
+            && let Err(error) = handle.reload(EnvFilter::new(filter))
+        {
+            tracing::error!("cannot change the log's filter to {filter:?}: {error}");
+        }
+    }
+}
+
+/// Whether standard error goes to the journal: `JOURNAL_STREAM` has its device and inode, as in systemd.exec(5).
+pub fn to_journal() -> bool {
+    let stderr = io::stderr().as_fd().try_clone_to_owned();
+    let Ok(found) = stderr.and_then(|stderr| File::from(stderr).metadata()) else {
+        return false;
+    };
+    let of_journal = format!("{}:{}", found.dev(), found.ino());
+    env::var("JOURNAL_STREAM").is_ok_and(|stream| stream == of_journal)
+}
+
+fn output() -> Box<dyn Layer<Filtered> + Send + Sync> {
+    // A journal that does not answer leaves the lines, which it may take from standard error later.
+    if to_journal()
+        && let Ok(journal) = tracing_journald::layer()
+    {
+        let priorities = PriorityMappings {
+            info: Priority::Informational,
+            debug: Priority::Debug,
+            ..PriorityMappings::new()
+        };
+        return journal
+            .with_field_prefix(Some("HEADINGD".to_owned()))
+            .with_priority_mappings(priorities)
+            .boxed();
+    }
+    fmt::layer()
+        .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal())
+        .with_target(false)
+        .boxed()
+}
+
+type Filtered = tracing_subscriber::layer::Layered<reload::Layer<EnvFilter, Registry>, Registry>;

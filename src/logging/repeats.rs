@@ -1,0 +1,205 @@
+//! Leaves out what is said again and again, and says how often it was.
+
+use std::collections::HashMap;
+use std::fmt::{Debug, Write};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use tracing::callsite::Identifier;
+use tracing::field::{Field, Visit};
+use tracing::{Event, Level, Subscriber};
+use tracing_subscriber::Layer;
+use tracing_subscriber::layer::Context;
+
+/// One place in the program is heard so often …
+const MOST: u32 = 5;
+
+/// … in so much time; the rest is counted.
+const WINDOW: Duration = Duration::from_secs(10);
+
+/// Another layer, which is spared repetitions.
+pub(super) struct Repeats<L> {
+    inner: L,
+    counts: Mutex<Counts>,
+}
+
+impl<L> Repeats<L> {
+    pub(super) fn of(inner: L) -> Self {
+        Self {
+            inner,
+            counts: Mutex::default(),
+        }
+    }
+}
+
+impl<S: Subscriber, L: Layer<S>> Layer<S> for Repeats<L> {
+    fn on_event(&self, event: &Event<'_>, context: Context<'_, S>) {
+        let metadata = event.metadata();
+        if metadata.target() == module_path!() {
+            return self.inner.on_event(event, context);
+        }
+        let mut words = Words(String::new());
+        event.record(&mut words);
+        let now = Instant::now();
+        let (heard, over) = {
+            let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
+            let over = counts.over(now);
+            let heard = counts.hear(metadata.callsite(), *metadata.level(), &words.0, now);
+            (heard, over)
+        };
+        // Without the lock: these come back here.
+        for Said {
+            level,
+            count,
+            words,
+        } in over
+        {
+            if level <= Level::WARN {
+                tracing::warn!("{count} more such lines were left out, the last: {words}");
+            } else {
+                tracing::info!("{count} more such lines were left out, the last: {words}");
+            }
+        }
+        if heard {
+            self.inner.on_event(event, context);
+        }
+    }
+}
+
+/// The message of an event, without its other fields: a time of day makes no news.
+struct Words(String);
+
+impl Visit for Words {
+    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
+        if field.name() == "message" {
+            // Writing to a String does not fail.
+            let _ = write!(self.0, "{value:?}");
+        }
+    }
+}
+
+/// What was left out.
+#[derive(Debug, PartialEq)]
+struct Said {
+    level: Level,
+    count: u32,
+    words: String,
+}
+
+/// What each place in the program has said of late. There are no more entries than such places.
+#[derive(Default)]
+struct Counts {
+    places: HashMap<Identifier, Place>,
+}
+
+struct Place {
+    since: Instant,
+    heard: u32,
+    left_out: Said,
+}
+
+impl Counts {
+    /// Whether this is to be heard.
+    fn hear(&mut self, place: Identifier, level: Level, words: &str, now: Instant) -> bool {
+        let place = self.places.entry(place).or_insert_with(|| Place {
+            since: now,
+            heard: 0,
+            left_out: Said {
+                level,
+                count: 0,
+                words: String::new(),
+            },
+        });
+        if place.heard == MOST {
+            place.left_out.count += 1;
+            place.left_out.words.clear();
+            place.left_out.words.push_str(words);
+            return false;
+        }
+        place.heard += 1;
+        true
+    }
+
+    /// Forgets the places whose time is over, and gives what they left out.
+    fn over(&mut self, now: Instant) -> Vec<Said> {
+        let is_over = |_: &Identifier, place: &mut Place| now >= place.since + WINDOW;
+        self.places
+            .extract_if(is_over)
+            .map(|(_, place)| place.left_out)
+            .filter(|said| said.count > 0)
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+    use std::sync::Arc;
+
+    use tracing::Callsite;
+    use tracing_subscriber::prelude::*;
+
+    use super::*;
+
+    fn here() -> Identifier {
+        struct Here;
+        impl Callsite for Here {
+            fn set_interest(&self, _: tracing::subscriber::Interest) {}
+            fn metadata(&self) -> &tracing::Metadata<'_> {
+                unimplemented!("nobody asks")
+            }
+        }
+        Identifier(&Here)
+    }
+
+    #[test]
+    fn a_flood_is_heard_five_times_in_its_time_and_counted() {
+        let mut counts = Counts::default();
+        let begun = Instant::now();
+        let mut heard = Vec::new();
+        let mut over = Vec::new();
+        for s in 0..24 {
+            let now = begun + Duration::from_secs(s);
+            over.extend(counts.over(now));
+            if counts.hear(here(), Level::WARN, &format!("gone {s}"), now) {
+                heard.push(s);
+            }
+        }
+        assert_eq!(heard, [0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 20, 21, 22, 23]);
+        let said = |last: u64| Said {
+            level: Level::WARN,
+            count: 5,
+            words: format!("gone {last}"),
+        };
+        assert_eq!(over, [said(9), said(19)]);
+    }
+
+    #[derive(Clone, Default)]
+    struct Paper(Arc<Mutex<Vec<u8>>>);
+
+    impl io::Write for Paper {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0.lock().unwrap().extend_from_slice(bytes);
+            Ok(bytes.len())
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_flood_does_not_pass_the_real_layers() {
+        let paper = Paper::default();
+        let writer = paper.clone();
+        let lines = tracing_subscriber::fmt::layer().with_writer(move || writer.clone());
+        let log = tracing_subscriber::registry().with(Repeats::of(lines));
+        tracing::subscriber::with_default(log, || {
+            for t_s in 0..1000 {
+                tracing::warn!(t_s, "the board has gone");
+            }
+            tracing::info!("another thing");
+        });
+        let text = String::from_utf8(paper.0.lock().unwrap().clone()).unwrap();
+        assert_eq!(text.lines().count(), 6, "{text}");
+    }
+}

@@ -1,0 +1,190 @@
+//! `headingd run` under a service manager: what it is told, sockets that it hands over, signals and reload.
+
+use std::fs;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::{UnixDatagram, UnixListener};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::rig::{LONG, PATIENCE, Process, Rig, spawn, until};
+
+/// A manager that is told how the daemon is.
+struct Manager(UnixDatagram);
+
+impl Manager {
+    fn new(rig: &Rig) -> Self {
+        let socket = UnixDatagram::bind(rig.path("notify")).unwrap();
+        socket.set_read_timeout(Some(PATIENCE)).unwrap();
+        Self(socket)
+    }
+
+    fn start(&self, rig: &Rig) -> Process {
+        spawn(
+            rig.folder.path(),
+            Command::new(env!("CARGO_BIN_EXE_headingd"))
+                .args(["run", "--config"])
+                .arg(rig.path("headingd.toml"))
+                .env("NOTIFY_SOCKET", rig.path("notify"))
+                .env("WATCHDOG_USEC", "400000")
+                .stdin(Stdio::null()),
+        )
+    }
+
+    fn next(&self) -> String {
+        let mut bytes = [0; 4096];
+        let count = self.0.recv(&mut bytes).expect("the daemon tells nothing");
+        String::from_utf8(bytes[..count].to_vec()).unwrap()
+    }
+
+    /// The next word that begins like this.
+    fn find(&self, start: &str) -> String {
+        let begun = Instant::now();
+        loop {
+            let word = self.next();
+            if word.starts_with(start) {
+                return word;
+            }
+            assert!(begun.elapsed() < PATIENCE, "waited in vain for {start}");
+        }
+    }
+}
+
+#[test]
+fn the_manager_is_told_how_things_stand_until_the_end() {
+    let rig = Rig::new(1.0, LONG);
+    let manager = Manager::new(&rig);
+    let mut process = manager.start(&rig);
+    manager.find("READY=1");
+    // Ready means that it is there at once.
+    std::os::unix::net::UnixStream::connect(rig.path("heading.sock")).unwrap();
+    let status = manager.find("STATUS=");
+    assert!(status.starts_with("STATUS=uncalibrated ("), "{status}");
+    manager.find("WATCHDOG=1");
+    let begun = Instant::now();
+    manager.find("WATCHDOG=1");
+    let pause = begun.elapsed();
+    assert!(pause > Duration::from_millis(50), "{pause:?}");
+    let begun = Instant::now();
+    process.signal("TERM");
+    manager.find("STOPPING=1");
+    assert!(process.wait().success());
+    assert!(begun.elapsed() < Duration::from_secs(1));
+}
+
+#[test]
+fn a_start_that_cannot_be_is_told_the_manager_in_one_line() {
+    let rig = Rig::new(1.0, "speeed = 1\nkind = \"none\"\n");
+    let manager = Manager::new(&rig);
+    assert_eq!(manager.start(&rig).wait().code(), Some(78));
+    let status = manager.next();
+    assert!(
+        status.contains("did you mean speed?") && status.contains("source.kind"),
+        "{status}"
+    );
+    assert_eq!(status.lines().count(), 1, "{status}");
+}
+
+#[test]
+fn a_socket_that_was_handed_over_is_served_on_and_left_behind() {
+    let rig = Rig::new(1.0, LONG);
+    let listener = UnixListener::bind(rig.path("heading.sock")).unwrap();
+    // The shell makes it descriptor 3 of a process whose number it knows.
+    let script = "exec 3<&0 </dev/null; export LISTEN_PID=$$ LISTEN_FDS=1 LISTEN_FDNAMES=heading; exec \"$@\"";
+    let mut process = spawn(
+        rig.folder.path(),
+        Command::new("sh")
+            .args([
+                "-c",
+                script,
+                "sh",
+                env!("CARGO_BIN_EXE_headingd"),
+                "run",
+                "--config",
+            ])
+            .arg(rig.path("headingd.toml"))
+            .stdin(Stdio::from(OwnedFd::from(listener))),
+    );
+    // It was there before the daemon, so this waits in its queue.
+    rig.client().find("ATT", |_| true);
+    process.signal("TERM");
+    assert!(process.wait().success(), "{}", process.said());
+    assert!(rig.path("heading.sock").exists());
+}
+
+#[test]
+fn a_reload_keeps_clients_and_the_calibration_in_force() {
+    let rig = Rig::new(50.0, LONG);
+    // Nothing but the daemon itself keeps the calibration.
+    rig.configure(50.0, Path::new(""), LONG);
+    let manager = Manager::new(&rig);
+    let mut process = manager.start(&rig);
+    let mut client = rig.client();
+    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    let seq = |att: &serde_json::Value| att["seq"].as_u64().unwrap();
+    let before = client.find("ATT", |att| att.get("mheading").is_some());
+
+    // At real time a turn would take longer than this test.
+    rig.configure(
+        1.0,
+        Path::new(""),
+        &format!("{LONG}[log]\nfilter = \"debug\"\n"),
+    );
+    process.signal("HUP");
+    let reloading = manager.find("RELOADING=1");
+    assert!(reloading.contains("\nMONOTONIC_USEC="), "{reloading}");
+    manager.find("READY=1");
+    let after = client.find("ATT", |att| seq(att) < seq(&before));
+    assert!(after.get("mheading").is_some(), "{after}");
+    let said = process.said();
+    assert!(
+        said.contains("reloaded: source.speed, log.filter"),
+        "{said}"
+    );
+
+    let text = fs::read_to_string(rig.path("headingd.toml")).unwrap();
+    fs::write(rig.path("headingd.toml"), format!("{text}\n[turns]\n")).unwrap();
+    process.signal("HUP");
+    manager.find("RELOADING=1");
+    manager.find("READY=1");
+    until("the refusal", || {
+        process.said().contains("all goes on as before")
+    });
+    assert!(
+        process
+            .said()
+            .contains("turns: unknown table; did you mean turn?")
+    );
+
+    fs::write(
+        rig.path("headingd.toml"),
+        text.replace("backlog = 4096", "backlog = 99"),
+    )
+    .unwrap();
+    process.signal("HUP");
+    until("the remark", || {
+        process
+            .said()
+            .contains("changes only with a restart: socket.backlog")
+    });
+
+    process.signal("USR1");
+    until("the summary", || process.said().contains("summary: good"));
+    let said = process.said();
+    let summary = said
+        .lines()
+        .find(|line| line.contains("summary: good"))
+        .unwrap();
+    for part in [
+        "calibration=\"Planar\"",
+        "clients=1",
+        "calibrations_accepted=1",
+        "uptime_s=",
+        "faults=0",
+    ] {
+        assert!(summary.contains(part), "{summary}");
+    }
+    client.find("ATT", |att| att.get("mheading").is_some());
+    process.signal("TERM");
+    assert!(process.wait().success());
+}
