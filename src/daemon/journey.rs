@@ -123,6 +123,7 @@ impl Journey {
         if let Some(recorder) = &mut self.recorder {
             recorder.take(reading);
         }
+        self.publisher.reading(&reading);
         self.handle(Event::Reading(reading));
     }
 

@@ -7,6 +7,7 @@ mod calibrator;
 mod chips;
 mod journey;
 mod keeper;
+mod listener;
 pub mod record;
 mod recorder;
 mod ring;
@@ -32,6 +33,7 @@ use crate::sensor::replay::ReplayError;
 use crate::store::Identity;
 use journey::Journey;
 use keeper::Keeper;
+pub use listener::ListenError;
 pub use recorder::RecordError;
 use recorder::Recorder;
 use source::Source;
@@ -54,9 +56,9 @@ pub enum DaemonError {
     /// The socket cannot be served on.
     #[error(transparent)]
     Bind(#[from] BindError),
-    /// Another daemon serves there, and so has the source that was to be recorded.
-    #[error("{0}; or have that one record: its configuration takes a table [record]")]
-    Serving(BindError),
+    /// A service has the source that was to be recorded, and does not hand out its readings.
+    #[error(transparent)]
+    Listen(#[from] ListenError),
     /// The socket was claimed, but then could not be served on.
     #[error("cannot go on serving on {}: {source}", path.display())]
     Serve {
@@ -125,6 +127,7 @@ impl Daemon {
             source.name(),
             config.socket.socket.display()
         );
+        server.publisher().board(&source.header());
         let recorder = Recorder::ring(&config.record, source.header())?;
         let (keeper, calibration) = Keeper::open(config.store.directory(), identity)?;
         Ok(Self {
