@@ -157,21 +157,26 @@ struct Board {
 /// The boot loader is deaf for so long.
 const BOOT: Duration = Duration::from_millis(300);
 
+/// From one frame to the next.
+const PERIOD: Duration = Duration::from_millis(20);
+
 impl Board {
     fn run(&mut self, stop: &AtomicBool) {
         let mut tick = Instant::now();
+        let mut ticked = tick;
         while !stop.load(Ordering::Relaxed) {
             if self.fails.swap(false, Ordering::Relaxed) {
                 self.open = false;
             }
             self.listen();
             let booted = self.started.elapsed() >= BOOT;
-            if self.open && booted && tick <= Instant::now() {
-                self.tick();
+            while tick + PERIOD <= Instant::now() {
+                tick += PERIOD;
             }
-            while tick <= Instant::now() {
-                tick += Duration::from_millis(20);
+            if self.open && booted && tick > ticked {
+                self.tick(tick);
             }
+            ticked = tick;
             if self.flushed.elapsed() >= self.habits.burst {
                 self.flush();
             }
@@ -255,8 +260,10 @@ impl Board {
         }
     }
 
-    fn tick(&mut self) {
-        let t_s = self.started.elapsed().as_secs_f64();
+    /// A frame of this moment. A real board measures when its timer says so: that this machine comes round to it later
+    /// is a delay on the wire, and no measurement's time.
+    fn tick(&mut self, tick: Instant) {
+        let t_s = tick.saturating_duration_since(self.started).as_secs_f64();
         let bytes = match &mut self.firmware {
             Firmware::Razor(_) if !self.streaming => Vec::new(),
             Firmware::Razor(counts) => match self.mode {
