@@ -5,15 +5,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use thiserror::Error;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::UnixStream;
-use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::{broadcast, watch};
 use tokio::time::timeout;
 
 use super::feed::{Event, Feed, Message, age_ms};
 use super::gpsd::{self, Policy};
+use super::link::Link;
 use super::raw;
 use super::request::{Request, Requests, Watch};
 use crate::reading::Reading;
@@ -38,10 +37,10 @@ pub(super) async fn serve(
     write_timeout: Duration,
     mut stop: watch::Receiver<bool>,
 ) -> Result<(), ClientError> {
-    let (mut reader, writer) = stream.into_split();
+    let link = &Link::new(stream)?;
     let mut client = Client {
         feed,
-        writer,
+        link,
         write_timeout,
         policy: Policy::default(),
         ring: None,
@@ -57,7 +56,7 @@ pub(super) async fn serve(
         tokio::select! {
             // An error means that the server is gone, which is a reason to stop as well.
             _ = stop.changed() => return client.drain().await,
-            read = read(&mut reader, &mut bytes) => match read? {
+            read = link.read(&mut bytes) => match read? {
                 [] => {
                     if let Some(request) = requests.finish() {
                         client.answer(request).await?;
@@ -73,15 +72,6 @@ pub(super) async fn serve(
             message = next(&mut client.ring) => client.forward(message).await?,
             reading = next(&mut client.readings) => client.send_reading(reading).await?,
         }
-    }
-}
-
-async fn read<'a>(reader: &mut OwnedReadHalf, bytes: &'a mut [u8]) -> io::Result<&'a [u8]> {
-    match reader.read(bytes).await {
-        Ok(count) => Ok(&bytes[..count]),
-        // A client that died instead of leaving has left.
-        Err(error) if error.kind() == io::ErrorKind::ConnectionReset => Ok(&[]),
-        Err(error) => Err(error),
     }
 }
 
@@ -102,9 +92,9 @@ fn waiting<T: Clone>(ring: &mut Option<broadcast::Receiver<T>>) -> Option<Result
     }
 }
 
-struct Client {
+struct Client<'a> {
     feed: Arc<Feed>,
-    writer: OwnedWriteHalf,
+    link: &'a Link,
     write_timeout: Duration,
     policy: Policy,
     /// Only while something is watched for: an idle client costs the publisher nothing.
@@ -117,7 +107,7 @@ struct Client {
     line: String,
 }
 
-impl Client {
+impl Client<'_> {
     async fn answer(&mut self, request: Result<Request, String>) -> Result<(), ClientError> {
         match request {
             Err(message) => self.send(&gpsd::error(&message)).await,
@@ -272,7 +262,7 @@ impl Client {
         self.line.push_str(LINE_END);
         timeout(
             self.write_timeout,
-            self.writer.write_all(self.line.as_bytes()),
+            self.link.write_all(self.line.as_bytes()),
         )
         .await
         .map_err(|_| ClientError::TooSlow(self.write_timeout))?

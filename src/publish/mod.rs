@@ -4,6 +4,7 @@ mod client;
 mod feed;
 pub mod gpsd;
 mod json;
+mod link;
 pub mod raw;
 pub mod request;
 pub mod server;
