@@ -163,20 +163,17 @@ const PERIOD: Duration = Duration::from_millis(20);
 impl Board {
     fn run(&mut self, stop: &AtomicBool) {
         let mut tick = Instant::now();
-        let mut ticked = tick;
         while !stop.load(Ordering::Relaxed) {
             if self.fails.swap(false, Ordering::Relaxed) {
                 self.open = false;
             }
             self.listen();
-            let booted = self.started.elapsed() >= BOOT;
             while tick + PERIOD <= Instant::now() {
                 tick += PERIOD;
+                if self.open && tick >= self.started + BOOT {
+                    self.tick(tick);
+                }
             }
-            if self.open && booted && tick > ticked {
-                self.tick(tick);
-            }
-            ticked = tick;
             if self.flushed.elapsed() >= self.habits.burst {
                 self.flush();
             }
@@ -261,9 +258,9 @@ impl Board {
     }
 
     /// A frame of this moment. A real board measures when its timer says so: that this machine comes round to it later
-    /// is a delay on the wire, and no measurement's time.
+    /// is a delay on the wire, and costs neither the measurement's time nor the measurement.
     fn tick(&mut self, tick: Instant) {
-        let t_s = tick.saturating_duration_since(self.started).as_secs_f64();
+        let t_s = (tick - self.started).as_secs_f64();
         let bytes = match &mut self.firmware {
             Firmware::Razor(_) if !self.streaming => Vec::new(),
             Firmware::Razor(counts) => match self.mode {

@@ -226,20 +226,24 @@ fn log_rows_are_found_and_timed_by_the_device() {
         ..Habits::default()
     };
     let device = Device::plug(&rig.link(), firmware, habits);
-    let times: Vec<(f64, f64)> = rig
-        .readings(60)
-        .iter()
-        .map(|(reading, _)| match reading.field_mgauss {
-            Some([Some(made), Some(200.0), Some(300.0)]) => (made / 10.0, reading.t_s),
-            other => panic!("{other:?}"),
-        })
-        .collect();
-    // They come in bursts of three; their times are as far apart as the device says.
-    let off_s: Vec<f64> = times[20..]
-        .windows(2)
-        .map(|pair| (pair[1].1 - pair[0].1) - (pair[1].0 - pair[0].0))
-        .collect();
-    assert!(off_s.iter().all(|off_s| off_s.abs() < 0.008), "{off_s:?}");
+    let made_and_timed = |(reading, _): &(Reading, Instant)| match reading.field_mgauss {
+        Some([Some(made), Some(200.0), Some(300.0)]) => (made / 10.0, reading.t_s),
+        other => panic!("{other:?}"),
+    };
+    // They come in bursts of three; their times are as far apart as the device says, but where a burst comes faster
+    // than any before. A machine that stood still for a second has to come back first.
+    let begun = Instant::now();
+    loop {
+        let times: Vec<_> = rig.readings(40).iter().map(made_and_timed).collect();
+        let off_s: Vec<f64> = times
+            .windows(2)
+            .map(|pair| (pair[1].1 - pair[0].1) - (pair[1].0 - pair[0].0))
+            .collect();
+        if off_s.iter().filter(|off_s| off_s.abs() > 0.001).count() < 4 {
+            break;
+        }
+        assert!(begun.elapsed() < PATIENCE, "{off_s:?}");
+    }
     assert!(device.heard.lock().unwrap().is_empty());
 }
 
