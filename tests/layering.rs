@@ -49,7 +49,8 @@ const ROOMS: &[Room] = &[
 
     // The simulator distorts a field with the model that a calibration inverts; a live source says its troubles.
     room("sensor", 2, &["reading", "frame", "recording", "calibration::model", "condition"]),
-    room("publish", 2, &["heading", "condition", "calibration"]),
+    // Raw readings go out with the header and in the columns of a log.
+    room("publish", 2, &["heading", "condition", "calibration", "reading", "recording"]),
     // The mounting is kept with the calibration: the one holds only with the other.
     room("store", 2, &["calibration", "frame"]),
     room("logging", 2, &[]),

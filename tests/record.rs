@@ -5,11 +5,15 @@
 mod rig;
 
 use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::{UnixDatagram, UnixListener};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::thread::JoinHandle;
 
 use headingd::reading::Reading;
+use headingd::recording::Header;
 use headingd::sensor::replay::Replay;
 use headingd::sensor::simulator::{Settings, Simulator};
 use rig::{LONG, Process, Rig, start, until};
@@ -58,17 +62,166 @@ fn a_source_is_recorded_to_its_end_while_the_socket_is_served() {
     let out = rig.path("a.csv");
     let mut process = record(&rig, &out, &[]);
     until("the socket", || rig.path("heading.sock").exists());
-    // Who has the socket has the source.
-    let mut second = record(&rig, &rig.path("b.csv"), &[]);
-    assert_eq!(second.wait().code(), Some(69));
-    assert!(
-        second.said().contains("takes a table [record]"),
-        "{}",
-        second.said()
-    );
-    assert!(!rig.path("b.csv").exists());
     assert!(process.wait().success(), "{}", process.said());
     assert!(recorded(&out).into_iter().eq(simulated(2.0)));
+}
+
+/// A service that records by itself, too, with a simulated board that goes on for long.
+fn service(rig: &Rig, speed: f64) -> Process {
+    let ring = rig.path("ring");
+    let more = format!("{LONG}[record]\ndirectory = {ring:?}\n");
+    rig.configure(speed, &rig.path("store"), &more);
+    rig.start()
+}
+
+/// The log that such a service wrote.
+fn by_itself(rig: &Rig) -> PathBuf {
+    rig.path("ring/record-000001.csv")
+}
+
+/// The header of a log, but for when it was begun.
+fn header(log: &Path) -> Header {
+    let mut header = Replay::open(log).unwrap().header().clone();
+    header.truth.retain(|(key, _)| key != "recorded_from");
+    header
+}
+
+#[test]
+fn what_is_recorded_from_a_service_is_what_it_records_by_itself() {
+    let rig = Rig::new(1.0, "");
+    let mut service = service(&rig, 4.0);
+    let mut client = rig.client();
+    let out = rig.path("a.csv");
+    let mut process = record(&rig, &out, &[]);
+    until("a recording", || {
+        fs::metadata(&out).is_ok_and(|log| log.len() > 20_000)
+    });
+    // One that ends before the service does.
+    let early = rig.path("b.csv");
+    let mut second = record(&rig, &early, &["--duration", "0.5"]);
+    assert!(second.wait().success(), "{}", second.said());
+    // Whoever has not asked hears of none of it; and the service goes on.
+    let seq = client.find("ATT", |_| true)["seq"].as_u64().unwrap();
+    loop {
+        let message = client.next().unwrap();
+        let class = message["class"].as_str().unwrap();
+        assert!(!["READING", "BOARD"].contains(&class), "{message}");
+        if message["seq"].as_u64() > Some(seq + 100) {
+            break;
+        }
+    }
+    service.signal("TERM");
+    assert!(service.wait().success(), "{}", service.said());
+    assert!(process.wait().success(), "{}", process.said());
+    assert!(process.said().contains("has hung up"), "{}", process.said());
+
+    let right = recorded(&by_itself(&rig));
+    for (log, whole) in [(&out, true), (&early, false)] {
+        assert_eq!(header(log), header(&by_itself(&rig)));
+        let readings = recorded(log);
+        let from = right.iter().position(|right| *right == readings[0]);
+        let rest = &right[from.unwrap()..];
+        assert!(readings.len() > 100 && rest.starts_with(&readings));
+        assert!(!whole || rest.len() == readings.len());
+    }
+}
+
+#[test]
+fn a_recording_that_is_too_slow_says_how_much_it_lost() {
+    let rig = Rig::new(1.0, "");
+    let mut service = service(&rig, 50.0);
+    let mut client = rig.client();
+    let out = rig.path("a.csv");
+    let mut process = record(&rig, &out, &[]);
+    until("a recording", || {
+        fs::metadata(&out).is_ok_and(|log| log.len() > 20_000)
+    });
+    process.signal("STOP");
+    let seq = client.find("ATT", |_| true)["seq"].as_u64().unwrap();
+    client.find("ATT", |att| att["seq"].as_u64() > Some(seq + 3000));
+    process.signal("CONT");
+    until("the loss", || process.said().contains("too slow"));
+    service.signal("TERM");
+    assert!(service.wait().success(), "{}", service.said());
+    assert!(process.wait().success(), "{}", process.said());
+
+    let said = process.said();
+    let lost: usize = said
+        .split_once("lost on the way into the recording readings=")
+        .and_then(|(_, rest)| rest.split_whitespace().next()?.parse().ok())
+        .unwrap_or_else(|| panic!("{said}"));
+    assert_eq!(said.matches("too slow").count(), 1, "{said}");
+    let readings = recorded(&out);
+    let right = recorded(&by_itself(&rig));
+    let from = right.iter().position(|right| *right == readings[0]);
+    let rest = &right[from.unwrap()..];
+    assert_eq!(readings.len() + lost, rest.len(), "{said}");
+    let mut rest = rest.iter();
+    assert!(
+        readings
+            .iter()
+            .all(|reading| rest.any(|right| right == reading))
+    );
+}
+
+/// Something that serves on the rig's socket: it says this to whoever asks it something, and hangs up.
+fn answering(rig: &Rig, answer: &str) -> JoinHandle<()> {
+    let listener = UnixListener::bind(rig.path("heading.sock")).unwrap();
+    let answer = answer.to_owned();
+    std::thread::spawn(move || {
+        // The first only looks whether somebody is there.
+        for stream in listener.incoming().take(2) {
+            let mut stream = stream.unwrap();
+            let mut asked = String::new();
+            BufReader::new(&stream).read_line(&mut asked).unwrap();
+            if !asked.is_empty() {
+                stream.write_all(answer.as_bytes()).unwrap();
+            }
+        }
+    })
+}
+
+#[test]
+fn a_service_that_hands_out_no_readings_is_told_of() {
+    let endless = format!("{{\"class\":\"{}", "x".repeat(2 << 20));
+    for (answer, part) in [
+        (
+            "{\"class\":\"VERSION\"}\r\n{\"class\":\"WATCH\",\"enable\":true}\r\n",
+            "hands out no raw readings",
+        ),
+        (
+            "{\"class\":\"ERROR\",\"message\":\"32 clients already\"}\r\n",
+            "it says: 32 clients already",
+        ),
+        ("220 mail\r\n", "sends what headingd does not"),
+        (&endless, "cut within a line"),
+        ("", "has hung up"),
+    ] {
+        let rig = Rig::new(1.0, "");
+        let serving = answering(&rig, answer);
+        let mut process = record(&rig, &rig.path("a.csv"), &[]);
+        assert_eq!(process.wait().code(), Some(69), "{}", process.said());
+        assert!(process.said().contains(part), "{}", process.said());
+        assert!(!rig.path("a.csv").exists());
+        // What was not taken of the endless line breaks its pipe.
+        let _ = serving.join();
+    }
+}
+
+#[test]
+fn a_socket_that_says_nothing_of_its_server_is_left_alone() {
+    let rig = Rig::new(1.0, "");
+    let _other = UnixDatagram::bind(rig.path("heading.sock")).unwrap();
+    let mut process = record(&rig, &rig.path("a.csv"), &[]);
+    assert_eq!(process.wait().code(), Some(69), "{}", process.said());
+    assert!(
+        process
+            .said()
+            .contains("cannot find out whether a daemon is serving"),
+        "{}",
+        process.said()
+    );
+    assert!(!rig.path("a.csv").exists());
 }
 
 #[test]

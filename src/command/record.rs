@@ -13,17 +13,16 @@ use crate::logging::Log;
 
 /// Record raw readings into a log, until told to stop
 ///
-/// Reads the source of the configuration as the daemon does, serves headings meanwhile, and writes every raw
-/// reading into the log, for "headingd replay" and "headingd calibrate". If the socket cannot be served on it
-/// records all the same; if another headingd serves there, that one has the source, and its own [record]
-/// table makes it record.
+/// Where a service runs, its raw readings are recorded, and it goes on as it is: only the socket's path of the
+/// configuration counts then. Otherwise it reads the source of the configuration as the daemon does, and serves
+/// headings meanwhile, if the socket can be served on. The log is for "headingd replay" and "headingd calibrate".
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd record --config my.toml --out turn.csv --duration 60")]
 pub struct Args {
     /// The log to write; an existing one is replaced
     #[arg(long, value_name = "LOG")]
     pub out: PathBuf,
-    /// The configuration file; without one the simulated board is recorded
+    /// The configuration file; without one the service at the usual socket is recorded, or a simulated board
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Stop after so many seconds, 0.1 to 10000000

@@ -181,6 +181,7 @@ impl<W: Write> Lines<W> {
             json: true,
             calibration: true,
             state: true,
+            ..Policy::default()
         };
         self.write(&gpsd::version())?;
         self.write(&gpsd::devices(&device))?;

@@ -67,6 +67,7 @@ impl Course {
         config: Config,
         lasting: Lasting,
     ) -> Result<Self, DaemonError> {
+        lasting.publisher.board(&parts.source.header());
         let source = parts.source.name();
         Ok(Self {
             playing: parts.source.start(config.source.pace())?,

@@ -56,7 +56,7 @@ pub(super) struct Journey {
 /// What the daemon says about itself, from its start to its end.
 pub(super) struct Lasting {
     pub(super) service: Service,
-    publisher: Publisher,
+    pub(super) publisher: Publisher,
     tally: Tally,
     reported: Option<Report>,
 }
@@ -210,6 +210,7 @@ impl Journey {
         if let Some(recorder) = &mut self.recorder {
             recorder.take(reading);
         }
+        self.lasting.publisher.reading(&reading);
         self.handle(Event::Reading(reading));
     }
 

@@ -8,6 +8,7 @@ mod chips;
 mod course;
 mod journey;
 mod keeper;
+mod listener;
 pub mod record;
 mod recorder;
 mod ring;
@@ -35,6 +36,7 @@ use crate::sensor::replay::ReplayError;
 use crate::service::{Service, sockets};
 use course::{Course, Parts};
 use journey::Lasting;
+pub use listener::ListenError;
 pub use recorder::RecordError;
 use source::Source;
 
@@ -62,9 +64,9 @@ pub enum DaemonError {
     /// The socket cannot be served on.
     #[error(transparent)]
     Bind(#[from] BindError),
-    /// Another daemon serves there, and so has the source that was to be recorded.
-    #[error("{0}; or have that one record: its configuration takes a table [record]")]
-    Serving(BindError),
+    /// A service has the source that was to be recorded, and does not hand out its readings.
+    #[error(transparent)]
+    Listen(#[from] ListenError),
     /// The socket was claimed, but then could not be served on.
     #[error("cannot go on serving on {}: {source}", path.display())]
     Serve {

@@ -1,8 +1,9 @@
-//! A recording by itself: the daemon with another place for its readings, or the source alone.
+//! A recording by itself: the daemon with another place for its readings, a running service's, or the source alone.
 
 use std::future::Future;
 use std::path::Path;
 
+use super::listener::Listener;
 use super::recorder::{Recorder, Target};
 use super::source::{Message, Source};
 use super::{Daemon, DaemonError};
@@ -12,7 +13,7 @@ use crate::service::Service;
 
 /// Records the source into one log until it is at its end, the log cannot be written, or `shutdown` is ready.
 /// Headings are served meanwhile, as by the daemon. Where there can be no socket it says so and records all
-/// the same; where another daemon serves, that one has the source.
+/// the same; where another daemon serves, that one has the source, and hands its readings on.
 pub async fn record(
     config: &Config,
     out: &Path,
@@ -23,21 +24,28 @@ pub async fn record(
         record: record::Settings::default(),
         ..config.clone()
     };
-    let daemon = match Daemon::open(config, Service::default()) {
-        Err(DaemonError::Bind(error @ BindError::Busy { .. })) => {
-            return Err(DaemonError::Serving(error));
+    let origin = match Daemon::open(config, Service::default()) {
+        Err(DaemonError::Bind(BindError::Busy { path })) => {
+            let listener = Listener::connect(&path).await?;
+            tracing::info!(
+                "recording the readings of the service at {}",
+                path.display()
+            );
+            Origin::Service(Box::new(listener))
         }
-        Err(DaemonError::Bind(error)) => {
+        // Two that read the same chips would spoil both.
+        Err(DaemonError::Bind(error)) if !matches!(error, BindError::Unsure { .. }) => {
             tracing::warn!("{error}; recording without a socket");
-            None
+            Origin::Source(Source::open(config)?)
         }
-        opened => Some(opened?),
+        opened => Origin::Daemon(Box::new(opened?)),
     };
-    let source = match &daemon {
-        Some(daemon) => daemon.parts.source.header(),
-        None => Source::open(config)?.header(),
+    let header = match &origin {
+        Origin::Daemon(daemon) => daemon.parts.source.header(),
+        Origin::Service(listener) => listener.header().clone(),
+        Origin::Source(source) => source.header(),
     };
-    let (recorder, mut ending) = Recorder::start(Target::File(out.to_owned()), source)?;
+    let (recorder, mut ending) = Recorder::start(Target::File(out.to_owned()), header)?;
     let mut ended = None;
     let stop = async {
         tokio::select! {
@@ -45,12 +53,13 @@ pub async fn record(
             end = &mut ending => ended = Some(end),
         }
     };
-    match daemon {
-        Some(mut daemon) => {
+    match origin {
+        Origin::Daemon(mut daemon) => {
             daemon.parts.recorder = Some(recorder);
             daemon.run_until(stop).await?;
         }
-        None => alone(config, recorder, stop).await?,
+        Origin::Service(listener) => from_service(*listener, recorder, stop).await?,
+        Origin::Source(source) => alone(source, config.source.pace(), recorder, stop).await?,
     }
     let end = match ended {
         Some(end) => end,
@@ -60,13 +69,35 @@ pub async fn record(
     end.unwrap_or(Ok(())).map_err(DaemonError::Record)
 }
 
-/// The source and the recorder, and nothing between them.
-async fn alone(
-    config: &Config,
+/// Where the readings come from.
+enum Origin {
+    Daemon(Box<Daemon>),
+    Service(Box<Listener>),
+    Source(Source),
+}
+
+async fn from_service(
+    mut listener: Listener,
     mut recorder: Recorder,
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), DaemonError> {
-    let mut playing = Source::open(config)?.start(config.source.pace())?;
+    let ended = tokio::select! {
+        () = shutdown => Ok(()),
+        ended = listener.record(&mut recorder) => ended,
+    };
+    listener.conclude();
+    recorder.close();
+    Ok(ended?)
+}
+
+/// The source and the recorder, and nothing between them.
+async fn alone(
+    source: Source,
+    speed: f64,
+    mut recorder: Recorder,
+    shutdown: impl Future<Output = ()>,
+) -> Result<(), DaemonError> {
+    let mut playing = source.start(speed)?;
     let listen = async {
         while let Some(message) = playing.messages.recv().await {
             match message {

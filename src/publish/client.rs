@@ -5,16 +5,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use thiserror::Error;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::UnixStream;
-use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::{broadcast, watch};
 use tokio::time::timeout;
 
 use super::feed::{Event, Feed, Message, age_ms};
 use super::gpsd::{self, Policy};
+use super::link::Link;
+use super::raw;
 use super::request::{Request, Requests, Watch};
+use crate::reading::Reading;
 
 /// gpsd's own. Its Python client passes over every line that ends otherwise, without a word.
 pub(super) const LINE_END: &str = "\r\n";
@@ -36,13 +37,14 @@ pub(super) async fn serve(
     write_timeout: Duration,
     mut stop: watch::Receiver<bool>,
 ) -> Result<(), ClientError> {
-    let (mut reader, writer) = stream.into_split();
+    let link = &Link::new(stream)?;
     let mut client = Client {
         feed,
-        writer,
+        link,
         write_timeout,
         policy: Policy::default(),
         ring: None,
+        readings: None,
         state_seen: 0,
         calibration_seen: 0,
         line: String::new(),
@@ -54,7 +56,7 @@ pub(super) async fn serve(
         tokio::select! {
             // An error means that the server is gone, which is a reason to stop as well.
             _ = stop.changed() => return client.drain().await,
-            read = read(&mut reader, &mut bytes) => match read? {
+            read = link.read(&mut bytes) => match read? {
                 [] => {
                     if let Some(request) = requests.finish() {
                         client.answer(request).await?;
@@ -68,34 +70,36 @@ pub(super) async fn serve(
                 }
             },
             message = next(&mut client.ring) => client.forward(message).await?,
+            reading = next(&mut client.readings) => client.send_reading(reading).await?,
         }
     }
 }
 
-async fn read<'a>(reader: &mut OwnedReadHalf, bytes: &'a mut [u8]) -> io::Result<&'a [u8]> {
-    match reader.read(bytes).await {
-        Ok(count) => Ok(&bytes[..count]),
-        // A client that died instead of leaving has left.
-        Err(error) if error.kind() == io::ErrorKind::ConnectionReset => Ok(&[]),
-        Err(error) => Err(error),
-    }
-}
-
 /// The next message; never, for a client that watches for nothing.
-async fn next(ring: &mut Option<broadcast::Receiver<Message>>) -> Result<Message, RecvError> {
+async fn next<T: Clone>(ring: &mut Option<broadcast::Receiver<T>>) -> Result<T, RecvError> {
     match ring {
         Some(ring) => ring.recv().await,
         None => std::future::pending().await,
     }
 }
 
-struct Client {
+/// The next message, if there is one already.
+fn waiting<T: Clone>(ring: &mut Option<broadcast::Receiver<T>>) -> Option<Result<T, RecvError>> {
+    match ring.as_mut()?.try_recv() {
+        Ok(message) => Some(Ok(message)),
+        Err(TryRecvError::Lagged(count)) => Some(Err(RecvError::Lagged(count))),
+        Err(TryRecvError::Empty | TryRecvError::Closed) => None,
+    }
+}
+
+struct Client<'a> {
     feed: Arc<Feed>,
-    writer: OwnedWriteHalf,
+    link: &'a Link,
     write_timeout: Duration,
     policy: Policy,
     /// Only while something is watched for: an idle client costs the publisher nothing.
     ring: Option<broadcast::Receiver<Message>>,
+    readings: Option<broadcast::Receiver<(u64, Reading)>>,
     /// Numbers of the last events sent, or passed over while they were not watched for.
     state_seen: u64,
     calibration_seen: u64,
@@ -103,7 +107,7 @@ struct Client {
     line: String,
 }
 
-impl Client {
+impl Client<'_> {
     async fn answer(&mut self, request: Result<Request, String>) -> Result<(), ClientError> {
         match request {
             Err(message) => self.send(&gpsd::error(&message)).await,
@@ -139,6 +143,7 @@ impl Client {
             json,
             calibration,
             state,
+            readings,
         } = self.policy;
         // Before the answer: whatever is published after a client has read it reaches that client.
         if !(enable && (json || calibration || state)) {
@@ -146,7 +151,17 @@ impl Client {
         } else if self.ring.is_none() {
             self.ring = Some(self.feed.subscribe());
         }
+        let announced = self.readings.is_some();
+        if !(enable && readings) {
+            self.readings = None;
+        } else if !announced {
+            self.readings = Some(self.feed.subscribe_readings());
+        }
         self.send_policy().await?;
+        let board = self.feed.board();
+        if self.readings.is_some() && !announced && !board.is_empty() {
+            self.send(&board).await?;
+        }
         if self.ring.is_none() {
             return Ok(());
         }
@@ -177,6 +192,21 @@ impl Client {
             Err(RecvError::Lagged(_)) => self.catch_up().await,
             Err(RecvError::Closed) => {
                 self.ring = None;
+                Ok(())
+            }
+        }
+    }
+
+    async fn send_reading(
+        &mut self,
+        reading: Result<(u64, Reading), RecvError>,
+    ) -> Result<(), ClientError> {
+        match reading {
+            Ok((seq, reading)) => self.send(&raw::reading(seq, &reading)).await,
+            // Missed readings are gone, and their `seq` says so.
+            Err(RecvError::Lagged(_)) => Ok(()),
+            Err(RecvError::Closed) => {
+                self.readings = None;
                 Ok(())
             }
         }
@@ -213,13 +243,11 @@ impl Client {
 
     /// Sends what was published before the server was told to stop.
     async fn drain(&mut self) -> Result<(), ClientError> {
-        while let Some(ring) = &mut self.ring {
-            let message = match ring.try_recv() {
-                Ok(message) => Ok(message),
-                Err(TryRecvError::Lagged(count)) => Err(RecvError::Lagged(count)),
-                Err(TryRecvError::Empty | TryRecvError::Closed) => break,
-            };
+        while let Some(message) = waiting(&mut self.ring) {
             self.forward(message).await?;
+        }
+        while let Some(reading) = waiting(&mut self.readings) {
+            self.send_reading(reading).await?;
         }
         Ok(())
     }
@@ -234,7 +262,7 @@ impl Client {
         self.line.push_str(LINE_END);
         timeout(
             self.write_timeout,
-            self.writer.write_all(self.line.as_bytes()),
+            self.link.write_all(self.line.as_bytes()),
         )
         .await
         .map_err(|_| ClientError::TooSlow(self.write_timeout))?

@@ -1,15 +1,21 @@
 //! From the one publisher to many clients: each reads at its own pace, and none can hold up another.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::broadcast;
 
 use super::gpsd::{self, Device};
+use super::raw;
 use crate::calibration::outcome::Outcome;
 use crate::condition::Report;
 use crate::heading::Heading;
+use crate::reading::Reading;
+use crate::recording::Header;
+
+/// How many raw readings a client may fall behind before it loses the oldest: some six seconds of them.
+const READINGS: usize = 1024;
 
 /// The daemon's end of the server. It never blocks, whatever the clients do; clones share one server.
 #[derive(Clone, Debug)]
@@ -64,6 +70,24 @@ impl Publisher {
             .send(Message::Calibration(latest.calibration.clone()));
     }
 
+    /// Says whose raw readings will come, for clients that ask for them. A header that cannot be written is logged, and
+    /// left out.
+    pub fn board(&self, header: &Header) {
+        match raw::board(header) {
+            Ok(line) => self.feed.lock().board = line.into(),
+            Err(error) => tracing::warn!("clients are not told of the board: {error}"),
+        }
+    }
+
+    /// Sends a raw reading to all who watch for `READING`.
+    pub fn reading(&self, reading: &Reading) {
+        let seq = self.feed.read.fetch_add(1, Ordering::Relaxed) + 1;
+        if let Some(ring) = self.feed.readings.get() {
+            // The only error is that nobody is listening.
+            let _ = ring.send((seq, *reading));
+        }
+    }
+
     /// How many clients are connected.
     pub fn clients(&self) -> usize {
         self.feed.clients.load(Ordering::Relaxed)
@@ -78,6 +102,10 @@ pub(super) struct Feed {
     stale: Duration,
     /// A ring of bounded size: a client that falls behind by more than it holds loses the oldest.
     ring: broadcast::Sender<Message>,
+    /// Raw readings with their numbers; made for the first client that asks.
+    readings: OnceLock<broadcast::Sender<(u64, Reading)>>,
+    /// How many readings there were.
+    read: AtomicU64,
     latest: Mutex<Latest>,
 }
 
@@ -86,6 +114,7 @@ struct Latest {
     heading: Option<Kept>,
     state: Event,
     calibration: Event,
+    board: Arc<str>,
     scratch: String,
 }
 
@@ -131,12 +160,24 @@ impl Feed {
             clients: AtomicUsize::new(0),
             stale,
             ring: broadcast::Sender::new(backlog),
+            readings: OnceLock::new(),
+            read: AtomicU64::new(0),
             latest: Mutex::default(),
         }
     }
 
     pub(super) fn subscribe(&self) -> broadcast::Receiver<Message> {
         self.ring.subscribe()
+    }
+
+    pub(super) fn subscribe_readings(&self) -> broadcast::Receiver<(u64, Reading)> {
+        let made = || broadcast::Sender::new(READINGS);
+        self.readings.get_or_init(made).subscribe()
+    }
+
+    /// The object that tells whose readings they are; empty if nobody has said.
+    pub(super) fn board(&self) -> Arc<str> {
+        self.lock().board.clone()
     }
 
     /// The latest state and calibration.

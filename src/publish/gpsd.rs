@@ -31,6 +31,8 @@ pub struct Policy {
     pub calibration: bool,
     /// `STATE`.
     pub state: bool,
+    /// `BOARD` once, and `READING`.
+    pub readings: bool,
 }
 
 /// One heading as an `ATT` object; see [`att_into`].
@@ -161,9 +163,9 @@ pub fn watch(policy: &Policy) -> String {
     format!(
         concat!(
             r#"{{"class":"WATCH","enable":{},"json":{},"nmea":false,"raw":0,"scaled":false,"timing":false,"#,
-            r#""split24":false,"pps":false,"calibration":{},"state":{}}}"#
+            r#""split24":false,"pps":false,"calibration":{},"state":{},"readings":{}}}"#
         ),
-        policy.enable, policy.json, policy.calibration, policy.state
+        policy.enable, policy.json, policy.calibration, policy.state, policy.readings
     )
 }
 

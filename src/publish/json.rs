@@ -1,7 +1,5 @@
 //! JSON members appended to a line. What is not known, or not finite, is left out.
 
-use std::fmt::Write;
-
 /// Appends `text` as a JSON string. Text that needs no escape, as a path hardly ever does, is copied.
 pub(super) fn push_text(out: &mut String, text: &str) {
     if text
@@ -25,8 +23,7 @@ fn push_key(out: &mut String, key: &str) {
 /// Appends `,"key":value`.
 pub(super) fn push_integer(out: &mut String, key: &str, value: u64) {
     push_key(out, key);
-    // Writing to a String cannot fail; so in all of this file.
-    let _ = write!(out, "{value}");
+    push_digits(out, value, 1);
 }
 
 /// Appends `,"key":value` to 0.01°, [0, 360), or nothing where the angle is not known.
@@ -52,7 +49,7 @@ fn scaled(value: f64, decimals: u32) -> Option<i64> {
     (units.abs() <= LARGEST).then_some(units as i64)
 }
 
-/// Integer arithmetic: several times faster than formatting a float, and there is no "-0.00".
+/// Integer arithmetic: there is no "-0.00".
 fn push_decimal(out: &mut String, key: &str, units: i64, decimals: u32) {
     push_key(out, key);
     if units < 0 {
@@ -60,11 +57,20 @@ fn push_decimal(out: &mut String, key: &str, units: i64, decimals: u32) {
     }
     let one = 10u64.pow(decimals);
     let units = units.unsigned_abs();
-    let _ = write!(
-        out,
-        "{}.{:0width$}",
-        units / one,
-        units % one,
-        width = decimals as usize
-    );
+    push_digits(out, units / one, 1);
+    out.push('.');
+    push_digits(out, units % one, decimals as usize);
+}
+
+/// Appends a number with at least so many digits. A heading has some hundred of them, fifty times a second: through
+/// `core::fmt` they take a third of the time that it takes to publish one.
+fn push_digits(out: &mut String, mut number: u64, least: usize) {
+    let mut digits = [0; 20];
+    let mut count = 0;
+    while number > 0 || count < least {
+        digits[count] = b'0' + (number % 10) as u8;
+        number /= 10;
+        count += 1;
+    }
+    out.extend(digits[..count].iter().rev().map(|digit| char::from(*digit)));
 }

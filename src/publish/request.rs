@@ -38,6 +38,8 @@ pub struct Watch {
     pub calibration: Option<bool>,
     /// `STATE`.
     pub state: Option<bool>,
+    /// `BOARD` and `READING`.
+    pub readings: Option<bool>,
     /// The only device to watch.
     pub device: Option<String>,
 }
@@ -49,6 +51,7 @@ impl Watch {
         policy.json = self.json.unwrap_or(policy.json);
         policy.calibration = self.calibration.unwrap_or(policy.calibration);
         policy.state = self.state.unwrap_or(policy.state);
+        policy.readings = self.readings.unwrap_or(policy.readings);
     }
 }
 
@@ -159,14 +162,15 @@ fn watch(argument: &str) -> Result<Watch, String> {
         json: flag(&object, "json")?,
         calibration: flag(&object, "calibration")?,
         state: flag(&object, "state")?,
+        readings: flag(&object, "readings")?,
         device: match object.get("device") {
             None => None,
             Some(Value::String(path)) => Some(path.clone()),
             Some(other) => return Err(wrong("device", other, "a string")),
         },
     };
-    // Headings go out unless json is set to false, or another format is asked for; states and calibrations come
-    // beside them.
+    // Headings go out unless json is set to false, or another format is asked for; states, calibrations and
+    // raw readings come beside them.
     let chosen = ["json", "nmea", "raw"];
     if watch.enable && !chosen.iter().any(|key| object.contains_key(*key)) {
         watch.json = Some(true);

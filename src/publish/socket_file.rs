@@ -28,6 +28,18 @@ pub enum BindError {
         /// The socket.
         path: PathBuf,
     },
+    /// Somebody may be serving there.
+    #[error(
+        "cannot serve on {}: cannot find out whether a daemon is serving there: {source}; join its group, or set \
+         another socket",
+        path.display()
+    )]
+    Unsure {
+        /// The socket.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
     /// Something else stands there; it is left alone.
     #[error(
         "cannot serve on {}: a file that is no socket is there; move it away, or set another socket",
@@ -166,10 +178,10 @@ fn refuse_if_taken(path: &Path) -> Result<(), BindError> {
         {
             Ok(())
         }
-        Err(error) => Err(failed(
-            "cannot find out whether a daemon is serving there",
-            error,
-        )),
+        Err(source) => Err(BindError::Unsure {
+            path: path.to_owned(),
+            source,
+        }),
     }
 }
 

@@ -157,6 +157,9 @@ struct Board {
 /// The boot loader is deaf for so long.
 const BOOT: Duration = Duration::from_millis(300);
 
+/// From one frame to the next.
+const PERIOD: Duration = Duration::from_millis(20);
+
 impl Board {
     fn run(&mut self, stop: &AtomicBool) {
         let mut tick = Instant::now();
@@ -165,12 +168,11 @@ impl Board {
                 self.open = false;
             }
             self.listen();
-            let booted = self.started.elapsed() >= BOOT;
-            if self.open && booted && tick <= Instant::now() {
-                self.tick();
-            }
-            while tick <= Instant::now() {
-                tick += Duration::from_millis(20);
+            while tick + PERIOD <= Instant::now() {
+                tick += PERIOD;
+                if self.open && tick >= self.started + BOOT {
+                    self.tick(tick);
+                }
             }
             if self.flushed.elapsed() >= self.habits.burst {
                 self.flush();
@@ -255,8 +257,10 @@ impl Board {
         }
     }
 
-    fn tick(&mut self) {
-        let t_s = self.started.elapsed().as_secs_f64();
+    /// A frame of this moment. A real board measures when its timer says so: that this machine comes round to it later
+    /// is a delay on the wire, and costs neither the measurement's time nor the measurement.
+    fn tick(&mut self, tick: Instant) {
+        let t_s = (tick - self.started).as_secs_f64();
         let bytes = match &mut self.firmware {
             Firmware::Razor(_) if !self.streaming => Vec::new(),
             Firmware::Razor(counts) => match self.mode {

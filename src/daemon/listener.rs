@@ -1,0 +1,182 @@
+//! A client of a running service: the raw readings of a source that another process has.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
+use tokio::net::UnixStream;
+use tokio::time::timeout;
+
+use super::recorder::Recorder;
+use crate::publish::raw::{self, Object, Row};
+use crate::recording::Header;
+
+/// A service that has not answered by then is none.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// No service sends a longer line, bytes. The longest is a header with all its remarks.
+const LONGEST_LINE: u64 = 1 << 20;
+
+/// Raw readings, and the condition, which tells why none come.
+const REQUEST: &[u8] =
+    b"?WATCH={\"enable\":true,\"json\":false,\"state\":true,\"readings\":true};\n";
+
+/// Why a service's readings cannot be had, or not any longer.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot record from the service at {}: {what}", socket.display())]
+pub struct ListenError {
+    socket: PathBuf,
+    what: String,
+}
+
+/// A service that hands out its raw readings.
+pub(super) struct Listener {
+    socket: PathBuf,
+    stream: BufReader<UnixStream>,
+    header: Header,
+    line: Vec<u8>,
+    /// Number of the last reading.
+    seq: Option<u64>,
+    lost: u64,
+    /// The source's trouble that was told.
+    told: Option<String>,
+}
+
+impl Listener {
+    /// Asks the service at `socket` for its readings.
+    pub(super) async fn connect(socket: &Path) -> Result<Self, ListenError> {
+        let failed = |what: String| ListenError {
+            socket: socket.to_owned(),
+            what,
+        };
+        let broken = |error| failed(format!("the connection failed: {error}"));
+        let mut stream = UnixStream::connect(socket).await.map_err(broken)?;
+        stream.write_all(REQUEST).await.map_err(broken)?;
+        let mut listener = Self {
+            socket: socket.to_owned(),
+            stream: BufReader::new(stream),
+            header: Header::default(),
+            line: Vec::new(),
+            seq: None,
+            lost: 0,
+            told: None,
+        };
+        let answer = timeout(PATIENCE, listener.listen_for_header());
+        let header = answer
+            .await
+            .map_err(|_| failed(format!("it has not answered within {PATIENCE:?}")))?;
+        listener.header = header?;
+        Ok(listener)
+    }
+
+    /// Whose readings they are.
+    pub(super) fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// Records readings until the service hangs up: at the end of its source, or its own.
+    pub(super) async fn record(&mut self, recorder: &mut Recorder) -> Result<(), ListenError> {
+        loop {
+            match self.next().await? {
+                None => {
+                    tracing::info!(
+                        "the service at {} has hung up: the recording ends",
+                        self.socket.display()
+                    );
+                    return Ok(());
+                }
+                Some(Object::Reading(row)) => {
+                    self.count(&row);
+                    recorder.take(row.reading());
+                }
+                Some(Object::State { cal_state, message }) => self.tell(&cal_state, message),
+                Some(_) => {}
+            }
+        }
+    }
+
+    /// Says how many readings were lost on the way, if any were.
+    pub(super) fn conclude(&self) {
+        if self.lost > 0 {
+            tracing::warn!(
+                readings = self.lost,
+                "readings of the service were lost on the way into the recording"
+            );
+        }
+    }
+
+    fn count(&mut self, row: &Row) {
+        let lost = match self.seq {
+            Some(last) => row.seq.saturating_sub(last + 1),
+            None => 0,
+        };
+        if lost > 0 && self.lost == 0 {
+            tracing::warn!(
+                t_s = row.reading().t_s,
+                "this recording is too slow for the service: readings are lost on the way into it"
+            );
+        }
+        self.lost += lost;
+        self.seq = Some(row.seq);
+    }
+
+    /// Says what is wrong with the source, once, and when it is over.
+    fn tell(&mut self, cal_state: &str, message: String) {
+        let trouble = (cal_state == "fault").then_some(message);
+        if trouble == self.told {
+            return;
+        }
+        match &trouble {
+            Some(message) => tracing::warn!("{message}"),
+            None => tracing::info!("there are readings again"),
+        }
+        self.told = trouble;
+    }
+
+    async fn listen_for_header(&mut self) -> Result<Header, ListenError> {
+        loop {
+            let what = match self.next().await? {
+                Some(Object::Board { header }) => match raw::header(&header) {
+                    Ok(header) => return Ok(header),
+                    Err(error) => error.to_string(),
+                },
+                Some(Object::Watch { readings: false }) => {
+                    "it hands out no raw readings, as an older version does; start it anew, or stop it".to_owned()
+                }
+                Some(Object::Error { message }) => format!("it says: {message}"),
+                Some(_) => continue,
+                None => "it has hung up".to_owned(),
+            };
+            return Err(self.failed(what));
+        }
+    }
+
+    /// What comes next; `None` at the end.
+    async fn next(&mut self) -> Result<Option<Object>, ListenError> {
+        self.line.clear();
+        let read = (&mut self.stream)
+            .take(LONGEST_LINE)
+            .read_until(b'\n', &mut self.line)
+            .await;
+        let what = match read {
+            Ok(0) => return Ok(None),
+            Ok(_) if self.line.ends_with(b"\n") => match serde_json::from_slice(&self.line) {
+                Ok(object) => return Ok(Some(object)),
+                Err(error) => format!(
+                    "it sends what headingd does not: {error}, in {}",
+                    crate::recording::shown(&self.line)
+                ),
+            },
+            Ok(_) => "the connection was cut within a line".to_owned(),
+            Err(error) => format!("the connection broke: {error}"),
+        };
+        Err(self.failed(what))
+    }
+
+    fn failed(&self, what: String) -> ListenError {
+        ListenError {
+            socket: self.socket.clone(),
+            what,
+        }
+    }
+}

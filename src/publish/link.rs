@@ -1,0 +1,63 @@
+//! A client's connection. Room to write is waited for only while there is none: tokio's own streams always wait for it,
+//! and so wake the daemon each time that a client has read.
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream as StdStream;
+
+use tokio::io::Interest;
+use tokio::io::unix::AsyncFd;
+use tokio::net::UnixStream;
+
+/// An open connection.
+pub(super) struct Link {
+    stream: AsyncFd<StdStream>,
+}
+
+impl Link {
+    pub(super) fn new(stream: UnixStream) -> io::Result<Self> {
+        let stream = watched(stream.into_std()?, Interest::READABLE)?;
+        Ok(Self { stream })
+    }
+
+    /// Waits for bytes; none means that the client has left.
+    pub(super) async fn read<'a>(&self, bytes: &'a mut [u8]) -> io::Result<&'a [u8]> {
+        let read = self
+            .stream
+            .async_io(Interest::READABLE, |mut stream| stream.read(bytes))
+            .await;
+        match read {
+            Ok(count) => Ok(&bytes[..count]),
+            // It died instead of leaving.
+            Err(error) if error.kind() == ErrorKind::ConnectionReset => Ok(&[]),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Writes all of this.
+    pub(super) async fn write_all(&self, mut bytes: &[u8]) -> io::Result<()> {
+        while !bytes.is_empty() {
+            match self.stream.get_ref().write(bytes) {
+                Ok(0) => return Err(ErrorKind::WriteZero.into()),
+                Ok(count) => bytes = &bytes[count..],
+                Err(error) if error.kind() == ErrorKind::WouldBlock => self.room().await?,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits for room. Another descriptor of the connection does, since one can be watched for one thing only.
+    async fn room(&self) -> io::Result<()> {
+        let other = self.stream.get_ref().try_clone()?;
+        let other = watched(other, Interest::WRITABLE)?;
+        other.writable().await.map(|_| ())
+    }
+}
+
+/// The call is deprecated since it cannot know that the descriptor stays what it is, and its successors are `unsafe`;
+/// a stream of the standard library keeps its own.
+#[expect(deprecated)]
+fn watched(stream: StdStream, interest: Interest) -> io::Result<AsyncFd<StdStream>> {
+    AsyncFd::with_interest(stream, interest)
+}

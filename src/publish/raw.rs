@@ -1,0 +1,224 @@
+//! Raw readings as objects of the dialect, written and read back: the header and the rows of a log, for clients that
+//! ask for them.
+
+use std::io;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::reading::Reading;
+use crate::recording::{Header, Reader, RecordingError, Writer};
+
+/// What a client that wants raw readings hears.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "class", rename_all = "UPPERCASE")]
+pub enum Object {
+    /// Whose readings they are; comes before the first.
+    Board {
+        /// The header of a log, all its lines.
+        header: String,
+    },
+    /// One of them.
+    Reading(Row),
+    /// What is being sent.
+    Watch {
+        /// Whether that is raw readings, too. An older service has no such key.
+        #[serde(default)]
+        readings: bool,
+    },
+    /// How things stand.
+    State {
+        /// The condition.
+        cal_state: String,
+        /// As a sentence.
+        message: String,
+    },
+    /// The service refuses.
+    Error {
+        /// As a sentence.
+        message: String,
+    },
+    /// Anything else.
+    #[serde(other)]
+    Other,
+}
+
+/// One reading, in the columns of a log; what is not known is left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Counts the source's readings from 1: a gap is what was lost on the way to this client.
+    pub seq: u64,
+    t_s: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mx: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    my: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mz: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gx: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gy: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gz: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ax: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ay: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    az: Option<f64>,
+}
+
+/// The object that tells whose readings these are. Fails with `InvalidInput` if the header has a text that would not
+/// be read back.
+pub(super) fn board(header: &Header) -> io::Result<String> {
+    let text = Writer::new(Vec::new(), header)?.into_inner()?;
+    Ok(written(&Object::Board {
+        header: String::from_utf8_lossy(&text).into_owned(),
+    }))
+}
+
+/// A reading as an object, each number exactly and as short as can be.
+pub(super) fn reading(seq: u64, reading: &Reading) -> String {
+    written(&Object::Reading(Row::new(seq, reading)))
+}
+
+fn written(object: &Object) -> String {
+    serde_json::to_string(object).expect("an object is made of what JSON can express")
+}
+
+/// The header that a board's object holds.
+///
+/// # Errors
+///
+/// Which line of it is wrong, and why.
+pub fn header(text: &str) -> Result<Header, RecordingError> {
+    Reader::new("BOARD", text.as_bytes()).map(|reader| reader.header().clone())
+}
+
+impl Row {
+    fn new(seq: u64, reading: &Reading) -> Self {
+        // As in a log: a number that is not finite is no measurement.
+        let [mx, my, mz] = reading
+            .field_mgauss
+            .unwrap_or_default()
+            .map(|axis| axis.filter(|number| number.is_finite()));
+        let whole = |vector: Option<Vector3<f64>>| match vector {
+            Some(v) if v.iter().all(|number| number.is_finite()) => {
+                [Some(v.x), Some(v.y), Some(v.z)]
+            }
+            _ => [None; 3],
+        };
+        let [gx, gy, gz] = whole(reading.rate_rad_s);
+        let [ax, ay, az] = whole(reading.specific_force_m_s2);
+        Self {
+            seq,
+            t_s: reading.t_s,
+            mx,
+            my,
+            mz,
+            gx,
+            gy,
+            gz,
+            ax,
+            ay,
+            az,
+        }
+    }
+
+    /// The reading, as a log would give it back.
+    pub fn reading(&self) -> Reading {
+        let field = [self.mx, self.my, self.mz];
+        let whole = |x: Option<f64>, y, z| Some(Vector3::new(x?, y?, z?));
+        Reading {
+            t_s: self.t_s,
+            field_mgauss: field.iter().any(Option::is_some).then_some(field),
+            rate_rad_s: whole(self.gx, self.gy, self.gz),
+            specific_force_m_s2: whole(self.ax, self.ay, self.az),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn a_reading_is_flat_with_its_class_first_and_leaves_out_what_is_unknown() {
+        let some = Reading {
+            t_s: 0.5,
+            field_mgauss: Some([Some(87.69), None, Some(f64::NAN)]),
+            rate_rad_s: Some(Vector3::new(0.001, f64::INFINITY, 0.4)),
+            specific_force_m_s2: Some(Vector3::new(0.0, -0.05, -9.79)),
+        };
+        assert_eq!(
+            reading(7, &some),
+            r#"{"class":"READING","seq":7,"t_s":0.5,"mx":87.69,"ax":0.0,"ay":-0.05,"az":-9.79}"#
+        );
+    }
+
+    #[test]
+    fn a_board_is_the_header_of_a_log() {
+        let right = Header {
+            sensor: Some("hmc5843".into()),
+            truth: vec![
+                ("class".into(), "a \"b\"".into()),
+                ("class".into(), "c".into()),
+            ],
+            ..Header::default()
+        };
+        let text = board(&right).unwrap();
+        assert!(
+            text.starts_with(r##"{"class":"BOARD","header":"# headingd-log 1\n"##),
+            "{text}"
+        );
+        let Ok(Object::Board { header: found }) = serde_json::from_str(&text) else {
+            panic!("{text}");
+        };
+        assert_eq!(header(&found).unwrap(), right);
+        assert!(header("# headingd-log 2\n").is_err());
+    }
+
+    #[test]
+    fn other_objects_do_not_matter_and_an_older_service_hands_out_nothing() {
+        for (text, right) in [
+            (super::super::gpsd::version(), Object::Other),
+            (
+                r#"{"class":"WATCH","enable":true,"json":true}"#.into(),
+                Object::Watch { readings: false },
+            ),
+        ] {
+            assert_eq!(serde_json::from_str::<Object>(&text).unwrap(), right);
+        }
+    }
+
+    fn vector(limit: f64) -> impl Strategy<Value = Option<Vector3<f64>>> {
+        prop::option::of(prop::array::uniform3(-limit..limit).prop_map(Vector3::from))
+    }
+
+    proptest! {
+        #[test]
+        fn a_reading_comes_back_bit_by_bit(
+            t_s in 0.0..1e7,
+            field in prop::option::of(prop::array::uniform3(prop::option::of(-1e4..1e4))),
+            rate_rad_s in vector(100.0),
+            specific_force_m_s2 in vector(1e3),
+        ) {
+            let right = Reading {
+                t_s,
+                field_mgauss: field.filter(|axes| axes.iter().any(Option::is_some)),
+                rate_rad_s,
+                specific_force_m_s2,
+            };
+            match serde_json::from_str(&reading(3, &right)) {
+                Ok(Object::Reading(row)) => {
+                    prop_assert_eq!(row.seq, 3);
+                    prop_assert_eq!(row.reading(), right);
+                }
+                other => prop_assert!(false, "{:?}", other),
+            }
+        }
+    }
+}
