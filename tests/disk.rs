@@ -216,7 +216,7 @@ fn killed_at_any_instant_it_leaves_a_whole_file_old_or_new() {
         }
         in_the_midst += usize::from(std::fs::read_dir(folder.path()).unwrap().count() > 1);
     }
-    // Otherwise it was never in the midst of a save.
+    println!("{KILLS} kills, {in_the_midst} of them in the midst of a save");
     assert!(in_the_midst > KILLS / 20, "{in_the_midst}");
     let last = load(&store);
     Store::open(folder.path()).unwrap();
