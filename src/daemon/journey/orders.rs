@@ -1,12 +1,11 @@
 //! What is asked at the control socket, carried out.
 
-use std::time::Duration;
-
 use serde_json::{Map, Value, json};
 
 use super::super::keeper::StoreState;
 use super::super::time_of_day;
 use super::Journey;
+use crate::calibration::model::Mode;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
 use crate::pipeline::Event;
@@ -227,7 +226,7 @@ impl Journey {
             .with("source", self.source.as_str())
             .with("sensor", history.identity.sensor.as_str())
             .with("mag_axes", history.identity.mag_axes.to_string())
-            .with("uptime_s", whole(self.lasting.tally.begun.elapsed()))
+            .with("uptime_s", self.lasting.tally.begun.elapsed().as_secs())
             .with("clients", self.lasting.publisher.clients())
             .with("store", store(self.keeper.state()))
             .with("version", env!("CARGO_PKG_VERSION"))
@@ -291,12 +290,13 @@ fn described(entry: &Entry, history: &History) -> Map<String, Value> {
 
 fn sentence(entry: &Entry) -> String {
     let calibration = &entry.made.calibration;
+    let mode = match calibration.parameters.mode() {
+        Mode::Planar => "planar",
+        Mode::Spatial => "spatial",
+    };
     format!(
-        "calibration {}: {:?}, residual {:.1} milligauss, headings certain to {:.2} degrees",
-        entry.number,
-        calibration.parameters.mode(),
-        calibration.residual_mgauss,
-        calibration.heading_sd_deg
+        "calibration {}: {mode}, residual {:.1} milligauss, headings certain to {:.2} degrees",
+        entry.number, calibration.residual_mgauss, calibration.heading_sd_deg
     )
 }
 
@@ -346,8 +346,4 @@ fn as_value(what: &impl serde::Serialize) -> Result<Value, Answer> {
 
 fn failed(error: impl std::fmt::Display) -> Answer {
     Answer::refused("internal", format!("this cannot be written: {error}"))
-}
-
-fn whole(duration: Duration) -> u64 {
-    duration.as_secs()
 }
