@@ -21,6 +21,7 @@ pub const LONG: &str = "[simulator]\nturns = 100\n";
 pub struct Process {
     child: Child,
     stderr: PathBuf,
+    begun: Instant,
 }
 
 /// The program with these arguments; what it says goes into `folder`, which is also its TMPDIR.
@@ -46,12 +47,26 @@ pub fn spawn(folder: &Path, command: &mut Command) -> Process {
         .spawn()
         .unwrap();
     let (_, stderr) = stderr.keep().unwrap();
-    Process { child, stderr }
+    let begun = Instant::now();
+    Process {
+        child,
+        stderr,
+        begun,
+    }
 }
 
 impl Process {
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// For how long it has been there.
+    pub fn age(&self) -> Duration {
+        self.begun.elapsed()
+    }
+
     pub fn signal(&self, name: &str) {
-        let number = self.child.id().to_string();
+        let number = self.id().to_string();
         let sent = Command::new("kill").args(["-s", name, &number]).status();
         assert!(sent.unwrap().success());
     }
