@@ -3,6 +3,8 @@
 use std::time::{Duration, Instant};
 
 use headingd::condition::Condition;
+use headingd::reading::Reading;
+use headingd::recording::Header;
 use serde_json::Value;
 use tokio::io::AsyncWriteExt;
 use tokio::task::yield_now;
@@ -147,6 +149,40 @@ async fn state_and_calibration_come_to_those_who_ask() {
     for class in ["DEVICES", "WATCH", "DEVICES", "WATCH", "STATE"] {
         assert_eq!(both.next().await["class"], class);
     }
+}
+
+#[tokio::test]
+async fn raw_readings_come_to_those_who_ask_until_they_ask_no_more() {
+    let rig = rig(|_| {});
+    rig.publisher.board(&Header::default());
+    let reading = |t_s| Reading {
+        t_s,
+        field_mgauss: Some([Some(0.1), None, Some(-2.0)]),
+        ..Reading::default()
+    };
+    let mut plain = rig.watcher("{\"enable\":true}").await;
+    rig.publisher.reading(&reading(1.0));
+    let mut client = rig
+        .watcher("{\"enable\":true,\"json\":false,\"readings\":true}")
+        .await;
+    let board = client.next().await;
+    assert_eq!(board["class"], "BOARD");
+    let header = board["header"].as_str().unwrap();
+    assert!(header.starts_with("# headingd-log 1\n") && header.ends_with("heading_deg\n"));
+    rig.publisher.reading(&reading(2.0));
+    let line = client.line().await.unwrap();
+    let right = "{\"class\":\"READING\",\"seq\":2,\"t_s\":2.0,\"mx\":0.1,\"mz\":-2.0}\r\n";
+    assert_eq!(line, right);
+
+    let watch = client
+        .ask("?WATCH={\"readings\":false,\"json\":false};")
+        .await;
+    assert_eq!(watch["class"], "DEVICES");
+    assert_eq!(client.next().await["readings"], false);
+    rig.publisher.reading(&reading(3.0));
+    assert_eq!(client.ask("?VERSION;").await["class"], "VERSION");
+    rig.heading(1);
+    assert_eq!(plain.next().await["class"], "ATT");
 }
 
 #[tokio::test]
