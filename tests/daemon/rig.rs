@@ -21,7 +21,6 @@ pub const LONG: &str = "[simulator]\nturns = 100\n";
 pub struct Process {
     child: Child,
     stderr: PathBuf,
-    begun: Instant,
 }
 
 /// The program with these arguments; what it says goes into `folder`, which is also its TMPDIR.
@@ -47,22 +46,12 @@ pub fn spawn(folder: &Path, command: &mut Command) -> Process {
         .spawn()
         .unwrap();
     let (_, stderr) = stderr.keep().unwrap();
-    let begun = Instant::now();
-    Process {
-        child,
-        stderr,
-        begun,
-    }
+    Process { child, stderr }
 }
 
 impl Process {
     pub fn id(&self) -> u32 {
         self.child.id()
-    }
-
-    /// For how long it has been there.
-    pub fn age(&self) -> Duration {
-        self.begun.elapsed()
     }
 
     pub fn signal(&self, name: &str) {

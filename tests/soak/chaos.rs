@@ -1,7 +1,7 @@
 //! Faults at random at a daemon that plays a log ten times as fast as it was made.
 
 use std::fs;
-use std::io::Write;
+use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -9,10 +9,11 @@ use std::time::{Duration, Instant};
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use serde_json::Value;
 
 use crate::health::{descriptors, resident_bytes, threads};
 use crate::log;
-use crate::rig::{Process, Rig, SEE_ALL, until};
+use crate::rig::{PATIENCE, Process, Rig, SEE_ALL, until};
 use crate::watcher::{Seen, watch};
 
 const SPEED: f64 = 10.0;
@@ -20,8 +21,19 @@ const SPEED: f64 = 10.0;
 /// What a life of the process may leave behind, bytes: the buffers of a full house of clients are used again.
 const GROWTH: u64 = 4 << 20;
 
-/// Lines that a daemon may log in a second: ten times what there is to say.
+/// Lines that a daemon may log in a second: three a fault.
 const LINES_A_SECOND: u64 = 50;
+
+/// Whatever may be asked at the control socket without the calibration being lost.
+const ORDERS: [&str; 7] = [
+    r#"{"request":"status"}"#,
+    r#"{"request":"list"}"#,
+    r#"{"request":"start"}"#,
+    r#"{"request":"cancel"}"#,
+    r#"{"request":"lock"}"#,
+    r#"{"request":"unlock"}"#,
+    r#"{"request":"rollback","number":0}"#,
+];
 
 pub fn soak(length: Duration) {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(20_121);
@@ -42,7 +54,7 @@ pub fn soak(length: Duration) {
         let process = rig.start();
         let watcher = watch(rig.client(), truth.clone(), seen.clone(), kept);
         live(&rig, &process, life, &mut rng);
-        end(&rig, process, &mut rng);
+        end(&rig, process, life, &mut rng);
         watcher.join().expect("what the watcher saw");
         lives += 1;
     }
@@ -64,7 +76,7 @@ fn live(rig: &Rig, process: &Process, life: Duration, rng: &mut impl Rng) {
         if before.is_none() && begun.elapsed() >= settled {
             // A full house once, so that its buffers count as there already.
             for _ in 0..8 {
-                sleepers.push(sleeper(rig));
+                sleepers.push(watching(rig));
             }
             sleepers.clear();
             before = Some((alone(process), resident_bytes(process.id())));
@@ -95,36 +107,72 @@ fn alone(process: &Process) -> (usize, usize) {
     least
 }
 
-fn connect(rig: &Rig) -> Option<UnixStream> {
-    UnixStream::connect(rig.path("heading.sock")).ok()
+fn connect(rig: &Rig, name: &str) -> Option<UnixStream> {
+    UnixStream::connect(rig.path(name)).ok()
 }
 
 /// A client that asks for everything and reads nothing.
-fn sleeper(rig: &Rig) -> Option<UnixStream> {
-    let mut stream = connect(rig)?;
+fn watching(rig: &Rig) -> Option<UnixStream> {
+    let mut stream = connect(rig, "heading.sock")?;
     writeln!(stream, "?WATCH={SEE_ALL};").ok()?;
     Some(stream)
 }
 
 /// One fault or another.
 fn fault(rig: &Rig, process: &Process, sleepers: &mut Vec<Option<UnixStream>>, rng: &mut impl Rng) {
-    match rng.random_range(0..10) {
-        0..3 => drop(sleeper(rig)),
+    match rng.random_range(0..12) {
+        0..3 => drop(watching(rig)),
         3..5 => {
-            sleepers.push(sleeper(rig));
+            sleepers.push(watching(rig));
             if sleepers.len() > 8 {
                 sleepers.remove(rng.random_range(0..8));
             }
         }
         5..8 => {
-            // Whether it is hung up on in the middle is its own business.
+            let name = ["heading.sock", "control.sock"][rng.random_range(0..2)];
             let length = 1 << rng.random_range(0..17);
             let babble: Vec<u8> = (0..length).map(|_| rng.random()).collect();
-            let _ = connect(rig).map(|mut stream| stream.write_all(&babble));
+            // Whether it is hung up on in the middle is its own business.
+            let _ = connect(rig, name).map(|mut stream| stream.write_all(&babble));
         }
-        8 => break_the_store(rig, rng),
-        _ => process.signal(["HUP", "USR1"][rng.random_range(0..2)]),
+        8..10 => order(rig, ORDERS[rng.random_range(0..ORDERS.len())]),
+        10 => break_the_store(rig, rng),
+        _ => wrong_configuration(rig, process, rng),
     }
+}
+
+/// Every order has an answer.
+fn order(rig: &Rig, order: &str) {
+    let mut stream = connect(rig, "control.sock").expect("the control socket");
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    writeln!(stream, "{order}").unwrap();
+    let mut line = String::new();
+    BufReader::new(stream).read_line(&mut line).unwrap();
+    let answer: Value = serde_json::from_str(&line).unwrap_or_else(|e| panic!("{e}: {line:?}"));
+    assert!(
+        answer["ok"].is_boolean() && answer["code"].is_string(),
+        "{line}"
+    );
+}
+
+/// A reload of a file that is wrong, and other signals.
+fn wrong_configuration(rig: &Rig, process: &Process, rng: &mut impl Rng) {
+    if rng.random_bool(0.5) {
+        return process.signal("USR1");
+    }
+    let path = rig.path("headingd.toml");
+    let right = fs::read_to_string(&path).unwrap();
+    let wrong = right.replacen('=', "~", rng.random_range(0..3));
+    // As a whole: half a file may be a good one.
+    let replace = |text: String| {
+        let new = rig.path("headingd.toml.new");
+        fs::write(&new, text).unwrap();
+        fs::rename(&new, &path).unwrap();
+    };
+    replace(wrong);
+    process.signal("HUP");
+    // Whether it is read before or after it is right again makes no difference.
+    replace(right);
 }
 
 /// For a moment there is a file where the folder was.
@@ -140,7 +188,7 @@ fn break_the_store(rig: &Rig, rng: &mut impl Rng) {
 }
 
 /// Ends the process in one way or another.
-fn end(rig: &Rig, mut process: Process, rng: &mut impl Rng) {
+fn end(rig: &Rig, mut process: Process, life: Duration, rng: &mut impl Rng) {
     let begun = Instant::now();
     let name = ["TERM", "INT", "KILL"][rng.random_range(0..3)];
     process.signal(name);
@@ -157,6 +205,6 @@ fn end(rig: &Rig, mut process: Process, rng: &mut impl Rng) {
     }
     assert!(!said.contains("panicked"), "{said}");
     let lines = said.lines().count() as u64;
-    let most = LINES_A_SECOND * (process.age().as_secs() + 1);
+    let most = LINES_A_SECOND * (life.as_secs() + 1);
     assert!(lines < most, "{lines} lines:\n{said}");
 }
