@@ -7,7 +7,7 @@ pub mod mpu6050;
 
 use nalgebra::Vector3;
 
-use super::bus::{Bus, BusError, Cause};
+use super::bus::{Bus, BusError, Cause, read_byte};
 use super::clock::Clock;
 
 /// Standard gravity, m/s².
@@ -200,6 +200,29 @@ fn write_all(bus: &mut dyn Bus, address: u8, settings: &[(u8, u8)]) -> Result<()
         bus.write(address, register, value)?;
     }
     Ok(())
+}
+
+/// Asks the register at `place`, which is an address and a number, whether this is the `chip`; `right` tells people
+/// what it should say.
+fn must_be(
+    bus: &mut dyn Bus,
+    chip: &'static str,
+    place: (u8, u8),
+    right: &'static str,
+    is_right: impl Fn(u8) -> bool,
+) -> Result<(), ChipError> {
+    let (address, register) = place;
+    let found = read_byte(bus, address, register)?;
+    if is_right(found) {
+        return Ok(());
+    }
+    Err(ChipError::Identity {
+        chip,
+        address,
+        register,
+        found: vec![found],
+        right,
+    })
 }
 
 /// Compares a block of registers, from the first of `right` on, with what was written to them.

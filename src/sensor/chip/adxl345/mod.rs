@@ -2,8 +2,10 @@
 
 mod registers;
 
-use super::{ChipError, Companion, Motion, STANDARD_GRAVITY_M_S2, compare, scaled, write_all};
-use crate::sensor::bus::{Bus, read_byte};
+use super::{
+    ChipError, Companion, Motion, STANDARD_GRAVITY_M_S2, compare, must_be, scaled, write_all,
+};
+use crate::sensor::bus::Bus;
 use crate::sensor::clock::Clock;
 use registers::*;
 
@@ -23,17 +25,8 @@ impl Adxl345 {
 
     /// Whether that is the chip which answers there (register 0x00, DEVID).
     pub fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
-        let found = read_byte(bus, self.address, DEVID)?;
-        if found == IDENTITY {
-            return Ok(());
-        }
-        Err(ChipError::Identity {
-            chip: NAME,
-            address: self.address,
-            register: DEVID,
-            found: vec![found],
-            right: "e5",
-        })
+        let place = (self.address, DEVID);
+        must_be(bus, NAME, place, "e5", |found| found == IDENTITY)
     }
 }
 

@@ -2,8 +2,8 @@
 
 mod registers;
 
-use super::{ChipError, Companion, Motion, big_endian, compare, pause, scaled, write_all};
-use crate::sensor::bus::{Bus, read_byte};
+use super::{ChipError, Companion, Motion, big_endian, compare, must_be, pause, scaled, write_all};
+use crate::sensor::bus::Bus;
 use crate::sensor::clock::Clock;
 use registers::*;
 
@@ -27,16 +27,9 @@ impl Itg3200 {
 
     /// Whether that is the chip which answers there (register 0x00, WHO_AM_I).
     pub fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
-        let found = read_byte(bus, self.address, WHO_AM_I)?;
-        if (found >> 1) & 0x3F == IDENTITY {
-            return Ok(());
-        }
-        Err(ChipError::Identity {
-            chip: NAME,
-            address: self.address,
-            register: WHO_AM_I,
-            found: vec![found],
-            right: "68 or 69",
+        let place = (self.address, WHO_AM_I);
+        must_be(bus, NAME, place, "68 or 69", |found| {
+            (found >> 1) & 0x3F == IDENTITY
         })
     }
 }

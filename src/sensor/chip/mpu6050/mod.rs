@@ -5,10 +5,10 @@
 mod registers;
 
 use super::{
-    ChipError, Companion, Motion, STANDARD_GRAVITY_M_S2, big_endian, compare, pause, scaled,
-    write_all,
+    ChipError, Companion, Motion, STANDARD_GRAVITY_M_S2, big_endian, compare, must_be, pause,
+    scaled, write_all,
 };
-use crate::sensor::bus::{Bus, read_byte};
+use crate::sensor::bus::Bus;
 use crate::sensor::clock::Clock;
 use registers::*;
 
@@ -31,17 +31,8 @@ impl Mpu6050 {
 
     /// Whether that is the chip which answers there (register 0x75, WHO_AM_I).
     pub fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
-        let found = read_byte(bus, self.address, WHO_AM_I)?;
-        if found == IDENTITY {
-            return Ok(());
-        }
-        Err(ChipError::Identity {
-            chip: NAME,
-            address: self.address,
-            register: WHO_AM_I,
-            found: vec![found],
-            right: "68",
-        })
+        let place = (self.address, WHO_AM_I);
+        must_be(bus, NAME, place, "68", |found| found == IDENTITY)
     }
 }
 
