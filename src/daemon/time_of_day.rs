@@ -30,7 +30,7 @@ fn written(since_1970: Duration) -> String {
     let (year, month, day) = date(seconds / 86_400);
     let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
     let millisecond = u64::from(since_1970.subsec_millis());
-    // Digit by digit, since every reading has one: several times faster than `format!`.
+    // Digit by digit, since every heading has one: `format!` was nine tenths of the instructions of all this.
     let mut text = *b"0000-00-00T00:00:00.000Z";
     let parts = [
         (0..4, year),

@@ -62,8 +62,8 @@ fn push_decimal(out: &mut String, key: &str, units: i64, decimals: u32) {
     push_digits(out, units % one, decimals as usize);
 }
 
-/// Appends a number with at least so many digits. A heading has some hundred of them, fifty times a second: through
-/// `core::fmt` they take a third of the time that it takes to publish one.
+/// Appends a number with at least so many digits. Through `core::fmt` these were more than half of the instructions
+/// that it takes to publish a heading.
 fn push_digits(out: &mut String, mut number: u64, least: usize) {
     let mut digits = [0; 20];
     let mut count = 0;
