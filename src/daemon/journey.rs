@@ -101,7 +101,7 @@ impl Journey {
             }
         });
         match closing {
-            Ok(thread) => join_for("disk", thread, DISK_PATIENCE),
+            Ok(thread) => join_for("store", thread, DISK_PATIENCE),
             Err(error) => tracing::error!("{error}"),
         }
         (self.lasting, self.pipeline.calibration().copied())
