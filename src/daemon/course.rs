@@ -115,7 +115,7 @@ impl Course {
     }
 
     /// The source that is wanted, and its configuration; `None` if what runs is as wanted.
-    fn prepare(&self, wanted: &Config) -> Result<Option<(Source, Config)>, String> {
+    fn prepare(&mut self, wanted: &Config) -> Result<Option<(Source, Config)>, String> {
         let change = self
             .config
             .change(wanted)
@@ -126,8 +126,10 @@ impl Course {
                 change.at_start.join(", ")
             );
         }
-        if change.now.is_empty() {
-            tracing::info!("reloaded; nothing else has changed");
+        // The log has its new filter already.
+        if change.now.iter().all(|key| key.starts_with("log.")) {
+            tracing::info!("reloaded; headings go on as before");
+            self.config = change.config;
             return Ok(None);
         }
         let source = Source::open(&change.config).map_err(|error| error.to_string())?;

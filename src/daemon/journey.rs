@@ -116,7 +116,7 @@ impl Journey {
         });
         match closing {
             Ok(thread) => {
-                if !join_for("disk", thread, DISK_PATIENCE) {
+                if !join_for("store", thread, DISK_PATIENCE) {
                     tracing::error!("the disk hangs: what was saved last may not be kept");
                 }
             }

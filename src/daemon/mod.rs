@@ -132,7 +132,14 @@ impl Daemon {
             Some(listener) => Server::inherit(listener, &config.socket, device, stale)?,
             None => Server::bind(&config.socket, device, stale)?,
         };
-        tracing::info!("serving on socket {}", server.socket().display());
+        let (served, wanted) = (server.socket(), &config.socket.socket);
+        tracing::info!("serving on socket {}", served.display());
+        if served != *wanted {
+            tracing::warn!(
+                "the service manager has opened that socket: socket.socket = {wanted:?} has no effect; make its \
+                 unit and the configuration agree"
+            );
+        }
         let control = control(config, &mut service);
         for name in service.sockets.names() {
             tracing::warn!(

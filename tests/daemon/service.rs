@@ -1,11 +1,13 @@
 //! `headingd run` under a service manager: what it is told, sockets that it hands over, signals and reload.
 
-use std::fs;
+use std::fs::{self, File};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::{UnixDatagram, UnixListener};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
+
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
 use crate::rig::{LONG, PATIENCE, Process, Rig, spawn, until};
 
@@ -187,4 +189,43 @@ fn a_reload_keeps_clients_and_the_calibration_in_force() {
     client.find("ATT", |att| att.get("mheading").is_some());
     process.signal("TERM");
     assert!(process.wait().success());
+}
+
+#[test]
+fn a_hangup_ends_it_only_when_its_terminal_has_gone() {
+    let rig = Rig::new(1.0, LONG);
+    let terminal = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    grantpt(&terminal).unwrap();
+    unlockpt(&terminal).unwrap();
+    let name = ptsname(&terminal, Vec::new()).unwrap();
+    let stderr = File::options()
+        .write(true)
+        .open(name.to_str().unwrap())
+        .unwrap();
+    let config = rig.path("headingd.toml");
+    let script = "exec \"$@\" 2>&0 0</dev/null";
+    let mut process = spawn(
+        rig.folder.path(),
+        Command::new("sh")
+            .args([
+                "-c",
+                script,
+                "sh",
+                env!("CARGO_BIN_EXE_headingd"),
+                "run",
+                "--config",
+            ])
+            .arg(&config)
+            .stdin(Stdio::from(stderr)),
+    );
+    let mut client = rig.client();
+    client.find("ATT", |_| true);
+    rig.configure(2.0, &rig.path("store"), LONG);
+    process.signal("HUP");
+    // A reload begins the simulation anew.
+    client.find("ATT", |att| att["seq"].as_u64().unwrap() < 3);
+    drop(terminal);
+    process.signal("HUP");
+    assert!(process.wait().success());
+    assert!(!rig.path("heading.sock").exists());
 }
