@@ -7,6 +7,7 @@ use super::{Config, ConfigError};
 /// Tables and keys that are fixed when the daemon starts: clients know the socket and the device.
 const AT_START: &[&str] = &[
     "socket",
+    "control",
     "source.kind",
     "source.log",
     "i2c.bus",
