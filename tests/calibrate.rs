@@ -496,6 +496,24 @@ fn every_way_to_calibrate_a_plane_finds_the_truth() {
 }
 
 #[test]
+fn what_the_board_does_after_its_turns_does_no_harm() {
+    let folder = Folder::new();
+    for seed in 1..=8 {
+        let settings = Settings {
+            scenario: Scenario::Demo,
+            seed,
+            ..Settings::default()
+        };
+        let log = folder.log("log.csv", &settings);
+        let outcome = accepted(&log, &[]);
+        assert_true("demo", &outcome, &settings, 0.5);
+        // The turns, and nothing of the walk that tilts the board.
+        let turn = count(&outcome["samples"]["turn"]);
+        assert!((530..700).contains(&turn), "{outcome}");
+    }
+}
+
+#[test]
 fn every_way_to_calibrate_a_named_plane_finds_the_truth() {
     let folder = Folder::new();
     let truth = Settings::default();

@@ -47,7 +47,10 @@ pub fn plan(request: &Request) -> Option<Plan> {
         }
     };
     let stretch = match mode {
-        Mode::Planar => from_known_tilt(request, stretch),
+        Mode::Planar if request.settings.window == WindowChoice::All => {
+            from_known_tilt(request, stretch)
+        }
+        Mode::Planar => from_known_tilt(request, while_level(request, stretch)),
         Mode::Spatial => stretch,
     };
     Some(Plan {
@@ -55,6 +58,38 @@ pub fn plan(request: &Request) -> Option<Plan> {
         basis,
         stretch,
     })
+}
+
+/// Leaves out what came before and after the turns from where their axis leans further than it did in them: a tilt lets
+/// the vertical field into their plane.
+fn while_level(request: &Request, stretch: Range<usize>) -> Range<usize> {
+    let turns = || request.turns.iter().map(|turn| &turn.samples);
+    let (Some(start), Some(end)) = (
+        turns().map(|turn| turn.start.max(stretch.start)).min(),
+        turns().map(|turn| turn.end.min(stretch.end)).max(),
+    ) else {
+        return stretch;
+    };
+    let Some(axis) = main_axis(&request.turns).filter(|_| start < end) else {
+        return stretch;
+    };
+    if start == stretch.start && end == stretch.end {
+        return stretch;
+    }
+    let leaning = |sample: &Sample| sample.pose.map(|pose| pose.orientation * axis);
+    let turned: Vec<Vector3<f64>> = request.samples[start..end]
+        .iter()
+        .filter_map(leaning)
+        .collect();
+    let mean: Vector3<f64> = turned.iter().sum();
+    let most = turned
+        .iter()
+        .map(|axis| axis.angle(&mean))
+        .fold(0.0, f64::max);
+    let level = |sample: &&Sample| leaning(sample).is_none_or(|axis| axis.angle(&mean) <= most);
+    let before = request.samples[stretch.start..start].iter().rev();
+    let after = request.samples[end..stretch.end].iter();
+    start - before.take_while(level).count()..end + after.take_while(level).count()
 }
 
 /// Leaves out the first samples of a log, of which the tilt is not known yet, unless they are many or no tilt
