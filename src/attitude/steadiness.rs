@@ -11,8 +11,8 @@ const MOVED_MGAUSS: f64 = 5.0;
 const NOISE_MARGIN_LIMIT_MGAUSS: f64 = 15.0;
 /// A larger step from one reading to the next is a spike, not noise.
 const SPIKE_MGAUSS: f64 = 50.0;
-/// The slow filter must have seen this much before the field may be called steady.
-const WARM_UP_S: f64 = 2.0;
+/// The filters must have seen this much before the field may be called steady; rest takes 1.5 s more to be seen.
+const WARM_UP_S: f64 = 0.5;
 const SILENT_S: f64 = 1.0;
 
 /// A fast and a slow low-pass of the raw field, which part while the board turns.

@@ -51,7 +51,12 @@ fn once_round_is_one_turn_and_a_little_less_is_none() {
             assert!(degrees_off(&turn, Vector3::z() * sign) < 2.0);
             assert!((turn.start_s - 5.0).abs() < 0.3, "{turn:?}");
             assert!((turn.end_s - 12.7).abs() < 0.3, "{turn:?}");
-            assert!((turn.angle_rad.to_degrees() - 346.0).abs() < 3.0);
+            let angle_deg = turn.angle_rad.to_degrees();
+            assert!((345.0..350.0).contains(&angle_deg), "{turn:?}");
+            assert!(
+                (angle_deg - 45.0 * (turn.end_s - 5.0)).abs() < 1.0,
+                "{turn:?}"
+            );
             assert!(turn.from_vertical_deg.is_none_or(|deg| deg < 2.0));
             assert!(turn.spread_deg < 2.0);
 
