@@ -16,7 +16,7 @@ pub fn micros(t_s: f64) -> u64 {
     (t_s * 1e6).round() as u64
 }
 
-/// Writes a log of a board that rests for four seconds and turns for ten minutes.
+/// Writes a log of a board that rests for a moment and turns for ten minutes.
 pub fn write(path: &Path, rng: &mut impl Rng) -> Truth {
     let settings = Settings {
         turns: 85.0,
