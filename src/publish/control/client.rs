@@ -10,6 +10,9 @@ use tokio::time::timeout;
 use super::{Answer, Order, Request};
 use crate::publish::client::ClientError;
 
+/// Where the log is told of changes. `logging::repeats` knows it: however many there are, none is left out.
+const CHANGES: &str = "headingd::publish::control::changes";
+
 /// The longest request, bytes: a file of some hundred calibrations.
 const LONGEST: usize = 256 * 1024;
 
@@ -63,13 +66,13 @@ pub(super) async fn serve(
         } else {
             match Request::parse(text) {
                 Ok(request) => {
-                    let (changes, name) = (request.changes(), quoted(&request));
+                    let (changes, words) = (request.changes(), request.to_string());
                     let answer = carry_out(request, &orders).await;
                     let (code, message) = (answer.code, &answer.message);
                     if changes {
-                        tracing::info!(pid, uid, gid, code, "asked for {name}: {message}");
+                        tracing::info!(target: CHANGES, pid, uid, gid, code, "asked for {words}: {message}");
                     } else {
-                        tracing::debug!(pid, uid, gid, code, "asked for {name}");
+                        tracing::debug!(pid, uid, gid, code, "asked for {words}");
                     }
                     answer
                 }
@@ -86,14 +89,6 @@ pub(super) async fn serve(
         if too_long {
             return Ok(());
         }
-    }
-}
-
-/// A request as the log shows it: what is imported is too long.
-fn quoted(request: &Request) -> String {
-    match request {
-        Request::Import(_) => "Import".to_owned(),
-        other => format!("{other:?}"),
     }
 }
 
