@@ -103,6 +103,23 @@ fn an_endless_line_is_cut_off() {
 }
 
 #[test]
+fn who_asks_nothing_or_half_of_it_is_told_so_and_makes_room() {
+    let rig = Rig::new(1.0, LONG);
+    let _process = rig.start();
+    let mut links: Vec<Link> = (0..8).map(|_| Link::new(&rig)).collect();
+    links[0].told("status");
+    links[1].send(b"{\"request\":");
+    let mut ninth = Link::new(&rig);
+    assert_eq!(ninth.next().unwrap()["code"], "too_many_clients");
+    for link in &mut links {
+        let answer = link.next().unwrap();
+        assert_eq!(answer["code"], "timeout", "{answer}");
+        assert!(link.next().is_none());
+    }
+    Link::new(&rig).told("status");
+}
+
+#[test]
 fn there_is_room_for_eight_and_those_who_leave_make_room() {
     let rig = Rig::new(1.0, LONG);
     let _process = rig.start();
