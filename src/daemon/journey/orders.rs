@@ -210,6 +210,7 @@ impl Journey {
             None => Answer::done("the daemon has just started: no reading has come yet"),
         };
         let progress = self.pipeline.progress();
+        let progress = progress.map(|share| (100.0 * share).round() / 100.0);
         let reason = self.pipeline.wanted();
         answer
             .with("mode", history.mode.word())
@@ -218,7 +219,7 @@ impl Journey {
                 matches!(reason, Some(Reason::Start | Reason::Stale)),
             )
             .with("calibrating", self.pipeline.is_calibrating())
-            .with("progress", (100.0 * progress).round() / 100.0)
+            .with("progress", progress)
             .with(
                 "calibration",
                 history.in_force().map(|entry| described(entry, history)),
