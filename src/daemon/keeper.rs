@@ -184,8 +184,8 @@ fn load(store: &Store, identity: &Identity) -> Result<Option<History>, StoreErro
                     number = entry.number,
                     saved_unix_s = entry.made.saved_unix_s,
                     mode = history.mode.word(),
-                    "using the {:?} calibration of {path}",
-                    entry.made.calibration.parameters.mode()
+                    "using the {} calibration of {path}",
+                    entry.made.calibration.parameters.mode().word()
                 ),
                 None => tracing::info!("no calibration of {path} is in force: turn the board once"),
             }

@@ -5,7 +5,6 @@ use serde_json::{Map, Value, json};
 use super::super::keeper::StoreState;
 use super::super::time_of_day;
 use super::Journey;
-use crate::calibration::model::Mode;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
 use crate::pipeline::Event;
@@ -291,10 +290,7 @@ fn described(entry: &Entry, history: &History) -> Map<String, Value> {
 
 fn sentence(entry: &Entry) -> String {
     let calibration = &entry.made.calibration;
-    let mode = match calibration.parameters.mode() {
-        Mode::Planar => "planar",
-        Mode::Spatial => "spatial",
-    };
+    let mode = calibration.parameters.mode().word();
     format!(
         "calibration {}: {mode}, residual {:.1} milligauss, headings certain to {:.2} degrees",
         entry.number, calibration.residual_mgauss, calibration.heading_sd_deg
