@@ -76,7 +76,9 @@ impl Journey {
             Request::Forget(what) => self.forget(what),
             Request::Lock => self.set_mode(Policy::Locked),
             Request::Unlock if self.keeper.history().mode != Policy::Locked => {
-                Ok(told(Answer::done("nothing was locked")))
+                let mode = self.keeper.history().mode.word();
+                let message = format!("nothing was locked: mode {mode} stays");
+                Ok(told(Answer::done(message).with("mode", mode)))
             }
             Request::Unlock => self.set_mode(Policy::On),
             Request::Mode(Some(mode)) => self.set_mode(mode),
@@ -123,14 +125,15 @@ impl Journey {
         let was_in_force = history.in_force.is_some();
         let count = history.forget(what)?;
         let goes_on = history.in_force.is_some();
+        let remedy = history.mode.remedy();
+        let rest = match (goes_on, history.entries.is_empty()) {
+            (true, _) => "that in force stays".to_owned(),
+            (false, true) => format!("none is in force: {remedy}"),
+            (false, false) => format!("none is in force: {remedy}, or roll back"),
+        };
         if was_in_force && !goes_on {
             self.handle(Event::InForce(None));
         }
-        let rest = if goes_on {
-            "that in force stays"
-        } else {
-            "none is in force: turn the board, or roll back"
-        };
         Ok(changed(
             Answer::done(format!("forgot {count} of the calibrations; {rest}"))
                 .with("count", count),
