@@ -217,9 +217,11 @@ impl Pipeline {
         self.calibrating
     }
 
-    /// How much of a full turn has been made, 0 to 1.
-    pub fn progress(&self) -> f64 {
-        self.turns.progress()
+    /// How much of a full turn has been made, 0 to 1; not known while the source or the magnetometer is silent.
+    pub fn progress(&self) -> Option<f64> {
+        let condition = self.report.as_ref()?.condition;
+        let silent = matches!(condition, Condition::Stale | Condition::Fault);
+        (!silent).then(|| self.turns.progress())
     }
 
     /// What was reported last.

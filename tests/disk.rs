@@ -150,13 +150,10 @@ fn on_a_full_disk_the_old_file_stays_and_nothing_else() {
 
 /// Nobody may make files there, not even root.
 #[test]
-fn a_folder_that_may_not_be_written_is_refused_with_the_remedy() {
+fn a_folder_that_may_not_be_written_is_refused_by_its_own_name() {
     for folder in ["/proc/self", "/proc/none"] {
         let error = Store::open(Path::new(folder)).unwrap_err().to_string();
-        assert!(
-            error.contains(folder) && error.contains("StateDirectory="),
-            "{error}"
-        );
+        assert!(error.contains(folder) && !error.contains(".tmp"), "{error}");
     }
 }
 

@@ -13,6 +13,16 @@ pub enum Mode {
     Spatial,
 }
 
+impl Mode {
+    /// The word as published and kept.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Planar => "planar",
+            Self::Spatial => "spatial",
+        }
+    }
+}
+
 /// The shape of the scale factor matrix A.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -29,6 +29,14 @@ impl Policy {
             Self::Locked => "locked",
         }
     }
+
+    /// For people: what helps where no calibration is in force.
+    pub fn remedy(self) -> &'static str {
+        match self {
+            Self::On | Self::Locked => "turn the board once",
+            Self::Off => "headingd calibration start, and then turn the board once",
+        }
+    }
 }
 
 /// Why a calibration was made, or how it came here.

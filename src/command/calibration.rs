@@ -18,7 +18,7 @@ pub struct Args {
     /// Which daemon is meant.
     #[command(flatten)]
     pub target: Target,
-    /// Print the daemon's answer, one JSON object
+    /// Print the daemon's answer, one JSON object; a refusal too
     #[arg(long, global = true)]
     pub json: bool,
     /// What to do.
@@ -38,7 +38,7 @@ pub enum Action {
     },
     /// Lock the calibration in force: nothing replaces it, until it is unlocked
     Lock,
-    /// Unlock it: every turn is calibrated on again
+    /// Unlock it: every turn is calibrated on again. In mode off nothing is locked, and it stays off
     Unlock,
     /// Put an earlier calibration in force
     Rollback {
@@ -57,7 +57,7 @@ pub enum Action {
     Export {
         /// Its number; without it, the one in force
         number: Option<u64>,
-        /// The file; an existing one is replaced
+        /// The file; an existing one is replaced. "-" is standard output, as it is without this
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
@@ -104,7 +104,7 @@ impl Action {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let answer = args.target.ask(&args.action.request()?)?;
+    let answer = args.target.ask(&args.action.request()?, args.json)?;
     if let Action::Export { out, .. } = &args.action {
         return export(&answer, out.as_deref());
     }
@@ -140,8 +140,8 @@ fn export(answer: &Value, out: Option<&Path>) -> Result<(), Failure> {
     let contents = Contents::from_value(answer["file"].clone())
         .map_err(|error| Failure::new(Failure::DATA, error))?;
     match out {
-        Some(path) => Ok(Store::write_file(path, &contents)?),
-        None => print(&to_json(&contents)?),
+        Some(path) if path != Path::new("-") => Ok(Store::write_file(path, &contents)?),
+        _ => print(&to_json(&contents)?),
     }
 }
 

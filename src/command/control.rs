@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use super::{Failure, load_config};
+use super::{Failure, load_config, print};
 use crate::config::Config;
 
 /// A little longer than the daemon waits for a disk.
@@ -40,19 +40,23 @@ impl Target {
         Ok(config.control.path(&config.socket.socket))
     }
 
-    /// Asks the daemon, and gives back its answer if that is yes.
-    pub fn ask(&self, request: &Value) -> Result<Value, Failure> {
+    /// Asks the daemon, and gives back its answer if that is yes. One that is no is printed too, if `json` is wanted.
+    pub fn ask(&self, request: &Value, json: bool) -> Result<Value, Failure> {
         let path = self.path()?;
-        let answer = exchange(&path, request).map_err(|error| unreachable(&path, &error))?;
-        let answer: Value = serde_json::from_str(&answer).map_err(|error| {
-            let message = format!("{} gave no sensible answer: {error}", path.display());
-            Failure::new(Failure::DATA, message)
-        })?;
-        if answer["ok"] == true {
+        let line = exchange(&path, request).map_err(|error| unreachable(&path, &error))?;
+        let answer: Value = serde_json::from_str(&line).unwrap_or_default();
+        let text = |key: &str| answer[key].as_str();
+        let (Some(ok), Some(code), Some(message)) =
+            (answer["ok"].as_bool(), text("code"), text("message"))
+        else {
+            return Err(stranger(&path, &answer));
+        };
+        if ok {
             return Ok(answer);
         }
-        let code = answer["code"].as_str().unwrap_or("internal");
-        let message = answer["message"].as_str().unwrap_or_default();
+        if json {
+            print(&format!("{answer}\n"))?;
+        }
         Err(Failure::new(status(code), format!("{message} ({code})")))
     }
 }
@@ -81,6 +85,24 @@ fn exchange(path: &Path, request: &Value) -> io::Result<String> {
         return Err(ErrorKind::UnexpectedEof.into());
     }
     Ok(answer)
+}
+
+/// Who answers there knows another protocol.
+fn stranger(path: &Path, answer: &Value) -> Failure {
+    let usual = Config::default();
+    let (what, control) = if answer["class"].is_string() {
+        ("the socket for headings", usual.control.path(path))
+    } else {
+        let control = usual.control.path(&usual.socket.socket);
+        ("not headingd's control socket", control)
+    };
+    let message = format!(
+        "{} is {what}: the control socket is {}, unless [control] of the configuration says otherwise; name it with \
+         --socket, or the configuration with --config",
+        path.display(),
+        control.display()
+    );
+    Failure::new(Failure::DATA, message)
 }
 
 fn unreachable(path: &Path, error: &io::Error) -> Failure {

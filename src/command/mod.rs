@@ -65,9 +65,8 @@ impl Failure {
     /// Says on standard error what went wrong; in the journal as an error, each line of it.
     pub fn tell(&self) {
         let priority = if logging::to_journal() { "<3>" } else { "" };
-        if !self.message.is_empty() {
-            let lines = self.message.replace('\n', &format!("\n{priority}"));
-            eprintln!("{priority}headingd: {lines}");
+        for line in self.message.lines() {
+            eprintln!("{priority}headingd: {line}");
         }
     }
 }

@@ -217,7 +217,11 @@ impl Keep {
         let Some(directory) = &args.store else {
             return Ok(None);
         };
-        let store = self.store.insert(Store::open(directory)?);
+        let store = Store::open(directory).map_err(|error| {
+            let remedy = "make room on the disk, or name a folder with --store that you may write";
+            Failure::new(Failure::CANNOT_CREATE, format!("{error}; {remedy}"))
+        })?;
+        let store = self.store.insert(store);
         match store.load(&self.history.identity)? {
             Loaded::Found(history) => self.history = history,
             Loaded::None => {}

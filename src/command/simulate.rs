@@ -1,8 +1,8 @@
 //! `headingd simulate`: writes the log of a simulated board.
 
-use std::fs::{self, File, Permissions};
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use crate::check::Fault;
@@ -132,7 +132,7 @@ fn simulate(args: &Args) -> Result<(), SimulateError> {
         match write(simulator, io::stdout().lock()) {
             // The reader has seen enough: `| head`.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-            written => written.map(drop),
+            written => written,
         }
     } else {
         write_file(simulator, &args.out)
@@ -143,13 +143,12 @@ fn simulate(args: &Args) -> Result<(), SimulateError> {
     })
 }
 
-fn write<W: Write>(simulator: Simulator, output: W) -> io::Result<W> {
+fn write(simulator: Simulator, output: impl Write) -> io::Result<()> {
     let mut writer = Writer::new(BufWriter::new(output), &simulator.header())?;
     for entry in simulator {
         writer.write(&entry)?;
     }
-    let buffer = writer.into_inner()?;
-    buffer.into_inner().map_err(|error| error.into_error())
+    writer.into_inner()?.flush()
 }
 
 /// Writes beside the target and renames, so that there is never half a log under its name.
@@ -159,18 +158,20 @@ fn write_file(simulator: Simulator, path: &Path) -> io::Result<()> {
     if fs::metadata(&target).is_ok_and(|found| !found.is_file()) {
         // A device or a pipe is written to, not replaced; a directory fails here.
         let file = File::options().write(true).open(&target)?;
-        return write(simulator, file).map(drop);
+        return write(simulator, file);
     }
     let folder = match target.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
+    let mut options = File::options();
     // A log is nobody's secret; the umask still has its say.
+    options.write(true).create_new(true).mode(0o666);
+    // Errors of this and of the file below do not name it: the user has not.
     let file = tempfile::Builder::new()
         .prefix(".headingd-")
-        .permissions(Permissions::from_mode(0o666))
-        .tempfile_in(folder)?;
-    let file = write(simulator, file)?;
+        .make_in(folder, |path| options.open(path))?;
+    write(simulator, file.as_file())?;
     file.persist(&target).map_err(|error| error.error)?;
     Ok(())
 }
@@ -253,7 +254,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("none/a.csv");
         let error = run(&args(&out, &[]).unwrap()).unwrap_err();
-        assert!(error.to_string().contains("none/a.csv: "), "{error}");
+        let error = error.to_string();
+        assert!(
+            error.ends_with("none/a.csv: No such file or directory (os error 2)"),
+            "{error}"
+        );
         let error = run(&args(folder.path(), &[]).unwrap()).unwrap_err();
         assert_eq!(error.status, Failure::CANNOT_CREATE);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);

@@ -15,14 +15,16 @@ pub struct Args {
     /// Which daemon is meant.
     #[command(flatten)]
     pub target: Target,
-    /// Print one JSON object
+    /// Print the daemon's answer, one JSON object; a refusal too
     #[arg(long)]
     pub json: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let answer = args.target.ask(&json!({ "request": "status" }))?;
+    let answer = args
+        .target
+        .ask(&json!({ "request": "status" }), args.json)?;
     if args.json {
         print(&format!("{answer}\n"))
     } else {

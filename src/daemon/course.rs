@@ -31,12 +31,15 @@ impl Parts {
             sensor: header.sensor.unwrap_or_else(|| UNNAMED_SENSOR.to_owned()),
             mag_axes: header.mountings.mag,
         };
-        tracing::info!(
-            "{} from {}, {} times real time",
-            identity.sensor,
-            source.name(),
-            config.source.pace()
-        );
+        let (sensor, name) = (&identity.sensor, source.name());
+        if config.source.kind.is_live() {
+            tracing::info!("{sensor} from {name}");
+        } else {
+            tracing::info!(
+                "{sensor} from {name}, {} times real time",
+                config.source.pace()
+            );
+        }
         let recorder = Recorder::ring(&config.record, source.header())?;
         let mut keeper = Keeper::open(&config.store, identity)?;
         if let Some(known) = known {

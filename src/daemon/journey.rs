@@ -268,9 +268,9 @@ impl Journey {
             Action::Turned(turn) => {
                 tally.turns += 1;
                 tracing::info!(
-                    from_s = turn.start_s,
-                    to_s = turn.end_s,
-                    from_vertical_deg = turn.from_vertical_deg,
+                    from_s = rounded(turn.start_s),
+                    to_s = rounded(turn.end_s),
+                    from_vertical_deg = turn.from_vertical_deg.map(rounded),
                     "the board has made a full turn"
                 );
             }
@@ -313,9 +313,19 @@ impl Journey {
             Condition::Stale | Condition::Fault | Condition::Disturbed
         ) || reason == "calibration_stale";
         if worth_a_look {
-            tracing::warn!(reason, t_s = report.t_s, "{word}: {}", report.message);
+            tracing::warn!(
+                reason,
+                t_s = rounded(report.t_s),
+                "{word}: {}",
+                report.message
+            );
         } else {
-            tracing::info!(reason, t_s = report.t_s, "{word}: {}", report.message);
+            tracing::info!(
+                reason,
+                t_s = rounded(report.t_s),
+                "{word}: {}",
+                report.message
+            );
         }
     }
 
@@ -328,7 +338,7 @@ impl Journey {
             ..
         } = &self.lasting;
         let calibration = self.pipeline.calibration();
-        let mode = calibration.map(|calibration| format!("{:?}", calibration.parameters.mode()));
+        let mode = calibration.map(|calibration| calibration.parameters.mode().word());
         let (word, reason) = reported
             .as_ref()
             .map_or(("starting", "starting"), |report| {
@@ -336,7 +346,7 @@ impl Journey {
             });
         tracing::info!(
             reason,
-            calibration = mode.as_deref().unwrap_or("none"),
+            calibration = mode.unwrap_or("none"),
             readings = tally.readings,
             headings = tally.headings,
             turns = tally.turns,
@@ -350,14 +360,19 @@ impl Journey {
     }
 }
 
+/// To three decimal places: no line in the log needs more.
+fn rounded(value: f64) -> f64 {
+    (1e3 * value).round() / 1e3
+}
+
 fn log_outcome(outcome: &Outcome) {
     let (reason, message) = (outcome.reason, &outcome.message);
     match outcome.verdict {
         Verdict::Accepted => tracing::info!(
             reason,
-            heading_sd_deg = outcome.heading_sd_deg,
-            gyro_rms_deg = outcome.gyro_rms_deg,
-            residual_mgauss = outcome.residual_mgauss,
+            heading_sd_deg = outcome.heading_sd_deg.map(rounded),
+            gyro_rms_deg = outcome.gyro_rms_deg.map(rounded),
+            residual_mgauss = outcome.residual_mgauss.map(rounded),
             "calibration accepted: {message}"
         ),
         Verdict::Kept => tracing::info!(reason, "calibration in force kept: {message}"),

@@ -73,8 +73,9 @@ impl Keeper {
         let trouble = Trouble::default();
         let opened = Store::open(directory);
         if let Err(error) = &opened {
-            tracing::error!("{error}; until then headings are served, but calibrations are lost");
-            *trouble.lock() = Some(error.to_string());
+            let message = with_remedy(error);
+            tracing::error!("{message}; until then headings are served, but calibrations are lost");
+            *trouble.lock() = Some(message);
         }
         // What cannot be written may still be read.
         let store = Store::unchecked(directory);
@@ -174,6 +175,17 @@ impl Keeper {
     }
 }
 
+/// The error, and what helps if it is the folder.
+fn with_remedy(error: &StoreError) -> String {
+    match error {
+        StoreError::Directory { .. } => format!(
+            "{error}; make room on the disk, set store.directory to a folder that this user may write, or start the \
+             daemon with StateDirectory=headingd in its systemd unit"
+        ),
+        other => other.to_string(),
+    }
+}
+
 fn load(store: &Store, identity: &Identity) -> Result<Option<History>, StoreError> {
     let path = store.path();
     let path = path.display();
@@ -184,10 +196,13 @@ fn load(store: &Store, identity: &Identity) -> Result<Option<History>, StoreErro
                     number = entry.number,
                     saved_unix_s = entry.made.saved_unix_s,
                     mode = history.mode.word(),
-                    "using the {:?} calibration of {path}",
-                    entry.made.calibration.parameters.mode()
+                    "using the {} calibration of {path}",
+                    entry.made.calibration.parameters.mode().word()
                 ),
-                None => tracing::info!("no calibration of {path} is in force: turn the board once"),
+                None => tracing::info!(
+                    "no calibration of {path} is in force: {}",
+                    history.mode.remedy()
+                ),
             }
             return Ok(Some(history));
         }
@@ -263,7 +278,7 @@ impl Writer {
             }
             Err(error) => {
                 self.store = None;
-                let message = error.to_string();
+                let message = with_remedy(&error);
                 if !told {
                     tracing::error!(
                         "{message}; what is in force stays in force, but is lost when the daemon stops: make room \

@@ -17,6 +17,9 @@ const MOST: u32 = 5;
 /// … in so much time; the rest is counted.
 const WINDOW: Duration = Duration::from_secs(10);
 
+/// What is told from there is never left out: what was changed, and who asked for it.
+const CHANGES: &str = "headingd::publish::control::changes";
+
 /// Another layer, which is spared repetitions.
 pub(super) struct Repeats<L> {
     inner: L,
@@ -35,7 +38,7 @@ impl<L> Repeats<L> {
 impl<S: Subscriber, L: Layer<S>> Layer<S> for Repeats<L> {
     fn on_event(&self, event: &Event<'_>, context: Context<'_, S>) {
         let metadata = event.metadata();
-        if metadata.target() == module_path!() {
+        if [module_path!(), CHANGES].contains(&metadata.target()) {
             return self.inner.on_event(event, context);
         }
         let mut words = Words(String::new());
@@ -198,8 +201,11 @@ mod tests {
                 tracing::warn!(t_s, "the board has gone");
             }
             tracing::info!("another thing");
+            for number in 0..20 {
+                tracing::info!(target: CHANGES, "asked for rollback {number}");
+            }
         });
         let text = String::from_utf8(paper.0.lock().unwrap().clone()).unwrap();
-        assert_eq!(text.lines().count(), 6, "{text}");
+        assert_eq!(text.lines().count(), 26, "{text}");
     }
 }

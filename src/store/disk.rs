@@ -1,8 +1,8 @@
 //! Files replaced as a whole: whenever the power goes, either the old content or the new one is there.
 
-use std::fs::{self, File, OpenOptions, Permissions};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 const TEMPORARY_SUFFIX: &str = ".tmp";
@@ -28,19 +28,21 @@ pub(super) fn replace(path: &Path, text: &str) -> io::Result<()> {
     sync_folder(directory)
 }
 
-/// A temporary file with this content, safe on disk; dropped, it is removed.
+/// A temporary file with this content, safe on disk; dropped, it is removed. Its errors do not name it: nobody has
+/// heard of it.
 pub(super) fn written(
     directory: &Path,
     name: &str,
     text: &str,
 ) -> io::Result<tempfile::NamedTempFile> {
+    let mut options = OpenOptions::new();
+    // A calibration is no secret; the umask still applies.
+    options.write(true).create_new(true).mode(0o644);
     let mut file = tempfile::Builder::new()
         .prefix(&temporary_prefix(name))
         .suffix(TEMPORARY_SUFFIX)
-        // A calibration is no secret; the umask still applies.
-        .permissions(Permissions::from_mode(0o644))
-        .tempfile_in(directory)?;
-    file.write_all(text.as_bytes())?;
+        .make_in(directory, |path| options.open(path))?;
+    file.as_file_mut().write_all(text.as_bytes())?;
     file.as_file().sync_all()?;
     Ok(file)
 }

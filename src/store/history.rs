@@ -97,8 +97,8 @@ pub enum Refusal {
     NoSuchNumber(u64),
     /// Nothing was kept before the calibration in force.
     NothingBefore,
-    /// No calibration is in force.
-    NoneInForce,
+    /// No calibration is in force, in this mode.
+    NoneInForce(Policy),
     /// The one in force is locked.
     Locked,
 }
@@ -109,7 +109,7 @@ impl Refusal {
         match self {
             Self::NoSuchNumber(_) => "no_such_number",
             Self::NothingBefore => "nothing_before",
-            Self::NoneInForce => "no_calibration",
+            Self::NoneInForce(_) => "no_calibration",
             Self::Locked => "locked",
         }
     }
@@ -125,7 +125,9 @@ impl fmt::Display for Refusal {
             Self::NothingBefore => f.write_str(
                 "there is no earlier calibration to go back to: headingd calibration list shows which there are",
             ),
-            Self::NoneInForce => f.write_str("no calibration is in force: turn the board once"),
+            Self::NoneInForce(mode) => {
+                write!(f, "no calibration is in force: {}", mode.remedy())
+            }
             Self::Locked => f.write_str(
                 "the calibration in force is locked: headingd calibration unlock lets it go",
             ),
@@ -177,7 +179,7 @@ impl History {
     pub fn find(&self, number: Option<u64>) -> Result<&Entry, Refusal> {
         match number {
             Some(number) => self.entry(number).ok_or(Refusal::NoSuchNumber(number)),
-            None => self.in_force().ok_or(Refusal::NoneInForce),
+            None => self.in_force().ok_or(Refusal::NoneInForce(self.mode)),
         }
     }
 
@@ -225,7 +227,7 @@ impl History {
     /// Forgets calibrations; how many. If that in force is among them, none is in force any more.
     pub fn forget(&mut self, what: Forget) -> Result<usize, Refusal> {
         let number = match what {
-            Forget::InForce => Some(self.in_force.ok_or(Refusal::NoneInForce)?),
+            Forget::InForce => Some(self.in_force.ok_or(Refusal::NoneInForce(self.mode))?),
             Forget::Number(number) => Some(self.find(Some(number))?.number),
             Forget::All => None,
         };
@@ -244,7 +246,7 @@ impl History {
     /// Locks the calibration in force, or sets another mode.
     pub fn set_mode(&mut self, mode: Policy) -> Result<(), Refusal> {
         if mode == Policy::Locked && self.in_force.is_none() {
-            return Err(Refusal::NoneInForce);
+            return Err(Refusal::NoneInForce(self.mode));
         }
         self.mode = mode;
         Ok(())

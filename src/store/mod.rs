@@ -88,11 +88,7 @@ pub enum Loaded {
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The folder cannot be used.
-    #[error(
-        "cannot keep calibrations in folder {}: {source}; make room on the disk, set store.directory to a folder that this user may write, \
-         or start the daemon with StateDirectory=headingd in its systemd unit",
-        directory.display()
-    )]
+    #[error("cannot keep calibrations in folder {}: {source}", directory.display())]
     Directory {
         /// The folder.
         directory: PathBuf,

@@ -3,6 +3,7 @@
 use headingd::calibration::model::Mode;
 use headingd::calibration::outcome::Verdict;
 use headingd::calibration::policy::{Policy, Reason};
+use headingd::condition::Trouble;
 use headingd::heading::MagStatus;
 use headingd::pipeline::Event;
 
@@ -20,13 +21,31 @@ fn mode_off_never_calibrates_by_itself_and_start_makes_it_once() {
     assert_eq!(board.pipeline.wanted(), None);
 
     board.tell(Event::Start);
-    assert_eq!(board.pipeline.progress(), 0.0);
+    assert_eq!(board.pipeline.progress(), Some(0.0));
     assert_eq!(board.pipeline.wanted(), Some(Reason::Start));
     board.turn(A_TURN_DEG);
     assert_eq!((board.asked, board.pipeline.reason()), (1, Reason::Start));
     assert_eq!(board.verdict(), ("accepted".to_owned(), "good"));
     board.turn(A_TURN_DEG);
     assert_eq!(board.asked, 1);
+}
+
+#[test]
+fn how_far_a_turn_is_is_not_known_while_nothing_comes() {
+    let mut board = Board::rested(None);
+    board.turn(100.0);
+    assert!(board.pipeline.progress().unwrap() > 0.2);
+    board.tell(Event::Fault(Some(Trouble {
+        code: "unplugged",
+        message: "the port is gone".to_owned(),
+    })));
+    assert_eq!(board.pipeline.progress(), None);
+    board.tell(Event::Fault(None));
+    board.turn(100.0);
+    assert!(board.pipeline.progress().unwrap() > 0.2);
+    board.tell(Event::Silence(60.0));
+    assert_eq!(board.state(), ("stale", "no_samples"));
+    assert_eq!(board.pipeline.progress(), None);
 }
 
 #[test]

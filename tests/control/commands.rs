@@ -1,6 +1,7 @@
 //! `headingd status` and `headingd calibration`: what they print, and how they end.
 
 use std::fs::{self, Permissions};
+use std::io::{Read, Write};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::os::unix::net::UnixListener;
 use std::os::unix::process::CommandExt;
@@ -85,6 +86,15 @@ fn every_command_does_what_it_says() {
     assert_eq!(run(&["export", "--out", text(&file)]), "");
     let exported = fs::read_to_string(&file).unwrap();
     assert_eq!(run(&["export", &number.to_string()]), exported);
+    assert_eq!(run(&["export", "--out", "-"]), exported);
+    let nowhere = rig.path("none/exported.json");
+    let arguments = ["calibration", "export", "--out", text(&nowhere), "--config"];
+    let (status, _, err) = headingd(&[&arguments[..], &[text(&config)]].concat());
+    assert_eq!(status, 73);
+    assert!(
+        err.ends_with("exported.json: No such file or directory (os error 2)\n"),
+        "{err}"
+    );
     let next = number + 1;
     assert_eq!(
         run(&["import", text(&file)]),
@@ -131,8 +141,30 @@ fn every_command_does_what_it_says() {
         err.contains("headingd calibration unlock lets it go (locked)"),
         "{err}"
     );
+    let (status, out, again) =
+        headingd(&["calibration", "start", "--json", "--config", text(&config)]);
+    let answer: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((status, again), (3, err));
+    assert_eq!(
+        (&answer["ok"], &answer["code"]),
+        (&Value::Bool(false), &Value::from("locked"))
+    );
     run(&["unlock"]);
-    assert!(run(&["forget", "--all"]).contains("none is in force"));
+
+    // What helps in mode off.
+    run(&["mode", "off"]);
+    assert_eq!(run(&["unlock"]), "nothing was locked: mode off stays\n");
+    let said = run(&["forget", "--all"]);
+    let remedy = "headingd calibration start, and then turn the board once";
+    assert!(
+        said.ends_with(&format!("none is in force: {remedy}\n")),
+        "{said}"
+    );
+    for action in ["show", "export", "forget"] {
+        let (status, _, err) = headingd(&["calibration", action, "--config", text(&config)]);
+        assert_eq!(status, 3);
+        assert!(err.contains(remedy), "{action}: {err}");
+    }
 }
 
 #[test]
@@ -148,12 +180,20 @@ fn each_way_to_fail_has_its_status_and_its_remedy() {
     Link::new(&rig).told("status");
     let socket = rig.path("control.sock");
     let socket = text(&socket);
+    let headings = rig.path("heading.sock");
+    let log = rig.path("turn.csv");
+    assert_eq!(headingd(&["simulate", "--out", text(&log)]).0, 0);
     let other = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/store-2.json");
     for (expected, arguments, sentence) in [
         (
             69,
             vec!["status", "--socket", text(&nobody)],
             "systemctl start headingd",
+        ),
+        (
+            65,
+            vec!["calibration", "list", "--socket", text(&headings)],
+            &format!("heading.sock is the socket for headings: the control socket is {socket}"),
         ),
         (
             69,
@@ -206,6 +246,11 @@ fn each_way_to_fail_has_its_status_and_its_remedy() {
             vec!["calibration", "show", "7", "--socket", socket],
             "headingd calibration list shows",
         ),
+        (
+            73,
+            vec!["replay", text(&log), "--store", "/proc/x"],
+            "name a folder with --store",
+        ),
     ] {
         let (status, out, err) = headingd(&arguments);
         assert_eq!(
@@ -225,9 +270,22 @@ fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
     let (_process, mut client) = rig.watched();
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
     let socket = rig.path("control.sock");
-    let (status, _, err) = headingd(&["calibration", "lock", "--socket", text(&socket)]);
-    assert_eq!(status, 74, "{err}");
+    let (status, out, err) = headingd(&["calibration", "lock", "--socket", text(&socket)]);
+    assert_eq!((status, out.as_str()), (74, ""), "{err}");
     assert!(err.contains("(not_kept)"), "{err}");
+
+    let stranger = rig.path("stranger.sock");
+    let listener = UnixListener::bind(&stranger).unwrap();
+    let thread = std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        stream.write_all(b"220 mail\r\n").unwrap();
+        // Until the command has read it and leaves.
+        let _ = stream.read_to_end(&mut Vec::new());
+    });
+    let (status, _, err) = headingd(&["status", "--socket", text(&stranger)]);
+    thread.join().unwrap();
+    assert_eq!(status, 65, "{err}");
+    assert!(err.contains("is not headingd's control socket"), "{err}");
 
     let hangs_up = rig.path("hangs-up.sock");
     let listener = UnixListener::bind(&hangs_up).unwrap();

@@ -58,10 +58,36 @@ fn whatever_is_not_understood_gets_a_code_and_a_sentence_and_the_daemon_goes_on(
         "{said}"
     );
     assert!(
-        said.contains("asked for Lock: no calibration is in force"),
+        said.contains("asked for lock: no calibration is in force"),
         "{said}"
     );
-    assert!(!said.contains("asked for Status"), "{said}");
+    assert!(!said.contains("asked for status"), "{said}");
+}
+
+#[test]
+fn every_change_of_a_burst_is_in_the_log_with_who_asked() {
+    let rig = Rig::new(1.0, LONG);
+    let process = rig.start();
+    let mut link = Link::new(&rig);
+    let modes = ["off", "on"].repeat(10);
+    for mode in &modes {
+        link.ask(&json!({"request": "mode", "mode": mode}));
+    }
+    link.refused(
+        json!({"request": "rollback", "number": 7}),
+        "no_such_number",
+    );
+    let who = format!(
+        "asked for rollback 7: there is no calibration 7: headingd calibration list shows which there are pid={}",
+        std::process::id()
+    );
+    crate::rig::until("the last line", || process.said().contains(&who));
+    let said = process.said();
+    let asked: Vec<_> = said
+        .lines()
+        .filter_map(|line| line.split_once("asked for mode ")?.1.split(':').next())
+        .collect();
+    assert_eq!(asked, modes, "{said}");
 }
 
 #[test]
@@ -73,6 +99,23 @@ fn an_endless_line_is_cut_off() {
     link.send(b"{}\n");
     assert_eq!(link.next().unwrap()["code"], "too_long");
     assert!(link.next().is_none());
+    Link::new(&rig).told("status");
+}
+
+#[test]
+fn who_asks_nothing_or_half_of_it_is_told_so_and_makes_room() {
+    let rig = Rig::new(1.0, LONG);
+    let _process = rig.start();
+    let mut links: Vec<Link> = (0..8).map(|_| Link::new(&rig)).collect();
+    links[0].told("status");
+    links[1].send(b"{\"request\":");
+    let mut ninth = Link::new(&rig);
+    assert_eq!(ninth.next().unwrap()["code"], "too_many_clients");
+    for link in &mut links {
+        let answer = link.next().unwrap();
+        assert_eq!(answer["code"], "timeout", "{answer}");
+        assert!(link.next().is_none());
+    }
     Link::new(&rig).told("status");
 }
 

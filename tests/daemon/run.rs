@@ -193,7 +193,11 @@ fn a_calibration_of_another_sensor_is_not_used_and_a_damaged_one_neither() {
 fn a_start_that_cannot_be_says_why() {
     let rig = Rig::new(1.0, "");
     for (more, status, sentence) in [
-        ("speeed = 1\n", 78, "unknown key; did you mean speed?"),
+        (
+            "speeed = 1\nlgo = \"a\"\n",
+            78,
+            "unknown key; did you mean speed?",
+        ),
         (
             "kind = \"replay\"\nlog = \"/none/a.csv\"\n",
             66,
@@ -209,6 +213,9 @@ fn a_start_that_cannot_be_says_why() {
         let mut process = rig.start();
         assert_eq!(process.wait().code(), Some(status), "{}", process.said());
         assert!(process.said().contains(sentence), "{}", process.said());
+        // Each of several faults too.
+        let whose = |line: &str| line.starts_with("headingd: ");
+        assert!(process.said().lines().all(whose), "{}", process.said());
         assert!(!rig.path("heading.sock").exists());
     }
     fs::remove_file(rig.path("headingd.toml")).unwrap();

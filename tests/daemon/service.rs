@@ -178,7 +178,7 @@ fn a_reload_keeps_clients_and_the_calibration_in_force() {
         .find(|line| line.contains("summary: good"))
         .unwrap();
     for part in [
-        "calibration=\"Planar\"",
+        "calibration=\"planar\"",
         "clients=1",
         "calibrations_accepted=1",
         "uptime_s=",
@@ -186,6 +186,13 @@ fn a_reload_keeps_clients_and_the_calibration_in_force() {
     ] {
         assert!(summary.contains(part), "{summary}");
     }
+    // No number has more than three decimal places.
+    let long = |word: &&str| {
+        let number = word.split_once('=').map(|(_, value)| value.parse::<f64>());
+        matches!(number, Some(Ok(_))) && word.split_once('.').is_some_and(|(_, d)| d.len() > 3)
+    };
+    assert!(said.contains("from_s="), "{said}");
+    assert_eq!(said.split_whitespace().find(long), None);
     client.find("ATT", |att| att.get("mheading").is_some());
     process.signal("TERM");
     assert!(process.wait().success());

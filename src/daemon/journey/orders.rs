@@ -5,7 +5,6 @@ use serde_json::{Map, Value, json};
 use super::super::keeper::StoreState;
 use super::super::time_of_day;
 use super::Journey;
-use crate::calibration::model::Mode;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
 use crate::pipeline::Event;
@@ -77,7 +76,9 @@ impl Journey {
             Request::Forget(what) => self.forget(what),
             Request::Lock => self.set_mode(Policy::Locked),
             Request::Unlock if self.keeper.history().mode != Policy::Locked => {
-                Ok(told(Answer::done("nothing was locked")))
+                let mode = self.keeper.history().mode.word();
+                let message = format!("nothing was locked: mode {mode} stays");
+                Ok(told(Answer::done(message).with("mode", mode)))
             }
             Request::Unlock => self.set_mode(Policy::On),
             Request::Mode(Some(mode)) => self.set_mode(mode),
@@ -124,14 +125,15 @@ impl Journey {
         let was_in_force = history.in_force.is_some();
         let count = history.forget(what)?;
         let goes_on = history.in_force.is_some();
+        let remedy = history.mode.remedy();
+        let rest = match (goes_on, history.entries.is_empty()) {
+            (true, _) => "that in force stays".to_owned(),
+            (false, true) => format!("none is in force: {remedy}"),
+            (false, false) => format!("none is in force: {remedy}, or roll back"),
+        };
         if was_in_force && !goes_on {
             self.handle(Event::InForce(None));
         }
-        let rest = if goes_on {
-            "that in force stays"
-        } else {
-            "none is in force: turn the board, or roll back"
-        };
         Ok(changed(
             Answer::done(format!("forgot {count} of the calibrations; {rest}"))
                 .with("count", count),
@@ -210,6 +212,7 @@ impl Journey {
             None => Answer::done("the daemon has just started: no reading has come yet"),
         };
         let progress = self.pipeline.progress();
+        let progress = progress.map(|share| (100.0 * share).round() / 100.0);
         let reason = self.pipeline.wanted();
         answer
             .with("mode", history.mode.word())
@@ -218,7 +221,7 @@ impl Journey {
                 matches!(reason, Some(Reason::Start | Reason::Stale)),
             )
             .with("calibrating", self.pipeline.is_calibrating())
-            .with("progress", (100.0 * progress).round() / 100.0)
+            .with("progress", progress)
             .with(
                 "calibration",
                 history.in_force().map(|entry| described(entry, history)),
@@ -290,10 +293,7 @@ fn described(entry: &Entry, history: &History) -> Map<String, Value> {
 
 fn sentence(entry: &Entry) -> String {
     let calibration = &entry.made.calibration;
-    let mode = match calibration.parameters.mode() {
-        Mode::Planar => "planar",
-        Mode::Spatial => "spatial",
-    };
+    let mode = calibration.parameters.mode().word();
     format!(
         "calibration {}: {mode}, residual {:.1} milligauss, headings certain to {:.2} degrees",
         entry.number, calibration.residual_mgauss, calibration.heading_sd_deg

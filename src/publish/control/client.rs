@@ -10,11 +10,14 @@ use tokio::time::timeout;
 use super::{Answer, Order, Request};
 use crate::publish::client::ClientError;
 
+/// Where the log is told of changes. `logging::repeats` knows it: however many there are, none is left out.
+const CHANGES: &str = "headingd::publish::control::changes";
+
 /// The longest request, bytes: a file of some hundred calibrations.
 const LONGEST: usize = 256 * 1024;
 
-/// A client that asks nothing for this long is let go.
-const IDLE: Duration = Duration::from_secs(60);
+/// A client of which no whole request comes for this long is let go: others want its place.
+const IDLE: Duration = Duration::from_secs(10);
 
 /// An answer takes longer only if a disk hangs.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -44,17 +47,21 @@ pub(super) async fn serve(
         let count = tokio::select! {
             // An error means that the server is gone, which is a reason to stop as well.
             _ = stop.changed() => return Ok(()),
-            read = read => match read {
-                Ok(count) => count?,
-                Err(_) => return Ok(()),
-            },
+            read = read => read.ok().transpose()?,
         };
-        if count == 0 {
+        if count == Some(0) {
             return Ok(());
         }
         let text = line.trim_ascii();
+        let silent = count.is_none();
         let too_long = line.len() > LONGEST + 1;
-        let answer = if too_long {
+        let answer = if silent {
+            let message = format!(
+                "no whole request has come for {} s: the connection is closed",
+                IDLE.as_secs()
+            );
+            Answer::refused("timeout", message)
+        } else if too_long {
             let message =
                 format!("a request has at most {LONGEST} bytes: the connection is closed");
             Answer::refused("too_long", message)
@@ -63,13 +70,13 @@ pub(super) async fn serve(
         } else {
             match Request::parse(text) {
                 Ok(request) => {
-                    let (changes, name) = (request.changes(), quoted(&request));
+                    let (changes, words) = (request.changes(), request.to_string());
                     let answer = carry_out(request, &orders).await;
                     let (code, message) = (answer.code, &answer.message);
                     if changes {
-                        tracing::info!(pid, uid, gid, code, "asked for {name}: {message}");
+                        tracing::info!(target: CHANGES, pid, uid, gid, code, "asked for {words}: {message}");
                     } else {
-                        tracing::debug!(pid, uid, gid, code, "asked for {name}");
+                        tracing::debug!(pid, uid, gid, code, "asked for {words}");
                     }
                     answer
                 }
@@ -83,17 +90,9 @@ pub(super) async fn serve(
         timeout(WRITE_PATIENCE, writer.write_all(answer.line().as_bytes()))
             .await
             .map_err(|_| ClientError::TooSlow(WRITE_PATIENCE))??;
-        if too_long {
+        if silent || too_long {
             return Ok(());
         }
-    }
-}
-
-/// A request as the log shows it: what is imported is too long.
-fn quoted(request: &Request) -> String {
-    match request {
-        Request::Import(_) => "Import".to_owned(),
-        other => format!("{other:?}"),
     }
 }
 

@@ -1,5 +1,7 @@
 //! What may be asked at the control socket. Pure.
 
+use std::fmt;
+
 use serde_json::{Map, Value};
 
 use super::Answer;
@@ -114,6 +116,33 @@ impl Request {
     }
 }
 
+/// In words of the protocol: `rollback 3`, `mode locked`. What is imported is too long.
+impl fmt::Display for Request {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (name, number) = match self {
+            Self::Status => ("status", None),
+            Self::List => ("list", None),
+            Self::Show(number) => ("show", *number),
+            Self::Lock => ("lock", None),
+            Self::Unlock => ("unlock", None),
+            Self::Rollback(number) => ("rollback", *number),
+            Self::Forget(Forget::InForce) => ("forget", None),
+            Self::Forget(Forget::Number(number)) => ("forget", Some(*number)),
+            Self::Forget(Forget::All) => ("forget all", None),
+            Self::Export(number) => ("export", *number),
+            Self::Import(_) => ("import", None),
+            Self::Start => ("start", None),
+            Self::Cancel => ("cancel", None),
+            Self::Mode(None) => ("mode", None),
+            Self::Mode(Some(mode)) => return write!(f, "mode {}", mode.word()),
+        };
+        match number {
+            Some(number) => write!(f, "{name} {number}"),
+            None => f.write_str(name),
+        }
+    }
+}
+
 fn number(keys: &mut Map<String, Value>) -> Result<Option<u64>, Answer> {
     let Some(value) = keys.remove("number") else {
         return Ok(None);
@@ -129,11 +158,17 @@ fn forget(keys: &mut Map<String, Value>) -> Result<Forget, Answer> {
     let number = number(keys)?;
     match (number, keys.remove("all")) {
         (None, Some(Value::Bool(true))) => Ok(Forget::All),
+        (Some(number), Some(Value::Bool(true))) => Err(Answer::refused(
+            "malformed",
+            format!(
+                "either number {number} or all can be forgotten: leave out one of the two keys"
+            ),
+        )),
         (Some(number), None | Some(Value::Bool(false))) => Ok(Forget::Number(number)),
         (None, None | Some(Value::Bool(false))) => Ok(Forget::InForce),
         (_, Some(other)) => Err(Answer::refused(
             "malformed",
-            wrong("all", &other, "true, and without a number"),
+            wrong("all", &other, "true or false"),
         )),
     }
 }
@@ -167,35 +202,47 @@ mod tests {
     #[test]
     fn every_request_is_known() {
         for name in NAMES.split(", ").filter(|name| *name != "import") {
-            assert!(
-                parse(&format!("{{\"request\":{name:?}}}")).is_ok(),
-                "{name}"
-            );
+            let request = parse(&format!("{{\"request\":{name:?}}}")).unwrap();
+            assert_eq!(request.to_string(), name);
         }
-        for (text, request) in [
-            (r#"{"request":"show","number":3}"#, Request::Show(Some(3))),
+        for (text, request, words) in [
+            (
+                r#"{"request":"show","number":3}"#,
+                Request::Show(Some(3)),
+                "show 3",
+            ),
             (
                 r#"{"number":3,"request":"rollback"}"#,
                 Request::Rollback(Some(3)),
+                "rollback 3",
             ),
-            (r#"{"request":"forget"}"#, Request::Forget(Forget::InForce)),
+            (
+                r#"{"request":"forget"}"#,
+                Request::Forget(Forget::InForce),
+                "forget",
+            ),
             (
                 r#"{"request":"forget","all":true}"#,
                 Request::Forget(Forget::All),
+                "forget all",
             ),
             (
                 r#"{"request":"forget","number":2,"all":false}"#,
                 Request::Forget(Forget::Number(2)),
+                "forget 2",
             ),
             (
                 r#"{"request":"mode","mode":"off"}"#,
                 Request::Mode(Some(Policy::Off)),
+                "mode off",
             ),
             (
                 r#"{"request":"import","file":7}"#,
                 Request::Import(7.into()),
+                "import",
             ),
         ] {
+            assert_eq!(request.to_string(), words);
             assert_eq!(parse(text), Ok(request));
         }
     }
@@ -235,7 +282,12 @@ mod tests {
             (
                 r#"{"request":"forget","number":1,"all":true}"#,
                 "malformed",
-                "without a number",
+                "either number 1 or all",
+            ),
+            (
+                r#"{"request":"forget","all":"yes"}"#,
+                "malformed",
+                "all is \"yes\", but must be true or false",
             ),
             (
                 r#"{"request":"mode","mode":"of"}"#,
