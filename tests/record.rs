@@ -350,3 +350,96 @@ fn a_full_disk_ends_the_recording_and_not_the_headings() {
     );
     assert!(fs::metadata(&files(&ring)[0]).unwrap().len() <= 64 << 10);
 }
+
+#[test]
+fn it_is_said_where_readings_come_from_and_how_many_they_were() {
+    let rig = Rig::new(1.0, "[log]\nfilter = \"off\"\n");
+    let out = rig.path("a.csv");
+    let mut process = record(&rig, &out, &["--duration", "0.5"]);
+    assert!(process.wait().success(), "{}", process.said());
+    let said = process.said();
+    let lines: Vec<&str> = said.lines().collect();
+    let [first, last] = lines[..] else {
+        panic!("{said}");
+    };
+    assert_eq!(
+        first,
+        format!(
+            "headingd: recording a simulated board into {}",
+            out.display()
+        )
+    );
+    let count = recorded(&out).len();
+    assert!(
+        last.starts_with(&format!("headingd: {count} readings in 0.")),
+        "{last}"
+    );
+}
+
+#[test]
+fn a_board_that_nobody_asked_for_is_named_loudly() {
+    // Where another daemon has the usual socket, its readings are taken, and there is nothing to warn of.
+    if Path::new("/run/headingd").exists() {
+        return;
+    }
+    let rig = Rig::new(1.0, "");
+    let out = rig.path("a.csv");
+    let arguments = [
+        "record",
+        "--out",
+        out.to_str().unwrap(),
+        "--duration",
+        "0.5",
+    ];
+    let mut process = start(rig.folder.path(), &arguments);
+    assert!(process.wait().success(), "{}", process.said());
+    let warning = "WARNING: these are no readings of a real board";
+    assert!(process.said().contains(warning), "{}", process.said());
+}
+
+#[test]
+fn an_empty_recording_is_a_failure() {
+    let rig = Rig::new(1.0, "kind = \"i2c\"\n[i2c]\nbus = 255\n");
+    let out = rig.path("a.csv");
+    let mut process = record(&rig, &out, &["--duration", "0.5"]);
+    assert_eq!(process.wait().code(), Some(74), "{}", process.said());
+    let said = process.said();
+    let last = said.lines().last().unwrap();
+    assert!(
+        last.starts_with("headingd: 0 readings in 0.")
+            && last.contains("nothing came from /dev/i2c-255"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_full_service_says_so_itself() {
+    let rig = Rig::new(1.0, LONG);
+    let config = rig.path("headingd.toml");
+    let text = fs::read_to_string(&config)
+        .unwrap()
+        .replace("[socket]\n", "[socket]\nmax_clients = 1\n");
+    fs::write(&config, text).unwrap();
+    let mut service = rig.start();
+    let _only = rig.client();
+    // It hangs up before or after it is asked.
+    for _ in 0..5 {
+        let mut process = record(&rig, &rig.path("a.csv"), &[]);
+        assert_eq!(process.wait().code(), Some(69), "{}", process.said());
+        let part = "it says: headingd serves 1 clients already";
+        assert!(process.said().contains(part), "{}", process.said());
+    }
+    service.signal("TERM");
+    assert!(service.wait().success(), "{}", service.said());
+}
+
+#[test]
+fn a_hyphen_is_standard_output_and_nothing_else_goes_there() {
+    let rig = Rig::new(1.0, "");
+    let mut process = record(&rig, Path::new("-"), &["--duration", "0.5"]);
+    assert!(process.wait().success(), "{}", process.said());
+    assert!(process.said().contains("into standard output"));
+    assert!(!Path::new("-").exists());
+    let readings = recorded(&rig.path("stdout"));
+    assert!(readings.len() > 10);
+}

@@ -1,25 +1,26 @@
 //! `headingd record`: raw readings of any source into a log.
 
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::signal::unix::SignalKind;
 
 use super::run::{catch, runtime};
 use super::{Failure, load_config};
 use crate::config::Config;
-use crate::daemon::record::record;
+use crate::daemon::record::Recording;
 use crate::logging::Log;
 
 /// Record raw readings into a log, until told to stop
 ///
 /// Where a service runs, its raw readings are recorded, and it goes on as it is: only the socket's path of the
 /// configuration counts then. Otherwise it reads the source of the configuration as the daemon does, and serves
-/// headings meanwhile, if the socket can be served on. The log is for "headingd replay" and "headingd calibrate".
+/// headings meanwhile, if the socket can be served on. Where the readings come from is said first, and last how many
+/// they were; that there were none is a failure. The log is for "headingd replay" and "headingd calibrate".
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd record --config my.toml --out turn.csv --duration 60")]
 pub struct Args {
-    /// The log to write; an existing one is replaced
+    /// The log to write; an existing one is replaced. "-" is standard output
     #[arg(long, value_name = "LOG")]
     pub out: PathBuf,
     /// The configuration file; without one the service at the usual socket is recorded, or a simulated board
@@ -60,6 +61,34 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 () = over => {}
             }
         };
-        Ok(record(&config, &args.out, told).await?)
+        let recording = Recording::open(&config).await?;
+        let into = match args.out.to_str() {
+            Some("-") => "standard output".into(),
+            _ => args.out.to_string_lossy(),
+        };
+        eprintln!("headingd: recording {recording} into {into}");
+        if args.config.is_none() && recording.is_simulated() {
+            eprintln!(
+                "headingd: WARNING: these are no readings of a real board: no service is at {}, and without --config \
+                 FILE there is no other source",
+                config.socket.socket.display()
+            );
+        }
+        let from = recording.to_string();
+        let begun = Instant::now();
+        let (readings, ended) = recording.run(&args.out, told).await;
+        let summary = format!("{readings} readings in {:.1} s", begun.elapsed().as_secs_f64());
+        match ended {
+            Ok(()) if readings == 0 => Err(Failure::new(
+                Failure::IO,
+                format!("{summary}: nothing came from {from}, and the log is empty"),
+            )),
+            // Not even the log could be made.
+            Err(error) if readings == 0 => Err(error.into()),
+            ended => {
+                eprintln!("headingd: {summary}");
+                Ok(ended?)
+            }
+        }
     })
 }

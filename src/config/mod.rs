@@ -9,6 +9,7 @@ pub mod log;
 mod reader;
 pub mod record;
 pub mod source;
+mod syntax;
 mod words;
 
 use serde::Serialize;
@@ -254,6 +255,47 @@ mod tests {
         ] {
             let faults = faults(text);
             assert!(faults[0].starts_with(place), "{faults:?}");
+        }
+    }
+
+    #[test]
+    fn syntax_errors_say_what_to_write() {
+        for (text, right) in [
+            (
+                "[socket]\nmode = 0666\n",
+                "2:8: 0666 is a number with a leading zero: permissions are octal in quotes, \"0666\"",
+            ),
+            (
+                "[i2c]\nbus = 01\n",
+                "2:7: 01 is a number with a leading zero: leave the zero out",
+            ),
+            (
+                "[source]\nspeed = 1\nspeed = 2\n",
+                "3:1: speed stands twice in its table: keep one of them",
+            ),
+            (
+                "[source]\n[i2c]\n[source]\n",
+                "3:2: table [source] stands twice: put its keys under one of them",
+            ),
+            (
+                "[source]\nkind = i2c\n",
+                "2:8: i2c is neither a number nor true or false: a text stands in quotes, \"i2c\"",
+            ),
+            ("[source]\nkind = \n", "2:8: there is no value after the ="),
+        ] {
+            assert_eq!(faults(text), [format!("file.toml:{right}")]);
+        }
+    }
+
+    #[test]
+    fn a_row_of_numbers_is_asked_for_whole() {
+        for found in ["[1,2,\"x\"]", "[1, 2]", "[1, 2, 3, 4]", "3"] {
+            let right = format!(
+                "file.toml:2: simulator.scale is {found}, but must be 3 numbers, as the default is: \
+                 [0.873, 0.998, 0.94]"
+            );
+            let text = format!("[simulator]\nscale = {found}");
+            assert_eq!(faults(&text), [right]);
         }
     }
 

@@ -8,6 +8,7 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
 use super::fault::{ConfigFault, Problem};
+use super::syntax;
 use super::words::{choices, explain, suggest};
 use crate::check::Check;
 
@@ -41,12 +42,17 @@ impl<'i> Reader<'i> {
         let mut faults: Vec<ConfigFault> = errors
             .iter()
             .map(|error| {
-                let at = error.span().map(|span| span.start);
+                let span = error.span().filter(|span| text.get(span.clone()).is_some());
+                let at = span.as_ref().map(|span| span.start);
+                let sentence = match span {
+                    Some(span) => syntax::explain(error.message(), text, span),
+                    None => error.message().to_owned(),
+                };
                 ConfigFault {
                     line: at.map(|at| line(text, at)),
                     column: at.map(|at| column(text, at)),
                     key: String::new(),
-                    problem: Problem::Other(error.message().to_owned()),
+                    problem: Problem::Other(sentence),
                 }
             })
             .collect();
@@ -164,8 +170,16 @@ impl<'i> Reader<'i> {
         path: &[Key<'i>],
         value: &Value<'i>,
     ) -> Vec<ConfigFault> {
-        let Err(error) = deserialize::<T>(path, value) else {
-            return Vec::new();
+        let numbers = default_numbers::<T>(path);
+        // The deserialiser passes over numbers that are too many.
+        let too_many = match (value.get_ref(), &numbers) {
+            (DeValue::Array(found), Some(numbers)) => found.len() > numbers.len(),
+            _ => false,
+        };
+        let mut message = match deserialize::<T>(path, value) {
+            Ok(_) if too_many => String::new(),
+            Ok(_) => return Vec::new(),
+            Err(error) => error.message().to_owned(),
         };
         // In a table within the table the same holds: look for every wrong key.
         if let DeValue::Table(inner) = value.get_ref() {
@@ -180,7 +194,6 @@ impl<'i> Reader<'i> {
                 return faults;
             }
         }
-        let mut message = error.message().to_owned();
         // The parser refuses a choice that is no string before it looks at the choices.
         if message == WANTED_CHOICE
             && let Err(error) = deserialize::<T>(path, &text_value(value.span()))
@@ -196,7 +209,17 @@ impl<'i> Reader<'i> {
             line: Some(line(self.text, at)),
             column: None,
             key: format!("{table}.{}", names.join(".")),
-            problem: explain(&message, self.snippet(&value.span())),
+            problem: match numbers {
+                Some(numbers) => Problem::Unusable {
+                    found: self.snippet(&value.span()),
+                    right: format!(
+                        "{} numbers, as the default is: {}",
+                        numbers.len(),
+                        toml::Value::Array(numbers)
+                    ),
+                },
+                None => explain(&message, self.snippet(&value.span())),
+            },
         }]
     }
 
@@ -261,6 +284,19 @@ fn deserialize<T: DeserializeOwned>(
         value = Spanned::new(span, DeValue::Table(table));
     }
     T::deserialize(ValueDeserializer::from(value))
+}
+
+/// The default of a key whose value is a row of numbers.
+fn default_numbers<T: Settings>(path: &[Key<'_>]) -> Option<Vec<toml::Value>> {
+    let defaults = toml::Table::try_from(T::default()).ok()?;
+    let mut value = toml::Value::Table(defaults);
+    for key in path {
+        value = value.get(key.get_ref().as_ref())?.clone();
+    }
+    match value {
+        toml::Value::Array(numbers) => Some(numbers),
+        _ => None,
+    }
 }
 
 const WANTED_CHOICE: &str = "wanted string or table";

@@ -12,7 +12,7 @@ use crate::check::{Check, Fault, within};
 pub struct Settings {
     /// What the source is.
     pub kind: Kind,
-    /// The log to replay; of no effect with other kinds. Empty: none.
+    /// The log to replay; of no effect with other kinds. A relative path starts in the working folder. Empty: none.
     pub log: PathBuf,
     /// How fast a log is replayed or a simulation runs, in times real time: 0.1 to 1000. Of no effect with
     /// real devices.

@@ -131,7 +131,10 @@ impl Course {
         }
         // The log has its new filter already.
         if change.now.iter().all(|key| key.starts_with("log.")) {
-            tracing::info!("reloaded; headings go on as before");
+            match &change.now[..] {
+                [] => tracing::info!("reloaded: nothing has changed"),
+                keys => tracing::info!("reloaded: {}; headings go on as before", keys.join(", ")),
+            }
             self.config = change.config;
             return Ok(None);
         }

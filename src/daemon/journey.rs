@@ -308,24 +308,16 @@ impl Journey {
             return;
         }
         let (word, reason) = (report.condition.word(), report.reason);
+        // Before the first reading the source has no time.
+        let t_s = Some(rounded(report.t_s)).filter(|t_s| t_s.is_finite());
         let worth_a_look = matches!(
             report.condition,
             Condition::Stale | Condition::Fault | Condition::Disturbed
         ) || reason == "calibration_stale";
         if worth_a_look {
-            tracing::warn!(
-                reason,
-                t_s = rounded(report.t_s),
-                "{word}: {}",
-                report.message
-            );
+            tracing::warn!(reason, t_s, "{word}: {}", report.message);
         } else {
-            tracing::info!(
-                reason,
-                t_s = rounded(report.t_s),
-                "{word}: {}",
-                report.message
-            );
+            tracing::info!(reason, t_s, "{word}: {}", report.message);
         }
     }
 

@@ -1,5 +1,6 @@
 //! A client of a running service: the raw readings of a source that another process has.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -51,7 +52,11 @@ impl Listener {
         };
         let broken = |error| failed(format!("the connection failed: {error}"));
         let mut stream = UnixStream::connect(socket).await.map_err(broken)?;
-        stream.write_all(REQUEST).await.map_err(broken)?;
+        match stream.write_all(REQUEST).await {
+            // It has hung up, and may have said why: a service that is full does.
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => {}
+            written => written.map_err(broken)?,
+        }
         let mut listener = Self {
             socket: socket.to_owned(),
             stream: BufReader::new(stream),

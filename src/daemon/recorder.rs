@@ -1,7 +1,8 @@
 //! Writes raw readings into logs, on a thread of its own: a slow or full disk delays no heading.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, ErrorKind, Write};
+use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
@@ -39,7 +40,7 @@ impl RecordError {
 
 /// Where the readings go.
 pub(super) enum Target {
-    /// Into one file.
+    /// Into one file; `-` is standard output.
     File(PathBuf),
     /// Into a ring of files.
     Ring(Settings),
@@ -52,8 +53,8 @@ pub(super) struct Recorder {
     dropped: u64,
 }
 
-/// Ready when the recording has ended, and with what.
-pub(super) type Ending = oneshot::Receiver<Result<(), RecordError>>;
+/// Ready when the recording has ended: how many readings are in it, and how it ended.
+pub(super) type Ending = oneshot::Receiver<(u64, Result<(), RecordError>)>;
 
 impl Recorder {
     /// Starts the thread. What goes wrong on it comes out of the second value.
@@ -61,8 +62,14 @@ impl Recorder {
         let (queue, readings) = sync_channel(QUEUE);
         let (sender, ending) = oneshot::channel();
         let thread = spawn("recorder", "recorder", move || {
+            let mut written = 0;
+            let end = match record(&target, &header, &readings, &mut written) {
+                // Whoever read it has seen enough: `| head`.
+                Err(error) if error.source.kind() == ErrorKind::BrokenPipe => Ok(()),
+                end => end,
+            };
             // Nobody may want to know.
-            let _ = sender.send(record(&target, &header, &readings));
+            let _ = sender.send((written, end));
         })?;
         let recorder = Self {
             queue: Some(queue),
@@ -79,7 +86,7 @@ impl Recorder {
         }
         let (recorder, ending) = Self::start(Target::Ring(settings.clone()), header)?;
         tokio::spawn(async move {
-            if let Ok(Err(error)) = ending.await {
+            if let Ok((_, Err(error))) = ending.await {
                 tracing::error!(
                     "{error}; nothing is recorded any more, headings go on: see to the disk and record.directory, \
                      and start again"
@@ -155,6 +162,12 @@ impl Target {
             }
         };
         let (path, file) = match self {
+            Self::File(path) if path == Path::new("-") => {
+                let path = PathBuf::from("standard output");
+                let descriptor = io::stdout().as_fd().try_clone_to_owned();
+                let file = descriptor.map_err(fail(&path))?.into();
+                (path, file)
+            }
             Self::File(path) => {
                 let file = File::create(path).map_err(fail(path))?;
                 (path.clone(), file)
@@ -184,24 +197,30 @@ fn record(
     target: &Target,
     header: &Header,
     readings: &Receiver<Reading>,
+    written: &mut u64,
 ) -> Result<(), RecordError> {
     let mut log = target.open(header)?;
-    tracing::info!("recording into {}", log.path.display());
+    if let Target::Ring(_) = target {
+        tracing::info!("recording into {}", log.path.display());
+    }
     let mut flushed = Instant::now();
     loop {
         let left = FLUSH.saturating_sub(flushed.elapsed());
-        let written = match readings.recv_timeout(left) {
-            Ok(reading) => log.writer.write(&Entry {
-                reading,
-                heading_truth_rad: None,
-            }),
+        let done = match readings.recv_timeout(left) {
+            Ok(reading) => {
+                let entry = Entry {
+                    reading,
+                    heading_truth_rad: None,
+                };
+                log.writer.write(&entry).map(|()| *written += 1)
+            }
             Err(RecvTimeoutError::Timeout) => {
                 flushed = Instant::now();
                 log.writer.flush()
             }
             Err(RecvTimeoutError::Disconnected) => break,
         };
-        written.map_err(|source| log.failed(source))?;
+        done.map_err(|source| log.failed(source))?;
         if log.writer.get_ref().get_ref().bytes >= target.most_bytes() {
             log.close()?;
             log = target.open(header)?;

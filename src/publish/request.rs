@@ -10,6 +10,21 @@ use super::gpsd::Policy;
 /// How much of a request that is not understood its error repeats, characters.
 const QUOTED: usize = 60;
 
+/// Keys of a `?WATCH` that are headingd's or have a meaning here.
+const KEYS: [&str; 6] = [
+    "enable",
+    "json",
+    "state",
+    "calibration",
+    "readings",
+    "device",
+];
+
+/// What else gpsd 3.22 knows there: its clients may send it, and it changes nothing.
+const GPSD_KEYS: [&str; 8] = [
+    "class", "nmea", "pps", "raw", "remote", "scaled", "split24", "timing",
+];
+
 /// One request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Request {
@@ -152,11 +167,21 @@ fn parse(text: &str) -> Result<Request, String> {
     }
 }
 
-/// The argument of `?WATCH=`. As in gpsd, `enable` is true unless it is said not to be, and unknown keys are
-/// ignored.
+/// The argument of `?WATCH=`. As in gpsd, `enable` is true unless it is said not to be. An unknown key is an error: one
+/// that is misspelt would leave its sender to wait for what never comes.
 fn watch(argument: &str) -> Result<Watch, String> {
     let object: Map<String, Value> = serde_json::from_str(argument)
         .map_err(|error| format!("invalid WATCH: not a JSON object: {error}"))?;
+    if let Some(key) = object
+        .keys()
+        .find(|key| !KEYS.iter().chain(&GPSD_KEYS).any(|known| key == known))
+    {
+        return Err(format!(
+            "invalid WATCH: unknown key {:?}; known are {}, and gpsd's own",
+            key.chars().take(QUOTED).collect::<String>(),
+            KEYS.join(", ")
+        ));
+    }
     let mut watch = Watch {
         enable: flag(&object, "enable")?.unwrap_or(true),
         json: flag(&object, "json")?,
@@ -169,11 +194,10 @@ fn watch(argument: &str) -> Result<Watch, String> {
             Some(other) => return Err(wrong("device", other, "a string")),
         },
     };
-    // Headings go out unless json is set to false, or another format is asked for; states, calibrations and
-    // raw readings come beside them.
-    let chosen = ["json", "nmea", "raw"];
-    if watch.enable && !chosen.iter().any(|key| object.contains_key(*key)) {
-        watch.json = Some(true);
+    // Headings go out unless json is set to false; states, calibrations and raw readings come beside them. There is
+    // no other format: whoever asks for one gets this, and the answer says so.
+    if watch.enable {
+        watch.json = watch.json.or(Some(true));
     }
     Ok(watch)
 }
@@ -252,17 +276,29 @@ mod tests {
         assert_eq!(watched("?WATCH={\"state\":true};").json, Some(true));
         let states = watched("?WATCH={\"state\":true,\"json\":false};");
         assert_eq!((states.state, states.json), (Some(true), Some(false)));
-        assert_eq!(
-            watched("?WATCH={\"enable\":true,\"nmea\":true};").json,
-            None
-        );
+        for other in ["\"nmea\":true", "\"raw\":2"] {
+            let watch = watched(&format!("?WATCH={{\"enable\":true,{other}}};"));
+            assert_eq!(watch.json, Some(true), "{other}");
+        }
+        let none = watched("?WATCH={\"enable\":true,\"nmea\":true,\"json\":false};");
+        assert_eq!(none.json, Some(false));
         let off = watched("?WATCH={\"enable\":false};");
         assert_eq!((off.enable, off.json), (false, None));
     }
 
     #[test]
-    fn unknown_keys_are_ignored_and_wrong_types_are_named() {
-        assert!(only("?WATCH={\"json\":true,\"later\":[1]};").is_ok());
+    fn gpsds_keys_are_taken_and_unknown_keys_and_wrong_types_are_named() {
+        let all = "?WATCH={\"class\":\"WATCH\",\"enable\":true,\"json\":true,\"nmea\":false,\"raw\":0,\
+                   \"scaled\":false,\"timing\":false,\"split24\":false,\"pps\":true,\"remote\":\"a\"};";
+        assert!(only(all).is_ok());
+        assert_eq!(
+            only("?WATCH={\"enable\":true,\"calibratoin\":true};"),
+            Err(
+                "invalid WATCH: unknown key \"calibratoin\"; known are enable, json, state, calibration, readings, \
+                 device, and gpsd's own"
+                    .into()
+            )
+        );
         assert_eq!(
             only("?WATCH={\"json\":\"yes\"};"),
             Err("invalid WATCH: json is \"yes\", but must be true or false".into())

@@ -144,6 +144,12 @@ fn a_reload_keeps_clients_and_the_calibration_in_force() {
         "{said}"
     );
 
+    process.signal("HUP");
+    manager.find("RELOADING=1");
+    manager.find("READY=1");
+    let said = process.said();
+    assert!(said.contains("reloaded: nothing has changed"), "{said}");
+
     let text = fs::read_to_string(rig.path("headingd.toml")).unwrap();
     fs::write(rig.path("headingd.toml"), format!("{text}\n[turns]\n")).unwrap();
     process.signal("HUP");

@@ -209,7 +209,7 @@ async fn garbage_is_answered_and_the_connection_lives() {
 async fn requests_may_be_cut_anywhere_and_share_a_line() {
     let rig = rig(|_| {});
     let mut client = rig.client().await;
-    let requests = "?WATCH={\"enable\":false,\"note\":\"a;b\"};?POLL;\r\n";
+    let requests = "?WATCH={\"enable\":false,\"remote\":\"a;b\"};?POLL;\r\n";
     for cut in 0..=requests.len() {
         client.send(&requests[..cut]).await;
         yield_now().await;

@@ -13,7 +13,7 @@ use crate::sensor::bus::LinuxBus;
 use crate::sensor::clock::SystemClock;
 use examine::examine;
 
-/// Try the chips of a board: which answer, what they are, and whether they are well
+/// Try the chips on an I2C bus: which answer, what they are, and whether they are well
 ///
 /// Runs the magnetometer's self-test, and then reads all chips for two seconds: let the board lie still and level
 /// meanwhile. Stop the daemon first. The status is 0 only when all is well, 3 when something is not.

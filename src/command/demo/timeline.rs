@@ -82,7 +82,7 @@ impl Timeline {
              \n  python3 -c 'import socket as s; c = s.socket(s.AF_UNIX); c.connect(\"{socket}\"); \
              c.send(b\"?WATCH={{\\\"enable\\\":true,\\\"json\\\":true}};\\n\"); [print(l, end=\"\") for l in c.makefile()]'\n\
              \nor, where there is an nc that knows -U:\n\
-             \n  printf '?WATCH={{\"enable\":true,\"json\":true}};\\n' | nc -U {socket}\n\n",
+             \n  (printf '?WATCH={{\"enable\":true}};\\n'; cat) | nc -U {socket}\n\n",
             seed = self.settings.seed,
             turns = self.settings.turns,
             duration = self.duration_s,

@@ -1,0 +1,43 @@
+//! Says what the TOML parser found wrong in the words of a user.
+
+use std::ops::Range;
+
+/// Says the parser's message about this part of the text in the words of a user; one that is clear stays as it is.
+pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
+    let line_start = text[..span.start].rfind('\n').map_or(0, |end| end + 1);
+    let before = text[line_start..span.start].trim();
+    let word = word(&text[span.start..]);
+    if message == "duplicate key" {
+        let name = text.get(span).unwrap_or(word);
+        return match before.starts_with('[') {
+            true => format!("table [{name}] stands twice: put its keys under one of them"),
+            false => format!("{name} stands twice in its table: keep one of them"),
+        };
+    }
+    if message.starts_with("unexpected leading zero") {
+        let key = before.trim_end_matches(['=', ' ', '\t', '+', '-']);
+        return match key.rsplit('.').next() {
+            Some("mode") => format!(
+                "{word} is a number with a leading zero: permissions are octal in quotes, \"{word}\""
+            ),
+            _ => format!("{word} is a number with a leading zero: leave the zero out"),
+        };
+    }
+    let is_bare = message.starts_with("string values must be quoted")
+        || (before.ends_with('=') && word.starts_with(char::is_alphabetic));
+    match (is_bare, word) {
+        (true, "") => "there is no value after the =".to_owned(),
+        (true, word) => {
+            format!(
+                "{word} is neither a number nor true or false: a text stands in quotes, \"{word}\""
+            )
+        }
+        _ => message.to_owned(),
+    }
+}
+
+/// What stands at the beginning, up to the end of a value.
+fn word(text: &str) -> &str {
+    let end = text.find(|c: char| c.is_whitespace() || matches!(c, ',' | ']' | '}' | '#'));
+    &text[..end.unwrap_or(text.len())]
+}
