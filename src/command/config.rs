@@ -6,6 +6,8 @@ use clap::Subcommand;
 
 use super::{Failure, load_config, print};
 use crate::config::Config;
+use crate::config::source::Kind;
+use crate::sensor::board::Board;
 
 /// Check a configuration file or show the effective settings
 #[derive(Clone, Debug, clap::Args)]
@@ -18,7 +20,7 @@ pub struct Args {
 /// What to do with a configuration.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Action {
-    /// Check a file and list every fault in it
+    /// Check a file and list every fault in it; what has no effect, or is not there yet, is a warning
     Check {
         /// The configuration file
         file: PathBuf,
@@ -34,7 +36,10 @@ pub enum Action {
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.action {
         Action::Check { file } => {
-            load_config(file)?;
+            let config = load_config(file)?;
+            for warning in warnings(&config) {
+                eprintln!("headingd: {}: warning: {warning}", file.display());
+            }
             print(&format!("{}: good\n", file.display()))
         }
         Action::Show { file } => {
@@ -45,6 +50,34 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             print(&shown(&config)?)
         }
     }
+}
+
+/// What can be used, but hardly does what was meant.
+fn warnings(config: &Config) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let board = config.i2c.board;
+    if config.source.kind == Kind::I2c
+        && board != Board::Custom
+        && config.mounting != Default::default()
+    {
+        let warning = "[mounting] has no effect: the board that i2c.board names says itself how its chips are \
+                       mounted; leave the table out, or set i2c.board = \"custom\"";
+        warnings.push(warning.to_owned());
+    }
+    let log = &config.source.log;
+    if config.source.kind == Kind::Replay
+        && let Err(error) = std::fs::File::open(log)
+    {
+        let from = match std::env::current_dir() {
+            Ok(folder) if log.is_relative() => format!(" from {}", folder.display()),
+            _ => String::new(),
+        };
+        warnings.push(format!(
+            "source.log: cannot read {}{from}: {error}",
+            log.display()
+        ));
+    }
+    warnings
 }
 
 fn shown(config: &Config) -> Result<String, Failure> {
@@ -79,6 +112,33 @@ mod tests {
         }
         std::fs::write(&file, "[source]\nspeed = 3").unwrap();
         check(file).unwrap();
+    }
+
+    #[test]
+    fn what_has_no_effect_or_is_not_there_is_a_warning() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("a.csv");
+        let replay = format!("[source]\nkind = \"replay\"\nlog = {log:?}\n");
+        let board = "[source]\nkind = \"i2c\"\n[i2c]\nboard = \"gy-85\"\n";
+        let mounted = format!("{board}[mounting]\nmag_axes = \"+x -y -z\"\n");
+        let custom = mounted.replace("gy-85", "custom");
+        let of = |text: &str| warnings(&Config::parse("a.toml", text).unwrap());
+        for (text, part) in [
+            (&replay, "a.csv: No such file"),
+            (&mounted, "[mounting] has no effect"),
+        ] {
+            let found = of(text);
+            assert!(
+                found.len() == 1 && found[0].contains(part),
+                "{text}\n{found:?}"
+            );
+            let file = folder.path().join("a.toml");
+            std::fs::write(&file, text).unwrap();
+            check(file).unwrap();
+        }
+        assert!(of(board).is_empty() && of(&custom).is_empty());
+        std::fs::write(&log, "").unwrap();
+        assert!(of(&replay).is_empty());
     }
 
     #[test]

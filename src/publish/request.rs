@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn json_is_on_unless_something_else_was_chosen() {
+    fn json_is_on_unless_it_is_turned_off() {
         assert_eq!(watched("?WATCH={\"enable\":true};").json, Some(true));
         assert_eq!(watched("?WATCH={};").json, Some(true));
         assert_eq!(watched("?WATCH={\"state\":true};").json, Some(true));

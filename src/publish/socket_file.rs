@@ -61,6 +61,20 @@ pub enum BindError {
         /// The directory.
         directory: PathBuf,
     },
+    /// This user may not make a socket there.
+    #[error(
+        "cannot serve on {}: {attempt}: {source}; let this user write to {} (systemd: User= and RuntimeDirectory=), \
+         or set another socket",
+        path.display(), path.parent().unwrap_or(path).display()
+    )]
+    NotAllowed {
+        /// The socket.
+        path: PathBuf,
+        /// What was attempted.
+        attempt: &'static str,
+        /// What the system said.
+        source: io::Error,
+    },
     /// The system refused.
     #[error("cannot serve on {}: {attempt}: {source}", path.display())]
     System {
@@ -73,6 +87,25 @@ pub enum BindError {
     },
 }
 
+impl BindError {
+    /// What was attempted at `path` failed.
+    fn failed(path: &Path, attempt: &'static str, source: io::Error) -> Self {
+        let path = path.to_owned();
+        match source.kind() {
+            ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => Self::NotAllowed {
+                path,
+                attempt,
+                source,
+            },
+            _ => Self::System {
+                path,
+                attempt,
+                source,
+            },
+        }
+    }
+}
+
 /// The file of our own socket; dropping it removes the file.
 #[derive(Debug)]
 pub(super) struct SocketFile {
@@ -83,25 +116,16 @@ pub(super) struct SocketFile {
 
 /// A socket that somebody else has made, ready to be served on; `path` is for the message.
 pub(super) fn inherited(listener: UnixListener, path: &Path) -> Result<UnixListener, BindError> {
+    let attempt = "cannot make the socket that was handed over non-blocking";
     listener
         .set_nonblocking(true)
-        .map_err(|source| BindError::System {
-            path: path.to_owned(),
-            attempt: "cannot make the socket that was handed over non-blocking",
-            source,
-        })?;
+        .map_err(|source| BindError::failed(path, attempt, source))?;
     Ok(listener)
 }
 
 /// Listens on `path` with permissions `mode`. A socket that nobody serves on any more is replaced.
 pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile), BindError> {
-    let failed = |attempt| {
-        move |source| BindError::System {
-            path: path.to_owned(),
-            attempt,
-            source,
-        }
-    };
+    let failed = |attempt| move |source| BindError::failed(path, attempt, source);
     // The settings have been checked: the path is absolute, so only "/" has no parent.
     let directory = path.parent().unwrap_or(path);
     if !directory.is_dir() {
@@ -150,11 +174,7 @@ pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile)
 
 /// An error unless `path` is free, or is a socket at which nobody listens.
 fn refuse_if_taken(path: &Path) -> Result<(), BindError> {
-    let failed = |attempt, source| BindError::System {
-        path: path.to_owned(),
-        attempt,
-        source,
-    };
+    let failed = |attempt, source| BindError::failed(path, attempt, source);
     // Not following links: a link is no socket of ours.
     match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),

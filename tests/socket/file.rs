@@ -47,7 +47,7 @@ async fn a_dead_daemons_socket_is_replaced_and_a_living_ones_respected() {
 }
 
 #[test]
-fn a_file_that_is_no_socket_and_a_missing_directory_are_refused() {
+fn a_file_that_is_no_socket_and_a_folder_that_will_not_do_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let mut settings = Settings {
         socket: directory.path().join("file"),
@@ -62,6 +62,15 @@ fn a_file_that_is_no_socket_and_a_missing_directory_are_refused() {
     let refused = Server::bind(&settings, device(), STALE).unwrap_err();
     assert!(
         matches!(refused, BindError::NoDirectory { .. }),
+        "{refused}"
+    );
+
+    // Nobody may make a file there, not even root.
+    settings.socket = "/sys/heading.sock".into();
+    let refused = Server::bind(&settings, device(), STALE).unwrap_err();
+    assert!(
+        matches!(refused, BindError::NotAllowed { .. })
+            && refused.to_string().contains("let this user write to /sys "),
         "{refused}"
     );
 }
