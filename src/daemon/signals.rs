@@ -1,35 +1,39 @@
-//! The signals that end the daemon.
+//! The signals that the daemon answers.
 
-use std::future::poll_fn;
+use std::future::pending;
 use std::io;
-use std::task::Poll;
 
-use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::mpsc;
 
 /// Signals that are caught from now on.
 pub struct Signals {
-    caught: Vec<(SignalKind, Signal)>,
+    caught: mpsc::Receiver<SignalKind>,
 }
 
 impl Signals {
     /// Catches these signals, to which the system's own answer would be to kill the process. Needs a runtime.
+    ///
+    /// Each has a task of its own, so that whoever waits for a reading as well, a hundred times a second, looks into one
+    /// queue and not after every signal.
     pub fn catch(kinds: &[SignalKind]) -> io::Result<Self> {
-        let caught = kinds.iter().map(|&kind| Ok((kind, signal(kind)?)));
-        Ok(Self {
-            caught: caught.collect::<io::Result<_>>()?,
-        })
+        let (sender, caught) = mpsc::channel(kinds.len().max(1));
+        for &kind in kinds {
+            let mut signal = signal(kind)?;
+            let sender = sender.clone();
+            tokio::spawn(async move {
+                while signal.recv().await.is_some() && sender.send(kind).await.is_ok() {}
+            });
+        }
+        Ok(Self { caught })
     }
 
-    /// Waits for one of them.
+    /// Waits for one of them. Nothing is lost when the wait is given up.
     pub async fn received(&mut self) -> SignalKind {
-        poll_fn(|context| {
-            for (kind, signal) in &mut self.caught {
-                if signal.poll_recv(context).is_ready() {
-                    return Poll::Ready(*kind);
-                }
-            }
-            Poll::Pending
-        })
-        .await
+        match self.caught.recv().await {
+            Some(kind) => kind,
+            // The runtime is at its end.
+            None => pending().await,
+        }
     }
 }
