@@ -190,11 +190,14 @@ fn lost_bytes_cost_frames_and_no_more() {
             ..Habits::default()
         };
         let _device = Device::plug(&rig.link(), razor(), habits);
-        let readings = rig.readings(100);
-        let right = readings
-            .iter()
-            .filter(|(reading, _)| is_right(reading))
-            .count();
+        // On a busy machine the board may be late to start anew; that is said, and ends.
+        let (mut count, mut right) = (0, 0);
+        while count < 100 {
+            if let Heard::Reading(reading, _) = rig.next() {
+                count += 1;
+                right += usize::from(is_right(&reading));
+            }
+        }
         assert!(right >= 85, "{protocol:?}: {right}");
     }
 }
