@@ -55,6 +55,9 @@ pub fn soak(length: Duration) {
         seen.calibrated.store(kept, Ordering::Relaxed);
         let process = rig.start();
         let watcher = watch(rig.client(), truth.clone(), seen.clone(), kept);
+        until("the control socket, which is bound after the other", || {
+            connect(&rig, "control.sock").is_some()
+        });
         live(&rig, &process, life, &mut rng);
         end(&rig, process, life, &mut rng);
         watcher.join().expect("what the watcher saw");
