@@ -32,8 +32,9 @@ pub(super) fn read(settings: &Settings, out: &mpsc::Sender<Message>, mut clock: 
             Said::Trouble(trouble) => Some(Message::Trouble(trouble)),
         };
         // As one message: each that is sent wakes the daemon.
-        let readings = Message::Readings(std::mem::take(&mut waiting));
-        [Some(readings), trouble]
+        let readings =
+            (!waiting.is_empty()).then(|| Message::Readings(std::mem::take(&mut waiting)));
+        [readings, trouble]
             .into_iter()
             .flatten()
             .all(|message| out.blocking_send(message).is_ok())

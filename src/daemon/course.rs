@@ -27,11 +27,13 @@ impl Parts {
     ) -> Result<Self, DaemonError> {
         // A log and the simulated board say themselves how their chips are mounted.
         let header = source.header();
+        let mountings = header.mountings;
+        let sensor = header.sensor.as_deref().unwrap_or(UNNAMED_SENSOR);
         let identity = Identity {
-            sensor: header.sensor.unwrap_or_else(|| UNNAMED_SENSOR.to_owned()),
-            mag_axes: header.mountings.mag,
+            sensor: sensor.to_owned(),
+            mag_axes: mountings.mag,
         };
-        let (sensor, name) = (&identity.sensor, source.name());
+        let name = source.name();
         if config.source.kind.is_live() {
             tracing::info!("{sensor} from {name}");
         } else {
@@ -40,7 +42,7 @@ impl Parts {
                 config.source.pace()
             );
         }
-        let recorder = Recorder::ring(&config.record, source.header())?;
+        let recorder = Recorder::ring(&config.record, header)?;
         let mut keeper = Keeper::open(&config.store, identity)?;
         if let Some(known) = known {
             keeper.take_over(known);
@@ -48,7 +50,7 @@ impl Parts {
         let in_force = keeper.history().in_force();
         let calibration = in_force.map(|entry| entry.made.calibration);
         Ok(Self {
-            pipeline: Pipeline::new(config.setup(header.mountings), calibration),
+            pipeline: Pipeline::new(config.setup(mountings), calibration),
             source,
             recorder,
             keeper,

@@ -52,6 +52,18 @@ impl Manager {
     }
 }
 
+/// The daemon as a shell starts it, which may lay out descriptors as a service manager or a terminal does.
+fn start_by_shell(rig: &Rig, script: &str, stdin: Stdio) -> Process {
+    let program = env!("CARGO_BIN_EXE_headingd");
+    spawn(
+        rig.folder.path(),
+        Command::new("sh")
+            .args(["-c", script, "sh", program, "run", "--config"])
+            .arg(rig.path("headingd.toml"))
+            .stdin(stdin),
+    )
+}
+
 #[test]
 fn the_manager_is_told_how_things_stand_until_the_end() {
     let rig = Rig::new(1.0, LONG);
@@ -93,20 +105,7 @@ fn a_socket_that_was_handed_over_is_served_on_and_left_behind() {
     let listener = UnixListener::bind(rig.path("heading.sock")).unwrap();
     // The shell makes it descriptor 3 of a process whose number it knows.
     let script = "exec 3<&0 </dev/null; export LISTEN_PID=$$ LISTEN_FDS=1 LISTEN_FDNAMES=heading; exec \"$@\"";
-    let mut process = spawn(
-        rig.folder.path(),
-        Command::new("sh")
-            .args([
-                "-c",
-                script,
-                "sh",
-                env!("CARGO_BIN_EXE_headingd"),
-                "run",
-                "--config",
-            ])
-            .arg(rig.path("headingd.toml"))
-            .stdin(Stdio::from(OwnedFd::from(listener))),
-    );
+    let mut process = start_by_shell(&rig, script, OwnedFd::from(listener).into());
     // It was there before the daemon, so this waits in its queue.
     rig.client().find("ATT", |_| true);
     process.signal("TERM");
@@ -215,22 +214,8 @@ fn a_hangup_ends_it_only_when_its_terminal_has_gone() {
         .write(true)
         .open(name.to_str().unwrap())
         .unwrap();
-    let config = rig.path("headingd.toml");
     let script = "exec \"$@\" 2>&0 0</dev/null";
-    let mut process = spawn(
-        rig.folder.path(),
-        Command::new("sh")
-            .args([
-                "-c",
-                script,
-                "sh",
-                env!("CARGO_BIN_EXE_headingd"),
-                "run",
-                "--config",
-            ])
-            .arg(&config)
-            .stdin(Stdio::from(stderr)),
-    );
+    let mut process = start_by_shell(&rig, script, stderr.into());
     let mut client = rig.client();
     client.find("ATT", |_| true);
     rig.configure(2.0, &rig.path("store"), LONG);

@@ -5,14 +5,11 @@ use std::time::{Duration, Instant};
 use headingd::sensor::simulator::{Settings, Simulator};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use serde_json::Value;
 
 use crate::device::{Device, Firmware, Habits, counts_of};
 use crate::health::{descriptors, threads};
 use crate::rig::{Rig, until};
-
-/// A sample is stale after this, milliseconds: the default of `heading.stale_s`.
-const STALE_MS: u64 = 500;
+use crate::watcher::is_fresh;
 
 pub fn soak(length: Duration) {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(20_122);
@@ -54,18 +51,6 @@ pub fn soak(length: Duration) {
     let samples = reader.join().expect("what the reader saw");
     assert!(samples > 20, "{samples} samples of {boards} boards: {said}");
     println!("soak: {boards} boards on a line, {samples} samples, each fresh");
-}
-
-/// No heading without a fresh sample, and none under a condition that forbids it.
-fn is_fresh(message: &Value) -> bool {
-    let steers = ["good", "degraded", "disturbed"];
-    message.get("mheading").is_none()
-        || message["age_ms"]
-            .as_u64()
-            .is_some_and(|age| age <= STALE_MS)
-            && message["cal_state"]
-                .as_str()
-                .is_some_and(|word| steers.contains(&word))
 }
 
 /// One board is plugged in for so long.

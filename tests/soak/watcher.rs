@@ -4,6 +4,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 
+use serde_json::Value;
+
 use crate::log::{Truth, micros};
 use crate::rig::Client;
 
@@ -52,7 +54,7 @@ pub fn watch(
                     seen.headings.fetch_add(1, Ordering::Relaxed);
                     let right = truth.get(&micros(t_s)).map(|right| right.to_degrees());
                     let right = right.unwrap_or_else(|| panic!("of no sample: {message}"));
-                    assert!(message["age_ms"].as_u64().unwrap() <= STALE_MS, "{message}");
+                    assert!(is_fresh(&message), "{message}");
                     let off = (heading.as_f64().unwrap() - right + 540.0).rem_euclid(360.0) - 180.0;
                     assert!(
                         off.abs() < LARGEST_DEG || message["cal_state"] != "good",
@@ -63,4 +65,16 @@ pub fn watch(
             }
         }
     })
+}
+
+/// No heading without a fresh sample, and none under a condition that forbids it.
+pub fn is_fresh(message: &Value) -> bool {
+    let steers = ["good", "degraded", "disturbed"];
+    message.get("mheading").is_none()
+        || message["age_ms"]
+            .as_u64()
+            .is_some_and(|age| age <= STALE_MS)
+            && message["cal_state"]
+                .as_str()
+                .is_some_and(|word| steers.contains(&word))
 }
