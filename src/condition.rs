@@ -33,6 +33,8 @@
 //! | good | the source is in trouble | fault | the trouble's |
 //! | fault | the trouble is over | good | `good` |
 
+use std::borrow::Cow;
+
 use serde::Serialize;
 
 /// What the daemon can say about its headings right now.
@@ -85,8 +87,8 @@ pub struct Report {
     pub condition: Condition,
     /// Why, as a code that a program can read (`no_calibration`, `turning`, `field_strength` …).
     pub reason: &'static str,
-    /// Why, as a sentence for a person.
-    pub message: String,
+    /// Why, as a sentence for a person. It is judged at every reading, and most sentences are fixed.
+    pub message: Cow<'static, str>,
     /// How much of a full turn has been made, 0 to 1; known while turning.
     pub progress: Option<f64>,
     /// The source's clock, seconds.
@@ -157,43 +159,36 @@ const TILT_TOLERANCE_RAD: f64 = 0.1;
 /// The condition that the evidence asks for; the first that applies, worst first.
 pub fn judge(evidence: &Evidence) -> Report {
     let e = evidence;
-    let report = |condition, reason, message: String| Report {
-        condition,
-        reason,
-        message,
-        progress: (condition == Condition::Turning).then_some(e.progress),
-        t_s: e.t_s,
-    };
     if let Some(fault) = e.fault {
-        return report(Condition::Fault, fault.code, fault.message.clone());
+        return e.report(Condition::Fault, fault.code, fault.message.clone());
     }
     if e.silent_s > e.stale_s {
         return if e.overflowing {
             let message = "the field is beyond the magnetometer's range: choose a larger range, or move away from the magnet";
-            report(Condition::Stale, "overflow", message.to_owned())
+            e.report(Condition::Stale, "overflow", message)
         } else {
             let message = "no magnetometer sample is recent enough to publish a heading from";
-            report(Condition::Stale, "no_samples", message.to_owned())
+            e.report(Condition::Stale, "no_samples", message)
         };
     }
     if !e.calibrated {
         return if e.calibrating {
-            report(
+            e.report(
                 Condition::Calibrating,
                 "calibrating",
-                "calibrating on the motion just made".to_owned(),
+                "calibrating on the motion just made",
             )
         } else if !e.wanted {
             let message = "told not to calibrate by itself: headingd calibration start, and then turn the board";
-            report(Condition::Uncalibrated, "mode_off", message.to_owned())
+            e.report(Condition::Uncalibrated, "mode_off", message)
         } else if e.progress >= TURNING_FROM {
-            report(
+            e.report(
                 Condition::Turning,
                 "turning",
-                "keep turning the board the same way round".to_owned(),
+                "keep turning the board the same way round",
             )
         } else if let Some((reason, message)) = e.refused {
-            report(
+            e.report(
                 Condition::Uncalibrated,
                 reason,
                 format!("the last attempt gave no calibration: {message}"),
@@ -201,14 +196,10 @@ pub fn judge(evidence: &Evidence) -> Report {
         } else if !e.gyro_speaks {
             let message =
                 "no gyro speaks, so no turn can be seen: give a calibration, or connect the gyro";
-            report(Condition::Uncalibrated, "no_gyro", message.to_owned())
+            e.report(Condition::Uncalibrated, "no_gyro", message)
         } else {
             let message = "turn the board once all the way round, level and away from iron";
-            report(
-                Condition::Uncalibrated,
-                "no_calibration",
-                message.to_owned(),
-            )
+            e.report(Condition::Uncalibrated, "no_calibration", message)
         };
     }
     if e.misfit {
@@ -220,7 +211,7 @@ pub fn judge(evidence: &Evidence) -> Report {
             "headingd calibration start, and then turn the board"
         };
         let message = format!("field and gyro have long disagreed with the calibration: {remedy}");
-        return report(Condition::Degraded, "calibration_stale", message);
+        return e.report(Condition::Degraded, "calibration_stale", message);
     }
     if strength_is_off(e.strength_deviation, e.strength_tolerance, e.tilt_sd_rad) {
         let percent = 100.0 * (1.0 + e.strength_deviation);
@@ -229,30 +220,47 @@ pub fn judge(evidence: &Evidence) -> Report {
             "the field has {:.0} % of the strength it should have",
             (percent / 10.0).round() * 10.0
         );
-        return report(Condition::Disturbed, "field_strength", message);
+        return e.report(Condition::Disturbed, "field_strength", message);
     }
     if e.field_disturbed {
         let message = "strength or dip of the field has changed: something magnetic is near";
-        return report(Condition::Disturbed, "field_changed", message.to_owned());
+        return e.report(Condition::Disturbed, "field_changed", message);
     }
     if e.tilt_sd_rad > TILT_TOLERANCE_RAD {
         let message =
             "the calibration holds in the plane of its turn, and the board is tilted out of it";
-        return report(Condition::Degraded, "tilted", message.to_owned());
+        return e.report(Condition::Degraded, "tilted", message);
     }
     if !e.tilt_known {
         let message = "no accelerometer speaks: headings hold for a board that is level";
-        return report(Condition::Degraded, "no_accelerometer", message.to_owned());
+        return e.report(Condition::Degraded, "no_accelerometer", message);
     }
     if !e.gyro_speaks {
         let message = "no gyro speaks: headings are those of single samples";
-        return report(Condition::Degraded, "no_gyro", message.to_owned());
+        return e.report(Condition::Degraded, "no_gyro", message);
     }
-    report(
+    e.report(
         Condition::Good,
         "good",
-        "the field is as the calibration expects it".to_owned(),
+        "the field is as the calibration expects it",
     )
+}
+
+impl Evidence<'_> {
+    fn report(
+        &self,
+        condition: Condition,
+        reason: &'static str,
+        message: impl Into<Cow<'static, str>>,
+    ) -> Report {
+        Report {
+            condition,
+            reason,
+            message: message.into(),
+            progress: (condition == Condition::Turning).then_some(self.progress),
+            t_s: self.t_s,
+        }
+    }
 }
 
 #[cfg(test)]

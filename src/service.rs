@@ -217,7 +217,7 @@ mod tests {
         Report {
             condition,
             reason,
-            message: "so it is".to_owned(),
+            message: "so it is".into(),
             progress: None,
             t_s: 0.0,
         }
