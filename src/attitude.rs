@@ -66,11 +66,11 @@ pub struct Tilt {
 }
 
 impl Tilt {
-    /// The tilt of a board that sees up along this vector of body axes.
-    fn of_up(up: &Vector3<f64>) -> Self {
+    /// The tilt of a board that sees down along this unit vector of body axes.
+    pub fn of_down(down: &Vector3<f64>) -> Self {
         Self {
-            pitch_rad: (up.x / up.norm()).clamp(-1.0, 1.0).asin(),
-            roll_rad: (-up.y).atan2(-up.z),
+            pitch_rad: (-down.x).clamp(-1.0, 1.0).asin(),
+            roll_rad: down.y.atan2(down.z),
         }
     }
 }
@@ -192,17 +192,22 @@ impl Attitude {
         Some(UnitQuaternion::from_scaled_axis(beyond))
     }
 
-    /// Pitch and roll at `t_s`: from gyro and accelerometer, from the accelerometer alone where the gyro
-    /// is silent or new, `None` without an accelerometer.
-    pub fn tilt(&self, t_s: f64) -> Option<Tilt> {
+    /// Where down is at `t_s`, a unit vector of body axes: from gyro and accelerometer, from the accelerometer
+    /// alone where the gyro is silent or new, `None` without an accelerometer.
+    pub fn down(&self, t_s: f64) -> Option<Vector3<f64>> {
         let low_passed = self.filter.gravity.low_passed(t_s)?;
-        let up = match self.pose_at(t_s) {
+        match self.pose_at(t_s) {
             Some(pose) if pose.vertical_known => {
-                pose.orientation.inverse_transform_vector(&Vector3::z())
+                Some(-pose.orientation.inverse_transform_vector(&Vector3::z()))
             }
-            _ => low_passed,
-        };
-        Some(Tilt::of_up(&up))
+            // An accelerometer feels up.
+            _ => (-low_passed).try_normalize(1e-9),
+        }
+    }
+
+    /// Whether an accelerometer tells where down is.
+    pub fn down_known(&self, t_s: f64) -> bool {
+        self.filter.gravity.live(t_s)
     }
 
     /// Takes a corrected field in body axes, milligauss, for the fused heading.

@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 
 use nalgebra::Vector3;
 
-use crate::attitude::{self, Attitude};
+use crate::attitude::{self, Attitude, Tilt};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
@@ -271,20 +271,8 @@ impl Pipeline {
         }
     }
 
-    /// The direction of down in body axes, if the tilt is known.
-    fn down(&self, t_s: f64) -> Option<Vector3<f64>> {
-        let tilt = self.attitude.tilt(t_s)?;
-        let (sin_pitch, cos_pitch) = tilt.pitch_rad.sin_cos();
-        let (sin_roll, cos_roll) = tilt.roll_rad.sin_cos();
-        Some(Vector3::new(
-            -sin_pitch,
-            cos_pitch * sin_roll,
-            cos_pitch * cos_roll,
-        ))
-    }
-
     fn publish(&mut self, t_s: f64, raw: &Vector3<f64>, actions: &mut Vec<Action>) {
-        let down = self.down(t_s);
+        let down = self.attitude.down(t_s);
         let samples = self.buffer.iter().rev().take(2).map(|sample| sample.t_s);
         let period_s = samples.reduce(|newer, older| newer - older).unwrap_or(0.0);
         if let Some(compass) = &mut self.compass {
@@ -308,7 +296,7 @@ impl Pipeline {
         }
         let condition = self.update_condition(actions);
         let raw_body = self.setup.mountings.mag.to_body(*raw);
-        let mut heading = self.heading(t_s, condition);
+        let mut heading = self.heading(t_s, down.as_ref(), condition);
         heading.raw_deg = heading_deg(&raw_body, &down.unwrap_or_else(Vector3::z));
         if let Some((compass, corrected)) = &corrected {
             let sd_deg = compass.sd_deg(corrected, down.as_ref());
@@ -344,14 +332,15 @@ impl Pipeline {
             .report
             .as_ref()
             .map_or(Condition::Stale, |report| report.condition);
-        let mut heading = self.heading(t_s, condition);
+        let down = self.attitude.down(t_s);
+        let mut heading = self.heading(t_s, down.as_ref(), condition);
         heading.mag_status = MagStatus::HighField;
         actions.push(Action::Publish(heading));
     }
 
-    fn heading(&mut self, t_s: f64, condition: Condition) -> Heading {
+    fn heading(&mut self, t_s: f64, down: Option<&Vector3<f64>>, condition: Condition) -> Heading {
         self.seq += 1;
-        let tilt = self.attitude.tilt(t_s);
+        let tilt = down.map(Tilt::of_down);
         Heading {
             seq: self.seq,
             t_s,
@@ -397,7 +386,7 @@ impl Pipeline {
             strength_tolerance: self.setup.pipeline.strength_tolerance,
             field_disturbed: self.attitude.disturbed(),
             tilt_sd_rad: self.tilt_sd_rad,
-            tilt_known: self.attitude.tilt(self.now_s).is_some(),
+            tilt_known: self.attitude.down_known(self.now_s),
             gyro_speaks: self.now_s - self.rate_s <= self.setup.attitude.gap_s,
         });
         let condition = report.condition;

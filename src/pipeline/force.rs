@@ -129,7 +129,7 @@ impl Pipeline {
     /// How far this calibration turns the heading of the newest sample, degrees, if there is one in force.
     fn turned_by_deg(&self, new: &Compass) -> Option<f64> {
         let sample = self.buffer.back()?;
-        let down = self.down(sample.t_s);
+        let down = self.attitude.down(sample.t_s);
         let heading = |compass: &Compass| {
             let corrected = compass.correct(&sample.field_mgauss, down.as_ref());
             compass.heading_deg(&corrected, down.as_ref())
