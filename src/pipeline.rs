@@ -358,11 +358,10 @@ impl Pipeline {
     }
 
     fn update_condition(&mut self, actions: &mut Vec<Action>) -> Condition {
-        // A magnetometer that has not had the time to speak is not silent.
-        let beginning = self.readings_s.is_some_and(|(first_s, _)| {
-            self.whole_field_s.max(self.overflow_s) < first_s
-                && self.now_s - first_s <= self.setup.pipeline.stale_s
-        });
+        // A magnetometer that has not had the time to speak is not silent. Before the first reading time counts from 0.
+        let first_s = self.readings_s.map_or(0.0, |(first_s, _)| first_s);
+        let beginning = self.whole_field_s.max(self.overflow_s) < first_s
+            && self.now_s - first_s <= self.setup.pipeline.stale_s;
         if beginning && self.fault.is_none() {
             return Condition::Stale;
         }

@@ -58,4 +58,8 @@ fn a_magnetometer_is_given_time_to_speak_first() {
     assert_eq!(reported, [Condition::Uncalibrated]);
     let (reported, _) = handled([rate(7.0), rate(7.4), rate(7.6)]);
     assert_eq!(reported, [Condition::Stale]);
+    // Before the first reading of all, too.
+    let (reported, _) = handled([Event::Silence(0.2), rate(0.3), field(0.4)]);
+    assert_eq!(reported, [Condition::Uncalibrated]);
+    assert_eq!(handled([Event::Silence(0.6)]).0, [Condition::Stale]);
 }
