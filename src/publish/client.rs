@@ -1,6 +1,7 @@
 //! One client: its requests are answered, and what it watches for is sent to it.
 
 use std::io;
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -52,10 +53,11 @@ pub(super) async fn serve(
     let mut requests = Requests::new(request_limit_bytes);
     let mut bytes = [0; 1024];
     client.send(&gpsd::version()).await?;
+    let mut stopped = pin!(stop.changed());
     loop {
         tokio::select! {
             // An error means that the server is gone, which is a reason to stop as well.
-            _ = stop.changed() => return client.drain().await,
+            _ = &mut stopped => return client.drain().await,
             read = link.read(&mut bytes) => match read? {
                 [] => {
                     if let Some(request) = requests.finish() {

@@ -1,5 +1,6 @@
 /* A bus for tests/board/cost: preloaded into the daemon, it answers for /dev/i2c-9 at once, so that the daemon runs on
- * the machine's own kernel and nothing but its own work is measured. Three chips at rest, with noise. */
+ * the machine's own kernel and nothing but its own work is measured. Three chips at rest, with noise; the field is that of
+ * `headingd simulate` before its turns, so that a calibration on such a log fits. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -52,7 +53,7 @@ static void measure(uint8_t address) {
     long current = now.tv_sec * 50 + now.tv_nsec / 20000000;
     uint8_t *at = registers[address];
     if (address == 0x1e && current != slot) {
-        uint8_t data[] = {1, 80 + noise(), 0, 100 + noise(), 3, 80 + noise(), 1};
+        uint8_t data[] = {1, 40 + noise(), 0, 68 + noise(), 3, 44 + noise(), 1};
         memcpy(at + 0x03, data, sizeof data);
         slot = current;
     } else if (address == 0x68) {
