@@ -21,6 +21,9 @@ use crate::reading::Reading;
 /// gpsd's own. Its Python client passes over every line that ends otherwise, without a word.
 pub(super) const LINE_END: &str = "\r\n";
 
+/// So much is sent together.
+const MOST_BYTES: usize = 4096;
+
 /// Why a client was let go.
 #[derive(Debug, Error)]
 pub(super) enum ClientError {
@@ -48,7 +51,7 @@ pub(super) async fn serve(
         readings: None,
         state_seen: 0,
         calibration_seen: 0,
-        line: String::new(),
+        lines: String::new(),
     };
     let mut requests = Requests::new(request_limit_bytes);
     let mut bytes = [0; 1024];
@@ -57,7 +60,10 @@ pub(super) async fn serve(
     loop {
         tokio::select! {
             // An error means that the server is gone, which is a reason to stop as well.
-            _ = &mut stopped => return client.drain().await,
+            _ = &mut stopped => {
+                while client.forward_waiting().await? {}
+                return Ok(());
+            }
             read = link.read(&mut bytes) => match read? {
                 [] => {
                     if let Some(request) = requests.finish() {
@@ -71,8 +77,14 @@ pub(super) async fn serve(
                     }
                 }
             },
-            message = next(&mut client.ring) => client.forward(message).await?,
-            reading = next(&mut client.readings) => client.send_reading(reading).await?,
+            message = next(&mut client.ring) => {
+                client.forward(message);
+                client.forward_waiting().await?;
+            }
+            reading = next(&mut client.readings) => {
+                client.forward_reading(reading);
+                client.forward_waiting().await?;
+            }
         }
     }
 }
@@ -105,8 +117,8 @@ struct Client<'a> {
     /// Numbers of the last events sent, or passed over while they were not watched for.
     state_seen: u64,
     calibration_seen: u64,
-    /// Reused for every line.
-    line: String,
+    /// Lines on their way to the client, together.
+    lines: String,
 }
 
 impl Client<'_> {
@@ -174,100 +186,99 @@ impl Client<'_> {
         if calibration && !(before.enable && before.calibration) {
             self.calibration_seen = 0;
         }
-        self.catch_up().await
+        self.catch_up();
+        self.send_lines().await
     }
 
-    async fn forward(&mut self, message: Result<Message, RecvError>) -> Result<(), ClientError> {
+    fn forward(&mut self, message: Result<Message, RecvError>) {
         match message {
             Ok(Message::Att { begun, taken }) => {
-                if !self.policy.json || self.feed.is_stale(taken) {
-                    return Ok(());
+                if self.policy.json && !self.feed.is_stale(taken) {
+                    self.lines.push_str(&begun);
+                    gpsd::att_end(&mut self.lines, age_ms(taken));
+                    self.lines.push_str(LINE_END);
                 }
-                self.line.clear();
-                self.line.push_str(&begun);
-                gpsd::att_end(&mut self.line, age_ms(taken));
-                self.write_line().await
             }
-            Ok(Message::State(event)) => self.send_state(&event).await,
-            Ok(Message::Calibration(event)) => self.send_calibration(&event).await,
+            Ok(Message::State(event)) => self.put_state(&event),
+            Ok(Message::Calibration(event)) => self.put_calibration(&event),
             // Missed headings are gone, and their `seq` says so. Missed events are made up for.
-            Err(RecvError::Lagged(_)) => self.catch_up().await,
-            Err(RecvError::Closed) => {
-                self.ring = None;
-                Ok(())
-            }
+            Err(RecvError::Lagged(_)) => self.catch_up(),
+            Err(RecvError::Closed) => self.ring = None,
         }
     }
 
-    async fn send_reading(
-        &mut self,
-        reading: Result<(u64, Reading), RecvError>,
-    ) -> Result<(), ClientError> {
+    fn forward_reading(&mut self, reading: Result<(u64, Reading), RecvError>) {
         match reading {
-            Ok((seq, reading)) => self.send(&raw::reading(seq, &reading)).await,
+            Ok((seq, reading)) => self.put(&raw::reading(seq, &reading)),
             // Missed readings are gone, and their `seq` says so.
-            Err(RecvError::Lagged(_)) => Ok(()),
-            Err(RecvError::Closed) => {
-                self.readings = None;
-                Ok(())
+            Err(RecvError::Lagged(_)) => {}
+            Err(RecvError::Closed) => self.readings = None,
+        }
+    }
+
+    /// Forwards what waits, as much as goes together, and sends it: each write wakes the client. Whether there may be
+    /// more.
+    async fn forward_waiting(&mut self) -> Result<bool, ClientError> {
+        while self.lines.len() < MOST_BYTES
+            && let Some(message) = waiting(&mut self.ring)
+        {
+            self.forward(message);
+        }
+        while self.lines.len() < MOST_BYTES
+            && let Some(reading) = waiting(&mut self.readings)
+        {
+            self.forward_reading(reading);
+        }
+        let more = self.lines.len() >= MOST_BYTES;
+        self.send_lines().await?;
+        Ok(more)
+    }
+
+    /// Puts the latest state and calibration, where they are watched for and have not been sent.
+    fn catch_up(&mut self) {
+        let (state, calibration) = self.feed.events();
+        self.put_state(&state);
+        self.put_calibration(&calibration);
+    }
+
+    fn put_state(&mut self, event: &Event) {
+        if event.number > self.state_seen {
+            self.state_seen = event.number;
+            if self.policy.state {
+                self.put(&event.line);
             }
         }
     }
 
-    /// Sends the latest state and calibration, where they are watched for and have not been sent.
-    async fn catch_up(&mut self) -> Result<(), ClientError> {
-        let (state, calibration) = self.feed.events();
-        self.send_state(&state).await?;
-        self.send_calibration(&calibration).await
-    }
-
-    async fn send_state(&mut self, event: &Event) -> Result<(), ClientError> {
-        if event.number <= self.state_seen {
-            return Ok(());
-        }
-        self.state_seen = event.number;
-        match self.policy.state {
-            true => self.send(&event.line).await,
-            false => Ok(()),
+    fn put_calibration(&mut self, event: &Event) {
+        if event.number > self.calibration_seen {
+            self.calibration_seen = event.number;
+            if self.policy.calibration {
+                self.put(&event.line);
+            }
         }
     }
 
-    async fn send_calibration(&mut self, event: &Event) -> Result<(), ClientError> {
-        if event.number <= self.calibration_seen {
-            return Ok(());
-        }
-        self.calibration_seen = event.number;
-        match self.policy.calibration {
-            true => self.send(&event.line).await,
-            false => Ok(()),
-        }
-    }
-
-    /// Sends what was published before the server was told to stop.
-    async fn drain(&mut self) -> Result<(), ClientError> {
-        while let Some(message) = waiting(&mut self.ring) {
-            self.forward(message).await?;
-        }
-        while let Some(reading) = waiting(&mut self.readings) {
-            self.send_reading(reading).await?;
-        }
-        Ok(())
+    /// Puts an object with the lines to be sent.
+    fn put(&mut self, object: &str) {
+        self.lines.push_str(object);
+        self.lines.push_str(LINE_END);
     }
 
     async fn send(&mut self, object: &str) -> Result<(), ClientError> {
-        self.line.clear();
-        self.line.push_str(object);
-        self.write_line().await
+        self.put(object);
+        self.send_lines().await
     }
 
-    async fn write_line(&mut self) -> Result<(), ClientError> {
-        self.line.push_str(LINE_END);
+    async fn send_lines(&mut self) -> Result<(), ClientError> {
         timeout(
             self.write_timeout,
-            self.link.write_all(self.line.as_bytes()),
+            self.link.write_all(self.lines.as_bytes()),
         )
         .await
         .map_err(|_| ClientError::TooSlow(self.write_timeout))?
-        .map_err(ClientError::Broken)
+        .map_err(ClientError::Broken)?;
+        self.lines.clear();
+        Ok(())
     }
 }
