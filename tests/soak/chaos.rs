@@ -58,6 +58,8 @@ pub fn soak(length: Duration) {
         until("the control socket, which is bound after the other", || {
             connect(&rig, "control.sock").is_some()
         });
+        // An answer means that the store was read: from now on it may break.
+        order(&rig, ORDERS[0]);
         live(&rig, &process, life, &mut rng);
         end(&rig, process, life, &mut rng);
         watcher.join().expect("what the watcher saw");
