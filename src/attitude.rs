@@ -230,7 +230,9 @@ impl Attitude {
     /// vertical.
     pub fn fused_heading_rad(&self, t_s: f64) -> Option<f64> {
         let fused = self.filter.fused_orientation()?;
-        self.filter.gravity.low_passed(t_s)?;
+        if !self.down_known(t_s) {
+            return None;
+        }
         // The filter's earth frame is X east, Y north, Z up.
         let nose = fused * self.since_tick(t_s)? * Vector3::x();
         (nose.xy().norm() > NO_HEADING_DEG.to_radians().sin())

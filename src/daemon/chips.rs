@@ -45,19 +45,11 @@ pub(super) fn read(settings: &Settings, out: &mpsc::Sender<Message>, mut clock: 
 }
 
 /// Readings that go out as one message: each that is sent wakes the daemon.
+#[derive(Default)]
 struct Batch {
     readings: Vec<(Reading, Instant)>,
-    /// When the last one with a field was handed on.
-    handed_on_s: f64,
-}
-
-impl Default for Batch {
-    fn default() -> Self {
-        Self {
-            readings: Vec::new(),
-            handed_on_s: f64::NEG_INFINITY,
-        }
-    }
+    /// Time of the newest reading with a field that was handed on.
+    handed_on_s: Option<f64>,
 }
 
 impl Batch {
@@ -65,15 +57,14 @@ impl Batch {
     fn take(&mut self, reading: Reading, taken: Instant) -> bool {
         self.readings.push((reading, taken));
         let since_s = reading.t_s - self.readings[0].0.t_s;
-        let field = reading.field_mgauss.is_some();
-        since_s >= WAITING_S || field && reading.t_s - self.handed_on_s >= APART_S
+        let apart = |handed_on_s| reading.t_s - handed_on_s >= APART_S;
+        since_s >= WAITING_S || reading.field_mgauss.is_some() && self.handed_on_s.is_none_or(apart)
     }
 
     fn hand_on(&mut self) -> Option<Message> {
-        let fields = self.readings.iter().rev().map(|(reading, _)| reading);
-        let mut fields = fields.filter(|reading| reading.field_mgauss.is_some());
-        if let Some(newest) = fields.next() {
-            self.handed_on_s = newest.t_s;
+        let with_field = |(reading, _): &&(Reading, Instant)| reading.field_mgauss.is_some();
+        if let Some((newest, _)) = self.readings.iter().rfind(with_field) {
+            self.handed_on_s = Some(newest.t_s);
         }
         let empty = Vec::with_capacity(TOGETHER);
         let readings = std::mem::replace(&mut self.readings, empty);

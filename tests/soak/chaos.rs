@@ -45,16 +45,18 @@ pub fn soak(length: Duration) {
 
     let begun = Instant::now();
     let seen = Arc::new(Seen::default());
-    let mut lives = 0;
+    let (mut lives, mut kept) = (0, false);
     while begun.elapsed() < length {
         let left = length - begun.elapsed();
         // The log takes a minute.
         let life = left.min(Duration::from_secs_f64(rng.random_range(12.0..30.0)));
         // What was accepted while the store was broken, and the process killed before it was mended, was never kept.
-        let kept = rig.path("store/calibration.json").exists();
+        let kept_before = kept;
+        kept = rig.path("store/calibration.json").exists();
+        assert!(kept || !kept_before, "what was kept is lost");
         seen.calibrated.store(kept, Ordering::Relaxed);
         let process = rig.start();
-        let watcher = watch(rig.client(), truth.clone(), seen.clone(), kept);
+        let watcher = watch(rig.client(), truth.clone(), seen.clone());
         until("the control socket, which is bound after the other", || {
             connect(&rig, "control.sock").is_some()
         });

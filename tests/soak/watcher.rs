@@ -24,13 +24,8 @@ pub struct Seen {
     pub calibrated: AtomicBool,
 }
 
-/// Watches until the daemon hangs up. `expected`: there is a calibration from the start.
-pub fn watch(
-    mut client: Client,
-    truth: Arc<Truth>,
-    seen: Arc<Seen>,
-    expected: bool,
-) -> JoinHandle<()> {
+/// Watches until the daemon hangs up.
+pub fn watch(mut client: Client, truth: Arc<Truth>, seen: Arc<Seen>) -> JoinHandle<()> {
     std::thread::spawn(move || {
         let mut last_s = f64::NEG_INFINITY;
         while let Some(message) = client.next() {
@@ -38,7 +33,7 @@ pub fn watch(
                 Some("STATE") => {
                     let word = message["cal_state"].as_str().unwrap();
                     let without = ["uncalibrated", "turning", "calibrating"].contains(&word);
-                    let had = expected || seen.calibrated.load(Ordering::Relaxed);
+                    let had = seen.calibrated.load(Ordering::Relaxed);
                     assert!(!(had && without), "the calibration is lost: {message}");
                 }
                 Some("CALIBRATION") if message["verdict"] == "accepted" => {
