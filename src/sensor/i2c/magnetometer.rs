@@ -46,6 +46,8 @@ struct AtWork {
     /// How long after the beginning of a measurement it is looked for: as learnt.
     patience_s: f64,
     looked: bool,
+    /// So many in a row were found at the first look.
+    at_once: u32,
     was_ready: bool,
     verify_s: f64,
 }
@@ -110,12 +112,14 @@ impl Magnetometer {
             },
             measuring_since_s: continuous.then_some(now_s + period_s),
             slot_s: now_s,
+            // A chip whose clock is fast is not to run away before that is learnt.
             patience_s: if continuous {
-                period_s
+                FAST * period_s
             } else {
                 kind.conversion_s()
             },
             looked: false,
+            at_once: 0,
             was_ready: false,
             verify_s: now_s + VERIFY_S,
         });
@@ -199,14 +203,7 @@ impl AtWork {
 
     /// When the next thing is to be done after a measurement that was read now.
     fn schedule(&mut self, now_s: f64) {
-        // A measurement found at the first look may have been there for long: look a bit earlier next time. A look in
-        // vain costs a wake-up, and so is to be rare.
-        let step_s = self.look_s() * if self.looked { 0.25 } else { -0.05 };
-        let (least_s, most_s) = match self.chip.pace() {
-            Pace::Single => (LOOK_S, self.chip.kind().conversion_s()),
-            Pace::Continuous(_) => (FAST * self.period_s, SLOW * self.period_s),
-        };
-        self.patience_s = (self.patience_s + step_s).clamp(least_s, most_s);
+        self.learn();
         match self.chip.pace() {
             Pace::Single => {
                 self.measuring_since_s = None;
@@ -217,12 +214,37 @@ impl AtWork {
                 self.due_s = self.slot_s;
             }
             Pace::Continuous(_) => {
-                self.measuring_since_s = Some(now_s);
-                self.due_s = now_s + self.patience_s;
+                // Counted from when it was due: waking up late must not add up, and the chip does not wait.
+                let since_s = if now_s - self.due_s < self.period_s / 2.0 {
+                    self.due_s
+                } else {
+                    now_s
+                };
+                self.measuring_since_s = Some(since_s);
+                self.due_s = since_s + self.patience_s;
             }
         }
-        self.looked = false;
         self.was_ready = false;
+    }
+
+    /// Learns how long to wait. A measurement found at the first look may have been there for long: each time the next
+    /// one is looked for a bit earlier, until one is not there yet. That look in vain costs a wake-up, and so is to be
+    /// rare: whoever came down to it in many steps knows the time well, and goes back by little.
+    fn learn(&mut self) {
+        let steps = f64::from(self.at_once);
+        let looks = if self.looked {
+            self.at_once = 0;
+            0.5 / (2.0 + steps)
+        } else {
+            self.at_once = self.at_once.saturating_add(1);
+            -(2e-5 * steps * steps).min(0.1)
+        };
+        let (least_s, most_s) = match self.chip.pace() {
+            Pace::Single => (LOOK_S, self.chip.kind().conversion_s()),
+            Pace::Continuous(_) => (FAST * self.period_s, SLOW * self.period_s),
+        };
+        self.patience_s = (self.patience_s + looks * self.look_s()).clamp(least_s, most_s);
+        self.looked = false;
     }
 
     fn take(
