@@ -37,7 +37,7 @@ impl From<DaemonError> for Failure {
             DaemonError::Serve { .. } => Self::IO,
             DaemonError::Record(error) if error.is_at_start() => Self::CANNOT_CREATE,
             DaemonError::Record(_) => Self::IO,
-            DaemonError::Thread { .. } => Self::SYSTEM,
+            DaemonError::Thread { .. } | DaemonError::Timer(_) => Self::SYSTEM,
         };
         Self::new(status, error)
     }

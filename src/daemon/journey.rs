@@ -2,14 +2,15 @@
 
 mod orders;
 
-use std::time::{Duration, Instant};
+use std::io;
+use std::time::Instant;
 
 use tokio::sync::mpsc;
-use tokio::time::sleep_until;
 
 use super::calibrator::Calibrator;
 use super::keeper::Keeper;
 use super::recorder::Recorder;
+use super::silence::Silence;
 use super::source::Message;
 use super::tally::Tally;
 use super::{DISK_PATIENCE, join_for, spawn, time_of_day};
@@ -23,9 +24,6 @@ use crate::publish::server::Publisher;
 use crate::reading::Reading;
 use crate::service::Service;
 use crate::store::{History, Made};
-
-/// The pipeline is told when nothing was read for this long.
-const SILENCE: Duration = Duration::from_millis(100);
 
 /// The pipeline and everything that it acts on.
 pub(super) struct Journey {
@@ -41,8 +39,6 @@ pub(super) struct Journey {
     actions: Vec<Action>,
     /// The last reading's time on the source's clock, and when it was handed out.
     last: (f64, Instant),
-    /// When something came of anybody last.
-    heard: Instant,
     /// Whether the source may still say something, and whether it is at its end.
     open: bool,
     over: bool,
@@ -59,16 +55,20 @@ pub(super) struct Lasting {
     pub(super) publisher: Publisher,
     tally: Tally,
     reported: Option<Report>,
+    /// Of everybody that the journey listens to.
+    silence: Silence,
 }
 
 impl Lasting {
-    pub(super) fn new(publisher: Publisher, service: Service) -> Self {
-        Self {
+    /// Needs a runtime.
+    pub(super) fn new(publisher: Publisher, service: Service) -> io::Result<Self> {
+        Ok(Self {
             service,
             publisher,
             tally: Tally::new(),
             reported: None,
-        }
+            silence: Silence::new()?,
+        })
     }
 }
 
@@ -92,7 +92,6 @@ impl Journey {
             live: config.source.kind.is_live(),
             actions: Vec::new(),
             last: (0.0, Instant::now()),
-            heard: Instant::now(),
             open: true,
             over: false,
             troubled: false,
@@ -141,15 +140,15 @@ impl Journey {
                 biased;
                 outcome = self.calibrator.outcome() => {
                     self.handle(Event::Calibrated(Box::new(outcome)));
-                    self.heard = Instant::now();
+                    self.lasting.silence.hear();
                 }
                 Some(order) = orders.recv() => self.order(order),
                 message = messages.recv(), if listening => {
-                    self.heard = Instant::now();
+                    self.lasting.silence.hear();
                     alive = self.take(message);
                 }
-                () = sleep_until((self.heard + SILENCE).into()) => {
-                    self.heard = Instant::now();
+                () = self.lasting.silence.falls() => {
+                    self.lasting.silence.hear();
                     if listening {
                         let (t_s, taken) = self.last;
                         self.handle(Event::Silence(t_s + taken.elapsed().as_secs_f64() * self.speed));
@@ -159,7 +158,10 @@ impl Journey {
             // A device that is silent without saying why hangs, and a new start may help. One that is known to be
             // away is waited for, and a log may have holes.
             let alive = alive || self.troubled || !self.live;
-            self.lasting.service.tick(self.heard, alive);
+            let Lasting {
+                service, silence, ..
+            } = &mut self.lasting;
+            service.tick(silence.heard(), alive);
         }
         if self.over {
             tracing::info!("the source is at its end");

@@ -14,6 +14,7 @@ mod recorder;
 mod ring;
 mod serial;
 pub mod signals;
+mod silence;
 mod source;
 mod tally;
 pub mod time_of_day;
@@ -86,6 +87,9 @@ pub enum DaemonError {
         /// What the system said.
         source: io::Error,
     },
+    /// The system gives no timer.
+    #[error("cannot set up the timer that notices silence: {0}")]
+    Timer(io::Error),
 }
 
 /// Why the daemon came to its end.
@@ -183,7 +187,7 @@ impl Daemon {
                 let _ = control_stopped.await;
             }))
         });
-        let lasting = Lasting::new(publisher, self.service);
+        let lasting = Lasting::new(publisher, self.service).map_err(DaemonError::Timer)?;
         let mut course = Course::start(self.parts, self.config, lasting)?;
         let ended = loop {
             let notice = tokio::select! {

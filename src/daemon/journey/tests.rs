@@ -1,6 +1,7 @@
 //! Signs of life: a device that falls silent without a word hangs, and one that is known to be away does not.
 
 use std::os::unix::net::UnixDatagram;
+use std::time::Duration;
 
 use super::*;
 use crate::config::source::Kind;
@@ -71,7 +72,7 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
         None,
         &config,
         "test".to_owned(),
-        Lasting::new(server.publisher(), service),
+        Lasting::new(server.publisher(), service).unwrap(),
     );
     let (sender, mut messages) = mpsc::channel(8);
     let (_, mut orders) = mpsc::channel(1);
