@@ -1,6 +1,6 @@
 //! One client: its requests are answered, and what it watches for is sent to it.
 
-use std::io;
+use std::io::{self, ErrorKind};
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,7 +9,6 @@ use thiserror::Error;
 use tokio::net::UnixStream;
 use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::{broadcast, watch};
-use tokio::time::timeout;
 
 use super::feed::{Event, Feed, Message, age_ms};
 use super::gpsd::{self, Policy};
@@ -271,13 +270,13 @@ impl Client<'_> {
     }
 
     async fn send_lines(&mut self) -> Result<(), ClientError> {
-        timeout(
-            self.write_timeout,
-            self.link.write_all(self.lines.as_bytes()),
-        )
-        .await
-        .map_err(|_| ClientError::TooSlow(self.write_timeout))?
-        .map_err(ClientError::Broken)?;
+        let written = self
+            .link
+            .write_all(self.lines.as_bytes(), self.write_timeout);
+        written.await.map_err(|error| match error.kind() {
+            ErrorKind::TimedOut => ClientError::TooSlow(self.write_timeout),
+            _ => ClientError::Broken(error),
+        })?;
         self.lines.clear();
         Ok(())
     }

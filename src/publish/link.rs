@@ -3,10 +3,12 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream as StdStream;
+use std::time::Duration;
 
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 use tokio::net::UnixStream;
+use tokio::time::timeout;
 
 /// An open connection.
 pub(super) struct Link {
@@ -33,13 +35,15 @@ impl Link {
         }
     }
 
-    /// Writes all of this.
-    pub(super) async fn write_all(&self, mut bytes: &[u8]) -> io::Result<()> {
+    /// Writes all of this. The error is `TimedOut` where the other end has taken nothing for this long.
+    pub(super) async fn write_all(&self, mut bytes: &[u8], patience: Duration) -> io::Result<()> {
         while !bytes.is_empty() {
             match self.stream.get_ref().write(bytes) {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
                 Ok(count) => bytes = &bytes[count..],
-                Err(error) if error.kind() == ErrorKind::WouldBlock => self.room().await?,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    timeout(patience, self.room()).await??;
+                }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
             }
