@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use tokio::sync::mpsc;
+use tokio::sync::mpsc::error::TrySendError;
 
 use super::source::Message;
 use crate::reading::Reading;
@@ -39,9 +40,17 @@ pub(super) fn read(settings: &Settings, out: &mpsc::Sender<Message>, mut clock: 
         [batch.hand_on(), trouble]
             .into_iter()
             .flatten()
-            .all(|message| out.blocking_send(message).is_ok())
+            .all(|message| send(out, message))
     };
     Chips::new(settings).run(&mut bus, &mut clock, &mut say);
+}
+
+/// Whether anybody still listens. To wait for room takes far more code than to see that there is some.
+fn send(out: &mpsc::Sender<Message>, message: Message) -> bool {
+    match out.try_send(message) {
+        Err(TrySendError::Full(message)) => out.blocking_send(message).is_ok(),
+        sent => sent.is_ok(),
+    }
 }
 
 /// Readings that go out as one message: each that is sent wakes the daemon.
