@@ -214,12 +214,8 @@ impl AtWork {
                 self.due_s = self.slot_s;
             }
             Pace::Continuous(_) => {
-                // Counted from when it was due: waking up late must not add up, and the chip does not wait.
-                let since_s = if now_s - self.due_s < self.period_s / 2.0 {
-                    self.due_s
-                } else {
-                    now_s
-                };
+                // Counted from when it was due, in whole steps: the chip does not wait for a board that is late.
+                let since_s = now_s - (now_s - self.due_s) % self.patience_s;
                 self.measuring_since_s = Some(since_s);
                 self.due_s = since_s + self.patience_s;
             }
