@@ -201,11 +201,11 @@ fn in_continuous_measurement_each_sample_comes_once_and_soon() {
         .flat_map(|period_s| [(0.0, 0.0), (1.0, 0.002), (0.05, 0.015)].map(|late| (period_s, late)))
     {
         let bus = stick();
-        let theatre = theatre(&bus, period_s, 60.0);
+        let theatre = theatre(&bus, period_s, 20.0);
         let (said, _) = act(&settings, Theatre { late, ..theatre });
         let fields = field_times(&said);
         let case = format!("{period_s} s, late {late:?}");
-        let share = fields.len() as f64 * period_s / 60.0;
+        let share = fields.len() as f64 * period_s / 20.0;
         assert!((0.99..=1.0).contains(&share), "{case}: {share}");
         let ages = fields.iter().map(|t_s| t_s % period_s);
         let mean_s = ages.sum::<f64>() / fields.len() as f64;
@@ -215,7 +215,7 @@ fn in_continuous_measurement_each_sample_comes_once_and_soon() {
         );
         let look = |t: &&Transfer| matches!(t, Transfer::Read(MAG, 0x09, 1));
         let looks = bus.transfers().iter().filter(look).count();
-        let in_vain = (looks - fields.len()) as f64 / 60.0;
+        let in_vain = (looks - fields.len()) as f64 / 20.0;
         assert!(in_vain < 4.0, "{case}: {in_vain} looks a second in vain");
         assert!(codes(&said).is_empty());
     }
