@@ -111,8 +111,9 @@ impl Listener {
     }
 
     fn count(&mut self, row: &Row) {
+        // The service may be anybody: no number that it sends may be taken for granted.
         let lost = match self.seq {
-            Some(last) => row.seq.saturating_sub(last + 1),
+            Some(last) => row.seq.saturating_sub(last.saturating_add(1)),
             None => 0,
         };
         if lost > 0 && self.lost == 0 {
@@ -121,7 +122,7 @@ impl Listener {
                 "this recording is too slow for the service: readings are lost on the way into it"
             );
         }
-        self.lost += lost;
+        self.lost = self.lost.saturating_add(lost);
         self.seq = Some(row.seq);
     }
 
@@ -182,6 +183,39 @@ impl Listener {
         ListenError {
             socket: self.socket.clone(),
             what,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn no_numbers_of_a_service_make_the_count_overflow() {
+        let (stream, _service) = UnixStream::pair().unwrap();
+        let mut listener = Listener {
+            socket: "s".into(),
+            stream: BufReader::new(stream),
+            header: Header::default(),
+            line: Vec::new(),
+            seq: None,
+            lost: 0,
+            told: None,
+        };
+        for (seq, lost) in [
+            (u64::MAX, 0),
+            (0, 0),
+            (5, 4),
+            (u64::MAX, u64::MAX - 2),
+            (u64::MAX, u64::MAX - 2),
+            (1, u64::MAX - 2),
+            (u64::MAX, u64::MAX),
+        ] {
+            let mut row = Row::default();
+            row.seq = seq;
+            listener.count(&row);
+            assert_eq!(listener.lost, lost, "{seq}");
         }
     }
 }

@@ -34,9 +34,12 @@ pub(super) fn push_angle(out: &mut String, key: &str, degrees: Option<f64>) {
     }
 }
 
-/// Appends `,"key":value` with `decimals` decimal places, or nothing where the value is not known.
+/// Appends `,"key":value` with `decimals` decimal places, or nothing where the value is not known. A large value has
+/// only the places that mean something.
 pub(super) fn push_number(out: &mut String, key: &str, value: Option<f64>, decimals: u32) {
-    if let Some(units) = value.and_then(|value| scaled(value, decimals)) {
+    let Some(value) = value else { return };
+    let form = |decimals| scaled(value, decimals).map(|units| (units, decimals));
+    if let Some((units, decimals)) = (0..=decimals).rev().find_map(form) {
         push_decimal(out, key, units, decimals);
     }
 }
@@ -58,8 +61,10 @@ fn push_decimal(out: &mut String, key: &str, units: i64, decimals: u32) {
     let one = 10u64.pow(decimals);
     let units = units.unsigned_abs();
     push_digits(out, units / one, 1);
-    out.push('.');
-    push_digits(out, units % one, decimals as usize);
+    if decimals > 0 {
+        out.push('.');
+        push_digits(out, units % one, decimals as usize);
+    }
 }
 
 /// Appends a number with at least so many digits. Through `core::fmt` these were more than half of the instructions
@@ -73,4 +78,35 @@ fn push_digits(out: &mut String, mut number: u64, least: usize) {
         count += 1;
     }
     out.extend(digits[..count].iter().rev().map(|digit| char::from(*digit)));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn number(value: f64) -> String {
+        let mut out = String::new();
+        push_number(&mut out, "t_s", Some(value), 6);
+        out
+    }
+
+    #[test]
+    fn a_large_number_loses_decimals_and_is_never_left_out() {
+        for (value, right) in [
+            (-0.0000001, r#","t_s":0.000000"#),
+            (9e9, r#","t_s":9000000000.000000"#),
+            (9_000_000_001.25, r#","t_s":9000000001.25000"#),
+            (-999_999_999_999.5, r#","t_s":-999999999999.500"#),
+            (9e15, r#","t_s":9000000000000000"#),
+        ] {
+            assert_eq!(number(value), right, "{value}");
+        }
+    }
+
+    #[test]
+    fn what_has_no_honest_decimal_form_is_left_out() {
+        for value in [f64::NAN, f64::INFINITY, -f64::INFINITY, 1e300] {
+            assert_eq!(number(value), "", "{value}");
+        }
+    }
 }
