@@ -2,7 +2,7 @@
 //!
 //! [`judge`] knows no past: it names the first state, the worst first, that the evidence asks for. So trouble with the
 //! source, and a silent magnetometer, lead from any state to `fault` and `stale`, and their end to whatever holds then.
-//! What leads from one state to another (held against the pipeline by `tests/condition`):
+//! What leads from one state to another (held against the pipeline by `tests/domain/condition`):
 //!
 //! | from | what happens | to | reason |
 //! |---|---|---|---|

@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 /// A word or a sign, with its line.
 pub type Token = (usize, String);
 
-/// Every file under `src/`: its name, with `/`, and its text.
-pub fn sources() -> Vec<(String, String)> {
+/// Every file of Rust in a folder of the project and below: its name, with `/`, and its text.
+pub fn sources(of: &str) -> Vec<(String, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut folders = vec![root.join("src")];
+    let mut folders = vec![root.join(of)];
     let mut files: Vec<PathBuf> = Vec::new();
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(&folder).unwrap() {
@@ -23,7 +23,7 @@ pub fn sources() -> Vec<(String, String)> {
             }
         }
     }
-    assert!(files.len() > 20, "the source was not found");
+    assert!(files.len() > 20, "{of}/ was not found");
     files.sort();
     let named = |path: PathBuf| {
         let name = path

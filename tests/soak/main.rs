@@ -6,7 +6,7 @@
 //! killed. Another daemon hangs on a serial line full of noise. At the end nothing may be lost or left over.
 
 mod chaos;
-#[path = "../serial/device.rs"]
+#[path = "../daemon/serial/device.rs"]
 #[allow(dead_code)]
 mod device;
 mod health;

@@ -10,7 +10,7 @@ use headingd::sensor::replay::Replay;
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
 
-use crate::device::{Device, Firmware, Habits, counts_of};
+use super::device::{Device, Firmware, Habits, counts_of};
 use crate::rig::{Rig, until};
 
 /// Rest, two turns in two seconds each, rest.

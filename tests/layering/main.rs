@@ -4,7 +4,7 @@
 //! no file, no socket, no thread, no clock and no global randomness; time, seeds and bytes come to them as
 //! arguments. That is what lets the whole daemon be tested from a log.
 
-#[path = "layering/source.rs"]
+mod programs;
 mod source;
 
 use std::fmt;
@@ -127,7 +127,7 @@ fn floors_0_and_1_know_nothing_of_the_outside() {
 
 #[test]
 fn no_file_is_too_long() {
-    let breaches: Vec<Breach> = sources()
+    let breaches: Vec<Breach> = sources("src")
         .iter()
         .filter_map(|(file, text)| too_long(file, text))
         .collect();
@@ -243,7 +243,7 @@ fn a_wrong_line_is_found_and_explained() {
 
 /// The source without the files that hold a room's tests: those may do what they like.
 fn program() -> impl Iterator<Item = (String, String)> {
-    sources()
+    sources("src")
         .into_iter()
         .filter(|(file, _)| !file.ends_with("/tests.rs"))
 }
@@ -256,8 +256,9 @@ fn imports(file: &str, text: &str) -> Vec<Breach> {
     };
     let (name, depth) = place(file);
     let Some(room) = find(name) else {
-        let what =
-            format!("{name} is a new room: give it a floor and its imports in tests/layering.rs");
+        let what = format!(
+            "{name} is a new room: give it a floor and its imports in tests/layering/main.rs"
+        );
         return vec![breach(1, what)];
     };
     let mut found = Vec::new();

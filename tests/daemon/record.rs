@@ -1,9 +1,5 @@
 //! `headingd record` and table `[record]`: raw readings into logs, whatever the disk and the socket do.
 
-#[path = "daemon/rig.rs"]
-#[allow(dead_code)]
-mod rig;
-
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::{UnixDatagram, UnixListener};
@@ -12,11 +8,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread::JoinHandle;
 
+use crate::rig::{LONG, Process, Rig, start, until};
 use headingd::reading::Reading;
 use headingd::recording::Header;
 use headingd::sensor::replay::Replay;
 use headingd::sensor::simulator::{Settings, Simulator};
-use rig::{LONG, Process, Rig, start, until};
 
 fn recorded(log: &Path) -> Vec<Reading> {
     let mut replay = Replay::open(log).unwrap();

@@ -4,7 +4,7 @@ use std::fs;
 
 use tokio::task::yield_now;
 
-use crate::rig::{report, rig, until};
+use super::rig::{report, rig, until};
 
 #[tokio::test]
 async fn many_clients_each_get_everything() {

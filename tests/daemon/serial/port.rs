@@ -11,7 +11,7 @@ use headingd::sensor::serial::settings::{Protocol, Settings};
 use headingd::sensor::serial::{Bridge, Heard};
 use tokio::runtime::{Builder, Runtime};
 
-use crate::device::{Counts, Device, Firmware, Habits};
+use super::device::{Counts, Device, Firmware, Habits};
 use crate::rig::PATIENCE;
 
 const COUNTS: Counts = [[1, -2, 256], [130, -13, 650], [14, 0, -14]];

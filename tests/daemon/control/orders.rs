@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::link::Link;
+use super::link::Link;
 use crate::rig::{Client, LONG, Process, Rig};
 
 /// A daemon that has calibrated, and does so no more by itself; the number of the calibration in force.

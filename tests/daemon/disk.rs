@@ -124,7 +124,7 @@ fn on_a_full_disk_the_old_file_stays_and_nothing_else() {
     store.save(&history, None).unwrap();
     let run = |blocks: &str| {
         let script = format!(
-            "trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" --exact saves_once --ignored --nocapture"
+            "trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" --exact disk::saves_once --ignored --nocapture"
         );
         let output = Command::new("sh")
             .args(["-c", &script])
@@ -161,7 +161,7 @@ fn start(folder: &Path) -> Saver {
     let child = Command::new(std::env::current_exe().unwrap())
         .args([
             "--exact",
-            "saves_until_it_is_killed",
+            "disk::saves_until_it_is_killed",
             "--ignored",
             "--nocapture",
         ])

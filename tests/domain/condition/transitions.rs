@@ -6,7 +6,7 @@ use headingd::condition::Trouble;
 use headingd::pipeline::Event;
 use nalgebra::{Rotation3, Vector3};
 
-use crate::board::{Board, planar, spatial};
+use super::board::{Board, planar, spatial};
 
 /// What leads to a row's first state, and what happens then.
 type Scenario = (&'static str, fn() -> Board, fn(&mut Board));
@@ -158,7 +158,7 @@ const SCENARIOS: &[Scenario] = &[
 
 /// From, event, to, reason.
 fn table() -> Vec<[&'static str; 4]> {
-    let source = include_str!("../../src/condition.rs");
+    let source = include_str!("../../../src/condition.rs");
     let rows = source
         .lines()
         .filter_map(|line| line.strip_prefix("//! |")?.strip_suffix('|'));

@@ -7,7 +7,7 @@ use headingd::calibration::outcome::{Outcome, Verdict};
 use headingd::calibration::settings::ModelChoice;
 use nalgebra::{Matrix3, SMatrix, SVector};
 
-use crate::cases::{Case, Log, TOTAL_MGAUSS};
+use super::cases::{Case, Log, TOTAL_MGAUSS};
 
 /// 10 % from X into Y and back, and something between the others.
 const COUPLING: [f64; 3] = [0.1, -0.04, 0.06];

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use headingd::publish::server::{BindError, Server, Settings};
 
-use crate::rig::{STALE, device, report, rig};
+use super::rig::{STALE, device, report, rig};
 
 #[tokio::test]
 async fn stopping_delivers_what_was_published_and_removes_the_socket() {

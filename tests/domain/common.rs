@@ -1,7 +1,4 @@
 //! What the tests of whole commands share: simulated logs, and running the program on them.
-// Each test program uses its part of this.
-#![allow(dead_code)]
-
 use std::fs;
 use std::process::{Command, Stdio};
 

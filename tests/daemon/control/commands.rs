@@ -10,7 +10,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-use crate::link::Link;
+use super::link::Link;
 use crate::rig::{LONG, Rig};
 
 fn headingd(arguments: &[&str]) -> (i32, String, String) {

@@ -1,8 +1,6 @@
 //! `headingd calibrate`: what other programs rely on, and how good its figures are.
 
-mod common;
-
-use common::{Folder, Ran, apart_deg, headingd, log, rms, simulated};
+use crate::common::{Folder, Ran, apart_deg, headingd, log, rms, simulated};
 use headingd::sensor::simulator::{Scenario, Settings};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use serde::Deserialize;

@@ -6,7 +6,7 @@ use headingd::sensor::serial::{Item, LogRows, RazorBinary, RazorText};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
-use crate::device::{binary, text};
+use super::device::{binary, text};
 
 const GAIN: f64 = 1300.0;
 
@@ -262,7 +262,7 @@ fn rows_with_a_header_are_those_of_a_log() {
 
 #[test]
 fn the_sketch_of_the_readme_is_understood() {
-    let readme = include_str!("../../README.md");
+    let readme = include_str!("../../../README.md");
     let sketch = readme.split_once("Serial.print(F(\"").unwrap().1;
     let header = sketch.split_once("\"))").unwrap().0.replace("\\n", "\n");
     let stream = format!("{header}0.0200,130.000,,13.000,14.375,0.000,-1.000\n");

@@ -6,7 +6,7 @@ use std::os::unix::fs::PermissionsExt;
 
 use serde_json::json;
 
-use crate::link::Link;
+use super::link::Link;
 use crate::rig::{LONG, Rig};
 
 #[test]

@@ -5,6 +5,3 @@ mod codecs;
 mod daemon;
 mod device;
 mod port;
-#[path = "../daemon/rig.rs"]
-#[allow(dead_code)]
-mod rig;

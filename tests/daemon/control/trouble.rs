@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::json;
 
-use crate::link::Link;
+use super::link::Link;
 use crate::rig::{LONG, Rig};
 
 #[test]

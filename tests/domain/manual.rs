@@ -1,13 +1,13 @@
 //! headingd.toml(5) held against the code: each key with its unit, its range and its default.
 
-#[path = "../packaging/keys.rs"]
+#[path = "../../packaging/keys.rs"]
 mod keys;
 
+use self::keys::{Key, Table};
 use headingd::config::Config;
-use keys::{Key, Table};
 use toml::Value;
 
-const FILE: &str = include_str!("../config/headingd.toml");
+const FILE: &str = include_str!("../../config/headingd.toml");
 
 /// What the code says shortly, the manual says in words.
 const SAME: [(&str, &str); 3] = [

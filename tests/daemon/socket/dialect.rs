@@ -9,7 +9,7 @@ use serde_json::Value;
 use tokio::io::AsyncWriteExt;
 use tokio::task::yield_now;
 
-use crate::rig::{heading, outcome, report, rig};
+use super::rig::{heading, outcome, report, rig};
 
 #[tokio::test]
 async fn the_banner_comes_first_and_each_question_is_answered() {

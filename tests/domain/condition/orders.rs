@@ -7,7 +7,7 @@ use headingd::condition::Trouble;
 use headingd::heading::MagStatus;
 use headingd::pipeline::Event;
 
-use crate::board::{Board, planar, spatial};
+use super::board::{Board, planar, spatial};
 
 /// More than a full turn, less than two.
 const A_TURN_DEG: f64 = 365.0;

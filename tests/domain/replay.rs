@@ -1,11 +1,9 @@
 //! `headingd replay`: the lines that a client would get, from logs of every kind.
 
-mod common;
-
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
-use common::{Folder, Log, Ran, apart_deg, command, headingd, log, rms, simulated};
+use crate::common::{Folder, Log, Ran, apart_deg, command, headingd, log, rms, simulated};
 use headingd::recording::Entry;
 use headingd::sensor::simulator::{Scenario, Settings};
 use serde_json::{Value, json};

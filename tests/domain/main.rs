@@ -1,0 +1,14 @@
+//! What follows from readings alone, in memory or from logs: calibrations, headings, conditions, and the commands
+//! that play a log. No daemon is started.
+
+mod accuracy;
+mod calibrate;
+mod common;
+mod condition;
+mod config;
+mod manual;
+mod paper;
+mod pipeline;
+mod replay;
+mod silence;
+mod store;
