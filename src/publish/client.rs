@@ -9,12 +9,14 @@ use thiserror::Error;
 use tokio::net::UnixStream;
 use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::{broadcast, watch};
+use tokio::task::yield_now;
 
 use super::feed::{Event, Feed, Message, age_ms};
 use super::gpsd::{self, Policy};
+use super::inbox::Inbox;
 use super::link::Link;
 use super::raw;
-use super::request::{Request, Requests, Watch};
+use super::request::{Request, Watch};
 use crate::reading::Reading;
 
 /// gpsd's own. Its Python client passes over every line that ends otherwise, without a word.
@@ -22,6 +24,9 @@ pub(super) const LINE_END: &str = "\r\n";
 
 /// So much is sent together.
 const MOST_BYTES: usize = 4096;
+
+/// So many requests are answered before others have their turn: some 50 µs.
+const MOST_ANSWERS: usize = 16;
 
 /// Why a client was let go.
 #[derive(Debug, Error)]
@@ -52,8 +57,7 @@ pub(super) async fn serve(
         calibration_seen: 0,
         lines: String::new(),
     };
-    let mut requests = Requests::new(request_limit_bytes);
-    let mut bytes = [0; 1024];
+    let mut inbox = Inbox::new(request_limit_bytes);
     client.send(&gpsd::version()).await?;
     let mut stopped = pin!(stop.changed());
     loop {
@@ -63,19 +67,15 @@ pub(super) async fn serve(
                 while client.forward_waiting().await? {}
                 return Ok(());
             }
-            read = link.read(&mut bytes) => match read? {
-                [] => {
-                    if let Some(request) = requests.finish() {
-                        client.answer(request).await?;
-                    }
+            there = inbox.wait(link) => {
+                there?;
+                client.answer_waiting(&mut inbox).await?;
+                if inbox.is_over() {
                     return Ok(());
                 }
-                bytes => {
-                    for request in requests.feed(bytes) {
-                        client.answer(request).await?;
-                    }
-                }
-            },
+                // Whoever asks without end has its turns between those of the others.
+                yield_now().await;
+            }
             message = next(&mut client.ring) => {
                 client.forward(message);
                 client.forward_waiting().await?;
@@ -121,25 +121,39 @@ struct Client<'a> {
 }
 
 impl Client<'_> {
-    async fn answer(&mut self, request: Result<Request, String>) -> Result<(), ClientError> {
+    /// Answers what has been asked, as much as goes together. The answers are taken before anything more is read.
+    async fn answer_waiting(&mut self, inbox: &mut Inbox) -> Result<(), ClientError> {
+        let mut count = 0;
+        while count < MOST_ANSWERS
+            && self.lines.len() < MOST_BYTES
+            && let Some(request) = inbox.next()
+        {
+            self.answer(request);
+            count += 1;
+        }
+        self.send_lines().await
+    }
+
+    /// Puts the answer.
+    fn answer(&mut self, request: Result<Request, String>) {
         match request {
-            Err(message) => self.send(&gpsd::error(&message)).await,
-            Ok(Request::Policy) => self.send_policy().await,
-            Ok(Request::Watch(watch)) => self.watch(&watch).await,
-            Ok(Request::Poll) => self.send(&self.feed.poll()).await,
-            Ok(Request::Devices) => self.send(&gpsd::devices(&self.feed.device)).await,
-            Ok(Request::Device) => self.send(&gpsd::device(&self.feed.device)).await,
-            Ok(Request::Version) => self.send(&gpsd::version()).await,
+            Err(message) => self.put(&gpsd::error(&message)),
+            Ok(Request::Policy) => self.put_policy(),
+            Ok(Request::Watch(watch)) => self.watch(&watch),
+            Ok(Request::Poll) => self.put(&self.feed.poll()),
+            Ok(Request::Devices) => self.put(&gpsd::devices(&self.feed.device)),
+            Ok(Request::Device) => self.put(&gpsd::device(&self.feed.device)),
+            Ok(Request::Version) => self.put(&gpsd::version()),
         }
     }
 
     /// gpsd answers any `?WATCH` with the devices and then the policy.
-    async fn send_policy(&mut self) -> Result<(), ClientError> {
-        self.send(&gpsd::devices(&self.feed.device)).await?;
-        self.send(&gpsd::watch(&self.policy)).await
+    fn put_policy(&mut self) {
+        self.put(&gpsd::devices(&self.feed.device));
+        self.put(&gpsd::watch(&self.policy));
     }
 
-    async fn watch(&mut self, watch: &Watch) -> Result<(), ClientError> {
+    fn watch(&mut self, watch: &Watch) {
         if let Some(device) = &watch.device
             && *device != self.feed.device.path
         {
@@ -147,7 +161,7 @@ impl Client<'_> {
                 "no such device as {device}: the only one is {}",
                 self.feed.device.path
             );
-            return self.send(&gpsd::error(&message)).await;
+            return self.put(&gpsd::error(&message));
         }
         let before = self.policy;
         watch.apply(&mut self.policy);
@@ -170,13 +184,13 @@ impl Client<'_> {
         } else if !announced {
             self.readings = Some(self.feed.subscribe_readings());
         }
-        self.send_policy().await?;
+        self.put_policy();
         let board = self.feed.board();
         if self.readings.is_some() && !announced && !board.is_empty() {
-            self.send(&board).await?;
+            self.put(&board);
         }
         if self.ring.is_none() {
-            return Ok(());
+            return;
         }
         // Whoever turns events on is told at once how things stand, even if it has been told before.
         if state && !(before.enable && before.state) {
@@ -186,7 +200,6 @@ impl Client<'_> {
             self.calibration_seen = 0;
         }
         self.catch_up();
-        self.send_lines().await
     }
 
     fn forward(&mut self, message: Result<Message, RecvError>) {

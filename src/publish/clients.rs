@@ -1,4 +1,4 @@
-//! Accepts clients, up to a limit, and sees them off at the end.
+//! Accepts clients, as far as there are places for them, and sees them off at the end.
 
 use std::future::Future;
 use std::io::{self, Write};
@@ -7,12 +7,14 @@ use std::pin::pin;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
+use rustix::process::geteuid;
 use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
 use super::client::ClientError;
+use super::places::{Full, Places};
 use super::socket_file::SocketFile;
 
 /// How long clients have at the end to take what is on its way to them.
@@ -28,7 +30,7 @@ pub(super) struct Door<'a> {
     pub file: Option<SocketFile>,
     pub most: usize,
     /// What a client is told for which there is no room.
-    pub refusal: String,
+    pub refusal: fn(Full) -> String,
     /// How many are connected.
     pub count: &'a AtomicUsize,
 }
@@ -47,6 +49,7 @@ where
     let listener = UnixListener::from_std(door.listener)?;
     let (stop, stopped) = watch::channel(false);
     let mut clients: JoinSet<Result<(), ClientError>> = JoinSet::new();
+    let places = Places::new(door.most, geteuid().as_raw());
     let mut shutdown = pin!(shutdown);
     let mut pause = None;
     loop {
@@ -66,11 +69,19 @@ where
             None => {}
             Some(Ok(stream)) => {
                 pause = None;
-                if clients.len() >= door.most {
-                    refuse(stream, &door.refusal);
-                    tracing::info!("refused a client: {} are connected", door.most);
-                } else {
-                    clients.spawn(serve(stream, stopped.clone()));
+                let peer = stream.peer_cred().ok();
+                match places.take(peer.map(|peer| peer.uid())) {
+                    Ok(place) => {
+                        let served = serve(stream, stopped.clone());
+                        clients.spawn(async move {
+                            let _place = place;
+                            served.await
+                        });
+                    }
+                    Err(full) => {
+                        refuse(stream, &(door.refusal)(full));
+                        tracing::info!("refused a client: {full}");
+                    }
                 }
             }
             Some(Err(error)) => {

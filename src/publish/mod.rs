@@ -1,13 +1,16 @@
 //! What goes out of the daemon, and how.
 
+mod allowance;
 mod client;
 mod clients;
 pub mod control;
 mod feed;
 pub mod gpsd;
+mod inbox;
 mod json;
 mod link;
 mod place;
+mod places;
 pub mod raw;
 pub mod request;
 pub mod server;

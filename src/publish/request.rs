@@ -92,36 +92,46 @@ impl Requests {
         }
     }
 
-    /// The requests that `bytes` complete, in order. One that cannot be understood is an error text for the
-    /// client; after one that is too long everything up to the next newline is thrown away.
-    pub fn feed(&mut self, bytes: &[u8]) -> Vec<Result<Request, String>> {
-        let mut found = Vec::new();
-        for &byte in bytes {
-            if byte == b'\n' {
+    /// The next request that `bytes` complete; what belongs to it is taken from them, and they are all taken where there
+    /// is none. One that cannot be understood is an error text for the client; after one that is too long everything up
+    /// to the next newline is thrown away.
+    pub fn next(&mut self, bytes: &mut &[u8]) -> Option<Result<Request, String>> {
+        while let Some((&byte, rest)) = bytes.split_first() {
+            *bytes = rest;
+            let found = if byte == b'\n' {
                 self.skipping = false;
-                found.extend(self.finish());
+                self.finish()
             } else if self.skipping {
+                None
             } else if byte == b';' && !self.in_string {
-                found.extend(self.finish());
+                self.finish()
             } else if self.pending.len() == self.limit_bytes {
                 self.begin_anew();
                 self.skipping = true;
-                found.push(Err(format!(
+                Some(Err(format!(
                     "the request is longer than {} bytes; the rest of its line is ignored",
                     self.limit_bytes
-                )));
+                )))
             } else {
-                self.pending.push(byte);
-                if self.escaped {
-                    self.escaped = false;
-                } else if self.in_string && byte == b'\\' {
-                    self.escaped = true;
-                } else if byte == b'"' {
-                    self.in_string = !self.in_string;
-                }
+                self.push(byte);
+                None
+            };
+            if found.is_some() {
+                return found;
             }
         }
-        found
+        None
+    }
+
+    fn push(&mut self, byte: u8) {
+        self.pending.push(byte);
+        if self.escaped {
+            self.escaped = false;
+        } else if self.in_string && byte == b'\\' {
+            self.escaped = true;
+        } else if byte == b'"' {
+            self.in_string = !self.in_string;
+        }
     }
 
     /// The request that the end of the stream completes, if there is one: `printf '?POLL'` sends no newline.
@@ -220,8 +230,14 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    fn fed(requests: &mut Requests, mut bytes: &[u8]) -> Vec<Result<Request, String>> {
+        let found = std::iter::from_fn(|| requests.next(&mut bytes)).collect();
+        assert!(bytes.is_empty());
+        found
+    }
+
     fn requests(text: &str) -> Vec<Result<Request, String>> {
-        Requests::new(1024).feed(text.as_bytes())
+        fed(&mut Requests::new(1024), text.as_bytes())
     }
 
     fn only(text: &str) -> Result<Request, String> {
@@ -324,9 +340,9 @@ mod tests {
     #[test]
     fn an_overlong_request_is_one_error_and_the_next_line_is_read_again() {
         let mut requests = Requests::new(16);
-        assert_eq!(requests.feed(&[b'x'; 16]), []);
-        assert_eq!(requests.feed(&[b'x'; 5000]).len(), 1);
-        assert_eq!(requests.feed(b"?POLL;\"\n?POLL;"), [Ok(Request::Poll)]);
+        assert_eq!(fed(&mut requests, &[b'x'; 16]), []);
+        assert_eq!(fed(&mut requests, &[b'x'; 5000]).len(), 1);
+        assert_eq!(fed(&mut requests, b"?POLL;\"\n?POLL;"), [Ok(Request::Poll)]);
         assert!(requests.pending.capacity() <= 64);
     }
 
@@ -341,12 +357,12 @@ mod tests {
             limit in 1usize..64,
         ) {
             let mut whole = Requests::new(limit);
-            let mut expected = whole.feed(&bytes);
+            let mut expected = fed(&mut whole, &bytes);
             expected.extend(whole.finish());
             let (head, tail) = bytes.split_at(cut.min(bytes.len()));
             let mut pieces = Requests::new(limit);
-            let mut found = pieces.feed(head);
-            found.extend(pieces.feed(tail));
+            let mut found = fed(&mut pieces, head);
+            found.extend(fed(&mut pieces, tail));
             found.extend(pieces.finish());
             prop_assert_eq!(found, expected);
         }

@@ -33,10 +33,11 @@ pub struct Settings {
     /// Path of the socket, absolute, up to 100 bytes. Default `/run/headingd/heading.sock`.
     pub socket: PathBuf,
     /// Permissions of the socket, octal, `"0600"` to `"0666"`. Default `"0666"`: any local user may read
-    /// headings, as any may read positions from gpsd. They are no secret, nothing can be changed here, and a
-    /// client can at worst use up the connections. Set `"0660"` to let only the daemon's group in.
+    /// headings, as any may read positions from gpsd. They are no secret, and nothing can be changed here. Set `"0660"`
+    /// to let only the daemon's group in.
     pub mode: String,
-    /// How many clients are served at a time, 1 to 1024. Default 32.
+    /// How many clients are served at a time, 1 to 1024. Default 32. One user may have all but four of them (below
+    /// eight, all but half); the rest is for other users. Root and the daemon's own user may have all.
     pub max_clients: usize,
     /// The longest request, bytes, 128 to 65536. Default 1024.
     pub request_limit_bytes: usize,
@@ -167,15 +168,14 @@ impl Server {
     ///
     /// An error means that the socket could not be handed to the runtime; nothing that a client does ends it.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> io::Result<()> {
-        let limit = self.settings.max_clients;
-        let refusal = gpsd::error(&format!(
-            "headingd serves {limit} clients already; raise max_clients, or try again later"
-        ));
         let door = Door {
             listener: self.listener,
             file: self.file,
-            most: limit,
-            refusal: refusal + LINE_END,
+            most: self.settings.max_clients,
+            refusal: |full| {
+                let message = format!("{full}; raise max_clients, or try again later");
+                gpsd::error(&message) + LINE_END
+            },
             count: &self.feed.clients,
         };
         serve_clients(door, shutdown, |stream, stopped| {

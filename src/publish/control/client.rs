@@ -1,13 +1,14 @@
 //! One client of the control socket: its lines are orders, and each gets an answer.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::UnixStream;
 use tokio::sync::{mpsc, oneshot, watch};
-use tokio::time::timeout;
+use tokio::time::{sleep, timeout, timeout_at};
 
 use super::{Answer, Order, Request};
+use crate::publish::allowance::Allowance;
 use crate::publish::client::ClientError;
 
 /// Where the log is told of changes. `logging::repeats` knows it: however many there are, none is left out.
@@ -29,7 +30,17 @@ const WRITE_PATIENCE: Duration = Duration::from_secs(5);
 pub(super) async fn serve(
     stream: UnixStream,
     orders: mpsc::Sender<Order>,
+    stop: watch::Receiver<bool>,
+) -> Result<(), ClientError> {
+    serve_for(stream, orders, stop, IDLE).await
+}
+
+/// The same, with another time after which a client is let go.
+async fn serve_for(
+    stream: UnixStream,
+    orders: mpsc::Sender<Order>,
     mut stop: watch::Receiver<bool>,
+    idle: Duration,
 ) -> Result<(), ClientError> {
     let peer = stream.peer_cred();
     let (pid, uid, gid) = match &peer {
@@ -39,11 +50,19 @@ pub(super) async fn serve(
     let (reader, mut writer) = stream.into_split();
     let mut reader = BufReader::new(reader);
     let mut line = Vec::new();
+    let mut allowance = Allowance::new(Instant::now());
+    let mut deadline = tokio::time::Instant::now() + idle;
     loop {
         line.clear();
+        let pause = allowance.pause(Instant::now());
         // Room for the end of the line, and for one byte too many.
         let mut limited = (&mut reader).take(LONGEST as u64 + 2);
-        let read = timeout(IDLE, limited.read_until(b'\n', &mut line));
+        let read = async {
+            if let Some(pause) = pause {
+                sleep(pause).await;
+            }
+            timeout_at(deadline, limited.read_until(b'\n', &mut line)).await
+        };
         let count = tokio::select! {
             // An error means that the server is gone, which is a reason to stop as well.
             _ = stop.changed() => return Ok(()),
@@ -52,13 +71,14 @@ pub(super) async fn serve(
         if count == Some(0) {
             return Ok(());
         }
+        allowance.bytes(Instant::now(), line.len());
         let text = line.trim_ascii();
         let silent = count.is_none();
         let too_long = line.len() > LONGEST + 1;
         let answer = if silent {
             let message = format!(
                 "no whole request has come for {} s: the connection is closed",
-                IDLE.as_secs()
+                idle.as_secs()
             );
             Answer::refused("timeout", message)
         } else if too_long {
@@ -66,11 +86,14 @@ pub(super) async fn serve(
                 format!("a request has at most {LONGEST} bytes: the connection is closed");
             Answer::refused("too_long", message)
         } else if text.is_empty() {
+            // Nothing was asked: the time goes on.
+            allowance.answer(Instant::now());
             continue;
         } else {
             match Request::parse(text) {
                 Ok(request) => {
                     let (changes, words) = (request.changes(), request.to_string());
+                    allowance.answer(Instant::now());
                     let answer = carry_out(request, &orders).await;
                     let (code, message) = (answer.code, &answer.message);
                     if changes {
@@ -81,6 +104,7 @@ pub(super) async fn serve(
                     answer
                 }
                 Err(answer) => {
+                    allowance.error(Instant::now());
                     let (code, message) = (answer.code, &answer.message);
                     tracing::info!(pid, uid, gid, code, "a request was refused: {message}");
                     answer
@@ -93,6 +117,7 @@ pub(super) async fn serve(
         if silent || too_long {
             return Ok(());
         }
+        deadline = tokio::time::Instant::now() + idle;
     }
 }
 
@@ -112,5 +137,54 @@ async fn carry_out(request: Request, orders: &mpsc::Sender<Order>) -> Answer {
             "timeout",
             "it is in force, but the disk hangs: whether it is kept will show in headingd status",
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Read, Write};
+    use std::os::unix::net::UnixStream as StdStream;
+
+    use super::*;
+
+    /// Runs a client of the control socket against `other`, which is at the other end of its connection.
+    fn served(idle: Duration, other: impl FnOnce(StdStream) -> String + Send + 'static) -> String {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .unwrap();
+        let (here, there) = StdStream::pair().unwrap();
+        here.set_nonblocking(true).unwrap();
+        there
+            .set_read_timeout(Some(Duration::from_secs(30)))
+            .unwrap();
+        let other = std::thread::spawn(move || other(there));
+        runtime.block_on(async {
+            let (orders, _waiting) = mpsc::channel(1);
+            let (_server, stop) = watch::channel(false);
+            let stream = UnixStream::from_std(here).unwrap();
+            // It may hang up in the middle of what the other end sends.
+            let _ = serve_for(stream, orders, stop, idle).await;
+        });
+        other.join().unwrap()
+    }
+
+    #[test]
+    fn blank_lines_hold_no_place() {
+        let said = served(Duration::from_millis(300), |stream| {
+            let mut writer = stream.try_clone().unwrap();
+            let blanks = std::thread::spawn(move || {
+                // Until it is hung up on.
+                while writer.write_all(b"\r\n").is_ok() {
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+            });
+            let mut said = String::new();
+            (&stream).read_to_string(&mut said).unwrap();
+            drop(stream);
+            blanks.join().unwrap();
+            said
+        });
+        assert!(said.contains("\"code\":\"timeout\""), "{said}");
     }
 }

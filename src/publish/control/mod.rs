@@ -26,7 +26,7 @@ pub use request::{Forget, Request};
 /// Calibrations can be put in force here: the rest of the world stays out.
 const MOST_OPEN: u32 = 0o660;
 
-/// How many clients are served at a time.
+/// How many clients are served at a time; four of one user.
 const MOST_CLIENTS: usize = 8;
 
 /// The name of the socket where the configuration names none.
@@ -124,15 +124,13 @@ impl Control {
         orders: mpsc::Sender<Order>,
         shutdown: impl Future<Output = ()>,
     ) -> io::Result<()> {
-        let refusal = Answer::refused(
-            "too_many_clients",
-            format!("{MOST_CLIENTS} clients are connected already: try again later"),
-        );
         let door = Door {
             listener: self.listener,
             file: self.file,
             most: MOST_CLIENTS,
-            refusal: refusal.line(),
+            refusal: |full| {
+                Answer::refused("too_many_clients", format!("{full}; try again later")).line()
+            },
             count: &AtomicUsize::new(0),
         };
         serve_clients(door, shutdown, |stream, stopped| {

@@ -1,7 +1,9 @@
 //! Many clients, slow clients, too many clients.
 
 use std::fs;
+use std::time::{Duration, Instant};
 
+use tokio::io::AsyncWriteExt;
 use tokio::task::yield_now;
 
 use super::rig::{report, rig, until};
@@ -103,4 +105,41 @@ async fn one_client_too_many_is_told_so() {
     drop(first);
     until("the first has left", || rig.publisher.clients() == 1).await;
     rig.client().await;
+}
+
+#[tokio::test]
+async fn nonsense_is_answered_at_a_bounded_rate_and_holds_up_nobody() {
+    let rig = rig(|_| {});
+    let mut watcher = rig.watcher("{\"enable\":true}").await;
+    let mut babbler = rig.client().await;
+    let begun = Instant::now();
+    // What the daemon does not read waits in the socket.
+    babbler.send(&"x;".repeat(2000)).await;
+    for seq in 1..=40 {
+        assert_eq!(babbler.next().await["class"], "ERROR");
+        rig.heading(seq);
+        assert_eq!(watcher.next().await["seq"], seq);
+    }
+    // 10 at once and 50 a second; it is less on a slow machine.
+    assert!(begun.elapsed() > Duration::from_millis(500));
+    // They count as one client's: nobody else has to wait for an answer, and this one is let go at once.
+    for _ in 0..50 {
+        assert_eq!(watcher.ask("?VERSION;").await["class"], "VERSION");
+    }
+    drop(babbler);
+    until("the babbler has left", || rig.publisher.clients() == 1).await;
+}
+
+#[tokio::test]
+async fn a_request_without_a_newline_is_answered_at_the_end_of_many() {
+    let rig = rig(|_| {});
+    let mut client = rig.client().await;
+    client.send(&"?VERSION;".repeat(150)).await;
+    client.send("?DEVICES").await;
+    client.writer.shutdown().await.unwrap();
+    for _ in 0..150 {
+        assert_eq!(client.next().await["class"], "VERSION");
+    }
+    assert_eq!(client.next().await["class"], "DEVICES");
+    assert_eq!(client.line().await, None);
 }

@@ -1,0 +1,135 @@
+//! How much a client may cost. What it sends beyond that is left unread until its debt is paid off by time, so that
+//! nobody keeps the one thread of the daemon from its headings. Pure: time comes in as an argument.
+
+use std::time::{Duration, Instant};
+
+/// Debt at which a client has to wait: 100 answers or 10 errors at once.
+const MOST: Duration = Duration::from_millis(200);
+
+/// It waits until this is left of its debt. Waiting for a little more than nothing would wake the daemon for each answer.
+const REST: Duration = Duration::from_millis(100);
+
+/// An answer: 500 a second.
+const ANSWER: Duration = Duration::from_millis(2);
+
+/// An answer to what is no request: 50 a second.
+const ERROR: Duration = Duration::from_millis(20);
+
+/// A byte, read and looked at: 250 kB a second.
+const BYTE: Duration = Duration::from_micros(4);
+
+/// What a client has cost lately.
+#[derive(Debug)]
+pub(super) struct Allowance {
+    debt: Duration,
+    /// When that was its debt.
+    at: Instant,
+}
+
+impl Allowance {
+    /// A client without debt.
+    pub(super) fn new(now: Instant) -> Self {
+        Self {
+            debt: Duration::ZERO,
+            at: now,
+        }
+    }
+
+    pub(super) fn bytes(&mut self, now: Instant, count: usize) {
+        self.spend(
+            now,
+            BYTE.saturating_mul(u32::try_from(count).unwrap_or(u32::MAX)),
+        );
+    }
+
+    pub(super) fn answer(&mut self, now: Instant) {
+        self.spend(now, ANSWER);
+    }
+
+    pub(super) fn error(&mut self, now: Instant) {
+        self.spend(now, ERROR);
+    }
+
+    /// How long the client has to wait before it is read from again.
+    pub(super) fn pause(&self, now: Instant) -> Option<Duration> {
+        let debt = self.debt_at(now);
+        (debt >= MOST).then(|| debt - REST)
+    }
+
+    fn spend(&mut self, now: Instant, cost: Duration) {
+        self.debt = self.debt_at(now).saturating_add(cost);
+        self.at = now;
+    }
+
+    /// A second pays off a second.
+    fn debt_at(&self, now: Instant) -> Duration {
+        self.debt
+            .saturating_sub(now.saturating_duration_since(self.at))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// How often something is done in ten seconds by whoever does it whenever it may, and how often it had to wait.
+    fn in_ten_seconds(what: impl Fn(&mut Allowance, Instant)) -> (u32, u32) {
+        let begun = Instant::now();
+        let mut now = begun;
+        let mut allowance = Allowance::new(now);
+        let (mut count, mut pauses) = (0, 0);
+        while now < begun + Duration::from_secs(10) {
+            match allowance.pause(now) {
+                Some(pause) => {
+                    now += pause;
+                    pauses += 1;
+                }
+                None => {
+                    what(&mut allowance, now);
+                    count += 1;
+                }
+            }
+        }
+        (count, pauses)
+    }
+
+    #[test]
+    fn each_kind_has_its_rate_and_pauses_are_few() {
+        for (what, right) in [
+            (
+                Allowance::answer as fn(&mut Allowance, Instant),
+                5000..=5100,
+            ),
+            (Allowance::error, 500..=510),
+            (|a, now| a.bytes(now, 1024), 2440..=2500),
+        ] {
+            let (count, pauses) = in_ten_seconds(what);
+            assert!(right.contains(&count), "{count}, {right:?}");
+            assert!(pauses <= 100, "{pauses}");
+        }
+    }
+
+    #[test]
+    fn whoever_asks_at_leisure_never_waits() {
+        let mut now = Instant::now();
+        let mut allowance = Allowance::new(now);
+        for _ in 0..10_000 {
+            now += Duration::from_millis(10);
+            allowance.bytes(now, 200);
+            allowance.answer(now);
+            assert_eq!(allowance.pause(now), None);
+        }
+    }
+
+    #[test]
+    fn a_long_request_is_waited_for_once_and_no_number_overflows() {
+        let now = Instant::now();
+        let mut allowance = Allowance::new(now);
+        allowance.bytes(now, 262_144);
+        let pause = allowance.pause(now).unwrap();
+        assert_eq!(allowance.pause(now + pause), None);
+        allowance.bytes(now, usize::MAX);
+        allowance.bytes(now, usize::MAX);
+        assert!(allowance.pause(now).is_some());
+    }
+}

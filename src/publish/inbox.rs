@@ -1,0 +1,79 @@
+//! What a client has sent: cut into requests, and no more of it read than the client may cost.
+
+use std::io;
+use std::time::Instant;
+
+use tokio::time::sleep;
+
+use super::allowance::Allowance;
+use super::link::Link;
+use super::request::{Request, Requests};
+
+/// So much is read at a time.
+const CHUNK: usize = 1024;
+
+/// A client's requests, from its connection.
+pub(super) struct Inbox {
+    requests: Requests,
+    bytes: [u8; CHUNK],
+    /// Which of them have been looked at, and which are there.
+    from: usize,
+    to: usize,
+    ended: bool,
+    allowance: Allowance,
+}
+
+impl Inbox {
+    /// Requests of up to `limit_bytes` bytes each.
+    pub(super) fn new(limit_bytes: usize) -> Self {
+        Self {
+            requests: Requests::new(limit_bytes),
+            bytes: [0; CHUNK],
+            from: 0,
+            to: 0,
+            ended: false,
+            allowance: Allowance::new(Instant::now()),
+        }
+    }
+
+    /// Waits until there is something to look at: while the client has cost too much, it is not read from. Nothing is
+    /// lost when the wait is given up.
+    pub(super) async fn wait(&mut self, link: &Link) -> io::Result<()> {
+        if let Some(pause) = self.allowance.pause(Instant::now()) {
+            sleep(pause).await;
+        }
+        if self.from == self.to {
+            let count = link.read(&mut self.bytes).await?.len();
+            (self.from, self.to) = (0, count);
+            self.ended = count == 0;
+            self.allowance.bytes(Instant::now(), count);
+        }
+        Ok(())
+    }
+
+    /// The next request that is there whole; none, too, while the client has cost too much.
+    pub(super) fn next(&mut self) -> Option<Result<Request, String>> {
+        let now = Instant::now();
+        if self.allowance.pause(now).is_some() {
+            return None;
+        }
+        let request = if self.ended {
+            self.requests.finish()
+        } else {
+            let mut left = &self.bytes[self.from..self.to];
+            let request = self.requests.next(&mut left);
+            self.from = self.to - left.len();
+            request
+        }?;
+        match &request {
+            Ok(_) => self.allowance.answer(now),
+            Err(_) => self.allowance.error(now),
+        }
+        Some(request)
+    }
+
+    /// Whether the client has sent its last byte.
+    pub(super) fn is_over(&self) -> bool {
+        self.ended
+    }
+}
