@@ -1,0 +1,183 @@
+//! Something changes after all has been learnt: magnets, iron, the gyro.
+
+use headingd::condition::Condition;
+use nalgebra::Vector3;
+
+use crate::chips::GyroFault;
+use crate::daemon::Shown;
+use crate::drive::{Now, Scene, run};
+use crate::handled::{FAIR, free, in_room, teaching};
+use crate::motion::{Part, length_s};
+use crate::random::Rng;
+use crate::score::Score;
+use crate::world::Dipole;
+
+/// The reasons that say what is wrong, one line a fault; a name of its own for each is what the figures ask for.
+mod reason {
+    pub const GYRO_SIGN: [&str; 4] = ["gyro_sign", "gyro_mounting", "gyro_wrong", "gyro_disagrees"];
+    pub const GYRO_CLIPS: [&str; 3] = ["gyro_clips", "gyro_clipping", "gyro_clipped"];
+    pub const GYRO_SLOW: [&str; 3] = ["gyro_slow", "gyro_rate", "no_gyro"];
+    pub const NO_FORCE: [&str; 1] = ["no_accelerometer"];
+}
+
+fn disturbed(shown: &Shown) -> bool {
+    shown.condition == Condition::Disturbed
+}
+
+/// How long is taught before anything happens, and then moved or rested, seconds.
+pub struct Lesson {
+    pub parts: Vec<Part>,
+    pub change_s: f64,
+}
+
+/// A lesson, then `before` until the change, then `after`.
+pub fn lesson(rng: &mut Rng, before: &[Part], after: &[Part]) -> Lesson {
+    let mut parts = teaching(rng);
+    parts.extend(before);
+    let change_s = length_s(&parts);
+    parts.extend(after);
+    Lesson { parts, change_s }
+}
+
+/// The scene of a lesson and the score that goes with it.
+pub fn taught(rng: &mut Rng, score: &mut Score, lesson: Lesson) -> (Scene, f64) {
+    score.starts_s = 4.0;
+    score.learnt_by_s = 60.0;
+    score.faults = vec![(lesson.change_s, f64::INFINITY)];
+    let length = length_s(&lesson.parts);
+    let scene = in_room(rng, &FAIR, lesson.parts, length);
+    (scene, lesson.change_s)
+}
+
+/// A magnet of 30 to 300 mG.
+fn magnet(rng: &mut Rng) -> Vector3<f64> {
+    rng.direction() * rng.log_uniform(30.0, 300.0)
+}
+
+/// Attached while the board rests; then it is moved.
+pub fn magnet_at_rest(rng: &mut Rng, score: &mut Score) {
+    let after = [Part::Rest(20.0), free(rng, 40.0)];
+    let lesson = lesson(rng, &[Part::Rest(15.0)], &after);
+    let (scene, change_s) = taught(rng, score, lesson);
+    score.watch(change_s, disturbed);
+    let field = magnet(rng);
+    let scene = scene.with(move |now, _, board, _| {
+        board.mag.attached = field * ((now.t_s - change_s) / 0.5).clamp(0.0, 1.0);
+    });
+    run(scene, rng, score);
+}
+
+/// Attached while the board moves.
+pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
+    let moving = Part::Free {
+        s: 70.0,
+        rate: rng.uniform(0.5, 1.2),
+        accel: 1.0,
+    };
+    let mut lesson = lesson(rng, &[], &[moving]);
+    lesson.change_s += 10.0;
+    let (scene, change_s) = taught(rng, score, lesson);
+    score.watch(change_s, disturbed);
+    let field = magnet(rng);
+    let scene = scene.with(move |now, _, board, _| {
+        board.mag.attached = field * ((now.t_s - change_s) / 0.3).clamp(0.0, 1.0);
+    });
+    run(scene, rng, score);
+}
+
+/// A piece of iron is carried past a board at rest and away again, twice.
+pub fn moved_iron(rng: &mut Rng, score: &mut Score) {
+    let after = [Part::Rest(60.0), free(rng, 20.0)];
+    let lesson = lesson(rng, &[Part::Rest(10.0)], &after);
+    let (scene, change_s) = taught(rng, score, lesson);
+    let begun_s = change_s + 2.0;
+    score.watch(begun_s, disturbed);
+    // 40 to 400 mG at its nearest, 0.3 m away: a tool, a loudspeaker.
+    let moment = rng.direction() * rng.log_uniform(40.0, 400.0) * 0.027;
+    let side = rng.direction();
+    let across = side.cross(&rng.direction()).normalize();
+    let scene = scene.with(move |now, world, _, _| {
+        // There by 2 s after the change, around for 16 s, gone; and again.
+        let t = (now.t_s - change_s) % 30.0;
+        if now.t_s < change_s || now.t_s > change_s + 60.0 || t > 18.0 {
+            world.dipoles.truncate(ROOM);
+            return;
+        }
+        let far = 1.5 * (1.0 - (t / 2.0).min(1.0)) + 1.5 * ((t - 16.0) / 2.0).max(0.0);
+        let sweep = across * (0.1 * (t - 2.0).clamp(0.0, 14.0).sin());
+        let iron = Dipole {
+            position: now.pose.position + side * (0.3 + far) + sweep,
+            velocity: Vector3::zeros(),
+            moment,
+        };
+        world.dipoles.truncate(ROOM);
+        world.dipoles.push(iron);
+    });
+    run(scene, rng, score);
+}
+
+/// The dipoles of a furnished room come first.
+const ROOM: usize = 6;
+
+/// A lesson, then free motion throughout, in which `fault` happens after 10 s.
+pub fn in_motion(
+    rng: &mut Rng,
+    score: &mut Score,
+    s: f64,
+    rate: f64,
+    wanted: fn(&Shown) -> bool,
+    mut fault: impl FnMut(&Now, &mut crate::chips::Board) + 'static,
+) {
+    let moving = Part::Free {
+        s: s + 10.0,
+        rate,
+        accel: 1.0,
+    };
+    let mut lesson = lesson(rng, &[], &[moving]);
+    lesson.change_s += 10.0;
+    let (scene, change_s) = taught(rng, score, lesson);
+    score.watch(change_s, wanted);
+    score.good_from_s = change_s;
+    let scene = scene.with(move |now, _, board, _| {
+        if now.t_s >= change_s {
+            fault(now, board);
+        }
+    });
+    run(scene, rng, score);
+}
+
+pub fn flipped_gyro(rng: &mut Rng, score: &mut Score) {
+    let wanted = |shown: &Shown| reason::GYRO_SIGN.contains(&shown.reason);
+    let rate = rng.uniform(0.5, 1.2);
+    in_motion(rng, score, 60.0, rate, wanted, |_, board| {
+        board.gyro.fault = GyroFault::Flipped;
+    });
+}
+
+/// Range 250 °/s as of the recorded logs, motion of twice as much.
+pub fn clipped_gyro(rng: &mut Rng, score: &mut Score) {
+    let wanted = |shown: &Shown| reason::GYRO_CLIPS.contains(&shown.reason);
+    in_motion(rng, score, 60.0, 3.5, wanted, |_, board| {
+        board.gyro.range = 250f64.to_radians();
+    });
+}
+
+pub fn slow_gyro(rng: &mut Rng, score: &mut Score) {
+    let wanted = |shown: &Shown| reason::GYRO_SLOW.contains(&shown.reason);
+    let rate = rng.uniform(0.5, 1.2);
+    in_motion(rng, score, 60.0, rate, wanted, |_, board| {
+        board.gyro.every = 100
+    });
+}
+
+/// It never was there.
+pub fn no_accelerometer(rng: &mut Rng, score: &mut Score) {
+    let moving = free(rng, 60.0);
+    let lesson = lesson(rng, &[], &[moving]);
+    let (mut scene, _) = taught(rng, score, lesson);
+    scene.board.force.silent = true;
+    score.faults = vec![(0.0, f64::INFINITY)];
+    // Where there is no heading the reason is why there is none.
+    score.watch(4.0, |shown| reason::NO_FORCE.contains(&shown.reason));
+    run(scene, rng, score);
+}

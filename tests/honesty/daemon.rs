@@ -1,0 +1,158 @@
+//! The only file that knows the pipeline: readings in, what a client sees out.
+
+use std::path::Path;
+
+use headingd::calibration::calibrate;
+use headingd::calibration::model::{Calibration, Parameters};
+use headingd::condition::Condition;
+use headingd::frame::Mountings;
+use headingd::heading::Compass;
+use headingd::pipeline::{Action, Event, Pipeline, Setup};
+use headingd::reading::Reading;
+use headingd::sensor::replay::Replay;
+use nalgebra::{Rotation3, Vector3};
+
+/// What is published for a magnetometer reading.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown {
+    pub condition: Condition,
+    pub reason: &'static str,
+    pub heading_deg: Option<f64>,
+    pub instantaneous_deg: Option<f64>,
+    pub sd_deg: Option<f64>,
+}
+
+impl Shown {
+    pub fn good(&self) -> bool {
+        self.condition == Condition::Good
+    }
+}
+
+/// A calibration that was accepted.
+#[derive(Clone)]
+pub struct Accepted {
+    calibration: Calibration,
+    mountings: Mountings,
+}
+
+impl Accepted {
+    /// The deviation that it claims for its headings, degrees.
+    pub fn claimed_sd_deg(&self) -> f64 {
+        self.calibration.heading_sd_deg
+    }
+
+    /// The heading of a level board from this field, chip axes.
+    pub fn level_heading_deg(&self, raw: &Vector3<f64>) -> Option<f64> {
+        let compass = Compass::new(self.calibration, self.mountings.mag);
+        let down = Vector3::z();
+        let corrected = compass.correct(raw, Some(&down));
+        compass.heading_deg(&corrected, Some(&down))
+    }
+}
+
+/// The pipeline, with the world around it.
+pub struct Daemon {
+    pipeline: Pipeline,
+    mountings: Mountings,
+    actions: Vec<Action>,
+    reason: &'static str,
+    pub accepted: Vec<Accepted>,
+}
+
+impl Daemon {
+    pub fn new(mountings: Mountings, stored: Option<Calibration>) -> Self {
+        let setup = Setup {
+            mountings,
+            ..Setup::default()
+        };
+        Self {
+            pipeline: Pipeline::new(setup, stored),
+            mountings,
+            actions: Vec::new(),
+            reason: "",
+            accepted: Vec::new(),
+        }
+    }
+
+    /// Hands on a reading. The answer, if the magnetometer was in it.
+    pub fn read(&mut self, reading: Reading) -> Option<Shown> {
+        let mut shown = None;
+        self.pipeline
+            .handle(Event::Reading(reading), &mut self.actions);
+        while !self.actions.is_empty() {
+            let mut outcomes = Vec::new();
+            for action in self.actions.drain(..) {
+                match action {
+                    Action::Publish(heading) => {
+                        shown = Some(Shown {
+                            condition: heading.condition,
+                            reason: self.reason,
+                            // What a client gets: see the encoder of ATT.
+                            heading_deg: heading
+                                .fused_deg
+                                .filter(|_| heading.condition.may_steer()),
+                            instantaneous_deg: heading.instantaneous_deg,
+                            sd_deg: heading.sd_deg,
+                        });
+                    }
+                    Action::Report(report) => self.reason = report.reason,
+                    Action::Calibrate(request) => outcomes.push(calibrate(&request, &|| None)),
+                    Action::Conclude(outcome) => {
+                        self.accepted
+                            .extend(outcome.calibration.map(|calibration| Accepted {
+                                calibration,
+                                mountings: self.mountings,
+                            }));
+                    }
+                    Action::Turned(_) => {}
+                }
+            }
+            for outcome in outcomes {
+                let event = Event::Calibrated(Box::new(outcome));
+                self.pipeline.handle(event, &mut self.actions);
+            }
+        }
+        shown
+    }
+
+    /// The calibration in force.
+    pub fn calibration(&self) -> Option<Calibration> {
+        self.pipeline.calibration().copied()
+    }
+
+    /// The hard iron found, chip axes, milligauss, if all three axes of it are known.
+    pub fn bias_mgauss(&self) -> Option<Vector3<f64>> {
+        match self.pipeline.calibration()?.parameters {
+            Parameters::Spatial(spatial) => Some(*spatial.bias_mgauss()),
+            Parameters::Planar(_) => None,
+        }
+    }
+
+    /// The rotation between magnetometer and gyro that was found, chip axes, if one was looked for.
+    pub fn alignment(&self) -> Option<Rotation3<f64>> {
+        // Version 0.1 has a symmetric matrix, which is without one.
+        let matrix = match self.pipeline.calibration()?.parameters {
+            Parameters::Spatial(spatial) => *spatial.matrix(),
+            Parameters::Planar(_) => return None,
+        };
+        let symmetric = (matrix - matrix.transpose()).norm() < 1e-9;
+        (!symmetric).then(|| Rotation3::from_matrix(&matrix))
+    }
+}
+
+/// A recorded log: mountings, and its rows with the true heading in degrees where the log knows it.
+pub type Log = (Mountings, Vec<(Reading, Option<f64>)>);
+
+/// Reads a log, if there is one.
+pub fn log(path: &Path) -> Option<Log> {
+    let replay = Replay::open(path).ok()?;
+    let mountings = replay.header().mountings;
+    let rows = replay
+        .map(|entry| {
+            let entry = entry.unwrap_or_else(|error| panic!("{error}"));
+            let truth = entry.heading_truth_rad.map(f64::to_degrees);
+            (entry.reading, truth)
+        })
+        .collect();
+    Some((mountings, rows))
+}

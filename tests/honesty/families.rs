@@ -1,0 +1,135 @@
+//! All simulated families, with how many seeds each has and what it must hold to.
+
+use crate::random::Rng;
+use crate::score::Score;
+use crate::table::Limits;
+use crate::{bad_turns, changes, faults, handled, rest, vehicles};
+
+/// A kind of run.
+pub struct Family {
+    pub name: &'static str,
+    pub seeds: usize,
+    pub run: fn(&mut Rng, &mut Score),
+    pub limits: Limits,
+}
+
+const NONE: Limits = Limits {
+    first_s: None,
+    first_deg: None,
+    share: None,
+    rms_deg: None,
+    p95_deg: None,
+    nerr: None,
+    false_share: None,
+    false_of_good: None,
+    good: None,
+    told: None,
+    accepted_right: false,
+    accepted: None,
+    other: &[],
+};
+
+const TUMBLING: Limits = Limits {
+    first_s: Some(10.0),
+    rms_deg: Some(1.5),
+    nerr: Some((0.7, 1.3)),
+    false_share: Some(0.001),
+    good: Some(0.8),
+    ..NONE
+};
+const CAR: Limits = Limits {
+    first_deg: Some(180.0),
+    rms_deg: Some(2.0),
+    nerr: Some((0.7, 1.3)),
+    false_share: Some(0.001),
+    good: Some(0.8),
+    ..NONE
+};
+const VEHICLE: Limits = Limits {
+    nerr: Some((0.7, 1.5)),
+    false_share: Some(0.005),
+    good: Some(0.8),
+    ..NONE
+};
+const CHANGE: Limits = Limits {
+    told: Some((5.0, 0.95)),
+    false_share: Some(0.001),
+    ..NONE
+};
+const FAULT: Limits = Limits {
+    told: Some((10.0, 0.99)),
+    false_of_good: Some(0.02),
+    ..NONE
+};
+const WEAK: Limits = Limits {
+    told: None,
+    ..FAULT
+};
+const BAD_TURN: Limits = Limits {
+    accepted_right: true,
+    false_share: Some(0.01),
+    ..NONE
+};
+const CLEAN_TURN: Limits = Limits {
+    accepted: Some(0.99),
+    ..NONE
+};
+const REST: Limits = Limits {
+    nerr: Some((0.5, 1.5)),
+    false_share: Some(0.0),
+    other: &[("drift", 3.0)],
+    ..NONE
+};
+
+const fn family(
+    name: &'static str,
+    seeds: usize,
+    limits: Limits,
+    run: fn(&mut Rng, &mut Score),
+) -> Family {
+    Family {
+        name,
+        seeds,
+        run,
+        limits,
+    }
+}
+
+/// In the order of the table.
+#[rustfmt::skip]
+pub const ALL: &[Family] = &[
+    family("tumbling", 500, TUMBLING, handled::tumbling),
+    family("car", 500, CAR, vehicles::car),
+    family("boat", 500, VEHICLE, vehicles::boat),
+    family("anchor", 500, VEHICLE, vehicles::anchor),
+    family("drone", 500, VEHICLE, vehicles::drone),
+    family("robot", 500, VEHICLE, vehicles::robot),
+    family("fast_hand", 500, VEHICLE, handled::fast_hand),
+    family("fast_turns", 500, VEHICLE, vehicles::fast_car),
+    family("change_magnet_at_rest", 500, CHANGE, changes::magnet_at_rest),
+    family("change_magnet_in_motion", 500, CHANGE, changes::magnet_in_motion),
+    family("change_moved_iron", 500, CHANGE, changes::moved_iron),
+    family("change_gyro_flipped", 500, CHANGE, changes::flipped_gyro),
+    family("change_gyro_clipped", 500, CHANGE, changes::clipped_gyro),
+    family("change_gyro_1_hz", 500, CHANGE, changes::slow_gyro),
+    family("no_accelerometer", 500, CHANGE, changes::no_accelerometer),
+    family("fault_gyro_zero", 200, FAULT, faults::gyro_zero),
+    family("fault_gyro_bias", 200, FAULT, faults::gyro_bias),
+    family("fault_gyro_constant", 200, FAULT, faults::gyro_constant),
+    family("fault_gyro_flipped", 200, FAULT, faults::gyro_flipped),
+    family("fault_mag_frozen", 200, FAULT, faults::mag_frozen),
+    family("fault_mag_axis_stuck", 200, FAULT, faults::mag_axis_stuck),
+    family("fault_magnet_15_45_mG", 200, WEAK, faults::weak_magnet),
+    family("fault_magnet_45_300_mG", 200, FAULT, faults::strong_magnet),
+    family("turn_radius_beside_iron", 240, BAD_TURN, bad_turns::radius_beside_iron),
+    family("turn_motor", 240, BAD_TURN, bad_turns::motor),
+    family("turn_creep", 240, BAD_TURN, bad_turns::creep),
+    family("turn_hum", 240, BAD_TURN, bad_turns::hum),
+    family("turn_silent_clipping", 240, BAD_TURN, bad_turns::silent_clipping),
+    family("turn_car_passing", 240, BAD_TURN, bad_turns::car_passing),
+    family("turn_magnet_swept", 240, BAD_TURN, bad_turns::magnet_swept),
+    family("turn_magnet_attached", 240, BAD_TURN, bad_turns::magnet_attached),
+    family("turn_clean_by_hand", 240, CLEAN_TURN, bad_turns::clean_by_hand),
+    family("turn_clean_on_stand", 240, CLEAN_TURN, bad_turns::clean_on_stand),
+    family("rest_8_h", 20, REST, rest::eight_hours),
+];

@@ -1,0 +1,100 @@
+//! Boards in a hand.
+
+use nalgebra::Vector3;
+
+use crate::chips::{Board, Draw};
+use crate::drive::{Scene, run};
+use crate::motion::{Hand, Part};
+use crate::random::Rng;
+use crate::score::{From, Score};
+use crate::world::World;
+
+/// Chips as they are found: iron of up to three times the field, axes apart, an untrimmed gyro.
+const ROUGH: Draw = Draw {
+    hard: 3.0,
+    soft: 0.15,
+    apart_deg: 5.0,
+    bias_deg_s: 5.0,
+    room: 200.0,
+};
+/// Chips of one board, with some iron near.
+pub const FAIR: Draw = Draw {
+    hard: 0.5,
+    soft: 0.05,
+    apart_deg: 1.0,
+    bias_deg_s: 2.0,
+    room: 500.0,
+};
+
+/// A hand in a furnished room: the field differs by 0.5 to 1.5 % over half a metre.
+pub fn in_room(rng: &mut Rng, draw: &Draw, parts: Vec<Part>, length_s: f64) -> Scene {
+    let mut world = World::draw(rng);
+    let share = rng.uniform(0.005, 0.015);
+    world.furnish(rng, share);
+    let board = Board::draw(rng, world.strength(), draw);
+    let hand = Hand::new(parts, rng);
+    Scene::new(world, board, hand, length_s)
+}
+
+/// What shows everything about a board: level turns, turns about other axes, free motion. Then it is at rest.
+pub fn teaching(rng: &mut Rng) -> Vec<Part> {
+    let turn = |rng: &mut Rng| Part::Turn {
+        deg: rng.sign() * rng.uniform(370.0, 420.0),
+        s: rng.uniform(12.0, 18.0),
+        sway_deg: 3.0,
+        radius: 0.1,
+    };
+    let roll = |rng: &mut Rng, axis| Part::Roll {
+        axis,
+        deg: rng.sign() * rng.uniform(370.0, 400.0),
+        s: rng.uniform(10.0, 15.0),
+    };
+    vec![
+        Part::Rest(4.0),
+        turn(rng),
+        roll(rng, Vector3::y()),
+        Part::Level(2.0),
+        roll(rng, Vector3::x()),
+        free(rng, 20.0),
+        Part::Level(3.0),
+    ]
+}
+
+/// Free motion of usual liveliness.
+pub fn free(rng: &mut Rng, s: f64) -> Part {
+    Part::Free {
+        s,
+        rate: rng.uniform(0.5, 1.2),
+        accel: rng.uniform(0.5, 2.0),
+    }
+}
+
+/// Any motion at once, 90 s.
+pub fn tumbling(rng: &mut Rng, score: &mut Score) {
+    score.errors_from = From::Time(30.0);
+    score.learnt_by_s = 30.0;
+    let parts = vec![Part::Free {
+        s: 95.0,
+        rate: rng.uniform(0.6, 2.0),
+        accel: rng.uniform(0.5, 3.0),
+    }];
+    let scene = in_room(rng, &ROUGH, parts, 90.0);
+    run(scene, rng, score);
+}
+
+/// Moved fast, with accelerations of 1 g, 120 s.
+pub fn fast_hand(rng: &mut Rng, score: &mut Score) {
+    score.starts_s = 3.0;
+    score.learnt_by_s = 40.0;
+    let parts = vec![
+        Part::Rest(3.0),
+        Part::Free {
+            s: 120.0,
+            rate: rng.uniform(1.5, 3.0),
+            // 9.8 m/s² altogether.
+            accel: 5.7,
+        },
+    ];
+    let scene = in_room(rng, &FAIR, parts, 120.0);
+    run(scene, rng, score);
+}

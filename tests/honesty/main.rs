@@ -1,0 +1,169 @@
+//! How soon headings come, how good they are, and whether they admit it when they are not: replays simulated and
+//! recorded logs and prints one table.
+//!
+//! `cargo test --release --test honesty -- [--family WORD]… [--seeds N | --full | --seed N] [--trace FILE] [--logs DIR]`
+//!
+//! Without arguments it runs 20 seeds of each simulated family; with `--full` as many as its row of the table asks for.
+//! `--family` picks the rows whose name contains the word. `--trace` writes what a log, or one seed (0, or that of `--seed`), gave, sample by sample.
+//! The logs are recordings of real chips that are not part of the project. It ends with status 1 if a limit is missed.
+
+mod bad_turns;
+mod changes;
+mod chips;
+mod daemon;
+mod drive;
+mod families;
+mod faults;
+mod handled;
+mod logs;
+mod motion;
+mod random;
+mod rest;
+mod score;
+mod table;
+mod vehicles;
+mod waves;
+mod wheels;
+mod world;
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use families::Family;
+use random::Rng;
+use score::Score;
+use table::Row;
+
+/// Seeds of each family without `--full`.
+const FEW: usize = 20;
+
+#[derive(Default)]
+struct Args {
+    families: Vec<String>,
+    seeds: Option<usize>,
+    full: bool,
+    seed: Option<u64>,
+    trace: Option<PathBuf>,
+    logs: Option<PathBuf>,
+}
+
+fn args() -> Result<Option<Args>, String> {
+    let mut args = Args::default();
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
+        let number = |text: String| {
+            text.parse::<u64>()
+                .map_err(|_| format!("{word}: {text:?} is no number"))
+        };
+        match word.as_str() {
+            "--family" => args.families.push(value()?),
+            "--seeds" => args.seeds = Some(number(value()?)? as usize),
+            "--seed" => args.seed = Some(number(value()?)?),
+            "--full" => args.full = true,
+            "--trace" => args.trace = Some(value()?.into()),
+            "--logs" => args.logs = Some(value()?.into()),
+            "--list" => {
+                println!("honesty: test");
+                return Ok(None);
+            }
+            // Options of the usual test programs, and the names of other tests.
+            other if other.starts_with("--") => {}
+            other if !"honesty".contains(other) => return Ok(None),
+            _ => {}
+        }
+    }
+    if args.trace.is_some() && args.families.len() != 1 {
+        return Err("--trace writes one run: it needs one --family".to_owned());
+    }
+    Ok(Some(args))
+}
+
+fn main() -> ExitCode {
+    let args = match args() {
+        Ok(Some(args)) => args,
+        Ok(None) => return ExitCode::SUCCESS,
+        Err(why) => {
+            eprintln!("honesty: {why}");
+            return ExitCode::from(2);
+        }
+    };
+    let wanted = |name: &str| {
+        args.families.is_empty()
+            || args
+                .families
+                .iter()
+                .any(|word| name.contains(word.as_str()))
+    };
+    println!("{}", table::head());
+    let mut failed = 0;
+    let mut print = |row: &Row| {
+        println!("{}", row.line());
+        failed += usize::from(row.failed());
+    };
+    let new_score = || Score::new(args.trace.as_deref().map(trace_file));
+    if args.seed.is_none() {
+        for row in logs::rows(args.logs.as_deref(), &wanted, &new_score) {
+            print(&row);
+        }
+    }
+    // A trace is that of one run.
+    let seed = args.seed.or(args.trace.as_ref().map(|_| 0));
+    for family in families::ALL.iter().filter(|family| wanted(family.name)) {
+        let seeds: Vec<u64> = match seed {
+            Some(seed) => vec![seed],
+            None => {
+                let count = match (args.seeds, args.full) {
+                    (Some(seeds), _) => seeds,
+                    (None, true) => family.seeds,
+                    (None, false) => family.seeds.min(FEW),
+                };
+                (0..count as u64).collect()
+            }
+        };
+        let begun = Instant::now();
+        let scores = run(family, &seeds, &new_score);
+        eprintln!("{}: {:.1} s", family.name, begun.elapsed().as_secs_f64());
+        print(&Row::new(family.name, &scores, &family.limits));
+    }
+    if failed > 0 {
+        eprintln!("honesty: {failed} rows miss a limit");
+        return ExitCode::FAILURE;
+    }
+    ExitCode::SUCCESS
+}
+
+/// Runs a family's seeds on every core; the scores are in the order of the seeds.
+fn run(family: &Family, seeds: &[u64], new_score: &(dyn Fn() -> Score + Sync)) -> Vec<Score> {
+    let next = AtomicUsize::new(0);
+    let done = Mutex::new(Vec::new());
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    std::thread::scope(|scope| {
+        for _ in 0..cores.min(seeds.len()) {
+            scope.spawn(|| {
+                loop {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(seed) = seeds.get(index) else { return };
+                    let mut rng = Rng::new(family.name, *seed);
+                    let mut score = new_score();
+                    (family.run)(&mut rng, &mut score);
+                    done.lock().expect("no run panicked").push((index, score));
+                }
+            });
+        }
+    });
+    let mut done = done.into_inner().expect("no run panicked");
+    done.sort_by_key(|(index, _)| *index);
+    done.into_iter().map(|(_, score)| score).collect()
+}
+
+fn trace_file(path: &Path) -> BufWriter<File> {
+    let file = File::create(path)
+        .unwrap_or_else(|error| panic!("cannot create {}: {error}", path.display()));
+    BufWriter::new(file)
+}

@@ -1,0 +1,38 @@
+//! Eight hours at rest after a good calibration.
+
+use nalgebra::Vector3;
+
+use crate::drive::{Now, run};
+use crate::handled::{FAIR, in_room, teaching};
+use crate::motion::length_s;
+use crate::random::Rng;
+use crate::score::{From, Score};
+
+const HOURS: f64 = 8.0;
+
+/// Gyro at 25 Hz, magnetometer at 10 Hz, which is what such a board would be set to.
+pub fn eight_hours(rng: &mut Rng, score: &mut Score) {
+    let parts = teaching(rng);
+    let rests_s = length_s(&parts) + 5.0;
+    score.starts_s = 4.0;
+    score.learnt_by_s = 60.0;
+    score.errors_from = From::Time(rests_s);
+    let mut scene = in_room(rng, &FAIR, parts, rests_s + HOURS * 3600.0);
+    scene.dt_s = 0.04;
+    scene.board.mag.period_s = 0.1;
+    // A share of 1 % in any direction, as slow as a day or as fast as a lift.
+    let swell = rng.direction() * (0.01 * scene.world.strength());
+    let period_s = rng.log_uniform(30.0, 6.0 * 3600.0);
+    // An ITG-3200 warms up by some degrees, at some hundredths of a degree a second each, besides its random walk.
+    let warming: Vector3<f64> = rng.vector(0.1f64.to_radians());
+    let base = scene.board.gyro.bias;
+    let mut walked = Vector3::zeros();
+    let scene = scene.with(move |now: &Now, world, board, rng| {
+        world.added = swell * (std::f64::consts::TAU * now.t_s / period_s).sin();
+        let warm = 1.0 - (-now.t_s / 900.0).exp();
+        walked += rng.vector(board.gyro.walk * 0.2);
+        board.gyro.bias = base + walked + warming * warm;
+    });
+    run(scene, rng, score);
+    score.other = vec![score.worst_deg];
+}

@@ -1,0 +1,134 @@
+//! Vehicles: car, boat, drone and robot.
+
+use nalgebra::{Rotation3, Vector3};
+
+use crate::chips::{Board, Draw};
+use crate::drive::{Now, Scene, run};
+use crate::motion::Motion;
+use crate::random::Rng;
+use crate::score::{From, Score};
+use crate::waves::{Boat, Drone};
+use crate::wheels::{Car, Driving, Robot};
+use crate::world::{Dipole, World};
+
+/// Chips in a vehicle: its iron is of the field's own strength at most.
+const MODEST: Draw = Draw {
+    hard: 1.0,
+    soft: 0.1,
+    apart_deg: 3.0,
+    bias_deg_s: 2.0,
+    room: 200.0,
+};
+/// How long a vehicle stands before it starts, seconds.
+const WAIT_S: f64 = 5.0;
+
+const USUAL: Driving = Driving {
+    straight_s: (20.0, 150.0),
+    turn_speed: (4.0, 10.0),
+    across: (1.5, 3.5),
+    stops: 0.3,
+};
+
+fn vehicle(rng: &mut Rng, motion: impl Motion + 'static, length_s: f64) -> Scene {
+    let world = World::draw(rng);
+    let board = Board::draw(rng, world.strength(), &MODEST);
+    Scene::new(world, board, motion, length_s)
+}
+
+/// Other cars come past: 30 to 300 A·m² each, in 2 to 6 m, one in 20 s on average.
+fn traffic(rng: &mut Rng) -> impl FnMut(&Now, &mut World, &mut Board, &mut Rng) + 'static {
+    let mut next_s = rng.wait(20.0);
+    move |now, world, _, rng| {
+        if now.t_s < next_s {
+            return;
+        }
+        next_s = now.t_s + rng.wait(20.0);
+        let ahead = now.pose.attitude * Vector3::x();
+        let ahead = Vector3::new(ahead.x, ahead.y, 0.0).normalize();
+        let right = Vector3::new(-ahead.y, ahead.x, 0.0);
+        world.dipoles.push(Dipole {
+            position: now.pose.position
+                + ahead * 60.0
+                + right * (rng.sign() * rng.uniform(2.0, 6.0))
+                + Vector3::z() * rng.uniform(-0.5, 1.0),
+            // Slow ones, parked ones and oncoming ones.
+            velocity: ahead * rng.uniform(-15.0, 3.0),
+            moment: rng.direction() * rng.uniform(30.0, 300.0),
+        });
+    }
+}
+
+/// Level roads, turns of 20 to 90°, 30 minutes.
+pub fn car(rng: &mut Rng, score: &mut Score) {
+    score.starts_s = WAIT_S;
+    score.errors_from = From::FirstGood;
+    score.learnt_by_s = 600.0;
+    let motion = Car::new(USUAL, WAIT_S, rng);
+    let scene = vehicle(rng, motion, 1800.0).with(traffic(rng));
+    run(scene, rng, score);
+}
+
+/// 8 m/s in tight turns, chips 3° apart, 10 minutes.
+pub fn fast_car(rng: &mut Rng, score: &mut Score) {
+    score.starts_s = WAIT_S;
+    score.learnt_by_s = 200.0;
+    let driving = Driving {
+        straight_s: (5.0, 20.0),
+        turn_speed: (8.0, 8.0),
+        across: (4.0, 6.5),
+        stops: 0.0,
+    };
+    let motion = Car::new(driving, WAIT_S, rng);
+    let world = World::draw(rng);
+    let parallel = Draw {
+        apart_deg: 0.0,
+        ..MODEST
+    };
+    let mut board = Board::draw(rng, world.strength(), &parallel);
+    board.mag.matrix *= Rotation3::new(rng.direction() * 3f64.to_radians()).into_inner();
+    let scene = Scene::new(world, board, motion, 600.0).with(traffic(rng));
+    run(scene, rng, score);
+}
+
+/// Rolling by up to 15°, slow turns, 20 minutes.
+pub fn boat(rng: &mut Rng, score: &mut Score) {
+    score.learnt_by_s = 300.0;
+    let motion = Boat::new(rng);
+    let scene = vehicle(rng, motion, 1200.0);
+    run(scene, rng, score);
+}
+
+/// Full circles, then 30 minutes at anchor: its gyro bias must not learn the swing.
+pub fn anchor(rng: &mut Rng, score: &mut Score) {
+    score.learnt_by_s = 300.0;
+    let motion = Boat::anchoring(420.0, rng);
+    let scene = vehicle(rng, motion, 2220.0);
+    run(scene, rng, score);
+}
+
+/// Its motors' currents add up to 30 mG for a full throttle, 5 minutes.
+pub fn drone(rng: &mut Rng, score: &mut Score) {
+    score.starts_s = WAIT_S;
+    score.learnt_by_s = 60.0;
+    let motion = Drone::new(WAIT_S, rng);
+    // Twisted leads of 20 to 40 A some centimetres away.
+    let full = rng.direction() * rng.uniform(10.0, 60.0);
+    let mut scene = vehicle(rng, motion, 300.0).with(move |now, _, board, _| {
+        let running = f64::from(now.t_s > WAIT_S - 1.0);
+        board.mag.attached = full * (0.5 * running * now.force.norm() / 9.80665);
+    });
+    // Motors shake the accelerometer by 0.5 m/s², whatever is done against it.
+    scene.board.force.noise = 0.5;
+    run(scene, rng, score);
+}
+
+/// A floor whose iron makes the field differ by 5 % from metre to metre, 10 minutes.
+pub fn robot(rng: &mut Rng, score: &mut Score) {
+    const HALF: f64 = 4.0;
+    score.starts_s = WAIT_S;
+    score.learnt_by_s = 120.0;
+    let motion = Robot::new(HALF, WAIT_S, rng);
+    let mut scene = vehicle(rng, motion, 600.0);
+    scene.world.reinforce(rng, 0.05, HALF);
+    run(scene, rng, score);
+}
