@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use headingd::calibration::calibrate;
-use headingd::calibration::model::{Calibration, Parameters};
+use headingd::calibration::model::{Calibration, Model, Parameters, Spatial};
 use headingd::condition::Condition;
 use headingd::frame::Mountings;
 use headingd::heading::Compass;
 use headingd::pipeline::{Action, Event, Pipeline, Setup};
 use headingd::reading::Reading;
 use headingd::sensor::replay::Replay;
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// What is published for a magnetometer reading.
 #[derive(Clone, Copy, Debug)]
@@ -47,6 +47,18 @@ impl Accepted {
         let down = Vector3::z();
         let corrected = compass.correct(raw, Some(&down));
         compass.heading_deg(&corrected, Some(&down))
+    }
+}
+
+/// The calibration of a board whose chip makes `matrix · field + bias` of the field.
+pub fn true_calibration(matrix: Matrix3<f64>, bias: Vector3<f64>, strength: f64) -> Calibration {
+    let spatial = Spatial::new(Model::Symmetric, bias, matrix).expect("a chip can be inverted");
+    Calibration {
+        parameters: Parameters::Spatial(spatial),
+        reference_mgauss: None,
+        strength_mgauss: strength,
+        residual_mgauss: 5.0,
+        heading_sd_deg: 0.3,
     }
 }
 

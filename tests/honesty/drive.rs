@@ -2,10 +2,11 @@
 
 use headingd::frame::Mountings;
 use headingd::reading::Reading;
+use headingd::recording::Entry;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::chips::Board;
-use crate::daemon::Daemon;
+use crate::daemon::{Daemon, true_calibration};
 use crate::motion::{Motion, Pose};
 use crate::random::Rng;
 use crate::score::Score;
@@ -126,7 +127,11 @@ pub fn heading_deg(attitude: &UnitQuaternion<f64>) -> Option<f64> {
 
 /// Runs the scene. What the daemon has come to at its end, and the board.
 pub fn run(mut scene: Scene, rng: &mut Rng, score: &mut Score) -> (Daemon, Board) {
-    let mut daemon = Daemon::new(Mountings::default(), None);
+    let mag = &scene.board.mag;
+    let given = score
+        .given_truth
+        .then(|| true_calibration(mag.matrix, mag.bias, scene.world.strength()));
+    let mut daemon = Daemon::new(Mountings::default(), given);
     let dt = scene.dt_s;
     let mut before = scene.motion.step(rng, dt);
     let mut past = Past {
@@ -173,6 +178,7 @@ pub fn run(mut scene: Scene, rng: &mut Rng, score: &mut Score) -> (Daemon, Board
                 field_mgauss: Some(scene.board.mag.read(&field, rng)),
                 ..Reading::default()
             };
+            keep(score, reading, heading_deg(&truth.attitude));
             if let Some(shown) = daemon.read(reading) {
                 score.turned_deg = scene.motion.turned_deg();
                 score.take(mag_s, heading_deg(&truth.attitude), &shown);
@@ -189,8 +195,18 @@ pub fn run(mut scene: Scene, rng: &mut Rng, score: &mut Score) -> (Daemon, Board
             ..Reading::default()
         };
         if reading.rate_rad_s.is_some() || reading.specific_force_m_s2.is_some() {
+            keep(score, reading, None);
             let _ = daemon.read(reading);
         }
     }
     (daemon, scene.board)
+}
+
+fn keep(score: &mut Score, reading: Reading, truth_deg: Option<f64>) {
+    if let Some(readings) = &mut score.readings {
+        readings.push(Entry {
+            reading,
+            heading_truth_rad: truth_deg.map(|deg| deg.rem_euclid(360.0).to_radians()),
+        });
+    }
 }

@@ -90,7 +90,7 @@ pub fn fast_hand(rng: &mut Rng, score: &mut Score) {
         Part::Rest(3.0),
         Part::Free {
             s: 120.0,
-            rate: rng.uniform(1.5, 3.0),
+            rate: rng.uniform(1.0, 2.0),
             // 9.8 m/s² altogether.
             accel: 5.7,
         },

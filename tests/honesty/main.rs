@@ -1,10 +1,12 @@
 //! How soon headings come, how good they are, and whether they admit it when they are not: replays simulated and
 //! recorded logs and prints one table.
 //!
-//! `cargo test --release --test honesty -- [--family WORD]… [--seeds N | --full | --seed N] [--trace FILE] [--logs DIR]`
+//! `cargo test --release --test honesty -- [--family WORD]… [--seeds N | --full | --seed N] [--trace FILE] [--write FILE] [--given-truth] [--logs DIR]`
 //!
 //! Without arguments it runs 20 seeds of each simulated family; with `--full` as many as its row of the table asks for.
-//! `--family` picks the rows whose name contains the word. `--trace` writes what a log, or one seed (0, or that of `--seed`), gave, sample by sample.
+//! `--family` picks the rows whose name contains the word. `--trace` writes what a log, or one seed (0, or that of `--seed`), gave, sample by sample; `--write` its
+//! readings, as a log.
+//! `--given-truth` starts each simulated run with its true calibration, which shows what motion and place alone cost.
 //! The logs are recordings of real chips that are not part of the project. It ends with status 1 if a limit is missed.
 
 mod bad_turns;
@@ -27,7 +29,7 @@ mod wheels;
 mod world;
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
@@ -35,6 +37,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use families::Family;
+use headingd::recording::{Header, Writer};
 use random::Rng;
 use score::Score;
 use table::Row;
@@ -47,8 +50,10 @@ struct Args {
     families: Vec<String>,
     seeds: Option<usize>,
     full: bool,
+    given_truth: bool,
     seed: Option<u64>,
     trace: Option<PathBuf>,
+    write: Option<PathBuf>,
     logs: Option<PathBuf>,
 }
 
@@ -66,7 +71,9 @@ fn args() -> Result<Option<Args>, String> {
             "--seeds" => args.seeds = Some(number(value()?)? as usize),
             "--seed" => args.seed = Some(number(value()?)?),
             "--full" => args.full = true,
+            "--given-truth" => args.given_truth = true,
             "--trace" => args.trace = Some(value()?.into()),
+            "--write" => args.write = Some(value()?.into()),
             "--logs" => args.logs = Some(value()?.into()),
             "--list" => {
                 println!("honesty: test");
@@ -78,8 +85,8 @@ fn args() -> Result<Option<Args>, String> {
             _ => {}
         }
     }
-    if args.trace.is_some() && args.families.len() != 1 {
-        return Err("--trace writes one run: it needs one --family".to_owned());
+    if (args.trace.is_some() || args.write.is_some()) && args.families.len() != 1 {
+        return Err("--trace and --write keep one run: they need one --family".to_owned());
     }
     Ok(Some(args))
 }
@@ -93,27 +100,42 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    let wanted = |name: &str| {
-        args.families.is_empty()
-            || args
-                .families
-                .iter()
-                .any(|word| name.contains(word.as_str()))
+    let names: Vec<&str> = (logs::ALL.iter().map(|log| log.name))
+        .chain(families::ALL.iter().map(|family| family.name))
+        .collect();
+    // A whole name picks its row alone, a part of one all that contain it.
+    let picks = |word: &str, name: &str| match names.contains(&word) {
+        true => name == word,
+        false => name.contains(word),
     };
+    let wanted =
+        |name: &str| args.families.is_empty() || args.families.iter().any(|word| picks(word, name));
+    if !names.iter().any(|name| wanted(name)) {
+        eprintln!(
+            "honesty: no row is named like that; there are {}",
+            names.join(", ")
+        );
+        return ExitCode::from(2);
+    }
     println!("{}", table::head());
     let mut failed = 0;
     let mut print = |row: &Row| {
         println!("{}", row.line());
         failed += usize::from(row.failed());
     };
-    let new_score = || Score::new(args.trace.as_deref().map(trace_file));
+    let new_score = || {
+        let mut score = Score::new(args.trace.as_deref().map(trace_file), args.given_truth);
+        score.readings = args.write.as_ref().map(|_| Vec::new());
+        score
+    };
     if args.seed.is_none() {
         for row in logs::rows(args.logs.as_deref(), &wanted, &new_score) {
             print(&row);
         }
     }
-    // A trace is that of one run.
-    let seed = args.seed.or(args.trace.as_ref().map(|_| 0));
+    // A trace and a log are those of one run.
+    let one = args.trace.is_some() || args.write.is_some();
+    let seed = args.seed.or(one.then_some(0));
     for family in families::ALL.iter().filter(|family| wanted(family.name)) {
         let seeds: Vec<u64> = match seed {
             Some(seed) => vec![seed],
@@ -129,6 +151,9 @@ fn main() -> ExitCode {
         let begun = Instant::now();
         let scores = run(family, &seeds, &new_score);
         eprintln!("{}: {:.1} s", family.name, begun.elapsed().as_secs_f64());
+        if let Some(path) = &args.write {
+            write_log(path, family.name, &scores[0]);
+        }
         print(&Row::new(family.name, &scores, &family.limits));
     }
     if failed > 0 {
@@ -163,7 +188,27 @@ fn run(family: &Family, seeds: &[u64], new_score: &(dyn Fn() -> Score + Sync)) -
 }
 
 fn trace_file(path: &Path) -> BufWriter<File> {
-    let file = File::create(path)
-        .unwrap_or_else(|error| panic!("cannot create {}: {error}", path.display()));
-    BufWriter::new(file)
+    BufWriter::new(create(path))
+}
+
+fn create(path: &Path) -> File {
+    File::create(path).unwrap_or_else(|error| panic!("cannot create {}: {error}", path.display()))
+}
+
+/// Writes the readings of a run as a log.
+fn write_log(path: &Path, family: &str, score: &Score) {
+    let header = Header {
+        sensor: Some(family.to_owned()),
+        ..Header::default()
+    };
+    let file = BufWriter::new(create(path));
+    let mut writer = Writer::new(file, &header).expect("the log");
+    for entry in score.readings.iter().flatten() {
+        writer.write(entry).expect("the log");
+    }
+    writer
+        .into_inner()
+        .expect("the log")
+        .flush()
+        .expect("the log");
 }

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 
 use headingd::frame::wrap_pi;
+use headingd::recording::Entry;
 
 use crate::daemon::Shown;
 
@@ -47,6 +48,10 @@ pub struct Score {
     pub watch: Option<Watch>,
     /// How far the board has turned in turns, degrees.
     pub turned_deg: f64,
+    /// The run starts with the true calibration: what is left are the errors of motion, place and simulation.
+    pub given_truth: bool,
+    /// The readings, if they are to be kept.
+    pub readings: Option<Vec<Entry>>,
     trace: Option<BufWriter<File>>,
 
     last_s: f64,
@@ -78,7 +83,7 @@ pub struct Score {
 }
 
 impl Score {
-    pub fn new(trace: Option<BufWriter<File>>) -> Self {
+    pub fn new(trace: Option<BufWriter<File>>, given_truth: bool) -> Self {
         let mut score = Self {
             starts_s: 0.0,
             errors_from: From::FirstHeading,
@@ -88,6 +93,8 @@ impl Score {
             good_from_s: 0.0,
             watch: None,
             turned_deg: 0.0,
+            given_truth,
+            readings: None,
             trace,
             last_s: f64::NAN,
             first_s: None,

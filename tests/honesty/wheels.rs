@@ -73,11 +73,12 @@ impl Car {
         let (least, most) = self.driving.straight_s;
         Plan::Straight {
             left_s: rng.uniform(least, most),
-            cruise: rng.uniform(8.0, 28.0),
+            cruise: rng.uniform(8.0, 22.0),
         }
     }
 
-    /// The acceleration that is wanted, and the rate of turn.
+    /// The acceleration that is wanted, and the rate of turn. Usual drivers speed up by 1 to 1.3 m/s² and brake by
+    /// less than 2.
     fn drive(&mut self, rng: &mut Rng, dt: f64) -> (f64, f64) {
         match &mut self.plan {
             Plan::Stand { left_s } => {
@@ -85,11 +86,11 @@ impl Car {
                 if *left_s <= 0.0 {
                     self.plan = self.next_straight(rng);
                 }
-                (-self.speed / 0.5, 0.0)
+                ((-self.speed / 1.5).max(-1.8), 0.0)
             }
             Plan::Straight { left_s, cruise } => {
                 *left_s -= dt;
-                let wanted = ((*cruise - self.speed) / 2.0).clamp(-2.0, 2.0);
+                let wanted = ((*cruise - self.speed) / 4.0).clamp(-1.0, 1.3);
                 if *left_s <= 0.0 {
                     let (least, most) = self.driving.turn_speed;
                     let to = rng.uniform(least, most);
@@ -99,7 +100,7 @@ impl Car {
             }
             Plan::Brake { to } => {
                 let to = *to;
-                if (self.speed - to).abs() < 0.2 {
+                if (self.speed - to).abs() < 0.3 {
                     let (least, most) = self.driving.across;
                     let across = rng.uniform(least, most);
                     let rad = rng.sign() * rng.uniform(20.0, 90.0).to_radians();
@@ -111,7 +112,7 @@ impl Car {
                         length_s: 2.0 * rad.abs() * self.speed.max(2.0) / across,
                     };
                 }
-                (((to - self.speed) / 0.7).clamp(-2.5, 1.5), 0.0)
+                (((to - self.speed) / 1.5).clamp(-1.8, 1.3), 0.0)
             }
             Plan::Turn {
                 from,
