@@ -9,6 +9,7 @@ pub mod config;
 pub mod daemon;
 pub mod frame;
 pub mod heading;
+mod lock_file;
 pub mod logging;
 pub mod pipeline;
 pub mod publish;

@@ -124,6 +124,7 @@ impl From<StoreError> for Failure {
         let status = match error {
             StoreError::Read { .. } => Self::NO_INPUT,
             StoreError::Unreadable { .. } | StoreError::Newer { .. } => Self::DATA,
+            StoreError::InUse { .. } => Self::UNAVAILABLE,
             StoreError::Unsavable { .. } => Self::IO,
             StoreError::Directory { .. } | StoreError::Write { .. } => Self::CANNOT_CREATE,
         };

@@ -15,7 +15,7 @@ use crate::daemon::time_of_day::unix_now_s;
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::gpsd::{self, Device, Policy};
 use crate::sensor::replay::Replay;
-use crate::store::{History, Identity, Loaded, Made, Store};
+use crate::store::{History, Identity, Loaded, Made, Store, StoreError};
 
 /// How many rows are read between two looks at the progress bar.
 const ROWS_A_LOOK: u64 = 8192;
@@ -217,9 +217,13 @@ impl Keep {
         let Some(directory) = &args.store else {
             return Ok(None);
         };
-        let store = Store::open(directory).map_err(|error| {
-            let remedy = "make room on the disk, or name a folder with --store that you may write";
-            Failure::new(Failure::CANNOT_CREATE, format!("{error}; {remedy}"))
+        let store = Store::open(directory).map_err(|error| match error {
+            StoreError::Directory { .. } => {
+                let remedy =
+                    "make room on the disk, or name a folder with --store that you may write";
+                Failure::new(Failure::CANNOT_CREATE, format!("{error}; {remedy}"))
+            }
+            other => other.into(),
         })?;
         let store = self.store.insert(store);
         match store.load(&self.history.identity)? {

@@ -33,7 +33,9 @@ impl From<DaemonError> for Failure {
             DaemonError::Replay(ReplayError::BadData(_)) => Self::DATA,
             DaemonError::Replay(_) => Self::NO_INPUT,
             DaemonError::Simulator(_) => Self::CONFIG,
-            DaemonError::Bind(_) | DaemonError::Listen(_) => Self::UNAVAILABLE,
+            DaemonError::Bind(_) | DaemonError::Listen(_) | DaemonError::Store(_) => {
+                Self::UNAVAILABLE
+            }
             DaemonError::Serve { .. } => Self::IO,
             DaemonError::Record(error) if error.is_at_start() => Self::CANNOT_CREATE,
             DaemonError::Record(_) => Self::IO,

@@ -7,7 +7,7 @@ use super::source::{Playing, Source};
 use super::{DaemonError, SOURCE_PATIENCE, UNNAMED_SENSOR, join_for};
 use crate::config::Config;
 use crate::pipeline::Pipeline;
-use crate::store::{History, Identity};
+use crate::store::{History, Identity, Store};
 
 /// Everything between the device and the socket, ready to start.
 pub(super) struct Parts {
@@ -139,6 +139,9 @@ impl Course {
             }
             self.config = change.config;
             return Ok(None);
+        }
+        if let Some(directory) = change.config.store.directory() {
+            Store::check_free(directory).map_err(|error| error.to_string())?;
         }
         let source = Source::open(&change.config).map_err(|error| error.to_string())?;
         tracing::info!("reloaded: {}", change.now.join(", "));

@@ -71,7 +71,11 @@ impl Keeper {
             });
         };
         let trouble = Trouble::default();
-        let opened = Store::open(directory);
+        let opened = match Store::open(directory) {
+            // Each would take the other's calibrations for a mistake.
+            Err(error @ StoreError::InUse { .. }) => return Err(DaemonError::Store(error)),
+            opened => opened,
+        };
         if let Err(error) = &opened {
             let message = with_remedy(error);
             tracing::error!("{message}; until then headings are served, but calibrations are lost");

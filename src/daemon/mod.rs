@@ -35,6 +35,7 @@ use crate::publish::gpsd::Device;
 use crate::publish::server::{BindError, Server};
 use crate::sensor::replay::ReplayError;
 use crate::service::{Service, sockets};
+use crate::store::StoreError;
 use course::{Course, Parts};
 use journey::Lasting;
 pub use listener::ListenError;
@@ -68,6 +69,9 @@ pub enum DaemonError {
     /// A service has the source that was to be recorded, and does not hand out its readings.
     #[error(transparent)]
     Listen(#[from] ListenError),
+    /// Another daemon has the store.
+    #[error(transparent)]
+    Store(StoreError),
     /// The socket was claimed, but then could not be served on.
     #[error("cannot go on serving on {}: {source}", path.display())]
     Serve {

@@ -30,7 +30,7 @@ impl Recording {
             ..config.clone()
         };
         let origin = match Daemon::open(&config, Service::default()) {
-            Err(DaemonError::Bind(BindError::Busy { path })) => Origin::Service {
+            Err(DaemonError::Bind(BindError::Busy { path, .. })) => Origin::Service {
                 listener: Box::new(Listener::connect(&path).await?),
                 path,
             },

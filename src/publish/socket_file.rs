@@ -3,11 +3,15 @@
 use std::fs::{self, Permissions};
 use std::io::{self, ErrorKind};
 use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::process;
 
+use rustix::net::sockopt::socket_peercred;
+use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, socket_with};
 use thiserror::Error;
+
+use crate::lock_file::{LockError, LockFile};
 
 /// Why the socket cannot be served on.
 #[derive(Debug, Error)]
@@ -20,13 +24,16 @@ pub enum BindError {
         /// What is wrong with them.
         fault: String,
     },
-    /// Somebody answers there.
+    /// Somebody answers there, or is about to.
     #[error(
-        "cannot serve on {}: another daemon is serving there; stop it, or set another socket", path.display()
+        "cannot serve on {}: another daemon is serving there{}; stop it, or set another socket",
+        path.display(), pid.map(|pid| format!(" (process {pid})")).unwrap_or_default()
     )]
     Busy {
         /// The socket.
         path: PathBuf,
+        /// Its process, if that is known.
+        pid: Option<u32>,
     },
     /// Somebody may be serving there.
     #[error(
@@ -112,6 +119,8 @@ pub(super) struct SocketFile {
     path: PathBuf,
     /// Device and inode, by which it is known again.
     identity: (u64, u64),
+    /// Held until the file is gone.
+    _lock: LockFile,
 }
 
 /// A socket that somebody else has made, ready to be served on; `path` is for the message.
@@ -135,6 +144,9 @@ pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile)
         });
     }
     refuse_if_taken(path)?;
+    // Of two that are started together both have come this far.
+    let lock = lock(path)?;
+    refuse_if_taken(path)?;
 
     // bind() makes the file with permissions that hang on the umask, and fails where a stale socket lies.
     // So it is made under another name, given its permissions, and renamed: at its own name there is always
@@ -148,7 +160,7 @@ pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile)
     }
     let listener =
         UnixListener::bind(&temporary).map_err(failed("cannot make a socket in its directory"))?;
-    let finish = || -> Result<SocketFile, BindError> {
+    let finish = || -> Result<(u64, u64), BindError> {
         fs::set_permissions(&temporary, Permissions::from_mode(mode))
             .map_err(failed("cannot set its permissions"))?;
         listener
@@ -157,13 +169,17 @@ pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile)
         let identity =
             identity(&temporary).map_err(failed("cannot look at the socket just made"))?;
         fs::rename(&temporary, path).map_err(failed("cannot put the socket in its place"))?;
-        Ok(SocketFile {
-            path: path.to_owned(),
-            identity,
-        })
+        Ok(identity)
     };
     match finish() {
-        Ok(file) => Ok((listener, file)),
+        Ok(identity) => {
+            let file = SocketFile {
+                path: path.to_owned(),
+                identity,
+                _lock: lock,
+            };
+            Ok((listener, file))
+        }
         Err(error) => {
             // Best effort: the error that is reported is the one that led here.
             let _ = fs::remove_file(&temporary);
@@ -186,10 +202,14 @@ fn refuse_if_taken(path: &Path) -> Result<(), BindError> {
         }
         Ok(_) => {}
     }
-    match UnixStream::connect(path) {
-        Ok(_) => Err(BindError::Busy {
-            path: path.to_owned(),
-        }),
+    let busy = |pid| BindError::Busy {
+        path: path.to_owned(),
+        pid,
+    };
+    match connect(path) {
+        Ok(pid) => Err(busy(pid)),
+        // It has clients waiting, and takes none of them just now.
+        Err(error) if error.kind() == ErrorKind::WouldBlock => Err(busy(None)),
         Err(error)
             if matches!(
                 error.kind(),
@@ -203,6 +223,31 @@ fn refuse_if_taken(path: &Path) -> Result<(), BindError> {
             source,
         }),
     }
+}
+
+/// Connects without waiting: somebody who listens and never answers would be waited for for ever. The process that
+/// listens there.
+fn connect(path: &Path) -> io::Result<Option<u32>> {
+    let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
+    let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
+    net::connect(&socket, &SocketAddrUnix::new(path)?)?;
+    let listening = socket_peercred(&socket).ok();
+    Ok(listening.and_then(|other| u32::try_from(other.pid.as_raw_nonzero().get()).ok()))
+}
+
+/// The lock beside the socket.
+fn lock(path: &Path) -> Result<LockFile, BindError> {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".lock");
+    LockFile::take(Path::new(&name)).map_err(|error| match error {
+        LockError::Held(pid) => BindError::Busy {
+            path: path.to_owned(),
+            pid,
+        },
+        LockError::System(source) => {
+            BindError::failed(path, "cannot lock the file .lock beside it", source)
+        }
+    })
 }
 
 fn identity(path: &Path) -> io::Result<(u64, u64)> {

@@ -12,14 +12,19 @@ mod plausible;
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use crate::check::{Check, Fault, within};
+use crate::lock_file::{LockError, LockFile};
 pub use format::{Contents, FormatError};
 pub use history::{Entry, History, Identity, Made};
 
 const FILE_NAME: &str = "calibration.json";
+
+/// Locked by the process that keeps calibrations there.
+const LOCK_NAME: &str = ".lock";
 
 /// Longest file that is read, bytes: a calibration has less than a thousand.
 const LONGEST: u64 = 1 << 20;
@@ -95,6 +100,18 @@ pub enum StoreError {
         /// What the system said.
         source: io::Error,
     },
+    /// Another process has the folder.
+    #[error(
+        "cannot keep calibrations in folder {}: another daemon keeps its own there{}; stop it, or set another \
+         store.directory",
+        directory.display(), pid.map(|pid| format!(" (process {pid})")).unwrap_or_default()
+    )]
+    InUse {
+        /// The folder.
+        directory: PathBuf,
+        /// The process, if it is known.
+        pid: Option<u32>,
+    },
     /// The file cannot be read.
     #[error("cannot read calibration {}: {source}", path.display())]
     Read {
@@ -144,11 +161,13 @@ pub enum StoreError {
 #[derive(Clone, Debug)]
 pub struct Store {
     directory: PathBuf,
+    /// Nobody else changes anything there meanwhile.
+    _lock: Option<Arc<LockFile>>,
 }
 
 impl Store {
     /// Opens the folder, or makes it. Fails if nothing can be written there: better now than after
-    /// the first turn.
+    /// the first turn. No other process can open it until this and its clones are dropped; this one can.
     pub fn open(directory: &Path) -> Result<Self, StoreError> {
         let fail = |source| StoreError::Directory {
             directory: directory.to_owned(),
@@ -157,6 +176,7 @@ impl Store {
         fs::create_dir_all(directory).map_err(fail)?;
         let store = Self {
             directory: directory.to_owned(),
+            _lock: Some(Self::lock(directory)?),
         };
         disk::remove_leftovers(directory, FILE_NAME).map_err(fail)?;
         let probe = disk::written(directory, FILE_NAME, "probe").map_err(fail)?;
@@ -164,10 +184,27 @@ impl Store {
         Ok(store)
     }
 
+    /// Fails if another process has the folder. One that cannot be used for other reasons is no matter here.
+    pub fn check_free(directory: &Path) -> Result<(), StoreError> {
+        match Self::lock(directory) {
+            Err(error @ StoreError::InUse { .. }) => Err(error),
+            _ => Ok(()),
+        }
+    }
+
+    fn lock(directory: &Path) -> Result<Arc<LockFile>, StoreError> {
+        let directory = directory.to_owned();
+        LockFile::share(&directory.join(LOCK_NAME)).map_err(|error| match error {
+            LockError::Held(pid) => StoreError::InUse { directory, pid },
+            LockError::System(source) => StoreError::Directory { directory, source },
+        })
+    }
+
     /// The folder as it is, without a look at it: for reading, where nothing can be written.
     pub fn unchecked(directory: &Path) -> Self {
         Self {
             directory: directory.to_owned(),
+            _lock: None,
         }
     }
 
@@ -216,7 +253,13 @@ impl Store {
 
     /// All that the store's file holds; nothing, if there is none yet.
     fn contents(&self) -> Result<Contents, StoreError> {
-        match Self::read_file(&self.path()) {
+        let path = self.path();
+        // A pipe would be waited for, and a device has no end.
+        if fs::metadata(&path).is_ok_and(|found| !found.is_file()) {
+            let why = "it is no regular file".to_owned();
+            return Err(StoreError::Unreadable { path, why });
+        }
+        match Self::read_file(&path) {
             Err(StoreError::Read { source, .. }) if source.kind() == io::ErrorKind::NotFound => {
                 Ok(Contents::default())
             }

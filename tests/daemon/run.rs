@@ -133,14 +133,15 @@ fn a_calibration_at_the_very_end_of_a_log_is_published_and_kept() {
 #[test]
 fn a_second_daemon_is_refused_and_the_first_goes_on() {
     let rig = Rig::new(1.0, LONG);
-    let (_first, mut client) = rig.watched();
+    let (first, mut client) = rig.watched();
     let mut second = rig.start();
     assert_eq!(second.wait().code(), Some(69));
     let said = second.said();
-    assert!(
-        said.contains("another daemon is serving there; stop it, or set another socket"),
-        "{said}"
+    let right = format!(
+        "another daemon is serving there (process {}); stop it, or set another socket",
+        first.id()
     );
+    assert!(said.contains(&right), "{said}");
     client.find("ATT", |_| true);
     assert!(rig.path("heading.sock").exists());
 }
@@ -220,4 +221,54 @@ fn a_start_that_cannot_be_says_why() {
     }
     fs::remove_file(rig.path("headingd.toml")).unwrap();
     assert_eq!(rig.start().wait().code(), Some(66));
+}
+
+#[test]
+fn two_daemons_never_share_a_store_and_the_second_says_who_has_it() {
+    let rig = Rig::new(1.0, LONG);
+    let (mut first, mut client) = rig.watched();
+    client.find("ATT", |_| true);
+    let other = Rig::new(1.0, LONG);
+    other.configure(1.0, &rig.path("store"), LONG);
+    let mut second = other.start();
+    assert_eq!(second.wait().code(), Some(69), "{}", second.said());
+    let said = second.said();
+    assert!(
+        said.contains("another daemon keeps its own there"),
+        "{said}"
+    );
+    assert!(
+        said.contains(&format!("(process {})", first.id())),
+        "{said}"
+    );
+    assert!(!other.path("heading.sock").exists());
+
+    // Nor does one that gets there by a reload, which goes on as before.
+    other.configure(1.0, &other.path("store"), LONG);
+    let (mut second, mut other_client) = other.watched();
+    other_client.find("ATT", |_| true);
+    other.configure(1.0, &rig.path("store"), LONG);
+    second.signal("HUP");
+    crate::rig::until("the refusal", || second.said().contains("not reloaded"));
+    let seq = other_client.find("ATT", |_| true)["seq"].as_u64();
+    other_client.find("ATT", |att| att["seq"].as_u64() > seq);
+
+    // A reload opens its own store again, and a process that is killed leaves it to the next.
+    rig.configure(2.0, &rig.path("store"), LONG);
+    first.signal("HUP");
+    crate::rig::until("the reload", || {
+        first.said().contains("reloaded: source.speed")
+    });
+    client.find("ATT", |_| true);
+    assert!(!first.said().contains("ERROR"), "{}", first.said());
+    first.signal("KILL");
+    first.wait();
+    second.signal("HUP");
+    let lock = rig.path("store/.lock");
+    crate::rig::until("its lock", || {
+        fs::read_to_string(&lock).is_ok_and(|text| text == format!("{}\n", second.id()))
+    });
+    second.signal("TERM");
+    assert!(second.wait().success(), "{}", second.said());
+    assert!(!lock.exists());
 }

@@ -2,6 +2,9 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::mpsc;
+use std::time::Duration;
 
 use headingd::calibration::model::{Calibration, Model, Parameters, Planar, Spatial};
 use headingd::calibration::policy::{Policy, Reason};
@@ -78,6 +81,8 @@ fn files(store: &Store) -> Vec<String> {
     let mut names: Vec<String> = fs::read_dir(store.path().parent().unwrap())
         .unwrap()
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        // Its lock, as long as it is open.
+        .filter(|name| name != ".lock")
         .collect();
     names.sort();
     names
@@ -516,4 +521,26 @@ fn a_link_stays_a_link_and_a_device_a_device() {
 #[test]
 fn an_endless_file_is_not_read_to_its_end() {
     assert!(message(Store::read_file(Path::new("/dev/zero"))).contains("longer than"));
+}
+
+/// Whoever opened it would wait for somebody to write.
+#[test]
+fn a_pipe_in_place_of_the_file_is_not_waited_for() {
+    let (_folder, store) = store();
+    let made = Command::new("mkfifo").arg(store.path()).status();
+    assert!(made.unwrap().success());
+    let (sender, loaded) = mpsc::channel();
+    let good = history(planar());
+    let right = good.clone();
+    std::thread::spawn(move || {
+        let refused = message(store.load(&identity()));
+        let aside = store.save(&good, None).unwrap();
+        sender.send((refused, aside, store))
+    });
+    let (refused, aside, store) = loaded
+        .recv_timeout(Duration::from_secs(30))
+        .expect("it hangs");
+    assert!(refused.contains("it is no regular file"), "{refused}");
+    assert!(aside.unwrap().ends_with("calibration.json.unreadable-1"));
+    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(right));
 }

@@ -50,9 +50,11 @@ const ROOMS: &[Room] = &[
     // The simulator distorts a field with the model that a calibration inverts; a live source says its troubles.
     room("sensor", 2, &["reading", "frame", "recording", "calibration::model", "condition"]),
     // Raw readings go out with the header and in the columns of a log.
-    room("publish", 2, &["heading", "condition", "calibration", "reading", "recording"]),
+    room("publish", 2, &["heading", "condition", "calibration", "reading", "recording", "lock_file"]),
     // The mounting is kept with the calibration: the one holds only with the other.
-    room("store", 2, &["calibration", "frame"]),
+    room("store", 2, &["calibration", "frame", "lock_file"]),
+    // Sockets and stores are one process's at a time.
+    room("lock_file", 2, &[]),
     room("logging", 2, &[]),
     // Tells systemd the condition.
     room("service", 2, &["condition"]),

@@ -3,11 +3,13 @@
 use std::fs;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
+use std::sync::{Barrier, mpsc};
 use std::time::{Duration, Instant};
 
 use headingd::publish::server::{BindError, Server, Settings};
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 
-use super::rig::{STALE, device, report, rig};
+use super::rig::{PATIENCE, STALE, device, report, rig};
 
 #[tokio::test]
 async fn stopping_delivers_what_was_published_and_removes_the_socket() {
@@ -33,7 +35,86 @@ async fn the_socket_has_the_permissions_set_and_nothing_else_is_left() {
     assert!(found.file_type().is_socket());
     assert_eq!(found.permissions().mode() & 0o777, 0o640);
     let directory = rig.settings.socket.parent().unwrap();
-    assert_eq!(fs::read_dir(directory).unwrap().count(), 1);
+    // And its lock, as long as it is served on.
+    assert_eq!(fs::read_dir(directory).unwrap().count(), 2);
+    rig.stop.send(()).unwrap();
+    rig.task.await.unwrap().unwrap();
+    assert_eq!(fs::read_dir(directory).unwrap().count(), 0);
+}
+
+#[test]
+fn a_daemon_that_has_only_locked_the_socket_so_far_comes_first() {
+    let directory = tempfile::tempdir().unwrap();
+    let settings = Settings {
+        socket: directory.path().join("heading.sock"),
+        ..Settings::default()
+    };
+    let path = directory.path().join("heading.sock.lock");
+    fs::write(&path, "4321\n").unwrap();
+    let lock = fs::File::open(&path).unwrap();
+    lock.try_lock().unwrap();
+    let refused = Server::bind(&settings, device(), STALE).unwrap_err();
+    assert!(matches!(
+        refused,
+        BindError::Busy {
+            pid: Some(4321),
+            ..
+        }
+    ));
+    assert!(refused.to_string().contains("(process 4321)"), "{refused}");
+    assert!(!settings.socket.exists());
+    // It has died.
+    drop(lock);
+    Server::bind(&settings, device(), STALE).unwrap();
+}
+
+#[test]
+fn of_many_that_start_together_one_serves() {
+    let directory = tempfile::tempdir().unwrap();
+    let settings = Settings {
+        socket: directory.path().join("heading.sock"),
+        ..Settings::default()
+    };
+    for _ in 0..100 {
+        drop(UnixListener::bind(&settings.socket).unwrap());
+        let start = Barrier::new(4);
+        let bound: Vec<_> = std::thread::scope(|scope| {
+            let bind = || {
+                start.wait();
+                Server::bind(&settings, device(), STALE)
+            };
+            let threads: Vec<_> = (0..4).map(|_| scope.spawn(bind)).collect();
+            threads.into_iter().map(|t| t.join().unwrap()).collect()
+        });
+        let (serving, refused): (Vec<_>, Vec<_>) = bound.into_iter().partition(Result::is_ok);
+        assert_eq!(serving.len(), 1);
+        for refused in refused {
+            let refused = refused.unwrap_err();
+            assert!(matches!(refused, BindError::Busy { .. }), "{refused}");
+        }
+    }
+}
+
+/// Somebody listens there and answers nobody; who connects has to wait as soon as one other does.
+#[test]
+fn a_listener_with_a_full_backlog_is_not_waited_for() {
+    let directory = tempfile::tempdir().unwrap();
+    let settings = Settings {
+        socket: directory.path().join("heading.sock"),
+        ..Settings::default()
+    };
+    let address = SocketAddrUnix::new(&settings.socket).unwrap();
+    let listener = socket(AddressFamily::UNIX, SocketType::STREAM, None).unwrap();
+    bind(&listener, &address).unwrap();
+    listen(&listener, 0).unwrap();
+    let _waiting = UnixStream::connect(&settings.socket).unwrap();
+    let (sender, bound) = mpsc::channel();
+    std::thread::spawn(move || {
+        // An error means that it is not waited for any more.
+        let _ = sender.send(Server::bind(&settings, device(), STALE).map(drop));
+    });
+    let refused = bound.recv_timeout(PATIENCE).expect("it hangs").unwrap_err();
+    assert!(matches!(refused, BindError::Busy { .. }), "{refused}");
 }
 
 #[tokio::test]
@@ -83,10 +164,13 @@ fn a_server_removes_only_its_own_socket() {
         ..Settings::default()
     };
     let first = Server::bind(&settings, device(), STALE).unwrap();
-    fs::remove_file(&settings.socket).unwrap();
+    // Somebody clears up.
+    for file in fs::read_dir(directory.path()).unwrap() {
+        fs::remove_file(file.unwrap().path()).unwrap();
+    }
     let second = Server::bind(&settings, device(), STALE).unwrap();
     drop(first);
     UnixStream::connect(&settings.socket).unwrap();
     drop(second);
-    assert!(!settings.socket.exists());
+    assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0);
 }

@@ -1,0 +1,215 @@
+//! Locks that one process holds at a time, by files beside what they guard; the system lets go of them however the
+//! process ends. Each holds the number of its process, so that another can say who has it.
+
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, ErrorKind, Read, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::process;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+/// Its file may be replaced so often while it is being locked; more is no accident.
+const ATTEMPTS: usize = 100;
+
+/// Longest content, bytes: a number and the end of its line.
+const LONGEST: u64 = 32;
+
+/// A lock that is held; dropping it removes its file.
+#[derive(Debug)]
+pub struct LockFile {
+    path: PathBuf,
+    /// Device and inode, by which it is known again.
+    identity: (u64, u64),
+    /// Its end ends the lock.
+    file: File,
+}
+
+/// Why a lock cannot be had.
+#[derive(Debug)]
+pub enum LockError {
+    /// Another has it: this process, if its number is known.
+    Held(Option<u32>),
+    /// The system refused.
+    System(io::Error),
+}
+
+/// Locks that are shared within this process.
+static SHARED: Mutex<Vec<Weak<LockFile>>> = Mutex::new(Vec::new());
+
+impl LockFile {
+    /// Takes the lock, or says who has it.
+    pub fn take(path: &Path) -> Result<Self, LockError> {
+        for _ in 0..ATTEMPTS {
+            let (mut file, writable) = open(path).map_err(LockError::System)?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => return Err(LockError::Held(holder(&mut file))),
+                Err(TryLockError::Error(error)) => return Err(LockError::System(error)),
+            }
+            let identity = identity(&file.metadata().map_err(LockError::System)?);
+            // Whoever had it has removed it meanwhile: the next one is made under the same name.
+            if !fs::symlink_metadata(path).is_ok_and(|found| self::identity(&found) == identity) {
+                continue;
+            }
+            writable.map_err(LockError::System)?;
+            let lock = Self {
+                path: path.to_owned(),
+                identity,
+                file,
+            };
+            // Where there is no room for it, nobody is told who has the lock.
+            let _ = lock.sign();
+            return Ok(lock);
+        }
+        Err(LockError::Held(None))
+    }
+
+    /// The same, but where this process has it already, that one.
+    pub fn share(path: &Path) -> Result<Arc<Self>, LockError> {
+        let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
+        shared.retain(|lock| lock.strong_count() > 0);
+        let found = fs::symlink_metadata(path)
+            .ok()
+            .map(|found| identity(&found));
+        let mut held = shared.iter().filter_map(Weak::upgrade);
+        if let Some(lock) = held.find(|lock| Some(lock.identity) == found) {
+            return Ok(lock);
+        }
+        let lock = Arc::new(Self::take(path)?);
+        shared.push(Arc::downgrade(&lock));
+        Ok(lock)
+    }
+
+    fn sign(&self) -> io::Result<()> {
+        self.file.set_len(0)?;
+        writeln!(&self.file, "{}", process::id())
+    }
+}
+
+impl Drop for LockFile {
+    fn drop(&mut self) {
+        // Still locked: nobody else can have it meanwhile. What is there under its name may be another by now.
+        if fs::symlink_metadata(&self.path).is_ok_and(|found| identity(&found) == self.identity) {
+            // An error leaves a file of a few bytes, which the next one takes over.
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+/// Opens the file, or makes it; also whether its holder could sign it. Who may only read it can still learn who has it.
+fn open(path: &Path) -> io::Result<(File, io::Result<()>)> {
+    let mut options = OpenOptions::new();
+    // A link could lead anywhere, and a pipe would be waited for.
+    options
+        .read(true)
+        .custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK);
+    let made = options
+        .clone()
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .mode(0o644)
+        .open(path);
+    let (file, writable) = match made {
+        Err(error) if error.kind() == ErrorKind::PermissionDenied => match options.open(path) {
+            Ok(file) => (file, Err(error)),
+            Err(_) => return Err(error),
+        },
+        made => (made?, Ok(())),
+    };
+    if !file.metadata()?.is_file() {
+        let what = format!("{} is no regular file: move it away", path.display());
+        return Err(io::Error::new(ErrorKind::InvalidInput, what));
+    }
+    Ok((file, writable))
+}
+
+/// The process that has signed it.
+fn holder(file: &mut File) -> Option<u32> {
+    let mut text = String::new();
+    file.take(LONGEST).read_to_string(&mut text).ok()?;
+    text.strip_suffix('\n')?.parse().ok()
+}
+
+fn identity(found: &fs::Metadata) -> (u64, u64) {
+    (found.dev(), found.ino())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::symlink;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+
+    #[test]
+    fn one_has_it_the_other_is_told_who_and_it_can_be_had_afterwards() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lock");
+        // Of a process that was killed.
+        fs::write(&path, "4000000\nand more").unwrap();
+        let lock = LockFile::take(&path).unwrap();
+        for _ in 0..2 {
+            match LockFile::take(&path) {
+                Err(LockError::Held(Some(pid))) => assert_eq!(pid, process::id()),
+                other => panic!("{other:?}"),
+            }
+        }
+        drop(lock);
+        assert!(!path.exists());
+        LockFile::take(&path).unwrap();
+    }
+
+    #[test]
+    fn within_a_process_it_is_shared_until_the_last_one_lets_go() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lock");
+        let first = LockFile::share(&path).unwrap();
+        let second = LockFile::share(&path).unwrap();
+        drop(first);
+        assert!(matches!(LockFile::take(&path), Err(LockError::Held(_))));
+        // The folder is another one now: so is its lock.
+        fs::rename(&path, folder.path().join("aside")).unwrap();
+        let third = LockFile::share(&path).unwrap();
+        drop((second, third));
+        assert!(!path.exists());
+        LockFile::take(&path).unwrap();
+    }
+
+    #[test]
+    fn what_is_no_regular_file_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let (pipe, link) = (folder.path().join("pipe"), folder.path().join("link"));
+        let made = process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.unwrap().success());
+        symlink("elsewhere", &link).unwrap();
+        for path in [&pipe, &link, &folder.path().join("none/lock")] {
+            assert!(matches!(LockFile::take(path), Err(LockError::System(_))));
+        }
+        assert!(!folder.path().join("elsewhere").exists());
+        assert!(pipe.exists());
+    }
+
+    #[test]
+    fn never_do_two_have_it_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lock");
+        let (holders, taken) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    while taken.load(Ordering::SeqCst) < 300 {
+                        let Ok(lock) = LockFile::take(&path) else {
+                            continue;
+                        };
+                        assert_eq!(holders.fetch_add(1, Ordering::SeqCst), 0);
+                        taken.fetch_add(1, Ordering::SeqCst);
+                        std::thread::yield_now();
+                        holders.fetch_sub(1, Ordering::SeqCst);
+                        drop(lock);
+                    }
+                });
+            }
+        });
+    }
+}
