@@ -9,7 +9,7 @@ use crate::drive::{Now, Scene, run};
 use crate::handled::{FAIR, free, in_room, teaching};
 use crate::motion::{Part, length_s};
 use crate::random::Rng;
-use crate::score::Score;
+use crate::score::{From, Score};
 use crate::world::Dipole;
 
 /// The reasons that say what is wrong, one line a fault; a name of its own for each is what the figures ask for.
@@ -59,7 +59,7 @@ pub fn magnet_at_rest(rng: &mut Rng, score: &mut Score) {
     let after = [Part::Rest(20.0), free(rng, 40.0)];
     let lesson = lesson(rng, &[Part::Rest(15.0)], &after);
     let (scene, change_s) = taught(rng, score, lesson);
-    score.watch(change_s, disturbed);
+    score.watch(Some(change_s), disturbed);
     let field = magnet(rng);
     let scene = scene.with(move |now, _, board, _| {
         board.mag.attached = field * ((now.t_s - change_s) / 0.5).clamp(0.0, 1.0);
@@ -77,7 +77,9 @@ pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
     let mut lesson = lesson(rng, &[], &[moving]);
     lesson.change_s += 10.0;
     let (scene, change_s) = taught(rng, score, lesson);
-    score.watch(change_s, disturbed);
+    score.watch(Some(change_s), disturbed);
+    // By then it is learnt.
+    score.errors_from = From::Time(change_s + 15.0);
     let field = magnet(rng);
     let scene = scene.with(move |now, _, board, _| {
         board.mag.attached = field * ((now.t_s - change_s) / 0.3).clamp(0.0, 1.0);
@@ -91,7 +93,7 @@ pub fn moved_iron(rng: &mut Rng, score: &mut Score) {
     let lesson = lesson(rng, &[Part::Rest(10.0)], &after);
     let (scene, change_s) = taught(rng, score, lesson);
     let begun_s = change_s + 2.0;
-    score.watch(begun_s, disturbed);
+    score.watch(Some(begun_s), disturbed);
     // 40 to 400 mG at its nearest, 0.3 m away: a tool, a loudspeaker.
     let moment = rng.direction() * rng.log_uniform(40.0, 400.0) * 0.027;
     let side = rng.direction();
@@ -136,8 +138,9 @@ pub fn in_motion(
     let mut lesson = lesson(rng, &[], &[moving]);
     lesson.change_s += 10.0;
     let (scene, change_s) = taught(rng, score, lesson);
-    score.watch(change_s, wanted);
+    score.watch(Some(change_s), wanted);
     score.good_from_s = change_s;
+    score.errors_from = From::Time(change_s);
     let scene = scene.with(move |now, _, board, _| {
         if now.t_s >= change_s {
             fault(now, board);
@@ -177,7 +180,6 @@ pub fn no_accelerometer(rng: &mut Rng, score: &mut Score) {
     let (mut scene, _) = taught(rng, score, lesson);
     scene.board.force.silent = true;
     score.faults = vec![(0.0, f64::INFINITY)];
-    // Where there is no heading the reason is why there is none.
-    score.watch(4.0, |shown| reason::NO_FORCE.contains(&shown.reason));
+    score.watch(None, |shown| reason::NO_FORCE.contains(&shown.reason));
     run(scene, rng, score);
 }

@@ -56,6 +56,11 @@ const CHANGE: Limits = Limits {
     false_share: Some(0.001),
     ..NONE
 };
+/// Learnt within 15 s: good headings again.
+const LEARNT: Limits = Limits {
+    rms_deg: Some(3.0),
+    ..CHANGE
+};
 const FAULT: Limits = Limits {
     told: Some((10.0, 0.99)),
     false_of_good: Some(0.02),
@@ -107,7 +112,7 @@ pub const ALL: &[Family] = &[
     family("fast_hand", 500, VEHICLE, handled::fast_hand),
     family("fast_turns", 500, VEHICLE, vehicles::fast_car),
     family("change_magnet_at_rest", 500, CHANGE, changes::magnet_at_rest),
-    family("change_magnet_in_motion", 500, CHANGE, changes::magnet_in_motion),
+    family("change_magnet_in_motion", 500, LEARNT, changes::magnet_in_motion),
     family("change_moved_iron", 500, CHANGE, changes::moved_iron),
     family("change_gyro_flipped", 500, CHANGE, changes::flipped_gyro),
     family("change_gyro_clipped", 500, CHANGE, changes::clipped_gyro),

@@ -1,13 +1,20 @@
 //! How soon headings come, how good they are, and whether they admit it when they are not: replays simulated and
 //! recorded logs and prints one table.
 //!
-//! `cargo test --release --test honesty -- [--family WORD]… [--seeds N | --full | --seed N] [--trace FILE] [--write FILE] [--given-truth] [--logs DIR]`
+//! `cargo test --release --test honesty -- [OPTION]…` runs 20 seeds of each simulated family.
 //!
-//! Without arguments it runs 20 seeds of each simulated family; with `--full` as many as its row of the table asks for.
-//! `--family` picks the rows whose name contains the word. `--trace` writes what a log, or one seed (0, or that of `--seed`), gave, sample by sample; `--write` its
-//! readings, as a log.
-//! `--given-truth` starts each simulated run with its true calibration, which shows what motion and place alone cost.
-//! The logs are recordings of real chips that are not part of the project. It ends with status 1 if a limit is missed.
+//! | option | what it does |
+//! |---|---|
+//! | `--full` | runs as many seeds as the figures ask for |
+//! | `--seeds N`, `--seed N` | runs the first N seeds, or this one alone |
+//! | `--family WORD` | runs one row, or all whose names contain the word; may be given again |
+//! | `--logs DIR` | replays the recordings of real chips there, which are not part of the project |
+//! | `--each` | shows each seed's figures as well |
+//! | `--trace FILE` | writes what one run shows, sample by sample |
+//! | `--write FILE` | writes one run's readings as a log |
+//! | `--given-truth` | starts with the true calibration: what is left is what motion and place cost |
+//!
+//! The status is 1 if a limit is missed.
 
 mod bad_turns;
 mod changes;
@@ -51,6 +58,7 @@ struct Args {
     seeds: Option<usize>,
     full: bool,
     given_truth: bool,
+    each: bool,
     seed: Option<u64>,
     trace: Option<PathBuf>,
     write: Option<PathBuf>,
@@ -71,6 +79,7 @@ fn args() -> Result<Option<Args>, String> {
             "--seeds" => args.seeds = Some(number(value()?)? as usize),
             "--seed" => args.seed = Some(number(value()?)?),
             "--full" => args.full = true,
+            "--each" => args.each = true,
             "--given-truth" => args.given_truth = true,
             "--trace" => args.trace = Some(value()?.into()),
             "--write" => args.write = Some(value()?.into()),
@@ -151,6 +160,9 @@ fn main() -> ExitCode {
         let begun = Instant::now();
         let scores = run(family, &seeds, &new_score);
         eprintln!("{}: {:.1} s", family.name, begun.elapsed().as_secs_f64());
+        if args.each {
+            score::each(&seeds, &scores);
+        }
         if let Some(path) = &args.write {
             write_log(path, family.name, &scores[0]);
         }

@@ -16,6 +16,7 @@ pub fn eight_hours(rng: &mut Rng, score: &mut Score) {
     let rests_s = length_s(&parts) + 5.0;
     score.starts_s = 4.0;
     score.learnt_by_s = 60.0;
+    score.excluded = vec![(0.0, rests_s)];
     score.errors_from = From::Time(rests_s);
     let mut scene = in_room(rng, &FAIR, parts, rests_s + HOURS * 3600.0);
     scene.dt_s = 0.04;
@@ -34,5 +35,5 @@ pub fn eight_hours(rng: &mut Rng, score: &mut Score) {
         board.gyro.bias = base + walked + warming * warm;
     });
     run(scene, rng, score);
-    score.other = vec![score.worst_deg];
+    score.other = vec![score.drift_deg];
 }

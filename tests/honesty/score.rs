@@ -18,8 +18,8 @@ pub enum From {
 
 /// Something that has to be said, and when it was.
 pub struct Watch {
-    /// From when on it is true, seconds.
-    pub from_s: f64,
+    /// From when on it is true, seconds; unknown until the first heading, if it is to be said of headings.
+    pub from_s: Option<f64>,
     pub wanted: fn(&Shown) -> bool,
     /// How long it took.
     pub after_s: Option<f64>,
@@ -74,8 +74,9 @@ pub struct Score {
     pub is_good_s: f64,
     pub good_s: f64,
     pub false_good_s: f64,
-    /// Worst error, degrees, and the last.
-    pub worst_deg: f64,
+    first_error_deg: Option<f64>,
+    /// How far the error moved from what it was at first, degrees.
+    pub drift_deg: f64,
     /// Of an accepted calibration: what it claims, and its true error, degrees.
     pub accepted: Vec<(f64, f64)>,
     /// Figures of one family alone.
@@ -113,7 +114,8 @@ impl Score {
             is_good_s: 0.0,
             good_s: 0.0,
             false_good_s: 0.0,
-            worst_deg: 0.0,
+            first_error_deg: None,
+            drift_deg: 0.0,
             accepted: Vec::new(),
             other: Vec::new(),
         };
@@ -184,7 +186,8 @@ impl Score {
         if counts {
             self.errors += 1;
             self.squares += error * error;
-            self.worst_deg = self.worst_deg.max(size);
+            let first = *self.first_error_deg.get_or_insert(error);
+            self.drift_deg = self.drift_deg.max(apart_deg(error, first).abs());
             let bin = (size / BIN_DEG) as usize;
             if self.bins.len() <= bin {
                 self.bins.resize(bin + 1, 0);
@@ -195,15 +198,19 @@ impl Score {
 
     fn look(&mut self, t_s: f64, shown: &Shown) {
         let Some(watch) = &mut self.watch else { return };
-        if t_s < watch.from_s {
+        if shown.heading_deg.is_some() {
+            watch.from_s.get_or_insert(t_s);
+        }
+        let Some(from_s) = watch.from_s else { return };
+        if t_s < from_s {
             watch.ready = shown.good();
         } else if watch.after_s.is_none() && (watch.wanted)(shown) {
-            watch.after_s = Some(t_s - watch.from_s);
+            watch.after_s = Some(t_s - from_s);
         }
     }
 
-    /// Watches for what must be said from `from_s` on.
-    pub fn watch(&mut self, from_s: f64, wanted: fn(&Shown) -> bool) {
+    /// Watches for what must be said from `from_s` on, or from the first heading on.
+    pub fn watch(&mut self, from_s: Option<f64>, wanted: fn(&Shown) -> bool) {
         self.watch = Some(Watch {
             from_s,
             wanted,
@@ -231,6 +238,23 @@ impl Score {
 
     pub fn nerr(&self) -> Option<f64> {
         (self.normalised > 0).then(|| (self.normalised_squares / self.normalised as f64).sqrt())
+    }
+}
+
+/// One line about each run.
+pub fn each(seeds: &[u64], scores: &[Score]) {
+    for (seed, score) in seeds.iter().zip(scores) {
+        let square = score.squares / score.errors.max(1) as f64;
+        eprintln!(
+            "  seed {seed}: first {:.1?} s, RMS {:.2}, nerr {:.2?}, false-sure {:.1} s, good {:.0} of {:.0} s, told {:.1?}",
+            score.first_s,
+            square.sqrt(),
+            score.nerr(),
+            score.false_s,
+            score.is_good_s,
+            score.should_be_good_s,
+            score.watch.as_ref().and_then(|watch| watch.after_s),
+        );
     }
 }
 
