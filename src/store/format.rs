@@ -126,7 +126,8 @@ impl Contents {
             Self::deserialize(value)
         };
         let contents = contents.map_err(|error| fail(error.to_string()))?;
-        match contents.fault() {
+        let damage = |contents: &Self| contents.sensors.iter().find_map(History::damage);
+        match contents.fault().or_else(|| damage(&contents)) {
             None => Ok(contents),
             Some(fault) => Err(fail(fault)),
         }

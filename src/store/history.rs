@@ -9,6 +9,10 @@ use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
 use crate::frame::Mounting;
 
+/// The largest number that a file may hold: far above what any daemon saves in its life, and far enough below the
+/// end of `u64`, and of what every JSON program counts exactly, that saving goes on behind it.
+const LARGEST_NUMBER: u64 = 1_000_000_000_000;
+
 /// Which sensor a calibration holds for, and how it is mounted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
@@ -250,6 +254,16 @@ impl History {
         }
         self.mode = mode;
         Ok(())
+    }
+
+    /// What no file that this program has saved can hold.
+    pub(super) fn damage(&self) -> Option<String> {
+        (self.last_number > LARGEST_NUMBER).then(|| {
+            format!(
+                "last_number is {}, but must be at most {LARGEST_NUMBER}",
+                self.last_number
+            )
+        })
     }
 
     /// What is wrong in itself.

@@ -20,6 +20,7 @@ pub(super) fn no_number(calibration: &Value) -> Option<String> {
     }
     [
         "basis",
+        "level",
         "bias_mgauss",
         "scale",
         "matrix",
@@ -86,6 +87,14 @@ fn planar_faults(faults: &mut Vec<Fault>, planar: &Planar) {
     for (index, scale) in planar.scale.iter().enumerate() {
         let key = format!("calibration.scale[{index}]");
         within(faults, &key, *scale, 0.01..=100.0, "");
+    }
+    // The part of a unit vector's mean that lies in the plane.
+    if !(0.0..=1.0 + TOLERANCE).contains(&planar.level.norm()) {
+        faults.push(Fault {
+            key: "calibration.level".to_owned(),
+            found: format!("[{}, {}]", planar.level.x, planar.level.y),
+            right: "a vector no longer than 1".to_owned(),
+        });
     }
 }
 

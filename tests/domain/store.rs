@@ -294,6 +294,34 @@ fn a_file_that_is_not_understood_is_set_aside_before_the_next_save() {
     assert_eq!(files(&store).len(), 5);
 }
 
+/// Numbers count on from `last_number`, so one without room behind it would let no calibration be saved any more.
+#[test]
+fn a_last_number_without_room_behind_it_does_not_end_saving() {
+    let (_folder, store) = store();
+    let mut kept = history(planar());
+    store.save(&kept, None).unwrap();
+    let good = fs::read_to_string(store.path()).unwrap();
+    for last in [u64::MAX, u64::MAX - 1, 1_000_000_000_001] {
+        let text = good.replacen("\"last_number\": 1", &format!("\"last_number\": {last}"), 1);
+        fs::write(store.path(), &text).unwrap();
+        let error = store.load(&identity()).unwrap_err();
+        assert!(matches!(error, StoreError::Unreadable { .. }), "{error}");
+        kept.keep(made(planar()), 10);
+        let aside = store.save(&kept, None).unwrap().unwrap();
+        assert_eq!(fs::read_to_string(aside).unwrap(), text);
+    }
+    // A large one leaves room.
+    let text = good.replacen("\"last_number\": 1", "\"last_number\": 999999999000", 1);
+    fs::write(store.path(), text).unwrap();
+    let Loaded::Found(mut found) = store.load(&identity()).unwrap() else {
+        panic!("not found");
+    };
+    let known = found.clone();
+    found.keep(made(planar()), 10);
+    assert_eq!(store.save(&found, Some(&known)).unwrap(), None);
+    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(found));
+}
+
 #[test]
 fn a_newer_file_is_told_from_a_damaged_one() {
     let (_folder, store) = store();
@@ -410,6 +438,14 @@ fn values_that_no_calibration_has_are_named() {
             "\"number\": 0",
             "numbers must rise from 1",
         ),
+        (
+            planar(),
+            "\"last_number\": 1",
+            "\"last_number\": 18446744073709551615",
+            "last_number is 18446744073709551615, but must be at most",
+        ),
+        (planar(), "-0.02", "1e308", "calibration.level is [0.01, 1"),
+        (planar(), "-0.02", "null", "calibration.level[1] is null"),
         (planar(), "\"on\"", "\"of\"", "unknown variant `of`"),
         (
             planar(),
