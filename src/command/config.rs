@@ -6,7 +6,7 @@ use clap::Subcommand;
 
 use super::{Failure, load_config, print};
 use crate::config::Config;
-use crate::config::source::Kind;
+use crate::config::source::{Kind, Settings};
 use crate::sensor::board::Board;
 
 /// Check a configuration file or show the effective settings
@@ -55,8 +55,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// What can be used, but hardly does what was meant.
 fn warnings(config: &Config) -> Vec<String> {
     let mut warnings = Vec::new();
+    if config.source.kind.is_none() {
+        warnings.push(Settings::UNSET.to_owned());
+    }
     let board = config.i2c.board;
-    if config.source.kind == Kind::I2c
+    if config.source.kind == Some(Kind::I2c)
         && board != Board::Custom
         && config.mounting != Default::default()
     {
@@ -65,7 +68,7 @@ fn warnings(config: &Config) -> Vec<String> {
         warnings.push(warning.to_owned());
     }
     let log = &config.source.log;
-    if config.source.kind == Kind::Replay
+    if config.source.kind == Some(Kind::Replay)
         && let Err(error) = std::fs::File::open(log)
     {
         let from = match std::env::current_dir() {
@@ -137,6 +140,7 @@ mod tests {
             check(file).unwrap();
         }
         assert!(of(board).is_empty() && of(&custom).is_empty());
+        assert_eq!(of("[i2c]\nbus = 2"), [Settings::UNSET]);
         std::fs::write(&log, "").unwrap();
         assert!(of(&replay).is_empty());
     }

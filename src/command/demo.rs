@@ -115,6 +115,7 @@ fn lost(socket: &Path, error: &io::Error) -> Failure {
 fn config(args: &Args, socket: &Path) -> Config {
     Config {
         source: source::Settings {
+            kind: Some(source::Kind::Simulator),
             speed: args.speed,
             ..source::Settings::default()
         },

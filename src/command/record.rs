@@ -23,7 +23,7 @@ pub struct Args {
     /// The log to write; an existing one is replaced. "-" is standard output
     #[arg(long, value_name = "LOG")]
     pub out: PathBuf,
-    /// The configuration file; without one the service at the usual socket is recorded, or a simulated board
+    /// The configuration file; without one the service at the usual socket is recorded
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Stop after so many seconds, 0.1 to 10000000
@@ -67,17 +67,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             _ => args.out.to_string_lossy(),
         };
         eprintln!("headingd: recording {recording} into {into}");
-        if args.config.is_none() && recording.is_simulated() {
-            eprintln!(
-                "headingd: WARNING: these are no readings of a real board: no service is at {}, and without --config \
-                 FILE there is no other source",
-                config.socket.socket.display()
-            );
-        }
         let from = recording.to_string();
         let begun = Instant::now();
         let (readings, ended) = recording.run(&args.out, told).await;
-        let summary = format!("{readings} readings in {:.1} s", begun.elapsed().as_secs_f64());
+        let summary = format!(
+            "{readings} readings in {:.1} s",
+            begun.elapsed().as_secs_f64()
+        );
         match ended {
             Ok(()) if readings == 0 => Err(Failure::new(
                 Failure::IO,

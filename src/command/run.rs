@@ -32,7 +32,9 @@ impl From<DaemonError> for Failure {
         let status = match &error {
             DaemonError::Replay(ReplayError::BadData(_)) => Self::DATA,
             DaemonError::Replay(_) => Self::NO_INPUT,
-            DaemonError::Simulator(_) => Self::CONFIG,
+            DaemonError::NoSource
+            | DaemonError::NothingToRecord { .. }
+            | DaemonError::Simulator(_) => Self::CONFIG,
             DaemonError::Bind(_) | DaemonError::Listen(_) | DaemonError::Store(_) => {
                 Self::UNAVAILABLE
             }
@@ -64,7 +66,13 @@ fn serve(args: &Args) -> Result<(), Failure> {
             SignalKind::hangup(),
             SignalKind::user_defined1(),
         ])?;
-        let daemon = Daemon::open(&config, service)?;
+        let daemon = Daemon::open(&config, service).map_err(|error| match error {
+            DaemonError::NoSource => Failure::new(
+                Failure::CONFIG,
+                format!("{}: {error}", args.config.display()),
+            ),
+            error => error.into(),
+        })?;
         let order = async || {
             let kind = signals.received().await;
             if kind == SignalKind::user_defined1() {

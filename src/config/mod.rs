@@ -131,7 +131,8 @@ impl Config {
     /// What is wrong between tables that are right in themselves. The keys are `table.key`.
     fn check_across(&self) -> Vec<Fault> {
         let mut faults = Vec::new();
-        if self.source.kind == source::Kind::Serial && self.serial.port.as_os_str().is_empty() {
+        if self.source.kind == Some(source::Kind::Serial) && self.serial.port.as_os_str().is_empty()
+        {
             faults.push(Fault {
                 key: "serial.port".to_owned(),
                 found: "empty".to_owned(),

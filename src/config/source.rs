@@ -10,8 +10,9 @@ use crate::check::{Check, Fault, within};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// What the source is.
-    pub kind: Kind,
+    /// What the source is. There is no default: whoever reads headings must know where they come from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kind: Option<Kind>,
     /// The log to replay; of no effect with other kinds. A relative path starts in the working folder. Empty: none.
     pub log: PathBuf,
     /// How fast a log is replayed or a simulation runs, in times real time: 0.1 to 1000. Of no effect with
@@ -20,11 +21,10 @@ pub struct Settings {
 }
 
 /// The kinds of source.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
     /// A simulated board: table `[simulator]`.
-    #[default]
     Simulator,
     /// A recorded log.
     Replay,
@@ -34,17 +34,10 @@ pub enum Kind {
     Serial,
 }
 
-impl Kind {
-    /// Whether its readings are taken now, by a real device.
-    pub fn is_live(self) -> bool {
-        matches!(self, Self::I2c | Self::Serial)
-    }
-}
-
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            kind: Kind::default(),
+            kind: None,
             log: PathBuf::new(),
             speed: 1.0,
         }
@@ -52,16 +45,26 @@ impl Default for Settings {
 }
 
 impl Settings {
+    /// What to do where no source is set.
+    pub const UNSET: &str = "source.kind is not set, so there are no readings: in table [source], write kind = \"i2c\" \
+                             for chips on an I2C bus, \"serial\" for a board behind a serial line, \"replay\" for a \
+                             log, or \"simulator\" to try headingd with invented readings";
+
+    /// Whether the readings are taken now, by a real device.
+    pub fn is_live(&self) -> bool {
+        matches!(self.kind, Some(Kind::I2c | Kind::Serial))
+    }
+
     /// How fast time goes: a real device has the pace it has.
     pub fn pace(&self) -> f64 {
-        if self.kind.is_live() { 1.0 } else { self.speed }
+        if self.is_live() { 1.0 } else { self.speed }
     }
 }
 
 impl Check for Settings {
     fn check(&self) -> Vec<Fault> {
         let mut faults = Vec::new();
-        if self.kind == Kind::Replay && self.log.as_os_str().is_empty() {
+        if self.kind == Some(Kind::Replay) && self.log.as_os_str().is_empty() {
             faults.push(Fault {
                 key: "log".to_owned(),
                 found: "empty".to_owned(),

@@ -34,7 +34,7 @@ impl Parts {
             mag_axes: mountings.mag,
         };
         let name = source.name();
-        if config.source.kind.is_live() {
+        if config.source.is_live() {
             tracing::info!("{sensor} from {name}");
         } else {
             tracing::info!(

@@ -89,7 +89,7 @@ impl Journey {
             keeper,
             recorder,
             speed: config.source.pace(),
-            live: config.source.kind.is_live(),
+            live: config.source.is_live(),
             actions: Vec::new(),
             last: (0.0, Instant::now()),
             open: true,

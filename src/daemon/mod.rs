@@ -30,6 +30,7 @@ use tokio::sync::{mpsc, oneshot};
 
 use crate::check::Fault;
 use crate::config::Config;
+use crate::config::source::Settings;
 use crate::publish::control::Control;
 use crate::publish::gpsd::Device;
 use crate::publish::server::{BindError, Server};
@@ -57,6 +58,18 @@ const DISK_PATIENCE: Duration = Duration::from_millis(600);
 /// Why the daemon cannot start or go on.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
+    /// Nobody has said where the readings come from.
+    #[error("{}", Settings::UNSET)]
+    NoSource,
+    /// There is neither a service to listen to nor a source.
+    #[error(
+        "{service}; and without a service, a source is needed: {}",
+        Settings::UNSET
+    )]
+    NothingToRecord {
+        /// Why there is no service.
+        service: ListenError,
+    },
     /// The log to replay cannot be used.
     #[error(transparent)]
     Replay(#[from] ReplayError),

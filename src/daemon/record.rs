@@ -22,7 +22,7 @@ pub struct Recording {
 impl Recording {
     /// Finds the readings: those of the service on the configuration's socket, or else of the configuration's source.
     /// Then headings are served meanwhile, as by the daemon; where there can be no socket it says so and records all
-    /// the same.
+    /// the same. Without a source a service must be there.
     pub async fn open(config: &Config) -> Result<Self, DaemonError> {
         // One recording is enough.
         let config = Config {
@@ -34,6 +34,16 @@ impl Recording {
                 listener: Box::new(Listener::connect(&path).await?),
                 path,
             },
+            Err(DaemonError::NoSource) => {
+                let path = config.socket.socket.clone();
+                let connected = Listener::connect(&path).await;
+                Origin::Service {
+                    listener: Box::new(
+                        connected.map_err(|service| DaemonError::NothingToRecord { service })?,
+                    ),
+                    path,
+                }
+            }
             // Two that read the same chips would spoil both.
             Err(DaemonError::Bind(error)) if !matches!(error, BindError::Unsure { .. }) => {
                 tracing::warn!("{error}; recording without a socket");
@@ -42,11 +52,6 @@ impl Recording {
             opened => Origin::Daemon(Box::new(opened?)),
         };
         Ok(Self { config, origin })
-    }
-
-    /// Whether the board is a simulated one, here and not in a service.
-    pub fn is_simulated(&self) -> bool {
-        !matches!(self.origin, Origin::Service { .. }) && self.config.source.kind == Kind::Simulator
     }
 
     /// Records into one log until the readings are at their end, the log cannot be written, or `shutdown` is ready.
@@ -104,9 +109,9 @@ impl fmt::Display for Recording {
             Origin::Source(source) => source,
         };
         match self.config.source.kind {
-            Kind::Simulator => f.write_str("a simulated board"),
-            Kind::Replay => write!(f, "the log {}", source.name()),
-            Kind::I2c | Kind::Serial => f.write_str(&source.name()),
+            Some(Kind::Simulator) => f.write_str("a simulated board"),
+            Some(Kind::Replay) => write!(f, "the log {}", source.name()),
+            _ => f.write_str(&source.name()),
         }
     }
 }

@@ -77,7 +77,7 @@ impl Playing {
 
 impl Source {
     pub(super) fn open(config: &Config) -> Result<Self, DaemonError> {
-        Ok(match config.source.kind {
+        Ok(match config.source.kind.ok_or(DaemonError::NoSource)? {
             Kind::Simulator => {
                 let simulator =
                     Simulator::new(config.simulator.clone()).map_err(DaemonError::Simulator)?;

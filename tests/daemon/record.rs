@@ -373,8 +373,8 @@ fn it_is_said_where_readings_come_from_and_how_many_they_were() {
 }
 
 #[test]
-fn a_board_that_nobody_asked_for_is_named_loudly() {
-    // Where another daemon has the usual socket, its readings are taken, and there is nothing to warn of.
+fn without_a_service_and_a_source_there_is_nothing_to_record() {
+    // Another daemon may have the usual socket.
     if Path::new("/run/headingd").exists() {
         return;
     }
@@ -388,9 +388,11 @@ fn a_board_that_nobody_asked_for_is_named_loudly() {
         "0.5",
     ];
     let mut process = start(rig.folder.path(), &arguments);
-    assert!(process.wait().success(), "{}", process.said());
-    let warning = "WARNING: these are no readings of a real board";
-    assert!(process.said().contains(warning), "{}", process.said());
+    assert_eq!(process.wait().code(), Some(78), "{}", process.said());
+    for part in ["/run/headingd/heading.sock", "source.kind is not set"] {
+        assert!(process.said().contains(part), "{}", process.said());
+    }
+    assert!(!out.exists());
 }
 
 #[test]

@@ -99,9 +99,16 @@ impl Rig {
     /// `more` begins with a table, or is empty.
     pub fn configure(&self, speed: f64, store: &Path, more: &str) {
         let socket = self.path("heading.sock");
+        // Keys of [source] may be first in it.
+        let (own, _) = more.split_once('[').unwrap_or((more, ""));
+        let kind = if own.contains("kind = ") {
+            ""
+        } else {
+            "kind = \"simulator\"\n"
+        };
         let text = format!(
             "[socket]\nsocket = {socket:?}\nbacklog = 4096\n[store]\ndirectory = {store:?}\n\
-             [source]\nspeed = {speed}\n{more}"
+             [source]\n{kind}speed = {speed}\n{more}"
         );
         fs::write(self.path("headingd.toml"), text).unwrap();
     }

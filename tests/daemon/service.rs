@@ -227,3 +227,30 @@ fn a_hangup_ends_it_only_when_its_terminal_has_gone() {
     assert!(process.wait().success());
     assert!(!rig.path("heading.sock").exists());
 }
+
+/// The configuration as it is installed: nobody has said yet where the readings come from.
+#[test]
+fn without_a_source_it_does_not_start_and_says_what_to_set() {
+    let rig = Rig::new(1.0, LONG);
+    let installed = include_str!("../../config/headingd.toml")
+        .replace("/run/headingd/", &rig.path("").display().to_string());
+    std::fs::write(rig.path("headingd.toml"), installed).unwrap();
+    let manager = Manager::new(&rig);
+    let mut process = manager.start(&rig);
+    assert_eq!(process.wait().code(), Some(78), "{}", process.said());
+    let status = manager.next();
+    for part in [
+        "headingd.toml: source.kind is not set",
+        "\"i2c\"",
+        "\"serial\"",
+    ] {
+        assert!(status.contains(part), "{status}");
+    }
+    assert_eq!(status.lines().count(), 1, "{status}");
+    assert!(!rig.path("heading.sock").exists());
+    // The unit tries again only what another start may mend.
+    let unit = include_str!("../../systemd/headingd.service");
+    let key = "RestartPreventExitStatus=";
+    let line = unit.lines().find_map(|line| line.strip_prefix(key));
+    assert!(line.unwrap().split(' ').any(|status| status == "78"));
+}

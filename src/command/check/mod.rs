@@ -30,7 +30,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = load_config(&args.config)?;
-    if config.source.kind != Kind::I2c {
+    if config.source.kind != Some(Kind::I2c) {
         return Err(Failure::new(
             Failure::CONFIG,
             format!(

@@ -64,7 +64,7 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
         mag_axes: Mountings::default().mag,
     };
     let mut config = Config::default();
-    config.source.kind = Kind::I2c;
+    config.source.kind = Some(Kind::I2c);
     config.store.directory = "".into();
     let mut journey = Journey::new(
         Pipeline::new(config.setup(Mountings::default()), None),
