@@ -18,6 +18,8 @@ use crate::reading::Reading;
 
 /// Whether it is to stop is looked at this often.
 const LOOK: Duration = Duration::from_millis(50);
+/// Whoever has not looked at the port for this long was stopped or held up, and bytes have waited.
+const AWAY_S: f64 = 0.2;
 /// Pauses before the port is tried again, the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(3));
 /// A device that takes nothing for this long does not listen.
@@ -45,6 +47,8 @@ pub struct Bridge {
     trouble: Option<&'static str>,
     found: Protocol,
     last_s: f64,
+    /// When the port was looked at last.
+    looked_s: f64,
     bytes: Box<[u8; 4096]>,
 }
 
@@ -76,6 +80,7 @@ impl Bridge {
             trouble: None,
             found: Protocol::Auto,
             last_s: 0.0,
+            looked_s: 0.0,
             bytes: Box::new([0; 4096]),
         }
     }
@@ -109,7 +114,8 @@ impl Bridge {
     fn open(&mut self) {
         match port::open(&self.settings) {
             Ok(stream) => {
-                let session = Session::new(&self.settings, self.board, self.now_s());
+                self.looked_s = self.now_s();
+                let session = Session::new(&self.settings, self.board, self.looked_s);
                 self.state = State::Open {
                     stream,
                     session: Box::new(session),
@@ -134,6 +140,11 @@ impl Bridge {
         let State::Open { stream, session } = &mut self.state else {
             return;
         };
+        let away_s = now_s - self.looked_s;
+        self.looked_s = now_s;
+        if away_s > AWAY_S {
+            session.resume();
+        }
         let mut gone = None;
         match read {
             None => {}

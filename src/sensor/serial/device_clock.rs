@@ -1,11 +1,22 @@
 //! Times for readings of a device that sends its own: its clock is brought in line with ours.
+//!
+//! A reading that arrives late was delayed on the way, as when the daemon was stopped and its bytes waited for it, or
+//! the device's clock has stood still for a moment. Only what follows tells which: delays pass.
 
 use super::envelope::Envelope;
+use super::lateness::Lateness;
 
 /// How far the device's clock may be fast or slow, as a share: a ceramic resonator is off by up to 0.5 %.
 const TOLERANCE: f64 = 0.05;
-/// Off by more, seconds, the device has begun anew, or its clock has overflowed.
-const JUMP_S: f64 = 1.0;
+/// Nothing arrives before it was sent. A reading that is early by more, seconds, is of a clock that has leapt: no
+/// clock gains as much between two looks at it.
+const EARLY_S: f64 = 0.1;
+/// Readings that are later than this, seconds, …
+const LATE_FROM_S: f64 = 0.1;
+/// … and stay equally late to within this, seconds, …
+const LATE_STEP_S: f64 = 0.03;
+/// … for this long, seconds, are of a clock that has lost time.
+const LATE_S: f64 = 0.4;
 
 /// Device times and arrivals in, times out.
 #[derive(Clone, Debug)]
@@ -13,6 +24,7 @@ pub struct DeviceClock {
     envelope: Envelope,
     last_device_s: f64,
     last_s: f64,
+    late: Lateness,
 }
 
 impl Default for DeviceClock {
@@ -21,6 +33,7 @@ impl Default for DeviceClock {
             envelope: Envelope::new(TOLERANCE),
             last_device_s: f64::NEG_INFINITY,
             last_s: f64::NEG_INFINITY,
+            late: Lateness::new(LATE_STEP_S),
         }
     }
 }
@@ -29,14 +42,26 @@ impl DeviceClock {
     /// The time of a reading, seconds on the clock of the arrivals. Times never decrease, and are never later
     /// than the arrival.
     pub fn time(&mut self, device_s: f64, arrival_s: f64) -> f64 {
-        let line_s = self.envelope.time(device_s);
-        if device_s < self.last_device_s
-            || line_s.is_some_and(|line_s| (arrival_s - line_s).abs() > JUMP_S)
-        {
+        let late_s = self
+            .envelope
+            .time(device_s)
+            .map_or(0.0, |line_s| arrival_s - line_s);
+        if device_s < self.last_device_s || late_s < -EARLY_S {
             self.envelope.restart();
+            self.late.end();
+        } else if late_s > LATE_FROM_S {
+            if self.late.take(late_s, arrival_s).lasts_s >= LATE_S {
+                self.envelope.restart();
+                self.late.end();
+            }
+        } else {
+            self.late.end();
         }
         self.last_device_s = device_s;
-        self.envelope.take(device_s, arrival_s);
+        // While it is open whether readings are late or the clock has changed there is nothing to learn.
+        if !self.late.is_open() {
+            self.envelope.take(device_s, arrival_s);
+        }
         let line_s = self.envelope.time(device_s).unwrap_or(arrival_s);
         self.last_s = line_s.min(arrival_s).max(self.last_s);
         self.last_s
@@ -73,5 +98,58 @@ mod tests {
         assert_eq!(clock.time(0.1, 7.6), 7.6);
         assert_eq!(clock.time(4000.0, 7.7), 7.7);
         assert_eq!(clock.time(f64::from(u32::MAX), 7.8), 7.8);
+    }
+
+    /// A clock that stood still while the board was busy, one that was set, and one that began anew.
+    #[test]
+    fn a_clock_that_loses_or_gains_time_is_followed_within_a_second() {
+        let losses_s = [0.15, 0.55, 0.7, 0.9, 5.0, 3600.0].map(|lost_s| (lost_s, 0.0));
+        let leaps_s = [-200.0, -0.7, 0.2, 0.55, 0.7, 0.9, 5.0, 3600.0].map(|leap_s| (0.0, leap_s));
+        for (lost_s, leap_s) in losses_s.into_iter().chain(leaps_s) {
+            let mut clock = DeviceClock::default();
+            let (mut device_s, mut true_s): (f64, f64) = (200.0, 0.0);
+            for i in 1..2000u32 {
+                device_s += 0.02 * 1.003;
+                true_s += 0.02;
+                if i == 1000 {
+                    device_s += leap_s;
+                    true_s += lost_s;
+                }
+                let arrival_s = (true_s / 0.008).ceil() * 0.008;
+                let age_s = arrival_s - clock.time(device_s, arrival_s);
+                let settled = !(1000..1025).contains(&i);
+                assert!(
+                    !settled || age_s < 0.1,
+                    "lost {lost_s} s, leapt {leap_s} s: {age_s} s old at {true_s} s"
+                );
+            }
+        }
+    }
+
+    /// The daemon was stopped, and the kernel kept what came: all of it, or the oldest of it.
+    #[test]
+    fn what_has_waited_is_as_old_as_it_is() {
+        for (away_s, kept_s) in [(0.3, 0.3), (6.0, 6.0), (60.0, 20.0)] {
+            // Handed over in no time, or as fast as a busy machine takes it.
+            for pace_s in [1e-4, 5e-3] {
+                let mut clock = DeviceClock::default();
+                let mut free_s: f64 = 0.0;
+                let mut worst: f64 = 0.0;
+                for i in 1..6000u32 {
+                    let true_s = f64::from(i) * 0.02;
+                    let waits = (30.0..30.0 + away_s).contains(&true_s);
+                    if waits && true_s > 30.0 + kept_s {
+                        continue;
+                    }
+                    let ready_s = if waits { 30.0 + away_s } else { true_s };
+                    free_s = (free_s + pace_s).max(ready_s);
+                    let t_s = clock.time(1.002 * true_s + 7.0, free_s);
+                    if true_s > 20.0 {
+                        worst = worst.max((t_s - true_s).abs());
+                    }
+                }
+                assert!(worst < 0.05, "{away_s} s, {pace_s} s each: {worst}");
+            }
+        }
     }
 }

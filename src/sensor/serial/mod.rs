@@ -9,6 +9,7 @@ mod device_clock;
 mod diagnosis;
 mod envelope;
 mod item;
+mod lateness;
 mod lines;
 mod log_rows;
 mod port;

@@ -80,6 +80,11 @@ impl Session {
         self.frames.lost()
     }
 
+    /// Nobody has listened for a while: the next bytes may have waited.
+    pub(super) fn resume(&mut self) {
+        self.frames.resume();
+    }
+
     /// Takes bytes that have arrived at this time, and hands over the readings that they complete.
     pub(super) fn bytes(&mut self, bytes: &[u8], now_s: f64, mut reading: impl FnMut(Reading)) {
         self.heard_s = now_s;

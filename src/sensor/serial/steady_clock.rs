@@ -4,16 +4,19 @@
 //! arrives late came late; if from then on all do, frames were lost, and the count goes on behind them.
 
 use super::envelope::Envelope;
+use super::lateness::Lateness;
 
 /// How far the device's period may be off from what it is taken for, as a share.
 const TOLERANCE: f64 = 0.1;
-/// Nothing delays a frame by more, seconds: whatever should have come in the meantime is lost.
+/// Nothing delays a frame by more, seconds, while we listen: whatever should have come in the meantime is lost.
 const LONGEST_DELAY_S: f64 = 0.5;
 /// Arrivals all late by more than this share of a period mean that frames were lost.
 const LATE_SHARE: f64 = 0.6;
 /// For this long, seconds, and at least this many.
 const LATE_S: f64 = 0.3;
 const LATE_FRAMES: u32 = 8;
+/// Frames that come nearer by more than this share of a period are catching up.
+const LATE_STEP_SHARE: f64 = 1.5;
 /// The device's rate is counted over this long, seconds.
 const RATE_S: f64 = 2.0;
 /// A rate off by more than this share, twice, is another rate.
@@ -27,16 +30,10 @@ pub struct SteadyClock {
     count: u64,
     lost: u64,
     last_s: f64,
-    late: Option<Late>,
+    late: Lateness,
+    /// Nobody listened for a while: what comes now may have waited.
+    away: bool,
     rate: Option<Rate>,
-}
-
-/// A run of arrivals that are all late.
-#[derive(Clone, Debug)]
-struct Late {
-    since_s: f64,
-    frames: u32,
-    least_s: f64,
 }
 
 /// Counting the device's rate.
@@ -57,7 +54,8 @@ impl SteadyClock {
             count: 0,
             lost: 0,
             last_s: f64::NEG_INFINITY,
-            late: None,
+            late: Lateness::new(LATE_STEP_SHARE * period_s),
+            away: false,
             rate: None,
         }
     }
@@ -65,40 +63,47 @@ impl SteadyClock {
     /// The time of the frame that has arrived, seconds on the clock of the arrivals. Times never decrease, and
     /// are never later than the arrival.
     pub fn time(&mut self, arrival_s: f64) -> f64 {
-        self.count_rate(arrival_s);
+        // What has waited comes faster than it was sent.
+        if self.away {
+            self.rate = None;
+        } else {
+            self.count_rate(arrival_s);
+        }
         self.count += 1;
         let late_s = match self.envelope.time(self.device_s()) {
             Some(line_s) => arrival_s - line_s,
             None => 0.0,
         };
-        if late_s > LONGEST_DELAY_S {
+        if late_s > LONGEST_DELAY_S && !self.away {
             self.lost += (late_s / self.period_s) as u64;
             self.envelope.restart();
-            self.late = None;
-        } else if late_s > LATE_SHARE * self.period_s && self.envelope.is_learnt() {
-            let late = self.late.get_or_insert(Late {
-                since_s: arrival_s,
-                frames: 0,
-                least_s: late_s,
-            });
-            late.frames += 1;
-            late.least_s = late.least_s.min(late_s);
-            if late.frames >= LATE_FRAMES && arrival_s - late.since_s >= LATE_S {
-                let lost = (late.least_s / self.period_s).round().max(1.0) as u64;
+            self.late.end();
+        } else if late_s > LATE_SHARE * self.period_s && (self.envelope.is_learnt() || self.away) {
+            let steady = self.late.take(late_s, arrival_s);
+            if steady.arrivals >= LATE_FRAMES && steady.lasts_s >= LATE_S {
+                let lost = (steady.least_s / self.period_s).round().max(1.0) as u64;
                 self.count += lost;
                 self.lost += lost;
-                self.late = None;
+                self.late.end();
+                self.away = false;
             }
         } else {
-            self.late = None;
+            self.late.end();
+            self.away = false;
         }
         // While it is open whether frames are late or lost there is nothing to learn.
-        if self.late.is_none() {
+        if !self.late.is_open() {
             self.envelope.take(self.device_s(), arrival_s);
         }
         let line_s = self.envelope.time(self.device_s()).unwrap_or(arrival_s);
         self.last_s = line_s.min(arrival_s).max(self.last_s);
         self.last_s
+    }
+
+    /// Nobody has listened for a while. The frames that come now may have waited: they are as old as their count says,
+    /// until they have caught up.
+    pub fn resume(&mut self) {
+        self.away = true;
     }
 
     /// How many frames were lost, as far as the gaps tell.
@@ -129,7 +134,7 @@ impl SteadyClock {
             {
                 self.period_s = period_s;
                 self.envelope = Envelope::new(TOLERANCE);
-                self.late = None;
+                self.late = Lateness::new(LATE_STEP_SHARE * period_s);
             }
             self.rate = Some(Rate {
                 since_s: arrival_s,

@@ -152,6 +152,41 @@ fn a_pause_is_a_gap() {
     assert!(clock.lost() >= 1480, "{}", clock.lost());
 }
 
+/// The daemon was stopped, and the kernel kept what came: all of it, or the oldest of it.
+#[test]
+fn what_has_waited_while_nobody_listened_is_as_old_as_it_is() {
+    for (away_s, kept_s) in [(0.4, 0.4), (6.0, 6.0), (60.0, 20.0)] {
+        // Handed over in no time, or as fast as a busy machine takes it.
+        for pace_s in [1e-4, 5e-3] {
+            let true_s: Vec<f64> = ticks(0.02, 1.01, 6000)
+                .into_iter()
+                .filter(|t_s| !(30.0 + kept_s..30.0 + away_s).contains(t_s))
+                .collect();
+            let mut clock = SteadyClock::new(0.02);
+            let (mut free_s, mut away) = (0.0_f64, false);
+            let mut worst: f64 = 0.0;
+            for &t_s in &true_s {
+                let waited = (30.0..30.0 + away_s).contains(&t_s);
+                let ready_s = if waited { 30.0 + away_s } else { t_s };
+                if waited && !std::mem::replace(&mut away, true) {
+                    clock.resume();
+                }
+                free_s = (free_s + pace_s).max(ready_s);
+                let off_s = clock.time(free_s) - t_s;
+                // That frames were lost is known when the rest has caught up, and not before.
+                if t_s > 20.0 && !(30.0 + away_s..38.0 + away_s).contains(&t_s) {
+                    worst = worst.max(off_s.abs());
+                }
+                assert!(
+                    off_s < 0.05,
+                    "{away_s} s, {pace_s} s each: {off_s} at {t_s}"
+                );
+            }
+            assert!(worst < 0.05, "{away_s} s, {pace_s} s each: {worst}");
+        }
+    }
+}
+
 #[test]
 fn a_device_of_another_rate_is_understood() {
     for period_s in [0.005, 0.01, 0.025, 0.04, 0.1] {

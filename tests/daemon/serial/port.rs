@@ -250,6 +250,46 @@ fn log_rows_are_found_and_timed_by_the_device() {
     assert!(device.heard.lock().unwrap().is_empty());
 }
 
+/// As a daemon is that SIGSTOP has stopped: the kernel goes on to take what the board sends.
+#[test]
+fn what_has_waited_is_as_old_as_it_is() {
+    const STOPPED: Duration = Duration::from_millis(2500);
+    // Each says when it was made, in hundredths of a second.
+    let razor = Firmware::Razor(Box::new(|t_s| {
+        COUNTS.map(|[_, y, z]| [(100.0 * t_s).round() as i32, y, z])
+    }));
+    let rows = Firmware::Plain(
+        b"# headingd-log 1\r\n# mag_unit = gauss\r\nt_s,mx,my,mz\r\n".into(),
+        "{t},{t},0.2,0.3\r\n".into(),
+    );
+    for (protocol, firmware, unit_s) in [
+        (Protocol::Razor, razor, 1.3 / 100.0),
+        (Protocol::LogRows, rows, 1.0 / 1000.0),
+    ] {
+        let mut rig = Rig::new(protocol);
+        let _device = rig.plug(firmware);
+        // How much later than it was made a reading is said to be, but for what both clocks began with.
+        let late_s = |(reading, _): &(Reading, Instant)| match reading.field_mgauss {
+            Some([Some(made), ..]) => reading.t_s - made * unit_s,
+            other => panic!("{other:?}"),
+        };
+        let before: Vec<f64> = rig.readings(150).iter().map(late_s).collect();
+        let usual_s = before[100..].iter().copied().fold(f64::INFINITY, f64::min);
+        std::thread::sleep(STOPPED);
+        let (mut after, mut ages) = (Vec::new(), Vec::new());
+        for _ in 0..200 {
+            let reading = rig.readings(1)[0];
+            ages.push(reading.1.elapsed());
+            after.push(late_s(&reading) - usual_s);
+        }
+        let worst_s = after.iter().copied().fold(0.0, f64::max);
+        // The device's thread may have stood still too, but not for as long as this.
+        assert!(worst_s < 0.3, "{protocol:?}: {worst_s}: {after:?}");
+        assert!(ages[0] > STOPPED / 2, "{protocol:?}: {ages:?}");
+        assert!(ages[199] < STOPPED / 2, "{protocol:?}: {ages:?}");
+    }
+}
+
 #[test]
 fn whatever_comes_instead_has_one_message() {
     let noise: Vec<u8> = (0..200u32).map(|i| (i * 97 + 131) as u8 | 0x80).collect();

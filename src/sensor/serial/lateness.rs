@@ -1,0 +1,65 @@
+//! A run of arrivals that are all late: whether they catch up, as what has waited does, or stay as late as they are.
+
+/// The run that is open, if one is.
+#[derive(Clone, Debug)]
+pub(super) struct Lateness {
+    /// Arrivals that come nearer than this, seconds, are catching up.
+    step_s: f64,
+    run: Option<Run>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    since_s: f64,
+    from_s: f64,
+    least_s: f64,
+    arrivals: u32,
+}
+
+/// What the arrivals have in common since they caught up last.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Steady {
+    /// For how long, seconds.
+    pub(super) lasts_s: f64,
+    /// How many there were.
+    pub(super) arrivals: u32,
+    /// How late they are at least, seconds.
+    pub(super) least_s: f64,
+}
+
+impl Lateness {
+    pub(super) fn new(step_s: f64) -> Self {
+        Self { step_s, run: None }
+    }
+
+    /// Whether it is open what the lateness means.
+    pub(super) fn is_open(&self) -> bool {
+        self.run.is_some()
+    }
+
+    /// An arrival came in time, or what the lateness means has been settled.
+    pub(super) fn end(&mut self) {
+        self.run = None;
+    }
+
+    /// An arrival came late by `late_s`.
+    pub(super) fn take(&mut self, late_s: f64, arrival_s: f64) -> Steady {
+        let fresh = Run {
+            since_s: arrival_s,
+            from_s: late_s,
+            least_s: late_s,
+            arrivals: 0,
+        };
+        let run = self.run.get_or_insert(fresh);
+        if late_s < run.from_s - self.step_s {
+            *run = fresh;
+        }
+        run.least_s = run.least_s.min(late_s);
+        run.arrivals += 1;
+        Steady {
+            lasts_s: arrival_s - run.since_s,
+            arrivals: run.arrivals,
+            least_s: run.least_s,
+        }
+    }
+}
