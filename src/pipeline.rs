@@ -8,6 +8,7 @@ mod fitness;
 mod force;
 mod occasion;
 mod settings;
+mod stretch;
 
 use std::collections::VecDeque;
 
@@ -78,6 +79,8 @@ pub struct Setup {
 pub enum Event {
     /// The source has read something.
     Reading(Reading),
+    /// The times of the readings that follow have nothing to do with those before.
+    NewStretch,
     /// It is this late on the source's clock, seconds, and nothing was read.
     Silence(f64),
     /// The source is broken, and this is what is wrong; `None` when it works again.
@@ -184,6 +187,7 @@ impl Pipeline {
     pub fn handle(&mut self, event: Event, actions: &mut Vec<Action>) {
         match event {
             Event::Reading(reading) => self.read(&reading, actions),
+            Event::NewStretch => self.begin_stretch(),
             Event::Silence(t_s) => {
                 if t_s > self.now_s {
                     self.now_s = t_s;
@@ -230,7 +234,7 @@ impl Pipeline {
     }
 
     fn read(&mut self, reading: &Reading, actions: &mut Vec<Action>) {
-        // Sources see to it that time does not go back; a reading that does so has no place in the buffer.
+        // Sources see to it that time does not go back, or begin a new stretch; a reading that does so has no place in the buffer.
         // One that was only late, so that silence was told before it came, has.
         let (first_s, last_s) = self.readings_s.unwrap_or((reading.t_s, reading.t_s));
         if reading.t_s < last_s || !reading.t_s.is_finite() {

@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::ValueEnum;
 use nalgebra::Vector3;
 
-use super::{Failure, load_config, print};
+use super::{Failure, load_config, print, tell_skips};
 use crate::attitude::Attitude;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
@@ -156,6 +156,9 @@ fn settings(args: &Args) -> Result<Config, Failure> {
     Ok(config)
 }
 
+/// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
+const STRETCHES_APART_S: f64 = 10.0;
+
 /// A whole log, looked through once.
 struct Survey {
     identity: Identity,
@@ -187,8 +190,15 @@ impl Survey {
         };
         let mut attitude = Attitude::new(&config.attitude, &survey.mountings);
         let mut detector = TurnDetector::new(&config.turn);
-        for entry in replay.by_ref() {
-            let reading = entry?.reading;
+        let (mut last_s, mut later_s) = (0.0, 0.0);
+        while let Some(entry) = replay.next() {
+            let mut reading = entry?.reading;
+            if replay.begins_stretch() {
+                // Samples are found by their times: a stretch comes after a hole, wherever its own clock began.
+                later_s = last_s + STRETCHES_APART_S - reading.t_s;
+            }
+            reading.t_s += later_s;
+            last_s = reading.t_s;
             survey.gyro_spoke |= reading.rate_rad_s.is_some();
             attitude.take(&reading, |tick| {
                 survey.turns.extend(detector.tick(tick));
@@ -209,13 +219,7 @@ impl Survey {
                 });
             }
         }
-        let skips = replay.skips();
-        if let Some(first) = skips.first() {
-            eprintln!(
-                "headingd: {} rows skipped; the first: {first}",
-                skips.count()
-            );
-        }
+        tell_skips(replay.skips())?;
         Ok(survey)
     }
 

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use crate::config::Config;
 use crate::logging;
+use crate::recording::Skips;
 use crate::sensor::replay::ReplayError;
 use crate::store::StoreError;
 
@@ -107,6 +108,19 @@ pub fn print(text: &str) -> Result<(), Failure> {
         )),
         _ => Ok(()),
     }
+}
+
+/// Says on standard error that rows of a log were skipped, if some were; that most were is a failure.
+pub fn tell_skips(skips: &Skips) -> Result<(), Failure> {
+    let Some(summary) = skips.summary() else {
+        return Ok(());
+    };
+    if skips.are_most() {
+        let message = format!("most of the log cannot be used: {summary}");
+        return Err(Failure::new(Failure::DATA, message));
+    }
+    eprintln!("headingd: {summary}");
+    Ok(())
 }
 
 impl From<ReplayError> for Failure {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Failure, load_config};
+use super::{Failure, load_config, tell_skips};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
@@ -114,6 +114,9 @@ fn play<W: Write>(
     let mut rows = 0u64;
     while let Some(entry) = replay.next() {
         let entry = entry.map_err(|error| Halt::Failure(error.into()))?;
+        if replay.begins_stretch() {
+            pipeline.handle(Event::NewStretch, &mut actions);
+        }
         pipeline.handle(Event::Reading(entry.reading), &mut actions);
         // A calibration that ends asks for the next one now and then, so this goes on until none does.
         while !actions.is_empty() {
@@ -143,14 +146,7 @@ fn play<W: Write>(
     }
     lines.out.flush()?;
     bar.finish_and_clear();
-    let skips = replay.skips();
-    if let Some(first) = skips.first() {
-        eprintln!(
-            "headingd: {} rows skipped; the first: {first}",
-            skips.count()
-        );
-    }
-    Ok(())
+    tell_skips(replay.skips()).map_err(Halt::Failure)
 }
 
 /// Drawn on standard error, and only if that is a terminal.

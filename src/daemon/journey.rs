@@ -181,6 +181,10 @@ impl Journey {
                 }
                 !readings.is_empty()
             }
+            Some(Message::NewStretch) => {
+                self.handle(Event::NewStretch);
+                false
+            }
             Some(Message::Trouble(trouble)) => {
                 self.troubled = trouble.is_some();
                 self.fault(trouble);

@@ -157,6 +157,8 @@ async fn alone(
                         recorder.take(reading);
                     }
                 }
+                // The log that is written has the times of the one that is read.
+                Message::NewStretch => {}
                 Message::Trouble(Some(trouble)) => tracing::warn!("{}", trouble.message),
                 Message::Trouble(None) => tracing::info!("there are readings again"),
                 Message::End => break,

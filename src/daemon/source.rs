@@ -13,7 +13,7 @@ use crate::config::Config;
 use crate::config::source::Kind;
 use crate::frame::Mountings;
 use crate::reading::Reading;
-use crate::recording::Header;
+use crate::recording::{Header, Skips};
 use crate::sensor::clock::{Clock, SystemClock};
 use crate::sensor::i2c;
 use crate::sensor::replay::{Replay, ReplayError};
@@ -30,6 +30,8 @@ pub(super) enum Message {
     Reading(Reading, Instant),
     /// Several readings at once, in order, each with the moment when it was taken.
     Readings(Vec<(Reading, Instant)>),
+    /// The times of the readings that follow have nothing to do with those before.
+    NewStretch,
     /// Something is wrong with the source, which goes on trying; `None` when it works again.
     Trouble(Option<Trouble>),
     /// There is nothing left.
@@ -158,14 +160,19 @@ impl Played {
         }
     }
 
-    /// How many rows were skipped, and the first one's error.
-    fn skipped(&self) -> Option<(u64, String)> {
+    /// Whether the time of the last reading has nothing to do with those before.
+    fn begins_stretch(&self) -> bool {
+        match self {
+            Self::Simulator(_) => false,
+            Self::Replay { replay, .. } => replay.begins_stretch(),
+        }
+    }
+
+    /// The rows skipped.
+    fn skips(&self) -> Option<&Skips> {
         match self {
             Self::Simulator(_) => None,
-            Self::Replay { replay, .. } => {
-                let skips = replay.skips();
-                Some((skips.count(), skips.first()?.to_string()))
-            }
+            Self::Replay { replay, .. } => Some(replay.skips()),
         }
     }
 }
@@ -175,7 +182,7 @@ fn play(mut source: Played, speed: f64, out: &mpsc::Sender<Message>, mut clock: 
     let mut told = false;
     let last_words = loop {
         let next = source.next();
-        if !told && let Some((_, first)) = source.skipped() {
+        if !told && let Some(first) = source.skips().and_then(Skips::first) {
             tracing::warn!("skipping rows that cannot be used; the first: {first}");
             told = true;
         }
@@ -189,6 +196,17 @@ fn play(mut source: Played, speed: f64, out: &mpsc::Sender<Message>, mut clock: 
             }
             None => break Some(Message::End),
         };
+        if source.begins_stretch() {
+            tracing::warn!(
+                t_s = reading.t_s,
+                "the time of the log jumps: what was known of the board's motion is over"
+            );
+            // What lies between the two was never recorded, and is not waited for.
+            origin = None;
+            if out.blocking_send(Message::NewStretch).is_err() {
+                break None;
+            }
+        }
         let (begun_s, first_s) = *origin.get_or_insert_with(|| (clock.now_s(), reading.t_s));
         // Each due time is counted from the first, so that sleeping too long never adds up.
         if !clock.wait_until(begun_s + (reading.t_s - first_s) / speed) {
@@ -201,8 +219,17 @@ fn play(mut source: Played, speed: f64, out: &mpsc::Sender<Message>, mut clock: 
             break None;
         }
     };
-    if let Some((count, first)) = source.skipped() {
-        tracing::warn!("skipped rows that cannot be used: {count} in all; the first: {first}");
+    if let Some(skips) = source.skips()
+        && let Some(first) = skips.first()
+    {
+        let count = skips.count();
+        if skips.are_most() {
+            tracing::error!(
+                "most of the log cannot be used: {count} rows skipped; the first: {first}"
+            );
+        } else {
+            tracing::warn!("skipped rows that cannot be used: {count} in all; the first: {first}");
+        }
     }
     if let Some(message) = last_words {
         // An error means that the daemon is about to end anyway.

@@ -167,6 +167,15 @@ impl Fitness {
         }
     }
 
+    /// Forgets what is remembered by its time; the opinion so far stays.
+    pub(super) fn begin_stretch(&mut self) {
+        *self = Self {
+            balance_s: self.balance_s,
+            misfit: self.misfit,
+            ..Self::default()
+        };
+    }
+
     /// Whether the calibration has stopped fitting.
     pub(super) fn is_misfit(&self) -> bool {
         self.misfit

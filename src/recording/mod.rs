@@ -21,6 +21,18 @@
 //! | `accel_unit` | `m/s2`, `g` | `m/s2` |
 //! | `mag_axes`, `gyro_axes`, `accel_axes` | a [mounting](crate::frame::Mounting) | `+x +y +z` |
 //!
+//! Times do not decrease. A row whose time is far from that of its neighbours is dropped, as one that cannot be
+//! understood; where the time really jumps, back or by more than a minute, a new stretch begins. One row more decides
+//! which it is:
+//!
+//! - a row up to a second earlier than the last one used is dropped;
+//! - one that is more than a second away is dropped where the next row goes on from the last one used, and not from it;
+//! - one that is up to a minute later otherwise follows: the log has a hole;
+//! - one that is further away begins a new stretch where the next row goes on from it, and is dropped otherwise.
+//!
+//! To go on from a time is to be the same or up to a minute later; in the last case it must be later. What is known of the board's motion ends with its
+//! stretch, and nobody waits for the next one.
+//!
 //! An empty cell is a sensor that did not speak, or a magnetometer axis that overflowed. A row whose
 //! three magnetometer cells are all empty says nothing of the magnetometer: the format cannot tell an
 //! overflow of all three axes from silence.
@@ -29,6 +41,7 @@ mod header;
 mod lines;
 mod read;
 mod rows;
+mod stretch;
 mod write;
 
 use std::io;
@@ -128,6 +141,7 @@ pub struct RowError {
 /// Counts the rows that a consumer skipped, and keeps the first error: the one worth showing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Skips {
+    kept: u64,
     count: u64,
     first: Option<RowError>,
 }
@@ -136,7 +150,10 @@ impl Skips {
     /// The entry, or `None` for a bad row, which is counted.
     pub fn keep(&mut self, row: Result<Entry, RowError>) -> Option<Entry> {
         match row {
-            Ok(entry) => Some(entry),
+            Ok(entry) => {
+                self.kept += 1;
+                Some(entry)
+            }
             Err(error) => {
                 self.count += 1;
                 self.first.get_or_insert(error);
@@ -148,6 +165,17 @@ impl Skips {
     /// How many rows were skipped.
     pub fn count(&self) -> u64 {
         self.count
+    }
+
+    /// Whether more rows were skipped than kept.
+    pub fn are_most(&self) -> bool {
+        self.count > self.kept
+    }
+
+    /// For people: how many rows were skipped, and why the first; `None` if none was.
+    pub fn summary(&self) -> Option<String> {
+        let first = self.first.as_ref()?;
+        Some(format!("{} rows skipped; the first: {first}", self.count))
     }
 
     /// The first skipped row's error.

@@ -5,20 +5,29 @@ use std::io::BufRead;
 use super::header;
 use super::lines::{Line, Lines};
 use super::rows::{Fault, Rows};
+use super::stretch::{self, Order};
 use super::{Entry, Header, RecordingError, RowError};
 
 /// Reads a log: the header at once, then an iterator of its rows, in milligauss, rad/s and m/s².
 ///
 /// A row that cannot be used is an inner error, and the next row follows it; an outer error means
-/// that the input failed, and is the last item. The times of the entries never decrease.
+/// that the input failed, and is the last item. The times of the entries never decrease within a stretch.
 #[derive(Debug)]
 pub struct Reader<R> {
     log: String,
     lines: Lines<R>,
     rows: Rows,
-    last_t_s: f64,
+    last_s: Option<f64>,
+    begins_stretch: bool,
+    /// A row whose time is doubtful until the next one is known, and that one.
+    doubtful: Option<Numbered>,
+    next: Option<Numbered>,
+    failure: Option<RecordingError>,
     done: bool,
 }
+
+/// A row and the number of its line.
+type Numbered = (Entry, u64);
 
 impl<R: BufRead> Reader<R> {
     /// Reads the header. `log` names the log in messages.
@@ -30,7 +39,11 @@ impl<R: BufRead> Reader<R> {
             log,
             lines,
             rows,
-            last_t_s: f64::NEG_INFINITY,
+            last_s: None,
+            begins_stretch: false,
+            doubtful: None,
+            next: None,
+            failure: None,
             done: false,
         })
     }
@@ -40,44 +53,20 @@ impl<R: BufRead> Reader<R> {
         self.rows.header()
     }
 
-    /// The row in the buffer, if it can be used and is no older than the one before.
-    fn entry(&self) -> Result<Entry, Fault> {
-        let entry = self.rows.entry(self.lines.text())?;
-        let t_s = entry.reading.t_s;
-        if t_s < self.last_t_s {
-            let what = format!(
-                "found time {t_s}, but must be at least {}, that of the row before",
-                self.last_t_s
-            );
-            return Err((Some(0), what));
-        }
-        Ok(entry)
+    /// Whether a new stretch begins with the last entry: its time has nothing to do with those before.
+    pub fn begins_stretch(&self) -> bool {
+        self.begins_stretch
     }
 
-    fn row_error(&self, (column, what): Fault) -> RowError {
-        RowError {
-            log: self.log.clone(),
-            line: self.lines.number(),
-            column: column.map(|column| self.rows.place(column)),
-            what,
-        }
-    }
-}
-
-impl<R: BufRead> Iterator for Reader<R> {
-    type Item = Result<Result<Entry, RowError>, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
+    /// The next row that can be understood, or why one cannot; `None` at the end.
+    fn row(&mut self) -> Option<Result<Numbered, RowError>> {
         while !self.done {
             let before = self.lines.number();
             let fault = match self.lines.advance() {
                 Ok(Line::End) => break,
                 Ok(_) if self.lines.text().trim_ascii().is_empty() => continue,
-                Ok(Line::Whole) => match self.entry() {
-                    Ok(entry) => {
-                        self.last_t_s = entry.reading.t_s;
-                        return Some(Ok(Ok(entry)));
-                    }
+                Ok(Line::Whole) => match self.rows.entry(self.lines.text()) {
+                    Ok(entry) => return Some(Ok((entry, self.lines.number()))),
                     Err(fault) => fault,
                 },
                 Ok(Line::TooLong) => (
@@ -90,18 +79,76 @@ impl<R: BufRead> Iterator for Reader<R> {
                     "the log ends here without the end of the line: the row was cut off".to_owned(),
                 ),
                 Err(source) => {
-                    self.done = true;
-                    return Some(Err(RecordingError::Read {
+                    self.failure = Some(RecordingError::Read {
                         log: self.log.clone(),
                         line: before,
                         source,
-                    }));
+                    });
+                    break;
                 }
             };
-            return Some(Ok(Err(self.row_error(fault))));
+            return Some(Err(self.row_error(self.lines.number(), fault)));
         }
         self.done = true;
         None
+    }
+
+    /// The entry, unless its time cannot be right.
+    fn judged(&mut self, (entry, line): Numbered, order: Order) -> Result<Entry, RowError> {
+        let t_s = entry.reading.t_s;
+        if let (Order::Odd, Some(last_s)) = (order, self.last_s) {
+            let what = if t_s < last_s {
+                format!("found time {t_s}, but must be at least {last_s}, that of the row before")
+            } else {
+                format!(
+                    "found time {t_s}, but the row before has {last_s}, and the next does not go on from here"
+                )
+            };
+            return Err(self.row_error(line, (Some(0), what)));
+        }
+        self.last_s = Some(t_s);
+        self.begins_stretch = order == Order::Jump;
+        Ok(entry)
+    }
+
+    fn row_error(&self, line: u64, (column, what): Fault) -> RowError {
+        RowError {
+            log: self.log.clone(),
+            line,
+            column: column.map(|column| self.rows.place(column)),
+            what,
+        }
+    }
+}
+
+impl<R: BufRead> Iterator for Reader<R> {
+    type Item = Result<Result<Entry, RowError>, RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let row = match self.next.take() {
+                Some(row) => Some(row),
+                None => match self.row() {
+                    Some(Ok(row)) => Some(row),
+                    // What cannot be understood decides nothing: it may be told before a doubtful row.
+                    Some(Err(error)) => return Some(Ok(Err(error))),
+                    None => None,
+                },
+            };
+            if let (Some(doubtful), Some(last_s)) = (self.doubtful.take(), self.last_s) {
+                self.next = row;
+                let next_s = row.map(|(entry, _)| entry.reading.t_s);
+                let order = stretch::before(last_s, doubtful.0.reading.t_s, next_s);
+                return Some(Ok(self.judged(doubtful, order)));
+            }
+            let Some(row) = row else {
+                return self.failure.take().map(Err);
+            };
+            match stretch::at_once(self.last_s, row.0.reading.t_s) {
+                Some(order) => return Some(Ok(self.judged(row, order))),
+                None => self.doubtful = Some(row),
+            }
+        }
     }
 }
 
@@ -201,6 +248,45 @@ mod tests {
             );
             assert!(message.contains(why), "{message}");
             assert!(rows.len() == 3 && rows[2].is_ok(), "{row}");
+        }
+    }
+
+    /// The times that are used, with `|` where a stretch begins, and the lines of those that are dropped.
+    fn used(times: &str) -> (String, Vec<u64>) {
+        let text = format!("# headingd-log 1\nt_s\n{}\n", times.replace(' ', "\n"));
+        let mut reader = Reader::new("a.csv", text.as_bytes()).unwrap();
+        let (mut kept, mut dropped) = (Vec::new(), Vec::new());
+        while let Some(row) = reader.next() {
+            match row.unwrap() {
+                Ok(entry) => {
+                    kept.extend(reader.begins_stretch().then(|| "|".to_owned()));
+                    kept.push(entry.reading.t_s.to_string());
+                }
+                Err(error) => dropped.push(error.line - 2),
+            }
+        }
+        (kept.join(" "), dropped)
+    }
+
+    #[test]
+    fn an_odd_time_is_dropped_and_a_jump_begins_a_stretch() {
+        for (times, right, dropped) in [
+            ("0 1 999999999 2 3", "0 1 2 3", &[3][..]),
+            ("0 1 999999999 888888888 2 3", "0 1 2 3", &[3, 4]),
+            ("0 1 -500 2 3", "0 1 2 3", &[3]),
+            ("999999999 0 1", "999999999 | 0 1", &[]),
+            ("0 1 5000 5001 5002", "0 1 | 5000 5001 5002", &[]),
+            ("50 51 0 1 2", "50 51 | 0 1 2", &[]),
+            ("50 51 0 nonsense 1 2", "50 51 | 0 1 2", &[4]),
+            ("50 51 0 nonsense 52", "50 51 52", &[4, 3]),
+            ("0 30 90 91", "0 30 90 91", &[]),
+            ("0 1 999999999", "0 1", &[3]),
+            ("0 30", "0 30", &[]),
+            ("0 1 0.98 0.99 1.01", "0 1 1.01", &[3, 4]),
+            ("50 51 0 0 0 52", "50 51 52", &[3, 4, 5]),
+        ] {
+            let (kept, lines) = used(times);
+            assert_eq!((kept.as_str(), &lines[..]), (right, dropped), "{times}");
         }
     }
 

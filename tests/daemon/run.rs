@@ -223,6 +223,44 @@ fn a_start_that_cannot_be_says_why() {
     assert_eq!(rig.start().wait().code(), Some(66));
 }
 
+/// A year lies between its two parts, and one row is from another century.
+#[test]
+fn nobody_waits_for_a_time_that_jumps() {
+    let rig = Rig::new(10.0, "");
+    let path = rig.path("log.csv");
+    let settings = Settings {
+        turns: 1.0,
+        ..Settings::default()
+    };
+    let simulator = Simulator::new(settings.clone()).unwrap();
+    let mut writer = headingd::recording::Writer::new(Vec::new(), &simulator.header()).unwrap();
+    for later_s in [0.0, 31_536_000.0] {
+        for (count, mut entry) in Simulator::new(settings.clone()).unwrap().enumerate() {
+            entry.reading.t_s += later_s;
+            writer.write(&entry).unwrap();
+            if count == 100 {
+                entry.reading.t_s = 9e9;
+                writer.write(&entry).unwrap();
+            }
+        }
+    }
+    fs::write(&path, writer.into_inner().unwrap()).unwrap();
+    let more = format!("kind = \"replay\"\nlog = {path:?}\n");
+    rig.configure(10.0, &rig.path("store"), &more);
+    let (mut process, mut client) = rig.watched();
+    let mut last_s: f64 = 0.0;
+    while let Some(message) = client.next() {
+        if message["class"] == "ATT" {
+            last_s = message["t_s"].as_f64().unwrap();
+        }
+    }
+    assert!(process.wait().success(), "{}", process.said());
+    assert!((31_536_000.0..8e9).contains(&last_s), "{last_s}");
+    let said = process.said();
+    assert!(said.contains("the time of the log jumps"), "{said}");
+    assert!(said.contains("cannot be used: 2 in all"), "{said}");
+}
+
 #[test]
 fn two_daemons_never_share_a_store_and_the_second_says_who_has_it() {
     let rig = Rig::new(1.0, LONG);

@@ -516,6 +516,69 @@ fn rows_that_are_no_rows_are_skipped_and_counted() {
 }
 
 #[test]
+fn one_odd_time_costs_one_row() {
+    let folder = Folder::new();
+    let clean = log(&simulated(&Settings::default()));
+    let rows: Vec<&[u8]> = clean.split_inclusive(|byte| *byte == b'\n').collect();
+    let path = folder.file("a.csv", &clean);
+    let right = replay(&path, &[]);
+    for time in ["999999999", "-5", "40"] {
+        let odd = format!("{time},1,2,3,1,2,3,1,2,3,\n");
+        let at = rows.len() / 3;
+        let (head, rest) = (rows[..at].concat(), rows[at..].concat());
+        folder.file("a.csv", [&head[..], odd.as_bytes(), &rest].concat());
+        let ran = replay(&path, &[]);
+        assert_eq!(ran.status, 0, "{time}: {}", ran.err);
+        assert!(ran.out == right.out, "{time} changed the lines");
+        let message = format!("1 rows skipped; the first: log {path}, line {}", at + 1);
+        assert!(ran.err.contains(&message), "{time}: {}", ran.err);
+    }
+}
+
+#[test]
+fn a_time_that_jumps_begins_a_stretch_and_the_calibration_stays() {
+    let folder = Folder::new();
+    let (header, entries) = simulated(&Settings::default());
+    let once = replay(
+        &folder.file("a.csv", log(&(header.clone(), entries.clone()))),
+        &[],
+    );
+    let seen = |lines: &[Value]| of_class(lines, "ATT").len();
+    for later_s in [-1e6, 0.0, 999_999_999.0] {
+        let mut twice = entries.clone();
+        twice.extend(entries.iter().map(|entry| {
+            let mut entry = *entry;
+            entry.reading.t_s += later_s;
+            entry
+        }));
+        let path = folder.file("b.csv", log(&(header.clone(), twice)));
+        let found = lines(&path, &[]);
+        assert_eq!(seen(&found), 2 * seen(&once.lines()), "{later_s}");
+        // The second time it is calibrated from the start, and turns as truly as the first time.
+        let second = &of_class(&found, "ATT")[seen(&once.lines())..];
+        assert!(second.iter().skip(20).all(steers), "{later_s}");
+        assert!(of_class(&found, "CALIBRATION").len() >= 2, "{later_s}");
+        let ran = headingd(&["calibrate", &path, "--json"]);
+        assert_eq!(ran.status, 0, "{later_s}: {}", ran.err);
+    }
+}
+
+#[test]
+fn a_log_of_which_most_is_skipped_is_a_failure() {
+    let folder = Folder::new();
+    let clean = log(&simulated(&Settings::default()));
+    let rows = clean.iter().filter(|byte| **byte == b'\n').count();
+    let path = folder.file("a.csv", [&clean[..], &b"nonsense\n".repeat(rows)].concat());
+    for command in ["replay", "calibrate"] {
+        let ran = headingd(&[command, &path]);
+        assert_eq!(ran.status, 65, "{command}: {}", ran.err);
+        let message =
+            format!("most of the log cannot be used: {rows} rows skipped; the first: log");
+        assert!(ran.err.contains(&message), "{command}: {}", ran.err);
+    }
+}
+
+#[test]
 fn a_reader_that_goes_away_is_no_failure() {
     let folder = Folder::new();
     let log = folder.log("a.csv", &Settings::default());

@@ -1,0 +1,32 @@
+//! A new stretch of readings, whose times have nothing to do with those before.
+
+use super::Pipeline;
+use crate::attitude::Attitude;
+use crate::turn::TurnDetector;
+
+impl Pipeline {
+    /// Forgets all motion, and whatever is remembered by its time. Calibration, policy and the verdict on the last turn
+    /// stay, and so does a calibration that is under way.
+    pub(super) fn begin_stretch(&mut self) {
+        self.attitude = Attitude::new(&self.setup.attitude, &self.setup.mountings);
+        self.turns = TurnDetector::new(&self.setup.turn);
+        self.buffer.clear();
+        self.made.clear();
+        self.waiting = false;
+        self.fitness.begin_stretch();
+        self.report = None;
+        self.readings_s = None;
+        for time_s in [
+            &mut self.now_s,
+            &mut self.whole_field_s,
+            &mut self.overflow_s,
+            &mut self.rate_s,
+            &mut self.fused_s,
+            &mut self.free_check_s,
+        ] {
+            *time_s = f64::NEG_INFINITY;
+        }
+        self.strength_deviation = 0.0;
+        self.tilt_sd_rad = 0.0;
+    }
+}

@@ -1,0 +1,104 @@
+//! Which times of a log can be right, from one row to the next. Pure.
+//!
+//! | a row's time is, after the last one used | then |
+//! |---|---|
+//! | up to a second later | it follows |
+//! | up to a second earlier | it is dropped |
+//! | anything else, and the next row goes on from the last one used, not from this one | it is odd: dropped |
+//! | else up to a minute later | it follows: the log has a hole |
+//! | anything else, and the next row goes on from this one | the time has jumped: a new stretch begins |
+//! | anything else | it is odd: dropped |
+//!
+//! A row goes on from another if its time is the same or up to a minute later; a jump takes one that is later. The next
+//! row is the next that can be understood.
+
+/// Rows that are this near in time need no other to be judged by, seconds.
+const NEAR_S: f64 = 1.0;
+
+/// Longest hole in a stretch, seconds.
+const HOLE_S: f64 = 60.0;
+
+/// What the time of a row says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Order {
+    /// It follows the last one.
+    Follows,
+    /// It cannot be right.
+    Odd,
+    /// From here on another time counts.
+    Jump,
+}
+
+/// What can be said before the next row is known. `last_s` is the last time used, if there is one.
+pub(super) fn at_once(last_s: Option<f64>, t_s: f64) -> Option<Order> {
+    let Some(last_s) = last_s else {
+        return Some(Order::Follows);
+    };
+    match t_s - last_s {
+        step_s if (0.0..=NEAR_S).contains(&step_s) => Some(Order::Follows),
+        step_s if (-NEAR_S..0.0).contains(&step_s) => Some(Order::Odd),
+        _ => None,
+    }
+}
+
+/// What is to be said where that is nothing, with the next row's time, if there is a next row.
+pub(super) fn before(last_s: f64, t_s: f64, next_s: Option<f64>) -> Order {
+    let goes_on = |from_s: f64, to_s: f64| (0.0..=HOLE_S).contains(&(to_s - from_s));
+    match next_s {
+        Some(next_s) if goes_on(last_s, next_s) && (t_s < last_s || next_s < t_s) => Order::Odd,
+        _ if goes_on(last_s, t_s) => Order::Follows,
+        // A time that is said again and again does not go on.
+        Some(next_s) if next_s > t_s && goes_on(t_s, next_s) => Order::Jump,
+        _ => Order::Odd,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Order::{Follows, Jump, Odd};
+    use super::*;
+
+    #[test]
+    fn near_rows_are_judged_at_once() {
+        assert_eq!(at_once(None, 999_999_999.0), Some(Follows));
+        for (t_s, right) in [
+            (7.0, Some(Follows)),
+            (8.0, Some(Follows)),
+            (6.99, Some(Odd)),
+            (6.0, Some(Odd)),
+            (5.9, None),
+            (8.1, None),
+            (f64::MAX, None),
+        ] {
+            assert_eq!(at_once(Some(7.0), t_s), right, "{t_s}");
+        }
+    }
+
+    #[test]
+    fn others_by_what_follows_them() {
+        for (t_s, next_s, right) in [
+            // One odd row, early or late, near or far.
+            (999_999_999.0, Some(7.02), Odd),
+            (20.0, Some(7.02), Odd),
+            (0.0, Some(7.02), Odd),
+            (-5.0, Some(7.0), Odd),
+            // A hole.
+            (20.0, Some(20.02), Follows),
+            (67.0, Some(500.0), Follows),
+            (67.0, None, Follows),
+            // Jumps.
+            (67.1, Some(67.12), Jump),
+            (67.1, Some(67.1), Odd),
+            (999_999_999.0, Some(999_999_999.02), Jump),
+            (0.0, Some(0.02), Jump),
+            // The second of two odd rows will be judged by itself.
+            (999_999_999.0, Some(888_888_888.0), Odd),
+            (888_888_888.0, Some(7.02), Odd),
+            // Nothing follows.
+            (999_999_999.0, None, Odd),
+            (0.0, None, Odd),
+        ] {
+            assert_eq!(before(7.0, t_s, next_s), right, "{t_s}, {next_s:?}");
+        }
+    }
+}
