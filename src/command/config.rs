@@ -7,6 +7,7 @@ use clap::Subcommand;
 use super::{Failure, load_config, print};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
+use crate::daemon::open_files::{self, Shortage};
 use crate::sensor::board::Board;
 
 /// Check a configuration file or show the effective settings
@@ -67,6 +68,8 @@ fn warnings(config: &Config) -> Vec<String> {
                        mounted; leave the table out, or set i2c.board = \"custom\"";
         warnings.push(warning.to_owned());
     }
+    let short = Shortage::of(config.socket.max_clients, open_files::limit());
+    warnings.extend(short.map(|short| short.to_string()));
     let log = &config.source.log;
     if config.source.kind == Some(Kind::Replay)
         && let Err(error) = std::fs::File::open(log)

@@ -9,6 +9,7 @@ mod course;
 mod journey;
 mod keeper;
 mod listener;
+pub mod open_files;
 pub mod record;
 mod recorder;
 mod ring;
@@ -40,6 +41,7 @@ use crate::store::StoreError;
 use course::{Course, Parts};
 use journey::Lasting;
 pub use listener::ListenError;
+use open_files::Shortage;
 pub use recorder::RecordError;
 use source::Source;
 
@@ -149,9 +151,15 @@ impl Daemon {
             activated: None,
         };
         let stale = Duration::from_secs_f64(config.heading.stale_s);
+        let mut settings = config.socket.clone();
+        // What clients have no files for is kept for the control socket, a reload and the disk.
+        if let Some(short) = Shortage::of(settings.max_clients, open_files::limit()) {
+            tracing::warn!("{short}");
+            settings.max_clients = short.clients;
+        }
         let server = match service.sockets.take(sockets::HEADING) {
-            Some(listener) => Server::inherit(listener, &config.socket, device, stale)?,
-            None => Server::bind(&config.socket, device, stale)?,
+            Some(listener) => Server::inherit(listener, &settings, device, stale)?,
+            None => Server::bind(&settings, device, stale)?,
         };
         let (served, wanted) = (server.socket(), &config.socket.socket);
         tracing::info!("serving on socket {}", served.display());

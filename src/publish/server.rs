@@ -38,6 +38,7 @@ pub struct Settings {
     pub mode: String,
     /// How many clients are served at a time, 1 to 1024. Default 32. One user may have all but four of them (below
     /// eight, all but half); the rest is for other users. Root and the daemon's own user may have all.
+    /// Where the process may not have enough files open, it serves fewer, and says so.
     pub max_clients: usize,
     /// The longest request, bytes, 128 to 65536. Default 1024.
     pub request_limit_bytes: usize,

@@ -1,8 +1,9 @@
 //! `headingd run` under a service manager: what it is told, sockets that it hands over, signals and reload.
 
 use std::fs::{self, File};
+use std::io::{BufRead, BufReader, Write};
 use std::os::fd::OwnedFd;
-use std::os::unix::net::{UnixDatagram, UnixListener};
+use std::os::unix::net::{UnixDatagram, UnixListener, UnixStream};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -253,4 +254,85 @@ fn without_a_source_it_does_not_start_and_says_what_to_set() {
     let key = "RestartPreventExitStatus=";
     let line = unit.lines().find_map(|line| line.strip_prefix(key));
     assert!(line.unwrap().split(' ').any(|status| status == "78"));
+}
+
+/// There are files for 8 clients. The others are refused; control and reload go on.
+#[test]
+fn with_few_open_files_fewer_clients_are_served_and_all_else_works() {
+    let rig = Rig::new(1.0, LONG);
+    let config = rig.path("headingd.toml");
+    let process = spawn(
+        rig.folder.path(),
+        Command::new("sh")
+            .args(["-c", "ulimit -n 64; exec \"$0\" run --config \"$1\""])
+            .arg(env!("CARGO_BIN_EXE_headingd"))
+            .arg(&config)
+            .stdin(Stdio::null()),
+    );
+    let mut first = rig.client();
+    first.find("ATT", |_| true);
+    assert!(
+        process
+            .said()
+            .contains("socket.max_clients = 32 needs 112 open files, but the limit is 64 here"),
+        "{}",
+        process.said()
+    );
+    let clients: Vec<UnixStream> = (0..40)
+        .map(|_| UnixStream::connect(rig.path("heading.sock")).unwrap())
+        .collect();
+    let said = |stream: &UnixStream| {
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let mut line = String::new();
+        BufReader::new(stream).read_line(&mut line).unwrap();
+        line
+    };
+    let served = clients
+        .iter()
+        .filter(|stream| said(stream).contains("VERSION"));
+    assert_eq!(served.count(), 7);
+    // All places of the control socket are held, too.
+    let mut links: Vec<UnixStream> = (0..8)
+        .map(|_| UnixStream::connect(rig.path("control.sock")).unwrap())
+        .collect();
+    for link in &mut links {
+        link.write_all(b"{\"request\":\"status\"}\n").unwrap();
+        assert!(said(link).contains("\"ok\":true"));
+    }
+    rig.configure(2.0, &rig.path("other"), LONG);
+    process.signal("HUP");
+    until("the reload", || {
+        process
+            .said()
+            .contains("reloaded: source.speed, store.directory")
+    });
+    let seq = first.find("ATT", |_| true)["seq"].as_u64().unwrap();
+    first.find("ATT", |att| att["seq"].as_u64().unwrap() != seq);
+    let said = process.said();
+    assert!(
+        !said.contains("Too many open files") && !said.contains("ERROR"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_limit_that_is_too_low_is_named_by_config_check() {
+    let rig = Rig::new(1.0, LONG);
+    let check = |limit: &str| {
+        let output = Command::new("sh")
+            .args(["-c", "ulimit -n $2; exec \"$0\" config check \"$1\""])
+            .arg(env!("CARGO_BIN_EXE_headingd"))
+            .arg(rig.path("headingd.toml"))
+            .arg(limit)
+            .output()
+            .unwrap();
+        assert!(output.status.success());
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let said = check("64");
+    assert!(
+        said.contains("warning: socket.max_clients = 32 needs 112 open files"),
+        "{said}"
+    );
+    assert_eq!(check("112"), "");
 }

@@ -1,0 +1,110 @@
+//! How many files the daemon may have open, held against how many it needs.
+
+use std::fmt;
+use std::fs;
+
+/// What is open besides connections, with room to spare: streams, sockets, locks and timers, the journal, the source and
+/// during a reload another one, recordings, and files being saved.
+const OTHERS: u64 = 40;
+
+/// The places of the control socket.
+const CONTROL: u64 = 8;
+
+/// A client that is slow in taking its headings needs a second one while it is waited for.
+const A_CLIENT: u64 = 2;
+
+/// How many files are needed to serve so many clients.
+pub fn needed(max_clients: usize) -> u64 {
+    OTHERS + CONTROL + A_CLIENT * max_clients as u64
+}
+
+/// How many files this process may have open, if the system tells and there is a limit.
+pub fn limit() -> Option<u64> {
+    soft_limit(&fs::read_to_string("/proc/self/limits").ok()?)
+}
+
+/// The limit among others, as the kernel lists them.
+fn soft_limit(limits: &str) -> Option<u64> {
+    let line = limits
+        .lines()
+        .find_map(|line| line.strip_prefix("Max open files"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+/// A limit that is too low.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shortage {
+    max_clients: usize,
+    limit: u64,
+    /// How many clients can be served all the same.
+    pub clients: usize,
+}
+
+impl Shortage {
+    /// Whether this limit is too low for so many clients.
+    pub fn of(max_clients: usize, limit: Option<u64>) -> Option<Self> {
+        let limit = limit.filter(|limit| *limit < needed(max_clients))?;
+        let clients = limit.saturating_sub(needed(0)) / A_CLIENT;
+        Some(Self {
+            max_clients,
+            limit,
+            // Less than the maximum, as the limit is too low for that.
+            clients: (clients as usize).max(1),
+        })
+    }
+}
+
+impl fmt::Display for Shortage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "socket.max_clients = {} needs {} open files, but the limit is {} here, which does for {}: raise it \
+             (LimitNOFILE= in the unit of the service, or ulimit -n), or lower max_clients",
+            self.max_clients,
+            needed(self.max_clients),
+            self.limit,
+            self.clients
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_soft_limit_is_found_among_the_others() {
+        let limits = "Limit                     Soft Limit           Hard Limit           Units     \n\
+                      Max processes             63459                63459                processes \n\
+                      Max open files            1024                 524288               files     \n";
+        assert_eq!(soft_limit(limits), Some(1024));
+        assert_eq!(soft_limit(&limits.replace("1024 ", "unlimited ")), None);
+        assert_eq!(soft_limit("nonsense"), None);
+        assert!(limit().is_some());
+    }
+
+    #[test]
+    fn a_limit_that_is_too_low_does_for_some() {
+        for (max_clients, limit, clients) in [
+            (32, None, None),
+            (32, Some(112), None),
+            (32, Some(111), Some(31)),
+            (32, Some(64), Some(8)),
+            (1024, Some(1024), Some(488)),
+            (1024, Some(3), Some(1)),
+            (1, Some(49), Some(1)),
+        ] {
+            let found = Shortage::of(max_clients, limit);
+            assert_eq!(
+                found.map(|short| short.clients),
+                clients,
+                "{max_clients} {limit:?}"
+            );
+        }
+        let message = Shortage::of(32, Some(64)).unwrap().to_string();
+        assert!(
+            message.starts_with("socket.max_clients = 32 needs 112 open files, but the limit is 64 here, which does for 8: "),
+            "{message}"
+        );
+    }
+}
