@@ -2,14 +2,21 @@
 //! process ends. Each holds the number of its process, so that another can say who has it.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::{self, ErrorKind, Read, Seek, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::process;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
+use std::time::Duration;
 
 /// Its file may be replaced so often while it is being locked; more is no accident.
 const ATTEMPTS: usize = 100;
+
+/// How often it is looked for its holder's number, which is written right after it is locked.
+const LOOKS: usize = 10;
+
+/// Between two looks.
+const PAUSE: Duration = Duration::from_millis(2);
 
 /// Longest content, bytes: a number and the end of its line.
 const LONGEST: u64 = 32;
@@ -124,11 +131,18 @@ fn open(path: &Path) -> io::Result<(File, io::Result<()>)> {
     Ok((file, writable))
 }
 
-/// The process that has signed it.
+/// The process that has signed it, or is about to.
 fn holder(file: &mut File) -> Option<u32> {
-    let mut text = String::new();
-    file.take(LONGEST).read_to_string(&mut text).ok()?;
-    text.strip_suffix('\n')?.parse().ok()
+    for _ in 0..LOOKS {
+        let mut text = String::new();
+        file.rewind().ok()?;
+        file.take(LONGEST).read_to_string(&mut text).ok()?;
+        if let Some(line) = text.strip_suffix('\n') {
+            return line.parse().ok();
+        }
+        std::thread::sleep(PAUSE);
+    }
+    None
 }
 
 fn identity(found: &fs::Metadata) -> (u64, u64) {
@@ -158,6 +172,20 @@ mod tests {
         drop(lock);
         assert!(!path.exists());
         LockFile::take(&path).unwrap();
+    }
+
+    #[test]
+    fn whoever_is_about_to_sign_is_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("lock");
+        let lock = File::create(&path).unwrap();
+        lock.lock().unwrap();
+        assert!(matches!(LockFile::take(&path), Err(LockError::Held(None))));
+        writeln!(&lock, "17").unwrap();
+        assert!(matches!(
+            LockFile::take(&path),
+            Err(LockError::Held(Some(17)))
+        ));
     }
 
     #[test]
