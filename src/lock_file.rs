@@ -51,6 +51,11 @@ impl LockFile {
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => return Err(LockError::Held(holder(&mut file))),
+                // Not every file system has locks. There all goes on as if there were only one.
+                Err(TryLockError::Error(error)) if is_unsupported(&error) => tracing::warn!(
+                    "cannot lock {}, so two daemons would not notice each other there: {error}",
+                    path.display()
+                ),
                 Err(TryLockError::Error(error)) => return Err(LockError::System(error)),
             }
             let identity = identity(&file.metadata().map_err(LockError::System)?);
@@ -145,6 +150,10 @@ fn holder(file: &mut File) -> Option<u32> {
     None
 }
 
+fn is_unsupported(error: &io::Error) -> bool {
+    error.kind() == ErrorKind::Unsupported || error.raw_os_error() == Some(libc::ENOLCK)
+}
+
 fn identity(found: &fs::Metadata) -> (u64, u64) {
     (found.dev(), found.ino())
 }
@@ -202,6 +211,20 @@ mod tests {
         drop((second, third));
         assert!(!path.exists());
         LockFile::take(&path).unwrap();
+    }
+
+    #[test]
+    fn a_file_system_without_locks_is_told_from_one_that_fails() {
+        for (number, right) in [
+            (libc::EOPNOTSUPP, true),
+            (libc::ENOSYS, true),
+            (libc::ENOLCK, true),
+            (libc::EIO, false),
+            (libc::ENOSPC, false),
+        ] {
+            let error = io::Error::from_raw_os_error(number);
+            assert_eq!(is_unsupported(&error), right, "{error}");
+        }
     }
 
     #[test]

@@ -136,6 +136,10 @@ impl Requests {
 
     /// The request that the end of the stream completes, if there is one: `printf '?POLL'` sends no newline.
     pub fn finish(&mut self) -> Option<Result<Request, String>> {
+        // Whoever sends nothing but ends shall cost nothing.
+        if self.pending.is_empty() {
+            return None;
+        }
         let text = String::from_utf8_lossy(&self.pending);
         let text = text.trim();
         let request = (!text.is_empty()).then(|| parse(text));
