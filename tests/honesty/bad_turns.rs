@@ -10,15 +10,17 @@ use crate::random::Rng;
 use crate::score::{Score, apart_deg};
 use crate::world::{Dipole, World};
 
-/// Parallel chips and little soft iron: what is wrong with a calibration comes from the turn.
+/// Parallel chips and hardly any soft iron: what is wrong with a calibration comes from the turn.
 const PARALLEL: Draw = Draw {
     hard: 0.7,
-    soft: 0.05,
+    soft: 0.005,
     apart_deg: 0.0,
     bias_deg_s: 2.0,
     room: 500.0,
 };
 const REST_S: f64 = 4.0;
+/// How much a board on a turntable or a floor sways, degrees RMS.
+const SWAY_DEG: f64 = 0.5;
 
 /// When the turn begins and ends, seconds.
 struct Turning {
@@ -61,14 +63,14 @@ fn turned(rng: &mut Rng, sway_deg: f64, radius: f64) -> (Scene, Turning) {
     (Scene::new(world, board, hand, length), turning)
 }
 
-/// Runs it, and asks each accepted calibration for its heading all the way round, in the field as it should be.
-fn judge(scene: Scene, turning: &Turning, rng: &mut Rng, score: &mut Score) {
+/// Runs it, and asks each calibration accepted from `from_s` on for its heading all the way round, in the earth's field.
+fn judge(scene: Scene, turning: &Turning, from_s: f64, rng: &mut Rng, score: &mut Score) {
     score.starts_s = turning.from_s;
     score.learnt_by_s = turning.to_s + 1.0;
     let earth = scene.world.earth;
-    let (daemon, mut board) = run(scene, rng, score);
-    board.mag.attached = Vector3::zeros();
-    for accepted in &daemon.accepted {
+    // As the board is in the end: a motor has stopped by then, and what was attached to it has stayed.
+    let (daemon, board) = run(scene, rng, score);
+    for accepted in daemon.accepted.iter().filter(|a| a.t_s >= from_s) {
         let mut squares = 0.0;
         for step in 0..36 {
             let truth = f64::from(step) * 10.0;
@@ -87,33 +89,40 @@ fn judge(scene: Scene, turning: &Turning, rng: &mut Rng, score: &mut Score) {
 /// By hand, level.
 pub fn clean_by_hand(rng: &mut Rng, score: &mut Score) {
     let (scene, turning) = turned(rng, 2.0, 0.0);
-    judge(scene, &turning, rng, score);
+    judge(scene, &turning, 0.0, rng, score);
 }
 
 /// On a stand.
 pub fn clean_on_stand(rng: &mut Rng, score: &mut Score) {
     let (scene, turning) = turned(rng, 0.0, 0.0);
-    judge(scene, &turning, rng, score);
+    judge(scene, &turning, 0.0, rng, score);
 }
 
-/// Something that holds only while the board turns, or begins with it.
+/// Something happens; what is accepted before this share of the turn cannot know of it.
 fn spoiled(
     rng: &mut Rng,
     score: &mut Score,
+    from_share: f64,
     mut spoil: impl FnMut(&Now, f64, &mut World, &mut Board) + 'static,
 ) {
-    let (scene, turning) = turned(rng, 1.0, 0.0);
+    let (scene, turning) = turned(rng, SWAY_DEG, 0.0);
     let Turning { from_s, to_s } = turning;
     let scene = scene.with(move |now, world, board, _| {
         spoil(now, (now.t_s - from_s) / (to_s - from_s), world, board);
     });
-    judge(scene, &turning, rng, score);
+    judge(
+        scene,
+        &turning,
+        from_s + from_share * (to_s - from_s),
+        rng,
+        score,
+    );
 }
 
 /// On an arm of 0.2 to 0.6 m, beside a piece of iron.
 pub fn radius_beside_iron(rng: &mut Rng, score: &mut Score) {
     let radius = rng.uniform(0.2, 0.6);
-    let (mut scene, turning) = turned(rng, 1.0, radius);
+    let (mut scene, turning) = turned(rng, SWAY_DEG, radius);
     let bearing = rng.uniform(0.0, std::f64::consts::TAU);
     let far = radius + rng.uniform(0.4, 1.0);
     // 20 to 150 mG where the board comes nearest.
@@ -127,13 +136,13 @@ pub fn radius_beside_iron(rng: &mut Rng, score: &mut Score) {
         velocity: Vector3::zeros(),
         moment,
     });
-    judge(scene, &turning, rng, score);
+    judge(scene, &turning, 0.0, rng, score);
 }
 
 /// A motor's current runs during the turn only.
 pub fn motor(rng: &mut Rng, score: &mut Score) {
     let field = rng.direction() * rng.log_uniform(15.0, 200.0);
-    spoiled(rng, score, move |_, share, _, board| {
+    spoiled(rng, score, 0.0, move |_, share, _, board| {
         let on = (0.0..1.0).contains(&share);
         board.mag.attached = field * f64::from(on);
     });
@@ -142,8 +151,8 @@ pub fn motor(rng: &mut Rng, score: &mut Score) {
 /// The field creeps by 30 to 150 mG during the turn, and stays.
 pub fn creep(rng: &mut Rng, score: &mut Score) {
     let field = rng.direction() * rng.uniform(30.0, 150.0);
-    spoiled(rng, score, move |_, share, _, board| {
-        // The creep is the board's; what it ends with is what is then to be corrected.
+    spoiled(rng, score, 0.0, move |_, share, _, board| {
+        // The creep is the board's own, of a current or a temperature.
         board.mag.attached = field * share.clamp(0.0, 1.0);
     });
 }
@@ -152,18 +161,18 @@ pub fn creep(rng: &mut Rng, score: &mut Score) {
 pub fn hum(rng: &mut Rng, score: &mut Score) {
     let field = rng.direction() * rng.log_uniform(10.0, 100.0);
     let turns_s = rng.log_uniform(0.05, 2.0) * std::f64::consts::TAU;
-    spoiled(rng, score, move |now, _, world, _| {
+    spoiled(rng, score, 0.0, move |now, _, world, _| {
         world.added = field * (turns_s * now.t_s).sin();
     });
 }
 
 /// The magnetometer clips one axis or two, and does not say so.
 pub fn silent_clipping(rng: &mut Rng, score: &mut Score) {
-    let (mut scene, turning) = turned(rng, 1.0, 0.0);
+    let (mut scene, turning) = turned(rng, SWAY_DEG, 0.0);
     let level = scene.world.earth.x;
     let most = (scene.board.mag.bias.xy().abs().add_scalar(level)).max();
     scene.board.mag.clip = most - level * rng.uniform(0.1, 0.9);
-    judge(scene, &turning, rng, score);
+    judge(scene, &turning, 0.0, rng, score);
 }
 
 /// A car comes past, 100 to 500 A·m², at 3 to 15 m/s.
@@ -173,7 +182,7 @@ pub fn car_passing(rng: &mut Rng, score: &mut Score) {
     let at = rng.uniform(0.1, 0.9);
     let moment = rng.direction() * rng.uniform(100.0, 500.0);
     let mut came = false;
-    spoiled(rng, score, move |_, share, world, _| {
+    spoiled(rng, score, 0.0, move |_, share, world, _| {
         if !came && share > at - 0.05 {
             came = true;
             world.dipoles.push(Dipole {
@@ -194,7 +203,7 @@ pub fn magnet_swept(rng: &mut Rng, score: &mut Score) {
     );
     let length_s = rng.uniform(1.0, 4.0);
     let mut since_s = None;
-    spoiled(rng, score, move |now, share, world, _| {
+    spoiled(rng, score, 0.0, move |now, share, world, _| {
         world.dipoles.clear();
         if share < begins {
             return;
@@ -216,7 +225,7 @@ pub fn magnet_swept(rng: &mut Rng, score: &mut Score) {
 pub fn magnet_attached(rng: &mut Rng, score: &mut Score) {
     let field = rng.direction() * rng.log_uniform(20.0, 300.0);
     let at = rng.uniform(0.1, 0.9);
-    spoiled(rng, score, move |_, share, _, board| {
+    spoiled(rng, score, at, move |_, share, _, board| {
         board.mag.attached = field * f64::from(share > at);
     });
 }

@@ -149,6 +149,44 @@ pub struct Board {
 }
 
 impl Board {
+    /// Without any error but that of counting.
+    pub fn perfect() -> Self {
+        let (counts, range) = GAINS[1];
+        Self {
+            mag: Magnetometer {
+                matrix: Matrix3::identity(),
+                bias: Vector3::zeros(),
+                attached: Vector3::zeros(),
+                noise: 0.0,
+                lag_s: 0.0,
+                period_s: 0.02,
+                clip: f64::INFINITY,
+                counts_per_mgauss: counts / 1000.0,
+                range,
+                frozen: false,
+                stuck: None,
+                last: Vector3::zeros(),
+            },
+            gyro: Gyro {
+                matrix: Matrix3::identity(),
+                bias: Vector3::zeros(),
+                noise: 0.0,
+                walk: 0.0,
+                by_force: Matrix3::zeros(),
+                range: 2000.0 * RAD,
+                fault: GyroFault::None,
+                every: 1,
+            },
+            force: Accelerometer {
+                bias: Vector3::zeros(),
+                noise: 0.0,
+                silent: false,
+            },
+            jitter_s: 0.0,
+            pause_every_s: f64::INFINITY,
+        }
+    }
+
     pub fn draw(rng: &mut Rng, strength: f64, draw: &Draw) -> Self {
         let bias = rng.direction() * rng.uniform(0.0, draw.hard) * strength;
         let most = bias.amax() + strength * (1.0 + draw.soft) * 1.1 + draw.room;
@@ -173,49 +211,33 @@ impl Board {
         });
         let limit = draw.bias_deg_s * RAD;
         let gyro_bias = Vector3::from_fn(|_, _| rng.uniform(-limit, limit));
-        Self {
-            mag: Magnetometer {
-                matrix,
-                bias,
-                attached: Vector3::zeros(),
-                // HMC5843: 2 to 5 mG, its resolution being 7 mG peak to peak.
-                noise: rng.uniform(2.0, 5.0),
-                // 16 and 60 ms were found on recorders.
-                lag_s: rng.uniform(0.0, 0.06),
-                period_s: 1.0 / rng.uniform(40.0, 75.0),
-                clip: f64::INFINITY,
-                counts_per_mgauss: counts / 1000.0,
-                range,
-                frozen: false,
-                stuck: None,
-                last: Vector3::zeros(),
-            },
-            gyro: Gyro {
-                matrix: gyro_matrix,
-                bias: gyro_bias,
-                // ITG-3200: 0.03 °/s/√Hz, 0.38 °/s RMS at its widest filter; a quieter chip has a tenth.
-                noise: rng.log_uniform(0.03, 0.38) * RAD,
-                walk: 0.002 * RAD,
-                // ITG-3200: 0.1 °/s a g.
-                by_force: Matrix3::from_fn(|_, _| rng.uniform(-0.1, 0.1) * RAD / 9.80665),
-                range: 2000.0 * RAD,
-                fault: GyroFault::None,
-                every: 1,
-            },
-            force: Accelerometer {
-                // 5 milli-g an axis: a chip whose offset was trimmed once. An ADXL345 as delivered has up to 35,
-                // and 2° of tilt are 2° · tan(dip) of heading, whatever the magnetometer.
-                bias: rng.vector(0.05),
-                noise: rng.uniform(0.03, 0.1),
-                silent: false,
-            },
-            jitter_s: rng.uniform(0.0, 0.002),
-            // A third of the hosts poll in bursts, as those of the recorded logs did.
-            pause_every_s: if rng.chance(0.33) {
-                rng.uniform(0.5, 3.0)
-            } else {
-                f64::INFINITY
-            },
+        let mut board = Self::perfect();
+        board.mag.matrix = matrix;
+        board.mag.bias = bias;
+        board.mag.counts_per_mgauss = counts / 1000.0;
+        board.mag.range = range;
+        // HMC5843: 2 to 5 mG, its resolution being 7 mG peak to peak.
+        board.mag.noise = rng.uniform(2.0, 5.0);
+        // 16 and 60 ms were found on recorders.
+        board.mag.lag_s = rng.uniform(0.0, 0.06);
+        board.mag.period_s = 1.0 / rng.uniform(40.0, 75.0);
+        board.gyro.matrix = gyro_matrix;
+        board.gyro.bias = gyro_bias;
+        // ITG-3200: 0.03 °/s/√Hz, 0.38 °/s RMS at its widest filter; a quieter chip has a tenth.
+        board.gyro.noise = rng.log_uniform(0.03, 0.38) * RAD;
+        // Some hundredths of a degree a second over minutes.
+        board.gyro.walk = 0.002 * RAD;
+        // ITG-3200: 0.1 °/s a g.
+        board.gyro.by_force = Matrix3::from_fn(|_, _| rng.uniform(-0.1, 0.1) * RAD / 9.80665);
+        // 5 milli-g an axis: a chip whose offset was trimmed once. An ADXL345 as delivered has up to 35, and 2° of
+        // tilt are 2° · tan(dip) of heading, whatever the magnetometer.
+        board.force.bias = rng.vector(0.05);
+        board.force.noise = rng.uniform(0.03, 0.1);
+        board.jitter_s = rng.uniform(0.0, 0.002);
+        // A third of the hosts poll in bursts, as those of the recorded logs did.
+        if rng.chance(0.33) {
+            board.pause_every_s = rng.uniform(0.5, 3.0);
         }
+        board
     }
 }

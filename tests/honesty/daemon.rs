@@ -31,6 +31,7 @@ impl Shown {
 /// A calibration that was accepted.
 #[derive(Clone)]
 pub struct Accepted {
+    pub t_s: f64,
     calibration: Calibration,
     mountings: Mountings,
 }
@@ -112,6 +113,7 @@ impl Daemon {
                     Action::Conclude(outcome) => {
                         self.accepted
                             .extend(outcome.calibration.map(|calibration| Accepted {
+                                t_s: reading.t_s,
                                 calibration,
                                 mountings: self.mountings,
                             }));

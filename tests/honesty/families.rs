@@ -29,6 +29,11 @@ const NONE: Limits = Limits {
     other: &[],
 };
 
+/// Holds the simulation to what it says it does.
+const PERFECT: Limits = Limits {
+    rms_deg: Some(0.5),
+    ..NONE
+};
 const TUMBLING: Limits = Limits {
     first_s: Some(10.0),
     rms_deg: Some(1.5),
@@ -103,6 +108,7 @@ const fn family(
 /// In the order of the table.
 #[rustfmt::skip]
 pub const ALL: &[Family] = &[
+    family("perfect_chips", 20, PERFECT, handled::perfect),
     family("tumbling", 500, TUMBLING, handled::tumbling),
     family("car", 500, CAR, vehicles::car),
     family("boat", 500, VEHICLE, vehicles::boat),

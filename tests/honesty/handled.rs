@@ -69,6 +69,23 @@ pub fn free(rng: &mut Rng, s: f64) -> Part {
     }
 }
 
+/// Perfect chips in an even field, and the daemon is given their calibration: what error is left is the simulation's.
+pub fn perfect(rng: &mut Rng, score: &mut Score) {
+    score.given_truth = true;
+    score.errors_from = From::Time(10.0);
+    let world = World::draw(rng);
+    let board = Board::perfect();
+    let mut parts = teaching(rng);
+    // Accelerations that hardly tilt anything.
+    parts.push(Part::Free {
+        s: 60.0,
+        rate: 1.0,
+        accel: 0.02,
+    });
+    let hand = Hand::new(parts, rng);
+    run(Scene::new(world, board, hand, 120.0), rng, score);
+}
+
 /// Any motion at once, 90 s.
 pub fn tumbling(rng: &mut Rng, score: &mut Score) {
     score.errors_from = From::Time(30.0);

@@ -13,7 +13,8 @@ const HOURS: f64 = 8.0;
 /// Gyro at 25 Hz, magnetometer at 10 Hz, which is what such a board would be set to.
 pub fn eight_hours(rng: &mut Rng, score: &mut Score) {
     let parts = teaching(rng);
-    let rests_s = length_s(&parts) + 5.0;
+    // A minute to settle after the motion.
+    let rests_s = length_s(&parts) + 60.0;
     score.starts_s = 4.0;
     score.learnt_by_s = 60.0;
     score.excluded = vec![(0.0, rests_s)];

@@ -227,7 +227,7 @@ impl Row {
             .iter()
             .filter(|score| !score.accepted.is_empty())
             .count();
-        if limits.accepted_right {
+        if limits.accepted_right || limits.accepted.is_some() {
             let mut ratios: Vec<f64> = accepted
                 .iter()
                 .map(|(claim, error)| error / claim)
@@ -235,18 +235,15 @@ impl Row {
             ratios.sort_by(f64::total_cmp);
             let late = quantile(&ratios, 0.95);
             let shown = format!("{runs} accepted, error / claimed {} in 95 %", number(late));
-            self.put(
-                10,
-                &shown,
-                Some("≤ 2.5".to_owned()),
-                ratios.is_empty() || late <= 2.5,
-            );
+            let limit = limits.accepted_right.then(|| "≤ 2.5".to_owned());
+            self.put(10, &shown, limit, ratios.is_empty() || late <= 2.5);
             let wrong = accepted
                 .iter()
                 .filter(|(claim, error)| *error > 5.0 && *claim < 2.0);
             let share = wrong.count() as f64 / accepted.len().max(1) as f64;
             let shown = format!("{} wrong", percent(Some(share), 1));
-            self.put(10, &shown, Some("< 1 %".to_owned()), share < 0.01);
+            let limit = limits.accepted_right.then(|| "< 1 %".to_owned());
+            self.put(10, &shown, limit, share < 0.01);
         }
         if let Some(least) = limits.accepted {
             let share = runs as f64 / scores.len() as f64;
