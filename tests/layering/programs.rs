@@ -5,7 +5,7 @@ use super::{Breach, assert_none};
 
 /// The folders under `tests/` that are programs. Each one is linked with the whole daemon, which takes longer than
 /// to run it: few are better.
-const PROGRAMS: &[&str] = &["daemon", "domain", "layering", "soak"];
+const PROGRAMS: &[&str] = &["daemon", "domain", "honesty", "layering", "soak"];
 
 #[test]
 fn every_test_is_in_one_of_the_programs() {
