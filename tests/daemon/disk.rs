@@ -13,10 +13,13 @@ use nalgebra::{Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use crate::effort::{slow, times};
+
 /// The folder in which the other process saves.
 const FOLDER: &str = "HEADINGD_TEST_FOLDER";
 
-const KILLS: usize = 1000;
+const MANY_KILLS: usize = 1000;
+const FEW_KILLS: usize = 100;
 const ROUNDS: usize = 4;
 
 fn identity() -> Identity {
@@ -175,23 +178,25 @@ fn start(folder: &Path) -> Saver {
 
 #[test]
 fn killed_at_any_instant_it_leaves_a_whole_file_old_or_new() {
+    let kills = times(FEW_KILLS, MANY_KILLS);
     // Side by side, since most of the time a disk is waited for.
     let rounds: Vec<_> = (0..ROUNDS)
-        .map(|seed| std::thread::spawn(move || kill_again_and_again(seed)))
+        .map(|seed| std::thread::spawn(move || kill_again_and_again(seed, kills / ROUNDS)))
         .collect();
     let in_the_midst: usize = rounds.into_iter().map(|round| round.join().unwrap()).sum();
-    println!("{KILLS} kills, {in_the_midst} of them in the midst of a save");
+    println!("{kills} kills, {in_the_midst} of them in the midst of a save");
     // A file system in memory is in the midst of one for a thirtieth of the time, a disk for half of it.
-    assert!(in_the_midst > KILLS / 200, "{in_the_midst}");
+    // So few of a few that it may be none.
+    assert!(!slow() || in_the_midst > kills / 200, "{in_the_midst}");
 }
 
 /// How many of the kills were in the midst of a save.
-fn kill_again_and_again(seed: usize) -> usize {
+fn kill_again_and_again(seed: usize, kills: usize) -> usize {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::unchecked(folder.path());
     let mut random = Xoshiro256PlusPlus::seed_from_u64(seed as u64);
     let mut in_the_midst = 0;
-    for kill in 0..KILLS / ROUNDS {
+    for kill in 0..kills {
         let mut saver = start(folder.path());
         let mut lines = BufReader::new(saver.0.stdout.take().unwrap()).lines();
         let mut told = 0;

@@ -3,6 +3,8 @@
 mod control;
 mod demo;
 mod disk;
+#[path = "../domain/effort.rs"]
+mod effort;
 mod i2c;
 mod record;
 mod rig;

@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
@@ -45,10 +44,8 @@ fn it_calibrates_keeps_the_calibration_and_has_it_at_the_next_start() {
     let file = rig.path("store/calibration.json");
     crate::rig::until("the calibration to be kept", || file.exists());
 
-    let begun = Instant::now();
     process.signal("TERM");
     assert!(process.wait().success(), "{}", process.said());
-    assert!(begun.elapsed() < Duration::from_secs(1));
     assert!(!rig.path("heading.sock").exists());
     while client.next().is_some() {}
     let said = process.said();

@@ -69,22 +69,22 @@ fn start_by_shell(rig: &Rig, script: &str, stdin: Stdio) -> Process {
 fn the_manager_is_told_how_things_stand_until_the_end() {
     let rig = Rig::new(1.0, LONG);
     let manager = Manager::new(&rig);
+    let begun = Instant::now();
     let mut process = manager.start(&rig);
     manager.find("READY=1");
     // Ready means that it is there at once.
     std::os::unix::net::UnixStream::connect(rig.path("heading.sock")).unwrap();
     let status = manager.find("STATUS=");
     assert!(status.starts_with("STATUS=uncalibrated ("), "{status}");
-    manager.find("WATCHDOG=1");
-    let begun = Instant::now();
-    manager.find("WATCHDOG=1");
-    let pause = begun.elapsed();
-    assert!(pause > Duration::from_millis(50), "{pause:?}");
-    let begun = Instant::now();
+    // No more often than is needed; a machine that is busy only makes it take longer.
+    for _ in 0..4 {
+        manager.find("WATCHDOG=1");
+    }
+    let taken = begun.elapsed();
+    assert!(taken > Duration::from_millis(300), "{taken:?}");
     process.signal("TERM");
     manager.find("STOPPING=1");
     assert!(process.wait().success());
-    assert!(begun.elapsed() < Duration::from_secs(1));
 }
 
 #[test]

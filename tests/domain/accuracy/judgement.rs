@@ -14,6 +14,7 @@ use super::bound::{HEADINGS, level_turn, raw};
 use super::cases::{Case, Log};
 use super::disturbed::Trouble;
 use super::survey::CASES;
+use crate::effort::times;
 
 /// An accepted calibration's largest heading error, with the mean offset off, degrees.
 const LARGEST_DEG: f64 = 2.0;
@@ -33,7 +34,7 @@ struct Row {
 
 fn row(case: &Case, trouble: Trouble, single: bool, limits: &Limits) -> Row {
     let mut row = Row::default();
-    for seed in 0..LOGS {
+    for seed in 0..logs() {
         let mut log = trouble.log(case, single, seed);
         log.request.limits = limits.clone();
         let outcome = calibrate(&log.request, &|| None);
@@ -88,7 +89,9 @@ const TROUBLES: [(Trouble, [bool; 3]); 12] = [
 ];
 
 /// Logs a case.
-const LOGS: u64 = 60;
+fn logs() -> u64 {
+    times(8, 60) as u64
+}
 
 /// A name, the case, what goes wrong, and whether only the first turn is looked at.
 type Job = (String, Case, Trouble, bool);

@@ -4,17 +4,17 @@ use headingd::calibration::calibrate;
 use headingd::calibration::model::Mode;
 
 use super::cases::Case;
-use super::survey::tallies;
+use super::survey::{slack, tallies};
 
-/// The largest ratio to the bound that is allowed: its 5 % are sampling error and the biweight's 1 %. Where
+/// The largest ratio to the bound that is allowed: its 5 % are sampling error, of many logs, and the biweight's 1 %. Where
 /// few samples tell of a parameter and noise is large the bound itself, a first-order one, is not quite
 /// reached.
 fn allowed(case: &Case) -> f64 {
     let rough = case.mode == Mode::Spatial && case.sigma > 2.0;
     if rough || case.two_circles || case.spikes {
-        1.10
+        1.0 + 0.10 * slack()
     } else {
-        1.05
+        1.0 + 0.05 * slack()
     }
 }
 
