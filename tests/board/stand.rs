@@ -7,7 +7,8 @@
 //!     stand --set BUS ADDRESS REGISTER VALUE     (one register, in hexadecimal: 0x1e 0x0a 0x48)
 //!
 //! i2c-stub keeps what is written and does nothing by itself. So this program looks whether the magnetometer was
-//! told to measure, and answers like one: after a while the data, RDY, and the mode back to idle.
+//! told to measure, and answers like one: after a while the data, RDY, and, unless it measures continuously, the mode
+//! back to idle.
 
 use std::error::Error;
 use std::io::{BufRead, BufReader, Write};
@@ -33,6 +34,11 @@ type Outcome<T> = Result<T, Box<dyn Error + Send + Sync>>;
 /// How often it is looked whether the magnetometer is to measure, and how long it takes then, seconds.
 const LOOK_S: f64 = 0.001;
 const CONVERSION_S: f64 = 0.006;
+/// Its modes, and how often it measures in continuous mode for each code of its register A; the last one is reserved.
+const CONTINUOUS: u8 = 0;
+const SINGLE: u8 = 1;
+const IDLE: u8 = 2;
+const RATES_HZ: [f64; 8] = [0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 50.0];
 /// What the magnetometer's self-test adds to each of its axes.
 const OWN_FIELD_MGAUSS: Vector3<f64> = Vector3::new(550.0, 550.0, 550.0);
 /// The largest error of the heading after the calibration, degrees RMS. An emulated processor writes some samples late,
@@ -142,6 +148,8 @@ fn feed(bus: &str, entries: &[Entry], mut clock: SystemClock) -> Outcome<()> {
         .filter(|e| e.reading.rate_rad_s.is_some())
         .peekable();
     let mut ready_s = None;
+    let mut last_s = 0.0;
+    let mut doing = [IDLE, 0];
     loop {
         let now_s = clock.now_s();
         if now_s > end_s {
@@ -161,17 +169,30 @@ fn feed(bus: &str, entries: &[Entry], mut clock: SystemClock) -> Outcome<()> {
                 accel.smbus_write_i2c_block_data(0x32, &bytes(counts, i16::to_le_bytes))?;
             }
         }
-        if ready_s.is_none() && mag.smbus_read_byte_data(0x02)? == 1 {
+        let told = [
+            mag.smbus_read_byte_data(0x02)?,
+            mag.smbus_read_byte_data(0x00)?,
+        ];
+        let [mode, settings] = told;
+        if told != doing {
+            // Told something else, it drops what it was measuring.
+            doing = told;
+            ready_s = None;
+        }
+        if ready_s.is_none() && mode == SINGLE {
             ready_s = Some(now_s + CONVERSION_S);
+        } else if ready_s.is_none() && mode == CONTINUOUS {
+            let period_s = 1.0 / RATES_HZ[usize::from(settings >> 2 & 7)];
+            ready_s = Some((last_s + period_s).max(now_s));
         }
         if ready_s.is_some_and(|ready_s| ready_s <= now_s) {
-            ready_s = None;
+            last_s = ready_s.take().unwrap_or(now_s);
             let gain = usize::from(mag.smbus_read_byte_data(0x01)? >> 5);
             let counts_per_mgauss = Kind::Hmc5843.gains()[gain].counts_per_gauss / 1000.0;
             // The sample of the log that is nearest in time; between two of them, part of both.
             let field =
                 between(&fields, now_s, |a, b, share| a + (b - a) * share).unwrap_or_default();
-            let counts = match mag.smbus_read_byte_data(0x00)? & 3 {
+            let counts = match settings & 3 {
                 // With measurement bias on, the chip tells what its own field adds.
                 1 => OWN_FIELD_MGAUSS * counts_per_mgauss,
                 2 => -OWN_FIELD_MGAUSS * counts_per_mgauss,
@@ -180,7 +201,9 @@ fn feed(bus: &str, entries: &[Entry], mut clock: SystemClock) -> Outcome<()> {
             let mut block = bytes(counts, i16::to_be_bytes).to_vec();
             block.push(0x01);
             mag.smbus_write_i2c_block_data(0x03, &block)?;
-            mag.smbus_write_byte_data(0x02, 2)?;
+            if mode == SINGLE {
+                mag.smbus_write_byte_data(0x02, IDLE)?;
+            }
         }
         if !clock.wait_until(now_s + LOOK_S) {
             return Ok(());
