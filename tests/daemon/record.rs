@@ -366,10 +366,11 @@ fn it_is_said_where_readings_come_from_and_how_many_they_were() {
         )
     );
     let count = recorded(&out).len();
-    assert!(
-        last.starts_with(&format!("headingd: {count} readings in 0.")),
-        "{last}"
-    );
+    let start = format!("headingd: {count} readings in ");
+    assert!(last.starts_with(&start), "{last}");
+    // On a busy machine it may take longer than was asked for.
+    let taken_s = last[start.len()..].split(' ').next().unwrap();
+    assert!(taken_s.parse::<f64>().unwrap() >= 0.5, "{last}");
 }
 
 #[test]
@@ -404,7 +405,7 @@ fn an_empty_recording_is_a_failure() {
     let said = process.said();
     let last = said.lines().last().unwrap();
     assert!(
-        last.starts_with("headingd: 0 readings in 0.")
+        last.starts_with("headingd: 0 readings in ")
             && last.contains("nothing came from /dev/i2c-255"),
         "{said}"
     );

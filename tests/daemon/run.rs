@@ -6,7 +6,7 @@ use std::path::Path;
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
 
-use crate::rig::{LONG, Rig};
+use crate::rig::{FAST, LONG, Rig};
 
 /// The way from the truth to the heading of an `ATT`, degrees.
 fn error_deg(att: &Value, settings: &Settings) -> f64 {
@@ -25,7 +25,7 @@ fn has_heading(att: &Value) -> bool {
 
 #[test]
 fn it_calibrates_keeps_the_calibration_and_has_it_at_the_next_start() {
-    let rig = Rig::new(50.0, LONG);
+    let rig = Rig::new(FAST, LONG);
     let settings = Settings {
         turns: 100.0,
         ..Settings::default()
@@ -145,10 +145,10 @@ fn a_second_daemon_is_refused_and_the_first_goes_on() {
 
 #[test]
 fn a_store_that_cannot_be_written_is_complained_of_once_and_headings_are_served() {
-    let rig = Rig::new(50.0, LONG);
+    let rig = Rig::new(FAST, LONG);
     // Not even root can make a folder below a file.
     fs::write(rig.path("file"), "").unwrap();
-    rig.configure(50.0, &rig.path("file/store"), LONG);
+    rig.configure(FAST, &rig.path("file/store"), LONG);
     let (mut process, mut client) = rig.watched();
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
     client.find("ATT", has_heading);

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-use crate::rig::{LONG, PATIENCE, Process, Rig, spawn, until};
+use crate::rig::{FAST, LONG, PATIENCE, Process, Rig, spawn, until};
 
 /// A manager that is told how the daemon is.
 struct Manager(UnixDatagram);
@@ -116,9 +116,9 @@ fn a_socket_that_was_handed_over_is_served_on_and_left_behind() {
 
 #[test]
 fn a_reload_keeps_clients_and_the_calibration_in_force() {
-    let rig = Rig::new(50.0, LONG);
+    let rig = Rig::new(FAST, LONG);
     // Nothing but the daemon itself keeps the calibration.
-    rig.configure(50.0, Path::new(""), LONG);
+    rig.configure(FAST, Path::new(""), LONG);
     let manager = Manager::new(&rig);
     let mut process = manager.start(&rig);
     let mut client = rig.client();

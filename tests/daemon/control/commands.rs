@@ -11,7 +11,7 @@ use std::process::{Command, Output};
 use serde_json::Value;
 
 use super::link::Link;
-use crate::rig::{LONG, Rig};
+use crate::rig::{FAST, LONG, Rig};
 
 fn headingd(arguments: &[&str]) -> (i32, String, String) {
     let Output {
@@ -62,7 +62,7 @@ fn text(path: &Path) -> &str {
 
 #[test]
 fn every_command_does_what_it_says() {
-    let rig = Rig::new(50.0, LONG);
+    let rig = Rig::new(FAST, LONG);
     let (_process, mut client) = rig.watched();
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
     let config = rig.path("headingd.toml");
@@ -269,9 +269,9 @@ fn each_way_to_fail_has_its_status_and_its_remedy() {
 
 #[test]
 fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
-    let rig = Rig::new(50.0, LONG);
+    let rig = Rig::new(FAST, LONG);
     fs::write(rig.path("file"), "").unwrap();
-    rig.configure(50.0, &rig.path("file/store"), LONG);
+    rig.configure(FAST, &rig.path("file/store"), LONG);
     let (_process, mut client) = rig.watched();
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
     let socket = rig.path("control.sock");

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::link::Link;
-use crate::rig::{Client, LONG, Process, Rig};
+use crate::rig::{Client, FAST, LONG, Process, Rig};
 
 /// A daemon that has calibrated, and does so no more by itself; the number of the calibration in force.
 fn calibrated(rig: &Rig) -> (Process, Client, Link, u64) {
@@ -24,7 +24,7 @@ fn in_force(link: &mut Link) -> Value {
 
 #[test]
 fn a_calibration_is_exported_imported_rolled_back_and_forgotten() {
-    let rig = Rig::new(50.0, LONG);
+    let rig = Rig::new(FAST, LONG);
     let (_process, mut client, mut link, first) = calibrated(&rig);
     let shown = link.told("show");
     assert_eq!(shown["calibration"]["number"], first);
@@ -89,7 +89,7 @@ fn a_calibration_is_exported_imported_rolled_back_and_forgotten() {
 
 #[test]
 fn what_is_not_of_this_board_or_cannot_be_is_not_imported() {
-    let rig = Rig::new(50.0, LONG);
+    let rig = Rig::new(FAST, LONG);
     let (_process, _client, mut link, number) = calibrated(&rig);
     let file = link.told("export")["file"].clone();
     let with = |change: &dyn Fn(&mut Value)| {
@@ -151,7 +151,7 @@ fn what_is_not_of_this_board_or_cannot_be_is_not_imported() {
 
 #[test]
 fn locked_means_never_replaced_not_even_over_a_restart() {
-    let rig = Rig::new(50.0, LONG);
+    let rig = Rig::new(FAST, LONG);
     let (mut process, _client, mut link, number) = calibrated(&rig);
     let file = link.told("export")["file"].clone();
     link.told("lock");
@@ -191,7 +191,7 @@ fn locked_means_never_replaced_not_even_over_a_restart() {
 
 #[test]
 fn mode_off_calibrates_only_when_told_to() {
-    let rig = Rig::new(50.0, LONG);
+    let rig = Rig::new(FAST, LONG);
     let (process, mut client, mut link, _) = calibrated(&rig);
     let seen = process.said().matches("full turn").count();
     crate::rig::until("two more turns", || {

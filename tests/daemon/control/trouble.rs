@@ -5,15 +5,15 @@ use std::fs;
 use serde_json::json;
 
 use super::link::Link;
-use crate::rig::{LONG, Rig};
+use crate::rig::{FAST, LONG, Rig};
 
 #[test]
 fn a_store_that_fails_shows_in_the_status_and_catches_up_when_it_works() {
-    let rig = Rig::new(50.0, LONG);
+    let rig = Rig::new(FAST, LONG);
     // Not even root can make a folder below a file.
     fs::write(rig.path("file"), "").unwrap();
     let store = rig.path("file/store");
-    rig.configure(50.0, &store, LONG);
+    rig.configure(FAST, &store, LONG);
     let (process, mut client) = rig.watched();
     let mut link = Link::new(&rig);
     let status = link.told("status");
@@ -64,7 +64,7 @@ fn a_file_of_a_newer_version_or_half_a_one_is_served_without_said_and_set_aside(
             "unreadable-1",
         ),
     ] {
-        let rig = Rig::new(50.0, LONG);
+        let rig = Rig::new(FAST, LONG);
         let store = rig.path("store");
         fs::create_dir(&store).unwrap();
         fs::write(store.join("calibration.json"), text).unwrap();
@@ -87,8 +87,8 @@ fn a_file_of_a_newer_version_or_half_a_one_is_served_without_said_and_set_aside(
 
 #[test]
 fn with_no_store_at_all_what_is_ordered_holds_until_the_end() {
-    let rig = Rig::new(50.0, LONG);
-    rig.configure(50.0, "".as_ref(), LONG);
+    let rig = Rig::new(FAST, LONG);
+    rig.configure(FAST, "".as_ref(), LONG);
     let (_process, mut client) = rig.watched();
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
     let mut link = Link::new(&rig);

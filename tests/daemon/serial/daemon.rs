@@ -59,8 +59,22 @@ fn apart_deg(live: &[(f64, f64)], direct: &[(f64, f64)], offset_s: f64) -> (f64,
     )
 }
 
-/// Plays a log to the daemon as a Razor would, and asks for the headings of its direct replay.
+/// A log that is played in real time to a machine which stands still meanwhile loses readings: it is played again.
 fn assert_same_headings(log: &Path, chip: &str, counts_per_gauss: f64, within_deg: f64) {
+    const TRIES: usize = 4;
+    let tries: Vec<String> = (0..TRIES)
+        .map_while(|_| same_headings(log, chip, counts_per_gauss, within_deg).err())
+        .collect();
+    assert!(tries.len() < TRIES, "{tries:#?}");
+}
+
+/// Plays a log to the daemon as a Razor would, and asks for the headings of its direct replay.
+fn same_headings(
+    log: &Path,
+    chip: &str,
+    counts_per_gauss: f64,
+    within_deg: f64,
+) -> Result<(), String> {
     let mut replay = Replay::open(log).unwrap();
     let mountings = replay.header().mountings;
     // The Razor turns its readings into the board's frame.
@@ -119,12 +133,12 @@ fn assert_same_headings(log: &Path, chip: &str, counts_per_gauss: f64, within_de
         .iter()
         .filter(|message| message["class"] == "CALIBRATION")
         .collect();
-    assert!(
-        outcomes
-            .iter()
-            .any(|outcome| outcome["verdict"] == "accepted"),
-        "{outcomes:?}"
-    );
+    if !outcomes
+        .iter()
+        .any(|outcome| outcome["verdict"] == "accepted")
+    {
+        return Err(format!("none is accepted: {outcomes:?}"));
+    }
 
     let replay = Command::new(env!("CARGO_BIN_EXE_headingd"))
         .arg("replay")
@@ -141,11 +155,11 @@ fn assert_same_headings(log: &Path, chip: &str, counts_per_gauss: f64, within_de
         .map(|step| apart_deg(&live, &direct, begun_s - f64::from(step) * 0.005))
         .filter(|(_, count)| *count * 10 > live.len() * 7)
         .min_by(|a, b| a.0.total_cmp(&b.0));
-    let (rms_deg, count) = best.expect("headings at the same times");
-    assert!(
-        rms_deg < within_deg && count > 100,
-        "{rms_deg} over {count}"
-    );
+    let (rms_deg, count) = best.ok_or("no headings at the same times")?;
+    if rms_deg < within_deg && count > 100 {
+        return Ok(());
+    }
+    Err(format!("{rms_deg} over {count}"))
 }
 
 #[test]

@@ -74,12 +74,14 @@ impl Rig {
         }
     }
 
-    /// This many readings, between which nothing is said.
+    /// This many readings, between which nothing is said but that there were none for a while: on a busy machine the
+    /// board may stand still.
     fn readings(&mut self, count: usize) -> Vec<(Reading, Instant)> {
         let mut readings = Vec::new();
         while readings.len() < count {
             match self.next() {
                 Heard::Reading(reading, taken) => readings.push((reading, taken)),
+                Heard::Trouble(Some(trouble)) if trouble.code == "silent" => readings.clear(),
                 Heard::Trouble(trouble) => assert!(readings.is_empty(), "{trouble:?}"),
             }
         }
@@ -253,41 +255,48 @@ fn log_rows_are_found_and_timed_by_the_device() {
 /// As a daemon is that SIGSTOP has stopped: the kernel goes on to take what the board sends.
 #[test]
 fn what_has_waited_is_as_old_as_it_is() {
-    const STOPPED: Duration = Duration::from_millis(2500);
-    // Each says when it was made, in hundredths of a second.
-    let razor = Firmware::Razor(Box::new(|t_s| {
-        COUNTS.map(|[_, y, z]| [(100.0 * t_s).round() as i32, y, z])
-    }));
-    let rows = Firmware::Plain(
-        b"# headingd-log 1\r\n# mag_unit = gauss\r\nt_s,mx,my,mz\r\n".into(),
-        "{t},{t},0.2,0.3\r\n".into(),
-    );
-    for (protocol, firmware, unit_s) in [
-        (Protocol::Razor, razor, 1.3 / 100.0),
-        (Protocol::LogRows, rows, 1.0 / 1000.0),
-    ] {
-        let mut rig = Rig::new(protocol);
-        let _device = rig.plug(firmware);
-        // How much later than it was made a reading is said to be, but for what both clocks began with.
-        let late_s = |(reading, _): &(Reading, Instant)| match reading.field_mgauss {
-            Some([Some(made), ..]) => reading.t_s - made * unit_s,
-            other => panic!("{other:?}"),
-        };
-        let before: Vec<f64> = rig.readings(150).iter().map(late_s).collect();
-        let usual_s = before[100..].iter().copied().fold(f64::INFINITY, f64::min);
-        std::thread::sleep(STOPPED);
-        let (mut after, mut ages) = (Vec::new(), Vec::new());
-        for _ in 0..200 {
-            let reading = rig.readings(1)[0];
-            ages.push(reading.1.elapsed());
-            after.push(late_s(&reading) - usual_s);
+    for protocol in [Protocol::Razor, Protocol::LogRows] {
+        let begun = Instant::now();
+        // A machine on which the board stood still too proves nothing.
+        while let Err(wrong) = waited(protocol) {
+            assert!(begun.elapsed() < PATIENCE, "{protocol:?}: {wrong}");
         }
-        let worst_s = after.iter().copied().fold(0.0, f64::max);
-        // The device's thread may have stood still too, but not for as long as this.
-        assert!(worst_s < 0.3, "{protocol:?}: {worst_s}: {after:?}");
-        assert!(ages[0] > STOPPED / 2, "{protocol:?}: {ages:?}");
-        assert!(ages[199] < STOPPED / 2, "{protocol:?}: {ages:?}");
     }
+}
+
+/// What is wrong with readings that have waited.
+fn waited(protocol: Protocol) -> Result<(), String> {
+    const STOPPED: Duration = Duration::from_millis(2500);
+    // Each says when it was made, in hundredths of a second or in thousandths.
+    let (firmware, unit_s) = if protocol == Protocol::Razor {
+        let counts = |t_s: f64| COUNTS.map(|[_, y, z]| [(100.0 * t_s).round() as i32, y, z]);
+        (Firmware::Razor(Box::new(counts)), 1.3 / 100.0)
+    } else {
+        let header = "# headingd-log 1\r\n# mag_unit = gauss\r\nt_s,mx,my,mz\r\n";
+        let rows = "{t},{t},0.2,0.3\r\n";
+        (Firmware::Plain(header.into(), rows.into()), 1.0 / 1000.0)
+    };
+    let mut rig = Rig::new(protocol);
+    let _device = rig.plug(firmware);
+    // How much later than it was made a reading is said to be, but for what both clocks began with.
+    let late_s = |(reading, _): &(Reading, Instant)| match reading.field_mgauss {
+        Some([Some(made), ..]) => reading.t_s - made * unit_s,
+        other => panic!("{other:?}"),
+    };
+    let before: Vec<f64> = rig.readings(150).iter().map(late_s).collect();
+    let usual_s = before[100..].iter().copied().fold(f64::INFINITY, f64::min);
+    std::thread::sleep(STOPPED);
+    let (mut after, mut ages) = (Vec::new(), Vec::new());
+    for _ in 0..200 {
+        let reading = rig.readings(1)[0];
+        ages.push(reading.1.elapsed());
+        after.push(late_s(&reading) - usual_s);
+    }
+    let worst_s = after.iter().copied().fold(0.0, f64::max);
+    if worst_s < 0.3 && ages[0] > STOPPED / 2 && ages[199] < STOPPED / 2 {
+        return Ok(());
+    }
+    Err(format!("{worst_s}: {after:?}, {ages:?}"))
 }
 
 #[test]
