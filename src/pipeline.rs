@@ -21,7 +21,9 @@ use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::{self, Request, Sample, verdict};
 use crate::condition::{self, Condition, Evidence, Report, Trouble};
 use crate::frame::{Mountings, wrap_360};
+use crate::frozen::{Frozen, FrozenWatch};
 use crate::heading::{Compass, Heading, MagStatus, heading_deg};
+use crate::outliers::Outliers;
 use crate::reading::Reading;
 use crate::turn::{self, Turn, TurnDetector};
 use fitness::Fitness;
@@ -116,6 +118,10 @@ pub enum Action {
 /// The state of the journey.
 pub struct Pipeline {
     setup: Setup,
+    outliers: Outliers,
+    frozen_watch: FrozenWatch,
+    /// A sensor that says the same again and again while the board moves.
+    frozen: Option<Trouble>,
     attitude: Attitude,
     turns: TurnDetector,
     compass: Option<Compass>,
@@ -153,6 +159,9 @@ impl Pipeline {
     /// A pipeline that starts with this calibration, or with none.
     pub fn new(setup: Setup, calibration: Option<Calibration>) -> Self {
         Self {
+            outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
+            frozen_watch: FrozenWatch::default(),
+            frozen: None,
             attitude: Attitude::new(&setup.attitude, &setup.mountings),
             turns: TurnDetector::new(&setup.turn),
             compass: calibration.map(|calibration| Compass::new(calibration, setup.mountings.mag)),
@@ -216,6 +225,11 @@ impl Pipeline {
         self.asked
     }
 
+    /// How many values were dropped since no sensor can have taken them.
+    pub fn dropped(&self) -> u64 {
+        self.outliers.dropped()
+    }
+
     /// Whether a calibration is under way.
     pub fn is_calibrating(&self) -> bool {
         self.calibrating
@@ -240,6 +254,8 @@ impl Pipeline {
         if reading.t_s < last_s || !reading.t_s.is_finite() {
             return;
         }
+        let reading = &self.outliers.filter(reading);
+        self.watch(reading);
         self.readings_s = Some((first_s, reading.t_s));
         self.now_s = reading.t_s;
         if reading.rate_rad_s.is_some() {
@@ -272,6 +288,17 @@ impl Pipeline {
                 self.update_condition(actions);
                 self.publish_without_field(reading.t_s, actions);
             }
+        }
+    }
+
+    /// Looks whether a sensor says the same again and again.
+    fn watch(&mut self, reading: &Reading) {
+        let found = self.frozen_watch.take(reading);
+        if found.map(Frozen::code) != self.frozen.as_ref().map(|frozen| frozen.code) {
+            self.frozen = found.map(|frozen| Trouble {
+                code: frozen.code(),
+                message: frozen.message().to_owned(),
+            });
         }
     }
 
@@ -366,12 +393,13 @@ impl Pipeline {
         let first_s = self.readings_s.map_or(0.0, |(first_s, _)| first_s);
         let beginning = self.whole_field_s.max(self.overflow_s) < first_s
             && self.now_s - first_s <= self.setup.pipeline.stale_s;
-        if beginning && self.fault.is_none() {
+        let fault = self.fault.as_ref().or(self.frozen.as_ref());
+        if beginning && fault.is_none() {
             return Condition::Stale;
         }
         let report = condition::judge(&Evidence {
             t_s: self.now_s,
-            fault: self.fault.as_ref(),
+            fault,
             silent_s: self.now_s - self.whole_field_s,
             overflowing: self.overflow_s > self.whole_field_s,
             stale_s: self.setup.pipeline.stale_s,

@@ -146,6 +146,12 @@ fn play<W: Write>(
     }
     lines.out.flush()?;
     bar.finish_and_clear();
+    if pipeline.dropped() > 0 {
+        eprintln!(
+            "headingd: {} values dropped that no sensor can have taken",
+            pipeline.dropped()
+        );
+    }
     tell_skips(replay.skips()).map_err(Halt::Failure)
 }
 

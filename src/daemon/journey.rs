@@ -350,6 +350,7 @@ impl Journey {
             turns = tally.turns,
             calibrations_accepted = tally.accepted,
             calibrations_refused = tally.refused,
+            values_dropped = self.pipeline.dropped(),
             faults = tally.faults,
             clients = publisher.clients(),
             uptime_s = tally.begun.elapsed().as_secs(),

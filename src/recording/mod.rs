@@ -13,6 +13,8 @@
 //! stand in any order; only `t_s` is required, and the three of one sensor come together. Unknown
 //! columns and unknown `#` keys do not matter.
 //!
+//! A row may end in `*hh`, the XOR of all bytes before the asterisk in hexadecimal, and is then checked.
+//!
 //! | key | values | without it |
 //! |---|---|---|
 //! | `sensor` | name of the magnetometer | unknown |
@@ -37,6 +39,7 @@
 //! three magnetometer cells are all empty says nothing of the magnetometer: the format cannot tell an
 //! overflow of all three axes from silence.
 
+mod checksum;
 mod header;
 mod lines;
 mod read;
@@ -49,6 +52,7 @@ use std::io;
 use crate::frame::Mountings;
 use crate::reading::Reading;
 
+pub use checksum::check as check_row;
 pub use header::HeaderLines;
 pub use read::Reader;
 pub use rows::Rows;

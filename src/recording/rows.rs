@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::header::{self, Layout};
-use super::{ACCEL, COLUMNS, Entry, GYRO, HEADING, Header, MAG, shown};
+use super::{ACCEL, COLUMNS, Entry, GYRO, HEADING, Header, MAG, check_row, shown};
 use crate::frame::wrap_360;
 use crate::reading::Reading;
 
@@ -67,6 +67,7 @@ impl Rows {
 
     /// One row, without its line's end. Whether its time follows the time of the row before is not asked.
     pub(super) fn entry(&self, line: &[u8]) -> Result<Entry, Fault> {
+        let (line, _) = check_row(line).map_err(|what| (None, what))?;
         let cells = self.cells(line)?;
         let t_s = cells[0].ok_or((
             Some(0),

@@ -321,3 +321,71 @@ fn a_magnet_that_stays_is_calibrated_away() {
     // The plane is askew by up to half a degree, of a vertical field of 500 milligauss.
     assert!((found.bias_mgauss - right).norm() < 8.0, "{found:?}");
 }
+
+/// By how much each heading that may be steered by differs from that of the same board without the fault.
+fn apart_deg(faulty: &[Reading], sound: &[Reading], calibration: Calibration) -> (usize, f64) {
+    let headings = |readings: &[Reading]| play(readings, Some(calibration), 0).headings;
+    let (faulty, sound) = (headings(faulty), headings(sound));
+    assert_eq!(faulty.len(), sound.len());
+    let both = faulty
+        .iter()
+        .zip(&sound)
+        .filter(|(faulty, _)| steers(faulty));
+    let apart = both.filter_map(|(faulty, sound)| Some(faulty.fused_deg? - sound.fused_deg?));
+    let apart: Vec<f64> = apart
+        .map(|deg| ((deg + 540.0).rem_euclid(360.0) - 180.0).abs())
+        .collect();
+    (apart.len(), apart.into_iter().fold(0.0, f64::max))
+}
+
+/// All registers at their limit, as a bus that slips reads them, at rest and in a turn; and then a rotation so fast
+/// that the gyro clips, which has to be noticed as before.
+#[test]
+fn an_absurd_rate_turns_no_heading() {
+    let settings = Settings::default();
+    let sound = readings(&settings);
+    let calibration = shifted(&settings, 0.0);
+    for from_s in [2.0, 8.0] {
+        let mut faulty = sound.clone();
+        let absurd = faulty
+            .iter_mut()
+            .find(|reading| reading.t_s > from_s && reading.rate_rad_s.is_some());
+        absurd.unwrap().rate_rad_s = Some(Vector3::repeat(2279.4_f64.to_radians()));
+        let (count, worst_deg) = apart_deg(&faulty, &sound, calibration);
+        assert!(count > 500 && worst_deg < 0.5, "{worst_deg} of {count}");
+    }
+}
+
+#[test]
+fn a_magnetometer_that_hangs_in_a_turn_is_a_fault_until_it_goes_on() {
+    let settings = Settings::default();
+    let mut stuck = None;
+    let mut pipeline = Pipeline::new(Setup::default(), Some(shifted(&settings, 0.0)));
+    let mut states: Vec<(f64, &'static str, bool)> = Vec::new();
+    for mut reading in readings(&settings) {
+        if let (6.0..9.0, Some(field)) = (reading.t_s, reading.field_mgauss) {
+            reading.field_mgauss = Some(*stuck.get_or_insert(field));
+        }
+        let mut actions = Vec::new();
+        pipeline.handle(Event::Reading(reading), &mut actions);
+        let report = pipeline.report().map_or("", |report| report.reason);
+        let steers = actions.iter().any(
+            |action| matches!(action, Action::Publish(heading) if heading.condition.may_steer()),
+        );
+        states.push((reading.t_s, report, steers));
+    }
+    let frozen: Vec<f64> = states
+        .iter()
+        .filter(|state| state.1 == "frozen_magnetometer")
+        .map(|state| state.0)
+        .collect();
+    let (first_s, last_s) = (frozen[0], frozen[frozen.len() - 1]);
+    assert!((6.5..7.5).contains(&first_s), "{first_s}");
+    assert!((8.9..9.1).contains(&last_s), "{last_s}");
+    assert!(
+        states
+            .iter()
+            .all(|state| state.1 != "frozen_magnetometer" || !state.2)
+    );
+    assert!(states[states.len() - 1].1 == "good", "{:?}", states.last());
+}

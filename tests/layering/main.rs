@@ -34,6 +34,8 @@ const ROOMS: &[Room] = &[
     room("check", 0, &[]),
     room("reading", 0, &[]),
     room("frame", 0, &[]),
+    room("outliers", 0, &["reading"]),
+    room("frozen", 0, &["reading"]),
     // Decides from plain numbers that it is handed, so that it needs no other room.
     room("condition", 0, &[]),
     room("attitude", 0, &["reading", "frame"]),
@@ -45,7 +47,7 @@ const ROOMS: &[Room] = &[
 
     room("recording", 1, &["reading", "frame"]),
     // Joins all of floor 0 into one journey.
-    room("pipeline", 1, &["reading", "frame", "attitude", "turn", "calibration", "heading", "condition"]),
+    room("pipeline", 1, &["reading", "outliers", "frozen", "frame", "attitude", "turn", "calibration", "heading", "condition"]),
 
     // The simulator distorts a field with the model that a calibration inverts; a live source says its troubles.
     room("sensor", 2, &["reading", "frame", "recording", "calibration::model", "condition"]),
@@ -68,7 +70,7 @@ const ROOMS: &[Room] = &[
         "pipeline", "sensor", "publish", "store", "service", "config",
     ]),
     room("command", 3, &[
-        "reading", "frame", "attitude", "turn", "calibration", "heading", "condition", "recording",
+        "reading", "outliers", "frame", "attitude", "turn", "calibration", "heading", "condition", "recording",
         "pipeline", "sensor", "publish", "store", "service", "logging", "config", "daemon",
     ]),
     room("main", 3, &["command"]),

@@ -1,7 +1,7 @@
 //! headingd's own log rows over a line, with or without their header: what a sketch of twenty lines sends.
 //!
 //! A device may send its header once, with every reset, or every now and then; it counts from its last line
-//! on. Without any, rows have the first 4, 7, 10 or 11 columns of the log format, in our units.
+//! on. A device that has once ended a row in a checksum does so with every row. Without a header, rows have the first 4, 7, 10 or 11 columns of the log format, in our units.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -10,7 +10,7 @@ use super::lines::{Line, Lines};
 use super::shown;
 use crate::frame::{Mounting, Mountings};
 use crate::reading::{Field, Reading};
-use crate::recording::{HeaderLines, Rows};
+use crate::recording::{HeaderLines, Rows, check_row};
 
 /// Bytes in, readings out.
 #[derive(Debug)]
@@ -30,6 +30,8 @@ struct Wire {
     /// The device has sent a part of a header: rows count only after the whole.
     has_header: bool,
     first: bool,
+    /// The device ends its rows in checksums: one without has lost it.
+    checked: bool,
     /// Cells of the line before, where there is no header: two lines must agree.
     cells: usize,
 }
@@ -46,6 +48,7 @@ impl LogRows {
                 turns: [None; 3],
                 has_header: false,
                 first: true,
+                checked: false,
                 cells: 0,
             },
         }
@@ -131,6 +134,11 @@ impl Wire {
     }
 
     fn row(&mut self, line: &[u8]) -> Result<Reading, String> {
+        let (line, checked) = check_row(line)?;
+        self.checked |= checked;
+        if self.checked && !checked {
+            return Err("a row without its checksum, but those before it had one".to_owned());
+        }
         if !self.has_header {
             let cells = 1 + line.iter().filter(|byte| **byte == b',').count();
             let agree = cells == self.cells;

@@ -1,0 +1,280 @@
+//! Notices a sensor that says the same again and again while the board turns: its chip hangs, or whoever reads it does.
+//!
+//! At rest a coarse sensor, or a simulated one without noise, may well say the same for ever. So only what is said
+//! while the gyro shows motion counts.
+
+use nalgebra::Vector3;
+
+use crate::reading::{Field, Reading};
+
+/// So many times the same …
+const READINGS: u32 = 20;
+/// … over at least this long, seconds: some rows repeat a sensor's last value until it has a new one, …
+const LASTING_S: f64 = 0.5;
+/// … while the board turns by this much, radians (30°): no field looks the same then …
+const TURNED_RAD: f64 = 0.52;
+/// … at this rate or faster, rad/s (20 °/s): more than a gyro's bias.
+const MOVING_RAD_S: f64 = 0.35;
+/// A rotation that is the same again and again may be a turntable's. It is a frozen gyro's if over this angle, radians
+/// (90°), …
+const BELIED_RAD: f64 = 1.57;
+/// … the field changes by less than this share of it.
+const BELIED_SHARE: f64 = 0.05;
+/// A gyro that has said nothing for longer shows no motion, seconds.
+const GAP_S: f64 = 0.5;
+
+/// What is frozen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Frozen {
+    /// The magnetometer says the same while the gyro shows that the board turns.
+    Magnetometer,
+    /// The gyro says the same rotation while the field stands still.
+    Gyro,
+}
+
+impl Frozen {
+    /// As a code that a program can read.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Magnetometer => "frozen_magnetometer",
+            Self::Gyro => "frozen_gyro",
+        }
+    }
+
+    /// As a sentence for a person.
+    pub fn message(self) -> &'static str {
+        match self {
+            Self::Magnetometer => {
+                "the magnetometer says the same again and again while the gyro shows that the board turns; switch the \
+                 board off and on, and check what reads the magnetometer"
+            }
+            Self::Gyro => {
+                "the gyro says the same rotation again and again while the field stands still; switch the board off \
+                 and on, and check what reads the gyro"
+            }
+        }
+    }
+}
+
+/// Readings in, what is frozen out.
+#[derive(Clone, Debug, Default)]
+pub struct FrozenWatch {
+    /// When the gyro spoke last, and how fast the board turned.
+    rate: Option<(f64, f64)>,
+    field: Run<Field>,
+    gyro: Run<Vector3<f64>>,
+    /// The field when the gyro's run began, and how far it has gone from there.
+    seen: Option<(Vector3<f64>, f64)>,
+    magnetometer_frozen: bool,
+    gyro_frozen: bool,
+}
+
+/// The same value again and again, in motion.
+#[derive(Clone, Debug)]
+struct Run<T> {
+    value: Option<T>,
+    since_s: f64,
+    readings: u32,
+    turned_rad: f64,
+}
+
+impl<T> Default for Run<T> {
+    fn default() -> Self {
+        Self {
+            value: None,
+            since_s: 0.0,
+            readings: 0,
+            turned_rad: 0.0,
+        }
+    }
+}
+
+impl<T: PartialEq> Run<T> {
+    fn begin(&mut self, t_s: f64, value: T) {
+        *self = Self {
+            value: Some(value),
+            since_s: t_s,
+            readings: 1,
+            turned_rad: 0.0,
+        };
+    }
+
+    /// Whether it is the same as before.
+    fn is(&self, value: &T) -> bool {
+        self.value.as_ref() == Some(value)
+    }
+
+    fn lasts(&self, t_s: f64, turned_rad: f64) -> bool {
+        self.readings >= READINGS
+            && t_s - self.since_s >= LASTING_S
+            && self.turned_rad >= turned_rad
+    }
+}
+
+impl FrozenWatch {
+    /// Takes a reading; what is frozen, until it says something else.
+    pub fn take(&mut self, reading: &Reading) -> Option<Frozen> {
+        if let Some(rate) = reading.rate_rad_s {
+            self.take_rate(reading.t_s, rate);
+        }
+        if let Some(field) = reading.field_mgauss {
+            self.take_field(reading.t_s, field);
+        }
+        if let (Some(field), Some((begun, far))) = (reading.whole_field_mgauss(), &mut self.seen) {
+            *far = far.max((field - *begun).norm());
+        }
+        if self.magnetometer_frozen {
+            Some(Frozen::Magnetometer)
+        } else {
+            self.gyro_frozen.then_some(Frozen::Gyro)
+        }
+    }
+
+    fn take_rate(&mut self, t_s: f64, rate: Vector3<f64>) {
+        let speed = rate.norm();
+        if let Some((last_s, last)) = self.rate
+            && (0.0..=GAP_S).contains(&(t_s - last_s))
+        {
+            let turned_rad = 0.5 * (last + speed) * (t_s - last_s);
+            self.field.turned_rad += turned_rad;
+            self.gyro.turned_rad += turned_rad;
+        }
+        self.rate = Some((t_s, speed));
+        if !self.gyro.is(&rate) {
+            self.gyro_frozen = false;
+        }
+        if self.gyro.is(&rate) && speed >= MOVING_RAD_S {
+            self.gyro.readings += 1;
+            let still = |(begun, far): &(Vector3<f64>, f64)| *far < BELIED_SHARE * begun.norm();
+            self.gyro_frozen |=
+                self.gyro.lasts(t_s, BELIED_RAD) && self.seen.as_ref().is_some_and(still);
+        } else {
+            self.gyro.begin(t_s, rate);
+            self.seen = None;
+        }
+    }
+
+    fn take_field(&mut self, t_s: f64, field: Field) {
+        let moving = self
+            .rate
+            .is_some_and(|(last_s, speed)| t_s - last_s <= GAP_S && speed >= MOVING_RAD_S);
+        let same = self.field.is(&field);
+        if !same {
+            self.magnetometer_frozen = false;
+        }
+        if same && moving {
+            self.field.readings += 1;
+            self.magnetometer_frozen |= self.field.lasts(t_s, TURNED_RAD);
+        } else if !self.magnetometer_frozen {
+            self.field.begin(t_s, field);
+        }
+        if self.seen.is_none()
+            && let [Some(x), Some(y), Some(z)] = field
+        {
+            self.seen = Some((Vector3::new(x, y, z), 0.0));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows at 50 Hz of a board that turns about Z at this rate while `turns` says so, as it is read out.
+    fn board(
+        seconds: f64,
+        deg_s: impl Fn(f64) -> f64,
+        field: impl Fn(f64, f64) -> [f64; 3],
+        rate: impl Fn(f64, f64) -> f64,
+    ) -> Vec<(f64, Option<Frozen>)> {
+        let (mut watch, mut heading) = (FrozenWatch::default(), 0.0_f64);
+        (0..(seconds * 50.0) as u32)
+            .map(|i| {
+                let t_s = f64::from(i) * 0.02;
+                heading += deg_s(t_s).to_radians() * 0.02;
+                let found = watch.take(&Reading {
+                    t_s,
+                    field_mgauss: Some(field(t_s, heading).map(Some)),
+                    rate_rad_s: Some(Vector3::new(0.01, 0.02, rate(t_s, deg_s(t_s)).to_radians())),
+                    specific_force_m_s2: None,
+                });
+                (t_s, found)
+            })
+            .collect()
+    }
+
+    fn right(_: f64, heading: f64) -> [f64; 3] {
+        [160.0 * heading.cos() + 90.0, -160.0 * heading.sin(), 520.0]
+    }
+
+    fn told(_: f64, deg_s: f64) -> f64 {
+        deg_s
+    }
+
+    #[test]
+    fn a_magnetometer_that_stands_still_in_a_turn_is_frozen_until_it_moves() {
+        let turns = |t_s: f64| if t_s > 5.0 { 60.0 } else { 0.0 };
+        let stuck = |t_s, heading| {
+            right(
+                t_s,
+                if (6.0..9.0).contains(&t_s) {
+                    1.0
+                } else {
+                    heading
+                },
+            )
+        };
+        let found = board(12.0, turns, stuck, told);
+        let frozen = |t_s: f64| found.iter().find(|row| row.0 >= t_s).unwrap().1;
+        assert_eq!(frozen(6.3), None);
+        assert_eq!(frozen(6.7), Some(Frozen::Magnetometer));
+        assert_eq!(frozen(8.9), Some(Frozen::Magnetometer));
+        assert_eq!(frozen(9.05), None);
+        // At rest it is still frozen.
+        let halts = |t_s: f64| if (5.0..7.0).contains(&t_s) { 60.0 } else { 0.0 };
+        let stuck = |t_s: f64, heading| right(t_s, if t_s > 6.0 { 1.0 } else { heading });
+        assert_eq!(
+            board(9.0, halts, stuck, told)[440].1,
+            Some(Frozen::Magnetometer)
+        );
+    }
+
+    #[test]
+    fn a_gyro_that_turns_on_and_on_while_the_field_stands_still_is_frozen() {
+        let stuck = |t_s: f64, _| if (4.0..9.0).contains(&t_s) { 45.0 } else { 0.0 };
+        let wavers = |t_s: f64, _| [100.0 + (50.0 * t_s).sin(), 0.0, 500.0];
+        let found = board(12.0, |_| 0.0, wavers, stuck);
+        let frozen = |t_s: f64| found.iter().find(|row| row.0 >= t_s).unwrap().1;
+        assert_eq!(frozen(5.0), None);
+        assert_eq!(frozen(8.9), Some(Frozen::Gyro));
+        assert_eq!(frozen(9.05), None);
+    }
+
+    #[test]
+    fn coarse_and_noise_free_boards_are_well_at_rest_and_on_a_turntable() {
+        let coarse =
+            |t_s: f64, heading: f64| right(t_s, heading).map(|axis| (axis / 10.0).round() * 10.0);
+        for deg_s in [0.0, 0.5, 25.0, 51.4, 400.0] {
+            for bias in [0.0, 9.0] {
+                let found = board(60.0, |_| deg_s, coarse, |_, deg_s| deg_s + bias);
+                assert!(found.iter().all(|row| row.1.is_none()), "{deg_s}, {bias}");
+            }
+        }
+    }
+
+    /// A magnetometer of 10 Hz whose last value stands in every row at 500 Hz.
+    #[test]
+    fn a_value_that_is_repeated_until_the_next_is_not_frozen() {
+        let mut watch = FrozenWatch::default();
+        for i in 0..5000u32 {
+            let t_s = f64::from(i) * 0.002;
+            let found = watch.take(&Reading {
+                t_s,
+                field_mgauss: Some(right(t_s, f64::from(i / 50) * 0.3).map(Some)),
+                rate_rad_s: Some(Vector3::new(0.0, 0.0, 3.0 + 0.01 * f64::from(i % 3))),
+                specific_force_m_s2: None,
+            });
+            assert_eq!(found, None);
+        }
+    }
+}

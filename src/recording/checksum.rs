@@ -1,0 +1,62 @@
+//! A row may end in `*hh`: two hexadecimal digits, the XOR of all bytes before the asterisk, as in NMEA 0183.
+
+/// The row without its checksum, and whether it had one.
+///
+/// # Errors
+///
+/// What was found, and what would be right.
+pub fn check(row: &[u8]) -> Result<(&[u8], bool), String> {
+    let Some(at) = row.iter().rposition(|byte| *byte == b'*') else {
+        return Ok((row, false));
+    };
+    let (text, sum) = (&row[..at], row[at + 1..].trim_ascii_end());
+    let digits = str::from_utf8(sum)
+        .ok()
+        .filter(|sum| sum.len() == 2 && sum.bytes().all(|digit| digit.is_ascii_hexdigit()));
+    let found = digits.and_then(|digits| u8::from_str_radix(digits, 16).ok());
+    let right = text.iter().fold(0, |sum, byte| sum ^ byte);
+    if found == Some(right) {
+        Ok((text, true))
+    } else {
+        Err(format!(
+            "found checksum {}, but must be *{right:02X}, the XOR of all bytes before the asterisk",
+            super::shown(&row[at..])
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_checksum_is_taken_off_and_checked() {
+        assert_eq!(check(b"1,2,3"), Ok((&b"1,2,3"[..], false)));
+        // The one of the NMEA manual.
+        let sentence = b"GPGLL,5057.970,N,00146.110,E,142451,A";
+        for sum in ["*27", "*27 "] {
+            let row = [&sentence[..], sum.as_bytes()].concat();
+            assert_eq!(check(&row), Ok((&sentence[..], true)));
+        }
+        for sum in ["*28", "*", "*2", "*270", "*+7", "*zz", "*27*27"] {
+            let row = [&sentence[..], sum.as_bytes()].concat();
+            assert!(check(&row).unwrap_err().contains("must be *"), "{sum}");
+        }
+    }
+
+    #[test]
+    fn no_lost_or_changed_byte_goes_unnoticed() {
+        let row = b"12.3456,101.25,-33.5,480,0.01,-0.02,0.401";
+        let sum = row.iter().fold(0, |sum, byte| sum ^ byte);
+        let whole = [&row[..], format!("*{sum:02x}").as_bytes()].concat();
+        assert_eq!(check(&whole), Ok((&row[..], true)));
+        for at in 0..row.len() {
+            let mut shorter = whole.clone();
+            shorter.remove(at);
+            assert!(check(&shorter).is_err(), "{at}");
+            let mut other = whole.clone();
+            other[at] ^= 0x04;
+            assert!(check(&other).is_err(), "{at}");
+        }
+    }
+}
