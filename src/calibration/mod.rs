@@ -20,6 +20,7 @@ pub mod refine;
 pub mod rist;
 pub mod settings;
 pub mod swarm;
+pub mod thinning;
 pub mod verdict;
 
 mod candidate;

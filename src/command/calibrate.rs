@@ -11,9 +11,11 @@ use crate::attitude::Attitude;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
 use crate::calibration::settings::{ModeChoice, ModelChoice, Profile, StopChoice, WindowChoice};
+use crate::calibration::thinning::Thinned;
 use crate::calibration::{Request, Sample, TurnMade, calibrate};
 use crate::config::Config;
 use crate::daemon::time_of_day::unix_now_s;
+use crate::outliers::Outliers;
 use crate::reading::Field;
 use crate::sensor::replay::Replay;
 use crate::store::{Contents, History, Identity, Made, Store};
@@ -113,10 +115,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     let survey = Survey::of(args, &config)?;
+    let identity = survey.identity.clone();
     let outcome = survey.calibrate(args, &config)?;
     if let (Some(path), Some(calibration)) = (&args.out, outcome.calibration) {
         let made = Made::of(&outcome, calibration, Reason::Log, unix_now_s());
-        let history = History::of(survey.identity.clone(), made);
+        let history = History::of(identity, made);
         Store::write_file(path, &Contents::of(history))?;
     }
     if args.json {
@@ -163,7 +166,7 @@ const STRETCHES_APART_S: f64 = 10.0;
 struct Survey {
     identity: Identity,
     mountings: crate::frame::Mountings,
-    samples: Vec<Sample>,
+    samples: Thinned,
     turns: Vec<Turn>,
     /// When the first rotation began and the last one ended, seconds.
     rotation_s: Option<(f64, f64)>,
@@ -183,16 +186,17 @@ impl Survey {
                 mag_axes: header.mountings.mag,
             },
             mountings: header.mountings,
-            samples: Vec::new(),
+            samples: Thinned::default(),
             turns: Vec::new(),
             rotation_s: None,
             gyro_spoke: false,
         };
         let mut attitude = Attitude::new(&config.attitude, &survey.mountings);
+        let mut outliers = Outliers::new(config.attitude.gyro_range_deg_s);
         let mut detector = TurnDetector::new(&config.turn);
         let (mut last_s, mut later_s) = (0.0, 0.0);
         while let Some(entry) = replay.next() {
-            let mut reading = entry?.reading;
+            let mut reading = outliers.filter(&entry?.reading);
             if replay.begins_stretch() {
                 // Samples are found by their times: a stretch comes after a hole, wherever its own clock began.
                 later_s = last_s + STRETCHES_APART_S - reading.t_s;
@@ -212,18 +216,20 @@ impl Survey {
                 .and_then(|field| needed(&field, args.plane));
             if let Some(field_mgauss) = field {
                 let pose = attitude.pose_at(reading.t_s);
-                survey.samples.push(Sample {
+                let sample = Sample {
                     t_s: reading.t_s,
                     field_mgauss,
                     pose,
-                });
+                };
+                let open_s = config.turn.time_limit_s;
+                survey.samples.push(sample, &survey.turns, open_s);
             }
         }
         tell_skips(replay.skips())?;
         Ok(survey)
     }
 
-    fn calibrate(&self, args: &Args, config: &Config) -> Result<Outcome, Failure> {
+    fn calibrate(self, args: &Args, config: &Config) -> Result<Outcome, Failure> {
         let named = args.plane.axes();
         let needs_gyro = named.is_none() && config.calibration.mode != ModeChoice::Spatial;
         // Of a log this short it does not matter what it lacks besides.
@@ -236,26 +242,31 @@ impl Survey {
                 ),
             ));
         }
-        let index = |t_s: f64| self.samples.partition_point(|sample| sample.t_s < t_s);
+        if self.samples.is_thinned() {
+            eprintln!(
+                "headingd: the log is long: {} of its samples are used, those of turns first",
+                self.samples.len()
+            );
+        }
+        let samples = self.samples.into_samples();
+        let index = |t_s: f64| samples.partition_point(|sample| sample.t_s < t_s);
         let moving = match self.rotation_s {
             Some((first, last)) => index(first)..index(last),
-            None => 0..self.samples.len(),
+            None => 0..samples.len(),
         };
         let turns = if named.is_some() {
             &[]
         } else {
             self.turns.as_slice()
         };
+        let turns = turns.iter().map(|turn| TurnMade {
+            samples: index(turn.start_s)..index(turn.end_s),
+            axis_body: turn.axis_body,
+        });
         let request = Request {
-            samples: self.samples.clone(),
             moving,
-            turns: turns
-                .iter()
-                .map(|turn| TurnMade {
-                    samples: index(turn.start_s)..index(turn.end_s),
-                    axis_body: turn.axis_body,
-                })
-                .collect(),
+            turns: turns.collect(),
+            samples,
             plane: named.map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0))),
             mounting: self.mountings.mag,
             in_force: None,

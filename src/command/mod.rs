@@ -1,7 +1,8 @@
 //! The commands, one file each, the line they stand in, and how they fail.
 
 use std::fmt;
-use std::io::{self, Write};
+use std::fs::File;
+use std::io::{self, Read, Write};
 use std::path::Path;
 
 use crate::config::Config;
@@ -80,15 +81,28 @@ impl fmt::Display for Failure {
 
 impl std::error::Error for Failure {}
 
+/// The longest configuration that is read, bytes: one with every key has a hundredth of it.
+const LONGEST_CONFIG: u64 = 1 << 20;
+
 /// The configuration in a file.
 pub fn load_config(path: &Path) -> Result<Config, Failure> {
     let name = path.display();
-    let bytes = std::fs::read(path).map_err(|error| {
-        Failure::new(
-            Failure::NO_INPUT,
-            format!("cannot read configuration {name}: {error}"),
-        )
-    })?;
+    let mut bytes = Vec::new();
+    // A device may have no end.
+    File::open(path)
+        .and_then(|file| file.take(LONGEST_CONFIG + 1).read_to_end(&mut bytes))
+        .map_err(|error| {
+            Failure::new(
+                Failure::NO_INPUT,
+                format!("cannot read configuration {name}: {error}"),
+            )
+        })?;
+    if bytes.len() as u64 > LONGEST_CONFIG {
+        return Err(Failure::new(
+            Failure::CONFIG,
+            format!("{name}: longer than 1 MiB, so it is no configuration of headingd"),
+        ));
+    }
     let text = String::from_utf8(bytes).map_err(|error| {
         Failure::new(
             Failure::CONFIG,

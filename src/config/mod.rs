@@ -6,6 +6,7 @@
 mod change;
 mod fault;
 pub mod log;
+mod places;
 mod reader;
 pub mod record;
 pub mod source;

@@ -8,6 +8,7 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
 use super::fault::{ConfigFault, Problem};
+use super::places::{Places, column};
 use super::syntax;
 use super::words::{choices, explain, suggest};
 use crate::check::Check;
@@ -17,12 +18,16 @@ pub trait Settings: Default + Serialize + DeserializeOwned + Check {}
 
 impl<T: Default + Serialize + DeserializeOwned + Check> Settings for T {}
 
+/// In a table within a table so many keys are looked at, one by one.
+const MOST_NESTED: usize = 100;
+
 type Key<'i> = Spanned<DeString<'i>>;
 type Value<'i> = Spanned<DeValue<'i>>;
 
 /// A document being read.
 pub(super) struct Reader<'i> {
     text: &'i str,
+    places: Places,
     root: DeTable<'i>,
     faults: Vec<ConfigFault>,
 }
@@ -35,10 +40,12 @@ impl<'i> Reader<'i> {
         if errors.is_empty() {
             return Ok(Self {
                 text,
+                places: Places::of(text),
                 root: root.into_inner(),
                 faults: Vec::new(),
             });
         }
+        let places = Places::of(text);
         let mut faults: Vec<ConfigFault> = errors
             .iter()
             .map(|error| {
@@ -49,7 +56,7 @@ impl<'i> Reader<'i> {
                     None => error.message().to_owned(),
                 };
                 ConfigFault {
-                    line: at.map(|at| line(text, at)),
+                    line: at.map(|at| places.line(at)),
                     column: at.map(|at| column(text, at)),
                     key: String::new(),
                     problem: Problem::Other(sentence),
@@ -74,7 +81,7 @@ impl<'i> Reader<'i> {
                 "this key stands in no table"
             };
             self.faults.push(ConfigFault {
-                line: Some(line(self.text, key.span().start)),
+                line: Some(self.places.line(key.span().start)),
                 column: None,
                 key: name.to_owned(),
                 problem: Problem::Other(format!("{what}; {}", suggest(name, &known))),
@@ -93,7 +100,7 @@ impl<'i> Reader<'i> {
         let span = name_key.span();
         let DeValue::Table(table) = value.get_ref() else {
             let fault = ConfigFault {
-                line: Some(line(self.text, span.start)),
+                line: Some(self.places.line(span.start)),
                 column: None,
                 key: name.to_owned(),
                 problem: Problem::Unusable {
@@ -108,7 +115,12 @@ impl<'i> Reader<'i> {
         // Key by key, since a deserialiser stops at its first error.
         let mut usable = DeTable::new();
         let mut faults = Vec::new();
+        let known = keys::<T>();
         for (key, value) in table {
+            if !known.is_empty() && !known.iter().any(|known| known == key.get_ref()) {
+                faults.push(self.unknown(name, key, &known));
+                continue;
+            }
             let wrong = self.probe::<T>(name, std::slice::from_ref(key), value);
             if wrong.is_empty() {
                 usable.insert(key.clone(), value.clone());
@@ -123,7 +135,7 @@ impl<'i> Reader<'i> {
                 }
                 Err(error) => {
                     faults.push(ConfigFault {
-                        line: Some(line(self.text, span.start)),
+                        line: Some(self.places.line(span.start)),
                         column: None,
                         key: name.to_owned(),
                         problem: Problem::Other(error.message().to_owned()),
@@ -140,7 +152,7 @@ impl<'i> Reader<'i> {
         for fault in faults {
             let at = position(&self.root, &fault.key);
             self.faults.push(ConfigFault {
-                line: at.map(|at| line(self.text, at)),
+                line: at.map(|at| self.places.line(at)),
                 column: None,
                 key: fault.key,
                 problem: Problem::Unusable {
@@ -161,6 +173,16 @@ impl<'i> Reader<'i> {
         self.faults
             .sort_by_key(|fault| fault.line.unwrap_or(usize::MAX));
         self.faults
+    }
+
+    fn unknown(&self, table: &str, key: &Key<'i>, known: &[String]) -> ConfigFault {
+        let name: &str = key.get_ref();
+        ConfigFault {
+            line: Some(self.places.line(key.span().start)),
+            column: None,
+            key: format!("{table}.{name}"),
+            problem: Problem::Other(format!("unknown key; {}", suggest(name, known))),
+        }
     }
 
     /// The faults of one key alone, all others at their defaults. `path` leads from the table to the key.
@@ -185,6 +207,7 @@ impl<'i> Reader<'i> {
         if let DeValue::Table(inner) = value.get_ref() {
             let faults: Vec<ConfigFault> = inner
                 .iter()
+                .take(MOST_NESTED)
                 .flat_map(|(key, value)| {
                     let path: Vec<Key<'i>> = path.iter().chain([key]).cloned().collect();
                     self.probe::<T>(table, &path, value)
@@ -206,7 +229,7 @@ impl<'i> Reader<'i> {
             None => value.span().start,
         };
         vec![ConfigFault {
-            line: Some(line(self.text, at)),
+            line: Some(self.places.line(at)),
             column: None,
             key: format!("{table}.{}", names.join(".")),
             problem: match numbers {
@@ -236,7 +259,7 @@ impl<'i> Reader<'i> {
             .check()
             .into_iter()
             .map(|fault| ConfigFault {
-                line: locate(&fault.key).map(|at| line(self.text, at)),
+                line: locate(&fault.key).map(|at| self.places.line(at)),
                 column: None,
                 key: format!("{name}.{}", fault.key),
                 problem: Problem::Unusable {
@@ -320,73 +343,5 @@ fn position(table: &DeTable<'_>, dotted: &str) -> Option<usize> {
     Some(deeper.unwrap_or(key.span().start))
 }
 
-fn line(text: &str, at: usize) -> usize {
-    1 + text.bytes().take(at).filter(|&byte| byte == b'\n').count()
-}
-
-fn column(text: &str, at: usize) -> usize {
-    let before = text.get(..at).unwrap_or(text);
-    let start = before.rfind('\n').map_or(0, |end| end + 1);
-    1 + before[start..].chars().count()
-}
-
 #[cfg(test)]
-mod tests {
-    use serde::Deserialize;
-
-    use super::*;
-    use crate::check::{Fault, within};
-
-    #[derive(Default, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields, default)]
-    struct Outer {
-        inner: Inner,
-        seed: Option<u32>,
-    }
-
-    #[derive(Default, Serialize, Deserialize)]
-    #[serde(deny_unknown_fields, default)]
-    struct Inner {
-        count: u32,
-        share: f64,
-    }
-
-    impl Check for Outer {
-        fn check(&self) -> Vec<Fault> {
-            let mut faults = Vec::new();
-            within(&mut faults, "inner.share", self.inner.share, 0.0..=1.0, "");
-            faults
-        }
-    }
-
-    #[test]
-    fn a_table_within_a_table_is_read_key_by_key_too() {
-        let text = "[outer]\nseed = -1\n[outer.inner]\nshare = 2\n";
-        let mut reader = Reader::new(text).unwrap();
-        reader.table::<Outer>("outer");
-        let text = "[outer.inner]\ncount = 1.5\nshare = \"a\"\nshape = 1\n";
-        let mut nested = Reader::new(text).unwrap();
-        nested.table::<Outer>("outer");
-        let said: Vec<String> = reader
-            .into_faults()
-            .into_iter()
-            .chain(nested.into_faults())
-            .map(|fault| format!("{}: {fault}", fault.line.unwrap()))
-            .collect();
-        assert_eq!(
-            said,
-            [
-                "2: outer.seed is -1, but must be a whole number from 0 to 4294967295",
-                "4: outer.inner.share is 2, but must be from 0 to 1",
-                "2: outer.inner.count is 1.5, but must be a whole number from 0 to 4294967295",
-                "3: outer.inner.share is \"a\", but must be a number",
-                "4: outer.inner.shape: unknown key; did you mean share?",
-            ]
-        );
-    }
-
-    #[test]
-    fn a_table_names_its_keys() {
-        assert_eq!(keys::<Outer>(), ["inner", "seed"]);
-    }
-}
+mod tests;

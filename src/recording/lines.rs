@@ -5,6 +5,9 @@ use std::io::{self, BufRead, Read};
 /// Longest line, its end included. A row of eleven numbers stays below it however they are printed.
 pub(super) const LONGEST_LINE: usize = 4096;
 
+/// After so many bytes without an end of the line nothing more is expected: a device may go on for ever.
+const LONGEST_SKIPPED: usize = 64 << 20;
+
 /// What came next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Line {
@@ -23,6 +26,8 @@ pub(super) struct Lines<R> {
     input: R,
     buffer: Vec<u8>,
     number: u64,
+    /// The rest of the last line is still to be thrown away.
+    skipping: bool,
 }
 
 impl<R: BufRead> Lines<R> {
@@ -31,10 +36,14 @@ impl<R: BufRead> Lines<R> {
             input,
             buffer: Vec::with_capacity(LONGEST_LINE),
             number: 0,
+            skipping: false,
         }
     }
 
     pub(super) fn advance(&mut self) -> io::Result<Line> {
+        if std::mem::take(&mut self.skipping) {
+            self.skip()?;
+        }
         self.buffer.clear();
         let length = (&mut self.input)
             .take(LONGEST_LINE as u64)
@@ -47,11 +56,32 @@ impl<R: BufRead> Lines<R> {
             self.buffer.pop_if(|last| *last == b'\r');
             Ok(Line::Whole)
         } else if length == LONGEST_LINE {
-            self.input.skip_until(b'\n')?;
+            self.skipping = true;
             Ok(Line::TooLong)
         } else {
             Ok(Line::CutOff)
         }
+    }
+
+    /// Throws away the rest of a line.
+    fn skip(&mut self) -> io::Result<()> {
+        let mut left = LONGEST_SKIPPED;
+        while left > 0 {
+            let waiting = self.input.fill_buf()?;
+            let (length, ends) = match waiting.iter().position(|byte| *byte == b'\n') {
+                Some(at) => (at + 1, true),
+                None => (waiting.len(), waiting.is_empty()),
+            };
+            self.input.consume(length);
+            if ends {
+                return Ok(());
+            }
+            left = left.saturating_sub(length);
+        }
+        Err(io::Error::new(
+            io::ErrorKind::InvalidData,
+            "a line without end is in no log",
+        ))
     }
 
     /// The line without its end.
@@ -94,5 +124,13 @@ mod tests {
         assert_eq!(lines.advance().unwrap(), Line::Whole);
         assert_eq!(lines.text(), b"next");
         assert_eq!(lines.number(), 2);
+    }
+
+    #[test]
+    fn an_endless_line_is_an_error() {
+        let mut lines = Lines::new(io::BufReader::new(io::repeat(0)));
+        assert_eq!(lines.advance().unwrap(), Line::TooLong);
+        let error = lines.advance().unwrap_err();
+        assert_eq!(error.to_string(), "a line without end is in no log");
     }
 }
