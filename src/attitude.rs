@@ -7,7 +7,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::check::{Check, Fault, within};
-use crate::frame::{Mountings, wrap_pi};
+use crate::frame::Mountings;
 use crate::reading::Reading;
 
 mod clock;
@@ -16,14 +16,13 @@ mod gravity;
 #[cfg(test)]
 pub(crate) mod motion;
 mod steadiness;
+mod stillness;
 #[cfg(test)]
 mod tests;
 
 use clock::{ClipWatch, EvenClock, Step};
 use filter::Filter;
 
-/// Within this angle of the vertical, body X points nowhere on the compass.
-const NO_HEADING_DEG: f64 = 10.0;
 /// Faster than any gyro measures: nonsense, rad/s.
 const IMPLAUSIBLE_RAD_S: f64 = 200.0;
 /// Stronger than any magnetometer measures: nonsense, milligauss.
@@ -210,35 +209,6 @@ impl Attitude {
         self.filter.gravity.live(t_s)
     }
 
-    /// Takes a corrected field in body axes, milligauss, for the fused heading.
-    ///
-    /// It is carried on with the gyro and fed to the filter tick by tick for 0.1 s.
-    pub fn fuse(&mut self, t_s: f64, field_body_mgauss: Vector3<f64>) {
-        if t_s.is_finite() && (1e-3..IMPLAUSIBLE_MGAUSS).contains(&field_body_mgauss.norm()) {
-            self.filter.sight(t_s, field_body_mgauss);
-        }
-    }
-
-    /// Forgets what the fields have told so far: the calibration they were corrected with has changed.
-    pub fn restart_fusion(&mut self) {
-        self.filter.restart_fusion();
-    }
-
-    /// Fused heading of body X at `t_s`, radians clockwise from magnetic north, −π to π.
-    ///
-    /// `None` without a gyro, an accelerometer or a corrected field so far, or with X within 10° of the
-    /// vertical.
-    pub fn fused_heading_rad(&self, t_s: f64) -> Option<f64> {
-        let fused = self.filter.fused_orientation()?;
-        if !self.down_known(t_s) {
-            return None;
-        }
-        // The filter's earth frame is X east, Y north, Z up.
-        let nose = fused * self.since_tick(t_s)? * Vector3::x();
-        (nose.xy().norm() > NO_HEADING_DEG.to_radians().sin())
-            .then(|| wrap_pi(nose.x.atan2(nose.y)))
-    }
-
     /// The gyro's bias as learnt so far, body axes, rad/s.
     pub fn gyro_bias_rad_s(&self) -> Vector3<f64> {
         self.filter.bias()
@@ -249,10 +219,19 @@ impl Attitude {
         self.filter.at_rest()
     }
 
-    /// Whether strength or dip of the corrected fields have left what the filter has come to know; `false`
-    /// while it knows none (it takes some seconds of motion).
-    pub fn disturbed(&self) -> bool {
-        self.filter.disturbed()
+    /// Whether gyro and accelerometer have been quiet for half a second; a field that changes does not matter.
+    pub fn still(&self) -> bool {
+        self.filter.still()
+    }
+
+    /// Rate of the last tick freed of its bias, body axes, rad/s.
+    pub fn rate_rad_s(&self) -> Vector3<f64> {
+        self.filter.rate_rad_s()
+    }
+
+    /// Whether the gyro's newest reading is at its full scale: the board turns faster than it says.
+    pub fn clipping(&self) -> bool {
+        self.clip.clipping()
     }
 }
 

@@ -7,26 +7,26 @@
 //! | from | what happens | to | reason |
 //! |---|---|---|---|
 //! | (start) | readings come, and no calibration is kept | uncalibrated | `no_calibration` |
-//! | (start) | readings come, and one is kept | good | `good` |
+//! | (start) | readings come, and one is kept | degraded | `learning` |
 //! | (start) | readings come, but none of the magnetometer | stale | `no_samples` |
 //! | uncalibrated | a tenth of a turn | turning | `turning` |
 //! | turning | `turn.time_limit_s` passes | uncalibrated | `no_calibration` |
-//! | turning | a full turn | calibrating | `calibrating` |
+//! | turning | the heading is worth something | degraded | `learning` |
+//! | turning | a full turn before that | calibrating | `calibrating` |
 //! | turning | mode off | uncalibrated | `mode_off` |
-//! | calibrating | the candidate is accepted | good | `good` |
+//! | calibrating | the candidate is accepted | degraded | `learning` |
 //! | calibrating | the candidate is rejected | uncalibrated | the refusal's |
-//! | uncalibrated | rollback or import | good | `good` |
+//! | uncalibrated | rollback or import | degraded | `learning` |
+//! | degraded | the board is moved about | good | `good` |
 //! | good | forget | uncalibrated | `no_calibration` |
 //! | good | the field is too weak or too strong | disturbed | `field_strength` |
-//! | good | the field has another dip | disturbed | `field_changed` |
+//! | good | the field has another direction | disturbed | `field_changed` |
 //! | disturbed | the field is as before | good | `good` |
-//! | good | the board is tilted out of its plane | degraded | `tilted` |
-//! | degraded | the board is level again | good | `good` |
+//! | good | iron comes onto the moving board | disturbed | `field_changed` |
+//! | disturbed | the board moves on with it | good | `good` |
 //! | good | the accelerometer falls silent | degraded | `no_accelerometer` |
 //! | good | the gyro falls silent | degraded | `no_gyro` |
-//! | disturbed | field or gyro disagree for `heading.misfit_s` | degraded | `calibration_stale` |
-//! | degraded | they agree again for as long | good | `good` |
-//! | degraded | a new candidate is accepted | good | `good` |
+//! | good | the board turns faster than the gyro can tell | degraded | `gyro_clipped` |
 //! | good | the magnetometer falls silent | stale | `no_samples` |
 //! | good | an axis overflows | stale | `overflow` |
 //! | stale | it speaks again | good | `good` |
@@ -89,7 +89,7 @@ pub struct Report {
     pub reason: &'static str,
     /// Why, as a sentence for a person. It is judged at every reading, and most sentences are fixed.
     pub message: Cow<'static, str>,
-    /// How much of a full turn has been made, 0 to 1; known while turning.
+    /// How much of a full turn has been made, or of a heading has been learnt, 0 to 1.
     pub progress: Option<f64>,
     /// The source's clock, seconds.
     pub t_s: f64,
@@ -123,38 +123,35 @@ pub struct Evidence<'a> {
     pub calibrating: bool,
     /// Whether a turn would be calibrated on.
     pub wanted: bool,
-    /// Whether the calibration in force has stopped fitting.
-    pub misfit: bool,
-    /// Whether the calibration in force is not to be replaced.
-    pub locked: bool,
-    /// How much of a turn has been made, 0 to 1.
-    pub progress: f64,
+    /// How much of a turn has been completed, 0 to 1.
+    pub turned: f64,
+    /// How much has been learnt on the way to a heading, 0 to 1.
+    pub learnt: f64,
+    /// The motion that would teach most.
+    pub motion_wanted: &'static str,
     /// Why the last candidate was refused, if nothing was accepted since.
     pub refused: Option<(&'static str, &'a str)>,
-    /// Strength of the field over what the calibration expects, less 1, smoothed.
+    /// Deviation of the heading, degrees.
+    pub heading_sd_deg: f64,
+    /// Below this it is good, degrees.
+    pub good_sd_deg: f64,
+    /// Strength of the field over what is expected, less 1, smoothed.
     pub strength_deviation: f64,
-    /// How much of that is normal.
-    pub strength_tolerance: f64,
-    /// The field's strength or dip has left what it was.
-    pub field_disturbed: bool,
-    /// How uncertain a tilt out of a planar calibration's plane makes the field, radians.
-    pub tilt_sd_rad: f64,
+    /// The field is not the earth's.
+    pub disturbed: bool,
     /// Whether the board's tilt is known.
     pub tilt_known: bool,
     /// Whether the gyro speaks.
     pub gyro_speaks: bool,
+    /// What is wrong with it, as a code.
+    pub gyro_fault: Option<&'static str>,
 }
 
-/// Whether the field's strength is off by more than is normal. What a tilt lets in is not yet a disturbance.
-pub fn strength_is_off(deviation: f64, tolerance: f64, tilt_sd_rad: f64) -> bool {
-    deviation.abs() > tolerance + 2.0 * tilt_sd_rad
-}
+/// A field that is stronger or weaker by more is disturbed for that reason; others have changed their direction.
+pub const STRENGTH_TOLERANCE: f64 = 0.15;
 
 /// A rotation this far along is called a turn.
 const TURNING_FROM: f64 = 0.1;
-
-/// A tilt that makes the field less certain than this degrades a planar calibration, radians (6°).
-const TILT_TOLERANCE_RAD: f64 = 0.1;
 
 /// The condition that the evidence asks for; the first that applies, worst first.
 pub fn judge(evidence: &Evidence) -> Report {
@@ -181,7 +178,7 @@ pub fn judge(evidence: &Evidence) -> Report {
         } else if !e.wanted {
             let message = "told not to calibrate by itself: headingd calibration start, and then turn the board";
             e.report(Condition::Uncalibrated, "mode_off", message)
-        } else if e.progress >= TURNING_FROM {
+        } else if e.turned >= TURNING_FROM {
             e.report(
                 Condition::Turning,
                 "turning",
@@ -198,38 +195,25 @@ pub fn judge(evidence: &Evidence) -> Report {
                 "no gyro speaks, so no turn can be seen: give a calibration, or connect the gyro";
             e.report(Condition::Uncalibrated, "no_gyro", message)
         } else {
-            let message = "turn the board once all the way round, level and away from iron";
+            let message = "turn the board once all the way round, or move it about, away from iron";
             e.report(Condition::Uncalibrated, "no_calibration", message)
         };
     }
-    if e.misfit {
-        let remedy = if e.wanted {
-            "turn the board once all the way round, away from iron"
-        } else if e.locked {
-            "headingd calibration unlock, and then turn the board"
-        } else {
-            "headingd calibration start, and then turn the board"
-        };
-        let message = format!("field and gyro have long disagreed with the calibration: {remedy}");
-        return e.report(Condition::Degraded, "calibration_stale", message);
+    if let Some(reason) = e.gyro_fault {
+        return e.report(Condition::Degraded, reason, gyro_fault(reason));
     }
-    if strength_is_off(e.strength_deviation, e.strength_tolerance, e.tilt_sd_rad) {
-        let percent = 100.0 * (1.0 + e.strength_deviation);
-        // In steps, or every sample would be news.
-        let message = format!(
-            "the field has {:.0} % of the strength it should have",
-            (percent / 10.0).round() * 10.0
-        );
-        return e.report(Condition::Disturbed, "field_strength", message);
-    }
-    if e.field_disturbed {
-        let message = "strength or dip of the field has changed: something magnetic is near";
+    if e.disturbed {
+        if e.strength_deviation.abs() > STRENGTH_TOLERANCE {
+            let percent = 100.0 * (1.0 + e.strength_deviation);
+            // In steps, or every sample would be news.
+            let message = format!(
+                "the field has {:.0} % of the strength it should have",
+                (percent / 10.0).round() * 10.0
+            );
+            return e.report(Condition::Disturbed, "field_strength", message);
+        }
+        let message = "the field is not what the motion predicts: something magnetic is near";
         return e.report(Condition::Disturbed, "field_changed", message);
-    }
-    if e.tilt_sd_rad > TILT_TOLERANCE_RAD {
-        let message =
-            "the calibration holds in the plane of its turn, and the board is tilted out of it";
-        return e.report(Condition::Degraded, "tilted", message);
     }
     if !e.tilt_known {
         let message = "no accelerometer speaks: headings hold for a board that is level";
@@ -239,11 +223,30 @@ pub fn judge(evidence: &Evidence) -> Report {
         let message = "no gyro speaks: headings are those of single samples";
         return e.report(Condition::Degraded, "no_gyro", message);
     }
+    if e.heading_sd_deg > e.good_sd_deg {
+        let message = format!(
+            "the heading is still uncertain: move the board about, and {}",
+            e.motion_wanted
+        );
+        return e.report(Condition::Degraded, "learning", message);
+    }
     e.report(
         Condition::Good,
         "good",
-        "the field is as the calibration expects it",
+        "the field is as the estimate expects it",
     )
+}
+
+/// What a person should know of a gyro that is at fault.
+fn gyro_fault(reason: &str) -> &'static str {
+    match reason {
+        "gyro_clipped" => "the board turns faster than the gyro can measure: turn it more slowly",
+        "gyro_dead" => "the field turns and the gyro reads a constant: check its wiring",
+        "gyro_axes" => "gyro and field turn different ways: check the gyro's axes and signs",
+        _ => {
+            "gyro and field differ by more than 5 % in how far the board turns: check the gyro's range"
+        }
+    }
 }
 
 impl Evidence<'_> {
@@ -257,7 +260,14 @@ impl Evidence<'_> {
             condition,
             reason,
             message: message.into(),
-            progress: (condition == Condition::Turning).then_some(self.progress),
+            progress: match condition {
+                Condition::Turning => Some(self.turned),
+                Condition::Uncalibrated => Some(self.learnt),
+                Condition::Degraded if reason == "learning" => {
+                    Some((self.good_sd_deg / self.heading_sd_deg).clamp(0.0, 1.0))
+                }
+                _ => None,
+            },
             t_s: self.t_s,
         }
     }
@@ -279,23 +289,24 @@ mod tests {
             calibrated: true,
             calibrating: false,
             wanted: true,
-            misfit: false,
-            locked: false,
-            progress: 0.0,
+            turned: 0.0,
+            learnt: 1.0,
+            motion_wanted: "turn it",
             refused: None,
+            heading_sd_deg: 1.0,
+            good_sd_deg: 3.0,
             strength_deviation: 0.01,
-            strength_tolerance: 0.1,
-            field_disturbed: false,
-            tilt_sd_rad: 0.01,
+            disturbed: false,
             tilt_known: true,
             gyro_speaks: true,
+            gyro_fault: None,
         }
     }
 
     #[test]
     fn every_condition_has_its_evidence() {
         type Spoil = fn(&mut Evidence<'static>);
-        let cases: [(&str, &str, Spoil); 20] = [
+        let cases: [(&str, &str, Spoil); 18] = [
             ("good", "good", |_| ()),
             ("fault", "unplugged", |e| {
                 static UNPLUGGED: LazyLock<Trouble> = LazyLock::new(|| Trouble {
@@ -310,7 +321,7 @@ mod tests {
             }),
             ("uncalibrated", "no_calibration", |e| e.calibrated = false),
             ("turning", "turning", |e| {
-                (e.calibrated, e.progress) = (false, 0.4)
+                (e.calibrated, e.turned) = (false, 0.4)
             }),
             ("calibrating", "calibrating", |e| {
                 (e.calibrated, e.calibrating) = (false, true)
@@ -322,26 +333,20 @@ mod tests {
                 (e.calibrated, e.gyro_speaks) = (false, false)
             }),
             ("disturbed", "field_strength", |e| {
-                e.strength_deviation = -0.2
+                (e.disturbed, e.strength_deviation) = (true, -0.2)
             }),
-            ("disturbed", "field_changed", |e| e.field_disturbed = true),
+            ("disturbed", "field_changed", |e| e.disturbed = true),
+            ("degraded", "gyro_dead", |e| {
+                (e.disturbed, e.gyro_fault) = (true, Some("gyro_dead"))
+            }),
+            ("degraded", "learning", |e| e.heading_sd_deg = 4.0),
             ("uncalibrated", "mode_off", |e| {
-                (e.calibrated, e.wanted, e.progress) = (false, false, 0.5)
+                (e.calibrated, e.wanted, e.turned) = (false, false, 0.5)
             }),
-            ("degraded", "calibration_stale", |e| {
-                (e.misfit, e.field_disturbed) = (true, true)
-            }),
-            ("degraded", "calibration_stale", |e| {
-                (e.misfit, e.wanted, e.locked) = (true, false, true)
-            }),
-            ("degraded", "calibration_stale", |e| {
-                (e.misfit, e.wanted) = (true, false)
-            }),
-            ("degraded", "tilted", |e| e.tilt_sd_rad = 0.2),
             ("degraded", "no_accelerometer", |e| e.tilt_known = false),
             ("degraded", "no_gyro", |e| e.gyro_speaks = false),
             // A calibrated board that turns or calibrates again is still good.
-            ("good", "good", |e| e.progress = 0.5),
+            ("good", "good", |e| e.turned = 0.5),
             ("good", "good", |e| e.calibrating = true),
         ];
         for (word, reason, spoil) in cases {
@@ -350,7 +355,10 @@ mod tests {
             let report = judge(&evidence);
             assert_eq!((report.condition.word(), report.reason), (word, reason));
             assert!(report.message.len() > 5);
-            assert_eq!(report.progress.is_some(), word == "turning");
+            assert_eq!(
+                report.progress.is_some(),
+                ["uncalibrated", "turning"].contains(&word) || reason == "learning"
+            );
         }
     }
 

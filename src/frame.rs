@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// How a chip's axes lie in the body frame: `body = matrix · chip`.
@@ -45,6 +45,11 @@ impl Mounting {
     /// A vector in chip axes, seen in the body frame.
     pub fn to_body(&self, chip: Vector3<f64>) -> Vector3<f64> {
         self.matrix * chip
+    }
+
+    /// The matrix: `body = rotation · chip`.
+    pub fn rotation(&self) -> Matrix3<f64> {
+        self.matrix
     }
 
     /// A vector in the body frame, seen in chip axes.
@@ -164,9 +169,66 @@ pub fn wrap_360(angle_deg: f64) -> f64 {
     if wrapped >= 360.0 { 0.0 } else { wrapped }
 }
 
+/// Heading of body X, degrees clockwise from magnetic north, of a field in body axes over a horizontal
+/// plane with this `down`. `None` where field or body X is vertical.
+pub fn heading_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> Option<f64> {
+    let forward = Vector3::x() - down * down.x;
+    let forward = Unit::try_new(forward, 0.17)?;
+    let right = down.cross(&forward);
+    let (north, east) = (field_body.dot(&forward), -field_body.dot(&right));
+    (north.hypot(east) > 1e-9).then(|| wrap_360(east.atan2(north).to_degrees()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Rotation3;
+
+    /// What a board at this attitude sees, body axes: heading, then pitch nose up, then roll right down.
+    fn seen(heading_deg: f64, pitch_deg: f64, roll_deg: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let attitude = Rotation3::from_euler_angles(
+            roll_deg.to_radians(),
+            pitch_deg.to_radians(),
+            heading_deg.to_radians(),
+        );
+        let to_body = attitude.inverse();
+        (
+            to_body * Vector3::new(163.0, 0.0, 527.0),
+            to_body * Vector3::z(),
+        )
+    }
+
+    #[test]
+    fn a_level_board_sees_h_cos_and_minus_h_sin() {
+        for (field, heading) in [
+            (Vector3::new(163.0, 0.0, 527.0), 0.0),
+            (Vector3::new(0.0, -163.0, 527.0), 90.0),
+            (Vector3::new(-163.0, 0.0, 527.0), 180.0),
+            (Vector3::new(0.0, 163.0, 527.0), 270.0),
+        ] {
+            assert!((heading_deg(&field, &Vector3::z()).unwrap() - heading).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn tilt_is_taken_out() {
+        for heading in [0.0, 77.0, 190.0, 300.0] {
+            for (pitch, roll) in [(0.0, 0.0), (20.0, -10.0), (-45.0, 30.0), (10.0, 170.0)] {
+                let (field, down) = seen(heading, pitch, roll);
+                let found = heading_deg(&field, &down).unwrap();
+                assert!(
+                    (found - heading).abs() < 1e-9,
+                    "{heading} {pitch} {roll}: {found}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_nose_that_points_up_has_no_heading() {
+        let (field, down) = seen(30.0, 89.0, 0.0);
+        assert_eq!(heading_deg(&field, &down), None);
+    }
 
     #[test]
     fn signed_axes_say_which_chip_axis_points_along_each_body_axis() {

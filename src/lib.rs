@@ -7,6 +7,7 @@ pub mod command;
 pub mod condition;
 pub mod config;
 pub mod daemon;
+pub mod estimate;
 pub mod frame;
 pub mod frozen;
 pub mod heading;

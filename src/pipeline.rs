@@ -4,8 +4,9 @@
 //! goes out as an action. A calibration is an action whose outcome comes back as an event: live, when
 //! the worker has finished; in a replay, before the next reading.
 
-mod fitness;
+mod blank;
 mod force;
+mod learn;
 mod occasion;
 mod settings;
 mod stretch;
@@ -14,50 +15,31 @@ use std::collections::VecDeque;
 
 use nalgebra::Vector3;
 
-use crate::attitude::{self, Attitude, Tilt};
+use crate::attitude::{self, Attitude, Pose};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::{self, Request, Sample, verdict};
 use crate::condition::{self, Condition, Evidence, Report, Trouble};
-use crate::frame::{Mountings, wrap_360};
+use crate::estimate::{Estimate, Fix, GyroFault, Sample as EstimateSample};
+use crate::frame::{Mountings, heading_deg};
 use crate::frozen::{Frozen, FrozenWatch};
-use crate::heading::{Compass, Heading, MagStatus, heading_deg};
+use crate::heading::{Heading, MagStatus};
 use crate::outliers::Outliers;
 use crate::reading::Reading;
 use crate::turn::{self, Turn, TurnDetector};
-use fitness::Fitness;
+use learn::Learning;
 
 pub use settings::Settings;
 
 /// Time over which the field's strength is smoothed before it is called disturbed, seconds.
 const STRENGTH_TAU_S: f64 = 0.5;
 
-/// A field that a tilt out of a planar calibration's plane makes less certain than this is not fused, radians;
-/// the gyro carries on.
-const FUSED_TILT_SD_RAD: f64 = 0.1;
-
-/// One that is less certain than this gives no heading at all, radians.
-const HEADING_TILT_SD_RAD: f64 = 0.35;
-
-/// How fast a heading that the gyro carries alone becomes uncertain, degrees a second: a bias not quite learnt.
-const GYRO_DRIFT_DEG_S: f64 = 0.2;
-
-/// The gyro alone carries a fused heading this long, seconds.
-const GYRO_ALONE_S: f64 = 30.0;
-
-/// How often free motion is looked for, seconds, and how long not after it led to nothing.
-const FREE_CHECK_S: f64 = 5.0;
-const FREE_PAUSE_S: f64 = 20.0;
-
 /// Progress is news when it has changed by this share of a turn …
 const PROGRESS_STEP: f64 = 0.05;
 
 /// … and this much later than the last news of it, seconds.
 const PROGRESS_EVERY_S: f64 = 0.25;
-
-/// A new calibration that turns the heading by more starts its fusion anew, degrees.
-const RESTART_DEG: f64 = 3.0;
 
 /// Everything that a pipeline is set up with.
 #[derive(Clone, Debug, Default)]
@@ -96,7 +78,7 @@ pub enum Event {
     /// Give up what was started, and a calibration that is under way.
     Cancel,
     /// Another calibration is in force from now on, or none.
-    InForce(Option<Calibration>),
+    InForce(Option<Box<Calibration>>),
 }
 
 /// What a pipeline wants done.
@@ -124,7 +106,10 @@ pub struct Pipeline {
     frozen: Option<Trouble>,
     attitude: Attitude,
     turns: TurnDetector,
-    compass: Option<Compass>,
+    estimate: Estimate,
+    learning: Learning,
+    /// The newest sample that the estimate has taken.
+    sample: Option<EstimateSample>,
     buffer: VecDeque<Sample>,
     made: VecDeque<Turn>,
     /// Turns found while a calibration was under way wait for its end.
@@ -137,7 +122,6 @@ pub struct Pipeline {
     policy: Policy,
     /// The next motion is to be calibrated on.
     armed: bool,
-    fitness: Fitness,
     refused: Option<(&'static str, String)>,
     fault: Option<Trouble>,
     report: Option<Report>,
@@ -147,11 +131,9 @@ pub struct Pipeline {
     whole_field_s: f64,
     overflow_s: f64,
     rate_s: f64,
-    fused_s: f64,
-    fused_sd_deg: f64,
-    free_check_s: f64,
     strength_deviation: f64,
-    tilt_sd_rad: f64,
+    /// Deviation of the heading of the newest sample, degrees.
+    sd_deg: f64,
     seq: u64,
 }
 
@@ -164,7 +146,9 @@ impl Pipeline {
             frozen: None,
             attitude: Attitude::new(&setup.attitude, &setup.mountings),
             turns: TurnDetector::new(&setup.turn),
-            compass: calibration.map(|calibration| Compass::new(calibration, setup.mountings.mag)),
+            estimate: Estimate::new(setup.mountings.mag, calibration.as_ref()),
+            learning: Learning::new(calibration),
+            sample: None,
             setup,
             buffer: VecDeque::new(),
             made: VecDeque::new(),
@@ -174,7 +158,6 @@ impl Pipeline {
             unwanted: false,
             policy: Policy::On,
             armed: false,
-            fitness: Fitness::default(),
             refused: None,
             fault: None,
             report: None,
@@ -183,11 +166,8 @@ impl Pipeline {
             whole_field_s: f64::NEG_INFINITY,
             overflow_s: f64::NEG_INFINITY,
             rate_s: f64::NEG_INFINITY,
-            fused_s: f64::NEG_INFINITY,
-            fused_sd_deg: 0.0,
-            free_check_s: f64::NEG_INFINITY,
             strength_deviation: 0.0,
-            tilt_sd_rad: 0.0,
+            sd_deg: 180.0,
             seq: 0,
         }
     }
@@ -211,13 +191,16 @@ impl Pipeline {
             Event::Policy(policy) => self.set_policy(policy, actions),
             Event::Start => self.start(actions),
             Event::Cancel => self.cancel(actions),
-            Event::InForce(calibration) => self.put_in_force(calibration, actions),
+            Event::InForce(calibration) => self.put_in_force(calibration.map(|one| *one), actions),
         }
     }
 
-    /// The calibration in force.
-    pub fn calibration(&self) -> Option<&Calibration> {
-        self.compass.as_ref().map(Compass::calibration)
+    /// The calibration that is active: what the estimate knows, once that is worth a heading.
+    pub fn calibration(&self) -> Option<Calibration> {
+        if !self.learning.calibrated() {
+            return None;
+        }
+        self.estimate.calibration().or(self.learning.kept())
     }
 
     /// Why the last calibration was asked for.
@@ -270,9 +253,6 @@ impl Pipeline {
         }
         if let Some(turn) = made {
             self.turned(turn, actions);
-        } else if reading.t_s - self.free_check_s >= FREE_CHECK_S {
-            self.free_check_s = reading.t_s;
-            self.look_for_free_motion(actions);
         }
         if reading.field_mgauss.is_none() {
             self.update_condition(actions);
@@ -304,51 +284,59 @@ impl Pipeline {
 
     fn publish(&mut self, t_s: f64, raw: &Vector3<f64>, actions: &mut Vec<Action>) {
         let down = self.attitude.down(t_s);
-        let samples = self.buffer.iter().rev().take(2).map(|sample| sample.t_s);
-        let period_s = samples.reduce(|newer, older| newer - older).unwrap_or(0.0);
-        if let Some(compass) = &mut self.compass {
-            compass.learn(raw, down.as_ref(), period_s);
-        }
+        let pose = self.estimate_from(t_s, raw);
         let corrected = self
-            .compass
-            .map(|compass| (compass, compass.correct(raw, down.as_ref())));
-        if let Some((compass, corrected)) = &corrected {
-            let gain = period_s / (period_s + STRENGTH_TAU_S);
-            let deviation = compass.strength_deviation(corrected);
-            self.strength_deviation += gain * (deviation - self.strength_deviation);
-            self.tilt_sd_rad = corrected.tilt_sd_rad;
-            if corrected.tilt_sd_rad < FUSED_TILT_SD_RAD {
-                self.attitude.fuse(t_s, corrected.field_body);
-                self.fused_s = t_s;
+            .learning
+            .calibrated()
+            .then(|| self.estimate.corrected(raw))
+            .flatten();
+        if let Some(corrected) = &corrected {
+            let expected = self.estimate.strength_mgauss();
+            if expected > 0.0 {
+                let deviation = corrected.norm() / expected - 1.0;
+                let period_s = 1.0 / self.setup.pipeline.stale_s.recip().max(20.0);
+                let gain = period_s / (period_s + STRENGTH_TAU_S);
+                self.strength_deviation += gain * (deviation - self.strength_deviation);
             }
         }
-        if let Some((compass, corrected)) = &corrected {
-            self.hold_against(t_s, compass, corrected, down.as_ref());
+        let publish_sd_deg = self.setup.pipeline.publish_sd_deg;
+        let certain = |fix: &Fix| fix.sd_deg <= publish_sd_deg;
+        let fused = pose
+            .filter(|_| self.gyro_is_right())
+            .and_then(|pose| self.estimate.fix(&pose));
+        let instantaneous = self.estimate.instantaneous(raw, down.as_ref());
+        let best = if pose.is_some() && self.gyro_is_right() {
+            fused
+        } else {
+            instantaneous
+        };
+        if let Some(best) = &best {
+            self.sd_deg = best.sd_deg;
         }
+        let published = best.filter(certain);
+        if published.is_some() && self.wanted().is_some() {
+            self.learning.reached();
+        }
+        self.conclude_motion(actions);
         let condition = self.update_condition(actions);
         let raw_body = self.setup.mountings.mag.to_body(*raw);
         let mut heading = self.heading(t_s, down.as_ref(), condition);
         heading.raw_deg = heading_deg(&raw_body, &down.unwrap_or_else(Vector3::z));
-        if let Some((compass, corrected)) = &corrected {
-            let sd_deg = compass.sd_deg(corrected, down.as_ref());
-            if corrected.tilt_sd_rad < HEADING_TILT_SD_RAD {
-                heading.instantaneous_deg = compass.heading_deg(corrected, down.as_ref());
-                heading.sd_deg = Some(sd_deg);
+        if let Some(corrected) = corrected.filter(|_| self.learning.calibrated()) {
+            if let Some(published) = published {
+                heading.fused_deg = fused.map(|fix| fix.heading_deg);
+                heading.instantaneous_deg = instantaneous.map(|fix| fix.heading_deg);
+                heading.sd_deg = Some(published.sd_deg);
             }
-            let alone_s = t_s - self.fused_s;
-            if alone_s < GYRO_ALONE_S {
-                let fused = self.attitude.fused_heading_rad(t_s);
-                heading.fused_deg = fused.map(|heading| wrap_360(heading.to_degrees()));
-            }
-            if alone_s == 0.0 {
-                self.fused_sd_deg = sd_deg;
-            } else if heading.fused_deg.is_some() {
-                heading.sd_deg = Some(self.fused_sd_deg.hypot(GYRO_DRIFT_DEG_S * alone_s));
-            }
-            heading.field_mgauss = Some(compass.published_field(corrected));
-            heading.strength_mgauss = Some(corrected.strength_mgauss);
+            let measured = self.estimate.measured_axes();
+            heading.field_mgauss = Some(std::array::from_fn(|axis| {
+                measured[axis].then_some(corrected[axis])
+            }));
+            heading.strength_mgauss = measured
+                .iter()
+                .all(|&measured| measured)
+                .then(|| corrected.norm());
             heading.mag_status = match condition {
-                Condition::Degraded if self.fitness.is_misfit() => MagStatus::Calibration,
                 Condition::Disturbed if self.strength_deviation > 0.0 => MagStatus::HighField,
                 Condition::Disturbed => MagStatus::LowField,
                 _ => MagStatus::Normal,
@@ -357,35 +345,35 @@ impl Pipeline {
         actions.push(Action::Publish(heading));
     }
 
-    /// A reading that overflowed still counts and still tells the tilt, but no field and no heading.
-    fn publish_without_field(&mut self, t_s: f64, actions: &mut Vec<Action>) {
-        let condition = self
-            .report
-            .as_ref()
-            .map_or(Condition::Stale, |report| report.condition);
-        let down = self.attitude.down(t_s);
-        let mut heading = self.heading(t_s, down.as_ref(), condition);
-        heading.mag_status = MagStatus::HighField;
-        actions.push(Action::Publish(heading));
+    /// Lets the estimate take a sample, if the gyro tells a pose for it. That pose.
+    fn estimate_from(&mut self, t_s: f64, raw: &Vector3<f64>) -> Option<Pose> {
+        let pose = self.attitude.pose_at(t_s)?;
+        // An accelerometer that has just come has not levelled the frame yet.
+        let levelling = self.attitude.down_known(t_s) && !pose.vertical_known;
+        if levelling || self.attitude.clipping() || self.frozen.is_some() {
+            return None;
+        }
+        let sample = EstimateSample {
+            t_s,
+            field_mgauss: *raw,
+            pose,
+            rate_rad_s: self.attitude.rate_rad_s(),
+            gyro_bias_rad_s: self.attitude.gyro_bias_rad_s(),
+            at_rest: self.attitude.at_rest(),
+            still: self.attitude.still(),
+        };
+        let learns = self.wanted().is_some() && self.gyro_is_right();
+        self.estimate.freeze(!learns && self.learning.calibrated());
+        self.estimate.take(&sample);
+        self.sample = Some(sample);
+        Some(pose)
     }
 
-    fn heading(&mut self, t_s: f64, down: Option<&Vector3<f64>>, condition: Condition) -> Heading {
-        self.seq += 1;
-        let tilt = down.map(Tilt::of_down);
-        Heading {
-            seq: self.seq,
-            t_s,
-            condition,
-            fused_deg: None,
-            instantaneous_deg: None,
-            raw_deg: None,
-            sd_deg: None,
-            pitch_deg: tilt.map(|tilt| tilt.pitch_rad.to_degrees()),
-            roll_deg: tilt.map(|tilt| tilt.roll_rad.to_degrees()),
-            field_mgauss: None,
-            strength_mgauss: None,
-            mag_status: MagStatus::Calibration,
-        }
+    fn gyro_is_right(&self) -> bool {
+        !matches!(
+            self.estimate.gyro_fault(),
+            Some(GyroFault::Dead | GyroFault::Axes)
+        )
     }
 
     fn update_condition(&mut self, actions: &mut Vec<Action>) -> Condition {
@@ -397,28 +385,39 @@ impl Pipeline {
         if beginning && fault.is_none() {
             return Condition::Stale;
         }
+        let gyro_speaks = self.now_s - self.rate_s <= self.setup.attitude.gap_s;
         let report = condition::judge(&Evidence {
             t_s: self.now_s,
             fault,
             silent_s: self.now_s - self.whole_field_s,
             overflowing: self.overflow_s > self.whole_field_s,
             stale_s: self.setup.pipeline.stale_s,
-            calibrated: self.compass.is_some(),
+            calibrated: self.learning.calibrated(),
             calibrating: self.calibrating && !self.unwanted,
             wanted: self.wanted().is_some(),
-            misfit: self.fitness.is_misfit(),
-            locked: self.policy == Policy::Locked,
-            progress: self.turns.progress(),
+            turned: self.turns.progress(),
+            learnt: self.learnt(),
+            motion_wanted: self.estimate.motion_wanted(),
             refused: self
                 .refused
                 .as_ref()
                 .map(|(reason, message)| (*reason, message.as_str())),
+            heading_sd_deg: self.sd_deg,
+            good_sd_deg: self.setup.pipeline.good_sd_deg,
             strength_deviation: self.strength_deviation,
-            strength_tolerance: self.setup.pipeline.strength_tolerance,
-            field_disturbed: self.attitude.disturbed(),
-            tilt_sd_rad: self.tilt_sd_rad,
+            // Without a gyro the estimate sees nothing, and the field's strength is all that tells.
+            disturbed: if gyro_speaks {
+                self.estimate.disturbed() || !self.estimate.consistent()
+            } else {
+                self.strength_deviation.abs() > condition::STRENGTH_TOLERANCE
+            },
             tilt_known: self.attitude.down_known(self.now_s),
-            gyro_speaks: self.now_s - self.rate_s <= self.setup.attitude.gap_s,
+            gyro_speaks,
+            gyro_fault: if self.attitude.clipping() {
+                Some("gyro_clipped")
+            } else {
+                self.estimate.gyro_fault().map(GyroFault::reason)
+            },
         });
         let condition = report.condition;
         let news = self.report.as_ref().is_none_or(|last| {

@@ -134,6 +134,11 @@ impl ClipWatch {
         };
         was && !self.clipped
     }
+
+    /// Whether the newest reading is at the full scale.
+    pub(super) fn clipping(&self) -> bool {
+        self.clipped
+    }
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use vqf_rs::{Params, VQF};
 use super::clock::PERIOD_S;
 use super::gravity::Gravity;
 use super::steadiness::Steadiness;
+use super::stillness::Stillness;
 use super::{Pose, Tick, unit};
 
 /// So long must the accelerometer have had its part before the vertical is called known.
@@ -14,34 +15,18 @@ const LEVELLING_S: f64 = 1.0;
 /// While the bias is new, gravity is trusted more: it learns a bias of 4.5°/s about twice as fast in a hand.
 const LEARNING_S: f64 = 30.0;
 const LEARNING_TAU_S: f64 = 1.0;
-const TAU_S: f64 = 3.0;
-/// Over this time the field has its say in the fused heading, seconds: long enough to average its noise away,
-/// short enough that a gyro bias not quite learnt (0.5°/s) costs 2° and not 5°.
-const MAG_TAU_S: f64 = 4.0;
-/// Over this time a steady pull of the field becomes gyro bias, seconds: twice the one above is
-/// damped just enough not to swing for long.
-const BIAS_TAU_S: f64 = 8.0;
-/// A field that is further off is not the gyro's fault, radians (20°).
-const FIELD_TRUST_RAD: f64 = 0.35;
-/// A field older than this is not fed any more.
-const FIELD_AGE_S: f64 = 0.1;
+const TAU_S: f64 = 2.0;
 /// Without a magnetometer, a rate that differs by more from the bias learnt so far is motion, rad/s.
 const BLIND_REST_RAD_S: f64 = 2.0 * std::f64::consts::PI / 180.0;
 /// Ticks between two entries of the bias history, and its length: 3 s.
 const HISTORY_TICKS: u32 = 50;
 const HISTORY: usize = 6;
 
-/// A corrected field, carried on with the gyro.
-struct Sighting {
-    seen_s: f64,
-    at_s: f64,
-    field: Vector3<f64>,
-}
-
 pub(super) struct Filter {
     vqf: VQF,
     pub(super) gravity: Gravity,
     pub(super) steadiness: Steadiness,
+    stillness: Stillness,
     pub(super) stretch: u32,
     ticked: bool,
     /// Since when the accelerometer has had its part without a break.
@@ -49,8 +34,7 @@ pub(super) struct Filter {
     vertical_known: bool,
     /// Ticks with the accelerometer until the bias is no longer new.
     learning_ticks: u32,
-    sighting: Option<Sighting>,
-    fused: bool,
+    rate_rad_s: Vector3<f64>,
     /// Biases while at rest, oldest first, one each half second.
     rest_history: Vec<[f64; 3]>,
     rest_ticks: u32,
@@ -64,20 +48,19 @@ impl Filter {
             // A wider start would swing far before it settles on a board that moves from the first.
             bias_sigma_init: (bias_limit_deg_s / 10.0).max(0.5),
             tau_acc: LEARNING_TAU_S,
-            tau_mag: MAG_TAU_S,
             ..Params::default()
         };
         Self {
             vqf: VQF::new(PERIOD_S, None, None, Some(params)),
             gravity: Gravity::default(),
             steadiness: Steadiness::default(),
+            stillness: Stillness::default(),
             stretch: 0,
             ticked: false,
             levelled_since_s: None,
             vertical_known: false,
             learning_ticks: (LEARNING_S / PERIOD_S) as u32,
-            sighting: None,
-            fused: false,
+            rate_rad_s: Vector3::zeros(),
             rest_history: Vec::with_capacity(HISTORY + 1),
             rest_ticks: 0,
         }
@@ -90,6 +73,8 @@ impl Filter {
         self.follow_accelerometer(end_s, live);
         self.guard_rest(end_s, &mean_rate);
         let rate = mean_rate - self.bias();
+        self.rate_rad_s = rate;
+        self.stillness.take(PERIOD_S, rate, force);
         if live && self.learning_ticks > 0 {
             self.learning_ticks -= 1;
             if self.learning_ticks == 0 {
@@ -100,7 +85,6 @@ impl Filter {
         self.vqf.update_gyr(mean_rate.into());
         if let Some(force) = force {
             self.vqf.update_acc(force.into());
-            self.feed_field(end_s, &rate);
         } else if !live {
             // VQF counts the time at rest with the accelerometer. A made-up one serves for that, but must
             // not level the frame.
@@ -177,65 +161,6 @@ impl Filter {
         }
     }
 
-    fn feed_field(&mut self, end_s: f64, rate: &Vector3<f64>) {
-        let Some(sighting) = &mut self.sighting else {
-            return;
-        };
-        if (end_s - sighting.seen_s).abs() > FIELD_AGE_S {
-            self.sighting = None;
-            return;
-        }
-        // A field fixed in the earth turns against the board.
-        let turned = UnitQuaternion::from_scaled_axis(rate * (sighting.at_s - end_s));
-        sighting.field = turned * sighting.field;
-        sighting.at_s = end_s;
-        self.vqf.update_mag(sighting.field.into());
-        self.fused = true;
-        self.learn_vertical_bias();
-    }
-
-    /// VQF learns the bias about the vertical at rest only. On a board that has never rested it pulls the
-    /// fused heading away from the field by bias × time constant, steadily; that is how it is known.
-    fn learn_vertical_bias(&mut self) {
-        let state = self.vqf.state();
-        let settling = state.k_mag_init != 0.0;
-        let off_rad = state.last_mag_dis_angle;
-        if settling || off_rad.abs() > FIELD_TRUST_RAD || self.disturbed() {
-            return;
-        }
-        let up = self.orientation().inverse_transform_vector(&Vector3::z());
-        let correction = up * (-off_rad * PERIOD_S / (MAG_TAU_S * BIAS_TAU_S));
-        let state = self.vqf.state_mut();
-        for axis in 0..3 {
-            state.bias[axis] += correction[axis];
-        }
-    }
-
-    pub(super) fn sight(&mut self, t_s: f64, field: Vector3<f64>) {
-        self.sighting = Some(Sighting {
-            seen_s: t_s,
-            at_s: t_s,
-            field,
-        });
-    }
-
-    pub(super) fn restart_fusion(&mut self) {
-        self.sighting = None;
-        self.fused = false;
-        let longest = self.vqf.params().mag_max_rejection_time;
-        let state = self.vqf.state_mut();
-        state.k_mag_init = 1.0;
-        state.mag_dist_detected = true;
-        state.mag_ref_norm = 0.0;
-        state.mag_ref_dip = 0.0;
-        state.mag_undisturbed_t = 0.0;
-        state.mag_reject_t = longest;
-        state.mag_candidate_norm = -1.0;
-        state.mag_candidate_dip = 0.0;
-        state.mag_candidate_t = 0.0;
-        state.mag_norm_dip_lp_state = [[f64::NAN; 2]; 2];
-    }
-
     /// The gyro speaks again after a hole: nobody knows how the board has turned meanwhile.
     pub(super) fn resume_after_hole(&mut self) {
         self.stretch = self.stretch.wrapping_add(1);
@@ -243,21 +168,13 @@ impl Filter {
         self.levelled_since_s = None;
         self.vertical_known = false;
         self.forget_force();
-        self.sighting = None;
-        self.fused = false;
         let state = self.vqf.state_mut();
         state.rest_gyr_lp_state = [[f64::NAN; 2]; 3];
-        state.k_mag_init = 1.0;
     }
 
     /// Body to earth with an arbitrary north.
     pub(super) fn orientation(&self) -> UnitQuaternion<f64> {
         unit(self.vqf.quat_6d())
-    }
-
-    /// Body to earth with X east and Y north, once a field has been fused.
-    pub(super) fn fused_orientation(&self) -> Option<UnitQuaternion<f64>> {
-        (self.fused && self.levelled_since_s.is_some()).then(|| unit(self.vqf.quat_9d()))
     }
 
     pub(super) fn vertical_known(&self) -> bool {
@@ -272,7 +189,11 @@ impl Filter {
         self.vqf.rest_detected()
     }
 
-    pub(super) fn disturbed(&self) -> bool {
-        self.vqf.mag_dist_detected() && self.vqf.mag_ref_norm() > 0.0
+    pub(super) fn rate_rad_s(&self) -> Vector3<f64> {
+        self.rate_rad_s
+    }
+
+    pub(super) fn still(&self) -> bool {
+        self.stillness.still()
     }
 }

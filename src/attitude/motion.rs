@@ -111,10 +111,4 @@ impl Board {
             board.attitude.inverse() * Vector3::z() * rate
         });
     }
-
-    /// True heading of body X, degrees clockwise from north.
-    pub(crate) fn heading_deg(&self) -> f64 {
-        let nose = self.attitude * Vector3::x();
-        crate::frame::wrap_360(nose.x.atan2(nose.y).to_degrees())
-    }
 }

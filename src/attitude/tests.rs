@@ -68,7 +68,7 @@ fn a_slow_steady_turn_is_motion_not_bias() {
 }
 
 #[test]
-fn pose_tilt_and_fused_heading_follow_the_truth() {
+fn pose_and_tilt_follow_the_truth() {
     let mut board = Board::default();
     let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
     let level = Vector3::z();
@@ -80,10 +80,6 @@ fn pose_tilt_and_fused_heading_follow_the_truth() {
     board.turn_up(-200.0, 45.0);
     for (i, reading) in board.readings.iter().enumerate() {
         attitude.take(reading, |_| {});
-        if i % 3 == 0 {
-            let field = reading.whole_field_mgauss().unwrap() - board.hard_iron;
-            attitude.fuse(reading.t_s, field);
-        }
         if i + 1 == stop {
             let tilt = tilt(&attitude, reading.t_s).unwrap();
             assert!((tilt.roll_rad.to_degrees() - 20.7).abs() < 1.0, "{tilt:?}");
@@ -96,18 +92,11 @@ fn pose_tilt_and_fused_heading_follow_the_truth() {
     assert!(pose.vertical_known);
     let seen = pose.orientation.inverse() * level;
     assert!(seen.angle(&up).to_degrees() < 0.7);
-    let heading = attitude.fused_heading_rad(t_s).unwrap().to_degrees();
-    let error = wrap_pi((heading - board.heading_deg()).to_radians()).to_degrees();
-    assert!(error.abs() < 1.0, "{error}");
     // Carried on with the current rate, and not further than a gap.
-    let later = attitude.fused_heading_rad(t_s + 0.1).unwrap();
-    let moved = wrap_pi(later - heading.to_radians()).to_degrees();
+    let later = attitude.pose_at(t_s + 0.1).unwrap();
+    let moved = pose.orientation.angle_to(&later.orientation).to_degrees();
     assert!((moved - 4.5).abs() < 0.4, "{moved}");
-    assert_eq!(attitude.fused_heading_rad(t_s + 0.6), None);
     assert_eq!(attitude.pose_at(t_s + 0.6), None);
-
-    attitude.restart_fusion();
-    assert_eq!(attitude.fused_heading_rad(t_s), None);
 }
 
 #[test]
@@ -116,21 +105,6 @@ fn tilt_signs_are_nose_up_and_right_wing_down() {
     assert!((tilt.pitch_rad.to_degrees() - 30.0).abs() < 1e-9);
     let tilt = Tilt::of_down(&Vector3::new(0.0, 0.5, 0.75f64.sqrt()));
     assert!((tilt.roll_rad.to_degrees() - 30.0).abs() < 1e-9);
-}
-
-#[test]
-fn a_nose_near_the_vertical_has_no_heading() {
-    let mut board = Board::default();
-    board.rest(2.0);
-    board.turn(Vector3::y(), 85.0, 40.0);
-    let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
-    for reading in &board.readings {
-        attitude.take(reading, |_| {});
-        let field = reading.whole_field_mgauss().unwrap() - board.hard_iron;
-        attitude.fuse(reading.t_s, field);
-    }
-    assert_eq!(attitude.fused_heading_rad(board.t_s), None);
-    assert!(tilt(&attitude, board.t_s).is_some());
 }
 
 #[test]
@@ -192,7 +166,6 @@ fn without_a_gyro_there_is_tilt_but_neither_pose_nor_tick() {
     assert_eq!(attitude.pose_at(board.t_s), None);
     let roll = tilt(&attitude, board.t_s).unwrap().roll_rad.to_degrees();
     assert!((roll - 30.0).abs() < 1.0, "{roll}");
-    assert_eq!(attitude.fused_heading_rad(board.t_s), None);
 }
 
 #[test]
@@ -248,7 +221,6 @@ fn nonsense_is_passed_over() {
             if bad == 0.0 && i % 2 == 0 {
                 continue;
             }
-            attitude.fuse(t_s, vector);
             attitude.take(
                 &Reading {
                     t_s,
@@ -263,7 +235,6 @@ fn nonsense_is_passed_over() {
             finite &= tick.rate_rad_s.norm().is_finite()
                 && tick.pose.orientation.coords.norm().is_finite();
         });
-        attitude.fuse(reading.t_s, reading.whole_field_mgauss().unwrap());
     }
     assert!(finite);
     assert!(attitude.pose_at(board.t_s).is_some());

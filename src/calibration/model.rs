@@ -1,6 +1,6 @@
 //! The sensor model of Equation 1, B = A·H + b, and its inverse, Equation 3.
 
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// What a calibration corrects.
@@ -31,6 +31,8 @@ pub enum Model {
     Diagonal,
     /// A symmetric A: soft iron and cross-coupling too.
     Symmetric,
+    /// A full A: the rotation between the chips as well. Only motion shows it.
+    General,
 }
 
 /// The parameters of Equation 1.
@@ -148,6 +150,17 @@ impl Spatial {
         &self.matrix
     }
 
+    /// The rotation in A, a rotation vector in radians: A = P·Q with a symmetric P, from the gyro's axes to the
+    /// magnetometer's. `None` for models without one.
+    pub fn alignment_rad(&self) -> Option<Vector3<f64>> {
+        if self.model != Model::General {
+            return None;
+        }
+        let svd = self.matrix.svd(true, true);
+        let rotation = svd.u? * svd.v_t?;
+        Some(Rotation3::from_matrix_unchecked(rotation).scaled_axis())
+    }
+
     /// Equation 3.
     pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Vector3<f64> {
         self.inverse * (raw_mgauss - self.bias_mgauss)
@@ -168,6 +181,55 @@ pub struct Calibration {
     pub residual_mgauss: f64,
     /// One standard deviation of a heading, from the parameters' uncertainty and one sample's noise, degrees.
     pub heading_sd_deg: f64,
+    /// Covariance of b and of A, where the estimate that learnt them knows it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<Covariance>,
+}
+
+/// Covariance of b (milligauss) and of the entries of A, row by row: the upper triangle of a 12×12 matrix, column by
+/// column.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Covariance(SVector<f64, 78>);
+
+impl Covariance {
+    /// Keeps the upper triangle.
+    pub fn packed(full: &SMatrix<f64, 12, 12>) -> Self {
+        let upper = (0..12).flat_map(|column| (0..=column).map(move |row| (row, column)));
+        Self(SVector::from_iterator(upper.map(|at| full[at])))
+    }
+
+    /// The whole matrix.
+    pub fn unpacked(&self) -> SMatrix<f64, 12, 12> {
+        SMatrix::from_fn(|row, column| {
+            let (low, high) = (row.min(column), row.max(column));
+            self.0[high * (high + 1) / 2 + low]
+        })
+    }
+
+    /// Whether it can be one: finite, no variance negative, and no correlation beyond 1.
+    pub fn is_plausible(&self) -> bool {
+        // Rounding may take a correlation that is 1 a little further.
+        const ROUNDING: f64 = 1.001;
+        let full = self.unpacked();
+        let variances = full.diagonal();
+        let related = |row: usize, column: usize| {
+            full[(row, column)].powi(2) <= ROUNDING * variances[row] * variances[column]
+        };
+        self.0.iter().all(|value| value.is_finite())
+            && variances.min() >= 0.0
+            && (0..12).all(|row| (0..row).all(|column| related(row, column)))
+    }
+}
+
+impl Calibration {
+    /// How it was made: `turn`, from a full turn, or `motion`, by the running estimate, which alone knows a covariance.
+    pub fn method(&self) -> &'static str {
+        match self.covariance {
+            Some(_) => "motion",
+            None => "turn",
+        }
+    }
 }
 
 impl Parameters {

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::Request;
-use super::model::{Calibration, Mode, Model};
+use super::model::{Calibration, Mode, Model, Parameters};
 
 /// What became of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -27,6 +27,8 @@ pub struct Outcome {
     pub reason: &'static str,
     /// Why, as a sentence for a person.
     pub message: String,
+    /// `turn`, from a full turn by RIST and the swarm, or `motion`, from the running estimate.
+    pub method: &'static str,
     /// Planar or spatial.
     pub mode: Option<Mode>,
     /// Diagonal or symmetric.
@@ -47,8 +49,11 @@ pub struct Outcome {
     pub bias_mgauss: Option<Vec<f64>>,
     /// The diagonal of A of Equation 1: along the basis, or chip axes.
     pub scale: Option<Vec<f64>>,
-    /// A of Equation 1, row by row; symmetric model only.
+    /// A of Equation 1, row by row; symmetric and general models only.
     pub matrix: Option<[f64; 9]>,
+    /// Rotation from the gyro's axes to the magnetometer's, a rotation vector in magnetometer chip axes, degrees;
+    /// general model only.
+    pub alignment_deg: Option<[f64; 3]>,
     /// What the motion did not show, and the calibration therefore says nothing about: `across_plane`, bias and
     /// scale factor across the plane of a planar calibration's turn; `soft_iron`, the entries of A beside its
     /// diagonal.
@@ -73,6 +78,7 @@ impl Outcome {
             verdict: Verdict::Rejected,
             reason: "",
             message: String::new(),
+            method: "turn",
             mode: None,
             model: None,
             reference_mgauss: None,
@@ -84,6 +90,7 @@ impl Outcome {
             bias_mgauss: None,
             scale: None,
             matrix: None,
+            alignment_deg: None,
             unobserved: &[],
             samples: Samples {
                 total: request.samples.len(),
@@ -93,6 +100,50 @@ impl Outcome {
             swarm: None,
             elapsed_us: Elapsed::default(),
             calibration: None,
+        }
+    }
+}
+
+impl Outcome {
+    /// Of what the running estimate has learnt; `measured` says which axes' bias is known.
+    pub fn of_motion(calibration: Calibration, measured: [bool; 3]) -> Self {
+        let spatial = match &calibration.parameters {
+            Parameters::Spatial(spatial) => Some(spatial),
+            Parameters::Planar(_) => None,
+        };
+        let rows = spatial.map(|spatial| spatial.matrix().transpose());
+        Self {
+            verdict: Verdict::Accepted,
+            reason: "good",
+            message: format!(
+                "learnt from motion: headings are certain to {:.1} degrees",
+                calibration.heading_sd_deg
+            ),
+            method: "motion",
+            mode: Some(Mode::Spatial),
+            model: spatial.map(super::model::Spatial::model),
+            reference_mgauss: None,
+            residual_mgauss: Some(calibration.residual_mgauss),
+            heading_sd_deg: Some(calibration.heading_sd_deg),
+            gyro_rms_deg: None,
+            seed: 0,
+            basis: None,
+            bias_mgauss: spatial.map(|spatial| spatial.bias_mgauss().as_slice().to_vec()),
+            scale: spatial.map(|spatial| spatial.matrix().diagonal().as_slice().to_vec()),
+            matrix: rows.map(|rows| std::array::from_fn(|k| rows[k])),
+            alignment_deg: spatial
+                .and_then(super::model::Spatial::alignment_rad)
+                .map(|turn| turn.map(f64::to_degrees).into()),
+            unobserved: if measured.iter().all(|&known| known) {
+                &[]
+            } else {
+                &["across_plane"]
+            },
+            samples: Samples::default(),
+            window: None,
+            swarm: None,
+            elapsed_us: Elapsed::default(),
+            calibration: Some(calibration),
         }
     }
 }

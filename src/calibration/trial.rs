@@ -102,6 +102,7 @@ impl<const D: usize> Work<'_, D> {
             strength_mgauss: *reference_mgauss,
             residual_mgauss: refined.residual_mgauss,
             heading_sd_deg,
+            covariance: None,
         };
         outcome.calibration = Some(candidate);
 

@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 /// What can be used, but hardly does what was meant.
 fn warnings(config: &Config) -> Vec<String> {
-    let mut warnings = Vec::new();
+    let mut warnings = config.retired.clone();
     if config.source.kind.is_none() {
         warnings.push(Settings::UNSET.to_owned());
     }
@@ -142,6 +142,8 @@ mod tests {
             std::fs::write(&file, text).unwrap();
             check(file).unwrap();
         }
+        let old = format!("{board}[heading]\nmisfit_s = 60.0\n");
+        assert!(of(&old)[0].starts_with("line 6: heading.misfit_s no longer exists"));
         assert!(of(board).is_empty() && of(&custom).is_empty());
         assert_eq!(of("[i2c]\nbus = 2"), [Settings::UNSET]);
         std::fs::write(&log, "").unwrap();

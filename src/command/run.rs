@@ -7,6 +7,7 @@ use tokio::runtime::{Builder, Runtime};
 use tokio::signal::unix::SignalKind;
 
 use super::{Failure, load_config};
+use crate::config::Config;
 use crate::daemon::signals::Signals;
 use crate::daemon::{Daemon, DaemonError, Ended, Notice};
 use crate::logging::Log;
@@ -55,6 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn serve(args: &Args) -> Result<(), Failure> {
     let config = load_config(&args.config)?;
     let log = Log::start(&config.log.filter);
+    tell_retired(args, &config);
     // Before there is a thread.
     let service = Service::from_env();
     let on_terminal = io::stderr().is_terminal();
@@ -86,6 +88,7 @@ fn serve(args: &Args) -> Result<(), Failure> {
                 let loaded = load_config(&args.config);
                 if let Ok(config) = &loaded {
                     log.set(&config.log.filter);
+                    tell_retired(args, config);
                 }
                 Notice::Reload(loaded.map(Box::new).map_err(|failure| failure.message))
             }
@@ -96,6 +99,13 @@ fn serve(args: &Args) -> Result<(), Failure> {
         }
         Ok(())
     })
+}
+
+/// Warns of keys that no longer exist: they do no harm, but nor do they do what was meant.
+fn tell_retired(args: &Args, config: &Config) {
+    for sentence in &config.retired {
+        tracing::warn!("{}: {sentence}", args.config.display());
+    }
 }
 
 /// The daemon's runtime: one thread for everything that waits.

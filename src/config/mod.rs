@@ -9,6 +9,7 @@ pub mod log;
 mod places;
 mod reader;
 pub mod record;
+mod retired;
 pub mod source;
 mod syntax;
 mod words;
@@ -41,6 +42,9 @@ macro_rules! tables {
         #[derive(Clone, Debug, Default, PartialEq, Serialize)]
         pub struct Config {
             $($(#[$doc])* pub $name: $settings,)*
+            /// Keys of the file that no longer exist, each as a sentence with its line.
+            #[serde(skip)]
+            pub retired: Vec<String>,
         }
 
         impl Config {
@@ -55,6 +59,7 @@ macro_rules! tables {
             fn read(reader: &mut reader::Reader<'_>) -> Self {
                 Self {
                     $($name: reader.table(stringify!($name)),)*
+                    retired: reader.take_retired(),
                 }
             }
         }

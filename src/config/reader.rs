@@ -9,6 +9,7 @@ use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
 use super::fault::{ConfigFault, Problem};
 use super::places::{Places, column};
+use super::retired;
 use super::syntax;
 use super::words::{choices, explain, suggest};
 use crate::check::Check;
@@ -30,6 +31,8 @@ pub(super) struct Reader<'i> {
     places: Places,
     root: DeTable<'i>,
     faults: Vec<ConfigFault>,
+    /// Keys that no longer exist: their offset, and a sentence.
+    retired: Vec<(usize, String)>,
 }
 
 impl<'i> Reader<'i> {
@@ -43,6 +46,7 @@ impl<'i> Reader<'i> {
                 places: Places::of(text),
                 root: root.into_inner(),
                 faults: Vec::new(),
+                retired: Vec::new(),
             });
         }
         let places = Places::of(text);
@@ -115,8 +119,19 @@ impl<'i> Reader<'i> {
         // Key by key, since a deserialiser stops at its first error.
         let mut usable = DeTable::new();
         let mut faults = Vec::new();
+        let mut gone = Vec::new();
         let known = keys::<T>();
         for (key, value) in table {
+            if let Some(instead) = retired::instead(name, key.get_ref()) {
+                let at = key.span().start;
+                let sentence = format!(
+                    "line {}: {name}.{} no longer exists and has no effect: {instead}",
+                    self.places.line(at),
+                    key.get_ref()
+                );
+                gone.push((at, sentence));
+                continue;
+            }
             if !known.is_empty() && !known.iter().any(|known| known == key.get_ref()) {
                 faults.push(self.unknown(name, key, &known));
                 continue;
@@ -144,7 +159,15 @@ impl<'i> Reader<'i> {
                 }
             };
         self.faults.extend(faults);
+        self.retired.extend(gone);
         settings
+    }
+
+    /// The keys that no longer exist, as sentences in the order of the lines.
+    pub(super) fn take_retired(&mut self) -> Vec<String> {
+        self.retired.sort();
+        let retired = std::mem::take(&mut self.retired);
+        retired.into_iter().map(|(_, sentence)| sentence).collect()
     }
 
     /// Collects faults that concern more than one table; their keys are `table.key`.

@@ -319,7 +319,7 @@ impl Journey {
         let worth_a_look = matches!(
             report.condition,
             Condition::Stale | Condition::Fault | Condition::Disturbed
-        ) || reason == "calibration_stale";
+        ) || reason.starts_with("gyro_");
         if worth_a_look {
             tracing::warn!(reason, t_s, "{word}: {}", report.message);
         } else {

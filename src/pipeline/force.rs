@@ -1,32 +1,21 @@
 //! Which calibration is in force, and whether another is wanted: outcomes, and what people order.
 
-use super::fitness::Fitness;
-use super::{Action, FREE_PAUSE_S, Pipeline, RESTART_DEG};
-use crate::calibration::Rival;
+use super::learn::Learning;
+use super::{Action, Pipeline};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::{Policy, Reason};
-use crate::frame::wrap_360;
-use crate::heading::Compass;
+use crate::estimate::Estimate;
 
 impl Pipeline {
     /// Why a motion would be calibrated on now; `None` if none would.
     pub fn wanted(&self) -> Option<Reason> {
         match self.policy {
-            Policy::Locked if self.compass.is_some() => None,
+            Policy::Locked if self.learning.calibrated() => None,
             _ if self.armed => Some(Reason::Start),
             Policy::Off => None,
-            _ if self.fitness.is_misfit() => Some(Reason::Stale),
             _ => Some(Reason::Turn),
         }
-    }
-
-    /// The calibration in force, as a candidate made for this reason meets it.
-    pub(super) fn rival(&self, reason: Reason) -> Option<Rival> {
-        self.calibration().map(|&calibration| Rival {
-            calibration,
-            doubted: reason == Reason::Stale,
-        })
     }
 
     /// From now on calibrates so. What is under way and not wanted any more is given up.
@@ -43,6 +32,9 @@ impl Pipeline {
     /// Calibrates on the next motion, whatever the policy; all that was turned before is forgotten.
     pub(super) fn start(&mut self, actions: &mut Vec<Action>) {
         self.forget_motion();
+        if !self.learning.calibrated() {
+            self.forget_estimate(None);
+        }
         self.armed = true;
         self.refused = None;
         self.refresh(actions);
@@ -61,14 +53,9 @@ impl Pipeline {
         calibration: Option<Calibration>,
         actions: &mut Vec<Action>,
     ) {
-        match calibration {
-            Some(calibration) => self.use_calibration(calibration),
-            None => {
-                self.compass = None;
-                self.fitness = Fitness::default();
-                self.attitude.restart_fusion();
-                self.forget_motion();
-            }
+        self.forget_estimate(calibration);
+        if calibration.is_none() {
+            self.forget_motion();
         }
         self.unwanted |= self.calibrating;
         self.refused = None;
@@ -83,40 +70,26 @@ impl Pipeline {
         self.unwanted |= self.calibrating;
     }
 
-    fn use_calibration(&mut self, calibration: Calibration) {
-        let new = Compass::new(calibration, self.setup.mountings.mag);
-        // A fusion that begins anew follows the field closely at first, tilts and all.
-        if self
-            .turned_by_deg(&new)
-            .is_none_or(|turned| turned > RESTART_DEG)
-        {
-            self.attitude.restart_fusion();
-        }
-        self.compass = Some(new);
-        self.fitness = Fitness::default();
+    /// The estimate starts anew, from this calibration or from nothing.
+    fn forget_estimate(&mut self, calibration: Option<Calibration>) {
+        self.estimate = Estimate::new(self.setup.mountings.mag, calibration.as_ref());
+        self.learning = Learning::new(calibration);
         self.strength_deviation = 0.0;
+        self.sd_deg = 180.0;
     }
 
     pub(super) fn conclude(&mut self, mut outcome: Box<Outcome>, actions: &mut Vec<Action>) {
         self.calibrating = false;
         if std::mem::take(&mut self.unwanted) {
-            give_up(&mut outcome, self.compass.is_some());
+            give_up(&mut outcome, self.learning.calibrated());
         } else {
             self.armed &= self.asked != Reason::Start || outcome.verdict == Verdict::Rejected;
             match (outcome.verdict, outcome.calibration) {
                 (Verdict::Accepted, Some(calibration)) => {
-                    self.use_calibration(calibration);
+                    self.adopt(&mut outcome, &calibration);
                     self.refused = None;
                 }
-                (Verdict::Kept, _) => {
-                    // It does as well as a good one on the same motion: whatever was wrong is over.
-                    self.fitness = Fitness::default();
-                    self.refused = None;
-                }
-                _ => {
-                    self.refused = Some((outcome.reason, outcome.message.clone()));
-                    self.free_check_s = self.now_s + FREE_PAUSE_S;
-                }
+                _ => self.refused = Some((outcome.reason, outcome.message.clone())),
             }
         }
         actions.push(Action::Conclude(outcome));
@@ -126,16 +99,25 @@ impl Pipeline {
         self.update_condition(actions);
     }
 
-    /// How far this calibration turns the heading of the newest sample, degrees, if there is one in force.
-    fn turned_by_deg(&self, new: &Compass) -> Option<f64> {
-        let sample = self.buffer.back()?;
-        let down = self.attitude.down(sample.t_s);
-        let heading = |compass: &Compass| {
-            let corrected = compass.correct(&sample.field_mgauss, down.as_ref());
-            compass.heading_deg(&corrected, down.as_ref())
-        };
-        let turned = wrap_360(heading(new)? - heading(self.compass.as_ref()?)?);
-        Some(turned.min(360.0 - turned))
+    /// The estimate takes the result of a turn, or keeps what it knows where that is more certain.
+    fn adopt(&mut self, outcome: &mut Outcome, calibration: &Calibration) {
+        self.estimate.adopt_turn(calibration, self.sample.as_ref());
+        if self.estimate.method() == "turn" {
+            self.learning.reached();
+            let Calibration {
+                parameters,
+                heading_sd_deg,
+                ..
+            } = calibration;
+            self.learning.keep(parameters, *heading_sd_deg, self.now_s);
+            return;
+        }
+        outcome.verdict = Verdict::Kept;
+        outcome.reason = "less_certain";
+        outcome.message =
+            "what is known already is more certain; both are held against the readings that follow"
+                .to_owned();
+        outcome.calibration = None;
     }
 
     /// Before the first reading there is nothing to say of the condition.

@@ -3,9 +3,6 @@
 use nalgebra::Vector3;
 
 use super::{Action, Pipeline};
-use crate::calibration::coverage::sphere_share;
-use crate::calibration::model::Mode;
-use crate::calibration::policy::Reason;
 use crate::calibration::settings::ModeChoice;
 use crate::calibration::{self, Request, Sample, TurnMade};
 use crate::turn::Turn;
@@ -15,9 +12,6 @@ const FASTEST_MAG_HZ: f64 = 200.0;
 
 /// Turns that follow each other within this time and about the same axis calibrate together, seconds.
 const TURNS_FOLLOW_S: f64 = 3.0;
-
-/// Free motion swings every axis by this much either way, milligauss: nowhere on earth is the field below 220.
-const FREE_RANGE_MGAUSS: f64 = 100.0;
 
 /// The most turns that calibrate together: as in the paper's tests. More would make every further turn of
 /// a board that keeps turning dearer than the one before.
@@ -70,7 +64,7 @@ impl Pipeline {
         let Some(reason) = self.wanted() else {
             return;
         };
-        let Some(request) = self.request(reason) else {
+        let Some(request) = self.request() else {
             return;
         };
         self.calibrating = true;
@@ -78,7 +72,7 @@ impl Pipeline {
         actions.push(Action::Calibrate(Box::new(request)));
     }
 
-    fn request(&self, reason: Reason) -> Option<Request> {
+    fn request(&self) -> Option<Request> {
         let last = self.made.back()?;
         let all: Vec<TurnMade> = self.made.iter().map(|turn| self.samples_of(turn)).collect();
         let settings = &self.setup.calibration;
@@ -121,53 +115,10 @@ impl Pipeline {
                 .collect(),
             plane: None,
             mounting: self.setup.mountings.mag,
-            in_force: self.rival(reason),
+            in_force: None,
             settings: settings.clone(),
             limits: self.setup.verdict.clone(),
         })
-    }
-
-    /// Free motion that has shown the field from all sides does as well as turns about two axes.
-    pub(super) fn look_for_free_motion(&mut self, actions: &mut Vec<Action>) {
-        let Some(reason) = self.wanted() else {
-            return;
-        };
-        // Motion of every day must not calibrate all the time where all axes are known.
-        let enough = reason == Reason::Turn
-            && self
-                .calibration()
-                .is_some_and(|c| c.parameters.mode() == Mode::Spatial);
-        let allowed = self.setup.calibration.mode != ModeChoice::Planar;
-        if self.calibrating || enough || !allowed || self.buffer.is_empty() {
-            return;
-        }
-        let fields = self.buffer.iter().map(|sample| sample.field_mgauss);
-        let low = fields.clone().reduce(|a, b| a.inf(&b)).unwrap_or_default();
-        let high = fields.clone().reduce(|a, b| a.sup(&b)).unwrap_or_default();
-        let middle = 0.5 * (low + high);
-        let half = 0.5 * (high - low);
-        if half.min() < FREE_RANGE_MGAUSS || half.min() < 0.4 * half.max() {
-            return;
-        }
-        if sphere_share(fields.map(|field| field - middle)) < self.setup.verdict.sphere_share {
-            return;
-        }
-        let settings = calibration::settings::Settings {
-            mode: ModeChoice::Spatial,
-            ..self.setup.calibration.clone()
-        };
-        self.calibrating = true;
-        self.asked = reason;
-        actions.push(Action::Calibrate(Box::new(Request {
-            samples: self.buffer.iter().copied().collect(),
-            moving: 0..self.buffer.len(),
-            turns: Vec::new(),
-            plane: None,
-            mounting: self.setup.mountings.mag,
-            in_force: self.rival(reason),
-            settings,
-            limits: self.setup.verdict.clone(),
-        })));
     }
 
     fn samples_of(&self, turn: &Turn) -> TurnMade {

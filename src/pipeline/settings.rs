@@ -13,12 +13,11 @@ pub struct Settings {
     /// Samples are kept this long for a calibration, and so the first of two turns may be this old:
     /// 10 to 600 seconds.
     pub buffer_s: f64,
-    /// A field whose strength is off by more than this share of what the calibration expects is
-    /// called disturbed: 0.02 to 1.
-    pub strength_tolerance: f64,
-    /// A calibration that field or gyro disagree with for this long, while the board is moved and in several
-    /// orientations, has stopped fitting: 10 to 3600 seconds.
-    pub misfit_s: f64,
+    /// A heading is published once its deviation is below this: 1 to 45 degrees.
+    pub publish_sd_deg: f64,
+    /// The state is `good` once the deviation is below this, and `degraded` with reason `learning` before:
+    /// 0.5 to 20 degrees.
+    pub good_sd_deg: f64,
 }
 
 impl Default for Settings {
@@ -26,8 +25,8 @@ impl Default for Settings {
         Self {
             stale_s: 0.5,
             buffer_s: 120.0,
-            strength_tolerance: 0.15,
-            misfit_s: 120.0,
+            publish_sd_deg: 10.0,
+            good_sd_deg: 3.0,
         }
     }
 }
@@ -45,18 +44,26 @@ impl Check for Settings {
         );
         within(
             &mut faults,
-            "strength_tolerance",
-            self.strength_tolerance,
-            0.02..=1.0,
-            "of the field",
+            "publish_sd_deg",
+            self.publish_sd_deg,
+            1.0..=45.0,
+            "degrees",
         );
         within(
             &mut faults,
-            "misfit_s",
-            self.misfit_s,
-            10.0..=3600.0,
-            "seconds",
+            "good_sd_deg",
+            self.good_sd_deg,
+            0.5..=20.0,
+            "degrees",
         );
+        // Else a state could be good without a heading.
+        if self.good_sd_deg > self.publish_sd_deg {
+            faults.push(Fault {
+                key: "good_sd_deg".to_owned(),
+                found: self.good_sd_deg.to_string(),
+                right: format!("at most publish_sd_deg, which is {}", self.publish_sd_deg),
+            });
+        }
         faults
     }
 }

@@ -13,7 +13,8 @@ impl Pipeline {
         self.buffer.clear();
         self.made.clear();
         self.waiting = false;
-        self.fitness.begin_stretch();
+        self.sample = None;
+        self.estimate.lose_frame();
         self.report = None;
         self.readings_s = None;
         for time_s in [
@@ -21,12 +22,9 @@ impl Pipeline {
             &mut self.whole_field_s,
             &mut self.overflow_s,
             &mut self.rate_s,
-            &mut self.fused_s,
-            &mut self.free_check_s,
         ] {
             *time_s = f64::NEG_INFINITY;
         }
         self.strength_deviation = 0.0;
-        self.tilt_sd_rad = 0.0;
     }
 }

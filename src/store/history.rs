@@ -59,7 +59,7 @@ impl Made {
             saved_unix_s,
             reason: Some(reason),
             gyro_rms_deg: outcome.gyro_rms_deg,
-            samples: Some(outcome.samples.used),
+            samples: Some(outcome.samples.used).filter(|&used| used > 0),
             calibration,
         }
     }

@@ -3,7 +3,9 @@
 use nalgebra::Vector3;
 use serde_json::Value;
 
-use crate::calibration::model::{Calibration, Model, Parameters, Planar, Spatial};
+use crate::calibration::model::{
+    Calibration, Covariance, Mode, Model, Parameters, Planar, Spatial,
+};
 use crate::check::{Fault, within};
 
 /// Finds what is no number but should be: the deserialiser would not say where it stands.
@@ -28,6 +30,7 @@ pub(super) fn no_number(calibration: &Value) -> Option<String> {
         "strength_mgauss",
         "residual_mgauss",
         "heading_sd_deg",
+        "covariance",
     ]
     .iter()
     .filter_map(|key| calibration.get(key).map(|value| (key, value)))
@@ -64,7 +67,29 @@ pub(super) fn faults(calibration: &Calibration) -> Vec<Fault> {
         0.0..=180.0,
         "degrees",
     );
+    if let Some(covariance) = &calibration.covariance {
+        covariance_faults(&mut faults, calibration, covariance);
+    }
     faults
+}
+
+fn covariance_faults(faults: &mut Vec<Fault>, calibration: &Calibration, covariance: &Covariance) {
+    let (found, right) = match calibration.parameters.mode() {
+        Mode::Planar => (
+            "given",
+            "left out: a planar calibration says nothing of three of its axes",
+        ),
+        Mode::Spatial if covariance.is_plausible() => return,
+        Mode::Spatial => (
+            "no covariance",
+            "of finite numbers, with no variance below 0 and no correlation beyond 1",
+        ),
+    };
+    faults.push(Fault {
+        key: "calibration.covariance".to_owned(),
+        found: found.to_owned(),
+        right: right.to_owned(),
+    });
 }
 
 fn planar_faults(faults: &mut Vec<Fault>, planar: &Planar) {
@@ -108,7 +133,15 @@ fn spatial_faults(faults: &mut Vec<Fault>, spatial: &Spatial) {
             "diagonal, as its model is"
         }
         Model::Symmetric if (matrix - matrix.transpose()).amax() > 1e-6 => "symmetric",
-        _ => {
+        Model::General => {
+            let gains = matrix.singular_values();
+            if gains.iter().all(|gain| (0.01..=100.0).contains(gain)) && matrix.determinant() > 0.0
+            {
+                return;
+            }
+            "one with singular values from 0.01 to 100 that mirrors nothing"
+        }
+        Model::Diagonal | Model::Symmetric => {
             let eigenvalues = matrix.symmetric_eigenvalues();
             if eigenvalues.iter().all(|e| (0.01..=100.0).contains(e)) {
                 return;

@@ -48,6 +48,7 @@ fn made(number: u64) -> Made {
             strength_mgauss: 200.0 + value,
             residual_mgauss: 2.0,
             heading_sd_deg: 0.5,
+            covariance: None,
         },
     }
 }

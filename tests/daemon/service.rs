@@ -184,7 +184,7 @@ fn a_reload_keeps_clients_and_the_calibration_in_force() {
         .find(|line| line.contains("summary: good"))
         .unwrap();
     for part in [
-        "calibration=\"planar\"",
+        "calibration=\"spatial\"",
         "clients=1",
         "calibrations_accepted=1",
         "uptime_s=",

@@ -31,10 +31,11 @@ impl<'de> Deserialize<'de> for Ordered {
 }
 
 /// Every key of the outcome; flat ones first, since some clients stop at the first array.
-const KEYS: [&str; 19] = [
+const KEYS: [&str; 21] = [
     "verdict",
     "reason",
     "message",
+    "method",
     "mode",
     "model",
     "reference_mgauss",
@@ -46,6 +47,7 @@ const KEYS: [&str; 19] = [
     "bias_mgauss",
     "scale",
     "matrix",
+    "alignment_deg",
     "unobserved",
     "samples",
     "window",
@@ -150,7 +152,8 @@ fn the_object_has_every_key_in_its_place() {
         (&o["reference_mgauss"], &o["seed"]),
         (&json!(162.8), &json!(7))
     );
-    assert!(o["matrix"].is_null());
+    assert!(o["matrix"].is_null() && o["alignment_deg"].is_null());
+    assert_eq!(o["method"], "turn");
     let [e1, e2] = [&basis(&o)[0], &basis(&o)[1]];
     assert!((e1.norm() - 1.0).abs() < 1e-9 && (e2.norm() - 1.0).abs() < 1e-9);
     assert!(e1.dot(e2).abs() < 1e-9 && e1.cross(e2).z > 0.9999);
@@ -270,6 +273,7 @@ fn what_is_not_known_is_null() {
             "bias_mgauss",
             "scale",
             "matrix",
+            "alignment_deg",
             "window",
             "swarm",
         ] {

@@ -61,15 +61,8 @@ fn play(readings: &[Reading], start: Option<Calibration>, late: usize) -> Played
             }
         }
     }
-    played.calibration = pipeline.calibration().copied();
+    played.calibration = pipeline.calibration();
     played
-}
-
-fn planar(calibration: Option<Calibration>) -> Planar {
-    match calibration.expect("no calibration").parameters {
-        Parameters::Planar(planar) => planar,
-        Parameters::Spatial(_) => panic!("a spatial calibration"),
-    }
 }
 
 /// A planar calibration that is off by a shift of its bias.
@@ -87,6 +80,7 @@ fn shifted(settings: &Settings, shift_mgauss: f64) -> Calibration {
         strength_mgauss: settings.horizontal_mgauss * scale.mean(),
         residual_mgauss: 2.0,
         heading_sd_deg: 0.05,
+        covariance: None,
     }
 }
 
@@ -147,17 +141,14 @@ fn readings_may_come_one_by_one_or_merged() {
     let (single, merged) = (play(&single, None, 0), play(&merged, None, 0));
     assert_eq!(single.headings.len(), merged.headings.len());
     assert_eq!(single.outcomes.len(), merged.outcomes.len());
-    let (a, b) = (planar(single.calibration), planar(merged.calibration));
-    // The planes may differ by some hundredths of a degree, and with them the bias by some tenths.
-    assert!(
-        a.normal().dot(&b.normal()) > 0.1f64.to_radians().cos(),
-        "{a:?} {b:?}"
-    );
-    assert!((a.bias_mgauss - b.bias_mgauss).norm() < 0.5, "{a:?} {b:?}");
-    assert!((a.scale - b.scale).norm() < 0.002, "{a:?} {b:?}");
+    let (a, b) = (single.calibration.unwrap(), merged.calibration.unwrap());
+    for calibration in [a, b] {
+        let error = error_deg(&calibration, &settings, [0.0; 3]);
+        assert!(error < 2.0, "{error}");
+    }
     let last = |played: &Played| played.headings.last().unwrap().instantaneous_deg.unwrap();
     let apart = (last(&single) - last(&merged) + 180.0).rem_euclid(360.0) - 180.0;
-    assert!(apart.abs() < 0.3, "{apart}");
+    assert!(apart.abs() < 1.0, "{apart}");
 }
 
 #[test]
@@ -170,32 +161,41 @@ fn headings_go_on_while_an_outcome_is_awaited() {
     let readings = readings(&settings);
     let magnetometer = readings.iter().filter(|r| r.field_mgauss.is_some()).count();
 
-    // Without a calibration there is a heading for every reading, but none to steer by.
+    // There is a heading for every reading, and one to steer by once it is worth something.
     let played = play(&readings, None, LATE);
     assert_eq!(played.headings.len(), magnetometer);
-    let (asked, concluded) = (played.asked[0].0, played.outcomes[0].0);
+    let (asked, concluded) = (played.asked[0].0, late_outcome(&played, LATE));
     assert_eq!(concluded, asked + LATE);
     let (from_s, to_s) = (readings[asked].t_s, readings[concluded].t_s);
     let meanwhile = |h: &&Heading| h.t_s > from_s && h.t_s <= to_s;
     assert!(played.headings.iter().filter(meanwhile).count() > 40);
     for heading in &played.headings {
-        assert_eq!(steers(heading), heading.t_s > to_s, "{heading:?}");
-        if meanwhile(&heading) {
-            assert_eq!(heading.condition, Condition::Calibrating);
-            assert!(heading.raw_deg.is_some());
-        }
+        assert!(heading.raw_deg.is_some());
+        let certain = heading.sd_deg.is_some_and(|sd_deg| sd_deg <= 10.0);
+        assert_eq!(steers(heading), certain, "{heading:?}");
+        assert!(certain || heading.t_s <= to_s, "{heading:?}");
     }
 
     // With a worn one it steers until the better one comes.
     let worn = shifted(&settings, 30.0);
     let played = play(&readings, Some(worn), LATE);
-    assert!(played.headings.iter().all(steers));
-    assert_eq!(played.outcomes[0].1.verdict, Verdict::Accepted);
-    assert_eq!(played.outcomes[0].0, played.asked[0].0 + LATE);
-    assert_ne!(played.calibration, Some(worn));
-    // At rest at heading 0 again: the shift alone makes no error there, so look at the parameters.
-    let prompt = play(&readings, Some(worn), 0);
-    assert_eq!(planar(played.calibration), planar(prompt.calibration));
+    assert_eq!(late_outcome(&played, LATE), played.asked[0].0 + LATE);
+    let error = error_deg(&played.calibration.unwrap(), &settings, [0.0; 3]);
+    assert!(
+        error < 2.0 && error_deg(&worn, &settings, [0.0; 3]) > 5.0,
+        "{error}"
+    );
+}
+
+/// After which reading the outcome of the first turn came.
+fn late_outcome(played: &Played, late: usize) -> usize {
+    let of_turn = played
+        .outcomes
+        .iter()
+        .find(|(_, outcome)| outcome.method == "turn");
+    let (index, outcome) = of_turn.expect("no outcome of a turn");
+    assert_ne!(outcome.verdict, Verdict::Rejected, "{late}");
+    *index
 }
 
 #[test]
@@ -211,65 +211,85 @@ fn turns_made_meanwhile_wait_and_are_used() {
     let (first, second) = (played.asked[0], played.asked[1]);
     assert_eq!(first, (played.turned[0], 1));
     // Asked for as soon as the first is done, with the turn that waited.
-    assert!(played.turned[1] < played.outcomes[0].0 && played.outcomes[0].0 < played.turned[2]);
-    assert_eq!(second, (played.outcomes[0].0, 2));
+    let ended: Vec<usize> = played
+        .outcomes
+        .iter()
+        .filter(|(_, outcome)| outcome.method == "turn")
+        .map(|(index, _)| *index)
+        .collect();
+    assert_eq!(ended.len(), 3);
+    assert!(played.turned[1] < ended[0] && ended[0] < played.turned[2]);
+    assert_eq!(second, (ended[0], 2));
     // The third came while the second was under way.
-    assert_eq!(played.asked[2].0, played.outcomes[1].0);
+    assert_eq!(played.asked[2].0, ended[1]);
     assert_eq!(played.asked.len(), 3);
-    assert_eq!(played.outcomes.len(), 3);
-    assert_eq!(played.outcomes[0].1.verdict, Verdict::Accepted);
+    assert!(
+        played
+            .outcomes
+            .iter()
+            .all(|(_, one)| one.verdict != Verdict::Rejected)
+    );
 }
 
 #[test]
-fn a_calibration_that_does_as_well_is_kept() {
+fn turn_after_turn_the_calibration_stays_right() {
     let settings = Settings {
         turns: 6.0,
         ..Settings::default()
     };
     let played = play(&readings(&settings), Some(shifted(&settings, 0.0)), 0);
-    assert_eq!(played.outcomes.len(), 6);
+    assert_eq!(played.asked.len(), 6);
     for (_, outcome) in &played.outcomes {
-        assert_eq!(
-            (outcome.verdict, outcome.reason),
-            (Verdict::Kept, "not_better")
-        );
+        assert_ne!(outcome.verdict, Verdict::Rejected, "{outcome:?}");
     }
-    assert_eq!(played.calibration, Some(shifted(&settings, 0.0)));
+    let error = error_deg(&played.calibration.unwrap(), &settings, [0.0; 3]);
+    assert!(error < 2.0, "{error}");
 }
 
 /// A good turn, and a magnet that comes at `from_s` in the second one: with the first turn just before it, or
-/// alone. The calibration of the good turn must stay.
-fn assert_kept(seed: u64, magnet: [f64; 3], from_s: f64, alone: bool) {
+/// alone after a good calibration. Nothing that is wrong may be accepted, nor called good.
+fn assert_honest(seed: u64, magnet: [f64; 3], from_s: f64, alone: bool) {
     let settings = Settings {
         seed,
         ..Settings::default()
     };
     let clean = readings(&settings);
-    let good = play(&clean, None, 0).outcomes[0].1.calibration.unwrap();
-    assert!(error_deg(&good, &settings, [0.0; 3]) < 0.2);
     let one = readings(&Settings {
         turns: 1.0,
         ..settings.clone()
     });
-    let played = if alone {
-        play(&with_magnet(&one, from_s - 7.0, magnet), Some(good), 0)
+    let (played, from_s) = if alone {
+        let start = Some(shifted(&settings, 0.0));
+        let from_s = from_s - 7.0;
+        (play(&with_magnet(&one, from_s, magnet), start, 0), from_s)
     } else {
-        play(&with_magnet(&clean, from_s, magnet), None, 0)
+        (play(&with_magnet(&clean, from_s, magnet), None, 0), from_s)
     };
     let what = format!("seed {seed}, {magnet:?} from {from_s} s, alone: {alone}");
-    let outcomes = &played.outcomes[usize::from(!alone)..];
-    assert!(!outcomes.is_empty(), "{what}");
-    for (_, outcome) in outcomes {
-        let error = outcome
-            .calibration
-            .map(|c| error_deg(&c, &settings, magnet));
-        assert_ne!(
-            outcome.verdict,
-            Verdict::Accepted,
-            "{what}: {error:?} degrees RMS, {outcome:?}"
-        );
+    let mut turns = 0;
+    for (_, outcome) in &played.outcomes {
+        turns += usize::from(outcome.method == "turn");
+        if let Some(calibration) = &outcome.calibration {
+            // Made before the magnet came, or with it.
+            let error = error_deg(calibration, &settings, magnet).min(error_deg(
+                calibration,
+                &settings,
+                [0.0; 3],
+            ));
+            assert!(
+                error < 3.0 * calibration.heading_sd_deg.max(1.0),
+                "{what}: {error} degrees RMS, {outcome:?}"
+            );
+        }
     }
-    assert_eq!(played.calibration, Some(good), "{what}");
+    assert!(turns >= 1, "{what}");
+    // At the end the board points north again.
+    let last = played.headings.last().unwrap();
+    if let (Condition::Good, Some(fused), Some(sd)) = (last.condition, last.fused_deg, last.sd_deg)
+    {
+        let error = (fused + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(error.abs() < (3.0 * sd).max(5.0), "{what}: {last:?}");
+    }
 }
 
 /// The first turn is done by 10.5 s and the second by 17.5 s.
@@ -285,11 +305,11 @@ fn a_magnet_that_comes_during_a_turn_changes_nothing() {
                 [100.0, 100.0, 50.0],
                 [-250.0, 40.0, 0.0],
             ] {
-                assert_kept(seed, magnet, from_s, false);
-                assert_kept(seed, magnet, from_s, true);
+                assert_honest(seed, magnet, from_s, false);
+                assert_honest(seed, magnet, from_s, true);
             }
-            assert_kept(seed, [0.0, 60.0, 0.0], from_s, false);
-            assert_kept(seed, [0.0, -60.0, 0.0], from_s, false);
+            assert_honest(seed, [0.0, 60.0, 0.0], from_s, false);
+            assert_honest(seed, [0.0, -60.0, 0.0], from_s, false);
         }
     }
 }
@@ -299,8 +319,8 @@ fn a_magnet_that_comes_during_a_turn_changes_nothing() {
 #[test]
 fn a_magnet_that_stretches_the_circle_changes_nothing() {
     for from_s in COMES_S {
-        assert_kept(1, [0.0, 60.0, 0.0], from_s, true);
-        assert_kept(1, [0.0, -60.0, 0.0], from_s, true);
+        assert_honest(1, [0.0, 60.0, 0.0], from_s, true);
+        assert_honest(1, [0.0, -60.0, 0.0], from_s, true);
     }
 }
 
@@ -312,14 +332,8 @@ fn a_magnet_that_stays_is_calibrated_away() {
     };
     let readings = with_magnet(&readings(&settings), 0.0, [60.0, -30.0, 20.0]);
     let played = play(&readings, Some(shifted(&settings, 0.0)), 0);
-    assert_eq!(played.outcomes[0].1.verdict, Verdict::Accepted);
-    let found = planar(played.calibration);
-    let right = Vector2::new(
-        settings.bias_mgauss[0] + 60.0,
-        settings.bias_mgauss[1] - 30.0,
-    );
-    // The plane is askew by up to half a degree, of a vertical field of 500 milligauss.
-    assert!((found.bias_mgauss - right).norm() < 8.0, "{found:?}");
+    let error = error_deg(&played.calibration.unwrap(), &settings, [60.0, -30.0, 20.0]);
+    assert!(error < 2.0, "{error}");
 }
 
 /// By how much each heading that may be steered by differs from that of the same board without the fault.
@@ -387,5 +401,6 @@ fn a_magnetometer_that_hangs_in_a_turn_is_a_fault_until_it_goes_on() {
             .iter()
             .all(|state| state.1 != "frozen_magnetometer" || !state.2)
     );
-    assert!(states[states.len() - 1].1 == "good", "{:?}", states.last());
+    let last = &states[states.len() - 1];
+    assert!(["good", "learning"].contains(&last.1), "{last:?}");
 }

@@ -179,38 +179,40 @@ fn headings_come_with_the_calibration_and_are_right() {
         });
         let log = folder.file("a.csv", log(&(header, entries.clone())));
         let lines = lines(&log, &[]);
-        assert_eq!(
-            states(&lines),
-            ["uncalibrated", "turning", "calibrating", "good"]
-        );
+        let states = states(&lines);
+        assert_eq!(states[..2], ["uncalibrated", "turning"]);
+        assert!(["degraded", "good"].contains(&states.last().unwrap().as_str()));
+        // The first is that of the first turn, or what motion had taught before it.
         let calibrated = lines
             .iter()
             .position(|l| l["class"] == "CALIBRATION")
             .unwrap();
-        let calibration = &lines[calibrated];
-        assert_eq!(
-            (&calibration["verdict"], &calibration["mode"]),
-            (&json!("accepted"), &json!("planar"))
-        );
+        assert_eq!(lines[calibrated]["verdict"], "accepted");
+        let turned = |l: &Value| l["class"] == "CALIBRATION" && l["method"] == "turn";
+        assert!(lines.iter().any(turned));
         for (i, line) in lines
             .iter()
             .enumerate()
             .filter(|(_, l)| l["class"] == "ATT")
         {
-            if i < calibrated {
-                assert!(!steers(line) && line.get("heading_sd").is_none(), "{line}");
+            let uncertain = line.get("heading_sd").is_none();
+            assert_eq!(steers(line), !uncertain, "{line}");
+            if t_s(line) < 5.0 {
+                // At rest nothing tells north from iron.
+                assert!(uncertain, "{line}");
                 assert_eq!(line["mag_st"], "C");
-            } else {
+            } else if i > calibrated {
+                assert!(line["heading_sd"].as_f64().unwrap() <= 10.0, "{line}");
                 assert!(
                     line["mheading"].is_f64() && line["inst_heading"].is_f64(),
                     "{line}"
                 );
-                assert!(
-                    line.get("mag_z").is_none(),
-                    "a planar calibration knows no Z: {line}"
-                );
                 assert_eq!(line["mag_st"], "N");
             }
+            assert!(
+                line.get("mag_z").is_none(),
+                "level turns tell nothing of Z: {line}"
+            );
             // True heading needs a declination, which nobody gave.
             assert!(line.get("heading").is_none());
         }
@@ -264,13 +266,23 @@ fn a_spatial_calibration_carries_any_attitude() {
     assert_within("from 10 s on", &errors[400..], 1.5, 0.7);
     let single = errors_deg(&lines, &entries, "inst_heading");
     assert_within("of single samples", &single[400..], 4.0, 1.0);
-    assert_eq!(states(&lines), ["good"]);
+    assert_eq!(states(&lines).last().unwrap(), "good");
 }
 
 #[test]
-fn without_a_full_turn_nothing_is_calibrated() {
+fn without_motion_nothing_is_calibrated_and_with_little_nothing_is_wrong() {
     let folder = Folder::new();
-    for turns in [0.0, 0.5, -0.9] {
+    for turns in [0.5, -0.9] {
+        let (header, entries) = simulated(&Settings {
+            turns,
+            ..Settings::default()
+        });
+        let log = folder.file("a.csv", log(&(header, entries.clone())));
+        let errors = errors_deg(&lines(&log, &[]), &entries, "mheading");
+        let largest = errors.iter().fold(0.0f64, |a, e| a.max(e.abs()));
+        assert!(largest < 20.0, "{turns} turns: {largest}");
+    }
+    for turns in [0.0, 0.1] {
         let log = folder.log(
             "a.csv",
             &Settings {
@@ -308,7 +320,7 @@ fn a_store_is_touched_only_if_it_is_named() {
     assert!(!steers(&of_class(&first, "ATT")[0]));
     let kept = std::fs::read_to_string(folder.path("store/calibration.json")).unwrap();
     let kept: Value = serde_json::from_str(&kept).unwrap();
-    assert!(kept.to_string().contains("\"planar\""), "{kept}");
+    assert!(kept["sensors"][0]["in_force"].is_u64(), "{kept}");
 
     let second = lines(&log, &["--store", &store]);
     assert!(of_class(&second, "ATT").iter().all(steers));
@@ -425,12 +437,12 @@ fn a_silent_magnetometer_is_stale_and_recovers() {
     let changes: Vec<(String, f64)> = of_class(&lines, "STATE")
         .iter()
         .map(|s| (s["cal_state"].as_str().unwrap().to_owned(), t_s(s)))
-        .filter(|(_, t_s)| *t_s > 5.0)
+        .filter(|(_, t_s)| *t_s > 6.0)
         .collect();
-    assert_eq!(changes.len(), 2, "{changes:?}");
-    assert_eq!(
-        (changes[0].0.as_str(), changes[1].0.as_str()),
-        ("stale", "good")
+    assert_eq!(changes[0].0, "stale");
+    assert!(
+        ["degraded", "good"].contains(&changes[1].0.as_str()),
+        "{changes:?}"
     );
     // The last sample before is at 5.978 s, and half a second is the limit.
     assert!((6.47..6.5).contains(&changes[0].1), "{changes:?}");
@@ -438,7 +450,8 @@ fn a_silent_magnetometer_is_stale_and_recovers() {
     let back = atts.iter().find(|att| t_s(att) > 7.0).unwrap();
     assert!(back["mheading"].is_f64(), "{back}");
     let errors = errors_deg(&lines, &entries, "mheading");
-    assert!(errors.iter().all(|error| error.abs() < 3.0));
+    assert!(errors.iter().all(|error| error.abs() < 5.0));
+    assert!(rms(&errors) < 2.0, "{}", rms(&errors));
 }
 
 #[test]

@@ -32,6 +32,7 @@ fn made(parameters: Parameters) -> Made {
             strength_mgauss: 610.0 / 3.0,
             residual_mgauss: 0.1 + 0.2,
             heading_sd_deg: 0.7,
+            covariance: None,
         },
     }
 }

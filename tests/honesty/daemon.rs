@@ -5,8 +5,7 @@ use std::path::Path;
 use headingd::calibration::calibrate;
 use headingd::calibration::model::{Calibration, Model, Parameters, Spatial};
 use headingd::condition::Condition;
-use headingd::frame::Mountings;
-use headingd::heading::Compass;
+use headingd::frame::{Mountings, heading_deg};
 use headingd::pipeline::{Action, Event, Pipeline, Setup};
 use headingd::reading::Reading;
 use headingd::sensor::replay::Replay;
@@ -44,10 +43,8 @@ impl Accepted {
 
     /// The heading of a level board from this field, chip axes.
     pub fn level_heading_deg(&self, raw: &Vector3<f64>) -> Option<f64> {
-        let compass = Compass::new(self.calibration, self.mountings.mag);
-        let down = Vector3::z();
-        let corrected = compass.correct(raw, Some(&down));
-        compass.heading_deg(&corrected, Some(&down))
+        let corrected = self.calibration.parameters.correct(raw);
+        heading_deg(&self.mountings.mag.to_body(corrected), &Vector3::z())
     }
 }
 
@@ -60,6 +57,7 @@ pub fn true_calibration(matrix: Matrix3<f64>, bias: Vector3<f64>, strength: f64)
         strength_mgauss: strength,
         residual_mgauss: 5.0,
         heading_sd_deg: 0.3,
+        covariance: None,
     }
 }
 
@@ -131,7 +129,7 @@ impl Daemon {
 
     /// The calibration in force.
     pub fn calibration(&self) -> Option<Calibration> {
-        self.pipeline.calibration().copied()
+        self.pipeline.calibration()
     }
 
     /// The hard iron found, chip axes, milligauss, if all three axes of it are known.
@@ -144,13 +142,12 @@ impl Daemon {
 
     /// The rotation between magnetometer and gyro that was found, chip axes, if one was looked for.
     pub fn alignment(&self) -> Option<Rotation3<f64>> {
-        // Version 0.1 has a symmetric matrix, which is without one.
-        let matrix = match self.pipeline.calibration()?.parameters {
-            Parameters::Spatial(spatial) => *spatial.matrix(),
-            Parameters::Planar(_) => return None,
-        };
-        let symmetric = (matrix - matrix.transpose()).norm() < 1e-9;
-        (!symmetric).then(|| Rotation3::from_matrix(&matrix))
+        match self.pipeline.calibration()?.parameters {
+            Parameters::Spatial(spatial) => {
+                spatial.alignment_rad().map(Rotation3::from_scaled_axis)
+            }
+            Parameters::Planar(_) => None,
+        }
     }
 }
 

@@ -10,7 +10,7 @@ pub fn check(calibration: &Calibration, limits: &Limits) -> Result<(), Refusal> 
     let scale = match &calibration.parameters {
         Parameters::Planar(planar) => planar.scale,
         Parameters::Spatial(spatial) => {
-            let values = spatial.matrix().symmetric_eigenvalues();
+            let values = spatial.matrix().singular_values();
             Vector2::new(values.min(), values.max())
         }
     };
@@ -36,7 +36,8 @@ pub fn check(calibration: &Calibration, limits: &Limits) -> Result<(), Refusal> 
             ),
         ));
     }
-    if calibration.heading_sd_deg > limits.heading_sd_deg {
+    // With a covariance it says itself how far to trust it, and is learnt on from there.
+    if calibration.covariance.is_none() && calibration.heading_sd_deg > limits.heading_sd_deg {
         return Err(Refusal::new(
             "heading_uncertainty",
             format!(
@@ -67,6 +68,7 @@ mod tests {
             strength_mgauss: 163.0,
             residual_mgauss: 2.0,
             heading_sd_deg: 0.1,
+            covariance: None,
         };
         let limits = Limits::default();
         assert_eq!(check(&good, &limits), Ok(()));

@@ -67,7 +67,7 @@ impl Journey {
             Request::Import(file) => self.import(file),
             Request::Rollback(number) => {
                 let entry = *self.keeper.history_mut().roll_back(number)?;
-                self.handle(Event::InForce(Some(entry.made.calibration)));
+                self.handle(Event::InForce(Some(Box::new(entry.made.calibration))));
                 Ok(changed(
                     Answer::done(format!("calibration {} is in force", entry.number))
                         .with("number", entry.number),
@@ -176,7 +176,7 @@ impl Journey {
             ..entry.made
         };
         let number = self.keep(made);
-        self.handle(Event::InForce(Some(made.calibration)));
+        self.handle(Event::InForce(Some(Box::new(made.calibration))));
         Ok(changed(
             Answer::done(format!("calibration {number} is in force")).with("number", number),
         ))
@@ -216,10 +216,7 @@ impl Journey {
         let reason = self.pipeline.wanted();
         answer
             .with("mode", history.mode.word())
-            .with(
-                "armed",
-                matches!(reason, Some(Reason::Start | Reason::Stale)),
-            )
+            .with("armed", reason == Some(Reason::Start))
             .with("calibrating", self.pipeline.is_calibrating())
             .with("progress", progress)
             .with(
@@ -282,6 +279,7 @@ fn described(entry: &Entry, history: &History) -> Map<String, Value> {
         ("age_s", json!(age_s)),
         ("reason", json!(reason)),
         ("mode", json!(calibration.parameters.mode())),
+        ("method", json!(calibration.method())),
         ("residual_mgauss", json!(calibration.residual_mgauss)),
         ("heading_sd_deg", json!(calibration.heading_sd_deg)),
         ("gyro_rms_deg", json!(gyro_rms_deg)),

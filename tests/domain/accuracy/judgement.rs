@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use headingd::calibration::calibrate;
-use headingd::calibration::model::Mode;
+use headingd::calibration::model::{Calibration, Mode};
 use headingd::calibration::verdict::Limits;
-use headingd::frame::wrap_pi;
-use headingd::heading::Compass;
+use headingd::frame::{heading_deg, wrap_pi};
 use nalgebra::Vector3;
 
 use super::bound::{HEADINGS, level_turn, raw};
@@ -41,8 +40,7 @@ fn row(case: &Case, trouble: Trouble, single: bool, limits: &Limits) -> Row {
         row.logs += 1;
         *row.reasons.entry(outcome.reason).or_default() += 1;
         if let Some(calibration) = outcome.calibration {
-            let compass = Compass::new(calibration, log.request.mounting);
-            let error = largest_error_deg(case, &log, &compass);
+            let error = largest_error_deg(case, &log, &calibration);
             row.accepted += 1;
             row.wrong += usize::from(error > LARGEST_DEG);
             row.worst_deg = row.worst_deg.max(error);
@@ -52,11 +50,11 @@ fn row(case: &Case, trouble: Trouble, single: bool, limits: &Limits) -> Row {
 }
 
 /// The largest heading error over a noise-free level turn, once the mean offset is taken off, degrees.
-fn largest_error_deg(case: &Case, log: &Log, compass: &Compass) -> f64 {
+fn largest_error_deg(case: &Case, log: &Log, calibration: &Calibration) -> f64 {
     let errors: Vec<f64> = level_turn(case)
         .map(|(field, heading)| {
-            let corrected = compass.correct(&raw(&log.truth, &field), None);
-            let found = compass.heading_deg(&corrected, Some(&Vector3::z()));
+            let corrected = calibration.parameters.correct(&raw(&log.truth, &field));
+            let found = heading_deg(&log.request.mounting.to_body(corrected), &Vector3::z());
             found.unwrap().to_radians() - heading
         })
         .collect();

@@ -27,6 +27,8 @@ pub struct Board {
     pub earth_mgauss: Vector3<f64>,
     pub with_field: bool,
     pub with_gyro: bool,
+    /// What the gyro makes of the rate.
+    pub gyro: fn(Vector3<f64>) -> Vector3<f64>,
     pub with_accel: bool,
     pub overflow: bool,
     random: Xoshiro256PlusPlus,
@@ -42,11 +44,13 @@ pub struct Board {
 
 impl Board {
     pub fn new(calibration: Option<Calibration>) -> Self {
+        Self::with(Settings::default(), calibration)
+    }
+
+    /// With a pipeline that is set so.
+    pub fn with(settings: Settings, calibration: Option<Calibration>) -> Self {
         let setup = Setup {
-            pipeline: Settings {
-                misfit_s: 30.0,
-                ..Settings::default()
-            },
+            pipeline: settings,
             ..Setup::default()
         };
         Self {
@@ -58,6 +62,7 @@ impl Board {
             earth_mgauss: EARTH,
             with_field: true,
             with_gyro: true,
+            gyro: |rate| rate,
             with_accel: true,
             overflow: false,
             random: Xoshiro256PlusPlus::seed_from_u64(1),
@@ -86,7 +91,7 @@ impl Board {
         self.turn_at(60.0 * angle_deg.signum(), angle_deg.abs() / 60.0);
     }
 
-    fn turn_at(&mut self, rate_deg_s: f64, duration_s: f64) {
+    pub fn turn_at(&mut self, rate_deg_s: f64, duration_s: f64) {
         for _ in 0..(duration_s / STEP_S).round() as usize {
             self.t_s += STEP_S;
             self.heading_deg += rate_deg_s * STEP_S;
@@ -112,27 +117,19 @@ impl Board {
         self.tell(Event::Reading(reading));
     }
 
-    /// Moves about in all orientations until this is so, at most this long; how long it took, seconds.
-    pub fn wander_until(&mut self, most_s: f64, wanted: impl Fn(&Self) -> bool) -> f64 {
-        let begun_s = self.t_s;
-        while !wanted(self) {
-            assert!(
-                self.t_s - begun_s < most_s,
-                "{:?}, {:?}",
-                self.reports.last(),
-                self.outcomes.last()
-            );
-            // To and fro, so that no turn is ever full.
-            self.turn(250.0);
-            self.turn(-250.0);
+    /// Is moved about, so that all axes see the field.
+    pub fn tumble(&mut self) {
+        for pitch_deg in [40.0, -40.0, 0.0] {
+            self.turn(200.0);
+            self.pitch_to(pitch_deg);
+            self.turn(-200.0);
         }
-        self.t_s - begun_s
     }
 
-    /// Does so for at least so long.
-    pub fn wander(&mut self, duration_s: f64) {
-        let until_s = self.t_s + duration_s;
-        self.wander_until(2.0 * duration_s, |board| board.t_s >= until_s);
+    /// How far the published heading is from the true one, degrees, if there is one.
+    pub fn error_deg(&self) -> Option<f64> {
+        let fused = self.heading.as_ref()?.fused_deg?;
+        Some((fused - self.heading_deg + 180.0).rem_euclid(360.0) - 180.0)
     }
 
     /// Makes a full turn of which nothing was made before: part of one is undone, and that takes its time.
@@ -156,7 +153,7 @@ impl Board {
                 .then(|| [axis(field.x), Some(field.y), Some(field.z)]),
             rate_rad_s: self
                 .with_gyro
-                .then(|| to_body * rate_deg_s.map(f64::to_radians)),
+                .then(|| (self.gyro)(to_body * rate_deg_s.map(f64::to_radians))),
             specific_force_m_s2: self.with_accel.then(|| to_body * Vector3::z() * -9.8),
         }
     }
@@ -219,6 +216,7 @@ pub fn planar(off_mgauss: f64) -> Calibration {
         strength_mgauss: EARTH.x,
         residual_mgauss: 1.2,
         heading_sd_deg: 0.05,
+        covariance: None,
     }
 }
 

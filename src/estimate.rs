@@ -1,0 +1,440 @@
+//! The running estimate: one recursive filter over the field, the iron, the chips' axes and the gyro.
+//!
+//! It is fed by every magnetometer sample, and its covariance answers every question: which way the board points and
+//! how certainly, whether that may be published, whether the field is disturbed, and how good the calibration is.
+//! `filter` has the model and its equations, `prior` what a filter starts from.
+//!
+//! Two filters may run at a time: the active one, and a rival that explains the samples in another way — with the
+//! result of a full turn, without it, or with iron that has just come or gone. Both predict the samples that follow, and the one with
+//! the smaller innovations becomes, or stays, the active one.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::attitude::Pose;
+use crate::calibration::model::{Calibration, Covariance, Model, Parameters, Spatial};
+use crate::frame::{Mounting, heading_deg, wrap_360};
+
+mod filter;
+mod gyro_check;
+mod kept;
+mod prior;
+
+use filter::{Filter, Input};
+use gyro_check::GyroCheck;
+pub use gyro_check::GyroFault;
+use prior::{Measured, Prior};
+
+/// Two filters are told apart when one explains the samples better by so much log-likelihood: e¹² to 1, since samples
+/// beside each other share their errors.
+const DECIDED: f64 = 12.0;
+/// A rival that has explained nothing better after this much motion is dropped, seconds.
+const RIVAL_LASTS_S: f64 = 30.0;
+/// Strength of a disturbance, as a share of the field, for this long in motion, after which iron on the board is tried as its cause.
+const IRON_TRIED_FROM: f64 = 0.08;
+const IRON_TRIED_AFTER_S: f64 = 1.0;
+/// Without an accelerometer a board is taken for level within this, radians (3°).
+const LEVEL_SD_RAD: f64 = 0.052;
+/// Tilt error of a still board: its accelerometer's bias, radians.
+const TILT_SD_RAD: f64 = 0.01;
+/// Body X this near the vertical (sine of 10°) has no heading.
+const NO_HEADING: f64 = 0.17;
+/// An axis whose bias is known less well than this share of the field is not measured.
+const MEASURED: f64 = 0.15;
+
+/// One magnetometer sample, with what gyro and accelerometer say of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample {
+    /// Seconds.
+    pub t_s: f64,
+    /// Raw field, magnetometer chip axes, milligauss.
+    pub field_mgauss: Vector3<f64>,
+    /// The board's pose.
+    pub pose: Pose,
+    /// Angular rate freed of the gyro's bias, body axes, rad/s.
+    pub rate_rad_s: Vector3<f64>,
+    /// That bias, rad/s.
+    pub gyro_bias_rad_s: Vector3<f64>,
+    /// At rest by gyro, accelerometer and field.
+    pub at_rest: bool,
+    /// Still by gyro and accelerometer.
+    pub still: bool,
+}
+
+/// A heading and its deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fix {
+    /// Degrees clockwise from magnetic north, [0, 360).
+    pub heading_deg: f64,
+    /// One standard deviation, degrees.
+    pub sd_deg: f64,
+}
+
+/// How the active filter came to its parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Origin {
+    Motion,
+    Turn,
+}
+
+/// A second explanation of the samples.
+struct Rival {
+    filter: Filter,
+    origin: Origin,
+    /// Log-likelihood of the rival less that of the active one, when it began.
+    lead: f64,
+    moved_s: f64,
+}
+
+/// The estimate.
+pub struct Estimate {
+    mounting: Mounting,
+    /// What there is before the active filter has begun.
+    kept: Option<Calibration>,
+    active: Filter,
+    origin: Origin,
+    rival: Option<Rival>,
+    frozen: bool,
+    last: Option<(f64, u32, Vector3<f64>)>,
+    gyro: GyroCheck,
+    disturbed_s: f64,
+    replaced: bool,
+    lost: bool,
+}
+
+impl Estimate {
+    /// An estimate of a magnetometer mounted like this that knows nothing, or what a calibration says.
+    pub fn new(mounting: Mounting, calibration: Option<&Calibration>) -> Self {
+        let prior = calibration.map_or_else(Prior::unknown, |c| Prior::of(c, &mounting));
+        Self {
+            mounting,
+            kept: calibration.copied(),
+            active: Filter::new(&prior),
+            origin: match calibration {
+                Some(calibration) if calibration.covariance.is_none() => Origin::Turn,
+                _ => Origin::Motion,
+            },
+            rival: None,
+            frozen: false,
+            last: None,
+            gyro: GyroCheck::default(),
+            disturbed_s: 0.0,
+            replaced: false,
+            lost: false,
+        }
+    }
+
+    /// Keeps the parameters as they are, or lets them be learnt again.
+    pub fn freeze(&mut self, frozen: bool) {
+        self.frozen = frozen;
+        if frozen {
+            self.rival = None;
+        }
+    }
+
+    /// Takes a sample.
+    pub fn take(&mut self, sample: &Sample) {
+        let stretch = sample.pose.stretch;
+        let (last_s, last_stretch, bias) =
+            self.last
+                .unwrap_or((sample.t_s - 0.01, stretch, sample.gyro_bias_rad_s));
+        self.last = Some((sample.t_s, stretch, sample.gyro_bias_rad_s));
+        let period_s = (sample.t_s - last_s).clamp(1e-4, 10.0);
+        let input = Input {
+            to_frame: sample.pose.orientation.to_rotation_matrix().into_inner(),
+            vertical_known: sample.pose.vertical_known,
+            rate_rad_s: sample.rate_rad_s,
+            field_mgauss: self.mounting.to_body(sample.field_mgauss),
+            period_s,
+            at_rest: sample.at_rest,
+            still: sample.still,
+        };
+        let shift = sample.gyro_bias_rad_s - bias;
+        let lost = std::mem::take(&mut self.lost) || stretch != last_stretch;
+        let frozen = self.frozen;
+        for filter in std::iter::once(&mut self.active)
+            .chain(self.rival.as_mut().map(|rival| &mut rival.filter))
+        {
+            filter.shift_gyro_bias(&shift);
+            if lost {
+                filter.restart_frame(&input);
+            } else {
+                filter.take(&input, frozen);
+            }
+        }
+        self.gyro.take(&input, &self.active);
+        if !sample.still {
+            self.compare(period_s);
+            self.try_iron(period_s);
+        }
+    }
+
+    /// The frame is lost, and so is all that was carried along with it.
+    pub fn lose_frame(&mut self) {
+        self.last = None;
+        self.lost = true;
+        self.rival = None;
+    }
+
+    /// Whether the active filter has been replaced by its rival since this was last asked.
+    pub fn take_replaced(&mut self) -> bool {
+        std::mem::take(&mut self.replaced)
+    }
+
+    /// The better explanation of the samples wins.
+    fn compare(&mut self, period_s: f64) {
+        let Some(rival) = &mut self.rival else {
+            return;
+        };
+        rival.moved_s += period_s;
+        let lead = rival.filter.log_likelihood() - self.active.log_likelihood() - rival.lead;
+        if lead > DECIDED {
+            self.origin = rival.origin;
+            self.active = rival.filter.clone();
+            self.rival = None;
+            self.replaced = true;
+            self.disturbed_s = 0.0;
+        } else if lead < -DECIDED || rival.moved_s > RIVAL_LASTS_S {
+            self.rival = None;
+        }
+    }
+
+    /// A disturbance that stays while the board moves may be iron on the board.
+    fn try_iron(&mut self, period_s: f64) {
+        if self.rival.is_some() || self.frozen || !self.active.begun() {
+            return;
+        }
+        if self.active.disturbance() < IRON_TRIED_FROM {
+            self.disturbed_s = (self.disturbed_s - period_s).max(0.0);
+            return;
+        }
+        self.disturbed_s += period_s;
+        if self.disturbed_s < IRON_TRIED_AFTER_S {
+            return;
+        }
+        self.disturbed_s = 0.0;
+        let mut filter = self.active.clone();
+        filter.doubt_iron();
+        self.start_rival(filter, Origin::Motion);
+    }
+
+    fn start_rival(&mut self, filter: Filter, origin: Origin) {
+        self.rival = Some(Rival {
+            lead: filter.log_likelihood() - self.active.log_likelihood(),
+            filter,
+            origin,
+            moved_s: 0.0,
+        });
+    }
+
+    /// Takes the result of a full turn. If it claims more than is known, it is active from now on and what was known
+    /// becomes its rival, else the other way round.
+    pub fn adopt_turn(&mut self, calibration: &Calibration, sample: Option<&Sample>) {
+        let Some(sample) = sample.filter(|_| self.active.begun()) else {
+            let frozen = self.frozen;
+            *self = Self::new(self.mounting, Some(calibration));
+            self.frozen = frozen;
+            return;
+        };
+        let mut turned = self.active.clone();
+        let measured = Measured::by(calibration, &self.mounting);
+        let input = Input {
+            to_frame: sample.pose.orientation.to_rotation_matrix().into_inner(),
+            vertical_known: sample.pose.vertical_known,
+            rate_rad_s: sample.rate_rad_s,
+            field_mgauss: self.mounting.to_body(sample.field_mgauss),
+            period_s: 0.01,
+            at_rest: sample.at_rest,
+            still: sample.still,
+        };
+        turned.replace(&measured, &input);
+        if azimuth_sd_rad(&turned) <= azimuth_sd_rad(&self.active) {
+            let known = std::mem::replace(&mut self.active, turned);
+            let origin = std::mem::replace(&mut self.origin, Origin::Turn);
+            self.start_rival(known, origin);
+        } else {
+            self.start_rival(turned, Origin::Turn);
+        }
+    }
+
+    /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` where X is vertical, or
+    /// before the estimate has begun. Its deviation has the field's, the place's and the tilt's in it.
+    pub fn fix(&self, pose: &Pose) -> Option<Fix> {
+        if !self.active.begun() {
+            return None;
+        }
+        let field = self.active.field();
+        if !pose.vertical_known {
+            let seen = pose.orientation.inverse_transform_vector(&field);
+            return self.level_fix(&seen);
+        }
+        let nose = pose.orientation * Vector3::x();
+        let level = nose.xy().norm();
+        if level < NO_HEADING {
+            return None;
+        }
+        let heading = nose.x.atan2(nose.y) - field.x.atan2(field.y);
+        let tilt = TILT_SD_RAD * nose.z / level;
+        let sd = azimuth_sd_rad(&self.active).hypot(tilt);
+        Some(Fix {
+            heading_deg: wrap_360(heading.to_degrees()),
+            sd_deg: sd.to_degrees().min(180.0),
+        })
+    }
+
+    /// Without an accelerometer a board is taken for level.
+    fn level_fix(&self, seen: &Vector3<f64>) -> Option<Fix> {
+        let horizontal = seen.xy().norm().max(1.0);
+        let own = self.active.field_covariance().trace() / 3.0;
+        let tilt = LEVEL_SD_RAD * seen.z / horizontal;
+        let sd = (own / (horizontal * horizontal) + tilt * tilt).sqrt();
+        Some(Fix {
+            heading_deg: heading_deg(seen, &Vector3::z())?,
+            sd_deg: sd.to_degrees().min(180.0),
+        })
+    }
+
+    /// The heading from one sample alone: what is left where the gyro is not to be trusted.
+    pub fn instantaneous(
+        &self,
+        field_mgauss: &Vector3<f64>,
+        down: Option<&Vector3<f64>>,
+    ) -> Option<Fix> {
+        let corrected = self.corrected(field_mgauss)?;
+        if let Some(kept) = self.kept_alone() {
+            return kept::fix(kept, &self.mounting, &corrected, down);
+        }
+        let (axis, tilt_sd) = match down {
+            Some(down) => (*down, TILT_SD_RAD),
+            None => (Vector3::z(), LEVEL_SD_RAD),
+        };
+        let heading = heading_deg(&corrected, &axis)?;
+        let vertical = corrected.dot(&axis);
+        let horizontal = (corrected - axis * vertical).norm().max(1.0);
+        let east = axis.cross(&corrected) / horizontal;
+        let covariance = self.active.sample_covariance(&corrected);
+        let own = (east.transpose() * covariance * east)[0];
+        let tilt = tilt_sd * vertical;
+        let sd = (own + tilt * tilt).sqrt() / horizontal;
+        Some(Fix {
+            heading_deg: heading,
+            sd_deg: sd.to_degrees().min(180.0),
+        })
+    }
+
+    /// A sample with iron and chip taken out, body axes, milligauss (Equation 3).
+    pub fn corrected(&self, field_mgauss: &Vector3<f64>) -> Option<Vector3<f64>> {
+        if let Some(kept) = self.kept_alone() {
+            return Some(kept::corrected(kept, &self.mounting, field_mgauss));
+        }
+        let body = self.mounting.to_body(*field_mgauss);
+        Some(self.active.matrix().try_inverse()? * (body - self.active.bias_mgauss()))
+    }
+
+    /// The calibration to start with, as long as there is nothing else.
+    fn kept_alone(&self) -> Option<&Calibration> {
+        self.kept.as_ref().filter(|_| !self.active.begun())
+    }
+
+    /// Which body axes have a bias that is known.
+    pub fn measured_axes(&self) -> [bool; 3] {
+        if let Some(kept) = self.kept_alone() {
+            return kept::measured_axes(kept, &self.mounting);
+        }
+        let limit = MEASURED * self.active.strength_mgauss().max(1.0);
+        let sd = self.active.bias_sd_mgauss();
+        std::array::from_fn(|axis| sd[axis] < limit)
+    }
+
+    /// Expected strength of the corrected field, milligauss.
+    pub fn strength_mgauss(&self) -> f64 {
+        match self.kept_alone() {
+            Some(kept) => kept.strength_mgauss,
+            None => self.active.strength_mgauss(),
+        }
+    }
+
+    /// The horizontal part of the field, milligauss.
+    pub fn horizontal_mgauss(&self) -> f64 {
+        self.active.field().xy().norm()
+    }
+
+    /// The hard iron, magnetometer chip axes, milligauss.
+    pub fn bias_mgauss(&self) -> Vector3<f64> {
+        self.mounting.to_chip(self.active.bias_mgauss())
+    }
+
+    /// Whether the field here is not the earth's.
+    pub fn disturbed(&self) -> bool {
+        self.active.begun() && self.active.disturbed()
+    }
+
+    /// Whether the samples are as the estimate expects them.
+    pub fn consistent(&self) -> bool {
+        self.active.consistency() < 4.0
+    }
+
+    /// What is wrong with the gyro, if field and gyro show it.
+    pub fn gyro_fault(&self) -> Option<GyroFault> {
+        self.gyro.fault()
+    }
+
+    /// What is left of the gyro's bias, body axes, rad/s.
+    pub fn gyro_bias_rad_s(&self) -> Vector3<f64> {
+        self.active.gyro_bias_rad_s()
+    }
+
+    /// Deviation of north in the gyro's frame, degrees: that of every heading of a level board.
+    pub fn north_sd_deg(&self) -> f64 {
+        if !self.active.begun() {
+            return 180.0;
+        }
+        azimuth_sd_rad(&self.active).to_degrees().min(180.0)
+    }
+
+    /// The motion that would teach most: about which body axis to turn.
+    pub fn motion_wanted(&self) -> &'static str {
+        // Turning about an axis shows the iron across it.
+        let unknown = self.active.least_known().map(f64::abs);
+        match unknown.imax() {
+            2 => "roll or pitch it",
+            _ => "turn it about the vertical",
+        }
+    }
+
+    /// Whether the parameters came from a full turn or from motion.
+    pub fn method(&self) -> &'static str {
+        match self.origin {
+            Origin::Turn => "turn",
+            Origin::Motion => "motion",
+        }
+    }
+
+    /// What is known now, as a calibration to keep; `None` before the estimate has begun.
+    pub fn calibration(&self) -> Option<Calibration> {
+        if !self.active.begun() {
+            return None;
+        }
+        let to_chip = self.mounting.rotation().transpose();
+        let turn = prior::turned(&to_chip);
+        let covariance = turn * self.active.parameter_covariance() * turn.transpose();
+        let matrix = to_chip * self.active.matrix() * to_chip.transpose();
+        let bias = self.mounting.to_chip(self.active.bias_mgauss());
+        Some(Calibration {
+            parameters: Parameters::Spatial(Spatial::new(Model::General, bias, matrix)?),
+            reference_mgauss: None,
+            strength_mgauss: self.active.strength_mgauss(),
+            residual_mgauss: self.active.noise_mgauss(),
+            heading_sd_deg: self.north_sd_deg(),
+            covariance: Some(Covariance::packed(&covariance)),
+        })
+    }
+}
+
+/// Deviation of the azimuth of the field, radians.
+fn azimuth_sd_rad(filter: &Filter) -> f64 {
+    let field = filter.field();
+    let horizontal2 = field.xy().norm_squared().max(1.0);
+    let east = Vector3::new(-field.y, field.x, 0.0) / horizontal2;
+    let covariance: Matrix3<f64> = filter.field_covariance();
+    (east.transpose() * covariance * east)[0].max(0.0).sqrt()
+}

@@ -1,0 +1,734 @@
+//! The extended Kalman filter behind the estimate.
+//!
+//! The field of the earth stands still in the frame that gyro and accelerometer carry along. With R from body to that
+//! frame, a magnetometer sample at time t is
+//!
+//! ```text
+//! y(t) = D · R(t − T)ᵀ · (I + [ε]×) · (h + m) + b + white noise
+//! ```
+//!
+//! | state | what it is | changes by |
+//! |---|---|---|
+//! | h | field in the frame, milligauss; its azimuth is north | the gyro's errors, which turn the frame |
+//! | ε | tilt error of the frame, two angles, radians | acceleration: forgotten over the time constant of the tilt |
+//! | b | hard iron, body axes, milligauss | a slow walk |
+//! | m | unevenness of the field here, in the frame, milligauss | forgotten by turning and moving |
+//! | D | soft iron, scale factors and rotation between the chips; trace held at 3 | nothing |
+//! | T | lag of the magnetometer behind the gyro, seconds | nothing |
+//! | G | what is left of the gyro's bias, body axes, rad/s | a slow walk |
+//! | S | scale error of each axis of the gyro | nothing |
+//!
+//! The trace of D is held since only the product of D and h can be seen.
+
+use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
+
+use super::prior::{Measured, Prior};
+
+const H: usize = 0;
+const E: usize = 3;
+const B: usize = 5;
+const M: usize = 8;
+const D: usize = 11;
+const T: usize = 20;
+const G: usize = 21;
+const S: usize = 24;
+/// Length of the state.
+const N: usize = 27;
+
+type State = SVector<f64, N>;
+type Covariance = SMatrix<f64, N, N>;
+
+/// The middle of what the earth's field is anywhere (220 to 670 mG): where nothing else is known.
+pub(super) const FIELD_MGAUSS: f64 = 500.0;
+/// The strongest field anywhere: an iron that is not known yet makes it no stronger.
+const STRONGEST_MGAUSS: f64 = 670.0;
+/// Bias to expect of a gyro after its filter has had its say, rad/s: data sheets allow ±5 to ±40°/s before it.
+const GYRO_BIAS_RAD_S: f64 = 0.035;
+/// Scale error to expect on an axis of a gyro; data sheets: 1 to 3 % at most.
+const GYRO_SCALE: f64 = 0.01;
+/// What cross-axis errors of a gyro add to the frame's turn for each radian turned, one standard deviation.
+const GYRO_CROSS: f64 = 0.002;
+/// Lag to expect of a magnetometer, seconds: half its period and some filtering; 16 ms on a real recorder.
+const LAG_S: f64 = 0.015;
+/// Angle random walk of the frame, rad/√s: 0.02 °/√s, four times the noise density of an ITG-3200's data sheet.
+const ANGLE_WALK_RAD: f64 = 0.000_35;
+/// Walk of the gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
+const BIAS_WALK_RAD_S: f64 = 0.000_087;
+/// A gyro at rest reads its bias within this over one second, rad/s (0.3°/s).
+const REST_RATE_RAD_S: f64 = 0.0052;
+/// Jitter of the times of samples, seconds.
+const JITTER_S: f64 = 0.001;
+/// White noise of a sample at first, and at least, milligauss; in between it is measured.
+const NOISE_MGAUSS: f64 = 7.0;
+const LEAST_NOISE_MGAUSS: f64 = 1.5;
+/// Over this time the noise is measured, seconds.
+const NOISE_TAU_S: f64 = 2.0;
+/// Tilt error of the frame, radians, and how long it lasts, seconds.
+const TILT_RAD: f64 = 0.012;
+const TILT_TAU_S: f64 = 2.0;
+/// Unevenness of the field as a share of it: at first, and at least. Rooms have 1 to 2 % over half a metre.
+const FIRST_UNEVENNESS: f64 = 0.035;
+const LEAST_UNEVENNESS: f64 = 0.004;
+/// Unevenness of usual places: more than that, while the board turns, is iron that came to stay on the board.
+const USUAL_UNEVENNESS: f64 = 0.015;
+/// Unevenness is forgotten by turning this far, radians, by moving this long, or by resting this long, seconds.
+const FORGET_RAD: f64 = 0.52;
+const FORGET_MOVING_S: f64 = 1.0;
+const FORGET_RESTING_S: f64 = 300.0;
+/// Its size is measured over so many of those lengths: quickly when it grows, slowly when it shrinks.
+const LENGTHS_UP: f64 = 3.0;
+const LENGTHS_DOWN: f64 = 4.0;
+/// The place as a whole is off by as much as it is uneven: at first, at least and at most, as a share of the field …
+const FIRST_PLACE: f64 = 0.01;
+const LEAST_PLACE: f64 = 0.004;
+const MOST_PLACE: f64 = 0.03;
+/// … measured over this time, and another place after this time, seconds.
+const PLACE_TAU_S: f64 = 60.0;
+const PLACE_LASTS_S: f64 = 100.0;
+/// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s.
+const FIELD_WALK: f64 = 0.0002;
+const IRON_WALK_MGAUSS: f64 = 0.05;
+/// How much of unusual unevenness is taken for a change of the hard iron, and of the field, while the board turns.
+const IRON_SHARE: f64 = 1.0;
+const FIELD_SHARE: f64 = 0.003;
+/// A normalised innovation squared beyond this is no chance (3 degrees of freedom: 0.1 %).
+const GATE: f64 = 16.0;
+/// Before the board has turned this far, the field does not tell iron from north, radians.
+const BEGIN_RAD: f64 = 0.1;
+
+/// What the filter is told of one magnetometer sample.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Input {
+    /// Turns body vectors into the frame.
+    pub(super) to_frame: Matrix3<f64>,
+    /// Whether the frame's Z is known to point up.
+    pub(super) vertical_known: bool,
+    /// Rate freed of the bias that the frame was carried along with, body axes, rad/s.
+    pub(super) rate_rad_s: Vector3<f64>,
+    /// Raw field, body axes, milligauss.
+    pub(super) field_mgauss: Vector3<f64>,
+    /// Time since the sample before, seconds.
+    pub(super) period_s: f64,
+    /// The board is at rest, by gyro, accelerometer and field: the gyro's rate is its bias.
+    pub(super) at_rest: bool,
+    /// The board does not move, by gyro and accelerometer.
+    pub(super) still: bool,
+}
+
+/// The filter's state and covariance.
+#[derive(Clone)]
+pub(super) struct Filter {
+    x: State,
+    p: Covariance,
+    /// Whether the state has begun.
+    begun: bool,
+    /// The frame when the first sample came.
+    first: Option<Matrix3<f64>>,
+    vertical_known: bool,
+    /// Expected strength of the field, milligauss.
+    strength_mgauss: f64,
+    /// What a turn has measured, until there is a field to go with it.
+    measured: Vec<Measured>,
+    /// Variances: unevenness and place as shares of the field, noise in milligauss².
+    unevenness2: f64,
+    place2: f64,
+    noise2: f64,
+    innovation: Option<Vector3<f64>>,
+    odd: Option<Vector3<f64>>,
+    jumped: bool,
+    still: bool,
+    /// Sum of the log-likelihoods of the samples taken.
+    log_likelihood: f64,
+    /// Mean normalised innovation squared for each degree of freedom, over 2 s.
+    consistency: f64,
+}
+
+impl Filter {
+    pub(super) fn new(prior: &Prior) -> Self {
+        let mut x = State::zeros();
+        let mut p = Covariance::zeros();
+        // What is off under a calibration is the place; without one, it may be anything.
+        let calibrated = prior.strength_mgauss.is_some() || !prior.measured.is_empty();
+        let unevenness = if calibrated {
+            USUAL_UNEVENNESS
+        } else {
+            FIRST_UNEVENNESS
+        };
+        let diagonal = [
+            (H, 1.5 * FIELD_MGAUSS),
+            (M, unevenness * FIELD_MGAUSS),
+            (G, GYRO_BIAS_RAD_S),
+            (S, GYRO_SCALE),
+        ];
+        for (at, sd) in diagonal {
+            for axis in 0..3 {
+                p[(at + axis, at + axis)] = sd * sd;
+            }
+        }
+        for axis in 0..2 {
+            p[(E + axis, E + axis)] = TILT_RAD * TILT_RAD;
+        }
+        p[(T, T)] = LAG_S * LAG_S;
+        x.fixed_rows_mut::<3>(B).copy_from(&prior.bias_mgauss);
+        x.fixed_rows_mut::<9>(D).copy_from(&prior.matrix_rows());
+        p.fixed_view_mut::<3, 3>(B, B)
+            .copy_from(&prior.covariance.fixed_view::<3, 3>(0, 0));
+        p.fixed_view_mut::<3, 9>(B, D)
+            .copy_from(&prior.covariance.fixed_view::<3, 9>(0, 3));
+        p.fixed_view_mut::<9, 3>(D, B)
+            .copy_from(&prior.covariance.fixed_view::<9, 3>(3, 0));
+        p.fixed_view_mut::<9, 9>(D, D)
+            .copy_from(&prior.covariance.fixed_view::<9, 9>(3, 3));
+        Self {
+            x,
+            p,
+            begun: false,
+            first: None,
+            vertical_known: false,
+            strength_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),
+            measured: prior.measured.clone(),
+            unevenness2: unevenness.powi(2),
+            place2: FIRST_PLACE.powi(2),
+            noise2: NOISE_MGAUSS.powi(2),
+            innovation: None,
+            odd: None,
+            jumped: false,
+            still: false,
+            log_likelihood: 0.0,
+            consistency: 1.0,
+        }
+    }
+
+    /// The gyro's filter has changed its own bias by this much, body axes, rad/s: what is left changes the other way.
+    pub(super) fn shift_gyro_bias(&mut self, by_rad_s: &Vector3<f64>) {
+        for axis in 0..3 {
+            self.x[G + axis] -= by_rad_s[axis];
+        }
+    }
+
+    /// Takes a sample. With `frozen`, bias and matrix stay as they are, and only their uncertainty is counted
+    /// (a Schmidt–Kalman filter).
+    pub(super) fn take(&mut self, input: &Input, frozen: bool) {
+        if input.at_rest && input.still {
+            self.learn_bias_at_rest(input);
+        }
+        if !self.begun && !self.begin(input) {
+            return;
+        }
+        self.still = input.still;
+        self.vertical_known = input.vertical_known;
+        let forgotten = self.predict(input);
+        self.correct(input, frozen);
+        self.measure_unevenness(input, forgotten);
+    }
+
+    /// The frame has been lost: the field in it comes anew from one sample.
+    pub(super) fn restart_frame(&mut self, input: &Input) {
+        if !self.begun {
+            self.first = None;
+            return;
+        }
+        let Some(inverse) = self.matrix().try_inverse() else {
+            return;
+        };
+        let map = input.to_frame * inverse;
+        let corrected = inverse * (input.field_mgauss - self.vector(B));
+        self.clear(H, 5);
+        self.clear(M, 3);
+        let unevenness = self.unevenness2 * self.strength_mgauss.powi(2);
+        for axis in 0..3 {
+            self.p[(M + axis, M + axis)] = unevenness;
+        }
+        for axis in 0..2 {
+            self.p[(E + axis, E + axis)] = TILT_RAD * TILT_RAD;
+        }
+        // h = R D⁻¹ (y − b) − m
+        let mut jacobian = SMatrix::<f64, 3, N>::zeros();
+        jacobian.fixed_columns_mut::<3>(B).copy_from(&-map);
+        for row in 0..3 {
+            for column in 0..3 {
+                let change = -map.column(row) * corrected[column];
+                jacobian
+                    .fixed_columns_mut::<1>(D + 3 * row + column)
+                    .copy_from(&change);
+            }
+        }
+        jacobian
+            .fixed_columns_mut::<3>(M)
+            .copy_from(&-Matrix3::identity());
+        let cross = jacobian * self.p;
+        let own = cross * jacobian.transpose() + map * map.transpose() * self.noise2;
+        self.p.fixed_rows_mut::<3>(H).copy_from(&cross);
+        self.p
+            .fixed_columns_mut::<3>(H)
+            .copy_from(&cross.transpose());
+        self.p.fixed_view_mut::<3, 3>(H, H).copy_from(&own);
+        let field = input.to_frame * corrected;
+        self.x.fixed_rows_mut::<3>(H).copy_from(&field);
+        self.innovation = None;
+    }
+
+    /// Puts what a turn has measured in the place of what was known of it. The samples of the turn have been used
+    /// before, so nothing is multiplied.
+    pub(super) fn replace(&mut self, measured: &[Measured], input: &Input) {
+        for one in measured {
+            let weights = one.weights();
+            for row in 0..12 {
+                for column in 0..12 {
+                    let at = (parameter(row), parameter(column));
+                    self.p[at] += one.forgotten * weights[row] * weights[column];
+                }
+            }
+        }
+        // The verdict has found the field even all the way round.
+        self.unevenness2 = self.unevenness2.min(USUAL_UNEVENNESS.powi(2));
+        self.place2 = self.place2.min(FIRST_PLACE.powi(2));
+        self.restart_frame(input);
+        for one in measured {
+            self.learn(one);
+        }
+    }
+
+    fn learn(&mut self, measured: &Measured) {
+        let mut jacobian = State::zeros();
+        let weights = measured.weights();
+        for index in 0..12 {
+            jacobian[parameter(index)] = weights[index];
+        }
+        jacobian[H + 2] = measured.up;
+        if let Some(across) = measured.across {
+            // The turn was level: across its plane is up or down.
+            let field = -across.z * self.x[H + 2];
+            for row in 0..3 {
+                for column in 0..3 {
+                    jacobian[D + 3 * row + column] += measured.bias[row] * across[column] * field;
+                }
+            }
+        }
+        let told = jacobian.dot(&self.x) + measured.matrix.trace();
+        let cross = self.p * jacobian;
+        let gain = cross / (jacobian.dot(&cross) + measured.variance);
+        self.x += gain * (measured.value - told);
+        self.p -= gain * cross.transpose();
+    }
+
+    /// Iron may have come or gone: the hard iron is as unknown as the disturbance is large, and the field here is as
+    /// even as places are.
+    pub(super) fn doubt_iron(&mut self) {
+        let disturbance = self.vector(M).norm() + 0.1 * self.strength_mgauss;
+        self.clear(M, 3);
+        self.unevenness2 = USUAL_UNEVENNESS.powi(2);
+        let unevenness = self.unevenness2 * self.strength_mgauss.powi(2);
+        for axis in 0..3 {
+            self.p[(M + axis, M + axis)] = unevenness;
+            self.p[(B + axis, B + axis)] += disturbance * disturbance;
+        }
+    }
+
+    /// A rest tells the gyro's bias.
+    fn learn_bias_at_rest(&mut self, input: &Input) {
+        let variance = REST_RATE_RAD_S.powi(2) / input.period_s;
+        for axis in 0..3 {
+            let innovation = input.rate_rad_s[axis] - self.x[G + axis];
+            let column: State = self.p.column(G + axis).into();
+            let gain = column / (column[G + axis] + variance);
+            self.x += gain * innovation;
+            self.p -= gain * column.transpose();
+        }
+    }
+
+    /// Once the board has turned a little, the state begins with half of the field taken for iron.
+    fn begin(&mut self, input: &Input) -> bool {
+        let first = *self.first.get_or_insert(input.to_frame);
+        let known = self.least_known_mgauss() < FIELD_MGAUSS;
+        if known || !self.measured.is_empty() {
+            self.begun = true;
+            self.restart_frame(input);
+            for measured in std::mem::take(&mut self.measured) {
+                self.learn(&measured);
+            }
+            return true;
+        }
+        let cosine = ((first.transpose() * input.to_frame).trace() - 1.0) / 2.0;
+        if cosine > BEGIN_RAD.cos() {
+            return false;
+        }
+        self.begun = true;
+        let half = 0.5 * input.field_mgauss;
+        self.x
+            .fixed_rows_mut::<3>(H)
+            .copy_from(&(input.to_frame * half));
+        self.x.fixed_rows_mut::<3>(B).copy_from(&half);
+        true
+    }
+
+    /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten.
+    fn predict(&mut self, input: &Input) -> f64 {
+        let Input {
+            to_frame: r,
+            rate_rad_s: w,
+            period_s: dt,
+            still,
+            ..
+        } = *input;
+        let h = self.vector(H);
+        let strength2 = h.norm_squared() + self.trace(H, 3);
+        let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
+        let rate = w.norm();
+        // The turn that the gyro's errors add to the frame; its tilt is the accelerometer's, if there is one.
+        let mut turn = r * (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
+        let mut by_errors = SMatrix::<f64, 3, 6>::zeros();
+        by_errors.fixed_columns_mut::<3>(0).copy_from(&(r * dt));
+        by_errors
+            .fixed_columns_mut::<3>(3)
+            .copy_from(&(r * Matrix3::from_diagonal(&w) * dt));
+        if input.vertical_known {
+            (turn.x, turn.y) = (0.0, 0.0);
+            by_errors.fixed_rows_mut::<2>(0).fill(0.0);
+        }
+        let length = rate * dt / FORGET_RAD
+            + dt / if still {
+                FORGET_RESTING_S
+            } else {
+                FORGET_MOVING_S
+            };
+        let kept = (-length).exp();
+        let tilt_kept = (-dt / TILT_TAU_S).exp();
+
+        // P ← F P Fᵀ, first F from the left, column by column, then from the right.
+        let carry = Matrix3::identity() + turn.cross_matrix();
+        let against = -h.cross_matrix();
+        let into_h = against * by_errors;
+        for mut column in self.p.column_iter_mut() {
+            let errors = column.fixed_rows::<6>(G).into_owned();
+            let field = carry * column.fixed_rows::<3>(H) + into_h * errors;
+            column.fixed_rows_mut::<3>(H).copy_from(&field);
+            column.fixed_rows_mut::<2>(E).scale_mut(tilt_kept);
+            column.fixed_rows_mut::<3>(M).scale_mut(kept);
+        }
+        let fields = self.p.fixed_columns::<3>(H) * carry.transpose()
+            + self.p.fixed_columns::<6>(G) * into_h.transpose();
+        self.p.fixed_columns_mut::<3>(H).copy_from(&fields);
+        self.p.fixed_columns_mut::<2>(E).scale_mut(tilt_kept);
+        self.p.fixed_columns_mut::<3>(M).scale_mut(kept);
+        self.x.fixed_rows_mut::<3>(H).copy_from(&(carry * h));
+        self.x.fixed_rows_mut::<2>(E).scale_mut(tilt_kept);
+        self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
+
+        // Process noise. The frame's walk turns h, which is itself uncertain: second order.
+        let walk = ANGLE_WALK_RAD.powi(2) * dt * if still { 0.1 } else { 1.0 }
+            + 2.0 * GYRO_CROSS.powi(2) * rate * dt;
+        let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
+        let axes = if input.vertical_known { 2..3 } else { 0..3 };
+        let uncertain: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
+        let mut noise = Matrix3::zeros();
+        for axis in axes {
+            let lever = r.row(axis) * dt;
+            let drift = (lever * bias * lever.transpose())[0] / dt.max(1e-3);
+            let mut unit = Vector3::zeros();
+            unit[axis] = 1.0;
+            let cross = unit.cross_matrix();
+            let turned = h * h.transpose() * walk + uncertain * (walk + drift);
+            noise += cross * turned * cross.transpose();
+        }
+        let unusual = (self.unevenness2 - USUAL_UNEVENNESS.powi(2)).max(0.0);
+        let turned = 1.0 - (-2.0 * (rate - 0.05).max(0.0) * dt / FORGET_RAD).exp();
+        let moved_iron = unusual * turned * strength2;
+        let moved = if still {
+            0.0
+        } else {
+            self.place2 * 2.0 * dt / PLACE_LASTS_S * strength2
+        };
+        let field = moved + FIELD_WALK.powi(2) * dt * strength2 + FIELD_SHARE * moved_iron;
+        let iron = IRON_WALK_MGAUSS.powi(2) * dt + IRON_SHARE * moved_iron;
+        for axis in 0..3 {
+            self.p[(H + axis, H + axis)] += field;
+            self.p[(B + axis, B + axis)] += iron;
+            self.p[(G + axis, G + axis)] += BIAS_WALK_RAD_S.powi(2) * dt;
+            self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * self.unevenness2 * strength2;
+        }
+        for axis in 0..2 {
+            self.p[(E + axis, E + axis)] += (1.0 - tilt_kept * tilt_kept) * TILT_RAD.powi(2);
+        }
+        for row in 0..3 {
+            for column in 0..3 {
+                self.p[(H + row, H + column)] += noise[(row, column)];
+            }
+        }
+        self.strength_mgauss = strength2.sqrt();
+        1.0 - kept
+    }
+
+    /// Takes the sample in.
+    fn correct(&mut self, input: &Input, frozen: bool) {
+        let Input {
+            to_frame: r,
+            rate_rad_s: w,
+            field_mgauss: y,
+            period_s: dt,
+            ..
+        } = *input;
+        let tilt = Vector3::new(self.x[E], self.x[E + 1], 0.0);
+        let lag = self.x[T];
+        let here = self.vector(H) + self.vector(M);
+        let matrix = self.matrix();
+        let body = r.transpose() * (here + tilt.cross(&here));
+        // A field fixed in the frame turns against the board: this is where it was a lag ago.
+        let body_rate = w.cross(&body);
+        let seen = body + body_rate * lag;
+        let by_field = matrix
+            * (Matrix3::identity() + w.cross_matrix() * lag)
+            * r.transpose()
+            * (Matrix3::identity() + tilt.cross_matrix());
+        let by_tilt = by_field * -here.cross_matrix();
+        let by_lag = matrix * body_rate;
+
+        // P Jᵀ: J has few entries.
+        let mut cross: SMatrix<f64, N, 3> =
+            (self.p.fixed_columns::<3>(H) + self.p.fixed_columns::<3>(M)) * by_field.transpose()
+                + self.p.fixed_columns::<2>(E) * by_tilt.fixed_columns::<2>(0).transpose()
+                + self.p.fixed_columns::<3>(B)
+                + self.p.column(T) * by_lag.transpose();
+        for axis in 0..3 {
+            let by_row = self.p.fixed_columns::<3>(D + 3 * axis) * seen;
+            let mut column = cross.column_mut(axis);
+            column += by_row;
+        }
+        let innovation = y - matrix * seen - self.vector(B);
+        // What linearising neglects: products of two uncertain states.
+        let neglected = self.trace(H, 3) * (self.trace(D, 9) / 9.0 + self.trace(E, 2) / 3.0)
+            + w.norm_squared() * self.p[(T, T)] * self.trace(H, 3) / 3.0;
+        let white = self.noise2 + neglected + (w.norm() * JITTER_S * self.strength_mgauss).powi(2);
+        let expected = |cross: &SMatrix<f64, N, 3>| {
+            let mut s: Matrix3<f64> = by_field
+                * (cross.fixed_rows::<3>(H) + cross.fixed_rows::<3>(M))
+                + by_tilt.fixed_columns::<2>(0) * cross.fixed_rows::<2>(E)
+                + cross.fixed_rows::<3>(B)
+                + by_lag * cross.row(T);
+            for axis in 0..3 {
+                let row = seen.transpose() * cross.fixed_rows::<3>(D + 3 * axis);
+                for column in 0..3 {
+                    s[(axis, column)] += row[column];
+                }
+            }
+            0.5 * (s + s.transpose()) + Matrix3::identity() * white
+        };
+        let mut s = expected(&cross);
+        let Some(mut inverse) = s.try_inverse() else {
+            return;
+        };
+        let squared = (innovation.transpose() * inverse * innovation)[0];
+        self.measure_noise(&innovation, dt);
+        self.consistency += (dt / 2.0).min(1.0) * ((squared / 3.0).min(50.0) - self.consistency);
+        self.jumped = false;
+        if squared > GATE {
+            // One odd sample is a spike, two alike are a change: of the field here, until turning shows otherwise.
+            let again = self
+                .odd
+                .is_some_and(|odd| (innovation - odd).norm() < 0.5 * innovation.norm());
+            self.odd = Some(innovation);
+            if !again {
+                return;
+            }
+            self.jumped = true;
+            let jump = innovation.norm_squared();
+            for axis in 0..3 {
+                self.p[(M + axis, M + axis)] += jump;
+                let mut row = cross.row_mut(M + axis);
+                row += by_field.column(axis).transpose() * jump;
+            }
+            s = expected(&cross);
+            match s.try_inverse() {
+                Some(found) => inverse = found,
+                None => return,
+            }
+        } else {
+            self.odd = None;
+        }
+        let fit = (innovation.transpose() * inverse * innovation)[0] + s.determinant().ln();
+        self.log_likelihood -= 0.5 * fit;
+        let gain = cross * inverse;
+        let kept = frozen.then(|| {
+            let bias = self.vector(B);
+            let rows: SVector<f64, 9> = self.x.fixed_rows::<9>(D).into();
+            (bias, rows, self.parameter_covariance())
+        });
+        self.x += gain * innovation;
+        for (index, mut column) in self.p.column_iter_mut().enumerate() {
+            column -= gain * cross.row(index).transpose();
+        }
+        if let Some((bias, rows, covariance)) = kept {
+            self.x.fixed_rows_mut::<3>(B).copy_from(&bias);
+            self.x.fixed_rows_mut::<9>(D).copy_from(&rows);
+            self.put_parameter_covariance(&covariance);
+        }
+        // Rounding must not let the halves drift apart.
+        self.p.fill_lower_triangle_with_upper_triangle();
+    }
+
+    /// The steps from innovation to innovation are noise, whatever else is wrong.
+    fn measure_noise(&mut self, innovation: &Vector3<f64>, dt: f64) {
+        if let Some(before) = self.innovation.replace(*innovation) {
+            let step = (innovation - before).norm_squared() / 6.0;
+            let gain = (dt / NOISE_TAU_S).min(0.5);
+            self.noise2 += gain * (step.min(4.5 * self.noise2) - self.noise2);
+            self.noise2 = self.noise2.max(LEAST_NOISE_MGAUSS.powi(2));
+        }
+    }
+
+    fn measure_unevenness(&mut self, input: &Input, forgotten: f64) {
+        let m = self.vector(M).norm_squared() + self.trace(M, 3);
+        let share = m / 3.0 / self.strength_mgauss.powi(2);
+        let lengths = if share > self.unevenness2 {
+            LENGTHS_UP
+        } else {
+            LENGTHS_DOWN
+        };
+        self.unevenness2 += forgotten / lengths * (share - self.unevenness2);
+        self.unevenness2 = self.unevenness2.max(LEAST_UNEVENNESS.powi(2));
+        if !input.still {
+            let here = self.unevenness2.min(MOST_PLACE.powi(2));
+            self.place2 += input.period_s.min(1.0) / PLACE_TAU_S * (here - self.place2);
+            self.place2 = self.place2.max(LEAST_PLACE.powi(2));
+        }
+    }
+
+    /// Whether a state has begun.
+    pub(super) fn begun(&self) -> bool {
+        self.begun
+    }
+
+    /// The field in the frame, milligauss.
+    pub(super) fn field(&self) -> Vector3<f64> {
+        self.vector(H)
+    }
+
+    /// Covariance of the field in the frame, with what the place as a whole may be off, milligauss².
+    pub(super) fn field_covariance(&self) -> Matrix3<f64> {
+        let place = self.place2 * self.vector(H).norm_squared();
+        let own: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
+        own + Matrix3::identity() * place
+    }
+
+    /// D.
+    pub(super) fn matrix(&self) -> Matrix3<f64> {
+        Matrix3::identity() + Matrix3::from_row_slice(self.x.fixed_rows::<9>(D).as_slice())
+    }
+
+    /// b, body axes, milligauss.
+    pub(super) fn bias_mgauss(&self) -> Vector3<f64> {
+        self.vector(B)
+    }
+
+    /// Covariance of b and of D, row by row.
+    pub(super) fn parameter_covariance(&self) -> SMatrix<f64, 12, 12> {
+        let mut covariance = SMatrix::<f64, 12, 12>::zeros();
+        for row in 0..12 {
+            for column in 0..12 {
+                covariance[(row, column)] = self.p[(parameter(row), parameter(column))];
+            }
+        }
+        covariance
+    }
+
+    fn put_parameter_covariance(&mut self, covariance: &SMatrix<f64, 12, 12>) {
+        for row in 0..12 {
+            for column in 0..12 {
+                self.p[(parameter(row), parameter(column))] = covariance[(row, column)];
+            }
+        }
+    }
+
+    /// What is left of the gyro's bias, body axes, rad/s.
+    pub(super) fn gyro_bias_rad_s(&self) -> Vector3<f64> {
+        self.vector(G)
+    }
+
+    /// Expected strength of the field, milligauss.
+    pub(super) fn strength_mgauss(&self) -> f64 {
+        self.vector(H).norm()
+    }
+
+    /// White noise of a sample, one standard deviation, milligauss.
+    pub(super) fn noise_mgauss(&self) -> f64 {
+        self.noise2.sqrt()
+    }
+
+    /// Whether the field here is not the earth's: it has just jumped, is far off, or is more uneven than places are.
+    pub(super) fn disturbed(&self) -> bool {
+        self.jumped
+            || self.vector(M).norm() > 4.0 * USUAL_UNEVENNESS * self.strength_mgauss
+            || (!self.still && self.unevenness2 > (3.0 * USUAL_UNEVENNESS).powi(2))
+    }
+
+    /// The disturbance here, as a share of the field.
+    pub(super) fn disturbance(&self) -> f64 {
+        self.vector(M).norm() / self.strength_mgauss
+    }
+
+    /// Sum of the log-likelihoods of the samples taken.
+    pub(super) fn log_likelihood(&self) -> f64 {
+        self.log_likelihood
+    }
+
+    /// Mean normalised innovation squared for each degree of freedom; 1 where all is as expected.
+    pub(super) fn consistency(&self) -> f64 {
+        self.consistency
+    }
+
+    /// The least known direction of the hard iron, body axes: turning about an axis across it would teach most.
+    pub(super) fn least_known(&self) -> Vector3<f64> {
+        let covariance: Matrix3<f64> = self.p.fixed_view::<3, 3>(B, B).into();
+        let eigen = SymmetricEigen::new(covariance);
+        eigen.eigenvectors.column(eigen.eigenvalues.imax()).into()
+    }
+
+    /// One standard deviation of the hard iron along that direction, milligauss.
+    pub(super) fn least_known_mgauss(&self) -> f64 {
+        let covariance: Matrix3<f64> = self.p.fixed_view::<3, 3>(B, B).into();
+        covariance.symmetric_eigenvalues().max().max(0.0).sqrt()
+    }
+
+    /// Covariance of one corrected sample: parameters, unevenness and noise, milligauss².
+    pub(super) fn sample_covariance(&self, corrected: &Vector3<f64>) -> Matrix3<f64> {
+        let mut jacobian = SMatrix::<f64, 3, 12>::zeros();
+        jacobian
+            .fixed_columns_mut::<3>(0)
+            .copy_from(&Matrix3::identity());
+        for row in 0..3 {
+            for column in 0..3 {
+                jacobian[(row, 3 + 3 * row + column)] = corrected[column];
+            }
+        }
+        let uneven = (self.unevenness2 + self.place2) * self.strength_mgauss.powi(2);
+        jacobian * self.parameter_covariance() * jacobian.transpose()
+            + Matrix3::identity() * (uneven + self.noise2)
+    }
+
+    /// One standard deviation of the hard iron along each body axis, milligauss.
+    pub(super) fn bias_sd_mgauss(&self) -> Vector3<f64> {
+        Vector3::from_fn(|axis, _| self.p[(B + axis, B + axis)].max(0.0).sqrt())
+    }
+
+    fn vector(&self, at: usize) -> Vector3<f64> {
+        self.x.fixed_rows::<3>(at).into()
+    }
+
+    fn trace(&self, at: usize, count: usize) -> f64 {
+        (at..at + count).map(|index| self.p[(index, index)]).sum()
+    }
+
+    /// Forgets all about some states, and how they go with others.
+    fn clear(&mut self, at: usize, count: usize) {
+        for index in at..at + count {
+            self.x[index] = 0.0;
+            self.p.row_mut(index).fill(0.0);
+            self.p.column_mut(index).fill(0.0);
+        }
+    }
+}
+
+/// Where a parameter, of b or of D row by row, is in the state.
+fn parameter(index: usize) -> usize {
+    if index < 3 { B + index } else { D + index - 3 }
+}

@@ -1,0 +1,65 @@
+//! Headings by a kept calibration alone: without a gyro the estimate never begins.
+
+use nalgebra::Vector3;
+
+use super::filter::FIELD_MGAUSS;
+use super::{Fix, LEVEL_SD_RAD, TILT_SD_RAD};
+use crate::calibration::model::{Calibration, Parameters};
+use crate::frame::{Mounting, heading_deg};
+
+/// What a place is off from that of the calibration, as a share of the field: rooms are uneven by 1 to 2 %.
+const PLACE: f64 = 0.02;
+/// A body axis with more of the normal of a planar calibration than this (sine of 30°) was not measured.
+const ACROSS: f64 = 0.5;
+
+/// A sample corrected, body axes, milligauss. Under a planar calibration it lies in the plane.
+pub(super) fn corrected(
+    calibration: &Calibration,
+    mounting: &Mounting,
+    field_mgauss: &Vector3<f64>,
+) -> Vector3<f64> {
+    mounting.to_body(calibration.parameters.correct(field_mgauss))
+}
+
+/// The heading from one corrected sample over a horizontal plane with this `down`; a board without one is taken for level.
+pub(super) fn fix(
+    calibration: &Calibration,
+    mounting: &Mounting,
+    corrected: &Vector3<f64>,
+    down: Option<&Vector3<f64>>,
+) -> Option<Fix> {
+    let (axis, tilt_sd) = match down {
+        Some(down) => (*down, TILT_SD_RAD),
+        None => (Vector3::z(), LEVEL_SD_RAD),
+    };
+    let heading = heading_deg(corrected, &axis)?;
+    let (vertical, unseen) = match &calibration.parameters {
+        Parameters::Spatial(_) => (corrected.dot(&axis), 0.0),
+        // The field across the plane is not known, and comes into the heading as far as the plane is not level.
+        Parameters::Planar(planar) => {
+            let down = planar.basis.map(|basis| mounting.to_body(basis).dot(&axis));
+            let off = (down[0] - planar.level.x).hypot(down[1] - planar.level.y);
+            (FIELD_MGAUSS, off * FIELD_MGAUSS)
+        }
+    };
+    let level = corrected - axis * corrected.dot(&axis);
+    let horizontal = level.norm().max(1.0);
+    let own = calibration.heading_sd_deg.to_radians() * horizontal;
+    let place = PLACE * FIELD_MGAUSS.max(calibration.strength_mgauss);
+    let squares = own.powi(2) + place.powi(2) + unseen.powi(2) + (tilt_sd * vertical).powi(2);
+    Some(Fix {
+        heading_deg: heading,
+        sd_deg: (squares.sqrt() / horizontal).to_degrees().min(180.0),
+    })
+}
+
+/// Which body axes it has measured.
+pub(super) fn measured_axes(calibration: &Calibration, mounting: &Mounting) -> [bool; 3] {
+    match &calibration.parameters {
+        Parameters::Spatial(_) => [true; 3],
+        Parameters::Planar(planar) => {
+            let across = mounting.to_body(planar.normal());
+            std::array::from_fn(|axis| across[axis].abs() < ACROSS)
+        }
+    }
+}

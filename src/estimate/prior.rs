@@ -1,0 +1,211 @@
+//! What a filter starts from: nothing, or a calibration.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use super::filter::FIELD_MGAUSS;
+use crate::calibration::model::{Calibration, Model, Parameters};
+use crate::frame::Mounting;
+
+/// Hard iron to expect, on an axis, as a share of the field.
+const IRON: f64 = 3.0;
+/// Deviation of D's diagonal, scale factors and soft iron, and of the entries beside it, which hold the rotation
+/// between the chips too: 2° and 5 %.
+const SCALE: f64 = 0.08;
+const SKEW: f64 = 0.05;
+/// What the place of a turn may have added to its result, as a share of the field: rooms are uneven by 1 to 2 %.
+const PLACE: f64 = 0.01;
+
+/// Where a fit to a sphere did without the entries beside the diagonal, they are no larger than this.
+const GUESSED: f64 = 0.015;
+
+/// Covariance of the bias and of the matrix, row by row.
+pub(super) type ParameterCovariance = SMatrix<f64, 12, 12>;
+
+/// Something that a turn has measured: a weighted sum of parameters.
+#[derive(Clone, Debug)]
+pub(super) struct Measured {
+    /// Weights of the bias, body axes.
+    pub(super) bias: Vector3<f64>,
+    /// Weights of D's entries.
+    pub(super) matrix: Matrix3<f64>,
+    /// Weight of the field's upward part in the frame.
+    pub(super) up: f64,
+    /// Across the plane of a level turn, body axes: the field along it does not change in the turn, so that what D makes of
+    /// it is in the circle's centre, and was measured together with the bias.
+    pub(super) across: Option<Vector3<f64>>,
+    /// What the sum is, and its variance.
+    pub(super) value: f64,
+    pub(super) variance: f64,
+    /// Variance along these parameters that is put in place of what was known of them.
+    pub(super) forgotten: f64,
+}
+
+/// Bias, matrix and their covariance to start from.
+#[derive(Clone, Debug)]
+pub(super) struct Prior {
+    /// b, body axes, milligauss.
+    pub(super) bias_mgauss: Vector3<f64>,
+    /// D, its trace 3.
+    pub(super) matrix: Matrix3<f64>,
+    pub(super) covariance: ParameterCovariance,
+    pub(super) strength_mgauss: Option<f64>,
+    /// Told to the filter once it has a field.
+    pub(super) measured: Vec<Measured>,
+}
+
+impl Prior {
+    /// Nothing is known but what boards are like.
+    pub(super) fn unknown() -> Self {
+        let mut entries = SMatrix::<f64, 9, 9>::zeros();
+        let mut held = SMatrix::<f64, 9, 9>::identity();
+        for row in 0..9 {
+            let diagonal = row % 4 == 0;
+            entries[(row, row)] = if diagonal { SCALE } else { SKEW }.powi(2);
+            for column in (0..9).step_by(4).filter(|_| diagonal) {
+                held[(row, column)] -= 1.0 / 3.0;
+            }
+        }
+        let mut covariance = ParameterCovariance::zeros();
+        covariance
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&(Matrix3::identity() * (IRON * FIELD_MGAUSS).powi(2)));
+        covariance
+            .fixed_view_mut::<9, 9>(3, 3)
+            .copy_from(&(held * entries * held));
+        Self {
+            bias_mgauss: Vector3::zeros(),
+            matrix: Matrix3::identity(),
+            covariance,
+            strength_mgauss: None,
+            measured: Vec::new(),
+        }
+    }
+
+    /// What a calibration says of a magnetometer mounted like this.
+    pub(super) fn of(calibration: &Calibration, mounting: &Mounting) -> Self {
+        let unknown = Self::unknown();
+        let Some(covariance) = &calibration.covariance else {
+            return Self {
+                measured: Measured::by(calibration, mounting),
+                ..unknown
+            };
+        };
+        let Parameters::Spatial(spatial) = &calibration.parameters else {
+            return unknown;
+        };
+        let to_body = mounting.rotation();
+        let turn = turned(&to_body);
+        let matrix = to_body * spatial.matrix() * to_body.transpose();
+        Self {
+            bias_mgauss: mounting.to_body(*spatial.bias_mgauss()),
+            matrix,
+            covariance: turn * covariance.unpacked() * turn.transpose(),
+            strength_mgauss: Some(calibration.strength_mgauss),
+            measured: Vec::new(),
+        }
+    }
+
+    /// D − I, row by row.
+    pub(super) fn matrix_rows(&self) -> SVector<f64, 9> {
+        rows(&(self.matrix - Matrix3::identity()))
+    }
+}
+
+impl Measured {
+    /// Weights of the bias and of D, row by row.
+    pub(super) fn weights(&self) -> SVector<f64, 12> {
+        let mut weights = SVector::<f64, 12>::zeros();
+        weights.fixed_rows_mut::<3>(0).copy_from(&self.bias);
+        weights
+            .fixed_rows_mut::<9>(3)
+            .copy_from(&rows(&self.matrix));
+        weights
+    }
+
+    /// What the fit to a turn has measured, and nothing beyond it.
+    pub(super) fn by(calibration: &Calibration, mounting: &Mounting) -> Vec<Self> {
+        let strength = calibration.strength_mgauss;
+        // A heading's uncertainty is the bias's over the field, in two directions.
+        let fitted = calibration.heading_sd_deg.to_radians() * strength;
+        let place = PLACE * FIELD_MGAUSS.max(strength);
+        let bias_variance = 0.5 * fitted * fitted + place * place;
+        let matrix_variance = bias_variance / (strength * strength);
+        let mut all = Vec::new();
+        let mut bias = |axis: Vector3<f64>, up: f64, across: Option<Vector3<f64>>, value: f64| {
+            all.push(Self {
+                bias: axis,
+                matrix: Matrix3::zeros(),
+                up,
+                across,
+                value,
+                variance: bias_variance,
+                forgotten: (IRON * FIELD_MGAUSS).powi(2),
+            });
+        };
+        let mut entries = Vec::new();
+        match &calibration.parameters {
+            Parameters::Planar(planar) => {
+                let axes = planar.basis.map(|axis| mounting.to_body(axis));
+                let across = axes[0].cross(&axes[1]);
+                for (index, axis) in axes.iter().enumerate() {
+                    // The circle's centre has the vertical field in it, as far as the plane was tilted.
+                    bias(
+                        *axis,
+                        -planar.level[index],
+                        Some(across),
+                        planar.bias_mgauss[index],
+                    );
+                }
+                let mean = 0.5 * planar.scale.sum();
+                let difference = axes[0] * axes[0].transpose() - axes[1] * axes[1].transpose();
+                entries.push((difference, (planar.scale[0] - planar.scale[1]) / mean, 0.0));
+            }
+            Parameters::Spatial(spatial) => {
+                let to_body = mounting.rotation();
+                let centre = mounting.to_body(*spatial.bias_mgauss());
+                let matrix = to_body * spatial.matrix() * to_body.transpose();
+                let matrix = matrix * (3.0 / matrix.trace());
+                for axis in 0..3 {
+                    let unit = Matrix3::<f64>::identity().column(axis).into_owned();
+                    bias(unit, 0.0, None, centre[axis]);
+                }
+                for row in 0..3 {
+                    for column in row..3 {
+                        let guessed = row != column && spatial.model() == Model::Diagonal;
+                        // A fit to a sphere does not see a rotation: the mean of both entries is all that it says.
+                        let mut weights = Matrix3::zeros();
+                        weights[(row, column)] += 0.5;
+                        weights[(column, row)] += 0.5;
+                        let value = 0.5 * (matrix[(row, column)] + matrix[(column, row)]);
+                        entries.push((weights, value, if guessed { GUESSED } else { 0.0 }));
+                    }
+                }
+            }
+        }
+        all.extend(entries.into_iter().map(|(matrix, value, guess)| Self {
+            bias: Vector3::zeros(),
+            matrix,
+            up: 0.0,
+            across: None,
+            value,
+            variance: matrix_variance + guess * guess,
+            forgotten: SCALE * SCALE,
+        }));
+        all
+    }
+}
+
+/// A matrix's entries, row by row.
+pub(super) fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
+    let by_rows = matrix.transpose();
+    SVector::from_column_slice(by_rows.as_slice())
+}
+
+/// Turns bias and matrix, row by row, from one frame into another: b into Q b, D into Q D Qᵀ.
+pub(super) fn turned(rotation: &Matrix3<f64>) -> ParameterCovariance {
+    let mut turn = ParameterCovariance::zeros();
+    turn.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation);
+    turn.fixed_view_mut::<9, 9>(3, 3)
+        .copy_from(&rotation.kronecker(rotation));
+    turn
+}

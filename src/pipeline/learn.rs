@@ -1,0 +1,113 @@
+//! What the estimate has learnt by motion, and when that is worth keeping.
+
+use nalgebra::Vector3;
+
+use super::{Action, Pipeline};
+use crate::calibration::model::{Calibration, Parameters};
+use crate::calibration::outcome::Outcome;
+
+/// What is learnt is kept again when it has become so much more certain …
+const MORE_CERTAIN: f64 = 0.6;
+/// … or the iron has become another: by so many deviations at which a heading is still good …
+const MOVED: f64 = 3.0;
+/// … and not more often than this, seconds.
+const KEEP_EVERY_S: f64 = 60.0;
+
+/// How far learning has come.
+#[derive(Clone, Debug)]
+pub(super) struct Learning {
+    /// The calibration to start with, until the estimate has begun.
+    kept: Option<Calibration>,
+    calibrated: bool,
+    /// What was last kept, its deviation, degrees, and when.
+    last: Option<Parameters>,
+    kept_sd_deg: f64,
+    kept_s: f64,
+}
+
+impl Learning {
+    pub(super) fn new(kept: Option<Calibration>) -> Self {
+        Self {
+            calibrated: kept.is_some(),
+            last: kept.map(|kept| kept.parameters),
+            kept_sd_deg: kept
+                .as_ref()
+                .map_or(f64::INFINITY, |kept| kept.heading_sd_deg),
+            kept,
+            kept_s: f64::NEG_INFINITY,
+        }
+    }
+
+    /// Whether there has been a calibration worth a heading.
+    pub(super) fn calibrated(&self) -> bool {
+        self.calibrated
+    }
+
+    /// The calibration that was there from the beginning.
+    pub(super) fn kept(&self) -> Option<Calibration> {
+        self.kept
+    }
+
+    /// The estimate is worth a heading.
+    pub(super) fn reached(&mut self) {
+        self.calibrated = true;
+    }
+
+    /// Something has been kept.
+    pub(super) fn keep(&mut self, parameters: &Parameters, sd_deg: f64, t_s: f64) {
+        self.last = Some(*parameters);
+        (self.kept_sd_deg, self.kept_s) = (sd_deg, t_s);
+    }
+
+    /// How far this hard iron, chip axes, is from what was last kept, as far as that knew it, milligauss.
+    fn moved_mgauss(&self, bias_mgauss: &Vector3<f64>) -> f64 {
+        match &self.last {
+            None => 0.0,
+            Some(Parameters::Spatial(last)) => (bias_mgauss - last.bias_mgauss()).norm(),
+            Some(Parameters::Planar(last)) => (last.project(bias_mgauss) - last.bias_mgauss).norm(),
+        }
+    }
+}
+
+impl Pipeline {
+    /// How much has been learnt on the way to a heading, 0 to 1: the logarithm of the deviation, from 180° down.
+    pub(super) fn learnt(&self) -> f64 {
+        let wanted = self.setup.pipeline.publish_sd_deg;
+        let sd_deg = self.estimate.north_sd_deg().max(wanted);
+        ((180.0 / sd_deg).ln() / (180.0 / wanted).ln()).clamp(0.0, 1.0)
+    }
+
+    /// Reports what the estimate has learnt when that is good for the first time, or much better than what is kept.
+    pub(super) fn conclude_motion(&mut self, actions: &mut Vec<Action>) {
+        let sd_deg = self.estimate.north_sd_deg();
+        let replaced = self.estimate.take_replaced();
+        let due = self.now_s - self.learning.kept_s >= KEEP_EVERY_S;
+        let better = sd_deg <= MORE_CERTAIN * self.learning.kept_sd_deg;
+        let iron = self.estimate.bias_mgauss();
+        let limit = MOVED * self.setup.pipeline.good_sd_deg.to_radians();
+        let better =
+            better || self.learning.moved_mgauss(&iron) > limit * self.estimate.horizontal_mgauss();
+        let good = sd_deg <= self.setup.pipeline.good_sd_deg;
+        let certain = !self.estimate.disturbed() && self.estimate.consistent();
+        if !(good && certain && due && (better || replaced)) {
+            // What replaced the other explanation may still have to learn.
+            if replaced {
+                self.learning.kept_sd_deg = f64::INFINITY;
+            }
+            return;
+        }
+        let Some(reason) = self.wanted() else {
+            return;
+        };
+        let Some(calibration) = self.estimate.calibration() else {
+            return;
+        };
+        self.asked = reason;
+        self.armed = false;
+        self.refused = None;
+        self.learning
+            .keep(&calibration.parameters, sd_deg, self.now_s);
+        let outcome = Outcome::of_motion(calibration, self.estimate.measured_axes());
+        actions.push(Action::Conclude(Box::new(outcome)));
+    }
+}
