@@ -7,6 +7,7 @@
 mod blank;
 mod force;
 mod learn;
+mod motion;
 mod occasion;
 mod settings;
 mod stretch;

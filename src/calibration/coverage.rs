@@ -1,6 +1,6 @@
 //! From how many sides the samples have seen the field.
 
-use nalgebra::{Matrix3, SVector, SymmetricEigen, Vector3};
+use nalgebra::{Matrix3, SVector, SymmetricEigen};
 
 /// How much of the circle directions cover: 360 degrees less what lies in gaps wider than 15 degrees.
 pub fn coverage_deg<const D: usize>(directions: &[SVector<f64, D>]) -> f64 {
@@ -55,19 +55,6 @@ pub fn direction_spread<const D: usize>(directions: &[SVector<f64, D>]) -> f64 {
     SymmetricEigen::new(covariance).eigenvalues.min()
 }
 
-/// From how much of the sphere directions come: the share of 24 equal-angled cells, four on each face of a
-/// cube about it, that hold one.
-pub fn sphere_share(directions: impl IntoIterator<Item = Vector3<f64>>) -> f64 {
-    let mut seen = [false; 24];
-    for u in directions {
-        let face = u.iamax();
-        let (a, b) = ((face + 1) % 3, (face + 2) % 3);
-        let bits = [u[face] > 0.0, u[a] > 0.0, u[b] > 0.0].map(usize::from);
-        seen[face * 8 + bits[0] * 4 + bits[1] * 2 + bits[2]] = true;
-    }
-    seen.iter().filter(|seen| **seen).count() as f64 / 24.0
-}
-
 /// The largest range of the points on an axis.
 pub fn swing<const D: usize>(points: &[[f64; D]]) -> f64 {
     let range = |axis: usize| {
@@ -88,7 +75,7 @@ pub fn centre_inside<const D: usize>(points: &[[f64; D]], position: &[f64]) -> b
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector2;
+    use nalgebra::{Vector2, Vector3};
 
     fn arc(from_deg: i32, to_deg: i32) -> Vec<Vector2<f64>> {
         (from_deg..=to_deg)
@@ -118,17 +105,6 @@ mod tests {
             .flat_map(|axis| [Vector3::ith(axis, 1.0), Vector3::ith(axis, -1.0)])
             .collect();
         assert!((direction_spread(&sphere) - 1.0 / 3.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn a_level_turn_sees_a_sixth_of_the_sphere_at_a_steep_dip_and_tumbling_all() {
-        let level = arc(0, 359).into_iter().map(|u| u.push(3.0).normalize());
-        assert!((sphere_share(level) - 4.0 / 24.0).abs() < 1e-9);
-        let tumbling = (0..5000).map(|i| {
-            let (t, s) = (f64::from(i) * 0.7, f64::from(i) * 0.011);
-            Vector3::new(t.cos() * s.cos(), t.sin() * s.cos(), s.sin())
-        });
-        assert!((sphere_share(tumbling) - 1.0).abs() < 1e-9);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! `plane` chooses samples, mode and plane; `rist` the window; `swarm` searches it with the
 //! `objective` until `mpsot` stops it; `refine` brings the answer to maximum likelihood over all samples
-//! of the turn; `agreement` holds it against the gyro; `verdict` accepts, keeps or rejects.
+//! of the turn; `agreement` holds it against the gyro; `verdict` accepts or rejects.
 //! Everything here is a pure function of its arguments: the same request gives the same outcome.
 
 pub mod agreement;
@@ -41,10 +41,9 @@ use nalgebra::Vector3;
 use crate::attitude::Pose;
 use crate::frame::Mounting;
 use clock::Clock;
-use model::Calibration;
 use outcome::{Outcome, Verdict};
 use settings::Settings;
-use verdict::{Limits, Refusal};
+use verdict::Limits;
 
 /// One magnetometer sample, as a calibration sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,16 +65,6 @@ pub struct TurnMade {
     pub axis_body: Vector3<f64>,
 }
 
-/// The calibration in force, as a candidate meets it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rival {
-    /// The calibration.
-    pub calibration: Calibration,
-    /// Whether it has stopped fitting for long: then what it says of its own quality counts no more, only how it
-    /// does on the candidate's samples.
-    pub doubted: bool,
-}
-
 /// Everything that a calibration needs.
 #[derive(Clone, Debug)]
 pub struct Request {
@@ -90,8 +79,6 @@ pub struct Request {
     pub plane: Option<[Vector3<f64>; 2]>,
     /// How the magnetometer is mounted.
     pub mounting: Mounting,
-    /// The calibration in force, to be beaten on the same samples.
-    pub in_force: Option<Rival>,
     /// How to calibrate.
     pub settings: Settings,
     /// What to ask of the result.
@@ -103,21 +90,13 @@ pub struct Request {
 pub fn calibrate(request: &Request, clock: &dyn Fn() -> Option<Duration>) -> Outcome {
     let mut outcome = Outcome::begun(request);
     let started = Clock::start(clock);
-    let refused = match candidate::calibrate(request, clock, &mut outcome) {
+    match candidate::calibrate(request, clock, &mut outcome) {
         Ok(message) => {
             outcome.verdict = Verdict::Accepted;
-            Refusal::new("good", message)
+            (outcome.reason, outcome.message) = ("good", message);
         }
-        Err(refusal) => {
-            if verdict::KEPT.contains(&refusal.reason) {
-                outcome.verdict = Verdict::Kept;
-            }
-            outcome.calibration = None;
-            refusal
-        }
-    };
-    outcome.reason = refused.reason;
-    outcome.message = refused.message;
+        Err(refusal) => outcome = outcome.refused(refusal),
+    }
     outcome.elapsed_us.total = started.elapsed_us();
     outcome
 }

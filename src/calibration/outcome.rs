@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::Request;
 use super::model::{Calibration, Mode, Model, Parameters};
+use super::verdict::Refusal;
 
 /// What became of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -102,9 +103,18 @@ impl Outcome {
             calibration: None,
         }
     }
-}
 
-impl Outcome {
+    /// The same, refused: its figures stay, its calibration does not.
+    pub fn refused(self, refusal: Refusal) -> Self {
+        Self {
+            verdict: Verdict::Rejected,
+            reason: refusal.reason,
+            message: refusal.message,
+            calibration: None,
+            ..self
+        }
+    }
+
     /// Of what the running estimate has learnt; `measured` says which axes' bias is known.
     pub fn of_motion(calibration: Calibration, measured: [bool; 3]) -> Self {
         let spatial = match &calibration.parameters {

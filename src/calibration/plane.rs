@@ -35,7 +35,6 @@ pub fn plan(request: &Request) -> Option<Plan> {
         ModeChoice::Auto if axes_apart_deg(turns) >= request.settings.axes_apart_deg => {
             Mode::Spatial
         }
-        ModeChoice::Auto if turns.is_empty() && moved_freely(request) => Mode::Spatial,
         ModeChoice::Auto => Mode::Planar,
     };
     let basis = match (mode, request.plane) {
@@ -146,25 +145,6 @@ fn rotation_axis(request: &Request) -> Option<Vector3<f64>> {
     let eigen = SymmetricEigen::new(sum);
     let largest = eigen.eigenvalues.imax();
     (eigen.eigenvalues[largest] > 1e-6).then(|| eigen.eigenvectors.column(largest).into_owned())
-}
-
-/// Whether the field has been seen from so many sides that three axes can be told apart: the smallest
-/// spread of the samples is a quarter of the largest.
-fn moved_freely(request: &Request) -> bool {
-    let n = request.samples.len().max(1) as f64;
-    let mean = request
-        .samples
-        .iter()
-        .map(|s| s.field_mgauss)
-        .sum::<Vector3<f64>>()
-        / n;
-    let mut covariance = Matrix3::zeros();
-    for sample in &request.samples {
-        let off = sample.field_mgauss - mean;
-        covariance += off * off.transpose();
-    }
-    let eigen = SymmetricEigen::new(covariance).eigenvalues;
-    eigen.min() > 0.0625 * eigen.max()
 }
 
 /// Two unit vectors that span the plane across `normal`: the chip axis nearest to the plane, projected

@@ -43,12 +43,11 @@ impl Policy {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Reason {
-    /// The board was turned.
+    /// The board was turned or moved. Version 0.1 told apart turns that were to replace a calibration.
+    #[serde(alias = "stale")]
     Turn,
     /// Somebody asked for it.
     Start,
-    /// The one before had stopped fitting.
-    Stale,
     /// Somebody brought it in a file.
     Import,
     /// It was made on a recorded log.
@@ -61,7 +60,6 @@ impl Reason {
         match self {
             Self::Turn => "turn",
             Self::Start => "start",
-            Self::Stale => "stale",
             Self::Import => "import",
             Self::Log => "log",
         }
@@ -71,5 +69,19 @@ impl Reason {
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.word())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reasons_of_earlier_versions_are_read() {
+        let read = |word: &str| serde_json::from_str::<Reason>(word).unwrap();
+        assert_eq!(read("\"stale\""), Reason::Turn);
+        for reason in [Reason::Turn, Reason::Start, Reason::Import, Reason::Log] {
+            assert_eq!(read(&format!("\"{reason}\"")), reason);
+        }
     }
 }

@@ -4,20 +4,18 @@ use std::time::Duration;
 
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
-use super::Rival;
 use super::agreement::{self, Agreement, Sighting};
 use super::candidate::{Fitted, Work};
 use super::clock::Clock;
-use super::coverage::{centre_inside, coverage_deg, direction_spread, sphere_share};
+use super::coverage::{centre_inside, coverage_deg, direction_spread};
 use super::curve::{Curve, Distance, symmetric};
 use super::fit::Normalised;
 use super::folds::without_each_part;
 use super::jump::largest_jump;
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::outcome::Outcome;
-use super::refine::median;
 use super::uncertainty::{correlation, heading_sd_deg};
-use super::verdict::{self, Measures, Refusal, Standing};
+use super::verdict::{self, Measures, Refusal};
 
 /// Parts in a cross-validation: each is judged by a fit to the other three.
 const FOLDS: usize = 4;
@@ -96,15 +94,14 @@ impl<const D: usize> Work<'_, D> {
             let rows = symmetric(&position[D..]).transpose();
             outcome.matrix = Some(std::array::from_fn(|k| rows[k]));
         }
-        let candidate = Calibration {
+        outcome.calibration = Some(Calibration {
             parameters,
             reference_mgauss: reference,
             strength_mgauss: *reference_mgauss,
             residual_mgauss: refined.residual_mgauss,
             heading_sd_deg,
             covariance: None,
-        };
-        outcome.calibration = Some(candidate);
+        });
 
         let directions: Vec<SVector<f64, D>> = points
             .iter()
@@ -112,13 +109,6 @@ impl<const D: usize> Work<'_, D> {
             .collect();
         let measures = Measures {
             coverage_deg: planar.then(|| coverage_deg(&directions)),
-            sphere_share: (!planar && self.request.turns.is_empty()).then(|| {
-                sphere_share(
-                    directions
-                        .iter()
-                        .map(|u| Vector3::new(u[0], u[1], u[D - 1])),
-                )
-            }),
             direction_spread: (!planar).then(|| direction_spread(&directions)),
             outlier_share: 1.0 - refined.used as f64 / points.len() as f64,
             end_outlier_share: end_outlier_share(&residuals, cutoff),
@@ -136,7 +126,6 @@ impl<const D: usize> Work<'_, D> {
             },
         };
         verdict::judge(&measures, &self.request.limits)?;
-        self.beats_the_one_in_force(&candidate)?;
 
         let against_gyro = match gyro {
             Some(gyro) => format!("agrees with the gyro within {:.1} degrees", gyro.rms_deg),
@@ -231,55 +220,6 @@ impl<const D: usize> Work<'_, D> {
             .collect::<Option<Vec<C>>>()?;
         self.agreement(&self.sightings(points, |index| &curves[index / part], fits))
     }
-
-    /// Holds the candidate against the calibration in force, on the same samples.
-    fn beats_the_one_in_force(&self, candidate: &Calibration) -> Result<(), Refusal> {
-        let Some(Rival {
-            calibration: in_force,
-            doubted,
-        }) = &self.request.in_force
-        else {
-            return Ok(());
-        };
-        let samples = &self.request.samples[self.plan.stretch.clone()];
-        let standing = |calibration: &Calibration| {
-            let parameters = &calibration.parameters;
-            let mut strengths: Vec<f64> = samples
-                .iter()
-                .map(|s| parameters.correct(&s.field_mgauss).norm())
-                .collect();
-            let corrected: Vec<Sighting> = samples
-                .iter()
-                .filter_map(|s| {
-                    let field = parameters.correct(&s.field_mgauss);
-                    let field_body = self.request.mounting.to_body(field);
-                    s.pose.map(|pose| Sighting {
-                        t_s: s.t_s,
-                        pose,
-                        field_body,
-                    })
-                })
-                .collect();
-            Standing {
-                strength_off: median(&mut strengths).map_or(f64::INFINITY, |m| {
-                    (m / calibration.strength_mgauss - 1.0).abs()
-                }),
-                strength_spread: relative_spread(strengths),
-                gyro_rms_deg: self
-                    .agreement(&corrected)
-                    .map(|agreement| agreement.rms_deg),
-                heading_sd_deg: calibration.heading_sd_deg,
-                residual_mgauss: calibration.residual_mgauss,
-                spatial: parameters.mode() == Mode::Spatial,
-            }
-        };
-        let (candidate, in_force) = (standing(candidate), standing(in_force));
-        if *doubted {
-            verdict::replaces_doubted(&candidate, &in_force)
-        } else {
-            verdict::replaces(&candidate, &in_force)
-        }
-    }
 }
 
 /// The share of outliers among the last samples.
@@ -291,13 +231,4 @@ fn end_outlier_share(residuals: &[f64], cutoff_mgauss: f64) -> f64 {
         .filter(|residual| residual.abs() >= cutoff_mgauss)
         .count();
     outliers as f64 / last.len() as f64
-}
-
-/// Robust standard deviation over median.
-fn relative_spread(mut values: Vec<f64>) -> f64 {
-    let Some(middle) = median(&mut values) else {
-        return f64::INFINITY;
-    };
-    let mut off: Vec<f64> = values.iter().map(|value| (value - middle).abs()).collect();
-    1.4826 * median(&mut off).unwrap_or(f64::INFINITY) / middle.abs().max(1e-9)
 }

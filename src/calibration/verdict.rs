@@ -34,8 +34,6 @@ pub struct Measures {
     pub coverage_deg: Option<f64>,
     /// Spatial: smallest eigenvalue of the covariance of the field's directions.
     pub direction_spread: Option<f64>,
-    /// Spatial, without full turns: the share of the sphere from which the field was seen.
-    pub sphere_share: Option<f64>,
     /// Share of samples without weight.
     pub outlier_share: f64,
     /// The same of the last samples.
@@ -82,16 +80,6 @@ pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
             format!(
                 "the field hardly moved along one axis (spread {spread:.4}, at least {:.4} is needed): turn the board about a second axis too",
                 limits.direction_spread
-            ),
-        ));
-    }
-    if let Some(share) = m.sphere_share.filter(|&s| s < limits.sphere_share) {
-        return Err(Refusal::new(
-            "coverage",
-            format!(
-                "no full turn was made, and the field was seen from {:.0} % of all sides (at least {:.0} % are needed)",
-                100.0 * share,
-                100.0 * limits.sphere_share
             ),
         ));
     }
@@ -209,82 +197,6 @@ pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// How a calibration does on given samples.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Standing {
-    /// How far the corrected field's strength is off what the calibration expects, as a share.
-    pub strength_off: f64,
-    /// Spread of the corrected field's strength, one standard deviation over its mean.
-    pub strength_spread: f64,
-    /// RMS against the gyro, degrees, where there is one.
-    pub gyro_rms_deg: Option<f64>,
-    /// Its predicted uncertainty, degrees.
-    pub heading_sd_deg: f64,
-    /// Spread of its own samples about its fit, milligauss.
-    pub residual_mgauss: f64,
-    /// Whether it corrects all three axes.
-    pub spatial: bool,
-}
-
-/// The refusals that keep the calibration in force, and say nothing against the candidate by itself.
-pub const KEPT: [&str; 2] = ["not_better", "less_certain"];
-
-/// Whether a good candidate should replace the calibration in force, both judged on the candidate's samples.
-pub fn replaces(candidate: &Standing, in_force: &Standing) -> Result<(), Refusal> {
-    let extends = candidate.spatial && !in_force.spatial;
-    // A magnet that came in mid-turn spoils both: the one in force no longer fits, and the candidate fits
-    // worse than a good one does.
-    // Three axes are another thing than one plane, and may be less certain of a level heading.
-    if !extends
-        && (candidate.heading_sd_deg > 3.0 * in_force.heading_sd_deg.max(0.05)
-            || candidate.residual_mgauss > 2.0 * in_force.residual_mgauss.max(1.0))
-    {
-        return Err(Refusal::new(
-            "less_certain",
-            "this turn gives much less certain headings than the one that made the calibration in force, which stays: turn again, evenly and away from iron",
-        ));
-    }
-    let (worn, strays) = does_worse(in_force, candidate);
-    let narrows = in_force.spatial && !candidate.spatial;
-    let sharper = candidate.heading_sd_deg < 0.7 * in_force.heading_sd_deg;
-    if worn || (!narrows && (strays || extends || sharper)) {
-        return Ok(());
-    }
-    Err(not_better())
-}
-
-/// A calibration in force is off by more than this share of the field only if it has stopped fitting.
-const STRENGTH_OFF: f64 = 0.1;
-
-/// The same where the calibration in force has stopped fitting: what it says of itself counts no more, and a
-/// candidate for the plane alone may take the place of one for all axes. But it must do better on its samples.
-pub fn replaces_doubted(candidate: &Standing, in_force: &Standing) -> Result<(), Refusal> {
-    let (worn, strays) = does_worse(in_force, candidate);
-    let off = in_force.strength_off > STRENGTH_OFF + candidate.strength_off;
-    if worn || strays || off {
-        Ok(())
-    } else {
-        Err(not_better())
-    }
-}
-
-/// Whether the first does clearly worse than the second, by the field's strength and by the gyro.
-fn does_worse(first: &Standing, second: &Standing) -> (bool, bool) {
-    let worn = first.strength_spread > 1.5 * second.strength_spread + 0.005;
-    let strays = match (second.gyro_rms_deg, first.gyro_rms_deg) {
-        (Some(good), Some(bad)) => bad > 1.1 * good + 0.2,
-        _ => false,
-    };
-    (worn, strays)
-}
-
-fn not_better() -> Refusal {
-    Refusal::new(
-        "not_better",
-        "the calibration in force does as well on this turn, and stays",
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -293,7 +205,6 @@ mod tests {
         Measures {
             coverage_deg: Some(355.0),
             direction_spread: Some(0.1),
-            sphere_share: Some(0.9),
             outlier_share: 0.0,
             end_outlier_share: 0.0,
             residual_share: 0.012,
@@ -321,10 +232,9 @@ mod tests {
     #[test]
     fn every_refusal_has_its_code_and_a_sentence() {
         type Spoil = fn(&mut Measures);
-        let cases: [(&str, Spoil); 14] = [
+        let cases: [(&str, Spoil); 13] = [
             ("coverage", |m| m.coverage_deg = Some(239.0)),
             ("coverage", |m| m.direction_spread = Some(0.0)),
-            ("coverage", |m| m.sphere_share = Some(0.5)),
             ("outliers", |m| m.outlier_share = 0.3),
             ("outliers", |m| m.end_outlier_share = 0.6),
             ("jump", |m| {
@@ -369,79 +279,5 @@ mod tests {
             ..good()
         };
         assert_eq!(judge(&measures, &Limits::default()), Ok(()));
-    }
-
-    #[test]
-    fn a_calibration_is_replaced_only_by_a_better_one() {
-        let in_force = Standing {
-            strength_off: 0.01,
-            strength_spread: 0.012,
-            gyro_rms_deg: Some(1.0),
-            heading_sd_deg: 0.05,
-            residual_mgauss: 2.0,
-            spatial: false,
-        };
-        for doubtful in [
-            Standing {
-                heading_sd_deg: 0.3,
-                ..in_force
-            },
-            Standing {
-                residual_mgauss: 5.0,
-                ..in_force
-            },
-        ] {
-            let worn = Standing {
-                strength_spread: 0.1,
-                ..in_force
-            };
-            assert_eq!(
-                replaces(&doubtful, &worn).unwrap_err().reason,
-                "less_certain"
-            );
-        }
-        assert_eq!(
-            replaces(&in_force, &in_force).unwrap_err().reason,
-            "not_better"
-        );
-        let moved_iron = Standing {
-            strength_spread: 0.1,
-            ..in_force
-        };
-        assert!(replaces(&in_force, &moved_iron).is_ok());
-        let strays = Standing {
-            gyro_rms_deg: Some(2.0),
-            ..in_force
-        };
-        assert!(replaces(&in_force, &strays).is_ok() && replaces(&strays, &in_force).is_err());
-        let spatial = Standing {
-            spatial: true,
-            ..in_force
-        };
-        assert!(replaces(&spatial, &in_force).is_ok() && replaces(&in_force, &spatial).is_err());
-
-        // One that has stopped fitting claims a quality that it has no more.
-        let rough = Standing {
-            heading_sd_deg: 0.4,
-            residual_mgauss: 6.0,
-            ..in_force
-        };
-        for stale in [
-            moved_iron,
-            strays,
-            Standing {
-                strength_off: 0.2,
-                spatial: true,
-                ..in_force
-            },
-        ] {
-            assert!(replaces(&rough, &stale).is_err());
-            assert_eq!(replaces_doubted(&rough, &stale), Ok(()));
-        }
-        // The turn shows that it fits after all.
-        assert_eq!(
-            replaces_doubted(&rough, &in_force).unwrap_err().reason,
-            "not_better"
-        );
     }
 }

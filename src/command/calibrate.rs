@@ -16,6 +16,7 @@ use crate::calibration::{Request, Sample, TurnMade, calibrate};
 use crate::config::Config;
 use crate::daemon::time_of_day::unix_now_s;
 use crate::outliers::Outliers;
+use crate::pipeline::{Event, Pipeline};
 use crate::reading::Field;
 use crate::sensor::replay::Replay;
 use crate::store::{Contents, History, Identity, Made, Store};
@@ -23,8 +24,9 @@ use crate::turn::{Turn, TurnDetector};
 
 /// Calibrate on a recorded log
 ///
-/// Uses everything from the start of the first rotation to the end of the last full turn; without a full
-/// turn, the whole log. Exit status: 0 accepted, 3 refused.
+/// Uses everything from the start of the first rotation to the end of the last full turn. Without a full
+/// turn, it takes what the running estimate learns from all motion in the log, if that is certain enough; with
+/// --plane, --window all, or no gyro in the log, it fits the whole log. Exit status: 0 accepted, 3 refused.
 #[derive(Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,
@@ -53,7 +55,7 @@ pub struct Args {
     #[arg(long, value_enum)]
     pub stop: Option<StopChoice>,
     /// Strength of the field, milligauss: of its horizontal part for a planar calibration, of all of it
-    /// for a spatial one. Without it the scale factors are brought to a mean of 1
+    /// for a spatial one. Without it, and without a full turn, the scale factors are brought to a mean of 1
     #[arg(long, value_name = "N", value_parser = positive)]
     pub reference_mgauss: Option<f64>,
     /// Seed of the swarm
@@ -171,6 +173,8 @@ struct Survey {
     /// When the first rotation began and the last one ended, seconds.
     rotation_s: Option<(f64, f64)>,
     gyro_spoke: bool,
+    /// What the daemon would have made of the log, as long as no full turn is found, where motion may calibrate.
+    motion: Option<Pipeline>,
 }
 
 impl Survey {
@@ -190,7 +194,12 @@ impl Survey {
             turns: Vec::new(),
             rotation_s: None,
             gyro_spoke: false,
+            motion: None,
         };
+        if args.plane == Plane::Gyro && config.calibration.window != WindowChoice::All {
+            survey.motion = Some(Pipeline::new(config.setup(survey.mountings), None));
+        }
+        let mut actions = Vec::new();
         let mut attitude = Attitude::new(&config.attitude, &survey.mountings);
         let mut outliers = Outliers::new(config.attitude.gyro_range_deg_s);
         let mut detector = TurnDetector::new(&config.turn);
@@ -200,6 +209,9 @@ impl Survey {
             if replay.begins_stretch() {
                 // Samples are found by their times: a stretch comes after a hole, wherever its own clock began.
                 later_s = last_s + STRETCHES_APART_S - reading.t_s;
+                if let Some(pipeline) = &mut survey.motion {
+                    pipeline.handle(Event::NewStretch, &mut actions);
+                }
             }
             reading.t_s += later_s;
             last_s = reading.t_s;
@@ -211,6 +223,13 @@ impl Survey {
                     survey.rotation_s = Some((first, tick.t_s));
                 }
             });
+            if !survey.turns.is_empty() {
+                survey.motion = None;
+            }
+            if let Some(pipeline) = &mut survey.motion {
+                pipeline.handle(Event::Reading(reading), &mut actions);
+                actions.clear();
+            }
             let field = reading
                 .field_mgauss
                 .and_then(|field| needed(&field, args.plane));
@@ -242,6 +261,10 @@ impl Survey {
                 ),
             ));
         }
+        if let Some(mut outcome) = self.motion.as_ref().and_then(Pipeline::learnt_by_motion) {
+            outcome.samples.total = self.samples.len();
+            return Ok(outcome);
+        }
         if self.samples.is_thinned() {
             eprintln!(
                 "headingd: the log is long: {} of its samples are used, those of turns first",
@@ -269,7 +292,6 @@ impl Survey {
             samples,
             plane: named.map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0))),
             mounting: self.mountings.mag,
-            in_force: None,
             settings: config.calibration.clone(),
             limits: config.verdict.clone(),
         };
@@ -293,7 +315,6 @@ fn needed(field: &Field, plane: Plane) -> Option<Vector3<f64>> {
     Some(vector)
 }
 
-/// An outcome for a person.
 /// What the motion did not show, in words.
 fn unseen(code: &str) -> &str {
     match code {
@@ -303,6 +324,7 @@ fn unseen(code: &str) -> &str {
     }
 }
 
+/// An outcome for a person.
 fn summary(outcome: &Outcome) -> String {
     let list = |numbers: &Option<Vec<f64>>, digits: usize| match numbers {
         Some(numbers) => {
@@ -318,10 +340,10 @@ fn summary(outcome: &Outcome) -> String {
     };
     let mut text = format!("{verdict} ({}): {}\n", outcome.reason, outcome.message);
     if outcome.bias_mgauss.is_some() {
-        let unit = if outcome.reference_mgauss.is_some() {
-            ""
-        } else {
-            "  (mean 1: no reference was given)"
+        let unit = match (outcome.reference_mgauss, outcome.method) {
+            (Some(_), _) => "",
+            (None, "motion") => "  (mean 1)",
+            (None, _) => "  (mean 1: no reference was given)",
         };
         text += &format!("bias    {}  milligauss\n", list(&outcome.bias_mgauss, 2));
         text += &format!("scale   {}{unit}\n", list(&outcome.scale, 4));
@@ -330,6 +352,11 @@ fn summary(outcome: &Outcome) -> String {
         text += &format!(
             "plane   ({:.3} {:.3} {:.3}) and ({:.3} {:.3} {:.3}) in chip axes\n",
             e1[0], e1[1], e1[2], e2[0], e2[1], e2[2]
+        );
+    }
+    if let Some([x, y, z]) = outcome.alignment_deg {
+        text += &format!(
+            "turned  {x:.1}  {y:.1}  {z:.1}  degrees, from the gyro's axes to the magnetometer's\n"
         );
     }
     if let (false, Some(_)) = (outcome.unobserved.is_empty(), &outcome.bias_mgauss) {

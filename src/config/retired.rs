@@ -13,6 +13,11 @@ const RETIRED: &[(&str, &str, &str)] = &[
         "a calibration that stops fitting is learnt anew by motion, and is not replaced after a time; leave the key out, and \
          see heading.good_sd_deg",
     ),
+    (
+        "verdict",
+        "sphere_share",
+        "motion without a full turn is judged by the estimate's uncertainty; leave the key out, and see heading.good_sd_deg",
+    ),
 ];
 
 /// What to do in place of this key, if it is one that no longer exists.

@@ -115,7 +115,6 @@ impl Pipeline {
                 .collect(),
             plane: None,
             mounting: self.setup.mountings.mag,
-            in_force: None,
             settings: settings.clone(),
             limits: self.setup.verdict.clone(),
         })

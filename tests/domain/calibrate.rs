@@ -298,23 +298,159 @@ fn a_refused_fit_still_shows_its_figures() {
         },
     );
     let out = folder.path("out.json");
-    let ran = calibrate(&log, &["--out", &out]);
-    assert_eq!(ran.status, 3);
-    let outcome = ran.json();
+    for (more, reason, axes) in [
+        (&[][..], "heading_uncertainty", 3),
+        (&["--window", "all"], "coverage", 2),
+    ] {
+        let ran = calibrate(&log, &[&["--out", &out], more].concat());
+        assert_eq!(ran.status, 3);
+        let outcome = ran.json();
+        assert_eq!(
+            (&outcome["verdict"], &outcome["reason"]),
+            (&json!("rejected"), &json!(reason))
+        );
+        assert_eq!(numbers(&outcome["bias_mgauss"]).len(), axes);
+        assert_eq!(numbers(&outcome["scale"]).len(), axes);
+        assert!(
+            !std::path::Path::new(&out).exists(),
+            "a refused calibration was written"
+        );
+        // A person gets the same answer.
+        let ran = headingd(&[&["calibrate", &log], more].concat());
+        assert_eq!(ran.status, 3);
+        let begins = format!("rejected ({reason}): ");
+        assert!(ran.out.starts_with(&begins), "{}", ran.out);
+    }
+}
+
+/// Heading errors that a spatial outcome leaves on a level turn without noise, RMS, degrees.
+fn level_error_deg(outcome: &Value, truth: &Settings) -> f64 {
+    let bias = vector(&outcome["bias_mgauss"]);
+    let matrix = Matrix3::from_row_slice(&numbers(&outcome["matrix"]));
+    let inverse = matrix.try_inverse().unwrap();
+    let earth = Vector3::new(truth.horizontal_mgauss, 0.0, truth.vertical_mgauss);
+    let errors: Vec<f64> = (0..360)
+        .map(|heading| {
+            let yaw = f64::from(heading).to_radians();
+            let pose = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+            let field = pose.inverse_transform_vector(&earth);
+            let raw =
+                field.component_mul(&Vector3::from(truth.scale)) + Vector3::from(truth.bias_mgauss);
+            let corrected = inverse * (raw - bias);
+            let found = (-corrected.y).atan2(corrected.x).to_degrees();
+            apart_deg(found, f64::from(heading))
+        })
+        .collect();
+    rms(&errors)
+}
+
+#[test]
+fn motion_without_a_full_turn_calibrates_by_the_estimate() {
+    let folder = Folder::new();
+    for seed in 1..=8 {
+        let truth = Settings {
+            scenario: Scenario::Free,
+            seed,
+            ..Settings::default()
+        };
+        let log = folder.log("a.csv", &truth);
+        let out = folder.path("out.json");
+        let outcome = accepted(&log, &["--out", &out]);
+        assert_eq!(
+            (&outcome["method"], &outcome["mode"], &outcome["model"]),
+            (&json!("motion"), &json!("spatial"), &json!("general"))
+        );
+        assert!(outcome["swarm"].is_null() && outcome["window"].is_null());
+        let claimed = outcome["heading_sd_deg"].as_f64().unwrap();
+        let error = level_error_deg(&outcome, &truth);
+        assert!(
+            claimed < 3.0 && error < claimed,
+            "{seed}: {error}, {claimed}"
+        );
+        assert_near(
+            "bias",
+            &numbers(&outcome["bias_mgauss"]),
+            &truth.bias_mgauss,
+            5.0,
+        );
+        let alignment = vector(&outcome["alignment_deg"]).norm();
+        assert!(
+            alignment < 1.0,
+            "{seed}: the chips are parallel: {alignment}"
+        );
+        // It serves from the first reading on.
+        let ran = headingd(&["replay", &log, "--calibration", &out]);
+        let first = ran.lines().into_iter().find(|l| l["class"] == "ATT");
+        assert!(first.unwrap()["mheading"].is_f64());
+    }
+}
+
+#[test]
+fn motion_must_teach_as_much_as_the_daemon_asks_for() {
+    let folder = Folder::new();
+    let free = folder.log(
+        "free.csv",
+        &Settings {
+            scenario: Scenario::Free,
+            ..Settings::default()
+        },
+    );
+    let strict = folder.file("strict.toml", "[heading]\ngood_sd_deg = 0.5\n");
+    let nod = folder.log(
+        "nod.csv",
+        &Settings {
+            turns: 0.1,
+            ..Settings::default()
+        },
+    );
+    for (log, more, says) in [
+        (&free, &["--config", &strict][..], "at most 0.5"),
+        (&nod, &[], "at most 3.0"),
+    ] {
+        let ran = calibrate(log, more);
+        assert_eq!(ran.status, 3, "{ran:?}");
+        let outcome = ran.json();
+        assert_eq!(
+            (&outcome["reason"], &outcome["method"]),
+            (&json!("heading_uncertainty"), &json!("motion"))
+        );
+        let message = outcome["message"].as_str().unwrap();
+        assert!(
+            message.contains("no full turn") && message.contains(says),
+            "{message}"
+        );
+        // The deviation it names is the one that it reports.
+        let claimed = outcome["heading_sd_deg"].as_f64().unwrap();
+        assert!(
+            message.contains(&format!("{claimed:.1} degrees")),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn a_magnet_at_the_end_of_the_motion_is_told() {
+    let folder = Folder::new();
+    let (header, mut entries) = simulated(&Settings {
+        scenario: Scenario::Free,
+        ..Settings::default()
+    });
+    let end_s = entries.last().unwrap().reading.t_s;
+    for entry in &mut entries {
+        if let (true, Some(field)) = (
+            entry.reading.t_s > end_s - 1.5,
+            &mut entry.reading.field_mgauss,
+        ) {
+            field[0] = field[0].map(|b| b + 400.0);
+        }
+    }
+    let log = folder.file("a.csv", log(&(header, entries)));
+    let ran = calibrate(&log, &[]);
     assert_eq!(
-        (&outcome["verdict"], &outcome["reason"]),
-        (&json!("rejected"), &json!("coverage"))
+        (ran.status, &ran.json()["reason"]),
+        (3, &json!("outliers")),
+        "{ran:?}"
     );
-    assert_eq!(numbers(&outcome["bias_mgauss"]).len(), 2);
-    assert_eq!(numbers(&outcome["scale"]).len(), 2);
-    assert!(
-        !std::path::Path::new(&out).exists(),
-        "a refused calibration was written"
-    );
-    // A person gets the same answer.
-    let ran = headingd(&["calibrate", &log]);
-    assert_eq!(ran.status, 3);
-    assert!(ran.out.starts_with("rejected (coverage): "), "{}", ran.out);
 }
 
 #[test]
@@ -574,14 +710,21 @@ fn every_way_to_calibrate_a_named_plane_finds_the_truth() {
 fn every_way_to_calibrate_three_axes_finds_the_truth() {
     let folder = Folder::new();
     let total = 162.8f64.hypot(526.7).to_string();
-    for scenario in [Scenario::Spatial, Scenario::Free] {
+    for (scenario, modes) in [
+        (Scenario::Spatial, &["auto", "spatial"][..]),
+        (Scenario::Free, &["spatial"]),
+    ] {
         let truth = Settings {
             scenario,
             ..Settings::default()
         };
         let log = folder.log("a.csv", &truth);
         each_way(|way| {
-            for mode in ["auto", "spatial"] {
+            // Without a full turn, only all samples together are fitted.
+            if scenario == Scenario::Free && way[3] != "all" {
+                return;
+            }
+            for mode in modes {
                 let more = [way, &["--mode", mode, "--reference-mgauss", &total]].concat();
                 let outcome = accepted(&log, &more);
                 assert_eq!(outcome["mode"], "spatial");

@@ -14,8 +14,6 @@ pub struct Limits {
     /// Spatial: smallest eigenvalue of the covariance of the field's directions, 0 to 0.33. A level turn
     /// has almost none across its plane.
     pub direction_spread: f64,
-    /// Spatial, without full turns: from how much of the sphere the field must have been seen, 0 to 1.
-    pub sphere_share: f64,
     /// Largest share of samples that may be outliers, 0 to 0.5.
     pub outlier_share: f64,
     /// Largest residual, as a share of the field's strength, 0.001 to 0.5. Real boards leave 2 % under
@@ -54,7 +52,6 @@ impl Default for Limits {
         Self {
             coverage_deg: 240.0,
             direction_spread: 0.005,
-            sphere_share: 0.7,
             outlier_share: 0.1,
             residual_share: 0.06,
             axis_ratio: 2.0,
@@ -82,7 +79,6 @@ impl Check for Limits {
             "degrees",
         );
         within(f, "direction_spread", self.direction_spread, 0.0..=0.33, "");
-        within(f, "sphere_share", self.sphere_share, 0.0..=1.0, "");
         within(f, "outlier_share", self.outlier_share, 0.0..=0.5, "");
         within(f, "residual_share", self.residual_share, 0.001..=0.5, "");
         within(f, "axis_ratio", self.axis_ratio, 1.0..=10.0, "");

@@ -95,7 +95,6 @@ pub fn request(mode: Mode, truth: &Column, seed: u64, settings: &Settings) -> Re
             .collect(),
         plane: None,
         mounting: Mounting::default(),
-        in_force: None,
         settings,
         limits: verdict::Limits::default(),
     }

@@ -260,7 +260,6 @@ impl Case {
                 Mode::Spatial => None,
             },
             mounting: Mounting::default(),
-            in_force: None,
             settings: Settings {
                 mode: match self.mode {
                     Mode::Planar => ModeChoice::Planar,

@@ -186,7 +186,6 @@ fn wide_open() -> Limits {
     Limits {
         coverage_deg: 90.0,
         direction_spread: 0.0,
-        sphere_share: 0.0,
         outlier_share: 0.5,
         residual_share: 0.5,
         axis_ratio: 10.0,
@@ -202,7 +201,7 @@ fn wide_open() -> Limits {
 }
 
 /// The table of what each limit refuses by itself, all others open, printed with `--nocapture`. Most wrong calibrations
-/// have several witnesses against them. The limits on how much was seen (`direction_spread`, `sphere_share`)
+/// have several witnesses against them. The limits on how much was seen (`direction_spread`)
 /// and on scale factors under a given reference have their own tests.
 #[test]
 fn each_limit_alone_refuses_wrong_calibrations() {
