@@ -127,6 +127,9 @@ pub struct Attitude {
     mountings: Mountings,
     clock: EvenClock,
     clip: ClipWatch,
+    /// The gyro's newest reading, and since when it has read the same.
+    constant: Option<(Vector3<f64>, f64)>,
+    newest_s: f64,
     filter: Filter,
 }
 
@@ -137,6 +140,8 @@ impl Attitude {
             mountings: *mountings,
             clock: EvenClock::new(settings.gap_s),
             clip: ClipWatch::new(settings.gyro_range_deg_s),
+            constant: None,
+            newest_s: 0.0,
             filter: Filter::new(settings.gyro_bias_limit_deg_s),
         }
     }
@@ -161,6 +166,10 @@ impl Attitude {
         if let Some(chip) = reading.rate_rad_s
             && chip.norm() < IMPLAUSIBLE_RAD_S
         {
+            if self.constant.is_none_or(|(same, _)| same != chip) {
+                self.constant = Some((chip, t_s));
+            }
+            self.newest_s = t_s;
             let rate = self.mountings.gyro.to_body(chip);
             let filter = &mut self.filter;
             let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
@@ -227,6 +236,22 @@ impl Attitude {
     /// Rate of the last tick freed of its bias, body axes, rad/s.
     pub fn rate_rad_s(&self) -> Vector3<f64> {
         self.filter.rate_rad_s()
+    }
+
+    /// What the tilt is off by now, one standard deviation, radians.
+    pub fn tilt_sd_rad(&self) -> f64 {
+        self.filter.tilt_sd_rad()
+    }
+
+    /// Time constant with which the accelerometer corrects the tilt, seconds.
+    pub fn tilt_tau_s(&self) -> f64 {
+        self.filter.tilt_tau_s()
+    }
+
+    /// For how long the gyro has read the same to the last bit, seconds.
+    pub fn gyro_constant_s(&self) -> f64 {
+        self.constant
+            .map_or(0.0, |(_, since_s)| self.newest_s - since_s)
     }
 
     /// Whether the gyro's newest reading is at its full scale: the board turns faster than it says.

@@ -26,6 +26,9 @@
 //! | disturbed | the board moves on with it | good | `good` |
 //! | good | the accelerometer falls silent | degraded | `no_accelerometer` |
 //! | good | the gyro falls silent | degraded | `no_gyro` |
+//! | good | the gyro reads a constant in a turn | degraded | `gyro_dead` |
+//! | good | the gyro has another sign | degraded | `gyro_sign` |
+//! | good | the gyro has another scale | degraded | `gyro_scale` |
 //! | good | the board turns faster than the gyro can tell | degraded | `gyro_clipped` |
 //! | good | the magnetometer falls silent | stale | `no_samples` |
 //! | good | an axis overflows | stale | `overflow` |
@@ -242,7 +245,7 @@ fn gyro_fault(reason: &str) -> &'static str {
     match reason {
         "gyro_clipped" => "the board turns faster than the gyro can measure: turn it more slowly",
         "gyro_dead" => "the field turns and the gyro reads a constant: check its wiring",
-        "gyro_axes" => "gyro and field turn different ways: check the gyro's axes and signs",
+        "gyro_sign" => "gyro and field turn different ways: check the gyro's axes and signs",
         _ => {
             "gyro and field differ by more than 5 % in how far the board turns: check the gyro's range"
         }

@@ -11,12 +11,14 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::attitude::Pose;
-use crate::calibration::model::{Calibration, Covariance, Model, Parameters, Spatial};
+use crate::calibration::model::Calibration;
 use crate::frame::{Mounting, heading_deg, wrap_360};
 
+mod covariance;
 mod filter;
 mod gyro_check;
 mod kept;
+mod learnt;
 mod prior;
 
 use filter::{Filter, Input};
@@ -34,6 +36,8 @@ const IRON_TRIED_FROM: f64 = 0.08;
 const IRON_TRIED_AFTER_S: f64 = 1.0;
 /// Without an accelerometer a board is taken for level within this, radians (3°).
 const LEVEL_SD_RAD: f64 = 0.052;
+/// Over this time boards are level on average, seconds.
+const LEVEL_TAU_S: f64 = 60.0;
 /// Tilt error of a still board: its accelerometer's bias, radians.
 const TILT_SD_RAD: f64 = 0.01;
 /// Body X this near the vertical (sine of 10°) has no heading.
@@ -54,6 +58,12 @@ pub struct Sample {
     pub rate_rad_s: Vector3<f64>,
     /// That bias, rad/s.
     pub gyro_bias_rad_s: Vector3<f64>,
+    /// Time constant with which the accelerometer corrects the tilt, seconds.
+    pub tilt_tau_s: f64,
+    /// What the tilt is off by, one standard deviation, radians.
+    pub tilt_sd_rad: f64,
+    /// For how long the gyro has read the same to the last bit, seconds.
+    pub gyro_constant_s: f64,
     /// At rest by gyro, accelerometer and field.
     pub at_rest: bool,
     /// Still by gyro and accelerometer.
@@ -99,6 +109,8 @@ pub struct Estimate {
     disturbed_s: f64,
     replaced: bool,
     lost: bool,
+    /// Mean direction of body Z in the frame: down, where no accelerometer tells.
+    level: Vector3<f64>,
 }
 
 impl Estimate {
@@ -120,6 +132,7 @@ impl Estimate {
             disturbed_s: 0.0,
             replaced: false,
             lost: false,
+            level: Vector3::zeros(),
         }
     }
 
@@ -145,6 +158,9 @@ impl Estimate {
             rate_rad_s: sample.rate_rad_s,
             field_mgauss: self.mounting.to_body(sample.field_mgauss),
             period_s,
+            tilt_tau_s: sample.tilt_tau_s,
+            tilt_sd_rad: sample.tilt_sd_rad,
+            gyro_constant_s: sample.gyro_constant_s,
             at_rest: sample.at_rest,
             still: sample.still,
         };
@@ -161,6 +177,11 @@ impl Estimate {
                 filter.take(&input, frozen);
             }
         }
+        let down = sample.pose.orientation * Vector3::z();
+        if lost {
+            self.level = down;
+        }
+        self.level += (down - self.level) * (period_s / (period_s + LEVEL_TAU_S));
         self.gyro.take(&input, &self.active);
         if !sample.still {
             self.compare(period_s);
@@ -226,14 +247,14 @@ impl Estimate {
         });
     }
 
-    /// Takes the result of a full turn. If it claims more than is known, it is active from now on and what was known
-    /// becomes its rival, else the other way round.
-    pub fn adopt_turn(&mut self, calibration: &Calibration, sample: Option<&Sample>) {
+    /// Takes the result of a full turn. If it knows the hard iron better, it is active from now on and what was known
+    /// becomes its rival, else the other way round. Whether the turn's result is active.
+    pub fn adopt_turn(&mut self, calibration: &Calibration, sample: Option<&Sample>) -> bool {
         let Some(sample) = sample.filter(|_| self.active.begun()) else {
             let frozen = self.frozen;
             *self = Self::new(self.mounting, Some(calibration));
             self.frozen = frozen;
-            return;
+            return true;
         };
         let mut turned = self.active.clone();
         let measured = Measured::by(calibration, &self.mounting);
@@ -243,17 +264,25 @@ impl Estimate {
             rate_rad_s: sample.rate_rad_s,
             field_mgauss: self.mounting.to_body(sample.field_mgauss),
             period_s: 0.01,
+            tilt_tau_s: sample.tilt_tau_s,
+            tilt_sd_rad: sample.tilt_sd_rad,
+            gyro_constant_s: sample.gyro_constant_s,
             at_rest: sample.at_rest,
             still: sample.still,
         };
+        let better = measured
+            .iter()
+            .filter(|one| one.matrix == Matrix3::zeros())
+            .all(|one| one.variance < self.active.variance_of(one));
         turned.replace(&measured, &input);
-        if azimuth_sd_rad(&turned) <= azimuth_sd_rad(&self.active) {
+        if better {
             let known = std::mem::replace(&mut self.active, turned);
             let origin = std::mem::replace(&mut self.origin, Origin::Turn);
             self.start_rival(known, origin);
         } else {
             self.start_rival(turned, Origin::Turn);
         }
+        better
     }
 
     /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` where X is vertical, or
@@ -265,30 +294,41 @@ impl Estimate {
         let field = self.active.field();
         if !pose.vertical_known {
             let seen = pose.orientation.inverse_transform_vector(&field);
-            return self.level_fix(&seen);
+            return self.level_fix(pose, &seen);
         }
-        let nose = pose.orientation * Vector3::x();
-        let level = nose.xy().norm();
-        if level < NO_HEADING {
+        let told = pose.orientation * Vector3::x();
+        let nose = told - self.active.tilt_rad().cross(&told);
+        let level2 = nose.xy().norm_squared();
+        if level2 < NO_HEADING * NO_HEADING {
             return None;
         }
         let heading = nose.x.atan2(nose.y) - field.x.atan2(field.y);
-        let tilt = TILT_SD_RAD * nose.z / level;
-        let sd = azimuth_sd_rad(&self.active).hypot(tilt);
+        let by_nose = Vector3::new(nose.y, -nose.x, 0.0) / level2;
+        let by_tilt = told.cross_matrix().transpose() * by_nose;
+        let level2 = field.xy().norm_squared().max(1.0);
+        let by_field = Vector3::new(-field.y, field.x, 0.0) / level2;
+        let variance = self.active.variance(&by_field, &by_tilt).max(0.0);
+        // Innovations larger than expected: what is known is known less well than it seems.
+        let variance = variance * self.active.consistency().max(1.0);
         Some(Fix {
             heading_deg: wrap_360(heading.to_degrees()),
-            sd_deg: sd.to_degrees().min(180.0),
+            sd_deg: variance.sqrt().to_degrees().min(180.0),
         })
     }
 
-    /// Without an accelerometer a board is taken for level.
-    fn level_fix(&self, seen: &Vector3<f64>) -> Option<Fix> {
-        let horizontal = seen.xy().norm().max(1.0);
+    /// Without an accelerometer the board is taken for level on average; the further it is from that, the less
+    /// certain is its heading.
+    fn level_fix(&self, pose: &Pose, seen: &Vector3<f64>) -> Option<Fix> {
+        let down = self.level.try_normalize(1e-6)?;
+        let down = pose.orientation.inverse_transform_vector(&down);
+        let vertical = seen.dot(&down);
+        let horizontal = (seen - down * vertical).norm().max(1.0);
         let own = self.active.field_covariance().trace() / 3.0;
-        let tilt = LEVEL_SD_RAD * seen.z / horizontal;
-        let sd = (own / (horizontal * horizontal) + tilt * tilt).sqrt();
+        let tilted = down.z.clamp(-1.0, 1.0).acos();
+        let tilt = (LEVEL_SD_RAD + 0.5 * tilted) * vertical;
+        let sd = (own + tilt * tilt).sqrt() / horizontal;
         Some(Fix {
-            heading_deg: heading_deg(seen, &Vector3::z())?,
+            heading_deg: heading_deg(seen, &down)?,
             sd_deg: sd.to_degrees().min(180.0),
         })
     }
@@ -389,44 +429,6 @@ impl Estimate {
             return 180.0;
         }
         azimuth_sd_rad(&self.active).to_degrees().min(180.0)
-    }
-
-    /// The motion that would teach most: about which body axis to turn.
-    pub fn motion_wanted(&self) -> &'static str {
-        // Turning about an axis shows the iron across it.
-        let unknown = self.active.least_known().map(f64::abs);
-        match unknown.imax() {
-            2 => "roll or pitch it",
-            _ => "turn it about the vertical",
-        }
-    }
-
-    /// Whether the parameters came from a full turn or from motion.
-    pub fn method(&self) -> &'static str {
-        match self.origin {
-            Origin::Turn => "turn",
-            Origin::Motion => "motion",
-        }
-    }
-
-    /// What is known now, as a calibration to keep; `None` before the estimate has begun.
-    pub fn calibration(&self) -> Option<Calibration> {
-        if !self.active.begun() {
-            return None;
-        }
-        let to_chip = self.mounting.rotation().transpose();
-        let turn = prior::turned(&to_chip);
-        let covariance = turn * self.active.parameter_covariance() * turn.transpose();
-        let matrix = to_chip * self.active.matrix() * to_chip.transpose();
-        let bias = self.mounting.to_chip(self.active.bias_mgauss());
-        Some(Calibration {
-            parameters: Parameters::Spatial(Spatial::new(Model::General, bias, matrix)?),
-            reference_mgauss: None,
-            strength_mgauss: self.active.strength_mgauss(),
-            residual_mgauss: self.active.noise_mgauss(),
-            heading_sd_deg: self.north_sd_deg(),
-            covariance: Some(Covariance::packed(&covariance)),
-        })
     }
 }
 

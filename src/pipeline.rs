@@ -11,6 +11,7 @@ mod motion;
 mod occasion;
 mod settings;
 mod stretch;
+mod watch;
 
 use std::collections::VecDeque;
 
@@ -24,7 +25,7 @@ use crate::calibration::{self, Request, Sample, verdict};
 use crate::condition::{self, Condition, Evidence, Report, Trouble};
 use crate::estimate::{Estimate, Fix, GyroFault, Sample as EstimateSample};
 use crate::frame::{Mountings, heading_deg};
-use crate::frozen::{Frozen, FrozenWatch};
+use crate::frozen::FrozenWatch;
 use crate::heading::{Heading, MagStatus};
 use crate::outliers::Outliers;
 use crate::reading::Reading;
@@ -35,6 +36,9 @@ pub use settings::Settings;
 
 /// Time over which the field's strength is smoothed before it is called disturbed, seconds.
 const STRENGTH_TAU_S: f64 = 0.5;
+
+/// A field that was disturbed is called so until it has been calm for this long, seconds.
+const CALM_S: f64 = 3.0;
 
 /// Progress is news when it has changed by this share of a turn …
 const PROGRESS_STEP: f64 = 0.05;
@@ -133,6 +137,7 @@ pub struct Pipeline {
     overflow_s: f64,
     rate_s: f64,
     strength_deviation: f64,
+    disturbed_s: f64,
     /// Deviation of the heading of the newest sample, degrees.
     sd_deg: f64,
     seq: u64,
@@ -168,6 +173,7 @@ impl Pipeline {
             overflow_s: f64::NEG_INFINITY,
             rate_s: f64::NEG_INFINITY,
             strength_deviation: 0.0,
+            disturbed_s: f64::NEG_INFINITY,
             sd_deg: 180.0,
             seq: 0,
         }
@@ -272,17 +278,6 @@ impl Pipeline {
         }
     }
 
-    /// Looks whether a sensor says the same again and again.
-    fn watch(&mut self, reading: &Reading) {
-        let found = self.frozen_watch.take(reading);
-        if found.map(Frozen::code) != self.frozen.as_ref().map(|frozen| frozen.code) {
-            self.frozen = found.map(|frozen| Trouble {
-                code: frozen.code(),
-                message: frozen.message().to_owned(),
-            });
-        }
-    }
-
     fn publish(&mut self, t_s: f64, raw: &Vector3<f64>, actions: &mut Vec<Action>) {
         let down = self.attitude.down(t_s);
         let pose = self.estimate_from(t_s, raw);
@@ -317,6 +312,9 @@ impl Pipeline {
         let published = best.filter(certain);
         if published.is_some() && self.wanted().is_some() {
             self.learning.reached();
+        }
+        if self.estimate.disturbed() || !self.estimate.consistent() || !self.gyro_is_right() {
+            self.disturbed_s = t_s;
         }
         self.conclude_motion(actions);
         let condition = self.update_condition(actions);
@@ -360,12 +358,20 @@ impl Pipeline {
             pose,
             rate_rad_s: self.attitude.rate_rad_s(),
             gyro_bias_rad_s: self.attitude.gyro_bias_rad_s(),
+            tilt_tau_s: self.attitude.tilt_tau_s(),
+            tilt_sd_rad: self.attitude.tilt_sd_rad(),
+            gyro_constant_s: self.attitude.gyro_constant_s(),
             at_rest: self.attitude.at_rest(),
             still: self.attitude.still(),
         };
         let learns = self.wanted().is_some() && self.gyro_is_right();
         self.estimate.freeze(!learns && self.learning.calibrated());
+        let right = self.gyro_is_right();
         self.estimate.take(&sample);
+        if right != self.gyro_is_right() {
+            // What was carried along with a gyro that is wrong is lost.
+            self.estimate.lose_frame();
+        }
         self.sample = Some(sample);
         Some(pose)
     }
@@ -373,7 +379,7 @@ impl Pipeline {
     fn gyro_is_right(&self) -> bool {
         !matches!(
             self.estimate.gyro_fault(),
-            Some(GyroFault::Dead | GyroFault::Axes)
+            Some(GyroFault::Dead | GyroFault::Sign)
         )
     }
 
@@ -408,7 +414,7 @@ impl Pipeline {
             strength_deviation: self.strength_deviation,
             // Without a gyro the estimate sees nothing, and the field's strength is all that tells.
             disturbed: if gyro_speaks {
-                self.estimate.disturbed() || !self.estimate.consistent()
+                self.now_s - self.disturbed_s < CALM_S
             } else {
                 self.strength_deviation.abs() > condition::STRENGTH_TOLERANCE
             },

@@ -1,7 +1,7 @@
 //! VQF on the even clock, and what it must be told: where the accelerometer comes and goes, when the board
 //! may be at rest, which field it sees.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use vqf_rs::{Params, VQF};
 
 use super::clock::PERIOD_S;
@@ -12,10 +12,29 @@ use super::{Pose, Tick, unit};
 
 /// So long must the accelerometer have had its part before the vertical is called known.
 const LEVELLING_S: f64 = 1.0;
-/// While the bias is new, gravity is trusted more: it learns a bias of 4.5°/s about twice as fast in a hand.
-const LEARNING_S: f64 = 30.0;
-const LEARNING_TAU_S: f64 = 1.0;
-const TAU_S: f64 = 2.0;
+/// What gyro errors may add to the tilt, radians (1.4°): the accelerometer's time constant is as long as that allows, since
+/// a vehicle's acceleration lasts for seconds, and an error of the gyro for ever.
+const TILT_BUDGET_RAD: f64 = 0.025;
+/// Error of the gyro for each rad/s that the board turns: scale and cross-axis errors.
+const GYRO_ERROR: f64 = 0.005;
+/// Limits of that time constant, seconds.
+const TAU_S: std::ops::RangeInclusive<f64> = 1.0..=60.0;
+/// A horizontal acceleration, as the frame shows it, that is as large as what is left of the tilt, m/s² (3°), and over
+/// which time it is seen, seconds. Larger ones are the board's, and lengthen the time constant.
+const SWAY_M_S2: f64 = 0.5;
+const SWAY_TAU_S: f64 = 1.0;
+const GRAVITY_M_S2: f64 = 9.81;
+/// The time constant is lengthened no further than by this share, and only while the board turns slowly, rad/s: the
+/// gyro's own errors grow with it.
+const LONGEST: f64 = 1.5;
+const SLOW_RAD_S: f64 = 0.5;
+/// Tilt error of a board that is not accelerated, radians: what its accelerometer is off.
+const TILT_RAD: f64 = 0.012;
+/// Share of the acceleration over the time constant that passes for tilt.
+const PASSES_FOR_TILT: f64 = 0.5;
+/// It follows the mean rate over this time, seconds, in steps of this factor.
+const RATE_TAU_S: f64 = 3.0;
+const TAU_STEP: f64 = 1.25;
 /// Without a magnetometer, a rate that differs by more from the bias learnt so far is motion, rad/s.
 const BLIND_REST_RAD_S: f64 = 2.0 * std::f64::consts::PI / 180.0;
 /// Ticks between two entries of the bias history, and its length: 3 s.
@@ -32,8 +51,11 @@ pub(super) struct Filter {
     /// Since when the accelerometer has had its part without a break.
     levelled_since_s: Option<f64>,
     vertical_known: bool,
-    /// Ticks with the accelerometer until the bias is no longer new.
-    learning_ticks: u32,
+    /// Horizontal specific force in the frame, m/s²: over a second, and over the time constant of the tilt.
+    sway: Vector2<f64>,
+    pull: Vector2<f64>,
+    /// Mean rate over the last seconds, rad/s.
+    mean_rate_rad_s: f64,
     rate_rad_s: Vector3<f64>,
     /// Biases while at rest, oldest first, one each half second.
     rest_history: Vec<[f64; 3]>,
@@ -47,7 +69,7 @@ impl Filter {
             bias_clip: bias_limit_deg_s,
             // A wider start would swing far before it settles on a board that moves from the first.
             bias_sigma_init: (bias_limit_deg_s / 10.0).max(0.5),
-            tau_acc: LEARNING_TAU_S,
+            tau_acc: *TAU_S.start(),
             ..Params::default()
         };
         Self {
@@ -59,7 +81,9 @@ impl Filter {
             ticked: false,
             levelled_since_s: None,
             vertical_known: false,
-            learning_ticks: (LEARNING_S / PERIOD_S) as u32,
+            sway: Vector2::zeros(),
+            pull: Vector2::zeros(),
+            mean_rate_rad_s: 0.0,
             rate_rad_s: Vector3::zeros(),
             rest_history: Vec::with_capacity(HISTORY + 1),
             rest_ticks: 0,
@@ -75,16 +99,12 @@ impl Filter {
         let rate = mean_rate - self.bias();
         self.rate_rad_s = rate;
         self.stillness.take(PERIOD_S, rate, force);
-        if live && self.learning_ticks > 0 {
-            self.learning_ticks -= 1;
-            if self.learning_ticks == 0 {
-                self.vqf.set_tau_acc(TAU_S);
-            }
-        }
+        self.follow_rate(rate.norm());
 
         self.vqf.update_gyr(mean_rate.into());
         if let Some(force) = force {
             self.vqf.update_acc(force.into());
+            self.follow_force(&force);
         } else if !live {
             // VQF counts the time at rest with the accelerometer. A made-up one serves for that, but must
             // not level the frame.
@@ -105,6 +125,38 @@ impl Filter {
             rate_rad_s: rate,
             at_rest: self.at_rest(),
         }
+    }
+
+    /// Chooses how long the accelerometer's time constant is.
+    fn follow_rate(&mut self, rate_rad_s: f64) {
+        self.mean_rate_rad_s += (rate_rad_s - self.mean_rate_rad_s) * PERIOD_S / RATE_TAU_S;
+        let bias_sd = self.vqf.bias_estimate().1;
+        let accelerated = (self.sway.norm() / SWAY_M_S2).powi(2);
+        let wanted = TILT_BUDGET_RAD / (bias_sd + GYRO_ERROR * self.mean_rate_rad_s);
+        let wanted = wanted.min(20.0)
+            * (1.0
+                + accelerated.min(LONGEST * (-(self.mean_rate_rad_s / SLOW_RAD_S).powi(2)).exp()));
+        let wanted = wanted.clamp(*TAU_S.start(), *TAU_S.end());
+        let now = self.tilt_tau_s();
+        if wanted > now * TAU_STEP || wanted * TAU_STEP < now {
+            self.vqf.set_tau_acc(wanted);
+        }
+    }
+
+    fn follow_force(&mut self, force: &Vector3<f64>) {
+        let horizontal = (self.orientation() * force).xy();
+        self.sway += (horizontal - self.sway) * (PERIOD_S / SWAY_TAU_S);
+        self.pull += (horizontal - self.pull) * (PERIOD_S / self.tilt_tau_s());
+    }
+
+    /// What the tilt is off by now, one standard deviation, radians.
+    pub(super) fn tilt_sd_rad(&self) -> f64 {
+        TILT_RAD.hypot(PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2)
+    }
+
+    /// Time constant of the tilt, seconds.
+    pub(super) fn tilt_tau_s(&self) -> f64 {
+        self.vqf.params().tau_acc
     }
 
     fn follow_accelerometer(&mut self, end_s: f64, live: bool) {

@@ -7,6 +7,10 @@ const FAST_S: f64 = 0.3;
 const SLOW_S: f64 = 1.5;
 /// A steady turn of 2°/s moves a weak horizontal field (150 mG) further than this between the two filters.
 const MOVED_MGAUSS: f64 = 5.0;
+/// A second pair of filters, which part while the board swings slowly, as a boat at anchor does: 0.2°/s moves a weak
+/// horizontal field further than that between them.
+const DRIFT_FAST_S: f64 = 2.0;
+const DRIFT_SLOW_S: f64 = 20.0;
 /// What noise may add to that; more would hide a turn.
 const NOISE_MARGIN_LIMIT_MGAUSS: f64 = 15.0;
 /// A larger step from one reading to the next is a spike, not noise.
@@ -27,6 +31,8 @@ struct Run {
     newest: Vector3<f64>,
     fast: Vector3<f64>,
     slow: Vector3<f64>,
+    drift_fast: Vector3<f64>,
+    drift_slow: Vector3<f64>,
     /// Slow mean of the squared step from reading to reading, and of the time between them.
     step_squared: f64,
     step_s: f64,
@@ -44,6 +50,8 @@ impl Steadiness {
                 newest: field,
                 fast: field,
                 slow: field,
+                drift_fast: field,
+                drift_slow: field,
                 step_squared: 0.0,
                 step_s: 0.0,
                 moving: false,
@@ -69,6 +77,8 @@ impl Run {
         let gain = |tau_s: f64| 1.0 - (-dt_s / tau_s).exp();
         self.fast += (field - self.fast) * gain(FAST_S);
         self.slow += (field - self.slow) * gain(SLOW_S);
+        self.drift_fast += (field - self.drift_fast) * gain(DRIFT_FAST_S);
+        self.drift_slow += (field - self.drift_slow) * gain(DRIFT_SLOW_S);
         let step = (field - self.newest).norm().min(SPIKE_MGAUSS);
         let slow = gain(SLOW_S);
         self.step_squared += (step * step - self.step_squared) * slow;
@@ -77,7 +87,9 @@ impl Run {
 
         let noise = (0.5 * self.step_squared * self.step_s / (2.0 * FAST_S)).sqrt();
         let limit = MOVED_MGAUSS + (2.5 * noise).min(NOISE_MARGIN_LIMIT_MGAUSS);
-        let apart = (self.fast - self.slow).norm();
+        let apart = (self.fast - self.slow)
+            .norm()
+            .max((self.drift_fast - self.drift_slow).norm());
         // Some play between on and off, lest it flutter.
         self.moving = apart > if self.moving { 0.6 * limit } else { limit };
     }

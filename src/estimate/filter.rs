@@ -22,21 +22,22 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
 
+use super::covariance::{Sensitivity, Step, subtract};
 use super::prior::{Measured, Prior};
 
-const H: usize = 0;
-const E: usize = 3;
-const B: usize = 5;
-const M: usize = 8;
-const D: usize = 11;
-const T: usize = 20;
-const G: usize = 21;
+pub(super) const H: usize = 0;
+pub(super) const E: usize = 3;
+pub(super) const B: usize = 5;
+pub(super) const M: usize = 8;
+pub(super) const D: usize = 11;
+pub(super) const T: usize = 20;
+pub(super) const G: usize = 21;
 const S: usize = 24;
 /// Length of the state.
-const N: usize = 27;
+pub(super) const N: usize = 27;
 
 type State = SVector<f64, N>;
-type Covariance = SMatrix<f64, N, N>;
+pub(super) type Covariance = SMatrix<f64, N, N>;
 
 /// The middle of what the earth's field is anywhere (220 to 670 mG): where nothing else is known.
 pub(super) const FIELD_MGAUSS: f64 = 500.0;
@@ -63,9 +64,8 @@ const NOISE_MGAUSS: f64 = 7.0;
 const LEAST_NOISE_MGAUSS: f64 = 1.5;
 /// Over this time the noise is measured, seconds.
 const NOISE_TAU_S: f64 = 2.0;
-/// Tilt error of the frame, radians, and how long it lasts, seconds.
+/// Tilt error of the frame, radians.
 const TILT_RAD: f64 = 0.012;
-const TILT_TAU_S: f64 = 2.0;
 /// Unevenness of the field as a share of it: at first, and at least. Rooms have 1 to 2 % over half a metre.
 const FIRST_UNEVENNESS: f64 = 0.035;
 const LEAST_UNEVENNESS: f64 = 0.004;
@@ -81,13 +81,19 @@ const LENGTHS_DOWN: f64 = 4.0;
 /// The place as a whole is off by as much as it is uneven: at first, at least and at most, as a share of the field …
 const FIRST_PLACE: f64 = 0.01;
 const LEAST_PLACE: f64 = 0.004;
-const MOST_PLACE: f64 = 0.03;
+const MOST_PLACE: f64 = 0.02;
+/// A place differs from the next by less than the field does within it: half of the variance.
+const PLACE_SHARE: f64 = 0.5;
 /// … measured over this time, and another place after this time, seconds.
 const PLACE_TAU_S: f64 = 60.0;
 const PLACE_LASTS_S: f64 = 100.0;
 /// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s.
 const FIELD_WALK: f64 = 0.0002;
 const IRON_WALK_MGAUSS: f64 = 0.05;
+/// What the model leaves out is the same whenever the board is in the same attitude, and does not average out by
+/// swinging to and fro: for each radian turned, so much is lost of what is known, as a share of the field, of D's entries.
+const IRON_TURN: f64 = 0.003;
+const MATRIX_TURN: f64 = 0.001;
 /// How much of unusual unevenness is taken for a change of the hard iron, and of the field, while the board turns.
 const IRON_SHARE: f64 = 1.0;
 const FIELD_SHARE: f64 = 0.003;
@@ -109,6 +115,12 @@ pub(super) struct Input {
     pub(super) field_mgauss: Vector3<f64>,
     /// Time since the sample before, seconds.
     pub(super) period_s: f64,
+    /// Time constant of the tilt's errors, seconds.
+    pub(super) tilt_tau_s: f64,
+    /// What the tilt is off by, one standard deviation, radians.
+    pub(super) tilt_sd_rad: f64,
+    /// For how long the gyro has read the same to the last bit, seconds.
+    pub(super) gyro_constant_s: f64,
     /// The board is at rest, by gyro, accelerometer and field: the gyro's rate is its bias.
     pub(super) at_rest: bool,
     /// The board does not move, by gyro and accelerometer.
@@ -218,7 +230,8 @@ impl Filter {
         self.still = input.still;
         self.vertical_known = input.vertical_known;
         let forgotten = self.predict(input);
-        self.correct(input, frozen);
+        // A board that does not turn cannot tell iron from north: what changes then is the place or the frame.
+        self.correct(input, frozen || input.still);
         self.measure_unevenness(input, forgotten);
     }
 
@@ -289,7 +302,13 @@ impl Filter {
         }
     }
 
-    fn learn(&mut self, measured: &Measured) {
+    /// Variance of what a turn has measured, as far as it is known here.
+    pub(super) fn variance_of(&self, measured: &Measured) -> f64 {
+        let jacobian = self.jacobian_of(measured);
+        jacobian.dot(&(self.p * jacobian))
+    }
+
+    fn jacobian_of(&self, measured: &Measured) -> State {
         let mut jacobian = State::zeros();
         let weights = measured.weights();
         for index in 0..12 {
@@ -305,6 +324,11 @@ impl Filter {
                 }
             }
         }
+        jacobian
+    }
+
+    fn learn(&mut self, measured: &Measured) {
+        let jacobian = self.jacobian_of(measured);
         let told = jacobian.dot(&self.x) + measured.matrix.trace();
         let cross = self.p * jacobian;
         let gain = cross / (jacobian.dot(&cross) + measured.variance);
@@ -333,14 +357,14 @@ impl Filter {
             let column: State = self.p.column(G + axis).into();
             let gain = column / (column[G + axis] + variance);
             self.x += gain * innovation;
-            self.p -= gain * column.transpose();
+            subtract(&mut self.p, &gain, &column);
         }
     }
 
     /// Once the board has turned a little, the state begins with half of the field taken for iron.
     fn begin(&mut self, input: &Input) -> bool {
         let first = *self.first.get_or_insert(input.to_frame);
-        let known = self.least_known_mgauss() < FIELD_MGAUSS;
+        let known = self.iron_known_within(FIELD_MGAUSS);
         if known || !self.measured.is_empty() {
             self.begun = true;
             self.restart_frame(input);
@@ -393,25 +417,16 @@ impl Filter {
                 FORGET_MOVING_S
             };
         let kept = (-length).exp();
-        let tilt_kept = (-dt / TILT_TAU_S).exp();
+        let tilt_kept = (-dt / input.tilt_tau_s).exp();
 
-        // P ← F P Fᵀ, first F from the left, column by column, then from the right.
-        let carry = Matrix3::identity() + turn.cross_matrix();
-        let against = -h.cross_matrix();
-        let into_h = against * by_errors;
-        for mut column in self.p.column_iter_mut() {
-            let errors = column.fixed_rows::<6>(G).into_owned();
-            let field = carry * column.fixed_rows::<3>(H) + into_h * errors;
-            column.fixed_rows_mut::<3>(H).copy_from(&field);
-            column.fixed_rows_mut::<2>(E).scale_mut(tilt_kept);
-            column.fixed_rows_mut::<3>(M).scale_mut(kept);
-        }
-        let fields = self.p.fixed_columns::<3>(H) * carry.transpose()
-            + self.p.fixed_columns::<6>(G) * into_h.transpose();
-        self.p.fixed_columns_mut::<3>(H).copy_from(&fields);
-        self.p.fixed_columns_mut::<2>(E).scale_mut(tilt_kept);
-        self.p.fixed_columns_mut::<3>(M).scale_mut(kept);
-        self.x.fixed_rows_mut::<3>(H).copy_from(&(carry * h));
+        let step = Step {
+            field: Matrix3::identity() + turn.cross_matrix(),
+            by_gyro: -h.cross_matrix() * by_errors,
+            tilt: tilt_kept,
+            unevenness: kept,
+        };
+        step.carry(&mut self.p);
+        self.x.fixed_rows_mut::<3>(H).copy_from(&(step.field * h));
         self.x.fixed_rows_mut::<2>(E).scale_mut(tilt_kept);
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
 
@@ -437,18 +452,36 @@ impl Filter {
         let moved = if still {
             0.0
         } else {
-            self.place2 * 2.0 * dt / PLACE_LASTS_S * strength2
+            (self.place2 * 2.0 / PLACE_LASTS_S + FIELD_WALK.powi(2)) * dt * strength2
         };
-        let field = moved + FIELD_WALK.powi(2) * dt * strength2 + FIELD_SHARE * moved_iron;
-        let iron = IRON_WALK_MGAUSS.powi(2) * dt + IRON_SHARE * moved_iron;
+        let field = moved + FIELD_SHARE * moved_iron;
+        let iron = if still {
+            0.0
+        } else {
+            IRON_WALK_MGAUSS.powi(2) * dt
+        } + IRON_SHARE * moved_iron
+            + IRON_TURN.powi(2) * strength2 * rate * dt;
         for axis in 0..3 {
             self.p[(H + axis, H + axis)] += field;
             self.p[(B + axis, B + axis)] += iron;
             self.p[(G + axis, G + axis)] += BIAS_WALK_RAD_S.powi(2) * dt;
             self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * self.unevenness2 * strength2;
         }
+        let third = 1.0 / 3.0;
+        for entry in 0..9 {
+            for other in 0..9 {
+                let held = match (entry == other, entry % 4 == 0 && other % 4 == 0) {
+                    (true, true) => 1.0 - third,
+                    (true, false) => 1.0,
+                    (false, true) => -third,
+                    (false, false) => continue,
+                };
+                self.p[(D + entry, D + other)] += held * MATRIX_TURN.powi(2) * rate * dt;
+            }
+        }
         for axis in 0..2 {
-            self.p[(E + axis, E + axis)] += (1.0 - tilt_kept * tilt_kept) * TILT_RAD.powi(2);
+            self.p[(E + axis, E + axis)] +=
+                (1.0 - tilt_kept * tilt_kept) * input.tilt_sd_rad.powi(2);
         }
         for row in 0..3 {
             for column in 0..3 {
@@ -481,38 +514,19 @@ impl Filter {
             * r.transpose()
             * (Matrix3::identity() + tilt.cross_matrix());
         let by_tilt = by_field * -here.cross_matrix();
-        let by_lag = matrix * body_rate;
-
-        // P Jᵀ: J has few entries.
-        let mut cross: SMatrix<f64, N, 3> =
-            (self.p.fixed_columns::<3>(H) + self.p.fixed_columns::<3>(M)) * by_field.transpose()
-                + self.p.fixed_columns::<2>(E) * by_tilt.fixed_columns::<2>(0).transpose()
-                + self.p.fixed_columns::<3>(B)
-                + self.p.column(T) * by_lag.transpose();
-        for axis in 0..3 {
-            let by_row = self.p.fixed_columns::<3>(D + 3 * axis) * seen;
-            let mut column = cross.column_mut(axis);
-            column += by_row;
-        }
+        let sensitivity = Sensitivity {
+            field: by_field,
+            tilt: [by_tilt.column(0).into(), by_tilt.column(1).into()],
+            lag: matrix * body_rate,
+            row: seen,
+        };
+        let mut cross = sensitivity.cross(&self.p);
         let innovation = y - matrix * seen - self.vector(B);
         // What linearising neglects: products of two uncertain states.
         let neglected = self.trace(H, 3) * (self.trace(D, 9) / 9.0 + self.trace(E, 2) / 3.0)
             + w.norm_squared() * self.p[(T, T)] * self.trace(H, 3) / 3.0;
         let white = self.noise2 + neglected + (w.norm() * JITTER_S * self.strength_mgauss).powi(2);
-        let expected = |cross: &SMatrix<f64, N, 3>| {
-            let mut s: Matrix3<f64> = by_field
-                * (cross.fixed_rows::<3>(H) + cross.fixed_rows::<3>(M))
-                + by_tilt.fixed_columns::<2>(0) * cross.fixed_rows::<2>(E)
-                + cross.fixed_rows::<3>(B)
-                + by_lag * cross.row(T);
-            for axis in 0..3 {
-                let row = seen.transpose() * cross.fixed_rows::<3>(D + 3 * axis);
-                for column in 0..3 {
-                    s[(axis, column)] += row[column];
-                }
-            }
-            0.5 * (s + s.transpose()) + Matrix3::identity() * white
-        };
+        let expected = |cross: &_| sensitivity.squared(cross) + Matrix3::identity() * white;
         let mut s = expected(&cross);
         let Some(mut inverse) = s.try_inverse() else {
             return;
@@ -554,16 +568,12 @@ impl Filter {
             (bias, rows, self.parameter_covariance())
         });
         self.x += gain * innovation;
-        for (index, mut column) in self.p.column_iter_mut().enumerate() {
-            column -= gain * cross.row(index).transpose();
-        }
+        subtract(&mut self.p, &gain, &cross);
         if let Some((bias, rows, covariance)) = kept {
             self.x.fixed_rows_mut::<3>(B).copy_from(&bias);
             self.x.fixed_rows_mut::<9>(D).copy_from(&rows);
             self.put_parameter_covariance(&covariance);
         }
-        // Rounding must not let the halves drift apart.
-        self.p.fill_lower_triangle_with_upper_triangle();
     }
 
     /// The steps from innovation to innovation are noise, whatever else is wrong.
@@ -587,7 +597,7 @@ impl Filter {
         self.unevenness2 += forgotten / lengths * (share - self.unevenness2);
         self.unevenness2 = self.unevenness2.max(LEAST_UNEVENNESS.powi(2));
         if !input.still {
-            let here = self.unevenness2.min(MOST_PLACE.powi(2));
+            let here = (PLACE_SHARE * self.unevenness2).min(MOST_PLACE.powi(2));
             self.place2 += input.period_s.min(1.0) / PLACE_TAU_S * (here - self.place2);
             self.place2 = self.place2.max(LEAST_PLACE.powi(2));
         }
@@ -601,6 +611,20 @@ impl Filter {
     /// The field in the frame, milligauss.
     pub(super) fn field(&self) -> Vector3<f64> {
         self.vector(H)
+    }
+
+    /// The frame's tilt error, a rotation vector in the frame, radians.
+    pub(super) fn tilt_rad(&self) -> Vector3<f64> {
+        Vector3::new(self.x[E], self.x[E + 1], 0.0)
+    }
+
+    /// Variance of an angle that depends on the field in the frame and on its tilt error, as these slopes say.
+    pub(super) fn variance(&self, by_field: &Vector3<f64>, by_tilt: &Vector3<f64>) -> f64 {
+        let field = (by_field.transpose() * self.field_covariance() * by_field)[0];
+        let own = self.p.fixed_view::<2, 2>(E, E);
+        let cross = self.p.fixed_view::<3, 2>(H, E);
+        let tilt = by_tilt.xy();
+        field + (tilt.transpose() * own * tilt)[0] + 2.0 * (by_field.transpose() * cross * tilt)[0]
     }
 
     /// Covariance of the field in the frame, with what the place as a whole may be off, milligauss².
@@ -683,10 +707,12 @@ impl Filter {
         eigen.eigenvectors.column(eigen.eigenvalues.imax()).into()
     }
 
-    /// One standard deviation of the hard iron along that direction, milligauss.
-    pub(super) fn least_known_mgauss(&self) -> f64 {
+    /// Whether the hard iron has a deviation below this in every direction, milligauss.
+    pub(super) fn iron_known_within(&self, limit_mgauss: f64) -> bool {
         let covariance: Matrix3<f64> = self.p.fixed_view::<3, 3>(B, B).into();
-        covariance.symmetric_eigenvalues().max().max(0.0).sqrt()
+        // What is left up to the limit is positive definite: no eigenvalue needs to be found.
+        let left = Matrix3::identity() * limit_mgauss.powi(2) - covariance;
+        left.m11 > 0.0 && left.m11 * left.m22 > left.m12 * left.m21 && left.determinant() > 0.0
     }
 
     /// Covariance of one corrected sample: parameters, unevenness and noise, milligauss².

@@ -1,34 +1,43 @@
 //! Whether gyro and field tell the same of how the board turns.
 //!
-//! The field moves across the board as the gyro says that the board turns, whatever iron is on it: iron adds a constant.
-//! So the change of the raw field over a moment is held against the change that the gyro predicts. Over the
-//! last turns, the slope of the one over the other is 1; a gyro of the wrong sign has −1, one that is 10 % off 1.1.
+//! A field that stands still turns against the board, as the gyro says that the board turns, and iron on the board adds a
+//! constant. So the change of the raw field over a moment is held against the change that the gyro predicts. The slope of
+//! the one over the other is 1; a gyro of the wrong sign has −1, one whose scale is 10 % too small has 1.1.
 
 use nalgebra::Vector3;
 
 use super::filter::{Filter, Input};
 
-/// Changes are taken over this time, seconds: a turn of a few degrees is larger than the noise, and less than a radian.
-const MOMENT_S: f64 = 0.25;
-/// So much change of the field must have been seen before anything is said, as a share of the field, squared and summed:
-/// two radians' worth.
-const ENOUGH: f64 = 1.0;
-/// Evidence fades over as much change.
-const MEMORY: f64 = 4.0;
-/// A slope further from 1 is a gyro with a wrong scale; below this, or above the other, field and gyro do not belong together at all.
+/// A moment ends when the field has changed by this share of it (a turn of 9°), or after this time, seconds.
+const CHANGE: f64 = 0.15;
+const MOMENT_S: f64 = 1.0;
+/// Changes below this are noise, and those above more than a moment: a jump.
+const NOISE: f64 = 0.05;
+const JUMP: f64 = 0.6;
+/// Sums over squared changes, as shares of the field: what sign and axes need, some 2 rad of turning, and what a scale needs.
+const QUICK: f64 = 0.4;
+const SLOW: f64 = 2.0;
+/// Of that, so much must have been seen before anything is said.
+const ENOUGH: f64 = 0.6;
+/// A slope further from 1 is a gyro with a wrong scale: 5 %, and what noise and lag may add.
 const SCALE_TOLERANCE: f64 = 0.07;
-/// Share of the field's change that the gyro explains, below which it explains nothing.
-const EXPLAINS: f64 = 0.5;
-/// Readings that are the same to the last bit for this long, seconds, while the field moves, are no measurement.
-const FROZEN_S: f64 = 1.0;
+/// Correlation of both changes above which a slope says something, and below which gyro and field turn different ways; a magnet that the
+/// board passes gives any other value.
+const BELONG: f64 = 0.98;
+const OPPOSES: f64 = -0.5;
+const EXPLAINS_AGAIN: f64 = 0.8;
+/// Readings of the gyro that are the same to the last bit for this long, seconds, are no measurement if the field
+/// changes by so much meanwhile (squares summed: a turn of 15°).
+const CONSTANT_S: f64 = 0.5;
+const CONSTANT_ENOUGH: f64 = 0.06;
 
 /// What is wrong with the gyro.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GyroFault {
-    /// It shows no motion where the field shows some.
+    /// It reads a constant while the field turns.
     Dead,
     /// Its axes or signs are wrong.
-    Axes,
+    Sign,
     /// Its scale is off by more than 5 %.
     Scale,
 }
@@ -38,7 +47,7 @@ impl GyroFault {
     pub fn reason(self) -> &'static str {
         match self {
             Self::Dead => "gyro_dead",
-            Self::Axes => "gyro_axes",
+            Self::Sign => "gyro_sign",
             Self::Scale => "gyro_scale",
         }
     }
@@ -47,81 +56,104 @@ impl GyroFault {
 /// Holds the gyro against the field.
 #[derive(Clone, Debug, Default)]
 pub(super) struct GyroCheck {
-    start: Option<Start>,
-    /// Sums over the moments: observed², predicted², observed · predicted, in shares of the field squared.
-    observed2: f64,
-    predicted2: f64,
-    both: f64,
-    same_s: f64,
-    rate: Vector3<f64>,
+    moment: Option<Moment>,
+    quick: Sums,
+    slow: Sums,
+    constant: bool,
     fault: Option<GyroFault>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Start {
+struct Moment {
     age_s: f64,
     field: Vector3<f64>,
     predicted: Vector3<f64>,
 }
 
+/// Squares and products of the changes seen and told, forgotten as more of them come.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    seen: f64,
+    told: f64,
+    both: f64,
+}
+
+impl Sums {
+    fn take(&mut self, seen: &Vector3<f64>, told: &Vector3<f64>, memory: f64) {
+        let (seen2, told2) = (seen.norm_squared(), told.norm_squared());
+        let keep = (-seen2.max(told2) / memory).exp();
+        self.seen = self.seen * keep + seen2;
+        self.told = self.told * keep + told2;
+        self.both = self.both * keep + seen.dot(told);
+    }
+
+    fn correlation(&self) -> f64 {
+        self.both / (self.seen * self.told).sqrt().max(1e-9)
+    }
+}
+
 impl GyroCheck {
     /// Takes a sample, and what the filter knows.
     pub(super) fn take(&mut self, input: &Input, filter: &Filter) {
-        if input.rate_rad_s == self.rate {
-            self.same_s += input.period_s;
-        } else {
-            (self.same_s, self.rate) = (0.0, input.rate_rad_s);
+        let constant = input.gyro_constant_s > CONSTANT_S;
+        if constant != self.constant {
+            self.constant = constant;
+            self.quick = Sums::default();
         }
-        if !filter.begun() || filter.least_known_mgauss() > 0.3 * filter.strength_mgauss() {
+        if !filter.begun() || !filter.iron_known_within(filter.strength_mgauss()) {
             return;
         }
-        let predicted = filter.matrix() * (input.to_frame.transpose() * filter.field());
-        let Some(start) = &mut self.start else {
-            self.start = Some(Start {
-                age_s: 0.0,
-                field: input.field_mgauss,
-                predicted,
-            });
+        let matrix = filter.matrix();
+        let Some(inverse) = matrix.try_inverse() else {
             return;
         };
-        start.age_s += input.period_s;
-        if start.age_s < MOMENT_S {
-            return;
-        }
-        let strength = filter.strength_mgauss();
-        let seen = (input.field_mgauss - start.field) / strength;
-        let told = (predicted - start.predicted) / strength;
-        self.start = Some(Start {
+        let field = inverse * (input.field_mgauss - filter.bias_mgauss());
+        let change = matrix * field.cross(&input.rate_rad_s) * input.period_s;
+        let moment = self.moment.get_or_insert(Moment {
             age_s: 0.0,
             field: input.field_mgauss,
-            predicted,
+            predicted: -change,
         });
-        // A field that moves by less is noise.
-        if seen.norm().max(told.norm()) < 0.05 || seen.norm().max(told.norm()) > 1.0 {
+        moment.age_s += input.period_s;
+        moment.predicted += change;
+        let strength = filter.strength_mgauss();
+        let seen = (input.field_mgauss - moment.field) / strength;
+        let told = moment.predicted / strength;
+        let larger = seen.norm().max(told.norm());
+        if larger < CHANGE && moment.age_s < MOMENT_S {
             return;
         }
-        let weight = seen.norm_squared().max(told.norm_squared());
-        let keep = (-weight / MEMORY).exp();
-        self.observed2 = self.observed2 * keep + seen.norm_squared();
-        self.predicted2 = self.predicted2 * keep + told.norm_squared();
-        self.both = self.both * keep + seen.dot(&told);
-        self.judge();
+        self.moment = None;
+        if !(NOISE..JUMP).contains(&larger) {
+            return;
+        }
+        self.quick.take(&seen, &told, QUICK);
+        self.slow.take(&seen, &told, SLOW);
+        self.fault = self.judged();
     }
 
-    fn judge(&mut self) {
-        self.fault = None;
-        if self.observed2.max(self.predicted2) < ENOUGH {
-            return;
+    fn judged(&self) -> Option<GyroFault> {
+        let Sums { seen, told, .. } = self.quick;
+        let enough = |sums: &Sums, memory: f64| sums.seen.max(sums.told) > ENOUGH * memory;
+        let silent = told < 0.1 * seen;
+        if silent && self.constant && seen > CONSTANT_ENOUGH {
+            return Some(GyroFault::Dead);
         }
-        let slope = self.both / self.observed2.max(1e-9);
-        let agreement = self.both / (self.observed2 * self.predicted2).sqrt().max(1e-9);
-        if self.same_s > FROZEN_S && self.predicted2 < 0.2 * self.observed2 {
-            self.fault = Some(GyroFault::Dead);
-        } else if agreement < -EXPLAINS {
-            self.fault = Some(GyroFault::Axes);
-        } else if agreement > 0.97 && (slope - 1.0).abs() > SCALE_TOLERANCE {
-            self.fault = Some(GyroFault::Scale);
+        if !silent && enough(&self.quick, QUICK) && self.quick.correlation() < OPPOSES {
+            return Some(GyroFault::Sign);
         }
+        // A fault is over when the gyro explains the field again.
+        let wrong = self.fault.filter(|fault| {
+            *fault != GyroFault::Scale && self.quick.correlation() < EXPLAINS_AGAIN
+        });
+        if wrong.is_some() {
+            return wrong;
+        }
+        let slope = self.slow.both / self.slow.told.max(1e-9);
+        (enough(&self.slow, SLOW)
+            && self.slow.correlation() > BELONG
+            && (slope - 1.0).abs() > SCALE_TOLERANCE)
+            .then_some(GyroFault::Scale)
     }
 
     /// What is wrong, if anything is.

@@ -11,9 +11,9 @@ const IRON: f64 = 3.0;
 /// Deviation of D's diagonal, scale factors and soft iron, and of the entries beside it, which hold the rotation
 /// between the chips too: 2° and 5 %.
 const SCALE: f64 = 0.08;
-const SKEW: f64 = 0.05;
+const SKEW: f64 = 0.035;
 /// What the place of a turn may have added to its result, as a share of the field: rooms are uneven by 1 to 2 %.
-const PLACE: f64 = 0.01;
+const PLACE: f64 = 0.015;
 
 /// Where a fit to a sphere did without the entries beside the diagonal, they are no larger than this.
 const GUESSED: f64 = 0.015;

@@ -7,6 +7,9 @@ use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::{Policy, Reason};
 use crate::estimate::Estimate;
 
+/// How much of the disagreement with the gyro is the fit's: the rest is the gyro's own and noise.
+const GYRO_SHARE: f64 = 0.7;
+
 impl Pipeline {
     /// Why a motion would be calibrated on now; `None` if none would.
     pub fn wanted(&self) -> Option<Reason> {
@@ -101,15 +104,20 @@ impl Pipeline {
 
     /// The estimate takes the result of a turn, or keeps what it knows where that is more certain.
     fn adopt(&mut self, outcome: &mut Outcome, calibration: &Calibration) {
-        self.estimate.adopt_turn(calibration, self.sample.as_ref());
-        if self.estimate.method() == "turn" {
+        // A fit that the gyro contradicts is off by as much, however small its residuals are.
+        let gyro_deg = GYRO_SHARE * outcome.gyro_rms_deg.unwrap_or(0.0);
+        let doubted = Calibration {
+            heading_sd_deg: calibration.heading_sd_deg.hypot(gyro_deg),
+            ..*calibration
+        };
+        if self.estimate.adopt_turn(&doubted, self.sample.as_ref()) {
             self.learning.reached();
-            let Calibration {
-                parameters,
-                heading_sd_deg,
-                ..
-            } = calibration;
-            self.learning.keep(parameters, *heading_sd_deg, self.now_s);
+            // The fit's own deviation knows nothing of the place and of how the chips lie to each other.
+            let sd_deg = self.estimate.north_sd_deg().max(calibration.heading_sd_deg);
+            self.learning
+                .keep(&calibration.parameters, sd_deg, self.now_s);
+            // The fit's own stays with the calibration: who starts from it adds the place again.
+            outcome.heading_sd_deg = Some(sd_deg);
             return;
         }
         outcome.verdict = Verdict::Kept;

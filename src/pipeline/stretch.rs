@@ -22,6 +22,7 @@ impl Pipeline {
             &mut self.whole_field_s,
             &mut self.overflow_s,
             &mut self.rate_s,
+            &mut self.disturbed_s,
         ] {
             *time_s = f64::NEG_INFINITY;
         }

@@ -31,6 +31,7 @@ impl Shown {
 #[derive(Clone)]
 pub struct Accepted {
     pub t_s: f64,
+    claimed_sd_deg: f64,
     calibration: Calibration,
     mountings: Mountings,
 }
@@ -38,7 +39,7 @@ pub struct Accepted {
 impl Accepted {
     /// The deviation that it claims for its headings, degrees.
     pub fn claimed_sd_deg(&self) -> f64 {
-        self.calibration.heading_sd_deg
+        self.claimed_sd_deg
     }
 
     /// The heading of a level board from this field, chip axes.
@@ -112,6 +113,8 @@ impl Daemon {
                         self.accepted
                             .extend(outcome.calibration.map(|calibration| Accepted {
                                 t_s: reading.t_s,
+                                claimed_sd_deg:
+                                    outcome.heading_sd_deg.unwrap_or(calibration.heading_sd_deg),
                                 calibration,
                                 mountings: self.mountings,
                             }));

@@ -84,7 +84,8 @@ fn a_calibration_is_exported_imported_rolled_back_and_forgotten() {
     // The number is not given again.
     let again = link.ask(&json!({"request": "import", "file": file}));
     assert_eq!(again["number"], first + 2);
-    client.find("STATE", |state| state["cal_state"] == "good");
+    client.find("STATE", |state| state["cal_state"] == "degraded");
+    client.find("ATT", |att| att.get("mheading").is_some());
 }
 
 #[test]

@@ -145,6 +145,8 @@ impl Board {
         let to_body = Rotation3::from_euler_angles(0.0, pitch, heading).inverse();
         let noise = Vector3::from_fn(|_, _| self.random.random_range(-2.0..2.0));
         let field = to_body * self.earth_mgauss + self.bias_mgauss + noise;
+        // No real gyro says the same twice.
+        let shaken = Vector3::from_fn(|_, _| self.random.random_range(-0.002..0.002));
         let axis = |value| Some(value).filter(|_| !self.overflow);
         Reading {
             t_s: self.t_s,
@@ -153,7 +155,7 @@ impl Board {
                 .then(|| [axis(field.x), Some(field.y), Some(field.z)]),
             rate_rad_s: self
                 .with_gyro
-                .then(|| (self.gyro)(to_body * rate_deg_s.map(f64::to_radians))),
+                .then(|| (self.gyro)(to_body * rate_deg_s.map(f64::to_radians) + shaken)),
             specific_force_m_s2: self.with_accel.then(|| to_body * Vector3::z() * -9.8),
         }
     }

@@ -1,0 +1,135 @@
+//! The large products of the filter, on its symmetric covariance. They are most of its cost, so that each touches
+//! only what it changes, a column at a time, and of what is symmetric computes one half.
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use super::filter::{B, Covariance, D, E, G, H, M, N, T};
+
+/// The states that move by themselves: the field, the tilt error and the unevenness.
+const MOVING: [usize; 8] = [H, H + 1, H + 2, E, E + 1, M, M + 1, M + 2];
+/// All others.
+const LASTING: [usize; N - 8] = [
+    5, 6, 7, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26,
+];
+
+/// What a step of time does to the states.
+pub(super) struct Step {
+    /// The field by itself.
+    pub(super) field: Matrix3<f64>,
+    /// The field by bias and scale errors of the gyro.
+    pub(super) by_gyro: SMatrix<f64, 3, 6>,
+    /// What is left of the tilt error.
+    pub(super) tilt: f64,
+    /// What is left of the unevenness.
+    pub(super) unevenness: f64,
+}
+
+impl Step {
+    /// P ← F P Fᵀ.
+    pub(super) fn carry(&self, p: &mut Covariance) {
+        // P Fᵀ first: only the columns of moving states change.
+        let columns = &mut p.data.0;
+        for row in 0..N {
+            let before = [columns[H][row], columns[H + 1][row], columns[H + 2][row]];
+            for axis in 0..3 {
+                let mut sum = 0.0;
+                for from in 0..3 {
+                    sum += self.field[(axis, from)] * before[from];
+                }
+                for from in 0..6 {
+                    sum += self.by_gyro[(axis, from)] * columns[G + from][row];
+                }
+                columns[H + axis][row] = sum;
+            }
+        }
+        for (at, count, kept) in [(E, 2, self.tilt), (M, 3, self.unevenness)] {
+            for value in columns[at..at + count].as_flattened_mut() {
+                *value *= kept;
+            }
+        }
+        // Then F from the left: where only the column moves, the row is the same by symmetry.
+        for moving in MOVING {
+            let mut column = p.column_mut(moving);
+            let errors = column.fixed_rows::<6>(G).into_owned();
+            let field = self.field * column.fixed_rows::<3>(H) + self.by_gyro * errors;
+            column.fixed_rows_mut::<3>(H).copy_from(&field);
+            column.fixed_rows_mut::<2>(E).scale_mut(self.tilt);
+            column.fixed_rows_mut::<3>(M).scale_mut(self.unevenness);
+        }
+        for lasting in LASTING {
+            for moving in MOVING {
+                p[(moving, lasting)] = p[(lasting, moving)];
+            }
+        }
+    }
+}
+
+/// J, how a sample depends on the states, without its zeros.
+pub(super) struct Sensitivity {
+    /// To field and unevenness alike.
+    pub(super) field: Matrix3<f64>,
+    /// To the tilt error.
+    pub(super) tilt: [Vector3<f64>; 2],
+    /// To the lag.
+    pub(super) lag: Vector3<f64>,
+    /// To the entries of D, along the row of D that belongs to an axis of the sample. To the hard iron it is 1.
+    pub(super) row: Vector3<f64>,
+}
+
+impl Sensitivity {
+    /// P Jᵀ.
+    pub(super) fn cross(&self, p: &Covariance) -> SMatrix<f64, N, 3> {
+        let columns = &p.data.0;
+        let mut cross = SMatrix::<f64, N, 3>::zeros();
+        for axis in 0..3 {
+            let field: [f64; 3] = std::array::from_fn(|from| self.field[(axis, from)]);
+            let tilt = [self.tilt[0][axis], self.tilt[1][axis]];
+            let (lag, row_of_d) = (self.lag[axis], &columns[D + 3 * axis..D + 3 * axis + 3]);
+            let sums = &mut cross.data.0[axis];
+            for (state, sum) in sums.iter_mut().enumerate() {
+                let mut all = columns[B + axis][state] + lag * columns[T][state];
+                for from in 0..3 {
+                    all += field[from] * (columns[H + from][state] + columns[M + from][state]);
+                    all += self.row[from] * row_of_d[from][state];
+                }
+                *sum = all + tilt[0] * columns[E][state] + tilt[1] * columns[E + 1][state];
+            }
+        }
+        cross
+    }
+
+    /// J P Jᵀ, from P Jᵀ.
+    pub(super) fn squared(&self, cross: &SMatrix<f64, N, 3>) -> Matrix3<f64> {
+        let mut s: Matrix3<f64> = self.field
+            * (cross.fixed_rows::<3>(H) + cross.fixed_rows::<3>(M))
+            + cross.fixed_rows::<3>(B)
+            + self.lag * cross.row(T)
+            + self.tilt[0] * cross.row(E)
+            + self.tilt[1] * cross.row(E + 1);
+        for axis in 0..3 {
+            let row = self.row.transpose() * cross.fixed_rows::<3>(D + 3 * axis);
+            for column in 0..3 {
+                s[(axis, column)] += row[column];
+            }
+        }
+        0.5 * (s + s.transpose())
+    }
+}
+
+/// P ← P − K Cᵀ, where the product is symmetric: one half of it, the other the same, so that rounding cannot let
+/// them drift apart.
+pub(super) fn subtract<const K: usize>(
+    p: &mut Covariance,
+    gain: &SMatrix<f64, N, K>,
+    cross: &SMatrix<f64, N, K>,
+) {
+    for (index, column) in p.data.0.iter_mut().enumerate() {
+        let factors: [f64; K] = std::array::from_fn(|k| cross[(index, k)]);
+        for (row, value) in column.iter_mut().enumerate().skip(index) {
+            for k in 0..K {
+                *value -= gain.data.0[k][row] * factors[k];
+            }
+        }
+    }
+    p.fill_upper_triangle_with_lower_triangle();
+}

@@ -1,0 +1,44 @@
+//! What the estimate has learnt, as a calibration to keep, and what it has yet to learn.
+
+use super::{Estimate, Origin, prior};
+use crate::calibration::model::{Calibration, Covariance, Model, Parameters, Spatial};
+
+impl Estimate {
+    /// The motion that would teach most: about which body axis to turn.
+    pub fn motion_wanted(&self) -> &'static str {
+        // Turning about an axis shows the iron across it.
+        let unknown = self.active.least_known().map(f64::abs);
+        match unknown.imax() {
+            2 => "roll or pitch it",
+            _ => "turn it about the vertical",
+        }
+    }
+
+    /// Whether the parameters came from a full turn or from motion.
+    pub fn method(&self) -> &'static str {
+        match self.origin {
+            Origin::Turn => "turn",
+            Origin::Motion => "motion",
+        }
+    }
+
+    /// What is known now, as a calibration to keep; `None` before the estimate has begun.
+    pub fn calibration(&self) -> Option<Calibration> {
+        if !self.active.begun() {
+            return None;
+        }
+        let to_chip = self.mounting.rotation().transpose();
+        let turn = prior::turned(&to_chip);
+        let covariance = turn * self.active.parameter_covariance() * turn.transpose();
+        let matrix = to_chip * self.active.matrix() * to_chip.transpose();
+        let bias = self.mounting.to_chip(self.active.bias_mgauss());
+        Some(Calibration {
+            parameters: Parameters::Spatial(Spatial::new(Model::General, bias, matrix)?),
+            reference_mgauss: None,
+            strength_mgauss: self.active.strength_mgauss(),
+            residual_mgauss: self.active.noise_mgauss(),
+            heading_sd_deg: self.north_sd_deg(),
+            covariance: Some(Covariance::packed(&covariance)),
+        })
+    }
+}

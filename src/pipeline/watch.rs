@@ -1,0 +1,19 @@
+//! Sensors that say the same again and again while the board moves.
+
+use super::Pipeline;
+use crate::condition::Trouble;
+use crate::frozen::Frozen;
+use crate::reading::Reading;
+
+impl Pipeline {
+    /// Looks whether a sensor says the same again and again.
+    pub(super) fn watch(&mut self, reading: &Reading) {
+        let found = self.frozen_watch.take(reading);
+        if found.map(Frozen::code) != self.frozen.as_ref().map(|frozen| frozen.code) {
+            self.frozen = found.map(|frozen| Trouble {
+                code: frozen.code(),
+                message: frozen.message().to_owned(),
+            });
+        }
+    }
+}
