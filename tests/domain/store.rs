@@ -6,11 +6,11 @@ use std::process::Command;
 use std::sync::mpsc;
 use std::time::Duration;
 
-use headingd::calibration::model::{Calibration, Model, Parameters, Planar, Spatial};
+use headingd::calibration::model::{Calibration, Covariance, Model, Parameters, Planar, Spatial};
 use headingd::calibration::policy::{Policy, Reason};
 use headingd::store::history::{Forget, Refusal};
 use headingd::store::{Contents, History, Identity, Loaded, Made, Store, StoreError};
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 
 fn identity() -> Identity {
@@ -71,6 +71,20 @@ fn symmetric() -> Parameters {
     Parameters::Spatial(Spatial::new(Model::Symmetric, bias, matrix).unwrap())
 }
 
+/// What motion has taught: a general matrix, with its covariance.
+fn learnt() -> Made {
+    let matrix = Matrix3::new(1.1, 0.02, -0.03, 0.01, 0.9, 0.07, 0.05, -0.07, 1.0);
+    let bias = Vector3::new(-1.7, 0.0, 1e-7);
+    let root = SMatrix::<f64, 12, 12>::from_fn(|row, column| {
+        f64::from(u32::from(row == column)) + 0.01 / (1 + row + 2 * column) as f64
+    });
+    let mut made = made(Parameters::Spatial(
+        Spatial::new(Model::General, bias, matrix).unwrap(),
+    ));
+    made.calibration.covariance = Some(Covariance::packed(&(root * root.transpose())));
+    made
+}
+
 /// A store in a fresh folder, and the folder, which lives as long as its handle.
 fn store() -> (tempfile::TempDir, Store) {
     let folder = tempfile::tempdir().unwrap();
@@ -110,7 +124,41 @@ fn a_history_comes_back_bit_for_bit() {
         assert_eq!(files(&store), ["calibration.json"]);
         known = Some(history.clone());
     }
-    assert_eq!(history.entries.len(), 3);
+    history.keep(learnt(), 10);
+    store.save(&history, known.as_ref()).unwrap();
+    assert_eq!(
+        store.load(&identity()).unwrap(),
+        Loaded::Found(history.clone())
+    );
+    assert_eq!(history.entries.len(), 4);
+}
+
+#[test]
+fn a_covariance_that_cannot_be_one_is_damage() {
+    let good = Contents::of(History::of(identity(), learnt()));
+    let text = good.to_json().unwrap();
+    assert_eq!(Contents::from_json(text.as_bytes()), Ok(good));
+    let mut value: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let calibration = &mut value["sensors"][0]["history"][0]["calibration"];
+    for (at, wrong, part) in [
+        (0, serde_json::json!(-1.0), "no variance below 0"),
+        (1, serde_json::json!(50.0), "no correlation beyond 1"),
+        (2, serde_json::json!("x"), "covariance[2]"),
+    ] {
+        let right = std::mem::replace(&mut calibration["covariance"][at], wrong);
+        let mut damaged = serde_json::json!({"headingd_store": 2, "sensors": []});
+        damaged["sensors"] = serde_json::json!([{
+            "sensor": "hmc5843", "mag_axes": "+y -x +z", "in_force": 1, "last_number": 1,
+            "history": [{"number": 1, "calibration": calibration.clone()}]
+        }]);
+        let error = Contents::from_value(damaged).unwrap_err().to_string();
+        assert!(error.contains(part), "{error}");
+        calibration["covariance"][at] = right;
+    }
+    // A matrix that mirrors an axis is no chip's.
+    calibration["matrix"][0] = serde_json::json!(-1.1);
+    let error = Contents::from_value(value).unwrap_err().to_string();
+    assert!(error.contains("calibration.matrix"), "{error}");
 }
 
 #[test]
