@@ -533,7 +533,11 @@ impl Filter {
         };
         let squared = (innovation.transpose() * inverse * innovation)[0];
         self.measure_noise(&innovation, dt);
-        self.consistency += (dt / 2.0).min(1.0) * ((squared / 3.0).min(50.0) - self.consistency);
+        // A field that changes over a board at rest says nothing of what is known: the gyro carries the heading.
+        if !input.still {
+            let now = (squared / 3.0).min(50.0);
+            self.consistency += (dt / 2.0).min(1.0) * (now - self.consistency);
+        }
         self.jumped = false;
         if squared > GATE {
             // One odd sample is a spike, two alike are a change: of the field here, until turning shows otherwise.

@@ -14,22 +14,24 @@ const MOMENT_S: f64 = 1.0;
 /// Changes below this are noise, and those above more than a moment: a jump.
 const NOISE: f64 = 0.05;
 const JUMP: f64 = 0.6;
-/// Sums over squared changes, as shares of the field: what sign and axes need, some 2 rad of turning, and what a scale needs.
-const QUICK: f64 = 0.4;
-const SLOW: f64 = 2.0;
+/// Sums over squared changes, as shares of the field, over which evidence is forgotten: for sign and axes, and for a scale.
+/// A level board at a dip of 70° changes its field by 0.02 in 30° of turning, a tumbling one in 9°.
+const QUICK: f64 = 0.15;
+const SLOW: f64 = 0.4;
 /// Of that, so much must have been seen before anything is said.
 const ENOUGH: f64 = 0.6;
 /// A slope further from 1 is a gyro with a wrong scale: 5 %, and what noise and lag may add.
 const SCALE_TOLERANCE: f64 = 0.07;
-/// Correlation of both changes above which a slope says something, and below which gyro and field turn different ways; a magnet that the
-/// board passes gives any other value.
+/// Correlation of both changes above which a slope says something, and below which gyro and field turn different ways.
 const BELONG: f64 = 0.98;
-const OPPOSES: f64 = -0.5;
+const OPPOSES: f64 = -0.3;
 const EXPLAINS_AGAIN: f64 = 0.8;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, are no measurement if the field
 /// changes by so much meanwhile (squares summed: a turn of 15°).
 const CONSTANT_S: f64 = 0.5;
 const CONSTANT_ENOUGH: f64 = 0.06;
+/// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
+const CONSTANT_CHANGES: u32 = 3;
 
 /// What is wrong with the gyro.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,6 +78,8 @@ struct Sums {
     seen: f64,
     told: f64,
     both: f64,
+    /// How many changes.
+    count: u32,
 }
 
 impl Sums {
@@ -85,6 +89,7 @@ impl Sums {
         self.seen = self.seen * keep + seen2;
         self.told = self.told * keep + told2;
         self.both = self.both * keep + seen.dot(told);
+        self.count += 1;
     }
 
     fn correlation(&self) -> f64 {
@@ -136,7 +141,8 @@ impl GyroCheck {
         let Sums { seen, told, .. } = self.quick;
         let enough = |sums: &Sums, memory: f64| sums.seen.max(sums.told) > ENOUGH * memory;
         let silent = told < 0.1 * seen;
-        if silent && self.constant && seen > CONSTANT_ENOUGH {
+        if silent && self.constant && seen > CONSTANT_ENOUGH && self.quick.count >= CONSTANT_CHANGES
+        {
             return Some(GyroFault::Dead);
         }
         if !silent && enough(&self.quick, QUICK) && self.quick.correlation() < OPPOSES {
