@@ -1,7 +1,6 @@
 //! Where the board points, how it turns and whether it rests: a thin face over the filter VQF.
 //!
-//! Gyro and accelerometer give tilt, gyro bias and orientation on an even clock; corrected fields, fed back
-//! in, give the fused heading. Pure: time comes with the readings.
+//! Gyro and accelerometer give tilt, gyro bias and orientation on an even clock. Pure: time comes with the readings.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
