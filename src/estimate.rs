@@ -152,18 +152,7 @@ impl Estimate {
                 .unwrap_or((sample.t_s - 0.01, stretch, sample.gyro_bias_rad_s));
         self.last = Some((sample.t_s, stretch, sample.gyro_bias_rad_s));
         let period_s = (sample.t_s - last_s).clamp(1e-4, 10.0);
-        let input = Input {
-            to_frame: sample.pose.orientation.to_rotation_matrix().into_inner(),
-            vertical_known: sample.pose.vertical_known,
-            rate_rad_s: sample.rate_rad_s,
-            field_mgauss: self.mounting.to_body(sample.field_mgauss),
-            period_s,
-            tilt_tau_s: sample.tilt_tau_s,
-            tilt_sd_rad: sample.tilt_sd_rad,
-            gyro_constant_s: sample.gyro_constant_s,
-            at_rest: sample.at_rest,
-            still: sample.still,
-        };
+        let input = self.input(sample, period_s);
         let shift = sample.gyro_bias_rad_s - bias;
         let lost = std::mem::take(&mut self.lost) || stretch != last_stretch;
         let frozen = self.frozen;
@@ -186,6 +175,22 @@ impl Estimate {
         if !sample.still {
             self.compare(period_s);
             self.try_iron(period_s);
+        }
+    }
+
+    /// A sample as the filters take it, so long after the one before.
+    fn input(&self, sample: &Sample, period_s: f64) -> Input {
+        Input {
+            to_frame: sample.pose.orientation.to_rotation_matrix().into_inner(),
+            vertical_known: sample.pose.vertical_known,
+            rate_rad_s: sample.rate_rad_s,
+            field_mgauss: self.mounting.to_body(sample.field_mgauss),
+            period_s,
+            tilt_tau_s: sample.tilt_tau_s,
+            tilt_sd_rad: sample.tilt_sd_rad,
+            gyro_constant_s: sample.gyro_constant_s,
+            at_rest: sample.at_rest,
+            still: sample.still,
         }
     }
 
@@ -258,18 +263,7 @@ impl Estimate {
         };
         let mut turned = self.active.clone();
         let measured = Measured::by(calibration, &self.mounting);
-        let input = Input {
-            to_frame: sample.pose.orientation.to_rotation_matrix().into_inner(),
-            vertical_known: sample.pose.vertical_known,
-            rate_rad_s: sample.rate_rad_s,
-            field_mgauss: self.mounting.to_body(sample.field_mgauss),
-            period_s: 0.01,
-            tilt_tau_s: sample.tilt_tau_s,
-            tilt_sd_rad: sample.tilt_sd_rad,
-            gyro_constant_s: sample.gyro_constant_s,
-            at_rest: sample.at_rest,
-            still: sample.still,
-        };
+        let input = self.input(sample, 0.01);
         let better = measured
             .iter()
             .filter(|one| one.matrix == Matrix3::zeros())
@@ -305,9 +299,7 @@ impl Estimate {
         let heading = nose.x.atan2(nose.y) - field.x.atan2(field.y);
         let by_nose = Vector3::new(nose.y, -nose.x, 0.0) / level2;
         let by_tilt = told.cross_matrix().transpose() * by_nose;
-        let level2 = field.xy().norm_squared().max(1.0);
-        let by_field = Vector3::new(-field.y, field.x, 0.0) / level2;
-        let variance = self.active.variance(&by_field, &by_tilt).max(0.0);
+        let variance = self.active.variance(&by_field(&field), &by_tilt).max(0.0);
         // Innovations larger than expected: what is known is known less well than it seems.
         let variance = variance * self.active.consistency().max(1.0);
         Some(Fix {
@@ -403,14 +395,9 @@ impl Estimate {
         self.mounting.to_chip(self.active.bias_mgauss())
     }
 
-    /// Whether the field here is not the earth's.
+    /// Whether the field here is not the earth's, or the samples are not as the estimate expects them.
     pub fn disturbed(&self) -> bool {
-        self.active.begun() && self.active.disturbed()
-    }
-
-    /// Whether the samples are as the estimate expects them.
-    pub fn consistent(&self) -> bool {
-        self.active.consistency() < 4.0
+        self.active.begun() && (self.active.disturbed() || self.active.consistency() >= 4.0)
     }
 
     /// What is wrong with the gyro, if field and gyro show it.
@@ -432,11 +419,14 @@ impl Estimate {
     }
 }
 
+/// How the azimuth of a field depends on it, radians a milligauss.
+fn by_field(field: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(-field.y, field.x, 0.0) / field.xy().norm_squared().max(1.0)
+}
+
 /// Deviation of the azimuth of the field, radians.
 fn azimuth_sd_rad(filter: &Filter) -> f64 {
-    let field = filter.field();
-    let horizontal2 = field.xy().norm_squared().max(1.0);
-    let east = Vector3::new(-field.y, field.x, 0.0) / horizontal2;
+    let east = by_field(&filter.field());
     let covariance: Matrix3<f64> = filter.field_covariance();
     (east.transpose() * covariance * east)[0].max(0.0).sqrt()
 }

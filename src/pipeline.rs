@@ -34,8 +34,8 @@ use learn::Learning;
 
 pub use settings::Settings;
 
-/// Time over which the field's strength is smoothed before it is called disturbed, seconds.
-const STRENGTH_TAU_S: f64 = 0.5;
+/// Share of each sample in the smoothed strength of the field: over half a second at 20 Hz.
+const STRENGTH_GAIN: f64 = 0.05 / (0.05 + 0.5);
 
 /// A field that was disturbed is called so until it has been calm for this long, seconds.
 const CALM_S: f64 = 3.0;
@@ -290,9 +290,7 @@ impl Pipeline {
             let expected = self.estimate.strength_mgauss();
             if expected > 0.0 {
                 let deviation = corrected.norm() / expected - 1.0;
-                let period_s = 1.0 / self.setup.pipeline.stale_s.recip().max(20.0);
-                let gain = period_s / (period_s + STRENGTH_TAU_S);
-                self.strength_deviation += gain * (deviation - self.strength_deviation);
+                self.strength_deviation += STRENGTH_GAIN * (deviation - self.strength_deviation);
             }
         }
         let publish_sd_deg = self.setup.pipeline.publish_sd_deg;
@@ -313,7 +311,7 @@ impl Pipeline {
         if published.is_some() && self.wanted().is_some() {
             self.learning.reached();
         }
-        if self.estimate.disturbed() || !self.estimate.consistent() || !self.gyro_is_right() {
+        if self.estimate.disturbed() || !self.gyro_is_right() {
             self.disturbed_s = t_s;
         }
         self.conclude_motion(actions);

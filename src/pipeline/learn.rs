@@ -88,7 +88,7 @@ impl Pipeline {
         let better =
             better || self.learning.moved_mgauss(&iron) > limit * self.estimate.horizontal_mgauss();
         let good = sd_deg <= self.setup.pipeline.good_sd_deg;
-        let certain = !self.estimate.disturbed() && self.estimate.consistent();
+        let certain = !self.estimate.disturbed();
         if !(good && certain && due && (better || replaced)) {
             // What replaced the other explanation may still have to learn.
             if replaced {

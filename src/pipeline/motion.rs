@@ -23,7 +23,7 @@ impl Pipeline {
                 "field and gyro do not turn together: check the gyro's wiring, mounting and sign",
             ));
         }
-        if self.estimate.disturbed() || !self.estimate.consistent() {
+        if self.estimate.disturbed() {
             return Some(Refusal::new(
                 "outliers",
                 "at the end of the log the field is not what the motion predicts: something magnetic came or went",
