@@ -212,6 +212,11 @@ impl Attitude {
         }
     }
 
+    /// The accelerometer's newest reading, body axes, m/s²; `None` while it is silent.
+    pub fn specific_force_m_s2(&self, t_s: f64) -> Option<Vector3<f64>> {
+        self.filter.gravity.newest(t_s)
+    }
+
     /// Whether an accelerometer tells where down is.
     pub fn down_known(&self, t_s: f64) -> bool {
         self.filter.gravity.live(t_s)

@@ -179,6 +179,13 @@ pub fn heading_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> Option<f64
     (north.hypot(east) > 1e-9).then(|| wrap_360(east.atan2(north).to_degrees()))
 }
 
+/// How far a field in body axes points below the horizontal plane with this `down`, degrees. NaN for no field.
+pub fn dip_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> f64 {
+    let sine = field_body.dot(down) / field_body.norm();
+    // Rounding may bring it above 1, where asin knows no answer.
+    sine.clamp(-1.0, 1.0).asin().to_degrees()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -220,6 +227,8 @@ mod tests {
                     (found - heading).abs() < 1e-9,
                     "{heading} {pitch} {roll}: {found}"
                 );
+                let dip = 527f64.atan2(163.0).to_degrees();
+                assert!((dip_deg(&field, &down) - dip).abs() < 1e-9);
             }
         }
     }

@@ -23,6 +23,14 @@ pub struct Heading {
     pub pitch_deg: Option<f64>,
     /// Right wing down, degrees.
     pub roll_deg: Option<f64>,
+    /// Rate of turn about the vertical, degrees a minute, clockwise as seen from above.
+    pub turn_deg_min: Option<f64>,
+    /// Angular rate freed of the gyro's bias, body axes, degrees a second.
+    pub rate_deg_s: Option<[f64; 3]>,
+    /// Specific force, body axes, m/s².
+    pub specific_force_m_s2: Option<[f64; 3]>,
+    /// How far the corrected field points below the horizontal, degrees.
+    pub dip_deg: Option<f64>,
     /// Corrected field, body axes, milligauss; Z is unknown under a planar calibration.
     pub field_mgauss: Option<[Option<f64>; 3]>,
     /// Strength of the corrected field, milligauss: of what the calibration measures (planar: in its plane).

@@ -24,7 +24,7 @@ use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::{self, Request, Sample, verdict};
 use crate::condition::{self, Condition, Evidence, Report, Trouble};
 use crate::estimate::{Estimate, Fix, GyroFault, Sample as EstimateSample};
-use crate::frame::{Mountings, heading_deg};
+use crate::frame::{Mountings, dip_deg, heading_deg};
 use crate::frozen::FrozenWatch;
 use crate::heading::{Heading, MagStatus};
 use crate::outliers::Outliers;
@@ -329,10 +329,10 @@ impl Pipeline {
             heading.field_mgauss = Some(std::array::from_fn(|axis| {
                 measured[axis].then_some(corrected[axis])
             }));
-            heading.strength_mgauss = measured
-                .iter()
-                .all(|&measured| measured)
-                .then(|| corrected.norm());
+            if measured.iter().all(|&measured| measured) {
+                heading.strength_mgauss = Some(corrected.norm());
+                heading.dip_deg = down.map(|down| dip_deg(&corrected, &down));
+            }
             heading.mag_status = match condition {
                 Condition::Disturbed if self.strength_deviation > 0.0 => MagStatus::HighField,
                 Condition::Disturbed => MagStatus::LowField,

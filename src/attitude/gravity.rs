@@ -69,6 +69,12 @@ impl Gravity {
         self.live(t_s).then_some(self.low_passed)
     }
 
+    /// The newest reading; `None` while the accelerometer is silent.
+    pub(super) fn newest(&self, t_s: f64) -> Option<Vector3<f64>> {
+        let (_, force) = self.newest.filter(|_| self.live(t_s))?;
+        Some(force)
+    }
+
     /// Whether the accelerometer has spoken lately.
     pub(super) fn live(&self, t_s: f64) -> bool {
         self.newest

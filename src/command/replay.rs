@@ -75,6 +75,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let pipeline = Pipeline::new(config.setup(header.mountings), calibration);
     let lines = Lines {
         device: args.log.display().to_string(),
+        sensor: header.sensor.clone(),
         out: BufWriter::with_capacity(1 << 16, io::stdout().lock()),
         line: String::new(),
     };
@@ -167,6 +168,7 @@ fn progress_bar() -> ProgressBar {
 /// What a client sees.
 struct Lines<W: Write> {
     device: String,
+    sensor: Option<String>,
     out: W,
     line: String,
 }
@@ -177,6 +179,8 @@ impl<W: Write> Lines<W> {
         let device = Device {
             path: self.device.clone(),
             activated: None,
+            sensor: self.sensor.clone(),
+            bps: None,
         };
         let policy = Policy {
             enable: true,
@@ -186,7 +190,7 @@ impl<W: Write> Lines<W> {
             ..Policy::default()
         };
         self.write(&gpsd::version())?;
-        self.write(&gpsd::devices(&device))?;
+        self.write(&gpsd::devices(&device, None))?;
         self.write(&gpsd::watch(&policy))
     }
 

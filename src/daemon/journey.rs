@@ -18,6 +18,7 @@ use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::verdict::Limits;
 use crate::condition::{Condition, Report, Trouble};
 use crate::config::Config;
+use crate::config::source::Kind;
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::control::Order;
 use crate::publish::server::Publisher;
@@ -34,8 +35,10 @@ pub(super) struct Journey {
     keeper: Keeper,
     recorder: Option<Recorder>,
     speed: f64,
-    /// Whether readings are taken now: then their time of day is known, and silence means that something hangs.
+    /// Whether readings are taken now: then silence means that something hangs.
     live: bool,
+    /// Whether the time of day at which a reading is handed out is its own: not that of a log.
+    timed: bool,
     actions: Vec<Action>,
     /// The last reading's time on the source's clock, and when it was handed out.
     last: (f64, Instant),
@@ -90,6 +93,7 @@ impl Journey {
             recorder,
             speed: config.source.pace(),
             live: config.source.is_live(),
+            timed: config.source.kind != Some(Kind::Replay),
             actions: Vec::new(),
             last: (0.0, Instant::now()),
             open: true,
@@ -261,7 +265,7 @@ impl Journey {
         match action {
             Action::Publish(heading) => {
                 let taken = self.last.1;
-                let time = self.live.then(|| time_of_day::rfc3339(taken)).flatten();
+                let time = self.timed.then(|| time_of_day::rfc3339(taken)).flatten();
                 tally.headings += u64::from(heading.fused_deg.is_some());
                 service.heading(heading.fused_deg);
                 publisher.heading(heading, taken, time);

@@ -148,7 +148,9 @@ impl Daemon {
         let source = Source::open(config)?;
         let device = Device {
             path: source.name(),
-            activated: None,
+            activated: time_of_day::rfc3339(Instant::now()),
+            sensor: source.header().sensor,
+            bps: source.bps(),
         };
         let stale = Duration::from_secs_f64(config.heading.stale_s);
         let mut settings = config.socket.clone();

@@ -49,6 +49,7 @@ pub(super) enum Source {
     },
     Serial {
         port: String,
+        baud: u32,
         header: Box<Header>,
         bridge: Box<Bridge>,
     },
@@ -96,6 +97,7 @@ impl Source {
             },
             Kind::Serial => Self::Serial {
                 port: config.serial.port.display().to_string(),
+                baud: config.serial.baud,
                 header: Box::new(Header {
                     sensor: Some(config.serial.chip.name().to_owned()),
                     mountings: config.mounting,
@@ -113,6 +115,14 @@ impl Source {
             Self::Played(Played::Replay { log, .. }) => log.clone(),
             Self::I2c { settings, .. } => settings.path().display().to_string(),
             Self::Serial { port, .. } => port.clone(),
+        }
+    }
+
+    /// Speed of its line in bits a second, if it has one.
+    pub(super) fn bps(&self) -> Option<u32> {
+        match self {
+            Self::Serial { baud, .. } => Some(*baud),
+            Self::Played(_) | Self::I2c { .. } => None,
         }
     }
 

@@ -20,7 +20,7 @@ impl Pipeline {
         actions.push(Action::Publish(heading));
     }
 
-    /// One with nothing in it but time and tilt.
+    /// One with nothing in it but time, tilt, and what gyro and accelerometer say.
     pub(super) fn heading(
         &mut self,
         t_s: f64,
@@ -29,6 +29,9 @@ impl Pipeline {
     ) -> Heading {
         self.seq += 1;
         let tilt = down.map(Tilt::of_down);
+        let rate_rad_s = (self.attitude.pose_at(t_s)).map(|_| self.attitude.rate_rad_s());
+        // Without an accelerometer the board is taken to be level, as for its heading.
+        let down = down.copied().unwrap_or_else(Vector3::z);
         Heading {
             seq: self.seq,
             t_s,
@@ -39,6 +42,10 @@ impl Pipeline {
             sd_deg: None,
             pitch_deg: tilt.map(|tilt| tilt.pitch_rad.to_degrees()),
             roll_deg: tilt.map(|tilt| tilt.roll_rad.to_degrees()),
+            turn_deg_min: rate_rad_s.map(|rate| 60.0 * rate.dot(&down).to_degrees()),
+            rate_deg_s: rate_rad_s.map(|rate| rate.map(f64::to_degrees).into()),
+            specific_force_m_s2: self.attitude.specific_force_m_s2(t_s).map(Into::into),
+            dip_deg: None,
             field_mgauss: None,
             strength_mgauss: None,
             mag_status: MagStatus::Calibration,

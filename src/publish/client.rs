@@ -141,26 +141,23 @@ impl Client<'_> {
             Ok(Request::Policy) => self.put_policy(),
             Ok(Request::Watch(watch)) => self.watch(&watch),
             Ok(Request::Poll) => self.put(&self.feed.poll()),
-            Ok(Request::Devices) => self.put(&gpsd::devices(&self.feed.device)),
-            Ok(Request::Device) => self.put(&gpsd::device(&self.feed.device)),
+            Ok(Request::Devices) => self.put(&self.feed.devices()),
+            Ok(Request::Device) => self.put(&self.feed.device()),
             Ok(Request::Version) => self.put(&gpsd::version()),
         }
     }
 
     /// gpsd answers any `?WATCH` with the devices and then the policy.
     fn put_policy(&mut self) {
-        self.put(&gpsd::devices(&self.feed.device));
+        self.put(&self.feed.devices());
         self.put(&gpsd::watch(&self.policy));
     }
 
     fn watch(&mut self, watch: &Watch) {
         if let Some(device) = &watch.device
-            && *device != self.feed.device.path
+            && let Err(only) = self.feed.is_device(device)
         {
-            let message = format!(
-                "no such device as {device}: the only one is {}",
-                self.feed.device.path
-            );
+            let message = format!("no such device as {device}: the only one is {only}");
             return self.put(&gpsd::error(&message));
         }
         let before = self.policy;

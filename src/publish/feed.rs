@@ -17,6 +17,12 @@ use crate::recording::Header;
 /// How many raw readings a client may fall behind before it loses the oldest: some six seconds of them.
 const READINGS: usize = 1024;
 
+/// A longer time from one heading to the next is a hole.
+const MOST_CYCLE_S: f64 = 10.0;
+
+/// Share of the newest of those times in what clients are told.
+const CYCLE_GAIN: f64 = 0.02;
+
 /// The daemon's end of the server. It never blocks, whatever the clients do; clones share one server.
 #[derive(Clone, Debug)]
 pub struct Publisher {
@@ -34,6 +40,7 @@ impl Publisher {
     pub fn heading(&self, heading: Heading, taken: Instant, time: Option<String>) {
         let feed = &*self.feed;
         let mut latest = feed.lock();
+        latest.count(&heading);
         if feed.ring.receiver_count() > 0 {
             let latest = &mut *latest;
             latest.scratch.clear();
@@ -97,7 +104,7 @@ impl Publisher {
 /// What the publisher and the clients share.
 #[derive(Debug)]
 pub(super) struct Feed {
-    pub(super) device: Device,
+    device: Device,
     pub(super) clients: AtomicUsize,
     stale: Duration,
     /// A ring of bounded size: a client that falls behind by more than it holds loses the oldest.
@@ -116,6 +123,19 @@ struct Latest {
     calibration: Event,
     board: Arc<str>,
     scratch: String,
+    cycle_s: Option<f64>,
+}
+
+impl Latest {
+    /// Follows how long it takes from one heading to the next. Sources tick unevenly, and jump.
+    fn count(&mut self, heading: &Heading) {
+        let Some(last) = &self.heading else { return };
+        let passed_s = heading.t_s - last.heading.t_s;
+        if 0.0 < passed_s && passed_s <= MOST_CYCLE_S {
+            let cycle_s = self.cycle_s.get_or_insert(passed_s);
+            *cycle_s += CYCLE_GAIN * (passed_s - *cycle_s);
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -178,6 +198,25 @@ impl Feed {
     /// The object that tells whose readings they are; empty if nobody has said.
     pub(super) fn board(&self) -> Arc<str> {
         self.lock().board.clone()
+    }
+
+    /// Whether this is the path of the device; if not, the path.
+    pub(super) fn is_device(&self, path: &str) -> Result<(), &str> {
+        if path == self.device.path {
+            Ok(())
+        } else {
+            Err(&self.device.path)
+        }
+    }
+
+    /// The device, as `DEVICE` tells it.
+    pub(super) fn device(&self) -> String {
+        gpsd::device(&self.device, self.lock().cycle_s)
+    }
+
+    /// The same, as `DEVICES` tells it.
+    pub(super) fn devices(&self) -> String {
+        gpsd::devices(&self.device, self.lock().cycle_s)
     }
 
     /// The latest state and calibration.

@@ -18,7 +18,15 @@ pub struct Device {
     pub path: String,
     /// When it was opened, RFC 3339 in UTC, if the time of day is known.
     pub activated: Option<String>,
+    /// The magnetometer, if it has a name.
+    pub sensor: Option<String>,
+    /// Speed of its line in bits a second, if it has one.
+    pub bps: Option<u32>,
 }
+
+/// The release of gpsd whose dialect this is: its own clients warn of any other, and `cgps` with a line across its
+/// screen. `rev` says who really answers.
+const RELEASE: &str = "3.22";
 
 /// What one client has asked to be sent: gpsd calls it the watcher's policy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -45,7 +53,8 @@ pub fn att(device: &str, heading: &Heading, time: Option<&str>, age_ms: u64) -> 
 /// Appends one heading as an `ATT` object.
 ///
 /// `time` is the time of the reading, RFC 3339 in UTC, if it is known; `age_ms` how long ago that was,
-/// milliseconds. Headings are rounded to 0.01° and stay below 360; fields to 0.1 mG; `t_s` to 1 µs.
+/// milliseconds. Headings are rounded to 0.01° and stay below 360; fields to 0.1 mG; `t_s` to 1 µs. `rot` is in degrees a
+/// minute, `acc_x` and its like in m/s², `gyro_x` and its like in degrees a second.
 pub fn att_into(
     out: &mut String,
     device: &str,
@@ -86,11 +95,24 @@ pub(super) fn att_begin(out: &mut String, device: &str, heading: &Heading, time:
     out.push('"');
     push_number(out, "pitch", heading.pitch_deg, 2);
     push_number(out, "roll", heading.roll_deg, 2);
+    push_number(out, "rot", heading.turn_deg_min, 1);
+    push_number(out, "dip", heading.dip_deg, 2);
     push_number(out, "mag_len", heading.strength_mgauss, 1);
     if let Some([x, y, z]) = heading.field_mgauss {
         push_number(out, "mag_x", x, 1);
         push_number(out, "mag_y", y, 1);
         push_number(out, "mag_z", z, 1);
+    }
+    if let Some([x, y, z]) = heading.specific_force_m_s2 {
+        push_number(out, "acc_len", Some((x * x + y * y + z * z).sqrt()), 3);
+        push_number(out, "acc_x", Some(x), 3);
+        push_number(out, "acc_y", Some(y), 3);
+        push_number(out, "acc_z", Some(z), 3);
+    }
+    if let Some([x, y, z]) = heading.rate_deg_s {
+        push_number(out, "gyro_x", Some(x), 3);
+        push_number(out, "gyro_y", Some(y), 3);
+        push_number(out, "gyro_z", Some(z), 3);
     }
     out.push_str(r#","cal_state":""#);
     out.push_str(heading.condition.word());
@@ -132,30 +154,40 @@ pub fn calibration(outcome: &Outcome) -> String {
     .expect("an Outcome holds only what JSON can express")
 }
 
-/// The `VERSION` object, which is also the banner. The protocol numbers are those of gpsd 3.22.
+/// The `VERSION` object, which is also the banner. The protocol numbers are those of that release.
 pub fn version() -> String {
     let version = env!("CARGO_PKG_VERSION");
     format!(
-        r#"{{"class":"VERSION","release":"{version}","rev":"headingd {version}","proto_major":3,"proto_minor":14}}"#
+        r#"{{"class":"VERSION","release":"{RELEASE}","rev":"headingd {version}","proto_major":3,"proto_minor":14}}"#
     )
 }
 
-/// The `DEVICE` object.
-pub fn device(device: &Device) -> String {
+/// The `DEVICE` object. `cycle_s` is the time from one heading to the next, if it is known.
+///
+/// Some clients fail unless they find all of gpsd's keys: a device without a serial line has 0 bits a second, and one
+/// that is no receiver of satellites has no flag.
+pub fn device(device: &Device, cycle_s: Option<f64>) -> String {
     let mut out = String::from(r#"{"class":"DEVICE","path":"#);
     push_text(&mut out, &device.path);
-    out.push_str(r#","driver":"headingd""#);
+    out.push_str(r#","driver":"headingd","subtype":"#);
+    push_text(&mut out, device.sensor.as_deref().unwrap_or_default());
     if let Some(activated) = &device.activated {
         out.push_str(r#","activated":"#);
         push_text(&mut out, activated);
     }
+    out.push_str(r#","flags":0,"native":0"#);
+    push_integer(&mut out, "bps", device.bps.unwrap_or(0).into());
+    out.push_str(r#","parity":"N","stopbits":1"#);
+    push_number(&mut out, "cycle", cycle_s, 3);
+    push_number(&mut out, "mincycle", cycle_s, 3);
     out.push('}');
     out
 }
 
 /// The `DEVICES` object: there is one device.
-pub fn devices(only: &Device) -> String {
-    format!(r#"{{"class":"DEVICES","devices":[{}]}}"#, device(only))
+pub fn devices(only: &Device, cycle_s: Option<f64>) -> String {
+    let device = device(only, cycle_s);
+    format!(r#"{{"class":"DEVICES","devices":[{device}]}}"#)
 }
 
 /// The `WATCH` object: gpsd's keys as gpsd orders them, then ours.
@@ -220,6 +252,10 @@ mod tests {
             sd_deg: Some(1.234),
             pitch_deg: Some(-0.004),
             roll_deg: Some(-1.5),
+            turn_deg_min: Some(-90.04),
+            rate_deg_s: Some([0.0, -0.0001, 1.5]),
+            specific_force_m_s2: Some([3.0, 4.0, f64::NAN]),
+            dip_deg: Some(72.818),
             field_mgauss: Some([Some(160.04), Some(-20.06), None]),
             strength_mgauss: Some(f64::NAN),
             mag_status: MagStatus::Normal,
@@ -238,7 +274,8 @@ mod tests {
             concat!(
                 r#"{"class":"ATT","device":"/dev/i2c-1","time":"2026-11-21T10:00:00.000Z","t_s":12.345679,"seq":7,"#,
                 r#""mheading":0.00,"inst_heading":359.99,"raw_heading":12.00,"heading_sd":1.23,"mag_st":"N","#,
-                r#""pitch":0.00,"roll":-1.50,"mag_x":160.0,"mag_y":-20.1,"cal_state":"good","age_ms":4}"#
+                r#""pitch":0.00,"roll":-1.50,"rot":-90.0,"dip":72.82,"mag_x":160.0,"mag_y":-20.1,"acc_x":3.000,"#,
+                r#""acc_y":4.000,"gyro_x":0.000,"gyro_y":0.000,"gyro_z":1.500,"cal_state":"good","age_ms":4}"#
             )
         );
     }
@@ -332,11 +369,13 @@ mod tests {
         let odd = Device {
             path: "/dev/\"odd\"".into(),
             activated: Some("2026-11-21T10:00:00Z".into()),
+            sensor: None,
+            bps: None,
         };
         for (text, class) in [
             (version(), "VERSION"),
-            (device(&odd), "DEVICE"),
-            (devices(&odd), "DEVICES"),
+            (device(&odd, None), "DEVICE"),
+            (devices(&odd, None), "DEVICES"),
             (watch(&Policy::default()), "WATCH"),
             (poll(None, None), "POLL"),
             (
@@ -351,6 +390,24 @@ mod tests {
             );
             serde_json::from_str::<Value>(&text).unwrap();
         }
+    }
+
+    #[test]
+    fn a_device_has_all_of_gpsds_keys() {
+        let board = Device {
+            path: "/dev/ttyUSB0".into(),
+            activated: Some("2026-11-21T10:00:00.000Z".into()),
+            sensor: Some("hmc5843".into()),
+            bps: Some(57600),
+        };
+        assert_eq!(
+            device(&board, Some(0.025)),
+            concat!(
+                r#"{"class":"DEVICE","path":"/dev/ttyUSB0","driver":"headingd","subtype":"hmc5843","#,
+                r#""activated":"2026-11-21T10:00:00.000Z","flags":0,"native":0,"bps":57600,"parity":"N","stopbits":1,"#,
+                r#""cycle":0.025,"mincycle":0.025}"#
+            )
+        );
     }
 
     proptest! {

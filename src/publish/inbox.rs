@@ -6,8 +6,9 @@ use std::time::Instant;
 use tokio::time::sleep;
 
 use super::allowance::Allowance;
+use super::framing::Requests;
 use super::link::Link;
-use super::request::{Request, Requests};
+use super::request::Request;
 
 /// So much is read at a time.
 const CHUNK: usize = 1024;

@@ -5,6 +5,7 @@ mod client;
 mod clients;
 pub mod control;
 mod feed;
+mod framing;
 pub mod gpsd;
 mod inbox;
 mod json;

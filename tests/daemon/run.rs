@@ -74,6 +74,8 @@ fn at_real_time_headings_go_on_and_a_simulation_ends_the_daemon() {
     while let Some(message) = client.next() {
         if message["class"] == "ATT" {
             seqs.push(message["seq"].as_u64().unwrap());
+            // Invented as they are, they are of this moment, and some clients ask when that is.
+            assert!(message["time"].is_string(), "{message}");
         }
         accepted += u32::from(message["verdict"] == "accepted");
     }

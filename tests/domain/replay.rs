@@ -169,6 +169,38 @@ fn the_lines_are_those_of_the_socket() {
     errors_deg(&lines, &entries, "raw_heading");
 }
 
+/// gpsd's names, units and signs.
+#[test]
+fn rate_force_and_dip_are_told() {
+    let folder = Folder::new();
+    let settings = Settings {
+        turns: -1.0,
+        tilt_deg: 10.0,
+        ..Settings::default()
+    };
+    let log = folder.file("a.csv", log(&simulated(&settings)));
+    let lines = lines(&log, &[]);
+    let near = |att: &Value, key: &str, right: f64, by: f64| {
+        let found = att[key].as_f64().unwrap_or_else(|| panic!("{key}: {att}"));
+        assert!(
+            (found - right).abs() < by,
+            "{key} is {found}, not {right}: {att}"
+        );
+    };
+    let atts = of_class(&lines, "ATT");
+    // While it turns, counter-clockwise, its nose up.
+    let turning = atts.iter().find(|att| t_s(att) > 8.0).unwrap();
+    let rate_deg_s = -settings.turn_deg_s;
+    near(turning, "rot", 60.0 * rate_deg_s, 120.0);
+    let (sine, cosine) = 10f64.to_radians().sin_cos();
+    near(turning, "gyro_x", -rate_deg_s * sine, 2.0);
+    near(turning, "gyro_z", rate_deg_s * cosine, 2.0);
+    near(turning, "acc_len", 9.8, 0.2);
+    near(turning, "acc_x", 9.8 * sine, 0.2);
+    near(turning, "acc_z", -9.8 * cosine, 0.2);
+    assert!(turning.get("dip").is_none(), "not before it is calibrated");
+}
+
 #[test]
 fn headings_come_with_the_calibration_and_are_right() {
     let folder = Folder::new();
@@ -259,6 +291,14 @@ fn a_spatial_calibration_carries_any_attitude() {
         atts.iter()
             .all(|att| att["mheading"].is_f64() && att["mag_z"].is_f64())
     );
+    let settings = Settings::default();
+    let dip_deg = (settings.vertical_mgauss.atan2(settings.horizontal_mgauss)).to_degrees();
+    for att in &atts {
+        assert!(
+            (att["dip"].as_f64().unwrap() - dip_deg).abs() < 3.0,
+            "{att}"
+        );
+    }
     let errors = errors_deg(&lines, &entries, "mheading");
     assert_eq!(errors.len(), atts.len());
     // The first seconds, in which the gyro's bias is learnt, tilt the frame by a degree.

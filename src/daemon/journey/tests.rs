@@ -57,6 +57,8 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
     let device = Device {
         path: "test".to_owned(),
         activated: None,
+        sensor: None,
+        bps: None,
     };
     let server = Server::bind(&socket, device, Duration::from_millis(500)).unwrap();
     let identity = Identity {

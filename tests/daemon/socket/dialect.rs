@@ -62,6 +62,44 @@ async fn watch_streams_headings_until_it_is_turned_off() {
     assert_eq!(client.ask("?VERSION;").await["class"], "VERSION");
 }
 
+/// As `node-gpsd`, `gps3` and others ask.
+#[tokio::test]
+async fn a_watch_needs_neither_semicolon_nor_newline() {
+    let rig = rig(|_| {});
+    let mut client = rig.client().await;
+    client
+        .send("?WATCH={\"class\":\"WATCH\",\"json\":true,\"nmea\":false}")
+        .await;
+    assert_eq!(client.next().await["class"], "DEVICES");
+    assert_eq!(client.next().await["enable"], true);
+    rig.heading(1);
+    assert_eq!(client.next().await["seq"], 1);
+}
+
+#[tokio::test]
+async fn a_device_tells_how_often_its_headings_come() {
+    let rig = rig(|_| {});
+    let mut client = rig.client().await;
+    let device = client.ask("?DEVICE;").await;
+    assert_eq!(
+        (&device["subtype"], &device["bps"]),
+        (&"hmc5843".into(), &0.into())
+    );
+    assert!(device.get("cycle").is_none(), "{device}");
+    for seq in 1..=3 {
+        rig.heading(seq);
+    }
+    assert_eq!(client.ask("?DEVICE;").await["cycle"], 0.02);
+    // The source begins anew, and then again after an hour.
+    for seq in [1, 2, 180_000, 180_001] {
+        rig.heading(seq);
+    }
+    assert_eq!(
+        client.ask("?DEVICES;").await["devices"][0]["mincycle"],
+        0.02
+    );
+}
+
 #[tokio::test]
 async fn an_uncalibrated_compass_publishes_no_heading() {
     let rig = rig(|_| {});

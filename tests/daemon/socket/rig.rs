@@ -33,6 +33,8 @@ pub fn device() -> Device {
     Device {
         path: "/dev/i2c-1".into(),
         activated: None,
+        sensor: Some("hmc5843".into()),
+        bps: None,
     }
 }
 
@@ -144,6 +146,10 @@ pub fn heading(seq: u64) -> Heading {
         sd_deg: Some(1.0),
         pitch_deg: Some(2.0),
         roll_deg: Some(-3.0),
+        turn_deg_min: Some(-30.0),
+        rate_deg_s: Some([0.1, -0.2, -0.5]),
+        specific_force_m_s2: Some([0.0, 0.5, -9.8]),
+        dip_deg: Some(72.5),
         field_mgauss: Some([Some(160.0), Some(-20.0), Some(500.0)]),
         strength_mgauss: Some(525.4),
         mag_status: MagStatus::Normal,
