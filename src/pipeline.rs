@@ -89,6 +89,8 @@ pub enum Event {
 /// What a pipeline wants done.
 #[derive(Clone, Debug)]
 #[must_use]
+// Nearly every action is the largest.
+#[expect(clippy::large_enum_variant)]
 pub enum Action {
     /// Publish a heading.
     Publish(Heading),
