@@ -19,6 +19,8 @@ pub struct Heading {
     pub raw_deg: Option<f64>,
     /// One standard deviation of the published heading, degrees.
     pub sd_deg: Option<f64>,
+    /// How far magnetic north is east of true north here, degrees; where it is known.
+    pub declination_deg: Option<f64>,
     /// Nose up, degrees.
     pub pitch_deg: Option<f64>,
     /// Right wing down, degrees.
@@ -37,6 +39,21 @@ pub struct Heading {
     pub strength_mgauss: Option<f64>,
     /// gpsd's `mag_st`.
     pub mag_status: MagStatus,
+}
+
+impl Heading {
+    /// The magnetic heading that may be steered by: the fused one, or else that of this reading alone.
+    pub fn magnetic_deg(&self) -> Option<f64> {
+        let known = |angle: Option<f64>| angle.filter(|degrees| degrees.is_finite());
+        known(self.fused_deg)
+            .or(known(self.instantaneous_deg))
+            .filter(|_| self.condition.may_steer())
+    }
+
+    /// The same from true north.
+    pub fn true_deg(&self) -> Option<f64> {
+        Some(self.magnetic_deg()? + self.declination_deg?)
+    }
 }
 
 /// gpsd's status of the magnetometer (`mag_st`), of which we use four letters.

@@ -8,6 +8,7 @@ use super::{Config, ConfigError};
 const AT_START: &[&str] = &[
     "socket",
     "control",
+    "nmea",
     "source.kind",
     "source.log",
     "i2c.bus",

@@ -17,7 +17,7 @@ mod words;
 use serde::Serialize;
 
 use crate::check::{Check, Fault};
-use crate::publish::{control, server};
+use crate::publish::{control, nmea, server};
 use crate::sensor::{i2c, serial, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, turn};
 
@@ -90,6 +90,8 @@ tables! {
     heading: pipeline::Settings,
     /// Publishing headings.
     socket: server::Settings,
+    /// Headings as NMEA 0183.
+    nmea: nmea::Settings,
     /// Looking after the calibration.
     control: control::Settings,
     /// Where the calibration is kept.

@@ -160,8 +160,8 @@ impl Daemon {
             settings.max_clients = short.clients;
         }
         let server = match service.sockets.take(sockets::HEADING) {
-            Some(listener) => Server::inherit(listener, &settings, device, stale)?,
-            None => Server::bind(&settings, device, stale)?,
+            Some(listener) => Server::inherit(listener, &settings, &config.nmea, device, stale)?,
+            None => Server::bind(&settings, &config.nmea, device, stale)?,
         };
         let (served, wanted) = (server.socket(), &config.socket.socket);
         tracing::info!("serving on socket {}", served.display());

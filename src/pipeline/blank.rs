@@ -40,6 +40,7 @@ impl Pipeline {
             instantaneous_deg: None,
             raw_deg: None,
             sd_deg: None,
+            declination_deg: None,
             pitch_deg: tilt.map(|tilt| tilt.pitch_rad.to_degrees()),
             roll_deg: tilt.map(|tilt| tilt.roll_rad.to_degrees()),
             turn_deg_min: rate_rad_s.map(|rate| 60.0 * rate.dot(&down).to_degrees()),

@@ -11,10 +11,12 @@ use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::{broadcast, watch};
 use tokio::task::yield_now;
 
-use super::feed::{Event, Feed, Message, age_ms};
+use super::feed::{Event, Feed, Message};
 use super::gpsd::{self, Policy};
 use super::inbox::Inbox;
 use super::link::Link;
+use super::outgoing::Outgoing;
+use super::pace::Pace;
 use super::raw;
 use super::request::{Request, Watch};
 use crate::reading::Reading;
@@ -51,6 +53,8 @@ pub(super) async fn serve(
         link,
         write_timeout,
         policy: Policy::default(),
+        att_pace: Pace::default(),
+        nmea_pace: Pace::default(),
         ring: None,
         readings: None,
         state_seen: 0,
@@ -110,6 +114,9 @@ struct Client<'a> {
     link: &'a Link,
     write_timeout: Duration,
     policy: Policy,
+    /// How often headings go out in each format.
+    att_pace: Pace,
+    nmea_pace: Pace,
     /// Only while something is watched for: an idle client costs the publisher nothing.
     ring: Option<broadcast::Receiver<Message>>,
     readings: Option<broadcast::Receiver<(u64, Reading)>>,
@@ -165,12 +172,16 @@ impl Client<'_> {
         let Policy {
             enable,
             json,
+            nmea,
+            rate_hz,
             calibration,
             state,
             readings,
         } = self.policy;
+        self.att_pace = Pace::new(rate_hz);
+        self.nmea_pace = Pace::new(rate_hz.or(Some(self.feed.nmea_rate_hz())));
         // Before the answer: whatever is published after a client has read it reaches that client.
-        if !(enable && (json || calibration || state)) {
+        if !(enable && (json || nmea || calibration || state)) {
             self.ring = None;
         } else if self.ring.is_none() {
             self.ring = Some(self.feed.subscribe());
@@ -201,18 +212,27 @@ impl Client<'_> {
 
     fn forward(&mut self, message: Result<Message, RecvError>) {
         match message {
-            Ok(Message::Att { begun, taken }) => {
-                if self.policy.json && !self.feed.is_stale(taken) {
-                    self.lines.push_str(&begun);
-                    gpsd::att_end(&mut self.lines, age_ms(taken));
-                    self.lines.push_str(LINE_END);
-                }
-            }
+            Ok(Message::Heading(heading)) => self.put_heading(&heading),
             Ok(Message::State(event)) => self.put_state(&event),
             Ok(Message::Calibration(event)) => self.put_calibration(&event),
             // Missed headings are gone, and their `seq` says so. Missed events are made up for.
             Err(RecvError::Lagged(_)) => self.catch_up(),
             Err(RecvError::Closed) => self.ring = None,
+        }
+    }
+
+    /// Puts a heading in the formats that are watched for, where it is due.
+    fn put_heading(&mut self, heading: &Outgoing) {
+        let taken = heading.taken();
+        if self.feed.is_stale(taken) {
+            return;
+        }
+        if self.policy.json && self.att_pace.admits(taken) {
+            self.feed.put_att(&mut self.lines, heading);
+            self.lines.push_str(LINE_END);
+        }
+        if self.policy.nmea && self.nmea_pace.admits(taken) {
+            self.feed.put_nmea(&mut self.lines, heading);
         }
     }
 

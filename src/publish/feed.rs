@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use tokio::sync::broadcast;
 
 use super::gpsd::{self, Device};
-use super::raw;
+use super::outgoing::Outgoing;
+use super::{nmea, raw};
 use crate::calibration::outcome::Outcome;
 use crate::condition::Report;
 use crate::heading::Heading;
@@ -34,32 +35,15 @@ impl Publisher {
         Self { feed }
     }
 
-    /// Sends a heading to all who watch for `ATT`, and keeps it for `?POLL;`. `taken` is when the
+    /// Sends a heading to all who watch for headings, and keeps it for `?POLL;`. `taken` is when the
     /// magnetometer was read: the heading is not sent once it is older than `stale_s`. `time` is the same
     /// moment, RFC 3339 in UTC, if the time of day is known.
     pub fn heading(&self, heading: Heading, taken: Instant, time: Option<String>) {
-        let feed = &*self.feed;
-        let mut latest = feed.lock();
+        let mut latest = self.feed.lock();
         latest.count(&heading);
-        if feed.ring.receiver_count() > 0 {
-            let latest = &mut *latest;
-            latest.scratch.clear();
-            gpsd::att_begin(
-                &mut latest.scratch,
-                &feed.device.path,
-                &heading,
-                time.as_deref(),
-            );
-            feed.send(Message::Att {
-                begun: latest.scratch.as_str().into(),
-                taken,
-            });
-        }
-        latest.heading = Some(Kept {
-            heading,
-            taken,
-            time,
-        });
+        let outgoing = Arc::new(Outgoing::new(heading, taken, time));
+        self.feed.send(Message::Heading(outgoing.clone()));
+        latest.heading = Some(outgoing);
     }
 
     /// Sends the condition to all who watch for `STATE`, and keeps it for those who will.
@@ -105,6 +89,7 @@ impl Publisher {
 #[derive(Debug)]
 pub(super) struct Feed {
     device: Device,
+    nmea: nmea::Settings,
     pub(super) clients: AtomicUsize,
     stale: Duration,
     /// A ring of bounded size: a client that falls behind by more than it holds loses the oldest.
@@ -118,11 +103,10 @@ pub(super) struct Feed {
 
 #[derive(Debug, Default)]
 struct Latest {
-    heading: Option<Kept>,
+    heading: Option<Arc<Outgoing>>,
     state: Event,
     calibration: Event,
     board: Arc<str>,
-    scratch: String,
     cycle_s: Option<f64>,
 }
 
@@ -130,7 +114,7 @@ impl Latest {
     /// Follows how long it takes from one heading to the next. Sources tick unevenly, and jump.
     fn count(&mut self, heading: &Heading) {
         let Some(last) = &self.heading else { return };
-        let passed_s = heading.t_s - last.heading.t_s;
+        let passed_s = heading.t_s - last.heading().t_s;
         if 0.0 < passed_s && passed_s <= MOST_CYCLE_S {
             let cycle_s = self.cycle_s.get_or_insert(passed_s);
             *cycle_s += CYCLE_GAIN * (passed_s - *cycle_s);
@@ -138,18 +122,11 @@ impl Latest {
     }
 }
 
-#[derive(Debug)]
-struct Kept {
-    heading: Heading,
-    taken: Instant,
-    time: Option<String>,
-}
-
 /// One entry of the ring.
 #[derive(Clone, Debug)]
 pub(super) enum Message {
-    /// A heading without its age, which is added when it is written to the client.
-    Att { begun: Arc<str>, taken: Instant },
+    /// A heading.
+    Heading(Arc<Outgoing>),
     /// A condition.
     State(Event),
     /// A calibration's outcome.
@@ -174,9 +151,15 @@ impl Event {
 }
 
 impl Feed {
-    pub(super) fn new(device: Device, backlog: usize, stale: Duration) -> Self {
+    pub(super) fn new(
+        device: Device,
+        nmea: nmea::Settings,
+        backlog: usize,
+        stale: Duration,
+    ) -> Self {
         Self {
             device,
+            nmea,
             clients: AtomicUsize::new(0),
             stale,
             ring: broadcast::Sender::new(backlog),
@@ -230,14 +213,29 @@ impl Feed {
         taken.elapsed() > self.stale
     }
 
+    /// Appends a heading as an `ATT` object.
+    pub(super) fn put_att(&self, out: &mut String, heading: &Outgoing) {
+        heading.put_att(out, &self.device.path);
+    }
+
+    /// Appends a heading as NMEA 0183.
+    pub(super) fn put_nmea(&self, out: &mut String, heading: &Outgoing) {
+        heading.put_nmea(out, &self.nmea.talker);
+    }
+
+    /// How often headings go out as NMEA 0183, unless a client asks for another rate.
+    pub(super) fn nmea_rate_hz(&self) -> f64 {
+        self.nmea.rate_hz
+    }
+
     /// The answer to `?POLL;`.
     pub(super) fn poll(&self) -> String {
         let latest = self.lock();
         match &latest.heading {
-            Some(kept) if !self.is_stale(kept.taken) => {
-                let time = kept.time.as_deref();
-                let att = gpsd::att(&self.device.path, &kept.heading, time, age_ms(kept.taken));
-                gpsd::poll(Some(&att), time)
+            Some(kept) if !self.is_stale(kept.taken()) => {
+                let mut att = String::new();
+                self.put_att(&mut att, kept);
+                gpsd::poll(Some(&att), kept.time())
             }
             _ => gpsd::poll(None, None),
         }
@@ -252,9 +250,4 @@ impl Feed {
         // Each field is replaced whole, so a panic elsewhere cannot have left it half changed.
         self.latest.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-/// How long ago a heading was read, milliseconds.
-pub(super) fn age_ms(taken: Instant) -> u64 {
-    u64::try_from(taken.elapsed().as_millis()).unwrap_or(u64::MAX)
 }

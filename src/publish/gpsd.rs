@@ -29,12 +29,16 @@ pub struct Device {
 const RELEASE: &str = "3.22";
 
 /// What one client has asked to be sent: gpsd calls it the watcher's policy.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Policy {
     /// Whether anything is sent unasked.
     pub enable: bool,
     /// `ATT`.
     pub json: bool,
+    /// NMEA 0183.
+    pub nmea: bool,
+    /// So many headings a second at most; otherwise each as `ATT`, and as NMEA 0183 as many as are set.
+    pub rate_hz: Option<f64>,
     /// `CALIBRATION`.
     pub calibration: bool,
     /// `STATE`.
@@ -77,13 +81,9 @@ pub(super) fn att_begin(out: &mut String, device: &str, heading: &Heading, time:
     push_number(out, "t_s", Some(heading.t_s), 6);
     push_integer(out, "seq", heading.seq);
     if heading.condition.may_steer() {
-        // gpsd's `heading` is the true one. It belongs here, once the declination is known.
-        let known = |angle: Option<f64>| angle.filter(|value| value.is_finite());
-        push_angle(
-            out,
-            "mheading",
-            known(heading.fused_deg).or(heading.instantaneous_deg),
-        );
+        // gpsd's `heading` is the true one.
+        push_angle(out, "heading", heading.true_deg());
+        push_angle(out, "mheading", heading.magnetic_deg());
         push_angle(out, "inst_heading", heading.instantaneous_deg);
     }
     push_angle(out, "raw_heading", heading.raw_deg);
@@ -192,13 +192,16 @@ pub fn devices(only: &Device, cycle_s: Option<f64>) -> String {
 
 /// The `WATCH` object: gpsd's keys as gpsd orders them, then ours.
 pub fn watch(policy: &Policy) -> String {
-    format!(
+    let mut out = format!(
         concat!(
-            r#"{{"class":"WATCH","enable":{},"json":{},"nmea":false,"raw":0,"scaled":false,"timing":false,"#,
-            r#""split24":false,"pps":false,"calibration":{},"state":{},"readings":{}}}"#
+            r#"{{"class":"WATCH","enable":{},"json":{},"nmea":{},"raw":0,"scaled":false,"timing":false,"#,
+            r#""split24":false,"pps":false,"calibration":{},"state":{},"readings":{}"#
         ),
-        policy.enable, policy.json, policy.calibration, policy.state, policy.readings
-    )
+        policy.enable, policy.json, policy.nmea, policy.calibration, policy.state, policy.readings
+    );
+    push_number(&mut out, "rate_hz", policy.rate_hz, 3);
+    out.push('}');
+    out
 }
 
 /// The `POLL` object around the latest `ATT` object, if there is one that is not stale. `time` is that of
@@ -250,6 +253,7 @@ mod tests {
             instantaneous_deg: Some(359.994),
             raw_deg: Some(12.0),
             sd_deg: Some(1.234),
+            declination_deg: Some(13.304),
             pitch_deg: Some(-0.004),
             roll_deg: Some(-1.5),
             turn_deg_min: Some(-90.04),
@@ -273,7 +277,7 @@ mod tests {
             ),
             concat!(
                 r#"{"class":"ATT","device":"/dev/i2c-1","time":"2026-11-21T10:00:00.000Z","t_s":12.345679,"seq":7,"#,
-                r#""mheading":0.00,"inst_heading":359.99,"raw_heading":12.00,"heading_sd":1.23,"mag_st":"N","#,
+                r#""heading":13.30,"mheading":0.00,"inst_heading":359.99,"raw_heading":12.00,"heading_sd":1.23,"mag_st":"N","#,
                 r#""pitch":0.00,"roll":-1.50,"rot":-90.0,"dip":72.82,"mag_x":160.0,"mag_y":-20.1,"acc_x":3.000,"#,
                 r#""acc_y":4.000,"gyro_x":0.000,"gyro_y":0.000,"gyro_z":1.500,"cal_state":"good","age_ms":4}"#
             )
@@ -329,6 +333,23 @@ mod tests {
         );
         report.progress = None;
         assert!(!state(&report).contains("progress"));
+    }
+
+    #[test]
+    fn watch_says_what_is_sent() {
+        let policy = Policy {
+            enable: true,
+            nmea: true,
+            rate_hz: Some(2.5),
+            ..Policy::default()
+        };
+        assert_eq!(
+            watch(&policy),
+            concat!(
+                r#"{"class":"WATCH","enable":true,"json":false,"nmea":true,"raw":0,"scaled":false,"timing":false,"#,
+                r#""split24":false,"pps":false,"calibration":false,"state":false,"readings":false,"rate_hz":2.500}"#
+            )
+        );
     }
 
     #[test]

@@ -44,6 +44,11 @@ pub(super) fn push_number(out: &mut String, key: &str, value: Option<f64>, decim
     }
 }
 
+/// `value` in tenths, or `None` where it has no honest decimal form.
+pub(super) fn tenths(value: f64) -> Option<i64> {
+    scaled(value, 1)
+}
+
 /// `value` in units of its last decimal place, or `None` where it has no honest decimal form: not finite, or
 /// so large that the last place means nothing.
 fn scaled(value: f64, decimals: u32) -> Option<i64> {

@@ -1,5 +1,7 @@
 //! What a client asks: the requests of the gpsd dialect.
 
+use std::ops::RangeInclusive;
+
 use serde_json::{Map, Value};
 
 use super::gpsd::Policy;
@@ -8,22 +10,27 @@ use super::gpsd::Policy;
 const QUOTED: usize = 60;
 
 /// Keys of a `?WATCH` that are headingd's or have a meaning here.
-const KEYS: [&str; 6] = [
+const KEYS: [&str; 8] = [
     "enable",
     "json",
+    "nmea",
+    "rate_hz",
     "state",
     "calibration",
     "readings",
     "device",
 ];
 
+/// What a client may ask for. It never gets more headings than there are readings.
+const RATES_HZ: RangeInclusive<f64> = 0.1..=1000.0;
+
 /// What else gpsd 3.22 knows there: its clients may send it, and it changes nothing.
-const GPSD_KEYS: [&str; 8] = [
-    "class", "nmea", "pps", "raw", "remote", "scaled", "split24", "timing",
+const GPSD_KEYS: [&str; 7] = [
+    "class", "pps", "raw", "remote", "scaled", "split24", "timing",
 ];
 
 /// One request.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Request {
     /// `?WATCH;`: what is being sent?
     Policy,
@@ -40,12 +47,16 @@ pub enum Request {
 }
 
 /// A change to a client's policy; what is `None` stays as it is.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Watch {
     /// Whether anything is sent unasked.
     pub enable: bool,
     /// `ATT`.
     pub json: Option<bool>,
+    /// NMEA 0183.
+    pub nmea: Option<bool>,
+    /// So many headings a second at most.
+    pub rate_hz: Option<f64>,
     /// `CALIBRATION`.
     pub calibration: Option<bool>,
     /// `STATE`.
@@ -57,11 +68,14 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Changes `policy` accordingly. Headings go out with each `enable` unless `json` is set to false; states,
-    /// calibrations and raw readings come beside them.
+    /// Changes `policy` accordingly. With each `enable` headings go out as `ATT` unless `json` is set to false, or as NMEA
+    /// 0183 alone unless it is set to true; states, calibrations and raw readings come beside them.
     pub fn apply(&self, policy: &mut Policy) {
         policy.enable = self.enable;
-        policy.json = self.json.unwrap_or(policy.json || self.enable);
+        policy.nmea = self.nmea.unwrap_or(policy.nmea);
+        let alone = self.enable && !policy.nmea;
+        policy.json = self.json.unwrap_or(policy.json || alone);
+        policy.rate_hz = self.rate_hz.or(policy.rate_hz);
         policy.calibration = self.calibration.unwrap_or(policy.calibration);
         policy.state = self.state.unwrap_or(policy.state);
         policy.readings = self.readings.unwrap_or(policy.readings);
@@ -113,6 +127,8 @@ fn watch(argument: &str) -> Result<Watch, String> {
     Ok(Watch {
         enable: flag(&object, "enable")?.unwrap_or(true),
         json: flag(&object, "json")?,
+        nmea: flag(&object, "nmea")?,
+        rate_hz: rate(&object)?,
         calibration: flag(&object, "calibration")?,
         state: flag(&object, "state")?,
         readings: flag(&object, "readings")?,
@@ -130,6 +146,20 @@ fn flag(object: &Map<String, Value>, key: &str) -> Result<Option<bool>, String> 
         None => Ok(None),
         Some(Value::Bool(flag)) => Ok(Some(*flag)),
         Some(other) => Err(wrong(key, other, "true or false")),
+    }
+}
+
+fn rate(object: &Map<String, Value>) -> Result<Option<f64>, String> {
+    let Some(found) = object.get("rate_hz") else {
+        return Ok(None);
+    };
+    match found.as_f64() {
+        Some(rate_hz) if RATES_HZ.contains(&rate_hz) => Ok(Some(rate_hz)),
+        _ => Err(wrong(
+            "rate_hz",
+            found,
+            "from 0.1 to 1000 headings a second",
+        )),
     }
 }
 
@@ -168,6 +198,40 @@ mod tests {
     }
 
     #[test]
+    fn nmea_comes_alone_unless_json_is_asked_for_too() {
+        // As OpenCPN asks, Signal K, and gpspipe -r.
+        for asked in [
+            "?WATCH={\"class\":\"WATCH\", \"nmea\":true}",
+            "?WATCH={\"class\":\"WATCH\",\"nmea\":true,\"json\":false}",
+            "?WATCH={\"enable\":true,\"nmea\":true}",
+        ] {
+            let found = policy(Policy::default(), asked);
+            assert!(found.enable && found.nmea && !found.json, "{asked}");
+            // Other keys change nothing of it.
+            let then = policy(found, "?WATCH={\"state\":true}");
+            assert!(then.nmea && !then.json);
+            let both = policy(found, "?WATCH={\"json\":true}");
+            assert!(both.nmea && both.json);
+            let json = policy(found, "?WATCH={\"nmea\":false}");
+            assert!(!json.nmea && json.json);
+        }
+        let both = policy(Policy::default(), "?WATCH={\"nmea\":true,\"json\":true}");
+        assert!(both.nmea && both.json);
+    }
+
+    #[test]
+    fn a_rate_stays_until_there_is_another() {
+        let slow = policy(Policy::default(), "?WATCH={\"rate_hz\":5}");
+        assert_eq!(slow.rate_hz, Some(5.0));
+        assert_eq!(policy(slow, "?WATCH={}").rate_hz, Some(5.0));
+        for wrong in ["0", "-1", "1e9", "\"5\"", "true", "null"] {
+            let text = format!("?WATCH={{\"rate_hz\":{wrong}}}");
+            let message = parse(&text).unwrap_err();
+            assert!(message.contains("from 0.1 to 1000"), "{message}");
+        }
+    }
+
+    #[test]
     fn gpsds_keys_are_taken_and_unknown_keys_and_wrong_types_are_named() {
         let all = "?WATCH={\"class\":\"WATCH\",\"enable\":true,\"json\":true,\"nmea\":false,\"raw\":0,\
                    \"scaled\":false,\"timing\":false,\"split24\":false,\"pps\":true,\"remote\":\"a\"}";
@@ -177,8 +241,8 @@ mod tests {
         assert_eq!(
             parse("?WATCH={\"enable\":true,\"calibratoin\":true}"),
             Err(
-                "invalid WATCH: unknown key \"calibratoin\"; known are enable, json, state, calibration, readings, \
-                 device, and gpsd's own"
+                "invalid WATCH: unknown key \"calibratoin\"; known are enable, json, nmea, rate_hz, state, calibration, \
+                 readings, device, and gpsd's own"
                     .into()
             )
         );

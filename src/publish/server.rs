@@ -18,6 +18,7 @@ use super::clients::{Door, serve_clients};
 use super::feed::Feed;
 pub use super::feed::Publisher;
 use super::gpsd::{self, Device};
+use super::nmea;
 use super::place::{check_mode, check_path, mode_bits};
 pub use super::socket_file::BindError;
 use super::socket_file::{SocketFile, claim, inherited};
@@ -107,7 +108,12 @@ impl Server {
     /// answers, or a file that is no socket, is left alone. Needs no runtime yet.
     ///
     /// A heading whose sample is older than `stale` when it is its turn is sent to nobody.
-    pub fn bind(settings: &Settings, device: Device, stale: Duration) -> Result<Self, BindError> {
+    pub fn bind(
+        settings: &Settings,
+        nmea: &nmea::Settings,
+        device: Device,
+        stale: Duration,
+    ) -> Result<Self, BindError> {
         let refused = |fault: String| BindError::Settings {
             path: settings.socket.clone(),
             fault,
@@ -118,7 +124,14 @@ impl Server {
         let mode = mode_bits(&settings.mode, MOST_OPEN)
             .ok_or_else(|| refused("mode is not octal".into()))?;
         let (listener, file) = claim(&settings.socket, mode)?;
-        Ok(Self::on(listener, Some(file), settings, device, stale))
+        Ok(Self::on(
+            listener,
+            Some(file),
+            settings,
+            nmea,
+            device,
+            stale,
+        ))
     }
 
     /// Serves on a socket that somebody else has made, and will remove. Its path and mode are not those of the
@@ -126,24 +139,26 @@ impl Server {
     pub fn inherit(
         listener: StdListener,
         settings: &Settings,
+        nmea: &nmea::Settings,
         device: Device,
         stale: Duration,
     ) -> Result<Self, BindError> {
         let listener = inherited(listener, &settings.socket)?;
-        Ok(Self::on(listener, None, settings, device, stale))
+        Ok(Self::on(listener, None, settings, nmea, device, stale))
     }
 
     fn on(
         listener: StdListener,
         file: Option<SocketFile>,
         settings: &Settings,
+        nmea: &nmea::Settings,
         device: Device,
         stale: Duration,
     ) -> Self {
         Self {
             listener,
             file,
-            feed: Arc::new(Feed::new(device, settings.backlog, stale)),
+            feed: Arc::new(Feed::new(device, nmea.clone(), settings.backlog, stale)),
             settings: settings.clone(),
         }
     }

@@ -7,6 +7,7 @@ use super::*;
 use crate::config::source::Kind;
 use crate::frame::Mountings;
 use crate::publish::gpsd::Device;
+use crate::publish::nmea;
 use crate::publish::server::{self, Server};
 use crate::store::Identity;
 
@@ -60,7 +61,13 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
         sensor: None,
         bps: None,
     };
-    let server = Server::bind(&socket, device, Duration::from_millis(500)).unwrap();
+    let server = Server::bind(
+        &socket,
+        &nmea::Settings::default(),
+        device,
+        Duration::from_millis(500),
+    )
+    .unwrap();
     let identity = Identity {
         sensor: "hmc5843".to_owned(),
         mag_axes: Mountings::default().mag,

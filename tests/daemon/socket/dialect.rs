@@ -76,6 +76,58 @@ async fn a_watch_needs_neither_semicolon_nor_newline() {
     assert_eq!(client.next().await["seq"], 1);
 }
 
+/// As OpenCPN asks, and Signal K's provider.
+#[tokio::test]
+async fn nmea_comes_alone_at_its_own_rate_and_beside_json() {
+    let rig = rig(|_| {});
+    let mut alone = rig.client().await;
+    alone
+        .send("?WATCH={\"class\":\"WATCH\", \"nmea\":true}")
+        .await;
+    assert_eq!(alone.next().await["class"], "DEVICES");
+    let watch = alone.next().await;
+    assert_eq!(
+        (&watch["nmea"], &watch["json"]),
+        (&true.into(), &false.into())
+    );
+    let mut both = rig
+        .watcher("{\"nmea\":true,\"json\":true,\"rate_hz\":5}")
+        .await;
+    // A second of headings, 50 of them, then one without.
+    let begun = Instant::now();
+    for n in 0..50 {
+        let taken = begun + Duration::from_millis(20 * n);
+        rig.publisher.heading(heading(n + 1), taken, None);
+    }
+    let mut lost = heading(51);
+    lost.condition = Condition::Stale;
+    rig.publisher
+        .heading(lost, begun + Duration::from_secs(1), None);
+    for _ in 0..10 {
+        for right in [
+            "$HCHDM,123.5,M*2C\r\n",
+            "$HCHDG,123.5,,,,*47\r\n",
+            "$HCROT,-30.0,A*33\r\n",
+            "$HCXDR,A,2.0,D,PTCH,A,-3.0,D,ROLL*7B\r\n",
+        ] {
+            assert_eq!(alone.raw_line().await, right);
+        }
+    }
+    assert_eq!(alone.ask("?VERSION;").await["class"], "VERSION");
+    for n in 0..5 {
+        assert_eq!(both.next().await["seq"], 10 * n + 1);
+        for _ in 0..4 {
+            assert!(both.raw_line().await.starts_with("$HC"));
+        }
+    }
+    assert_eq!(both.next().await["seq"], 51);
+    assert_eq!(
+        both.ask("?WATCH={\"enable\":false}").await["class"],
+        "DEVICES"
+    );
+    assert_eq!(both.next().await["rate_hz"], 5.0);
+}
+
 #[tokio::test]
 async fn a_device_tells_how_often_its_headings_come() {
     let rig = rig(|_| {});

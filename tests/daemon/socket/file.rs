@@ -5,6 +5,7 @@ use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::sync::{Barrier, mpsc};
 
+use headingd::publish::nmea;
 use headingd::publish::server::{BindError, Server, Settings};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 
@@ -50,7 +51,7 @@ fn a_daemon_that_has_only_locked_the_socket_so_far_comes_first() {
     fs::write(&path, "4321\n").unwrap();
     let lock = fs::File::open(&path).unwrap();
     lock.try_lock().unwrap();
-    let refused = Server::bind(&settings, device(), STALE).unwrap_err();
+    let refused = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
     assert!(matches!(
         refused,
         BindError::Busy {
@@ -62,7 +63,7 @@ fn a_daemon_that_has_only_locked_the_socket_so_far_comes_first() {
     assert!(!settings.socket.exists());
     // It has died.
     drop(lock);
-    Server::bind(&settings, device(), STALE).unwrap();
+    Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap();
 }
 
 #[test]
@@ -78,7 +79,7 @@ fn of_many_that_start_together_one_serves() {
         let bound: Vec<_> = std::thread::scope(|scope| {
             let bind = || {
                 start.wait();
-                Server::bind(&settings, device(), STALE)
+                Server::bind(&settings, &nmea::Settings::default(), device(), STALE)
             };
             let threads: Vec<_> = (0..4).map(|_| scope.spawn(bind)).collect();
             threads.into_iter().map(|t| t.join().unwrap()).collect()
@@ -108,7 +109,8 @@ fn a_listener_with_a_full_backlog_is_not_waited_for() {
     let (sender, bound) = mpsc::channel();
     std::thread::spawn(move || {
         // An error means that it is not waited for any more.
-        let _ = sender.send(Server::bind(&settings, device(), STALE).map(drop));
+        let _ = sender
+            .send(Server::bind(&settings, &nmea::Settings::default(), device(), STALE).map(drop));
     });
     let refused = bound.recv_timeout(PATIENCE).expect("it hangs").unwrap_err();
     assert!(matches!(refused, BindError::Busy { .. }), "{refused}");
@@ -118,7 +120,8 @@ fn a_listener_with_a_full_backlog_is_not_waited_for() {
 async fn a_dead_daemons_socket_is_replaced_and_a_living_ones_respected() {
     let rig = rig(|settings| drop(UnixListener::bind(&settings.socket).unwrap()));
     rig.client().await;
-    let refused = Server::bind(&rig.settings, device(), STALE).unwrap_err();
+    let refused =
+        Server::bind(&rig.settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
     assert!(matches!(refused, BindError::Busy { .. }), "{refused}");
     assert!(refused.to_string().contains("another daemon is serving"));
     rig.client().await;
@@ -132,12 +135,12 @@ fn a_file_that_is_no_socket_and_a_folder_that_will_not_do_are_refused() {
         ..Settings::default()
     };
     fs::write(&settings.socket, "precious").unwrap();
-    let refused = Server::bind(&settings, device(), STALE).unwrap_err();
+    let refused = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
     assert!(matches!(refused, BindError::NotASocket { .. }), "{refused}");
     assert_eq!(fs::read(&settings.socket).unwrap(), b"precious");
 
     settings.socket = directory.path().join("missing/heading.sock");
-    let refused = Server::bind(&settings, device(), STALE).unwrap_err();
+    let refused = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
     assert!(
         matches!(refused, BindError::NoDirectory { .. }),
         "{refused}"
@@ -145,7 +148,7 @@ fn a_file_that_is_no_socket_and_a_folder_that_will_not_do_are_refused() {
 
     // Nobody may make a file there, not even root.
     settings.socket = "/sys/heading.sock".into();
-    let refused = Server::bind(&settings, device(), STALE).unwrap_err();
+    let refused = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
     assert!(
         matches!(refused, BindError::NotAllowed { .. })
             && refused.to_string().contains("let this user write to /sys "),
@@ -160,12 +163,12 @@ fn a_server_removes_only_its_own_socket() {
         socket: directory.path().join("heading.sock"),
         ..Settings::default()
     };
-    let first = Server::bind(&settings, device(), STALE).unwrap();
+    let first = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap();
     // Somebody clears up.
     for file in fs::read_dir(directory.path()).unwrap() {
         fs::remove_file(file.unwrap().path()).unwrap();
     }
-    let second = Server::bind(&settings, device(), STALE).unwrap();
+    let second = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap();
     drop(first);
     UnixStream::connect(&settings.socket).unwrap();
     drop(second);

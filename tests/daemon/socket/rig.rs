@@ -6,6 +6,7 @@ use headingd::calibration::outcome::{Elapsed, Outcome, Samples, Verdict};
 use headingd::condition::{Condition, Report};
 use headingd::heading::{Heading, MagStatus};
 use headingd::publish::gpsd::Device;
+use headingd::publish::nmea;
 use headingd::publish::server::{Publisher, Server, Settings};
 use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
@@ -46,7 +47,7 @@ pub fn rig(change: impl FnOnce(&mut Settings)) -> Rig {
         ..Settings::default()
     };
     change(&mut settings);
-    let server = Server::bind(&settings, device(), STALE).unwrap();
+    let server = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap();
     let publisher = server.publisher();
     let (stop, stopped) = oneshot::channel();
     let task = tokio::spawn(server.run(async {
@@ -106,13 +107,18 @@ impl Client {
 
     /// The next line, or `None` once the server has closed the connection.
     pub async fn line(&mut self) -> Option<String> {
-        let mut line = String::new();
-        let count = tokio::time::timeout(PATIENCE, self.reader.read_line(&mut line))
-            .await
-            .expect("the server has gone silent")
-            .unwrap_or(0);
+        let line = self.raw_line().await;
         assert!(line.is_empty() || line.ends_with("}\r\n"), "{line:?}");
-        (count > 0).then_some(line)
+        (!line.is_empty()).then_some(line)
+    }
+
+    /// The next line, whatever it is; empty once the server has closed the connection.
+    pub async fn raw_line(&mut self) -> String {
+        let mut line = String::new();
+        let _ = tokio::time::timeout(PATIENCE, self.reader.read_line(&mut line))
+            .await
+            .expect("the server has gone silent");
+        line
     }
 
     pub async fn next(&mut self) -> Value {
@@ -144,6 +150,7 @@ pub fn heading(seq: u64) -> Heading {
         instantaneous_deg: Some(123.0),
         raw_deg: Some(150.0),
         sd_deg: Some(1.0),
+        declination_deg: None,
         pitch_deg: Some(2.0),
         roll_deg: Some(-3.0),
         turn_deg_min: Some(-30.0),
