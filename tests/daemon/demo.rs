@@ -2,11 +2,11 @@
 
 use std::fs;
 
-use crate::rig::{entries, start, until};
+use crate::rig::{entries, folder, start, until};
 
 #[test]
 fn it_shows_a_calibration_and_leaves_nothing_behind() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = folder();
     // With this seed a second calibration takes the place of the first, just before the board tilts.
     let arguments = ["demo", "--speed", "50", "--seed", "9"];
     let mut process = start(folder.path(), &arguments);
@@ -24,7 +24,7 @@ fn it_shows_a_calibration_and_leaves_nothing_behind() {
 #[test]
 fn it_ends_when_interrupted() {
     for (signal, right) in [("INT", 130), ("TERM", 143), ("HUP", 129)] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = folder();
         let mut process = start(folder.path(), &["demo"]);
         until("the demo's first lines", || {
             let shown = fs::read_to_string(folder.path().join("stdout")).unwrap();
@@ -39,7 +39,7 @@ fn it_ends_when_interrupted() {
 
 #[test]
 fn its_socket_can_be_put_elsewhere() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = folder();
     let socket = folder.path().join("here.sock");
     let mut process = start(
         folder.path(),

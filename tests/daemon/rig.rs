@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, socket};
 use serde_json::Value;
 
 /// Longer than anything takes on the slowest machine.
@@ -87,7 +88,7 @@ impl Drop for Process {
 }
 
 /// In memory where that is possible: a disk that others keep busy may take seconds for a save, and the daemon says so.
-fn folder() -> tempfile::TempDir {
+pub fn folder() -> tempfile::TempDir {
     tempfile::tempdir_in("/dev/shm")
         .or_else(|_| tempfile::tempdir())
         .unwrap()
@@ -183,6 +184,13 @@ impl Client {
             assert!(begun.elapsed() < PATIENCE, "waited in vain for {class}");
         }
     }
+}
+
+/// Leaves a socket there at which nobody listens. Nobody ever did: a listener of this process would go on for as long
+/// as a program that another test is just starting has a copy of it.
+pub fn leave_dead_socket(path: &Path) {
+    let socket = socket(AddressFamily::UNIX, SocketType::STREAM, None).unwrap();
+    bind(&socket, &SocketAddrUnix::new(path).unwrap()).unwrap();
 }
 
 pub fn until(what: &str, mut condition: impl FnMut() -> bool) {

@@ -11,7 +11,7 @@ use std::process::{Command, Output};
 use serde_json::Value;
 
 use super::link::Link;
-use crate::rig::{FAST, LONG, Rig};
+use crate::rig::{FAST, LONG, Rig, leave_dead_socket};
 
 fn headingd(arguments: &[&str]) -> (i32, String, String) {
     let Output {
@@ -177,7 +177,7 @@ fn each_way_to_fail_has_its_status_and_its_remedy() {
     let rig = Rig::new(1.0, LONG);
     let nobody = rig.path("none.sock");
     let dead = rig.path("dead.sock");
-    drop(UnixListener::bind(&dead).unwrap());
+    leave_dead_socket(&dead);
     let bad = rig.path("bad.json");
     fs::write(&bad, "{\"headingd_store\": 2").unwrap();
     let missing = rig.path("missing.json");

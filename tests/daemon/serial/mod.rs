@@ -5,3 +5,4 @@ mod codecs;
 mod daemon;
 mod device;
 mod port;
+mod quiet;

@@ -1,6 +1,7 @@
 //! The bridge over a pseudo-terminal: started, unplugged, plugged in elsewhere, and all that may come instead
 //! of readings.
 
+use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
@@ -10,9 +11,12 @@ use headingd::reading::Reading;
 use headingd::sensor::serial::settings::{Protocol, Settings};
 use headingd::sensor::serial::{Bridge, Heard};
 use tokio::runtime::{Builder, Runtime};
+use tokio::time::timeout;
 
 use super::device::{Counts, Device, Firmware, Habits};
-use crate::rig::PATIENCE;
+use super::quiet::until_quiet;
+use crate::effort::slow;
+use crate::rig::{PATIENCE, folder};
 
 const COUNTS: Counts = [[1, -2, 256], [130, -13, 650], [14, 0, -14]];
 
@@ -33,7 +37,7 @@ struct Rig {
 
 impl Rig {
     fn new(protocol: Protocol) -> Self {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = folder();
         let settings = Settings {
             port: folder.path().join("tty"),
             protocol,
@@ -55,13 +59,15 @@ impl Rig {
     }
 
     fn next(&mut self) -> Heard {
-        let next = async {
-            tokio::time::timeout(PATIENCE, self.bridge.next(&AtomicBool::new(false))).await
-        };
-        self.runtime
-            .block_on(next)
-            .expect("waited in vain")
-            .expect("nobody told it to stop")
+        self.next_within(PATIENCE).expect("waited in vain")
+    }
+
+    /// The next thing said, if it is within this time.
+    fn next_within(&mut self, patience: Duration) -> Option<Heard> {
+        let stop = AtomicBool::new(false);
+        let next = async { timeout(patience, self.bridge.next(&stop)).await };
+        let heard = self.runtime.block_on(next).ok()?;
+        Some(heard.expect("nobody told it to stop"))
     }
 
     fn trouble(&mut self) -> (&'static str, String) {
@@ -89,6 +95,15 @@ impl Rig {
     }
 }
 
+/// Checks a bridge of its own for each case, all at the same time: what takes long is to wait.
+fn at_once<T: Sync>(cases: &[(Protocol, T)], check: impl Fn(&mut Rig, &T) + Sync) {
+    std::thread::scope(|scope| {
+        for (protocol, case) in cases {
+            scope.spawn(|| until_quiet(|| check(&mut Rig::new(*protocol), case)));
+        }
+    });
+}
+
 fn is_right(reading: &Reading) -> bool {
     [130.0, 131.0].iter().any(|x| {
         reading.field_mgauss == Some([Some(x * 1000.0 / 1300.0), Some(-10.0), Some(500.0)])
@@ -100,17 +115,17 @@ fn is_right(reading: &Reading) -> bool {
 
 #[test]
 fn a_razor_is_reset_started_and_read() {
-    for (protocol, order) in [
+    let cases = [
         (Protocol::Auto, "#osrt#o1#oe1#s01"),
         (Protocol::Razor, "#osrt#o1#oe1#s01"),
         (Protocol::RazorBinary, "#osrb#o1#oe0#s01"),
-    ] {
-        let mut rig = Rig::new(protocol);
+    ];
+    at_once(&cases, |rig, order| {
         let device = rig.plug(razor());
         let readings = rig.readings(20);
         assert!(
             readings.iter().all(|(reading, _)| is_right(reading)),
-            "{protocol:?}: {readings:?}"
+            "{readings:?}"
         );
         assert!(readings.is_sorted_by(|a, b| a.0.t_s <= b.0.t_s && a.1 <= b.1));
         assert_eq!(device.resets.load(std::sync::atomic::Ordering::Relaxed), 1);
@@ -119,51 +134,53 @@ fn a_razor_is_reset_started_and_read() {
             heard.starts_with("#s00") && heard.ends_with(order),
             "{heard}"
         );
-    }
+    });
 }
 
 #[test]
 fn an_unplugged_device_is_told_of_once_and_found_again_as_another_node() {
-    let mut rig = Rig::new(Protocol::Auto);
-    let (code, message) = rig.trouble();
-    assert_eq!(code, "no_device");
-    assert!(
-        message.contains("cannot open serial port") && message.contains("by-id"),
-        "{message}"
-    );
-    let mut last_s = 0.0;
-    let mut nodes: Vec<PathBuf> = Vec::new();
-    let mut kept = Vec::new();
-    for round in 0..3 {
-        let device = rig.plug(razor());
-        nodes.push(std::fs::read_link(rig.link()).unwrap());
-        if round > 0 {
-            assert!(matches!(rig.next(), Heard::Trouble(None)));
-        }
-        let readings = rig.readings(5);
-        assert!(
-            readings[0].0.t_s >= last_s && readings.iter().all(|(reading, _)| is_right(reading))
-        );
-        last_s = readings[4].0.t_s;
-        device.unplug();
-
+    at_once(&[(Protocol::Auto, ())], |rig, ()| {
         let (code, message) = rig.trouble();
+        assert_eq!(code, "no_device");
         assert!(
-            code == "unplugged" && message.contains("plug the device in again"),
+            message.contains("cannot open serial port") && message.contains("by-id"),
             "{message}"
         );
-        // So that the next one gets another number.
-        kept.push(std::fs::File::open("/dev/ptmx").unwrap());
-    }
-    nodes.sort();
-    nodes.dedup();
-    assert!(nodes.len() > 1, "{nodes:?}");
+        let mut last_s = 0.0;
+        let mut nodes: Vec<PathBuf> = Vec::new();
+        let mut kept = Vec::new();
+        for round in 0..3 {
+            let device = rig.plug(razor());
+            nodes.push(std::fs::read_link(rig.link()).unwrap());
+            if round > 0 {
+                assert!(matches!(rig.next(), Heard::Trouble(None)));
+            }
+            let readings = rig.readings(5);
+            assert!(
+                readings[0].0.t_s >= last_s
+                    && readings.iter().all(|(reading, _)| is_right(reading))
+            );
+            last_s = readings[4].0.t_s;
+            device.unplug();
+
+            let (code, message) = rig.trouble();
+            assert!(
+                code == "unplugged" && message.contains("plug the device in again"),
+                "{message}"
+            );
+            // So that the next one gets another number.
+            kept.push(std::fs::File::open("/dev/ptmx").unwrap());
+        }
+        nodes.sort();
+        nodes.dedup();
+        assert!(nodes.len() > 1, "{nodes:?}");
+    });
 }
 
 #[test]
 fn a_device_that_was_reset_is_started_again() {
-    for protocol in [Protocol::Razor, Protocol::RazorBinary] {
-        let mut rig = Rig::new(protocol);
+    let cases = [(Protocol::Razor, ()), (Protocol::RazorBinary, ())];
+    at_once(&cases, |rig, ()| {
         let device = rig.plug(razor());
         rig.readings(5);
         let orders = || {
@@ -180,19 +197,18 @@ fn a_device_that_was_reset_is_started_again() {
         device.brown_out();
         rig.readings(100);
         assert!(orders() > before);
-    }
+    });
 }
 
 #[test]
 fn lost_bytes_cost_frames_and_no_more() {
-    for protocol in [Protocol::Razor, Protocol::RazorBinary] {
-        let mut rig = Rig::new(protocol);
+    let cases = [(Protocol::Razor, ()), (Protocol::RazorBinary, ())];
+    at_once(&cases, |rig, ()| {
         let habits = Habits {
             lose: Some(997),
             ..Habits::default()
         };
         let _device = Device::plug(&rig.link(), razor(), habits);
-        // On a busy machine the board may be late to start anew; that is said, and ends.
         let (mut count, mut right) = (0, 0);
         while count < 100 {
             if let Heard::Reading(reading, _) = rig.next() {
@@ -200,204 +216,178 @@ fn lost_bytes_cost_frames_and_no_more() {
                 right += usize::from(is_right(&reading));
             }
         }
-        assert!(right >= 85, "{protocol:?}: {right}");
-    }
+        assert!(right >= 85, "{right}");
+    });
 }
 
 #[test]
 fn a_magnetometer_that_fails_has_no_field() {
-    let mut rig = Rig::new(Protocol::Razor);
-    let habits = Habits {
-        mag_fails: true,
-        ..Habits::default()
-    };
-    let _device = Device::plug(&rig.link(), razor(), habits);
-    let readings = rig.readings(10);
-    assert!(
-        readings
-            .iter()
-            .all(|(reading, _)| reading.field_mgauss.is_none() && reading.rate_rad_s.is_some())
-    );
+    at_once(&[(Protocol::Razor, ())], |rig, ()| {
+        let habits = Habits {
+            mag_fails: true,
+            ..Habits::default()
+        };
+        let _device = Device::plug(&rig.link(), razor(), habits);
+        let readings = rig.readings(10);
+        assert!(
+            readings
+                .iter()
+                .all(|(reading, _)| reading.field_mgauss.is_none() && reading.rate_rad_s.is_some())
+        );
+    });
 }
 
 #[test]
 fn log_rows_are_found_and_timed_by_the_device() {
-    let mut rig = Rig::new(Protocol::Auto);
-    let header = "# headingd-log 1\r\n# mag_unit = uT\r\nt_s,mx,my,mz\r\n";
-    // So that each row says when it was made.
-    let firmware = Firmware::Plain(header.into(), "{t},{t},20,30\r\n".into());
-    let habits = Habits {
-        burst: Duration::from_millis(60),
-        ..Habits::default()
-    };
-    let device = Device::plug(&rig.link(), firmware, habits);
-    let made_and_timed = |(reading, _): &(Reading, Instant)| match reading.field_mgauss {
-        Some([Some(made), Some(200.0), Some(300.0)]) => (made / 10.0, reading.t_s),
-        other => panic!("{other:?}"),
-    };
-    // They come in bursts of three; their times are as far apart as the device says, but where a burst comes faster
-    // than any before. A machine that stood still for a second has to come back first.
-    let begun = Instant::now();
-    loop {
-        let times: Vec<_> = rig.readings(40).iter().map(made_and_timed).collect();
-        let off_s: Vec<f64> = times
-            .windows(2)
-            .map(|pair| (pair[1].1 - pair[0].1) - (pair[1].0 - pair[0].0))
-            .collect();
-        if off_s.iter().filter(|off_s| off_s.abs() > 0.001).count() < 4 {
-            break;
+    at_once(&[(Protocol::Auto, ())], |rig, ()| {
+        let header = "# headingd-log 1\r\n# mag_unit = uT\r\nt_s,mx,my,mz\r\n";
+        // So that each row says when it was made.
+        let firmware = Firmware::Plain(header.into(), "{t},{t},20,30\r\n".into());
+        let habits = Habits {
+            burst: Duration::from_millis(60),
+            ..Habits::default()
+        };
+        let device = Device::plug(&rig.link(), firmware, habits);
+        let made_and_timed = |(reading, _): &(Reading, Instant)| match reading.field_mgauss {
+            Some([Some(made), Some(200.0), Some(300.0)]) => (made / 10.0, reading.t_s),
+            other => panic!("{other:?}"),
+        };
+        // They come in bursts of three; their times are as far apart as the device says, but where a burst comes faster
+        // than any before. A machine that stood still for a second has to come back first.
+        let begun = Instant::now();
+        loop {
+            let times: Vec<_> = rig.readings(40).iter().map(made_and_timed).collect();
+            let off_s: Vec<f64> = times
+                .windows(2)
+                .map(|pair| (pair[1].1 - pair[0].1) - (pair[1].0 - pair[0].0))
+                .collect();
+            if off_s.iter().filter(|off_s| off_s.abs() > 0.001).count() < 4 {
+                break;
+            }
+            assert!(begun.elapsed() < PATIENCE, "{off_s:?}");
         }
-        assert!(begun.elapsed() < PATIENCE, "{off_s:?}");
-    }
-    assert!(device.heard.lock().unwrap().is_empty());
+        assert!(device.heard.lock().unwrap().is_empty());
+    });
 }
 
 /// As a daemon is that SIGSTOP has stopped: the kernel goes on to take what the board sends.
 #[test]
 fn what_has_waited_is_as_old_as_it_is() {
-    for protocol in [Protocol::Razor, Protocol::LogRows] {
-        let begun = Instant::now();
-        // A machine on which the board stood still too proves nothing.
-        while let Err(wrong) = waited(protocol) {
-            assert!(begun.elapsed() < PATIENCE, "{protocol:?}: {wrong}");
-        }
-    }
-}
-
-/// What is wrong with readings that have waited.
-fn waited(protocol: Protocol) -> Result<(), String> {
     const STOPPED: Duration = Duration::from_millis(2500);
-    // Each says when it was made, in hundredths of a second or in thousandths.
-    let (firmware, unit_s) = if protocol == Protocol::Razor {
+    // Each says when it was made, in hundredths of a second or in thousandths. Log rows have no header here: what a
+    // board says while it is opened may be lost.
+    let razor = || {
         let counts = |t_s: f64| COUNTS.map(|[_, y, z]| [(100.0 * t_s).round() as i32, y, z]);
-        (Firmware::Razor(Box::new(counts)), 1.3 / 100.0)
-    } else {
-        // Without a header: what a board says while it is opened may be lost.
-        let rows = "{t},{t},200,300\r\n";
-        (Firmware::Plain(Vec::new(), rows.into()), 1.0)
+        Firmware::Razor(Box::new(counts))
     };
-    let mut rig = Rig::new(protocol);
-    let _device = rig.plug(firmware);
-    // How much later than it was made a reading is said to be, but for what both clocks began with.
-    let late_s = |(reading, _): &(Reading, Instant)| match reading.field_mgauss {
-        Some([Some(made), ..]) => reading.t_s - made * unit_s,
-        other => panic!("{other:?}"),
-    };
-    let before: Vec<f64> = rig.readings(150).iter().map(late_s).collect();
-    let usual_s = before[100..].iter().copied().fold(f64::INFINITY, f64::min);
-    std::thread::sleep(STOPPED);
-    let (mut after, mut ages) = (Vec::new(), Vec::new());
-    for _ in 0..200 {
-        let reading = rig.readings(1)[0];
-        ages.push(reading.1.elapsed());
-        after.push(late_s(&reading) - usual_s);
-    }
-    let worst_s = after.iter().copied().fold(0.0, f64::max);
-    if worst_s < 0.3 && ages[0] > STOPPED / 2 && ages[199] < STOPPED / 2 {
-        return Ok(());
-    }
-    Err(format!("{worst_s}: {after:?}, {ages:?}"))
+    let rows = || Firmware::Plain(Vec::new(), "{t},{t},200,300\r\n".into());
+    type Case = (fn() -> Firmware, f64);
+    let cases: [(Protocol, Case); 2] = [
+        (Protocol::Razor, (razor, 1.3 / 100.0)),
+        (Protocol::LogRows, (rows, 1.0)),
+    ];
+    at_once(&cases, |rig, (firmware, unit_s)| {
+        let _device = rig.plug(firmware());
+        // How much later than it was made a reading is said to be, but for what both clocks began with.
+        let late_s = |(reading, _): &(Reading, Instant)| match reading.field_mgauss {
+            Some([Some(made), ..]) => reading.t_s - made * unit_s,
+            other => panic!("{other:?}"),
+        };
+        let before: Vec<f64> = rig.readings(150).iter().map(late_s).collect();
+        let usual_s = before[100..].iter().copied().fold(f64::INFINITY, f64::min);
+        std::thread::sleep(STOPPED);
+        let (mut after, mut ages) = (Vec::new(), Vec::new());
+        for _ in 0..200 {
+            let reading = rig.readings(1)[0];
+            ages.push(reading.1.elapsed());
+            after.push(late_s(&reading) - usual_s);
+        }
+        let worst_s = after.iter().copied().fold(0.0, f64::max);
+        assert!(
+            worst_s < 0.3 && ages[0] > STOPPED / 2 && ages[199] < STOPPED / 2,
+            "{worst_s}: {after:?}, {ages:?}"
+        );
+    });
 }
 
 #[test]
 fn whatever_comes_instead_has_one_message() {
-    let noise: Vec<u8> = (0..200u32).map(|i| (i * 97 + 131) as u8 | 0x80).collect();
-    let cases = [
+    fn noise() -> Firmware {
+        Firmware::Flood((0..200u32).map(|i| (i * 97 + 131) as u8 | 0x80).collect())
+    }
+    fn line(text: &str) -> Firmware {
+        Firmware::Plain(Vec::new(), text.into())
+    }
+    type Case = (&'static str, fn() -> Firmware, &'static str);
+    let cases: [(Protocol, Case); 7] = [
+        (Protocol::Auto, ("silent", || line(""), "says nothing")),
         (
-            "silent",
             Protocol::Auto,
-            Firmware::Plain(Vec::new(), String::new()),
-            "says nothing",
+            ("noise", noise, "serial.baud, which is 57600"),
         ),
         (
-            "noise",
-            Protocol::Auto,
-            Firmware::Flood(noise.clone()),
-            "serial.baud, which is 57600",
-        ),
-        (
-            "noise",
             Protocol::RazorBinary,
-            Firmware::Flood(noise),
-            "serial.baud, which is 57600",
+            ("noise", noise, "serial.baud, which is 57600"),
         ),
         (
-            "long_line",
             Protocol::Auto,
-            Firmware::Flood(vec![b'7'; 2000]),
-            "longer than 4 KiB",
+            (
+                "long_line",
+                || Firmware::Flood(vec![b'7'; 2000]),
+                "longer than 4 KiB",
+            ),
         ),
         (
-            "not_understood",
             Protocol::Auto,
-            Firmware::Plain(Vec::new(), "hello world\r\n".into()),
-            "hello world",
+            ("not_understood", || line("hello world\r\n"), "hello world"),
         ),
         (
-            "other_mode",
             Protocol::Razor,
-            Firmware::Plain(Vec::new(), "#YPR=1,2,3\r\n".into()),
-            "both ways",
+            ("other_mode", || line("#YPR=1,2,3\r\n"), "both ways"),
         ),
         (
-            "not_understood",
             Protocol::LogRows,
-            Firmware::Plain(Vec::new(), "a,b\r\n".into()),
-            "serial.protocol",
+            ("not_understood", || line("a,b\r\n"), "serial.protocol"),
         ),
     ];
-    let watch = |(code, protocol, firmware, part): (&'static str, _, _, &'static str)| {
-        move || {
-            let mut rig = Rig::new(protocol);
-            let _device = rig.plug(firmware);
-            let (found, message) = rig.trouble();
-            assert!(
-                found == code && message.contains(part),
-                "{found}: {message}"
-            );
-            assert!(message.contains(rig.link().to_str().unwrap()), "{message}");
-            // It is said once, though it goes on; also when the port has been opened anew.
-            let more = async {
-                tokio::time::timeout(
-                    Duration::from_secs(8),
-                    rig.bridge.next(&AtomicBool::new(false)),
-                )
-                .await
-            };
-            let more = rig.runtime.block_on(more);
-            assert!(more.is_err(), "{code}: {more:?}");
-        }
-    };
-    let threads: Vec<_> = cases
-        .into_iter()
-        .map(|case| std::thread::spawn(watch(case)))
-        .collect();
-    for thread in threads {
-        thread.join().unwrap();
-    }
+    // With tests/slow until it has been closed, opened anew and found wanting again.
+    let goes_on = Duration::from_secs(if slow() { 15 } else { 1 });
+    at_once(&cases, |rig, (code, firmware, part)| {
+        let _device = rig.plug(firmware());
+        let (found, message) = rig.trouble();
+        assert!(
+            found == *code && message.contains(part),
+            "{found}: {message}"
+        );
+        assert!(message.contains(rig.link().to_str().unwrap()), "{message}");
+        // It is said once, though it goes on.
+        let more = rig.next_within(goes_on);
+        assert!(more.is_none(), "{code}: {more:?}");
+    });
 }
 
 #[test]
 fn what_cannot_be_opened_says_why() {
-    let mut rig = Rig::new(Protocol::Auto);
-    std::fs::write(rig.link(), "a file").unwrap();
-    let (code, message) = rig.trouble();
-    assert!(
-        code == "port" && message.contains("no terminal device"),
-        "{message}"
-    );
-
-    let mut first = Rig::new(Protocol::Auto);
-    let _device = first.plug(razor());
-    first.readings(1);
-    let mut second = Rig::new(Protocol::Auto);
-    std::os::unix::fs::symlink(std::fs::read_link(first.link()).unwrap(), second.link()).unwrap();
-    let (code, message) = second.trouble();
-    assert!(
-        code == "busy" && message.contains("another program holds it"),
-        "{code}: {message}"
-    );
-    first.readings(5);
+    at_once(&[(Protocol::Auto, ())], |rig, ()| {
+        std::fs::write(rig.link(), "a file").unwrap();
+        let (code, message) = rig.trouble();
+        assert!(
+            code == "port" && message.contains("no terminal device"),
+            "{message}"
+        );
+    });
+    at_once(&[(Protocol::Auto, ())], |first, ()| {
+        let _device = first.plug(razor());
+        first.readings(1);
+        let mut second = Rig::new(Protocol::Auto);
+        symlink(std::fs::read_link(first.link()).unwrap(), second.link()).unwrap();
+        let (code, message) = second.trouble();
+        assert!(
+            code == "busy" && message.contains("another program holds it"),
+            "{code}: {message}"
+        );
+        first.readings(5);
+    });
 }
 
 #[test]

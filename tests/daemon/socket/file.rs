@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::net::UnixStream;
 use std::sync::{Barrier, mpsc};
 
 use headingd::publish::nmea;
@@ -10,6 +10,7 @@ use headingd::publish::server::{BindError, Server, Settings};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 
 use super::rig::{PATIENCE, STALE, device, report, rig};
+use crate::rig::{folder, leave_dead_socket};
 
 #[tokio::test]
 async fn stopping_delivers_what_was_published_and_removes_the_socket() {
@@ -42,7 +43,7 @@ async fn the_socket_has_the_permissions_set_and_nothing_else_is_left() {
 
 #[test]
 fn a_daemon_that_has_only_locked_the_socket_so_far_comes_first() {
-    let directory = tempfile::tempdir().unwrap();
+    let directory = folder();
     let settings = Settings {
         socket: directory.path().join("heading.sock"),
         ..Settings::default()
@@ -61,20 +62,20 @@ fn a_daemon_that_has_only_locked_the_socket_so_far_comes_first() {
     ));
     assert!(refused.to_string().contains("(process 4321)"), "{refused}");
     assert!(!settings.socket.exists());
-    // It has died.
-    drop(lock);
+    // It has died. To close the file would not do while a program that another test is starting has a copy of it.
+    lock.unlock().unwrap();
     Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap();
 }
 
 #[test]
 fn of_many_that_start_together_one_serves() {
-    let directory = tempfile::tempdir().unwrap();
+    let directory = folder();
     let settings = Settings {
         socket: directory.path().join("heading.sock"),
         ..Settings::default()
     };
     for _ in 0..100 {
-        drop(UnixListener::bind(&settings.socket).unwrap());
+        leave_dead_socket(&settings.socket);
         let start = Barrier::new(4);
         let bound: Vec<_> = std::thread::scope(|scope| {
             let bind = || {
@@ -96,7 +97,7 @@ fn of_many_that_start_together_one_serves() {
 /// Somebody listens there and answers nobody; who connects has to wait as soon as one other does.
 #[test]
 fn a_listener_with_a_full_backlog_is_not_waited_for() {
-    let directory = tempfile::tempdir().unwrap();
+    let directory = folder();
     let settings = Settings {
         socket: directory.path().join("heading.sock"),
         ..Settings::default()
@@ -118,7 +119,7 @@ fn a_listener_with_a_full_backlog_is_not_waited_for() {
 
 #[tokio::test]
 async fn a_dead_daemons_socket_is_replaced_and_a_living_ones_respected() {
-    let rig = rig(|settings| drop(UnixListener::bind(&settings.socket).unwrap()));
+    let rig = rig(|settings| leave_dead_socket(&settings.socket));
     rig.client().await;
     let refused =
         Server::bind(&rig.settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
@@ -129,7 +130,7 @@ async fn a_dead_daemons_socket_is_replaced_and_a_living_ones_respected() {
 
 #[test]
 fn a_file_that_is_no_socket_and_a_folder_that_will_not_do_are_refused() {
-    let directory = tempfile::tempdir().unwrap();
+    let directory = folder();
     let mut settings = Settings {
         socket: directory.path().join("file"),
         ..Settings::default()
@@ -158,7 +159,7 @@ fn a_file_that_is_no_socket_and_a_folder_that_will_not_do_are_refused() {
 
 #[test]
 fn a_server_removes_only_its_own_socket() {
-    let directory = tempfile::tempdir().unwrap();
+    let directory = folder();
     let settings = Settings {
         socket: directory.path().join("heading.sock"),
         ..Settings::default()

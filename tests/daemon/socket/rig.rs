@@ -15,6 +15,8 @@ use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
+use crate::rig::folder;
+
 /// Longer than anything takes on the slowest machine.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
@@ -40,7 +42,7 @@ pub fn device() -> Device {
 }
 
 pub fn rig(change: impl FnOnce(&mut Settings)) -> Rig {
-    let directory = tempfile::tempdir().unwrap();
+    let directory = folder();
     let mut settings = Settings {
         socket: directory.path().join("heading.sock"),
         write_timeout_s: 60.0,
