@@ -8,7 +8,9 @@ use super::{Failure, load_config, print};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
 use crate::daemon::open_files::{self, Shortage};
+use crate::daemon::time_of_day;
 use crate::sensor::board::Board;
+use crate::true_north::TrueNorth;
 
 /// Check a configuration file or show the effective settings
 #[derive(Clone, Debug, clap::Args)]
@@ -70,6 +72,11 @@ fn warnings(config: &Config) -> Vec<String> {
     }
     let short = Shortage::of(config.socket.max_clients, open_files::limit());
     warnings.extend(short.map(|short| short.to_string()));
+    let mut north = TrueNorth::new(config.true_north);
+    if config.source.kind != Some(Kind::Replay) {
+        north.declination_deg(time_of_day::now());
+        warnings.extend(north.news());
+    }
     let log = &config.source.log;
     if config.source.kind == Some(Kind::Replay)
         && let Err(error) = std::fs::File::open(log)
@@ -144,6 +151,8 @@ mod tests {
         }
         let old = format!("{board}[heading]\nmisfit_s = 60.0\n");
         assert!(of(&old)[0].starts_with("line 6: heading.misfit_s no longer exists"));
+        let pole = format!("{board}[true_north]\nlatitude_deg = 86\nlongitude_deg = 139\n");
+        assert!(of(&pole)[0].contains("near a magnetic pole"));
         assert!(of(board).is_empty() && of(&custom).is_empty());
         assert_eq!(of("[i2c]\nbus = 2"), [Settings::UNSET]);
         std::fs::write(&log, "").unwrap();

@@ -26,6 +26,7 @@ enum Command {
     Demo(super::demo::Args),
     Simulate(super::simulate::Args),
     Check(super::check::Args),
+    Field(super::field::Args),
     Config(super::config::Args),
     Paper(super::paper::Args),
 }
@@ -43,6 +44,7 @@ impl Cli {
             Command::Demo(args) => super::demo::run(&args),
             Command::Simulate(args) => super::simulate::run(&args),
             Command::Check(args) => super::check::run(&args),
+            Command::Field(args) => super::field::run(&args),
             Command::Config(args) => super::config::run(&args),
             Command::Paper(args) => super::paper::run(&args),
         };

@@ -17,6 +17,7 @@ pub mod check;
 pub mod config;
 pub mod control;
 pub mod demo;
+pub mod field;
 pub mod line;
 pub mod paper;
 pub mod record;

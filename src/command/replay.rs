@@ -12,10 +12,14 @@ use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::Reason;
 use crate::config::Config;
 use crate::daemon::time_of_day::unix_now_s;
+use crate::date;
+use crate::heading::Heading;
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::gpsd::{self, Device, Policy};
+use crate::recording::TimeOfDay;
 use crate::sensor::replay::Replay;
 use crate::store::{History, Identity, Loaded, Made, Store, StoreError};
+use crate::true_north::TrueNorth;
 
 /// How many rows are read between two looks at the progress bar.
 const ROWS_A_LOOK: u64 = 8192;
@@ -76,6 +80,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let lines = Lines {
         device: args.log.display().to_string(),
         sensor: header.sensor.clone(),
+        time: TimeOfDay::new(header),
+        true_north: TrueNorth::new(config.true_north),
         out: BufWriter::with_capacity(1 << 16, io::stdout().lock()),
         line: String::new(),
     };
@@ -117,14 +123,20 @@ fn play<W: Write>(
         let entry = entry.map_err(|error| Halt::Failure(error.into()))?;
         if replay.begins_stretch() {
             pipeline.handle(Event::NewStretch, &mut actions);
+            lines.time.begin_stretch();
         }
+        lines.time.at(entry.reading.t_s);
         pipeline.handle(Event::Reading(entry.reading), &mut actions);
         // A calibration that ends asks for the next one now and then, so this goes on until none does.
         while !actions.is_empty() {
             let mut outcomes = Vec::new();
             for action in actions.drain(..) {
                 match action {
-                    Action::Publish(heading) => lines.att(&heading)?,
+                    Action::Publish(heading) => {
+                        if let Some(news) = lines.att(heading)? {
+                            eprintln!("headingd: {news}");
+                        }
+                    }
                     Action::Report(report) => lines.write(&gpsd::state(&report))?,
                     Action::Turned(_) => {}
                     Action::Calibrate(request) => outcomes.push(calibrate(&request, &|| None)),
@@ -169,6 +181,8 @@ fn progress_bar() -> ProgressBar {
 struct Lines<W: Write> {
     device: String,
     sensor: Option<String>,
+    time: TimeOfDay,
+    true_north: TrueNorth,
     out: W,
     line: String,
 }
@@ -194,11 +208,16 @@ impl<W: Write> Lines<W> {
         self.write(&gpsd::watch(&policy))
     }
 
-    fn att(&mut self, heading: &crate::heading::Heading) -> io::Result<()> {
+    /// What comes back is to be told to the user.
+    fn att(&mut self, mut heading: Heading) -> io::Result<Option<String>> {
+        let time = self.time.at(heading.t_s);
+        heading.declination_deg = self.true_north.declination_deg(time);
         self.line.clear();
-        gpsd::att_into(&mut self.line, &self.device, heading, None, 0);
+        let time = time.map(date::rfc3339);
+        gpsd::att_into(&mut self.line, &self.device, &heading, time.as_deref(), 0);
         self.line.push('\n');
-        self.out.write_all(self.line.as_bytes())
+        self.out.write_all(self.line.as_bytes())?;
+        Ok(self.true_north.news())
     }
 
     fn write(&mut self, line: &str) -> io::Result<()> {

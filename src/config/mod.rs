@@ -19,7 +19,7 @@ use serde::Serialize;
 use crate::check::{Check, Fault};
 use crate::publish::{control, nmea, server};
 use crate::sensor::{i2c, serial, simulator};
-use crate::{attitude, calibration, frame, pipeline, store, turn};
+use crate::{attitude, calibration, frame, pipeline, store, true_north, turn};
 
 pub use change::Change;
 pub use fault::{ConfigError, ConfigFault, Problem};
@@ -88,6 +88,8 @@ tables! {
     verdict: calibration::verdict::Limits,
     /// From readings to headings.
     heading: pipeline::Settings,
+    /// From magnetic to true north.
+    true_north: true_north::Settings,
     /// Publishing headings.
     socket: server::Settings,
     /// Headings as NMEA 0183.

@@ -72,7 +72,8 @@ impl Course {
         config: Config,
         lasting: Lasting,
     ) -> Result<Self, DaemonError> {
-        lasting.publisher.board(&parts.source.header());
+        let header = parts.source.header();
+        lasting.publisher.board(&header);
         let source = parts.source.name();
         Ok(Self {
             playing: parts.source.start(config.source.pace())?,
@@ -82,6 +83,7 @@ impl Course {
                 parts.recorder,
                 &config,
                 source,
+                &header,
                 lasting,
             ),
             config,

@@ -19,12 +19,15 @@ use crate::calibration::verdict::Limits;
 use crate::condition::{Condition, Report, Trouble};
 use crate::config::Config;
 use crate::config::source::Kind;
+use crate::date;
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::control::Order;
 use crate::publish::server::Publisher;
 use crate::reading::Reading;
+use crate::recording::{Header, TimeOfDay};
 use crate::service::Service;
 use crate::store::{History, Made};
+use crate::true_north::TrueNorth;
 
 /// The pipeline and everything that it acts on.
 pub(super) struct Journey {
@@ -37,8 +40,9 @@ pub(super) struct Journey {
     speed: f64,
     /// Whether readings are taken now: then silence means that something hangs.
     live: bool,
-    /// Whether the time of day at which a reading is handed out is its own: not that of a log.
-    timed: bool,
+    /// Of a log: else readings are of the time of day at which they are handed out.
+    log_time: Option<TimeOfDay>,
+    true_north: TrueNorth,
     actions: Vec<Action>,
     /// The last reading's time on the source's clock, and when it was handed out.
     last: (f64, Instant),
@@ -76,13 +80,14 @@ impl Lasting {
 }
 
 impl Journey {
-    /// `source` is its name, as clients see it.
+    /// `source` is its name, as clients see it, and `header` what it says of itself.
     pub(super) fn new(
         pipeline: Pipeline,
         keeper: Keeper,
         recorder: Option<Recorder>,
         config: &Config,
         source: String,
+        header: &Header,
         lasting: Lasting,
     ) -> Self {
         let mut journey = Self {
@@ -93,7 +98,8 @@ impl Journey {
             recorder,
             speed: config.source.pace(),
             live: config.source.is_live(),
-            timed: config.source.kind != Some(Kind::Replay),
+            log_time: (config.source.kind == Some(Kind::Replay)).then(|| TimeOfDay::new(header)),
+            true_north: TrueNorth::new(config.true_north),
             actions: Vec::new(),
             last: (0.0, Instant::now()),
             open: true,
@@ -186,6 +192,9 @@ impl Journey {
                 !readings.is_empty()
             }
             Some(Message::NewStretch) => {
+                if let Some(log) = &mut self.log_time {
+                    log.begin_stretch();
+                }
                 self.handle(Event::NewStretch);
                 false
             }
@@ -219,6 +228,9 @@ impl Journey {
         self.lasting.tally.readings += 1;
         if let Some(recorder) = &mut self.recorder {
             recorder.take(reading);
+        }
+        if let Some(log) = &mut self.log_time {
+            log.at(reading.t_s);
         }
         self.lasting.publisher.reading(&reading);
         self.handle(Event::Reading(reading));
@@ -263,9 +275,17 @@ impl Journey {
             ..
         } = &mut self.lasting;
         match action {
-            Action::Publish(heading) => {
+            Action::Publish(mut heading) => {
                 let taken = self.last.1;
-                let time = self.timed.then(|| time_of_day::rfc3339(taken)).flatten();
+                let time = match &mut self.log_time {
+                    Some(log) => log.at(heading.t_s),
+                    None => time_of_day::at(taken),
+                };
+                heading.declination_deg = self.true_north.declination_deg(time);
+                if let Some(news) = self.true_north.news() {
+                    tracing::warn!("{news}");
+                }
+                let time = time.map(date::rfc3339);
                 tally.headings += u64::from(heading.fused_deg.is_some());
                 service.heading(heading.fused_deg);
                 publisher.heading(heading, taken, time);

@@ -13,7 +13,7 @@ use tokio::sync::oneshot;
 use super::{DaemonError, join_for, ring, spawn, time_of_day};
 use crate::config::record::Settings;
 use crate::reading::Reading;
-use crate::recording::{Entry, Header, Writer};
+use crate::recording::{Entry, Header, RECORDED_FROM, Writer};
 
 /// Readings that may wait for the disk: some ten seconds of them.
 const QUEUE: usize = 4096;
@@ -145,44 +145,45 @@ impl Write for Counted {
     }
 }
 
+/// A file that is open and still empty.
+struct Blank {
+    path: PathBuf,
+    file: File,
+}
+
 /// An open log.
 struct Log {
     path: PathBuf,
     writer: Writer<BufWriter<Counted>>,
 }
 
+/// Names the file of an attempt that failed.
+fn failed(attempt: &'static str, path: &Path) -> impl Fn(io::Error) -> RecordError {
+    move |source| RecordError {
+        attempt,
+        path: path.to_owned(),
+        source,
+    }
+}
+
 impl Target {
-    fn open(&self, header: &Header) -> Result<Log, RecordError> {
-        let fail = |path: &Path| {
-            let path = path.to_owned();
-            move |source| RecordError {
-                attempt: "begin",
-                path,
-                source,
-            }
-        };
+    fn open(&self) -> Result<Blank, RecordError> {
         let (path, file) = match self {
             Self::File(path) if path == Path::new("-") => {
                 let path = PathBuf::from("standard output");
                 let descriptor = io::stdout().as_fd().try_clone_to_owned();
-                let file = descriptor.map_err(fail(&path))?.into();
+                let file = descriptor.map_err(failed("begin", &path))?.into();
                 (path, file)
             }
             Self::File(path) => {
-                let file = File::create(path).map_err(fail(path))?;
+                let file = File::create(path).map_err(failed("begin", path))?;
                 (path.clone(), file)
             }
             Self::Ring(ring) => {
-                ring::next(&ring.directory, ring.files).map_err(fail(&ring.directory))?
+                ring::next(&ring.directory, ring.files).map_err(failed("begin", &ring.directory))?
             }
         };
-        let mut header = header.clone();
-        if let Some(time) = time_of_day::rfc3339(Instant::now()) {
-            header.truth.push(("recorded_from".to_owned(), time));
-        }
-        let writer = Writer::new(BufWriter::new(Counted { file, bytes: 0 }), &header);
-        let writer = writer.map_err(fail(&path))?;
-        Ok(Log { path, writer })
+        Ok(Blank { path, file })
     }
 
     fn most_bytes(&self) -> u64 {
@@ -193,53 +194,83 @@ impl Target {
     }
 }
 
+impl Blank {
+    /// Writes the header. A board's readings are of now; a log that is played again says itself when it was taken.
+    fn begin(self, header: &Header) -> Result<Log, RecordError> {
+        let Self { path, file } = self;
+        let mut header = header.clone();
+        if !header.truth.iter().any(|(key, _)| key == RECORDED_FROM)
+            && let Some(time) = time_of_day::rfc3339(Instant::now())
+        {
+            header.truth.push((RECORDED_FROM.to_owned(), time));
+        }
+        let writer = Writer::new(BufWriter::new(Counted { file, bytes: 0 }), &header)
+            .map_err(failed("begin", &path))?;
+        Ok(Log { path, writer })
+    }
+}
+
 fn record(
     target: &Target,
     header: &Header,
     readings: &Receiver<Reading>,
     written: &mut u64,
 ) -> Result<(), RecordError> {
-    let mut log = target.open(header)?;
+    let mut blank = target.open()?;
     if let Target::Ring(_) = target {
-        tracing::info!("recording into {}", log.path.display());
+        tracing::info!("recording into {}", blank.path.display());
     }
-    let mut flushed = Instant::now();
     loop {
-        let left = FLUSH.saturating_sub(flushed.elapsed());
-        let done = match readings.recv_timeout(left) {
-            Ok(reading) => {
-                let entry = Entry {
-                    reading,
-                    heading_truth_rad: None,
-                };
-                log.writer.write(&entry).map(|()| *written += 1)
-            }
-            Err(RecvTimeoutError::Timeout) => {
-                flushed = Instant::now();
-                log.writer.flush()
-            }
-            Err(RecvTimeoutError::Disconnected) => break,
-        };
-        done.map_err(|source| log.failed(source))?;
-        if log.writer.get_ref().get_ref().bytes >= target.most_bytes() {
-            log.close()?;
-            log = target.open(header)?;
+        // Then the header is written, which has the first reading's time.
+        let first = readings.recv();
+        let mut log = blank.begin(header)?;
+        if let Ok(first) = first {
+            log.fill(first, readings, target.most_bytes(), written)?;
         }
+        log.close()?;
+        if log.writer.get_ref().get_ref().bytes < target.most_bytes() {
+            return Ok(());
+        }
+        blank = target.open()?;
     }
-    log.close()
 }
 
 impl Log {
-    fn failed(&self, source: io::Error) -> RecordError {
-        RecordError {
-            attempt: "go on with",
-            path: self.path.clone(),
-            source,
+    /// Writes readings until there are no more, or it is so long.
+    fn fill(
+        &mut self,
+        first: Reading,
+        readings: &Receiver<Reading>,
+        most_bytes: u64,
+        written: &mut u64,
+    ) -> Result<(), RecordError> {
+        let mut next = Ok(first);
+        let mut flushed = Instant::now();
+        loop {
+            let done = match next {
+                Ok(reading) => {
+                    let entry = Entry {
+                        reading,
+                        heading_truth_rad: None,
+                    };
+                    self.writer.write(&entry).map(|()| *written += 1)
+                }
+                Err(RecvTimeoutError::Timeout) => {
+                    flushed = Instant::now();
+                    self.writer.flush()
+                }
+                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+            };
+            done.map_err(failed("go on with", &self.path))?;
+            if self.writer.get_ref().get_ref().bytes >= most_bytes {
+                return Ok(());
+            }
+            next = readings.recv_timeout(FLUSH.saturating_sub(flushed.elapsed()));
         }
     }
 
     fn close(&mut self) -> Result<(), RecordError> {
         let closed = self.writer.flush();
-        closed.map_err(|source| self.failed(source))
+        closed.map_err(failed("go on with", &self.path))
     }
 }

@@ -21,6 +21,7 @@
 //! | `mag_unit` | `mgauss`, `gauss`, `uT`, `nT`, `counts` (with `counts_per_gauss`) | `mgauss` |
 //! | `gyro_unit` | `rad/s`, `deg/s` | `rad/s` |
 //! | `accel_unit` | `m/s2`, `g` | `m/s2` |
+//! | `recorded_from` | the time of day of the first reading, RFC 3339 | not known |
 //! | `mag_axes`, `gyro_axes`, `accel_axes` | a [mounting](crate::frame::Mounting) | `+x +y +z` |
 //!
 //! Times do not decrease. A row whose time is far from that of its neighbours is dropped, as one that cannot be
@@ -45,6 +46,7 @@ mod lines;
 mod read;
 mod rows;
 mod stretch;
+mod time_of_day;
 mod write;
 
 use std::io;
@@ -56,6 +58,7 @@ pub use checksum::check as check_row;
 pub use header::HeaderLines;
 pub use read::Reader;
 pub use rows::Rows;
+pub use time_of_day::{RECORDED_FROM, TimeOfDay};
 pub use write::Writer;
 
 /// The first line of every log this version reads and writes, without its `#`.

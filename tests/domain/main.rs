@@ -13,3 +13,4 @@ mod pipeline;
 mod replay;
 mod silence;
 mod store;
+mod true_north;

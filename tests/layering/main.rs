@@ -36,6 +36,9 @@ const EVERYBODY_MAY: &str = "check";
 const ROOMS: &[Room] = &[
     room("check", 0, &[]),
     room("reading", 0, &[]),
+    // Told times of day; it asks no clock.
+    room("date", 0, &[]),
+    room("true_north", 0, &["date"]),
     room("frame", 0, &[]),
     room("outliers", 0, &["reading"]),
     room("frozen", 0, &["reading"]),
@@ -50,7 +53,7 @@ const ROOMS: &[Room] = &[
     // Starts from a calibration, and gives one to keep.
     room("estimate", 0, &["attitude", "calibration::model", "frame"]),
 
-    room("recording", 1, &["reading", "frame"]),
+    room("recording", 1, &["reading", "frame", "date"]),
     // Joins all of floor 0 into one journey.
     room("pipeline", 1, &[
         "reading", "outliers", "frozen", "frame", "attitude", "turn", "calibration", "estimate", "heading", "condition",
@@ -69,15 +72,16 @@ const ROOMS: &[Room] = &[
     room("service", 2, &["condition"]),
     // One table for each room that has settings.
     room("config", 2, &[
-        "frame", "attitude", "turn", "calibration", "pipeline", "sensor", "publish", "store",
+        "frame", "attitude", "turn", "calibration", "true_north", "pipeline", "sensor", "publish", "store",
     ]),
 
     room("daemon", 3, &[
-        "reading", "frame", "attitude", "turn", "calibration", "heading", "condition", "recording",
-        "pipeline", "sensor", "publish", "store", "service", "config",
+        "reading", "date", "frame", "attitude", "turn", "calibration", "true_north", "heading", "condition",
+        "recording", "pipeline", "sensor", "publish", "store", "service", "config",
     ]),
     room("command", 3, &[
-        "reading", "outliers", "frame", "attitude", "turn", "calibration", "heading", "condition", "recording",
+        "reading", "date", "outliers", "frame", "attitude", "turn", "calibration", "true_north", "heading",
+        "condition", "recording",
         "pipeline", "sensor", "publish", "store", "service", "logging", "config", "daemon",
     ]),
     room("main", 3, &["command"]),

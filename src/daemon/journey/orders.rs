@@ -1,5 +1,7 @@
 //! What is asked at the control socket, carried out.
 
+use std::time::Duration;
+
 use serde_json::{Map, Value, json};
 
 use super::super::keeper::StoreState;
@@ -7,6 +9,7 @@ use super::super::time_of_day;
 use super::Journey;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
+use crate::date;
 use crate::pipeline::Event;
 use crate::publish::control::{Answer, Forget, Order, Request};
 use crate::store::history::{self, Refusal};
@@ -274,7 +277,7 @@ fn described(entry: &Entry, history: &History) -> Map<String, Value> {
         ("saved_unix_s", json!(saved_unix_s)),
         (
             "time",
-            json!(saved_unix_s.map(time_of_day::rfc3339_of_unix)),
+            json!(saved_unix_s.map(|unix_s| date::rfc3339(Duration::from_secs(unix_s)))),
         ),
         ("age_s", json!(age_s)),
         ("reason", json!(reason)),

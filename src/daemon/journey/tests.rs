@@ -81,6 +81,7 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
         None,
         &config,
         "test".to_owned(),
+        &Header::default(),
         Lasting::new(server.publisher(), service).unwrap(),
     );
     let (sender, mut messages) = mpsc::channel(8);

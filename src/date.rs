@@ -1,0 +1,77 @@
+//! The time of day as a duration since 1970, and as text. Pure: nobody asks a clock here.
+
+use std::time::Duration;
+
+use time::format_description::well_known::Rfc3339;
+use time::{Date, OffsetDateTime};
+
+/// As RFC 3339 has it, in UTC and to the millisecond.
+pub fn rfc3339(since_1970: Duration) -> String {
+    let date = date(since_1970);
+    let seconds = since_1970.as_secs();
+    let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
+    // Digit by digit, since every heading has one: `format!` was nine tenths of the instructions of all this.
+    let mut text = *b"0000-00-00T00:00:00.000Z";
+    let parts = [
+        (0..4, u64::from(date.year().unsigned_abs())),
+        (5..7, u64::from(u8::from(date.month()))),
+        (8..10, u64::from(date.day())),
+        (11..13, hour),
+        (14..16, minute),
+        (17..19, second),
+        (20..23, u64::from(since_1970.subsec_millis())),
+    ];
+    for (place, mut number) in parts {
+        for digit in text[place].iter_mut().rev() {
+            *digit = b'0' + (number % 10) as u8;
+            number /= 10;
+        }
+    }
+    text.into_iter().map(char::from).collect()
+}
+
+/// The moment that a text in RFC 3339 names; `None` if it is none, or is before 1970.
+pub fn parse_rfc3339(text: &str) -> Option<Duration> {
+    let moment = OffsetDateTime::parse(text, &Rfc3339).ok()?;
+    Duration::try_from(moment - OffsetDateTime::UNIX_EPOCH).ok()
+}
+
+/// The day, in UTC; beyond the year 9999 its last.
+pub fn date(since_1970: Duration) -> Date {
+    i64::try_from(since_1970.as_secs())
+        .ok()
+        .and_then(|seconds| OffsetDateTime::from_unix_timestamp(seconds).ok())
+        .map_or(Date::MAX, OffsetDateTime::date)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Compared with `date -u -d @N`.
+    #[test]
+    fn seconds_become_dates_and_dates_seconds() {
+        for (milliseconds, text) in [
+            (0, "1970-01-01T00:00:00.000Z"),
+            (951_782_400_007, "2000-02-29T00:00:00.007Z"),
+            (1_709_251_199_999, "2024-02-29T23:59:59.999Z"),
+            (1_795_271_132_250, "2026-11-21T14:25:32.250Z"),
+            (4_107_542_400_000, "2100-03-01T00:00:00.000Z"),
+        ] {
+            let moment = Duration::from_millis(milliseconds);
+            assert_eq!(rfc3339(moment), text);
+            assert_eq!(parse_rfc3339(text), Some(moment));
+        }
+        let elsewhere = parse_rfc3339("2026-11-21T07:25:32.25-07:00");
+        assert_eq!(elsewhere, Some(Duration::from_millis(1_795_271_132_250)));
+        for wrong in [
+            "",
+            "2026-11-21",
+            "2026-02-30T00:00:00Z",
+            "1969-12-31T23:59:59Z",
+        ] {
+            assert_eq!(parse_rfc3339(wrong), None, "{wrong}");
+        }
+        assert_eq!(date(Duration::MAX), Date::MAX);
+    }
+}

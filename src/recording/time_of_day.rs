@@ -1,0 +1,72 @@
+//! The time of day of a log's readings, where the log says when it was begun.
+
+use std::time::Duration;
+
+use super::Header;
+use crate::date::parse_rfc3339;
+
+/// The key of a header under which the time of the first reading is.
+pub const RECORDED_FROM: &str = "recorded_from";
+
+/// Brings the times of a log's readings to the time of day.
+#[derive(Clone, Copy, Debug)]
+pub struct TimeOfDay {
+    begun: Option<Duration>,
+    first_s: Option<f64>,
+}
+
+impl TimeOfDay {
+    /// Of a log with this header.
+    pub fn new(header: &Header) -> Self {
+        let text = header
+            .truth
+            .iter()
+            .rfind(|(key, _)| key == RECORDED_FROM)
+            .map(|(_, text)| text.as_str());
+        Self {
+            begun: text.and_then(parse_rfc3339),
+            first_s: None,
+        }
+    }
+
+    /// Takes the time of a reading; how long that was after the beginning of 1970, if the log says so. The first one is
+    /// that of the header.
+    pub fn at(&mut self, t_s: f64) -> Option<Duration> {
+        let first_s = *self.first_s.get_or_insert(t_s);
+        let since = Duration::try_from_secs_f64(t_s - first_s).ok()?;
+        self.begun?.checked_add(since)
+    }
+
+    /// The times of the readings that follow have nothing to do with those before.
+    pub fn begin_stretch(&mut self) {
+        self.begun = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::date::rfc3339;
+
+    #[test]
+    fn the_first_reading_is_of_the_time_in_the_header_until_the_time_jumps() {
+        let header = |text: &str| Header {
+            truth: vec![(RECORDED_FROM.to_owned(), text.to_owned())],
+            ..Header::default()
+        };
+        let mut of_log = TimeOfDay::new(&header("2026-11-21T10:00:00.500Z"));
+        assert_eq!(
+            [7.25, 7.5, 67.25].map(|t_s| of_log.at(t_s).map(rfc3339).unwrap()),
+            [
+                "2026-11-21T10:00:00.500Z",
+                "2026-11-21T10:00:00.750Z",
+                "2026-11-21T10:01:00.500Z"
+            ]
+        );
+        assert_eq!(of_log.at(1e300), None);
+        of_log.begin_stretch();
+        assert_eq!(of_log.at(0.0), None);
+        assert_eq!(TimeOfDay::new(&header("yesterday")).at(0.0), None);
+        assert_eq!(TimeOfDay::new(&Header::default()).at(0.0), None);
+    }
+}

@@ -1,0 +1,264 @@
+//! From magnetic to true north. Pure: the time of day comes in as an argument.
+
+mod model;
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::check::{Check, Fault, within};
+
+pub use model::{Field, Known, ModelError, Position, Zone};
+
+/// Where the declination comes from. Without a position and without a declination there are no true headings.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Where the compass is, degrees north: -90 to 90. None by default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latitude_deg: Option<f64>,
+    /// The same, degrees east: -180 to 180. None by default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub longitude_deg: Option<f64>,
+    /// Its height above the ellipsoid of WGS 84, metres: -1000 to 850000. Default 0; a kilometre changes little.
+    pub altitude_m: f64,
+    /// How far magnetic north is east of true north, degrees: -180 to 180, in place of the model's answer. None by
+    /// default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub declination_deg: Option<f64>,
+}
+
+impl Settings {
+    /// Where the compass is, if that is set.
+    pub fn position(&self) -> Option<Position> {
+        Some(Position {
+            latitude_deg: self.latitude_deg?,
+            longitude_deg: self.longitude_deg?,
+            altitude_m: self.altitude_m,
+        })
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let mut optional = |key: &str, value: Option<f64>, most: f64| {
+            if let Some(value) = value {
+                within(&mut faults, key, value, -most..=most, "degrees");
+            }
+        };
+        optional("latitude_deg", self.latitude_deg, 90.0);
+        optional("longitude_deg", self.longitude_deg, 180.0);
+        optional("declination_deg", self.declination_deg, 180.0);
+        within(
+            &mut faults,
+            "altitude_m",
+            self.altitude_m,
+            -1000.0..=850_000.0,
+            "metres",
+        );
+        let (latitude, longitude) = (self.latitude_deg, self.longitude_deg);
+        if latitude.is_some() != longitude.is_some() {
+            let (has, lacks) = if latitude.is_some() {
+                ("latitude_deg", "longitude_deg")
+            } else {
+                ("longitude_deg", "latitude_deg")
+            };
+            faults.push(Fault {
+                key: has.to_owned(),
+                found: "set alone".to_owned(),
+                right: format!("set together with {lacks}"),
+            });
+        }
+        faults
+    }
+}
+
+/// The declination, as long as it is known.
+#[derive(Debug)]
+pub struct TrueNorth {
+    settings: Settings,
+    /// The day of the last answer; none before the first, and [`None`] in it where no date was known.
+    day: Option<Option<u64>>,
+    declination_deg: Option<f64>,
+    news: Option<String>,
+}
+
+impl TrueNorth {
+    /// By these settings.
+    pub fn new(settings: Settings) -> Self {
+        Self {
+            settings,
+            day: None,
+            declination_deg: None,
+            news: None,
+        }
+    }
+
+    /// How far magnetic north is east of true north at this time of day, degrees; `None` where that is not known. It is
+    /// computed once a day.
+    pub fn declination_deg(&mut self, since_1970: Option<Duration>) -> Option<f64> {
+        if let Some(declination_deg) = self.settings.declination_deg {
+            return Some(declination_deg);
+        }
+        let position = self.settings.position()?;
+        let day = since_1970.map(|since| since.as_secs() / 86_400);
+        if self.day != Some(day) {
+            let (declination_deg, warning) = answer(&position, since_1970);
+            // What holds from day to day is told on the first.
+            if self.day.is_none() || self.declination_deg.is_some() != declination_deg.is_some() {
+                self.news = warning;
+            }
+            self.day = Some(day);
+            self.declination_deg = declination_deg;
+        }
+        self.declination_deg
+    }
+
+    /// What the user should know since the last answer, once.
+    pub fn news(&mut self) -> Option<String> {
+        self.news.take()
+    }
+}
+
+/// The declination, and what is to be said about it.
+fn answer(position: &Position, since_1970: Option<Duration>) -> (Option<f64>, Option<String>) {
+    const REMEDY: &str = "set true_north.declination_deg";
+    let Some(since_1970) = since_1970 else {
+        let why =
+            "the date is not known: the system's clock was never set, or the log does not say it";
+        return (None, Some(format!("no true headings: {why}; {REMEDY}")));
+    };
+    match Field::new(position, since_1970) {
+        Err(error) => (
+            None,
+            Some(format!(
+                "no true headings: {error}; update headingd, or {REMEDY}"
+            )),
+        ),
+        Ok(field) => {
+            let declination_deg = field.declination_deg.value;
+            match field.zone {
+                None => (Some(declination_deg), None),
+                Some(zone) => (
+                    (zone == Zone::Caution).then_some(declination_deg),
+                    Some(zone.warning(&field)),
+                ),
+            }
+        }
+    }
+}
+
+impl Zone {
+    /// What a user should know there.
+    pub fn warning(self, field: &Field) -> String {
+        let horizontal = field.horizontal_mgauss.value;
+        match self {
+            Self::Caution => format!(
+                "near a magnetic pole: the horizontal field is {horizontal:.0} mG, and headings are less accurate than \
+                 heading_sd says"
+            ),
+            Self::Blackout => format!(
+                "no true headings: so near a magnetic pole, with a horizontal field of {horizontal:.0} mG, no compass \
+                 is to be relied on"
+            ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::date::parse_rfc3339;
+
+    fn calgary() -> Settings {
+        Settings {
+            latitude_deg: Some(51.08),
+            longitude_deg: Some(-114.13),
+            altitude_m: 1100.0,
+            declination_deg: None,
+        }
+    }
+
+    fn day(text: &str) -> Option<Duration> {
+        Some(parse_rfc3339(&format!("{text}T12:00:00Z")).unwrap())
+    }
+
+    #[test]
+    fn a_position_gives_the_declination_of_the_day_and_nothing_gives_none() {
+        let mut north = TrueNorth::new(calgary());
+        let found = north.declination_deg(day("2026-11-21")).unwrap();
+        assert!((found - 13.304).abs() < 0.002, "{found}");
+        let later = north.declination_deg(day("2028-11-21")).unwrap();
+        assert!((found - later).abs() > 0.05, "{later}");
+        assert_eq!(north.news(), None);
+        let mut none = TrueNorth::new(Settings::default());
+        assert_eq!(none.declination_deg(day("2026-11-21")), None);
+        assert_eq!(none.news(), None);
+    }
+
+    #[test]
+    fn a_declination_by_hand_needs_neither_date_nor_place() {
+        let by_hand = Settings {
+            declination_deg: Some(-3.5),
+            ..calgary()
+        };
+        assert_eq!(TrueNorth::new(by_hand).declination_deg(None), Some(-3.5));
+    }
+
+    #[test]
+    fn what_stands_in_the_way_is_told_once_and_again_when_it_changes() {
+        let mut north = TrueNorth::new(calgary());
+        for _ in 0..2 {
+            assert_eq!(north.declination_deg(None), None);
+        }
+        let told = north.news().unwrap();
+        assert!(told.contains("the date is not known"), "{told}");
+        assert_eq!(north.news(), None);
+        // Then the clock is set.
+        assert!(north.declination_deg(day("2029-12-30")).is_some());
+        assert_eq!(north.news(), None);
+        for date in ["2030-01-01", "2030-01-02"] {
+            assert_eq!(north.declination_deg(day(date)), None);
+            let told = north.news();
+            assert_eq!(told.is_some(), date == "2030-01-01", "{told:?}");
+        }
+        let at_the_pole = Settings {
+            latitude_deg: Some(86.0),
+            longitude_deg: Some(139.0),
+            ..calgary()
+        };
+        let mut north = TrueNorth::new(at_the_pole);
+        assert_eq!(north.declination_deg(day("2026-11-21")), None);
+        assert!(north.news().unwrap().contains("no compass"));
+    }
+
+    #[test]
+    fn half_a_position_and_no_place_are_refused() {
+        assert_eq!(calgary().check(), []);
+        let half = Settings {
+            longitude_deg: None,
+            ..calgary()
+        };
+        assert_eq!(
+            half.check()[0].to_string(),
+            "latitude_deg is set alone, but must be set together with longitude_deg"
+        );
+        let wrong = Settings {
+            latitude_deg: Some(90.1),
+            longitude_deg: Some(f64::NAN),
+            altitude_m: 1e9,
+            declination_deg: Some(-181.0),
+        };
+        let keys: Vec<String> = wrong.check().into_iter().map(|fault| fault.key).collect();
+        assert_eq!(
+            keys,
+            [
+                "latitude_deg",
+                "longitude_deg",
+                "declination_deg",
+                "altitude_m"
+            ]
+        );
+    }
+}

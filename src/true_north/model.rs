@@ -1,0 +1,219 @@
+//! The earth's field by the World Magnetic Model: what a compass should find at a place and on a day.
+
+use std::time::Duration;
+
+use world_magnetic_model::time::Date;
+use world_magnetic_model::uom::si::angle::degree;
+use world_magnetic_model::uom::si::f32::{Angle, Length, MagneticFluxDensity};
+use world_magnetic_model::uom::si::length::meter;
+use world_magnetic_model::uom::si::magnetic_flux_density::nanotesla;
+use world_magnetic_model::{Error, GeomagneticField, WarningZone};
+
+use crate::date::date;
+
+/// A milligauss is so many nanotesla.
+const NANOTESLA: f64 = 100.0;
+
+/// A place on the earth or above it, WGS 84.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Position {
+    /// Degrees north of the equator.
+    pub latitude_deg: f64,
+    /// Degrees east of Greenwich.
+    pub longitude_deg: f64,
+    /// Metres above the ellipsoid, which is up to 107 m from the level of the sea.
+    pub altitude_m: f64,
+}
+
+/// A quantity with its standard deviation: the model's own, and that of the rock below, which it does not know.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// The model's value.
+    pub value: f64,
+    /// One standard deviation.
+    pub sd: f64,
+}
+
+/// The field at a place and on a day.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Field {
+    /// How far magnetic north is east of true north, degrees.
+    pub declination_deg: Known,
+    /// How far the field points below the horizontal, degrees.
+    pub dip_deg: Known,
+    /// Strength of the whole field, milligauss.
+    pub strength_mgauss: Known,
+    /// Strength of its horizontal part.
+    pub horizontal_mgauss: Known,
+    /// Whether a compass is to be trusted there.
+    pub zone: Option<Zone>,
+}
+
+/// Regions around the magnetic poles, as the model defines them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Zone {
+    /// Horizontal field below 60 mG: a compass may be inaccurate.
+    Caution,
+    /// Horizontal field below 20 mG: compass and declination are not to be relied on.
+    Blackout,
+}
+
+/// Why the model has no answer.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum ModelError {
+    /// The model is too old, or too new.
+    #[error(
+        "the World Magnetic Model of this headingd holds from {first} to {last}, and the date is {date}"
+    )]
+    Date {
+        /// The day that was asked for.
+        date: Date,
+        /// The first day that the model knows.
+        first: Date,
+        /// The last one.
+        last: Date,
+    },
+    /// There is no such place, or it is too high or too low.
+    #[error("the World Magnetic Model knows no such place: {0}")]
+    Place(Error),
+}
+
+impl Field {
+    /// The field there and then.
+    ///
+    /// # Errors
+    ///
+    /// The model does not hold on that day, or not at such a place.
+    pub fn new(position: &Position, since_1970: Duration) -> Result<Self, ModelError> {
+        let date = date(since_1970);
+        let field = GeomagneticField::new(
+            Length::new::<meter>(position.altitude_m as f32),
+            Angle::new::<degree>(position.latitude_deg as f32),
+            Angle::new::<degree>(position.longitude_deg as f32),
+            date,
+        )
+        .map_err(|error| match error {
+            Error::DateOutsideOfValidityRange { min_date, max_date } => ModelError::Date {
+                date,
+                first: min_date,
+                last: max_date,
+            },
+            place => ModelError::Place(place),
+        })?;
+        Ok(Self {
+            declination_deg: angle(field.declination(), field.declination_uncertainty()),
+            dip_deg: angle(field.inclination(), field.inclination_uncertainty()),
+            strength_mgauss: strength(field.f(), field.f_uncertainty()),
+            horizontal_mgauss: strength(field.h(), field.h_uncertainty()),
+            zone: field.declination_warning().map(|zone| match zone {
+                WarningZone::CautionZone => Zone::Caution,
+                WarningZone::BlackoutZone => Zone::Blackout,
+            }),
+        })
+    }
+}
+
+fn angle(value: Angle, sd: Angle) -> Known {
+    let degrees = |angle: Angle| f64::from(angle.get::<degree>());
+    Known {
+        value: degrees(value),
+        sd: degrees(sd),
+    }
+}
+
+fn strength(value: MagneticFluxDensity, sd: MagneticFluxDensity) -> Known {
+    let mgauss = |field: MagneticFluxDensity| f64::from(field.get::<nanotesla>()) / NANOTESLA;
+    Known {
+        value: mgauss(value),
+        sd: mgauss(sd),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::date::parse_rfc3339;
+
+    /// The test values that are published with WMM2025: year, km above the ellipsoid, latitude, longitude; horizontal
+    /// and whole field in nT, dip and declination in degrees.
+    const PUBLISHED: [[f64; 8]; 12] = [
+        [2025.0, 0.0, 80.0, 0.0, 6523.2, 55178.5, 83.21, 1.28],
+        [2025.0, 0.0, 0.0, 120.0, 39677.9, 41064.3, -14.93, -0.16],
+        [2025.0, 0.0, -80.0, 240.0, 16898.1, 54698.2, -72.00, 68.78],
+        [2025.0, 100.0, 80.0, 0.0, 6216.7, 52964.9, 83.26, 0.85],
+        [2025.0, 100.0, 0.0, 120.0, 37688.7, 39032.1, -15.08, -0.15],
+        [2025.0, 100.0, -80.0, 240.0, 15917.1, 52035.0, -72.19, 68.21],
+        [2027.5, 0.0, 80.0, 0.0, 6507.5, 55253.9, 83.24, 2.59],
+        [2027.5, 0.0, 0.0, 120.0, 39702.0, 41036.9, -14.65, -0.24],
+        [2027.5, 0.0, -80.0, 240.0, 16908.3, 54474.2, -71.92, 68.49],
+        [2027.5, 100.0, 80.0, 0.0, 6201.1, 53034.3, 83.29, 2.16],
+        [2027.5, 100.0, 0.0, 120.0, 37711.8, 39007.4, -14.81, -0.23],
+        [2027.5, 100.0, -80.0, 240.0, 15927.0, 51825.7, -72.10, 67.93],
+    ];
+
+    #[test]
+    fn the_models_own_test_values_come_out() {
+        for [
+            year,
+            km,
+            latitude_deg,
+            longitude_deg,
+            h,
+            f,
+            dip,
+            declination,
+        ] in PUBLISHED
+        {
+            // The middle of a year of 365 days lies in its 183rd day; a day is 0.0014° of declination.
+            let day = if year == 2025.0 {
+                "2025-01-01"
+            } else {
+                "2027-07-02"
+            };
+            let moment = parse_rfc3339(&format!("{day}T00:00:00Z")).unwrap();
+            let position = Position {
+                latitude_deg,
+                longitude_deg: (longitude_deg + 180.0).rem_euclid(360.0) - 180.0,
+                altitude_m: 1000.0 * km,
+            };
+            let field = Field::new(&position, moment).unwrap();
+            let near = |found: Known, right: f64, by: f64| {
+                assert!((found.value - right).abs() <= by, "{found:?}, not {right}");
+                assert!(found.sd > 0.0);
+            };
+            near(field.declination_deg, declination, 0.011);
+            near(field.dip_deg, dip, 0.011);
+            near(field.strength_mgauss, f / NANOTESLA, 0.01);
+            near(field.horizontal_mgauss, h / NANOTESLA, 0.01);
+        }
+    }
+
+    #[test]
+    fn what_it_does_not_know_is_an_error_and_near_the_poles_it_warns() {
+        let moment = |text: &str| parse_rfc3339(text).unwrap();
+        let at = |latitude_deg, longitude_deg| Position {
+            latitude_deg,
+            longitude_deg,
+            altitude_m: 0.0,
+        };
+        let now = moment("2026-11-21T00:00:00Z");
+        let late = Field::new(&at(51.0, -114.0), moment("2030-01-01T00:00:00Z")).unwrap_err();
+        assert_eq!(
+            late.to_string(),
+            "the World Magnetic Model of this headingd holds from 2020-01-01 to 2029-12-31, and the date is 2030-01-01"
+        );
+        for nowhere in [at(91.0, 0.0), at(0.0, 181.0), at(f64::NAN, 0.0)] {
+            let error = Field::new(&nowhere, now).unwrap_err();
+            assert!(matches!(error, ModelError::Place(_)), "{error}");
+        }
+        for (place, zone) in [
+            (at(51.0, -114.0), None),
+            (at(80.0, 135.0), Some(Zone::Caution)),
+            (at(86.0, 139.0), Some(Zone::Blackout)),
+            (at(-64.0, 136.0), Some(Zone::Blackout)),
+        ] {
+            let field = Field::new(&place, now).unwrap();
+            assert_eq!(field.zone, zone, "{place:?}: {field:?}");
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! From magnetic to true north: the model, a declination by hand, and the times of logs.
+
+use headingd::sensor::simulator::Settings;
+use serde_json::Value;
+
+use crate::common::{Folder, Ran, headingd, log, simulated};
+
+const CALGARY: &str =
+    "[true_north]\nlatitude_deg = 51.08\nlongitude_deg = -114.13\naltitude_m = 1100\n";
+
+/// A replay of a log of one turn, which says or does not say when it was recorded.
+fn replay(recorded_from: Option<&str>, config: &str) -> Ran {
+    let folder = Folder::new();
+    let (mut header, entries) = simulated(&Settings {
+        turns: 1.0,
+        ..Settings::default()
+    });
+    let time = recorded_from.map(|time| ("recorded_from".to_owned(), time.to_owned()));
+    header.truth.extend(time);
+    let log = folder.file("a.csv", log(&(header, entries)));
+    let config = folder.file("a.toml", config);
+    let ran = headingd(&["replay", &log, "--config", &config]);
+    assert_eq!(ran.status, 0, "{ran:?}");
+    Ran {
+        // The path of the log is another one each time.
+        out: ran.out.replace(&log, "a.csv"),
+        ..ran
+    }
+}
+
+/// The true headings, each with the magnetic one, of those that have a magnetic one.
+fn headings(ran: &Ran) -> Vec<(Option<f64>, f64)> {
+    let of = |att: &Value| Some((att["heading"].as_f64(), att["mheading"].as_f64()?));
+    ran.lines().iter().filter_map(of).collect()
+}
+
+/// That so much lies between them, clockwise.
+fn assert_declination(ran: &Ran, declination_deg: f64) {
+    let headings = headings(ran);
+    assert!(headings.len() > 100, "{}", headings.len());
+    for (heading, magnetic) in headings {
+        let found = (heading.unwrap() - magnetic + 540.0).rem_euclid(360.0) - 180.0;
+        assert!((found - declination_deg).abs() < 0.011, "{found}");
+        assert!((0.0..360.0).contains(&heading.unwrap()));
+    }
+}
+
+#[test]
+fn a_log_says_its_day_and_gives_the_same_bytes_with_times_in_them() {
+    let recorded = Some("2026-11-21T23:59:50Z");
+    let ran = replay(recorded, CALGARY);
+    assert_eq!(ran.err, "");
+    assert_declination(&ran, 13.304);
+    let lines = ran.lines();
+    let atts: Vec<&Value> = lines.iter().filter(|line| line["class"] == "ATT").collect();
+    // The magnetometer's first reading comes 3 ms after the gyro's.
+    assert_eq!(atts[0]["time"], "2026-11-21T23:59:50.003Z");
+    assert!(atts.last().unwrap()["time"].as_str() > Some("2026-11-22T00:00:00"));
+    assert_eq!(replay(recorded, CALGARY).out, ran.out);
+}
+
+#[test]
+fn a_declination_by_hand_does_for_a_log_without_a_date() {
+    let ran = replay(None, "[true_north]\ndeclination_deg = -170.5\n");
+    assert_eq!(ran.err, "");
+    assert_declination(&ran, -170.5);
+    assert!(ran.lines().iter().all(|line| line.get("time").is_none()));
+}
+
+#[test]
+fn what_the_model_cannot_tell_is_told_once_and_no_heading_is_true() {
+    for (recorded, part) in [
+        (None, "the date is not known"),
+        (Some("2031-01-01T00:00:00Z"), "2029-12-31"),
+    ] {
+        let ran = replay(recorded, CALGARY);
+        assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
+        assert!(ran.err.contains(part), "{}", ran.err);
+        let headings = headings(&ran);
+        assert!(!headings.is_empty() && headings.iter().all(|(heading, _)| heading.is_none()));
+    }
+}
+
+#[test]
+fn field_prints_what_the_model_says_and_how_well_it_knows() {
+    let place = ["--lat", "51.08", "--lon", "-114.13", "--alt", "1100"];
+    let of = |more: &[&str]| headingd(&[&["field"], &place[..], more].concat());
+    let ran = of(&["--date", "2026-11-21", "--json"]);
+    assert_eq!((ran.status, ran.err.as_str()), (0, ""));
+    let found = ran.json();
+    for (key, right) in [
+        ("declination_deg", 13.3),
+        ("declination_sd_deg", 0.42),
+        ("dip_deg", 72.82),
+        ("total_mgauss", 551.3),
+        ("horizontal_mgauss", 162.82),
+    ] {
+        assert!(
+            (found[key].as_f64().unwrap() - right).abs() < 0.011,
+            "{key}: {found}"
+        );
+    }
+    assert_eq!(
+        (&found["date"], &found["warning"]),
+        (&"2026-11-21".into(), &Value::Null)
+    );
+    let ran = of(&["--date", "2026-11-21"]);
+    assert!(
+        ran.out.contains("13.30 ± 0.42°, magnetic north is east"),
+        "{}",
+        ran.out
+    );
+    for (more, status, part) in [
+        (&["--date", "2030-01-01"][..], 3, "2029-12-31"),
+        (&["--date", "yesterday"], 2, "2026-11-21"),
+        (&["--lat", "95"], 2, "cannot be used multiple times"),
+    ] {
+        let ran = of(more);
+        assert_eq!((ran.status, ran.out.as_str()), (status, ""), "{more:?}");
+        assert!(ran.err.contains(part), "{}", ran.err);
+    }
+}
