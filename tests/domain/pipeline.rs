@@ -352,8 +352,7 @@ fn apart_deg(faulty: &[Reading], sound: &[Reading], calibration: Calibration) ->
     (apart.len(), apart.into_iter().fold(0.0, f64::max))
 }
 
-/// All registers at their limit, as a bus that slips reads them, at rest and in a turn; and then a rotation so fast
-/// that the gyro clips, which has to be noticed as before.
+/// All registers at their limit, as a bus that slips reads them, at rest and in a turn.
 #[test]
 fn an_absurd_rate_turns_no_heading() {
     let settings = Settings::default();
@@ -368,6 +367,34 @@ fn an_absurd_rate_turns_no_heading() {
         let (count, worst_deg) = apart_deg(&faulty, &sound, calibration);
         assert!(count > 500 && worst_deg < 0.5, "{worst_deg} of {count}");
     }
+}
+
+/// The full scale is known by what the gyro has said, and it has not said an absurd rate.
+#[test]
+fn after_an_absurd_rate_clipping_is_noticed_as_before() {
+    let settings = Settings::default();
+    let mut pipeline = Pipeline::new(Setup::default(), Some(shifted(&settings, 0.0)));
+    let mut clipped = Vec::new();
+    for mut reading in readings(&settings) {
+        let mut is_fast = false;
+        if let Some(rate) = &mut reading.rate_rad_s {
+            is_fast = (8.0..8.5).contains(&reading.t_s);
+            if is_fast {
+                rate.z = 250_f64.to_radians();
+            } else if (2.0..2.01).contains(&reading.t_s) {
+                *rate = Vector3::repeat(2279.4_f64.to_radians());
+            }
+        }
+        pipeline.handle(Event::Reading(reading), &mut Vec::new());
+        let is_told = pipeline
+            .report()
+            .is_some_and(|report| report.reason == "gyro_clipped");
+        assert!(is_fast || !is_told || reading.t_s > 8.0, "{}", reading.t_s);
+        if is_told {
+            clipped.push(reading.t_s);
+        }
+    }
+    assert!(clipped.len() > 20, "{clipped:?}");
 }
 
 #[test]

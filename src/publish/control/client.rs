@@ -174,10 +174,15 @@ mod tests {
         let said = served(Duration::from_millis(300), |stream| {
             let mut writer = stream.try_clone().unwrap();
             let blanks = std::thread::spawn(move || {
-                // Until it is hung up on.
-                while writer.write_all(b"\r\n").is_ok() {
+                // Until it is hung up on, or has had long enough for that.
+                for _ in 0..1000 {
+                    if writer.write_all(b"\r\n").is_err() {
+                        break;
+                    }
                     std::thread::sleep(Duration::from_millis(20));
                 }
+                // An error means that it is closed already.
+                let _ = writer.shutdown(std::net::Shutdown::Write);
             });
             let mut said = String::new();
             (&stream).read_to_string(&mut said).unwrap();

@@ -1,6 +1,6 @@
 //! A client of the control socket.
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Write};
 use std::os::unix::net::UnixStream;
 
 use serde_json::{Value, json};
@@ -28,7 +28,11 @@ impl Link {
     }
 
     pub fn send(&mut self, bytes: &[u8]) {
-        self.reader.get_mut().write_all(bytes).unwrap();
+        match self.reader.get_mut().write_all(bytes) {
+            // It has hung up already, and what it said of that comes next.
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => {}
+            sent => sent.unwrap(),
+        }
     }
 
     /// The next answer, or `None` when the daemon has hung up.

@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::Path;
 use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use headingd::recording::{Entry, Writer};
@@ -200,5 +202,65 @@ fn unplugged_and_plugged_in_again_readings_go_on() {
             "{}",
             process.said()
         );
+    });
+}
+
+/// The kernel goes on to take what the board sends while the daemon is stopped.
+#[test]
+fn what_waited_for_a_stopped_daemon_is_as_old_as_it_is() {
+    until_quiet(|| {
+        const TURN_DEG_S: f64 = 60.0;
+        const FRAMES: u64 = 150;
+        let rig = Rig::new(1.0, "");
+        configure(&rig, "hmc5843");
+        let (mut process, mut client) = rig.watched();
+        // It turns evenly: each field says when it was taken.
+        let made = Arc::new(AtomicU64::new(0));
+        let count = made.clone();
+        let turning = move |t_s: f64| {
+            count.fetch_add(1, Ordering::Relaxed);
+            let (sin, cos) = (TURN_DEG_S * t_s).to_radians().sin_cos();
+            let field = [300.0 * cos, -300.0 * sin, 500.0].map(|axis: f64| axis.round() as i32);
+            [[0, 0, 256], field, [0, 0, (TURN_DEG_S * 14.375) as i32]]
+        };
+        let firmware = Firmware::Razor(Box::new(turning));
+        let _device = Device::plug(&rig.path("tty"), firmware, Habits::default());
+
+        let age_s = |att: &Value| att["age_ms"].as_f64().unwrap() / 1000.0;
+        let t_s = |att: &Value| att["t_s"].as_f64().unwrap();
+        // What its time says, less what its field says, degrees.
+        let ahead_deg = |att: &Value| TURN_DEG_S * t_s(att) - att["raw_heading"].as_f64().unwrap();
+        let before: Vec<Value> = (0..100).map(|_| client.find("ATT", |_| true)).collect();
+        let last = &before[99];
+        let stopped_s = t_s(last) + age_s(last);
+
+        process.signal("STOP");
+        let state = format!("/proc/{}/stat", process.id());
+        until("the daemon to be stopped", || {
+            fs::read_to_string(&state).unwrap().contains(") T ")
+        });
+        let begun = made.load(Ordering::Relaxed);
+        until("frames to wait", || {
+            made.load(Ordering::Relaxed) >= begun + FRAMES
+        });
+        process.signal("CONT");
+
+        let mut unread = 0;
+        let mut after = 0;
+        while after < 100 {
+            let att = client.find("ATT", |_| true);
+            let apart_deg = ahead_deg(&att) - ahead_deg(last);
+            let apart_deg = (apart_deg + 540.0).rem_euclid(360.0) - 180.0;
+            assert!(apart_deg.abs() < 0.3 * TURN_DEG_S, "{apart_deg}: {att}");
+            // What it had sent before it was stopped may have been on its way.
+            if t_s(&att) + age_s(&att) < stopped_s + 2.0 {
+                unread += 1;
+                assert!(unread < 20, "{att}");
+            } else {
+                after += 1;
+            }
+        }
+        process.signal("TERM");
+        assert!(process.wait().success(), "{}", process.said());
     });
 }
