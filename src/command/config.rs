@@ -1,5 +1,6 @@
 //! `headingd config`: checks a configuration, or shows the settings that it comes to.
 
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 
 use clap::Subcommand;
@@ -79,7 +80,11 @@ fn warnings(config: &Config) -> Vec<String> {
     }
     let log = &config.source.log;
     if config.source.kind == Some(Kind::Replay)
-        && let Err(error) = std::fs::File::open(log)
+        && let Err(error) = std::fs::File::options()
+            .read(true)
+            // A pipe that nobody writes to yet would be waited for.
+            .custom_flags(libc::O_NONBLOCK)
+            .open(log)
     {
         let from = match std::env::current_dir() {
             Ok(folder) if log.is_relative() => format!(" from {}", folder.display()),
@@ -124,7 +129,16 @@ mod tests {
             assert!(failure.message.contains("a.toml"));
         }
         std::fs::write(&file, "[source]\nspeed = 3").unwrap();
-        check(file).unwrap();
+        check(file.clone()).unwrap();
+
+        // Nothing is read to its end that may have none.
+        std::fs::write(&file, "#".repeat((1 << 20) + 1)).unwrap();
+        let failure = check(file).unwrap_err();
+        assert_eq!(failure.status, Failure::CONFIG);
+        assert!(failure.message.contains("longer than 1 MiB"), "{failure}");
+        let failure = check("/dev/zero".into()).unwrap_err();
+        assert_eq!(failure.status, Failure::NO_INPUT);
+        assert!(failure.message.contains("no regular file"), "{failure}");
     }
 
     #[test]

@@ -6,6 +6,8 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use rustix::net::sockopt::{Timeout, set_socket_timeout};
+use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, socket_with};
 use serde_json::Value;
 
 use super::{Failure, load_config, print};
@@ -13,6 +15,9 @@ use crate::config::Config;
 
 /// A little longer than the daemon waits for a disk.
 const PATIENCE: Duration = Duration::from_secs(15);
+
+/// A daemon that is well takes a connection at once.
+const CONNECT_PATIENCE: Duration = Duration::from_secs(5);
 
 /// No answer is longer, bytes.
 const LONGEST: u64 = 1 << 22;
@@ -72,7 +77,7 @@ fn status(code: &str) -> u8 {
 }
 
 fn exchange(path: &Path, request: &Value) -> io::Result<String> {
-    let mut stream = UnixStream::connect(path)?;
+    let mut stream = connect(path)?;
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
     let sent = stream.write_all(format!("{request}\n").as_bytes());
@@ -85,6 +90,16 @@ fn exchange(path: &Path, request: &Value) -> io::Result<String> {
         return Err(ErrorKind::UnexpectedEof.into());
     }
     Ok(answer)
+}
+
+/// Connects. A daemon that hangs takes no connections, and with enough of them waiting the system would wait with them.
+fn connect(path: &Path) -> io::Result<UnixStream> {
+    let flags = SocketFlags::CLOEXEC;
+    let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
+    // It is for connecting as well.
+    set_socket_timeout(&socket, Timeout::Send, Some(CONNECT_PATIENCE))?;
+    net::connect(&socket, &SocketAddrUnix::new(path)?)?;
+    Ok(socket.into())
 }
 
 /// Who answers there knows another protocol.

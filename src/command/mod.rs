@@ -3,6 +3,7 @@
 use std::fmt;
 use std::fs::File;
 use std::io::{self, Read, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
 use crate::config::Config;
@@ -89,8 +90,7 @@ const LONGEST_CONFIG: u64 = 1 << 20;
 pub fn load_config(path: &Path) -> Result<Config, Failure> {
     let name = path.display();
     let mut bytes = Vec::new();
-    // A device may have no end.
-    File::open(path)
+    open_regular(path)
         .and_then(|file| file.take(LONGEST_CONFIG + 1).read_to_end(&mut bytes))
         .map_err(|error| {
             Failure::new(
@@ -111,6 +111,21 @@ pub fn load_config(path: &Path) -> Result<Config, Failure> {
         )
     })?;
     Config::parse(&name.to_string(), &text).map_err(|error| Failure::new(Failure::CONFIG, error))
+}
+
+/// Opens a regular file. A pipe may have nobody who writes to it, and a device may have no end.
+fn open_regular(path: &Path) -> io::Result<File> {
+    let mut options = File::options();
+    let file = options
+        .read(true)
+        .custom_flags(libc::O_NONBLOCK)
+        .open(path)?;
+    let found = file.metadata()?;
+    if found.is_file() || found.is_dir() {
+        return Ok(file);
+    }
+    let what = "it is no regular file, but a pipe, a device or a socket";
+    Err(io::Error::new(io::ErrorKind::InvalidInput, what))
 }
 
 /// Writes to standard output. A reader that has gone away (`| head`) is no failure.
@@ -142,7 +157,9 @@ impl From<ReplayError> for Failure {
     fn from(error: ReplayError) -> Self {
         let status = match error {
             ReplayError::BadData(_) => Self::DATA,
-            ReplayError::NotFound { .. } | ReplayError::Unreadable { .. } => Self::NO_INPUT,
+            ReplayError::NotFound { .. }
+            | ReplayError::Unreadable { .. }
+            | ReplayError::NoWriter { .. } => Self::NO_INPUT,
         };
         Self::new(status, error)
     }

@@ -31,7 +31,7 @@ pub struct Args {
 impl From<DaemonError> for Failure {
     fn from(error: DaemonError) -> Self {
         let status = match &error {
-            DaemonError::Replay(ReplayError::BadData(_)) => Self::DATA,
+            DaemonError::Replay(ReplayError::BadData(_)) | DaemonError::Unusable(_) => Self::DATA,
             DaemonError::Replay(_) => Self::NO_INPUT,
             DaemonError::NoSource
             | DaemonError::NothingToRecord { .. }

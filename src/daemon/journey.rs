@@ -49,6 +49,8 @@ pub(super) struct Journey {
     /// Whether the source may still say something, and whether it is at its end.
     open: bool,
     over: bool,
+    /// Why most of the source could not be used, if so.
+    unusable: Option<String>,
     /// Whether the source is known to be in trouble, and is waited for.
     troubled: bool,
     /// As clients see it.
@@ -104,12 +106,18 @@ impl Journey {
             last: (0.0, Instant::now()),
             open: true,
             over: false,
+            unusable: None,
             troubled: false,
             source,
             limits: config.verdict.clone(),
         };
         journey.handle(Event::Policy(journey.keeper.history().mode));
         journey
+    }
+
+    /// Why most of the source could not be used, if that is known by now.
+    pub(super) fn take_unusable(&mut self) -> Option<String> {
+        self.unusable.take()
     }
 
     /// Waits until everything that was to be kept is on disk, if that goes on for no longer than a stop may take.
@@ -203,8 +211,9 @@ impl Journey {
                 self.fault(trouble);
                 false
             }
-            Some(Message::End) => {
+            Some(Message::End(unusable)) => {
                 (self.open, self.over) = (false, true);
+                self.unusable = unusable;
                 false
             }
             Some(Message::Broken(trouble)) => {

@@ -75,6 +75,9 @@ pub enum DaemonError {
     /// The log to replay cannot be used.
     #[error(transparent)]
     Replay(#[from] ReplayError),
+    /// Most rows of the log were skipped.
+    #[error("most of the log cannot be used: {0}")]
+    Unusable(String),
     /// The simulated board cannot be made.
     #[error("cannot simulate a board: [simulator] {}", .0.iter().map(Fault::to_string).collect::<Vec<_>>().join("; "))]
     Simulator(Vec<Fault>),
@@ -248,12 +251,16 @@ impl Daemon {
                 tracing::error!("the control socket has failed: {error}");
             }
         }
+        let unusable = course.journey.take_unusable();
         course.end();
         served.map_err(|source| DaemonError::Serve {
             path: socket,
             source,
         })?;
-        Ok(ended.unwrap_or(Ended::Told))
+        match unusable {
+            Some(summary) => Err(DaemonError::Unusable(summary)),
+            None => Ok(ended.unwrap_or(Ended::Told)),
+        }
     }
 }
 

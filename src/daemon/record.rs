@@ -161,20 +161,22 @@ async fn alone(
                 Message::NewStretch => {}
                 Message::Trouble(Some(trouble)) => tracing::warn!("{}", trouble.message),
                 Message::Trouble(None) => tracing::info!("there are readings again"),
-                Message::End => break,
+                Message::End(None) => break,
+                Message::End(Some(summary)) => return Err(DaemonError::Unusable(summary)),
                 Message::Broken(trouble) => {
                     tracing::error!("{}", trouble.message);
                     break;
                 }
             }
         }
+        Ok(())
     };
-    tokio::select! {
-        () = shutdown => {}
-        () = listen => {}
-    }
+    let heard = tokio::select! {
+        () = shutdown => Ok(()),
+        heard = listen => heard,
+    };
     playing.stop();
     super::join_for("source", playing.thread, super::SOURCE_PATIENCE);
     recorder.close();
-    Ok(())
+    heard
 }

@@ -34,8 +34,8 @@ pub(super) enum Message {
     NewStretch,
     /// Something is wrong with the source, which goes on trying; `None` when it works again.
     Trouble(Option<Trouble>),
-    /// There is nothing left.
-    End,
+    /// There is nothing left; why most of what there was could not be used, if so.
+    End(Option<String>),
     /// The source cannot go on, and this is why.
     Broken(Trouble),
 }
@@ -187,6 +187,12 @@ impl Played {
     }
 }
 
+/// Why most of a log could not be used, if so.
+fn unusable(source: &Played) -> Option<String> {
+    let skips = source.skips().filter(|skips| skips.are_most())?;
+    skips.summary()
+}
+
 fn play(mut source: Played, speed: f64, out: &mpsc::Sender<Message>, mut clock: SystemClock) {
     let mut origin = None;
     let mut told = false;
@@ -204,7 +210,7 @@ fn play(mut source: Played, speed: f64, out: &mpsc::Sender<Message>, mut clock: 
                     message: error.to_string(),
                 }));
             }
-            None => break Some(Message::End),
+            None => break Some(Message::End(unusable(&source))),
         };
         if source.begins_stretch() {
             tracing::warn!(
@@ -233,13 +239,7 @@ fn play(mut source: Played, speed: f64, out: &mpsc::Sender<Message>, mut clock: 
         && let Some(first) = skips.first()
     {
         let count = skips.count();
-        if skips.are_most() {
-            tracing::error!(
-                "most of the log cannot be used: {count} rows skipped; the first: {first}"
-            );
-        } else {
-            tracing::warn!("skipped rows that cannot be used: {count} in all; the first: {first}");
-        }
+        tracing::warn!("skipped rows that cannot be used: {count} in all; the first: {first}");
     }
     if let Some(message) = last_words {
         // An error means that the daemon is about to end anyway.

@@ -1,10 +1,17 @@
 //! A recorded log as a source of readings. How fast they are played is not decided here.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufReader, Seek};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
 
 use crate::recording::{Entry, Header, Reader, RecordingError, Skips};
+
+/// A named pipe that nobody has opened for writing by then is no log.
+const PIPE_PATIENCE: Duration = Duration::from_secs(5);
 
 /// Why a log cannot be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -22,6 +29,15 @@ pub enum ReplayError {
         path: PathBuf,
         /// What the system said.
         source: io::Error,
+    },
+    /// It is a named pipe without the other end.
+    #[error(
+        "cannot read log {}: it is a pipe that nobody has opened for writing within {} s",
+        path.display(), PIPE_PATIENCE.as_secs()
+    )]
+    NoWriter {
+        /// The path as given.
+        path: PathBuf,
     },
     /// The file is no log.
     #[error(transparent)]
@@ -46,8 +62,11 @@ impl Replay {
             path: path.to_owned(),
             source,
         };
-        let file = File::open(path).map_err(|source| match source.kind() {
+        let file = open(path).map_err(|source| match source.kind() {
             io::ErrorKind::NotFound => ReplayError::NotFound {
+                path: path.to_owned(),
+            },
+            io::ErrorKind::TimedOut => ReplayError::NoWriter {
                 path: path.to_owned(),
             },
             _ => unreadable(source),
@@ -106,6 +125,27 @@ impl Iterator for Replay {
             }
         }
     }
+}
+
+/// Opens a log. A pipe may be one, but the system would wait for ever for somebody to write to it.
+fn open(path: &Path) -> io::Result<File> {
+    if !fs::metadata(path)?.file_type().is_fifo() {
+        return File::open(path);
+    }
+    let (sender, opened) = mpsc::channel();
+    let pipe = path.to_owned();
+    thread::Builder::new().spawn(move || {
+        // An error means that it is not waited for any more.
+        let _ = sender.send(File::open(pipe));
+    })?;
+    opened.recv_timeout(PIPE_PATIENCE).unwrap_or_else(|_| {
+        // Ends the thread's wait. An error means that it has ended by itself.
+        let _ = File::options()
+            .write(true)
+            .custom_flags(libc::O_NONBLOCK)
+            .open(path);
+        Err(io::ErrorKind::TimedOut.into())
+    })
 }
 
 fn explain(path: &Path, error: RecordingError) -> ReplayError {

@@ -2,11 +2,12 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
 
-use crate::rig::{FAST, LONG, Rig};
+use crate::rig::{FAST, LONG, Rig, start};
 
 /// The way from the truth to the heading of an `ATT`, degrees.
 fn error_deg(att: &Value, settings: &Settings) -> f64 {
@@ -220,6 +221,80 @@ fn a_start_that_cannot_be_says_why() {
     }
     fs::remove_file(rig.path("headingd.toml")).unwrap();
     assert_eq!(rig.start().wait().code(), Some(66));
+}
+
+#[test]
+fn a_log_of_which_most_is_skipped_is_a_failure_as_for_replay() {
+    let rig = Rig::new(1000.0, "");
+    let log = rig.path("log.csv");
+    let rows = "hello\n".repeat(10);
+    fs::write(
+        &log,
+        format!("# headingd-log 1\nt_s,mx,my,mz\n0,1,2,3\n{rows}0.02,1,2,3\n"),
+    )
+    .unwrap();
+    let more = format!("kind = \"replay\"\nlog = {log:?}\n");
+    rig.configure(1000.0, &rig.path("store"), &more);
+    let mut run = rig.start();
+    assert_eq!(run.wait().code(), Some(65), "{}", run.said());
+    let summary = "most of the log cannot be used: 10 rows skipped; the first: log ";
+    assert_eq!(run.said().matches(summary).count(), 1, "{}", run.said());
+    assert!(!rig.path("heading.sock").exists());
+
+    let config = rig.path("headingd.toml");
+    let out = rig.path("out.csv");
+    let arguments = ["record", "--config", config.to_str().unwrap(), "--out"];
+    let mut record = start(
+        rig.folder.path(),
+        &[&arguments[..], &[out.to_str().unwrap()]].concat(),
+    );
+    assert_eq!(record.wait().code(), Some(65), "{}", record.said());
+    assert!(record.said().contains(summary), "{}", record.said());
+}
+
+/// The system would wait for ever for somebody to write to it.
+#[test]
+fn a_pipe_is_no_configuration_and_without_an_end_no_log() {
+    let rig = Rig::new(1.0, "");
+    let pipe = |name| {
+        let pipe = rig.path(name);
+        assert!(
+            Command::new("mkfifo")
+                .arg(&pipe)
+                .status()
+                .unwrap()
+                .success()
+        );
+        pipe
+    };
+    let (pipe, other) = (pipe("pipe"), pipe("other"));
+    let name = pipe.to_str().unwrap();
+    for arguments in [
+        &["run", "--config", name][..],
+        &["config", "check", name],
+        &["status", "--config", name],
+    ] {
+        let mut process = start(rig.folder.path(), arguments);
+        assert_eq!(process.wait().code(), Some(66), "{}", process.said());
+        let said = process.said();
+        assert!(said.contains("it is no regular file"), "{said}");
+    }
+
+    let more = format!("kind = \"replay\"\nlog = {pipe:?}\n");
+    rig.configure(1.0, &rig.path("store"), &more);
+    let config = rig.path("headingd.toml");
+    let check = ["config", "check", config.to_str().unwrap()];
+    assert!(start(rig.folder.path(), &check).wait().success());
+    let replay = |pipe: &Path| start(rig.folder.path(), &["replay", pipe.to_str().unwrap()]);
+    for mut process in [rig.start(), replay(&other)] {
+        assert_eq!(process.wait().code(), Some(66), "{}", process.said());
+        let said = process.said();
+        assert!(said.contains("nobody has opened for writing"), "{said}");
+    }
+
+    let mut process = replay(&pipe);
+    fs::write(&pipe, "# headingd-log 1\nt_s,mx,my,mz\n0,1,2,3\n").unwrap();
+    assert!(process.wait().success(), "{}", process.said());
 }
 
 /// A year lies between its two parts, and one row is from another century.

@@ -3,15 +3,16 @@
 use std::fs::{self, Permissions};
 use std::io::{Read, Write};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
-use std::os::unix::net::UnixListener;
+use std::os::unix::net::{UnixListener, UnixStream};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 use serde_json::Value;
 
 use super::link::Link;
-use crate::rig::{FAST, LONG, Rig, leave_dead_socket};
+use crate::rig::{FAST, LONG, Rig, leave_dead_socket, start};
 
 fn headingd(arguments: &[&str]) -> (i32, String, String) {
     let Output {
@@ -298,4 +299,19 @@ fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
     let (status, _, err) = headingd(&["status", "--socket", text(&hangs_up)]);
     thread.join().unwrap();
     assert_eq!(status, 69, "{err}");
+}
+
+/// It takes no connections, and the first that waits has filled its queue: the system would wait with the second.
+#[test]
+fn a_daemon_that_takes_no_connections_is_not_waited_for() {
+    let rig = Rig::new(1.0, "");
+    let path = rig.path("full.sock");
+    let listener = socket(AddressFamily::UNIX, SocketType::STREAM, None).unwrap();
+    bind(&listener, &SocketAddrUnix::new(&path).unwrap()).unwrap();
+    listen(&listener, 0).unwrap();
+    let _waiting = UnixStream::connect(&path).unwrap();
+    let mut process = start(rig.folder.path(), &["status", "--socket", text(&path)]);
+    assert_eq!(process.wait().code(), Some(69), "{}", process.said());
+    let said = process.said();
+    assert!(said.contains("headingd does not answer at"), "{said}");
 }
