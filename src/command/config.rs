@@ -1,7 +1,7 @@
 //! `headingd config`: checks a configuration, or shows the settings that it comes to.
 
 use std::os::unix::fs::OpenOptionsExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
 
@@ -11,6 +11,7 @@ use crate::config::source::{Kind, Settings};
 use crate::daemon::open_files::{self, Shortage};
 use crate::daemon::time_of_day;
 use crate::sensor::board::Board;
+use crate::service::network;
 use crate::true_north::TrueNorth;
 
 /// Check a configuration file or show the effective settings
@@ -77,6 +78,12 @@ fn warnings(config: &Config) -> Vec<String> {
     if config.source.kind != Some(Kind::Replay) {
         north.declination_deg(time_of_day::now());
         warnings.extend(north.news());
+    }
+    let outside = config.udp.to().or(config.tcp.listen()).is_some();
+    if outside && network::is_closed(Path::new("/")) {
+        let warning = "[udp] and [tcp] have no effect in the service: its unit closes the network; see \
+                       /usr/share/doc/headingd/network.conf";
+        warnings.push(warning.to_owned());
     }
     let log = &config.source.log;
     if config.source.kind == Some(Kind::Replay)

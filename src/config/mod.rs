@@ -17,6 +17,7 @@ mod words;
 use serde::Serialize;
 
 use crate::check::{Check, Fault};
+use crate::publish::outputs::{pty, tcp, udp};
 use crate::publish::{control, nmea, server};
 use crate::sensor::{i2c, serial, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, true_north, turn};
@@ -94,6 +95,12 @@ tables! {
     socket: server::Settings,
     /// Headings as NMEA 0183.
     nmea: nmea::Settings,
+    /// The same over UDP.
+    udp: udp::Settings,
+    /// The same over TCP.
+    tcp: tcp::Settings,
+    /// The same for programs that open serial ports.
+    pty: pty::Settings,
     /// Looking after the calibration.
     control: control::Settings,
     /// Where the calibration is kept.

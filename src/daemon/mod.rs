@@ -34,6 +34,7 @@ use crate::config::Config;
 use crate::config::source::Settings;
 use crate::publish::control::Control;
 use crate::publish::gpsd::Device;
+use crate::publish::outputs::Outputs;
 use crate::publish::server::{BindError, Server};
 use crate::sensor::replay::ReplayError;
 use crate::service::{Service, sockets};
@@ -139,6 +140,7 @@ pub struct Daemon {
     config: Config,
     server: Server,
     control: Option<Control>,
+    outputs: Outputs,
     service: Service,
     parts: Parts,
 }
@@ -180,8 +182,11 @@ impl Daemon {
                 "the service manager has handed over a socket {name:?}, which nobody here serves on"
             );
         }
+        let parts = Parts::open(source, config, None)?;
+        let publisher = server.publisher();
         Ok(Self {
-            parts: Parts::open(source, config, None)?,
+            outputs: Outputs::open(&config.udp, &config.tcp, &config.pty, &publisher),
+            parts,
             config: config.clone(),
             server,
             control,
@@ -252,6 +257,7 @@ impl Daemon {
             }
         }
         let unusable = course.journey.take_unusable();
+        self.outputs.close().await;
         course.end();
         served.map_err(|source| DaemonError::Serve {
             path: socket,

@@ -79,6 +79,11 @@ impl Publisher {
         }
     }
 
+    /// What it publishes into.
+    pub(super) fn feed(&self) -> Arc<Feed> {
+        self.feed.clone()
+    }
+
     /// How many clients are connected.
     pub fn clients(&self) -> usize {
         self.feed.clients.load(Ordering::Relaxed)

@@ -12,6 +12,7 @@ mod json;
 mod link;
 pub mod nmea;
 mod outgoing;
+pub mod outputs;
 mod pace;
 mod place;
 mod places;

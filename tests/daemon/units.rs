@@ -41,10 +41,19 @@ fn analyze(arguments: &[&str], units: &[PathBuf]) -> Option<(bool, String)> {
 
 #[test]
 fn systemd_has_nothing_to_say_against_them() {
-    let (_folder, units) = units();
-    if let Some((good, said)) = analyze(&["verify", "--man=no"], &units) {
-        assert_eq!((good, said.as_str()), (true, ""));
-    }
+    let (folder, units) = units();
+    let verify = || {
+        if let Some((good, said)) = analyze(&["verify", "--man=no"], &units) {
+            assert_eq!((good, said.as_str()), (true, ""));
+        }
+    };
+    verify();
+    // And with the drop-in that opens the network.
+    let drop_in = folder.path().join("headingd.service.d/network.conf");
+    fs::create_dir(drop_in.parent().unwrap()).unwrap();
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("systemd/network.conf");
+    fs::copy(example, drop_in).unwrap();
+    verify();
 }
 
 #[test]

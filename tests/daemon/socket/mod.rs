@@ -3,4 +3,5 @@
 mod dialect;
 mod file;
 mod load;
+mod outputs;
 mod rig;

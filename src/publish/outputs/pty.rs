@@ -1,0 +1,127 @@
+//! NMEA 0183 for programs that open nothing but serial ports: a pseudo terminal that looks like one.
+
+use std::fs::{self, File, Permissions};
+use std::io::{self, ErrorKind, Write};
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::{PermissionsExt, symlink};
+use std::path::{Path, PathBuf};
+
+use rustix::fs::{Mode, OFlags, fcntl_setfl, open};
+use rustix::io::ioctl_fionread;
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
+use serde::{Deserialize, Serialize};
+
+use super::sentences::Sentences;
+use crate::check::{Check, Fault};
+
+/// Headings are no secret, and what is written to it is thrown away; programs open a port for both.
+const MODE: u32 = 0o666;
+
+/// Where the port is.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// Path of a link to the port, absolute: `"/run/headingd/nmea"`. Empty, as it is by default: none.
+    pub path: PathBuf,
+}
+
+impl Settings {
+    /// The path, if there is to be a port.
+    pub fn path(&self) -> Option<&Path> {
+        Some(self.path.as_path()).filter(|path| !path.as_os_str().is_empty())
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Vec<Fault> {
+        match self.path() {
+            Some(path) if !path.is_absolute() || path.file_name().is_none() => vec![Fault {
+                key: "path".to_owned(),
+                found: format!("{path:?}"),
+                right: "an absolute path, as \"/run/headingd/nmea\", or empty".to_owned(),
+            }],
+            _ => Vec::new(),
+        }
+    }
+}
+
+/// A port with the link to it.
+pub(super) struct Pty {
+    ours: File,
+    /// The program's side, held open: else a port that nobody has open would be an error.
+    theirs: OwnedFd,
+    _link: Link,
+}
+
+/// A link that is removed in the end.
+struct Link {
+    path: PathBuf,
+    port: PathBuf,
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        // Another daemon may have made its own meanwhile.
+        if fs::read_link(&self.path).is_ok_and(|port| port == self.port) {
+            let _ = fs::remove_file(&self.path);
+        }
+    }
+}
+
+impl Pty {
+    /// Makes a port. A link that an earlier daemon left is replaced; anything else in its place is left alone.
+    pub(super) fn open(path: &Path) -> io::Result<Self> {
+        let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
+        grantpt(&ours)?;
+        unlockpt(&ours)?;
+        let port = ptsname(&ours, Vec::new())?
+            .into_string()
+            .map_err(io::Error::other)?;
+        let theirs = open(
+            &port,
+            OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC,
+            Mode::empty(),
+        )?;
+        // No echo, and no line ends of its own.
+        let mut line = tcgetattr(&theirs)?;
+        line.make_raw();
+        tcsetattr(&theirs, OptionalActions::Now, &line)?;
+        fs::set_permissions(&port, Permissions::from_mode(MODE))?;
+        fcntl_setfl(&ours, OFlags::RDWR | OFlags::NONBLOCK)?;
+        if fs::symlink_metadata(path).is_ok_and(|file| file.is_symlink()) {
+            fs::remove_file(path)?;
+        }
+        symlink(&port, path)?;
+        Ok(Self {
+            ours: ours.into(),
+            theirs,
+            _link: Link {
+                path: path.to_owned(),
+                port: port.into(),
+            },
+        })
+    }
+
+    /// Writes until there are no more.
+    pub(super) async fn run(mut self, mut sentences: Sentences) {
+        while let Some(text) = sentences.next().await {
+            if let Err(error) = self.write(&text) {
+                tracing::debug!("cannot write to the port: {error}");
+            }
+        }
+    }
+
+    /// Writes in place of what nobody has read: whoever opens the port later shall not get old headings.
+    fn write(&mut self, text: &str) -> io::Result<()> {
+        if ioctl_fionread(&self.theirs)? > 0 {
+            tcflush(&self.theirs, QueueSelector::IFlush)?;
+        }
+        // Nor shall what a program writes pile up.
+        tcflush(&self.theirs, QueueSelector::OFlush)?;
+        match self.ours.write(text.as_bytes()) {
+            Err(error) if error.kind() != ErrorKind::WouldBlock => Err(error),
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! The sentences of each heading that is due.
+
+use std::sync::Arc;
+
+use tokio::sync::broadcast::Receiver;
+use tokio::sync::broadcast::error::RecvError;
+
+use crate::publish::feed::{Feed, Message};
+use crate::publish::pace::Pace;
+
+/// Headings as NMEA 0183, as often as is set.
+pub(super) struct Sentences {
+    feed: Arc<Feed>,
+    ring: Receiver<Message>,
+    pace: Pace,
+}
+
+impl Sentences {
+    pub(super) fn new(feed: Arc<Feed>) -> Self {
+        Self {
+            ring: feed.subscribe(),
+            pace: Pace::new(Some(feed.nmea_rate_hz())),
+            feed,
+        }
+    }
+
+    /// Waits for the next heading that may be steered by; its sentences. `None` after the last. Nothing is lost when the
+    /// wait is given up.
+    pub(super) async fn next(&mut self) -> Option<String> {
+        loop {
+            match self.ring.recv().await {
+                Ok(Message::Heading(heading)) => {
+                    let taken = heading.taken();
+                    let mut text = String::new();
+                    if !self.feed.is_stale(taken) && self.pace.admits(taken) {
+                        self.feed.put_nmea(&mut text, &heading);
+                    }
+                    if !text.is_empty() {
+                        return Some(text);
+                    }
+                }
+                // Whoever could not keep up gets the newest.
+                Ok(_) | Err(RecvError::Lagged(_)) => {}
+                Err(RecvError::Closed) => return None,
+            }
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! NMEA 0183 over TCP, to whoever connects.
+
+use std::io;
+use std::net::{SocketAddr, TcpListener as StdListener};
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::task::JoinSet;
+use tokio::time::{sleep, timeout};
+
+use super::sentences::Sentences;
+use super::{address, check_address};
+use crate::check::{Check, Fault};
+use crate::publish::feed::Feed;
+
+/// So many clients are served at a time.
+const MOST_CLIENTS: usize = 8;
+
+/// How long a client may take nothing.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Pause after an accept that failed: there may be no files left.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// Where clients connect.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// An address of this machine in numbers, with a port: `"127.0.0.1:10110"` for its own programs, `"0.0.0.0:10110"` for
+    /// the whole network. Empty, as it is by default: none.
+    pub listen: String,
+}
+
+impl Settings {
+    /// Where they connect, if anywhere.
+    pub fn listen(&self) -> Option<SocketAddr> {
+        address(&self.listen)
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Vec<Fault> {
+        check_address("listen", &self.listen)
+    }
+}
+
+/// A port that clients can connect to.
+pub(super) struct Server {
+    listener: TcpListener,
+}
+
+impl Server {
+    pub(super) fn open(listen: SocketAddr) -> io::Result<Self> {
+        let listener = StdListener::bind(listen)?;
+        listener.set_nonblocking(true)?;
+        Ok(Self {
+            listener: TcpListener::from_std(listener)?,
+        })
+    }
+
+    /// Serves clients until it is dropped, and they with it.
+    pub(super) async fn run(self, feed: Arc<Feed>) {
+        let mut clients = JoinSet::new();
+        loop {
+            let accepted = tokio::select! {
+                Some(_) = clients.join_next() => continue,
+                accepted = self.listener.accept() => accepted,
+            };
+            match accepted {
+                Ok((stream, _)) if clients.len() < MOST_CLIENTS => {
+                    let sentences = Sentences::new(feed.clone());
+                    clients.spawn(async move {
+                        if let Err(error) = serve(stream, sentences).await {
+                            tracing::debug!("a client of TCP left: {error}");
+                        }
+                    });
+                }
+                Ok((_, peer)) => {
+                    tracing::info!(
+                        "{peer} is one client of TCP too many: {MOST_CLIENTS} are served"
+                    );
+                }
+                Err(error) => {
+                    tracing::warn!("cannot accept a client of TCP: {error}");
+                    sleep(PAUSE).await;
+                }
+            }
+        }
+    }
+}
+
+/// Serves one client until it leaves, or takes nothing. What it sends is thrown away.
+async fn serve(mut stream: TcpStream, mut sentences: Sentences) -> io::Result<()> {
+    stream.set_nodelay(true)?;
+    let (mut reader, mut writer) = stream.split();
+    let mut thrown = [0; 256];
+    loop {
+        tokio::select! {
+            read = reader.read(&mut thrown) => {
+                if read? == 0 {
+                    return Ok(());
+                }
+            }
+            text = sentences.next() => {
+                let Some(text) = text else { return Ok(()) };
+                timeout(PATIENCE, writer.write_all(text.as_bytes())).await??;
+            }
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! NMEA 0183 over UDP: a datagram for each heading.
+
+use std::io;
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket as StdSocket};
+
+use serde::{Deserialize, Serialize};
+use tokio::net::UdpSocket;
+
+use super::sentences::Sentences;
+use super::{address, check_address};
+use crate::check::{Check, Fault};
+
+/// Where datagrams go.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Settings {
+    /// An address in numbers with a port, of one receiver or a broadcast: `"127.0.0.1:10110"`, `"192.168.1.255:10110"`.
+    /// Empty, as it is by default: none.
+    pub to: String,
+}
+
+impl Settings {
+    /// Where they go, if anywhere.
+    pub fn to(&self) -> Option<SocketAddr> {
+        address(&self.to)
+    }
+}
+
+impl Check for Settings {
+    fn check(&self) -> Vec<Fault> {
+        check_address("to", &self.to)
+    }
+}
+
+/// A socket to send from.
+pub(super) struct Sender {
+    socket: UdpSocket,
+    to: SocketAddr,
+}
+
+impl Sender {
+    pub(super) fn open(to: SocketAddr) -> io::Result<Self> {
+        let any = match to {
+            SocketAddr::V4(_) => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
+            SocketAddr::V6(_) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
+        };
+        let socket = StdSocket::bind(any)?;
+        socket.set_broadcast(true)?;
+        socket.set_nonblocking(true)?;
+        Ok(Self {
+            socket: UdpSocket::from_std(socket)?,
+            to,
+        })
+    }
+
+    /// Sends until there are no more. A network that is away is told once, and once more when it is back.
+    pub(super) async fn run(self, mut sentences: Sentences) {
+        let mut failed = false;
+        while let Some(text) = sentences.next().await {
+            match self.socket.send_to(text.as_bytes(), self.to).await {
+                Ok(_) if failed => {
+                    tracing::info!("UDP to {} works again", self.to);
+                    failed = false;
+                }
+                Err(error) if !failed => {
+                    tracing::warn!("cannot send to {} over UDP: {error}; trying on", self.to);
+                    failed = true;
+                }
+                _ => {}
+            }
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! NMEA 0183 to those who do not ask: UDP, TCP, and what looks like a serial port.
+
+use std::fs::{self, File};
+use std::io::Read;
+use std::net::{SocketAddr, TcpListener, UdpSocket};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use headingd::check::Check;
+use headingd::heading::Heading;
+use headingd::publish::nmea::sentences;
+use headingd::publish::outputs::{Outputs, pty, tcp, udp};
+use rustix::io::ioctl_fionread;
+use tokio::io::AsyncReadExt;
+use tokio::net::TcpStream;
+
+use super::rig::{PATIENCE, Rig, heading, rig, until};
+
+/// Publishes a heading in so many degrees, in its turn: ten a second go out.
+fn publish(rig: &Rig, degrees: f64) -> String {
+    let one = Heading {
+        fused_deg: Some(degrees),
+        ..heading(1)
+    };
+    let taken = Instant::now() + Duration::from_secs_f64(degrees);
+    rig.publisher.heading(one.clone(), taken, None);
+    sentences("HC", &one)
+}
+
+fn udp_to(to: SocketAddr) -> udp::Settings {
+    udp::Settings { to: to.to_string() }
+}
+
+fn tcp_on(listen: SocketAddr) -> tcp::Settings {
+    tcp::Settings {
+        listen: listen.to_string(),
+    }
+}
+
+fn free_port() -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    listener.local_addr().unwrap()
+}
+
+#[tokio::test]
+async fn each_heading_is_a_datagram() {
+    let rig = rig(|_| {});
+    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+    receiver.set_read_timeout(Some(PATIENCE)).unwrap();
+    let to = udp_to(receiver.local_addr().unwrap());
+    let outputs = Outputs::open(
+        &to,
+        &Default::default(),
+        &Default::default(),
+        &rig.publisher,
+    );
+    let right = [1.0, 2.0, 3.0].map(|degrees| publish(&rig, degrees));
+    let received = tokio::task::spawn_blocking(move || {
+        [(); 3].map(|()| {
+            let mut bytes = [0; 1500];
+            let count = receiver.recv(&mut bytes).unwrap();
+            String::from_utf8(bytes[..count].into()).unwrap()
+        })
+    });
+    assert_eq!(received.await.unwrap(), right);
+    outputs.close().await;
+}
+
+#[tokio::test]
+async fn whoever_connects_gets_what_comes_from_then_on() {
+    let rig = rig(|_| {});
+    let port = free_port();
+    let outputs = Outputs::open(
+        &Default::default(),
+        &tcp_on(port),
+        &Default::default(),
+        &rig.publisher,
+    );
+    let mut clients = Vec::new();
+    for _ in 0..8 {
+        let client = TcpStream::connect(port).await.unwrap();
+        // What it says is thrown away; and it is being served once something has come.
+        client.try_write(b"$GPGGA,nonsense\r\n").unwrap();
+        let mut byte = [0];
+        let begun = Instant::now();
+        let mut degrees = 10.0;
+        while client.try_read(&mut byte).is_err() {
+            publish(&rig, degrees);
+            degrees += 1.0;
+            assert!(begun.elapsed() < PATIENCE);
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+        assert_eq!(&byte, b"$");
+        clients.push(client);
+    }
+    // One too many.
+    let mut refused = TcpStream::connect(port).await.unwrap();
+    assert_eq!(refused.read(&mut [0]).await.unwrap_or(0), 0);
+    let right = publish(&rig, 300.0);
+    for client in &mut clients {
+        let mut text = String::new();
+        while !text.ends_with(&right) {
+            let mut bytes = [0; 4096];
+            let count = tokio::time::timeout(PATIENCE, client.read(&mut bytes)).await;
+            let count = count.unwrap().unwrap();
+            assert!(count > 0, "{text}");
+            text += std::str::from_utf8(&bytes[..count]).unwrap();
+        }
+    }
+    outputs.close().await;
+    assert!(TcpStream::connect(port).await.is_err());
+}
+
+#[tokio::test]
+async fn a_port_has_the_newest_heading_alone_until_it_is_read() {
+    let rig = rig(|_| {});
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("nmea");
+    // What an earlier daemon left.
+    std::os::unix::fs::symlink("/dev/pts/nowhere", &path).unwrap();
+    let settings = pty::Settings { path: path.clone() };
+    let outputs = Outputs::open(
+        &Default::default(),
+        &Default::default(),
+        &settings,
+        &rig.publisher,
+    );
+    let mut port = File::options().read(true).write(true).open(&path).unwrap();
+    let unread = |port: &File, right: &str| ioctl_fionread(port).unwrap() == right.len() as u64;
+    // Each is of another length.
+    for degrees in [1.0, 20.0, 300.0] {
+        let right = publish(&rig, degrees);
+        until("a heading", || unread(&port, &right)).await;
+    }
+    let right = publish(&rig, 4.0 + 360.0);
+    until("the newest", || unread(&port, &right)).await;
+    let mut bytes = vec![0; right.len()];
+    port.read_exact(&mut bytes).unwrap();
+    assert_eq!(String::from_utf8(bytes).unwrap(), right);
+    outputs.close().await;
+    assert!(fs::symlink_metadata(&path).is_err());
+}
+
+#[tokio::test]
+async fn what_cannot_be_had_is_done_without() {
+    let rig = rig(|_| {});
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file");
+    fs::write(&path, "of somebody else").unwrap();
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+    receiver.set_read_timeout(Some(PATIENCE)).unwrap();
+    let outputs = Outputs::open(
+        &udp_to(receiver.local_addr().unwrap()),
+        &tcp_on(taken.local_addr().unwrap()),
+        &pty::Settings { path: path.clone() },
+        &rig.publisher,
+    );
+    let right = publish(&rig, 1.0);
+    let received = tokio::task::spawn_blocking(move || receiver.recv(&mut [0; 1500]).unwrap());
+    assert_eq!(received.await.unwrap(), right.len());
+    outputs.close().await;
+    assert_eq!(fs::read_to_string(&path).unwrap(), "of somebody else");
+}
+
+#[test]
+fn an_address_has_numbers_and_a_port() {
+    for (address, faults) in [
+        ("", 0),
+        ("127.0.0.1:10110", 0),
+        ("255.255.255.255:10110", 0),
+        ("[::1]:10110", 0),
+        ("localhost:10110", 1),
+        ("127.0.0.1", 1),
+        ("127.0.0.1:0", 1),
+        ("10110", 1),
+    ] {
+        let to = address.to_owned();
+        assert_eq!(udp::Settings { to }.check().len(), faults, "{address}");
+        let listen = address.to_owned();
+        assert_eq!(tcp::Settings { listen }.check().len(), faults, "{address}");
+    }
+    for (path, faults) in [("", 0), ("/run/headingd/nmea", 0), ("nmea", 1), ("/", 1)] {
+        let path = PathBuf::from(path);
+        assert_eq!(pty::Settings { path }.check().len(), faults);
+    }
+}
