@@ -46,7 +46,7 @@ def reports(lines):
         words = line.split()
         if line.startswith('{"class":"ATT"'):
             att = json.loads(line)
-            yield att["time"], {kind: att[key] for kind, key in KEYS.items()}
+            yield att.get("time", "-"), {kind: att[key] for kind, key in KEYS.items() if key in att}
         elif line.startswith("$"):
             body, sum_ = line[1:].strip().split("*")
             right = 0
