@@ -19,4 +19,5 @@ mod places;
 pub mod raw;
 pub mod request;
 pub mod server;
+mod signalk;
 mod socket_file;

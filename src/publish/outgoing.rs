@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 use std::time::Instant;
 
-use super::{gpsd, nmea};
+use super::{gpsd, nmea, signalk};
 use crate::heading::Heading;
 
 /// A heading, put into each format once, and only into those that somebody watches for.
@@ -15,6 +15,7 @@ pub(super) struct Outgoing {
     /// Without its age, which is added when it is written to a client.
     att: OnceLock<String>,
     nmea: OnceLock<String>,
+    signalk: OnceLock<String>,
 }
 
 impl Outgoing {
@@ -26,6 +27,7 @@ impl Outgoing {
             time,
             att: OnceLock::new(),
             nmea: OnceLock::new(),
+            signalk: OnceLock::new(),
         }
     }
 
@@ -57,6 +59,14 @@ impl Outgoing {
         out.push_str(
             self.nmea
                 .get_or_init(|| nmea::sentences(talker, &self.heading)),
+        );
+    }
+
+    /// Appends it as a Signal K delta.
+    pub(super) fn put_signalk(&self, out: &mut String) {
+        out.push_str(
+            self.signalk
+                .get_or_init(|| signalk::delta(&self.heading, self.time())),
         );
     }
 }

@@ -11,7 +11,9 @@ function print(line) {
 }
 
 function watch(listener) {
-  listener.on('ATT', (att) => print(`${att.time} true ${att.heading} magnetic ${att.mheading}`))
+  listener.on('ATT', (att) => {
+    if ('heading' in att) print(`${att.time} true ${att.heading} magnetic ${att.mheading}`)
+  })
   listener.connect(() => listener.watch())
 }
 
@@ -21,6 +23,20 @@ if (name === 'node-gpsd') {
 } else if (name === 'node-gpsd-client') {
   const Gpsd = require('node-gpsd-client')
   watch(new Gpsd({ port, hostname }))
+} else if (name === 'signalk-schema') {
+  // Deltas over UDP, held against Signal K's own schema.
+  const { validateDelta } = require('@signalk/signalk-schema')
+  const receiver = require('dgram').createSocket('udp4')
+  receiver.on('message', (bytes) => {
+    const delta = JSON.parse(bytes)
+    const { valid, errors } = validateDelta(delta)
+    if (!valid) throw new Error(errors.map((error) => `${error.dataPath}: ${error.message}`))
+    const [{ timestamp, values }] = delta.updates
+    const degrees = (path) => (values.find((one) => one.path === path).value * 180) / Math.PI
+    const [magnetic, real] = ['navigation.headingMagnetic', 'navigation.headingTrue'].map(degrees)
+    print(`${timestamp} magnetic ${magnetic} true ${real}`)
+  })
+  receiver.bind(port, hostname)
 } else {
   // Signal K's provider hands what it receives to Signal K's parser, as its server does.
   const Provider = require('@signalk/streams/gpsd').default

@@ -14,7 +14,7 @@ def python3_gps():
     session = gps.gps(host=HOST, port=str(port), mode=gps.WATCH_ENABLE | gps.WATCH_NEWSTYLE)
     count = 0
     for report in session:
-        if report["class"] == "ATT":
+        if report["class"] == "ATT" and "heading" in report:
             print(report["time"], "true", report["heading"], "magnetic", report["mheading"])
             count += 1
             if count == COUNT:
@@ -33,6 +33,8 @@ def gps3(module):
             stream.unpack(new)
             att = getattr(stream, "ATT", None)
             time, heading = (att["time"], att["heading"]) if att else (stream.time, stream.heading)
+            if heading == "n/a":
+                continue
             print(time, "true", heading)
             count += 1
             if count == COUNT:

@@ -1,19 +1,41 @@
-//! Headings as NMEA 0183 for programs that do not ask: over UDP, TCP, or what looks like a serial line. All are off unless
-//! the configuration says where they go.
+//! Headings for programs that do not ask: as NMEA 0183 or Signal K over UDP and TCP, and on what looks like a serial line.
+//! All are off unless the configuration says where they go.
 
+mod lines;
 pub mod pty;
-mod sentences;
+
 pub mod tcp;
 pub mod udp;
 
 use std::fmt::Display;
 use std::net::SocketAddr;
 
+use serde::{Deserialize, Serialize};
 use tokio::task::JoinSet;
 
 use super::feed::Publisher;
 use crate::check::Fault;
-use sentences::Sentences;
+use lines::Lines;
+
+/// What goes over UDP or TCP.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// NMEA 0183.
+    #[default]
+    Nmea,
+    /// Signal K deltas.
+    SignalK,
+}
+
+impl Format {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Nmea => "NMEA 0183",
+            Self::SignalK => "Signal K",
+        }
+    }
+}
 
 /// The outputs at work. They end when this is dropped.
 #[derive(Debug, Default)]
@@ -30,12 +52,12 @@ impl Outputs {
         publisher: &Publisher,
     ) -> Self {
         let mut tasks = JoinSet::new();
-        let sentences = || Sentences::new(publisher.feed());
+        let lines = |format| Lines::new(publisher.feed(), format);
         if let Some(to) = udp.to() {
             match udp::Sender::open(to) {
                 Ok(sender) => {
-                    tracing::info!("sending NMEA 0183 over UDP to {to}");
-                    tasks.spawn(sender.run(sentences()));
+                    tracing::info!("sending {} over UDP to {to}", udp.format.name());
+                    tasks.spawn(sender.run(lines(udp.format)));
                 }
                 Err(error) => complain("udp.to", to, &error),
             }
@@ -43,8 +65,8 @@ impl Outputs {
         if let Some(listen) = tcp.listen() {
             match tcp::Server::open(listen) {
                 Ok(server) => {
-                    tracing::info!("serving NMEA 0183 over TCP on {listen}");
-                    tasks.spawn(server.run(publisher.feed()));
+                    tracing::info!("serving {} over TCP on {listen}", tcp.format.name());
+                    tasks.spawn(server.run(publisher.feed(), tcp.format));
                 }
                 Err(error) => complain("tcp.listen", listen, &error),
             }
@@ -53,7 +75,7 @@ impl Outputs {
             match pty::Pty::open(path) {
                 Ok(pty) => {
                     tracing::info!("writing NMEA 0183 to {}", path.display());
-                    tasks.spawn(pty.run(sentences()));
+                    tasks.spawn(pty.run(lines(Format::Nmea)));
                 }
                 Err(error) => complain("pty.path", path.display(), &error),
             }

@@ -12,7 +12,7 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 use serde::{Deserialize, Serialize};
 
-use super::sentences::Sentences;
+use super::lines::Lines;
 use crate::check::{Check, Fault};
 
 /// Headings are no secret, and what is written to it is thrown away; programs open a port for both.
@@ -104,8 +104,8 @@ impl Pty {
     }
 
     /// Writes until there are no more.
-    pub(super) async fn run(mut self, mut sentences: Sentences) {
-        while let Some(text) = sentences.next().await {
+    pub(super) async fn run(mut self, mut lines: Lines) {
+        while let Some(text) = lines.next().await {
             if let Err(error) = self.write(&text) {
                 tracing::debug!("cannot write to the port: {error}");
             }

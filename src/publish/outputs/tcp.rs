@@ -1,4 +1,4 @@
-//! NMEA 0183 over TCP, to whoever connects.
+//! Headings over TCP, to whoever connects.
 
 use std::io;
 use std::net::{SocketAddr, TcpListener as StdListener};
@@ -11,8 +11,8 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
-use super::sentences::Sentences;
-use super::{address, check_address};
+use super::lines::Lines;
+use super::{Format, address, check_address};
 use crate::check::{Check, Fault};
 use crate::publish::feed::Feed;
 
@@ -32,6 +32,8 @@ pub struct Settings {
     /// An address of this machine in numbers, with a port: `"127.0.0.1:10110"` for its own programs, `"0.0.0.0:10110"` for
     /// the whole network. Empty, as it is by default: none.
     pub listen: String,
+    /// `"nmea"`, the default, or `"signalk"`.
+    pub format: Format,
 }
 
 impl Settings {
@@ -62,7 +64,7 @@ impl Server {
     }
 
     /// Serves clients until it is dropped, and they with it.
-    pub(super) async fn run(self, feed: Arc<Feed>) {
+    pub(super) async fn run(self, feed: Arc<Feed>, format: Format) {
         let mut clients = JoinSet::new();
         loop {
             let accepted = tokio::select! {
@@ -71,9 +73,9 @@ impl Server {
             };
             match accepted {
                 Ok((stream, _)) if clients.len() < MOST_CLIENTS => {
-                    let sentences = Sentences::new(feed.clone());
+                    let lines = Lines::new(feed.clone(), format);
                     clients.spawn(async move {
-                        if let Err(error) = serve(stream, sentences).await {
+                        if let Err(error) = serve(stream, lines).await {
                             tracing::debug!("a client of TCP left: {error}");
                         }
                     });
@@ -93,7 +95,7 @@ impl Server {
 }
 
 /// Serves one client until it leaves, or takes nothing. What it sends is thrown away.
-async fn serve(mut stream: TcpStream, mut sentences: Sentences) -> io::Result<()> {
+async fn serve(mut stream: TcpStream, mut lines: Lines) -> io::Result<()> {
     stream.set_nodelay(true)?;
     let (mut reader, mut writer) = stream.split();
     let mut thrown = [0; 256];
@@ -104,7 +106,7 @@ async fn serve(mut stream: TcpStream, mut sentences: Sentences) -> io::Result<()
                     return Ok(());
                 }
             }
-            text = sentences.next() => {
+            text = lines.next() => {
                 let Some(text) = text else { return Ok(()) };
                 timeout(PATIENCE, writer.write_all(text.as_bytes())).await??;
             }

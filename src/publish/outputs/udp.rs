@@ -1,4 +1,4 @@
-//! NMEA 0183 over UDP: a datagram for each heading.
+//! Headings over UDP: a datagram for each heading.
 
 use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket as StdSocket};
@@ -6,8 +6,8 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket as StdSocket};
 use serde::{Deserialize, Serialize};
 use tokio::net::UdpSocket;
 
-use super::sentences::Sentences;
-use super::{address, check_address};
+use super::lines::Lines;
+use super::{Format, address, check_address};
 use crate::check::{Check, Fault};
 
 /// Where datagrams go.
@@ -17,6 +17,8 @@ pub struct Settings {
     /// An address in numbers with a port, of one receiver or a broadcast: `"127.0.0.1:10110"`, `"192.168.1.255:10110"`.
     /// Empty, as it is by default: none.
     pub to: String,
+    /// `"nmea"`, the default, or `"signalk"`.
+    pub format: Format,
 }
 
 impl Settings {
@@ -54,9 +56,9 @@ impl Sender {
     }
 
     /// Sends until there are no more. A network that is away is told once, and once more when it is back.
-    pub(super) async fn run(self, mut sentences: Sentences) {
+    pub(super) async fn run(self, mut lines: Lines) {
         let mut failed = false;
-        while let Some(text) = sentences.next().await {
+        while let Some(text) = lines.next().await {
             match self.socket.send_to(text.as_bytes(), self.to).await {
                 Ok(_) if failed => {
                     tracing::info!("UDP to {} works again", self.to);

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use headingd::check::Check;
 use headingd::heading::Heading;
 use headingd::publish::nmea::sentences;
-use headingd::publish::outputs::{Outputs, pty, tcp, udp};
+use headingd::publish::outputs::{Format, Outputs, pty, tcp, udp};
 use rustix::io::ioctl_fionread;
 use tokio::io::AsyncReadExt;
 use tokio::net::TcpStream;
@@ -27,13 +27,17 @@ fn publish(rig: &Rig, degrees: f64) -> String {
     sentences("HC", &one)
 }
 
-fn udp_to(to: SocketAddr) -> udp::Settings {
-    udp::Settings { to: to.to_string() }
+fn udp_to(to: impl ToString) -> udp::Settings {
+    udp::Settings {
+        to: to.to_string(),
+        ..udp::Settings::default()
+    }
 }
 
-fn tcp_on(listen: SocketAddr) -> tcp::Settings {
+fn tcp_on(listen: impl ToString) -> tcp::Settings {
     tcp::Settings {
         listen: listen.to_string(),
+        ..tcp::Settings::default()
     }
 }
 
@@ -63,6 +67,34 @@ async fn each_heading_is_a_datagram() {
         })
     });
     assert_eq!(received.await.unwrap(), right);
+    outputs.close().await;
+}
+
+#[tokio::test]
+async fn signal_k_comes_as_deltas() {
+    let rig = rig(|_| {});
+    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+    receiver.set_read_timeout(Some(PATIENCE)).unwrap();
+    let to = udp::Settings {
+        format: Format::SignalK,
+        ..udp_to(receiver.local_addr().unwrap())
+    };
+    let outputs = Outputs::open(
+        &to,
+        &Default::default(),
+        &Default::default(),
+        &rig.publisher,
+    );
+    publish(&rig, 57.0);
+    let received = tokio::task::spawn_blocking(move || {
+        let mut bytes = [0; 1500];
+        let count = receiver.recv(&mut bytes).unwrap();
+        serde_json::from_slice::<serde_json::Value>(&bytes[..count]).unwrap()
+    });
+    let delta = received.await.unwrap();
+    let first = &delta["updates"][0]["values"][0];
+    assert_eq!(first["path"], "navigation.headingMagnetic");
+    assert_eq!(first["value"], 0.994838);
     outputs.close().await;
 }
 
@@ -175,10 +207,8 @@ fn an_address_has_numbers_and_a_port() {
         ("127.0.0.1:0", 1),
         ("10110", 1),
     ] {
-        let to = address.to_owned();
-        assert_eq!(udp::Settings { to }.check().len(), faults, "{address}");
-        let listen = address.to_owned();
-        assert_eq!(tcp::Settings { listen }.check().len(), faults, "{address}");
+        assert_eq!(udp_to(address).check().len(), faults, "{address}");
+        assert_eq!(tcp_on(address).check().len(), faults, "{address}");
     }
     for (path, faults) in [("", 0), ("/run/headingd/nmea", 0), ("nmea", 1), ("/", 1)] {
         let path = PathBuf::from(path);

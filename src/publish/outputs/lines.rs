@@ -1,30 +1,33 @@
-//! The sentences of each heading that is due.
+//! The lines of each heading that is due.
 
 use std::sync::Arc;
 
 use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::RecvError;
 
+use super::Format;
 use crate::publish::feed::{Feed, Message};
 use crate::publish::pace::Pace;
 
-/// Headings as NMEA 0183, as often as is set.
-pub(super) struct Sentences {
+/// Headings in a format, as often as is set.
+pub(super) struct Lines {
+    format: Format,
     feed: Arc<Feed>,
     ring: Receiver<Message>,
     pace: Pace,
 }
 
-impl Sentences {
-    pub(super) fn new(feed: Arc<Feed>) -> Self {
+impl Lines {
+    pub(super) fn new(feed: Arc<Feed>, format: Format) -> Self {
         Self {
+            format,
             ring: feed.subscribe(),
             pace: Pace::new(Some(feed.nmea_rate_hz())),
             feed,
         }
     }
 
-    /// Waits for the next heading that may be steered by; its sentences. `None` after the last. Nothing is lost when the
+    /// Waits for the next heading that may be steered by; its lines. `None` after the last. Nothing is lost when the
     /// wait is given up.
     pub(super) async fn next(&mut self) -> Option<String> {
         loop {
@@ -33,7 +36,10 @@ impl Sentences {
                     let taken = heading.taken();
                     let mut text = String::new();
                     if !self.feed.is_stale(taken) && self.pace.admits(taken) {
-                        self.feed.put_nmea(&mut text, &heading);
+                        match self.format {
+                            Format::Nmea => self.feed.put_nmea(&mut text, &heading),
+                            Format::SignalK => heading.put_signalk(&mut text),
+                        }
                     }
                     if !text.is_empty() {
                         return Some(text);
