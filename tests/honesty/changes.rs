@@ -159,10 +159,20 @@ pub fn flipped_gyro(rng: &mut Rng, score: &mut Score) {
 
 /// Range 250 °/s as of the recorded logs, motion of twice as much.
 pub fn clipped_gyro(rng: &mut Rng, score: &mut Score) {
-    let wanted = |shown: &Shown| reason::GYRO_CLIPS.contains(&shown.reason);
-    in_motion(rng, score, 60.0, 3.5, wanted, |_, board| {
-        board.gyro.range = 250f64.to_radians();
+    let moving = Part::Free {
+        s: 70.0,
+        rate: 3.5,
+        accel: 1.0,
+    };
+    let lesson = lesson(rng, &[], &[moving]);
+    let (mut scene, change_s) = taught(rng, score, lesson);
+    scene.board.gyro.range = 250f64.to_radians();
+    score.watch(Some(change_s), |shown| {
+        reason::GYRO_CLIPS.contains(&shown.reason)
     });
+    score.good_from_s = change_s;
+    score.errors_from = From::Time(change_s);
+    run(scene, rng, score);
 }
 
 pub fn slow_gyro(rng: &mut Rng, score: &mut Score) {
