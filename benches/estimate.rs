@@ -53,6 +53,8 @@ impl Board {
                 continue;
             }
             board.samples.push(Sample {
+                late_s: 0.0,
+                force_m_s2: None,
                 t_s: reading.t_s,
                 field_mgauss,
                 pose,

@@ -12,6 +12,8 @@ use crate::reading::Reading;
 mod clock;
 mod filter;
 mod gravity;
+mod gyro_errors;
+mod lateness;
 #[cfg(test)]
 pub(crate) mod motion;
 mod steadiness;
@@ -21,6 +23,7 @@ mod tests;
 
 use clock::{ClipWatch, EvenClock, Step};
 use filter::Filter;
+pub use lateness::Lateness;
 
 /// Faster than any gyro measures: nonsense, rad/s.
 const IMPLAUSIBLE_RAD_S: f64 = 200.0;
@@ -129,6 +132,7 @@ pub struct Attitude {
     /// The gyro's newest reading, and since when it has read the same.
     constant: Option<(Vector3<f64>, f64)>,
     newest_s: f64,
+    late: Lateness,
     filter: Filter,
 }
 
@@ -141,6 +145,7 @@ impl Attitude {
             clip: ClipWatch::new(settings.gyro_range_deg_s),
             constant: None,
             newest_s: 0.0,
+            late: Lateness::default(),
             filter: Filter::new(settings.gyro_bias_limit_deg_s),
         }
     }
@@ -169,6 +174,7 @@ impl Attitude {
                 self.constant = Some((chip, t_s));
             }
             self.newest_s = t_s;
+            let t_s = t_s - self.late.take(t_s);
             let rate = self.mountings.gyro.to_body(chip);
             let filter = &mut self.filter;
             let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
@@ -178,7 +184,8 @@ impl Attitude {
                 self.filter.resume_after_hole();
             }
             if step != Step::Ignored && self.clip.take(&chip) {
-                self.filter.stretch = self.filter.stretch.wrapping_add(1);
+                // Nobody knows how far it has turned meanwhile, and so where down is.
+                self.filter.resume_after_hole();
             }
         }
     }
@@ -217,6 +224,17 @@ impl Attitude {
         self.filter.gravity.newest(t_s)
     }
 
+    /// The same with its standard deviation, radians. Where the gyro is not trusted it is what the accelerometer feels,
+    /// and the board's accelerations tilt that; else it has no more than the tilt's own.
+    pub fn down_and_sd(&self, t_s: f64, gyro_trusted: bool) -> Option<(Vector3<f64>, f64)> {
+        if gyro_trusted {
+            return Some((self.down(t_s)?, 0.0));
+        }
+        let gravity = &self.filter.gravity;
+        let down = (-gravity.low_passed(t_s)?).try_normalize(1e-9)?;
+        Some((down, gravity.shaken_rad()))
+    }
+
     /// Whether an accelerometer tells where down is.
     pub fn down_known(&self, t_s: f64) -> bool {
         self.filter.gravity.live(t_s)
@@ -250,6 +268,11 @@ impl Attitude {
     /// Time constant with which the accelerometer corrects the tilt, seconds.
     pub fn tilt_tau_s(&self) -> f64 {
         self.filter.tilt_tau_s()
+    }
+
+    /// Specific force, body axes, m/s², low-passed over 0.2 s; `None` while the accelerometer is silent.
+    pub fn low_passed_force_m_s2(&self, t_s: f64) -> Option<Vector3<f64>> {
+        self.filter.gravity.low_passed(t_s)
     }
 
     /// For how long the gyro has read the same to the last bit, seconds.

@@ -52,6 +52,8 @@ pub struct Sample {
     pub t_s: f64,
     /// Raw field, magnetometer chip axes, milligauss.
     pub field_mgauss: Vector3<f64>,
+    /// How late the sample came, seconds.
+    pub late_s: f64,
     /// The board's pose.
     pub pose: Pose,
     /// Angular rate freed of the gyro's bias, body axes, rad/s.
@@ -64,6 +66,8 @@ pub struct Sample {
     pub tilt_sd_rad: f64,
     /// For how long the gyro has read the same to the last bit, seconds.
     pub gyro_constant_s: f64,
+    /// Specific force, body axes, m/s²; `None` without an accelerometer.
+    pub force_m_s2: Option<Vector3<f64>>,
     /// At rest by gyro, accelerometer and field.
     pub at_rest: bool,
     /// Still by gyro and accelerometer.
@@ -186,9 +190,11 @@ impl Estimate {
             rate_rad_s: sample.rate_rad_s,
             field_mgauss: self.mounting.to_body(sample.field_mgauss),
             period_s,
+            late_s: sample.late_s,
             tilt_tau_s: sample.tilt_tau_s,
             tilt_sd_rad: sample.tilt_sd_rad,
             gyro_constant_s: sample.gyro_constant_s,
+            force_m_s2: sample.force_m_s2,
             at_rest: sample.at_rest,
             still: sample.still,
         }
@@ -325,18 +331,20 @@ impl Estimate {
         })
     }
 
-    /// The heading from one sample alone: what is left where the gyro is not to be trusted.
+    /// The heading from one sample alone: what is left where the gyro is not to be trusted. Down is a unit vector of body
+    /// axes with its standard deviation, radians; the rate, rad/s, is that of a board whose field lags behind.
     pub fn instantaneous(
         &self,
         field_mgauss: &Vector3<f64>,
-        down: Option<&Vector3<f64>>,
+        down: Option<(Vector3<f64>, f64)>,
+        rate_rad_s: f64,
     ) -> Option<Fix> {
         let corrected = self.corrected(field_mgauss)?;
         if let Some(kept) = self.kept_alone() {
             return kept::fix(kept, &self.mounting, &corrected, down);
         }
         let (axis, tilt_sd) = match down {
-            Some(down) => (*down, TILT_SD_RAD),
+            Some((down, sd)) => (down, TILT_SD_RAD.hypot(sd)),
             None => (Vector3::z(), LEVEL_SD_RAD),
         };
         let heading = heading_deg(&corrected, &axis)?;
@@ -347,6 +355,7 @@ impl Estimate {
         let own = (east.transpose() * covariance * east)[0];
         let tilt = tilt_sd * vertical;
         let sd = (own + tilt * tilt).sqrt() / horizontal;
+        let sd = sd.hypot(rate_rad_s * self.active.lag_s());
         Some(Fix {
             heading_deg: heading,
             sd_deg: sd.to_degrees().min(180.0),

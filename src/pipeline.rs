@@ -112,6 +112,7 @@ pub struct Pipeline {
     /// A sensor that says the same again and again while the board moves.
     frozen: Option<Trouble>,
     attitude: Attitude,
+    late: attitude::Lateness,
     turns: TurnDetector,
     estimate: Estimate,
     learning: Learning,
@@ -152,6 +153,7 @@ impl Pipeline {
             outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
             frozen_watch: FrozenWatch::default(),
             frozen: None,
+            late: attitude::Lateness::default(),
             attitude: Attitude::new(&setup.attitude, &setup.mountings),
             turns: TurnDetector::new(&setup.turn),
             estimate: Estimate::new(setup.mountings.mag, calibration.as_ref()),
@@ -281,8 +283,10 @@ impl Pipeline {
     }
 
     fn publish(&mut self, t_s: f64, raw: &Vector3<f64>, actions: &mut Vec<Action>) {
-        let down = self.attitude.down(t_s);
         let pose = self.estimate_from(t_s, raw);
+        let trusted = pose.is_some() && self.gyro_is_right();
+        let level = self.attitude.down_and_sd(t_s, trusted);
+        let down = level.map(|(down, _)| down);
         let corrected = self
             .learning
             .calibrated()
@@ -298,14 +302,11 @@ impl Pipeline {
         let publish_sd_deg = self.setup.pipeline.publish_sd_deg;
         let certain = |fix: &Fix| fix.sd_deg <= publish_sd_deg;
         let fused = pose
-            .filter(|_| self.gyro_is_right())
+            .filter(|_| trusted)
             .and_then(|pose| self.estimate.fix(&pose));
-        let instantaneous = self.estimate.instantaneous(raw, down.as_ref());
-        let best = if pose.is_some() && self.gyro_is_right() {
-            fused
-        } else {
-            instantaneous
-        };
+        let rate_rad_s = self.attitude.rate_rad_s().norm();
+        let instantaneous = self.estimate.instantaneous(raw, level, rate_rad_s);
+        let best = if trusted { fused } else { instantaneous };
         if let Some(best) = &best {
             self.sd_deg = best.sd_deg;
         }
@@ -355,12 +356,14 @@ impl Pipeline {
         let sample = EstimateSample {
             t_s,
             field_mgauss: *raw,
+            late_s: self.late.take(t_s),
             pose,
             rate_rad_s: self.attitude.rate_rad_s(),
             gyro_bias_rad_s: self.attitude.gyro_bias_rad_s(),
             tilt_tau_s: self.attitude.tilt_tau_s(),
             tilt_sd_rad: self.attitude.tilt_sd_rad(),
             gyro_constant_s: self.attitude.gyro_constant_s(),
+            force_m_s2: self.attitude.low_passed_force_m_s2(t_s),
             at_rest: self.attitude.at_rest(),
             still: self.attitude.still(),
         };

@@ -7,6 +7,9 @@ const SILENT_S: f64 = 1.0;
 /// A reading stands for the time after it no longer than this: the board turns on.
 const HOLD_S: f64 = 0.1;
 const LOW_PASS_S: f64 = 0.2;
+/// How much its strength differs from gravity's is measured over this time, seconds.
+const SHAKEN_S: f64 = 2.0;
+const GRAVITY_M_S2: f64 = 9.81;
 /// Weaker readings point nowhere (a dead part answers zeros), stronger ones are nonsense.
 const PLAUSIBLE_M_S2: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
@@ -16,6 +19,8 @@ pub(super) struct Gravity {
     previous: Option<(f64, Vector3<f64>)>,
     newest: Option<(f64, Vector3<f64>)>,
     low_passed: Vector3<f64>,
+    /// Mean square of what its strength differs from gravity's, m²/s⁴.
+    shaken2: f64,
     /// Sum and count of the readings since the last tick.
     sum: Vector3<f64>,
     count: u32,
@@ -31,6 +36,9 @@ impl Gravity {
             Some((newest_s, _)) if (0.0..=SILENT_S).contains(&(t_s - newest_s)) => {
                 let gain = 1.0 - (-(t_s - newest_s) / LOW_PASS_S).exp();
                 self.low_passed += (force - self.low_passed) * gain;
+                let off = self.low_passed.norm() - GRAVITY_M_S2;
+                let gain = 1.0 - (-(t_s - newest_s) / SHAKEN_S).exp();
+                self.shaken2 += (off * off - self.shaken2) * gain;
                 self.previous = self.newest;
             }
             // A step back by less than that is a late reading.
@@ -62,6 +70,12 @@ impl Gravity {
         };
         let part = ((end_s - previous_s) / (newest_s - previous_s)).clamp(0.0, 1.0);
         Some(previous + (newest - previous) * part)
+    }
+
+    /// By how much the board's accelerations tilt what the accelerometer feels, one standard deviation, radians: as
+    /// much across gravity as along it, where it shows.
+    pub(super) fn shaken_rad(&self) -> f64 {
+        self.shaken2.sqrt() / GRAVITY_M_S2
     }
 
     /// Specific force low-passed over 0.2 s; `None` while the accelerometer is silent.

@@ -74,7 +74,7 @@ const USUAL_UNEVENNESS: f64 = 0.015;
 /// Unevenness is forgotten by turning this far, radians, by moving this long, or by resting this long, seconds.
 const FORGET_RAD: f64 = 0.52;
 const FORGET_MOVING_S: f64 = 1.0;
-const FORGET_RESTING_S: f64 = 300.0;
+const FORGET_RESTING_S: f64 = 1500.0;
 /// Its size is measured over so many of those lengths: quickly when it grows, slowly when it shrinks.
 const LENGTHS_UP: f64 = 3.0;
 const LENGTHS_DOWN: f64 = 4.0;
@@ -115,12 +115,16 @@ pub(super) struct Input {
     pub(super) field_mgauss: Vector3<f64>,
     /// Time since the sample before, seconds.
     pub(super) period_s: f64,
+    /// How late the sample came, seconds.
+    pub(super) late_s: f64,
     /// Time constant of the tilt's errors, seconds.
     pub(super) tilt_tau_s: f64,
     /// What the tilt is off by, one standard deviation, radians.
     pub(super) tilt_sd_rad: f64,
     /// For how long the gyro has read the same to the last bit, seconds.
     pub(super) gyro_constant_s: f64,
+    /// Specific force, body axes, m/s².
+    pub(super) force_m_s2: Option<Vector3<f64>>,
     /// The board is at rest, by gyro, accelerometer and field: the gyro's rate is its bias.
     pub(super) at_rest: bool,
     /// The board does not move, by gyro and accelerometer.
@@ -244,8 +248,12 @@ impl Filter {
         let Some(inverse) = self.matrix().try_inverse() else {
             return;
         };
-        let map = input.to_frame * inverse;
+        let rate = input.rate_rad_s.cross_matrix();
+        let lag = self.x[T] + input.late_s;
+        let turn = input.to_frame * (Matrix3::identity() - rate * lag);
+        let map = turn * inverse;
         let corrected = inverse * (input.field_mgauss - self.vector(B));
+        let field = turn * corrected;
         self.clear(H, 5);
         self.clear(M, 3);
         let unevenness = self.unevenness2 * self.strength_mgauss.powi(2);
@@ -253,9 +261,9 @@ impl Filter {
             self.p[(M + axis, M + axis)] = unevenness;
         }
         for axis in 0..2 {
-            self.p[(E + axis, E + axis)] = TILT_RAD * TILT_RAD;
+            self.p[(E + axis, E + axis)] = input.tilt_sd_rad.powi(2);
         }
-        // h = R D⁻¹ (y − b) − m
+        // h = R (I − [ω]× T) D⁻¹ (y − b) − ε × h − m
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
         jacobian.fixed_columns_mut::<3>(B).copy_from(&-map);
         for row in 0..3 {
@@ -269,14 +277,20 @@ impl Filter {
         jacobian
             .fixed_columns_mut::<3>(M)
             .copy_from(&-Matrix3::identity());
+        let by_tilt = field.cross_matrix();
+        jacobian
+            .fixed_columns_mut::<2>(E)
+            .copy_from(&by_tilt.fixed_columns::<2>(0));
+        let by_time = input.to_frame * rate * corrected;
+        jacobian.fixed_columns_mut::<1>(T).copy_from(&-by_time);
         let cross = jacobian * self.p;
-        let own = cross * jacobian.transpose() + map * map.transpose() * self.noise2;
+        let timed = by_time * by_time.transpose() * JITTER_S.powi(2);
+        let own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
         self.p.fixed_rows_mut::<3>(H).copy_from(&cross);
         self.p
             .fixed_columns_mut::<3>(H)
             .copy_from(&cross.transpose());
         self.p.fixed_view_mut::<3, 3>(H, H).copy_from(&own);
-        let field = input.to_frame * corrected;
         self.x.fixed_rows_mut::<3>(H).copy_from(&field);
         self.innovation = None;
     }
@@ -502,7 +516,7 @@ impl Filter {
             ..
         } = *input;
         let tilt = Vector3::new(self.x[E], self.x[E + 1], 0.0);
-        let lag = self.x[T];
+        let lag = self.x[T] + input.late_s;
         let here = self.vector(H) + self.vector(M);
         let matrix = self.matrix();
         let body = r.transpose() * (here + tilt.cross(&here));
@@ -675,6 +689,11 @@ impl Filter {
     /// Expected strength of the field, milligauss.
     pub(super) fn strength_mgauss(&self) -> f64 {
         self.vector(H).norm()
+    }
+
+    /// How far the magnetometer may lag behind the gyro, seconds.
+    pub(super) fn lag_s(&self) -> f64 {
+        self.x[T].hypot(self.p[(T, T)].max(0.0).sqrt())
     }
 
     /// White noise of a sample, one standard deviation, milligauss.

@@ -1,8 +1,9 @@
-//! Whether gyro and field tell the same of how the board turns.
+//! Whether gyro, field and gravity agree on how the board turns.
 //!
-//! A field that stands still turns against the board, as the gyro says that the board turns, and iron on the board adds a
-//! constant. So the change of the raw field over a moment is held against the change that the gyro predicts. The slope of
-//! the one over the other is 1; a gyro of the wrong sign has −1, one whose scale is 10 % too small has 1.1.
+//! A field that stands still turns against the board as the gyro reads, and iron on the board adds a constant. So the
+//! change of the raw field over a moment is compared with the change that the gyro predicts. The slope of the one over
+//! the other is 1; a gyro of the wrong sign has −1, one whose scale is 10 % too small has 1.1. Gravity turns in the same way,
+//! and no iron moves it: where both have turned and the gyro has not, the gyro is dead, whatever it reads.
 
 use nalgebra::Vector3;
 
@@ -25,6 +26,18 @@ const SCALE_TOLERANCE: f64 = 0.07;
 /// Correlation of both changes above which a slope says something, and below which gyro and field turn different ways.
 const BELONG: f64 = 0.98;
 const OPPOSES: f64 = -0.3;
+/// Accelerations of the board move gravity as well.
+const GRAVITY_OPPOSES: f64 = -0.5;
+/// Below this a gyro that reads the same to the last bit is not the one of a turntable.
+const AGREES: f64 = 0.5;
+/// Specific force that is longer or shorter than gravity by more than this share is not gravity.
+const SHAKEN: f64 = 0.1;
+/// A gyro is dead when gravity and field have moved together so often in a row, each by so much (6°), without it. A car that
+/// brakes moves gravity, one that passes it the field; both at once are a chance.
+const TOGETHER: u32 = 3;
+const MOVED: f64 = 0.1;
+/// A gyro that turns by less than this share of what gravity does is silent.
+const SILENT: f64 = 0.3;
 const EXPLAINS_AGAIN: f64 = 0.8;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, are no measurement if the field
 /// changes by so much meanwhile (squares summed: a turn of 15°).
@@ -32,6 +45,8 @@ const CONSTANT_S: f64 = 0.5;
 const CONSTANT_ENOUGH: f64 = 0.06;
 /// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
 const CONSTANT_CHANGES: u32 = 3;
+
+const GRAVITY_M_S2: f64 = 9.81;
 
 /// What is wrong with the gyro.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,20 +70,32 @@ impl GyroFault {
     }
 }
 
-/// Holds the gyro against the field.
+/// Compares the gyro with the field and with gravity.
 #[derive(Clone, Debug, Default)]
 pub(super) struct GyroCheck {
+    field: Witness,
+    gravity: Witness,
+    /// The field when gravity's moment began, in strengths, how far the gyro has turned since, radians, and how often both
+    /// have moved without it.
+    begun: Vector3<f64>,
+    turned_rad: f64,
+    together: u32,
+    constant: bool,
+    fault: Option<GyroFault>,
+}
+
+/// A vector that stands still in the world, as the board has seen it change and as the gyro predicts.
+#[derive(Clone, Debug, Default)]
+struct Witness {
     moment: Option<Moment>,
     quick: Sums,
     slow: Sums,
-    constant: bool,
-    fault: Option<GyroFault>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Moment {
     age_s: f64,
-    field: Vector3<f64>,
+    begun: Vector3<f64>,
     predicted: Vector3<f64>,
 }
 
@@ -92,8 +119,48 @@ impl Sums {
         self.count += 1;
     }
 
+    fn enough(&self, memory: f64) -> bool {
+        self.seen.max(self.told) > ENOUGH * memory
+    }
+
     fn correlation(&self) -> f64 {
         self.both / (self.seen * self.told).sqrt().max(1e-9)
+    }
+}
+
+impl Witness {
+    /// Takes the vector and the change that the gyro predicts since the sample before. When a moment ends, how much the
+    /// vector has changed in it.
+    fn take(&mut self, now: Vector3<f64>, change: Vector3<f64>, period_s: f64) -> Option<f64> {
+        let moment = self.moment.get_or_insert(Moment {
+            age_s: 0.0,
+            begun: now,
+            predicted: -change,
+        });
+        moment.age_s += period_s;
+        moment.predicted += change;
+        let (seen, told) = (now - moment.begun, moment.predicted);
+        let larger = seen.norm().max(told.norm());
+        if larger < CHANGE && moment.age_s < MOMENT_S {
+            return None;
+        }
+        self.moment = None;
+        if !(NOISE..JUMP).contains(&larger) {
+            return None;
+        }
+        self.quick.take(&seen, &told, QUICK);
+        self.slow.take(&seen, &told, SLOW);
+        Some(seen.norm())
+    }
+
+    /// Whether it has turned by enough to say something, and the gyro has not.
+    fn turns_alone(&self, enough: f64) -> bool {
+        self.quick.seen > enough && self.quick.told < 0.1 * self.quick.seen
+    }
+
+    fn opposes(&self, limit: f64) -> bool {
+        let Sums { seen, told, .. } = self.quick;
+        told > 0.1 * seen && self.quick.enough(QUICK) && self.quick.correlation() < limit
     }
 }
 
@@ -103,62 +170,75 @@ impl GyroCheck {
         let constant = input.gyro_constant_s > CONSTANT_S;
         if constant != self.constant {
             self.constant = constant;
-            self.quick = Sums::default();
+            self.field.quick = Sums::default();
+            self.gravity.quick = Sums::default();
         }
-        if !filter.begun() || !filter.iron_known_within(filter.strength_mgauss()) {
-            return;
+        let (rate, dt) = (input.rate_rad_s, input.period_s);
+        let field = input.field_mgauss / filter.strength_mgauss().max(1.0);
+        let mut judge = false;
+        if let Some(force) = input.force_m_s2 {
+            let up = force / GRAVITY_M_S2;
+            self.turned_rad += rate.norm() * dt;
+            if (up.norm() - 1.0).abs() > SHAKEN {
+                self.gravity.moment = None;
+            } else if let Some(seen) = self.gravity.take(up, up.cross(&rate) * dt, dt) {
+                judge = true;
+                self.compare(seen, &field);
+            }
+            if self.gravity.moment.is_none() {
+                self.begun = field;
+                self.turned_rad = 0.0;
+            }
         }
-        let matrix = filter.matrix();
-        let Some(inverse) = matrix.try_inverse() else {
-            return;
-        };
-        let field = inverse * (input.field_mgauss - filter.bias_mgauss());
-        let change = matrix * field.cross(&input.rate_rad_s) * input.period_s;
-        let moment = self.moment.get_or_insert(Moment {
-            age_s: 0.0,
-            field: input.field_mgauss,
-            predicted: -change,
-        });
-        moment.age_s += input.period_s;
-        moment.predicted += change;
-        let strength = filter.strength_mgauss();
-        let seen = (input.field_mgauss - moment.field) / strength;
-        let told = moment.predicted / strength;
-        let larger = seen.norm().max(told.norm());
-        if larger < CHANGE && moment.age_s < MOMENT_S {
-            return;
+        if filter.begun() && filter.iron_known_within(filter.strength_mgauss()) {
+            let matrix = filter.matrix();
+            let Some(inverse) = matrix.try_inverse() else {
+                return;
+            };
+            let corrected = inverse * (input.field_mgauss - filter.bias_mgauss());
+            let change = matrix * corrected.cross(&rate) * (dt / filter.strength_mgauss());
+            judge |= self.field.take(field, change, dt).is_some();
         }
-        self.moment = None;
-        if !(NOISE..JUMP).contains(&larger) {
-            return;
+        if judge {
+            self.fault = self.judged();
         }
-        self.quick.take(&seen, &told, QUICK);
-        self.slow.take(&seen, &told, SLOW);
-        self.fault = self.judged();
+    }
+
+    /// Gravity has changed by `seen` in a moment.
+    fn compare(&mut self, seen: f64, field: &Vector3<f64>) {
+        if self.turned_rad > SILENT * seen {
+            self.together = 0;
+        } else if seen > MOVED && (field - self.begun).norm() > MOVED {
+            self.together += 1;
+        }
     }
 
     fn judged(&self) -> Option<GyroFault> {
-        let Sums { seen, told, .. } = self.quick;
-        let enough = |sums: &Sums, memory: f64| sums.seen.max(sums.told) > ENOUGH * memory;
-        let silent = told < 0.1 * seen;
-        if silent && self.constant && seen > CONSTANT_ENOUGH && self.quick.count >= CONSTANT_CHANGES
-        {
+        let constant = self.constant
+            && (self.gravity.turns_alone(CONSTANT_ENOUGH)
+                || self.field.turns_alone(CONSTANT_ENOUGH)
+                    && self.field.quick.count >= CONSTANT_CHANGES);
+        // A rotation that is the same to the last bit, and not the one that field and gravity show.
+        let frozen = self.constant
+            && [&self.field, &self.gravity]
+                .iter()
+                .all(|witness| witness.quick.enough(QUICK) && witness.quick.correlation() < AGREES);
+        if self.together >= TOGETHER || constant || frozen {
             return Some(GyroFault::Dead);
         }
-        if !silent && enough(&self.quick, QUICK) && self.quick.correlation() < OPPOSES {
+        if self.gravity.opposes(GRAVITY_OPPOSES) || self.field.opposes(OPPOSES) {
             return Some(GyroFault::Sign);
         }
         // A fault is over when the gyro explains the field again.
         let wrong = self.fault.filter(|fault| {
-            *fault != GyroFault::Scale && self.quick.correlation() < EXPLAINS_AGAIN
+            *fault != GyroFault::Scale && self.field.quick.correlation() < EXPLAINS_AGAIN
         });
         if wrong.is_some() {
             return wrong;
         }
-        let slope = self.slow.both / self.slow.told.max(1e-9);
-        (enough(&self.slow, SLOW)
-            && self.slow.correlation() > BELONG
-            && (slope - 1.0).abs() > SCALE_TOLERANCE)
+        let slow = &self.field.slow;
+        let slope = slow.both / slow.told.max(1e-9);
+        (slow.enough(SLOW) && slow.correlation() > BELONG && (slope - 1.0).abs() > SCALE_TOLERANCE)
             .then_some(GyroFault::Scale)
     }
 

@@ -26,10 +26,10 @@ pub(super) fn fix(
     calibration: &Calibration,
     mounting: &Mounting,
     corrected: &Vector3<f64>,
-    down: Option<&Vector3<f64>>,
+    down: Option<(Vector3<f64>, f64)>,
 ) -> Option<Fix> {
     let (axis, tilt_sd) = match down {
-        Some(down) => (*down, TILT_SD_RAD),
+        Some((down, sd)) => (down, TILT_SD_RAD.hypot(sd)),
         None => (Vector3::z(), LEVEL_SD_RAD),
     };
     let heading = heading_deg(corrected, &axis)?;

@@ -1,0 +1,441 @@
+//! Learns the gyro's bias, scale and cross-axis errors from gravity.
+//!
+//! A board moves, but it does not fly away: its velocity stays bounded, so over seconds the specific force in the frame that
+//! the gyro carries along is the reaction to gravity. An error of the gyro turns that in the frame. A Kalman filter
+//! estimates
+//!
+//! | state | what it is |
+//! |---|---|
+//! | u | reaction to gravity in the gyro's frame, m/s²: it points up |
+//! | v | velocity as the leaky integral of specific force less u, m/s |
+//! | b | bias that is left in the rates, body axes, rad/s |
+//! | M | scale and cross-axis errors that are left, row by row: the rates are (I + M) ω + b |
+//! | a | bias of the accelerometer, body axes, m/s² |
+//!
+//! and measures in every window that v is 0, within the velocities that this board has. b and M go straight into what
+//! is taken out of the rates, so that the states of both are always 0.
+
+use std::collections::VecDeque;
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+const U: usize = 0;
+const V: usize = 3;
+const B: usize = 6;
+const M: usize = 9;
+const A: usize = 18;
+const N: usize = 21;
+type Covariance = SMatrix<f64, N, N>;
+
+const GRAVITY_M_S2: f64 = 9.81;
+/// Length of a window, seconds.
+const WINDOW_S: f64 = 0.1;
+/// Scale and cross-axis errors to expect of a gyro; data sheets: 1 to 3 % and 1 to 2 % at most.
+const MATRIX: f64 = 0.012;
+/// More than four times that is another fault, and is not taken out.
+const MOST_MATRIX: f64 = 0.05;
+/// Bias to expect, as a share of the largest.
+const BIAS: f64 = 0.33;
+/// Bias to expect of an accelerometer, m/s² (5 thousandths of g).
+const FORCE_BIAS_M_S2: f64 = 0.05;
+/// u at first: the specific force of a board that may be shaken, m/s².
+const FIRST_M_S2: f64 = 2.0;
+/// The integral forgets over this time, seconds: a steady velocity is no acceleration.
+const LEAK_S: f64 = 30.0;
+/// Velocity and acceleration of a board at first, m/s and m/s²: a hand's.
+const SPEED_M_S: f64 = 1.0;
+const ACCELERATION_M_S2: f64 = 1.0;
+/// Least velocity that is believed, m/s.
+const LEAST_SPEED_M_S: f64 = 0.1;
+/// Both are measured over these times, seconds: quickly when they grow, slowly when they shrink.
+const GROWS_S: f64 = 1.0;
+const SHRINKS_S: f64 = 60.0;
+/// A velocity lasts for this share of the time in which the acceleration makes it, within limits, seconds.
+const LASTS: f64 = 0.5;
+const LASTS_S: std::ops::RangeInclusive<f64> = 0.1..=30.0;
+/// Walk of the gyro's frame, rad/√s (0.03 °/√s, six times the noise density of an ITG-3200's data sheet), and for each
+/// radian turned.
+const ANGLE_WALK_RAD: f64 = 0.000_5;
+const TURN_WALK_RAD: f64 = 0.001;
+/// Walk of the gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
+const BIAS_WALK_RAD_S: f64 = 0.000_087;
+/// Walk of the velocity by an accelerometer's noise, m/s per √s.
+const VELOCITY_WALK_M_S: f64 = 0.03;
+/// A gyro at rest reads its bias, and an accelerometer gravity, within this over one second, rad/s and m/s²: the ITG-3200's
+/// noise of up to 0.38 °/s, its 0.1 °/s a g, and hands that are not quite at rest.
+const REST_RATE_RAD_S: f64 = 0.007;
+const REST_FORCE_M_S2: f64 = 0.1;
+/// It takes a moment to see that a gentle start was one: so many windows of rest are held back.
+const DOUBTED: usize = 8;
+/// Which body axis is vertical is the mean over this time, seconds. A board whose mean is longer than this, of 1, stays
+/// upright (tilts by less than 37° to 18°): its rotation about the vertical shows in gravity only as far as it sways, and
+/// accelerations sway with it.
+const UPRIGHT_S: f64 = 20.0;
+const UPRIGHT: std::ops::Range<f64> = 0.8..0.95;
+
+/// The filter, and the errors that it takes out of the gyro's rates.
+pub(super) struct GyroErrors {
+    bias: Vector3<f64>,
+    matrix: Matrix3<f64>,
+    largest_bias_rad_s: f64,
+    force_bias: Vector3<f64>,
+    /// u; `None` until there is a specific force.
+    up: Option<Vector3<f64>>,
+    velocity: Vector3<f64>,
+    /// Mean of up in body axes.
+    upright: Vector3<f64>,
+    /// Mean squares of velocity and acceleration on an axis.
+    speed2: f64,
+    acceleration2: f64,
+    p: Covariance,
+    window: Window,
+    /// Mean rates with the bias, one a window of rest, that are not believed yet, rad/s.
+    resting: VecDeque<Vector3<f64>>,
+}
+
+/// Ticks taken together.
+#[derive(Default)]
+struct Window {
+    s: f64,
+    /// Integral of the specific force in the frame, m/s; `None` if it is not known throughout.
+    force: Option<Vector3<f64>>,
+    /// Integral of the rotation into the frame, seconds, and of that times each body axis's rate, radians.
+    turn: Matrix3<f64>,
+    turn_by: [Matrix3<f64>; 3],
+    /// Integral of the rate, radians, and how far that is altogether.
+    rate: Vector3<f64>,
+    turned: f64,
+    at_rest: bool,
+}
+
+impl GyroErrors {
+    pub(super) fn new(bias_limit_rad_s: f64) -> Self {
+        let mut p = Covariance::zeros();
+        let expected = [
+            (B, 3, BIAS * bias_limit_rad_s),
+            (M, 9, MATRIX),
+            (A, 3, FORCE_BIAS_M_S2),
+        ];
+        for (at, count, sd) in expected {
+            for index in at..at + count {
+                p[(index, index)] = sd * sd;
+            }
+        }
+        Self {
+            bias: Vector3::zeros(),
+            matrix: Matrix3::zeros(),
+            largest_bias_rad_s: bias_limit_rad_s,
+            force_bias: Vector3::zeros(),
+            up: None,
+            velocity: Vector3::zeros(),
+            upright: Vector3::zeros(),
+            speed2: SPEED_M_S.powi(2),
+            acceleration2: ACCELERATION_M_S2.powi(2),
+            p,
+            window: Window::default(),
+            resting: VecDeque::with_capacity(DOUBTED + 1),
+        }
+    }
+
+    /// A rate without what is known of its errors, body axes, rad/s.
+    pub(super) fn corrected(&self, rate: &Vector3<f64>) -> Vector3<f64> {
+        let free = rate - self.bias;
+        free - self.matrix * free
+    }
+
+    pub(super) fn bias(&self) -> Vector3<f64> {
+        self.bias
+    }
+
+    /// Deviation of the bias across the vertical, rad/s: what tilts the frame.
+    pub(super) fn bias_sd_rad_s(&self) -> f64 {
+        let own: Matrix3<f64> = self.p.fixed_view::<3, 3>(B, B).into();
+        let up = self.upright;
+        let across = own.trace() - (up.transpose() * own * up)[0];
+        (across / (3.0 - up.norm_squared())).max(0.0).sqrt()
+    }
+
+    /// Deviation of an entry of M.
+    pub(super) fn matrix_sd(&self) -> f64 {
+        (self.p.fixed_view::<9, 9>(M, M).trace() / 9.0).sqrt()
+    }
+
+    /// The gyro's frame is lost.
+    pub(super) fn lose_frame(&mut self) {
+        self.up = None;
+        self.window = Window::default();
+    }
+
+    /// Takes a tick of this length: the rotation into the gyro's frame in its middle, the corrected rate, the specific force
+    /// if it is known, and whether the board is at rest.
+    pub(super) fn take(
+        &mut self,
+        period_s: f64,
+        to_frame: &Matrix3<f64>,
+        rate: &Vector3<f64>,
+        force: Option<&Vector3<f64>>,
+        at_rest: bool,
+    ) {
+        let window = &mut self.window;
+        if window.s == 0.0 {
+            window.at_rest = true;
+            window.force = Some(Vector3::zeros());
+        }
+        window.s += period_s;
+        window.at_rest &= at_rest;
+        window.force = window
+            .force
+            .zip(force)
+            .map(|(sum, force)| sum + to_frame * force * period_s);
+        window.turn += to_frame * period_s;
+        for axis in 0..3 {
+            window.turn_by[axis] += to_frame * (rate[axis] * period_s);
+        }
+        window.rate += rate * period_s;
+        window.turned += rate.norm() * period_s;
+        // Half a tick, for sums of floats.
+        if window.s > WINDOW_S - 0.5 * period_s {
+            let window = std::mem::take(&mut self.window);
+            self.take_window(&window);
+        }
+    }
+
+    fn take_window(&mut self, window: &Window) {
+        self.rest(window);
+        match (window.force, self.up) {
+            (None, _) => self.up = None,
+            (Some(force), None) => self.begin(&force, window),
+            (Some(force), Some(up)) => {
+                let left = self.predict(&force, &up, window);
+                if window.at_rest {
+                    self.stand(&left, window.s);
+                }
+                self.measure_velocity(&left, window.s);
+            }
+        }
+        for axis in 0..3 {
+            self.p[(B + axis, B + axis)] += BIAS_WALK_RAD_S.powi(2) * window.s;
+        }
+    }
+
+    /// At rest the gyro reads its bias.
+    fn rest(&mut self, window: &Window) {
+        if !window.at_rest {
+            self.resting.clear();
+            return;
+        }
+        self.resting.push_back(window.rate / window.s + self.bias);
+        if self.resting.len() > DOUBTED
+            && let Some(raw) = self.resting.pop_front()
+        {
+            let variance = REST_RATE_RAD_S.powi(2) / window.s;
+            self.correct(B, &(raw - self.bias), variance);
+        }
+    }
+
+    fn begin(&mut self, force: &Vector3<f64>, window: &Window) {
+        let up = force / window.s;
+        self.up = Some(up);
+        self.upright = upright(&up, window);
+        self.velocity.fill(0.0);
+        self.clear(U, FIRST_M_S2);
+        self.clear(V, self.speed2.sqrt());
+    }
+
+    /// Carries the state over a window. What the specific force is more than u accounts for, integrated, m/s.
+    fn predict(
+        &mut self,
+        force: &Vector3<f64>,
+        up: &Vector3<f64>,
+        window: &Window,
+    ) -> Vector3<f64> {
+        let dt = window.s;
+        let keep = (-dt / LEAK_S).exp();
+        let left = force - up * dt - window.turn * self.force_bias;
+        self.velocity = self.velocity * keep + left;
+        self.upright += (upright(up, window) - self.upright) * (dt / UPRIGHT_S);
+
+        // An error e of the rate, body axes, turns u by R e.
+        let by_turn = -up.cross_matrix();
+        let seen = self.seen();
+        let mut step = Covariance::identity();
+        step.fixed_view_mut::<3, 3>(U, B)
+            .copy_from(&(by_turn * window.turn * seen));
+        for column in 0..3 {
+            let by = by_turn * window.turn_by[column] * seen;
+            for row in 0..3 {
+                step.fixed_view_mut::<3, 1>(U, M + 3 * row + column)
+                    .copy_from(&by.column(row));
+            }
+        }
+        for axis in 0..3 {
+            step[(V + axis, V + axis)] = keep;
+            step[(V + axis, U + axis)] = -dt;
+        }
+        step.fixed_view_mut::<3, 3>(V, A).copy_from(&-window.turn);
+        self.p = step * self.p * step.transpose();
+        let walk = ANGLE_WALK_RAD.powi(2) * dt + TURN_WALK_RAD.powi(2) * window.turned;
+        for axis in 0..3 {
+            self.p[(U + axis, U + axis)] += walk * GRAVITY_M_S2.powi(2);
+            self.p[(V + axis, V + axis)] += VELOCITY_WALK_M_S.powi(2) * dt;
+        }
+        left
+    }
+
+    /// Takes away the vertical of a board that stays upright, body axes.
+    fn seen(&self) -> Matrix3<f64> {
+        let long = self.upright.norm();
+        let share = ((long - UPRIGHT.start) / (UPRIGHT.end - UPRIGHT.start)).clamp(0.0, 1.0);
+        let up = self.upright / long.max(1e-9);
+        Matrix3::identity() - up * up.transpose() * share
+    }
+
+    /// The board is at rest: its velocity is 0, and all specific force is gravity's.
+    fn stand(&mut self, left: &Vector3<f64>, dt: f64) {
+        self.correct(U, &(left / dt), REST_FORCE_M_S2.powi(2) / dt);
+        self.velocity.fill(0.0);
+        self.clear(V, LEAST_SPEED_M_S);
+    }
+
+    /// The velocity is 0, within those that the board has.
+    fn measure_velocity(&mut self, left: &Vector3<f64>, dt: f64) {
+        let follow = |mean: &mut f64, now: f64| {
+            let tau_s = if now > *mean { GROWS_S } else { SHRINKS_S };
+            *mean += dt / tau_s * (now - *mean);
+        };
+        let uncertain = self.p.fixed_view::<3, 3>(V, V).trace();
+        // On each of the two axes in which boards mostly move.
+        let now = 0.5 * (self.velocity.norm_squared() - uncertain);
+        follow(&mut self.speed2, now);
+        self.speed2 = self.speed2.max(LEAST_SPEED_M_S.powi(2));
+        self.acceleration2 +=
+            dt / SHRINKS_S * (0.5 * left.norm_squared() / (dt * dt) - self.acceleration2);
+        let lasts_s = LASTS * (self.speed2 / self.acceleration2.max(1e-6)).sqrt();
+        let lasts_s = lasts_s.clamp(*LASTS_S.start(), *LASTS_S.end());
+        // Neighbouring windows share their velocity.
+        let variance = self.speed2 * 2.0 * lasts_s / dt;
+        self.correct(V, &-self.velocity, variance);
+    }
+
+    /// Takes in a measurement of three states, each with this variance.
+    fn correct(&mut self, at: usize, innovation: &Vector3<f64>, variance: f64) {
+        let cross: SMatrix<f64, N, 3> = self.p.fixed_columns::<3>(at).into();
+        let own: Matrix3<f64> = cross.fixed_rows::<3>(at).into();
+        let Some(inverse) = (own + Matrix3::identity() * variance).try_inverse() else {
+            return;
+        };
+        let gain = cross * inverse;
+        self.p -= gain * cross.transpose();
+        self.p = (self.p + self.p.transpose()) * 0.5;
+        let change = gain * innovation;
+        if let Some(up) = &mut self.up {
+            *up += change.fixed_rows::<3>(U);
+        }
+        self.velocity += change.fixed_rows::<3>(V);
+        self.force_bias += change.fixed_rows::<3>(A);
+        let most = self.largest_bias_rad_s;
+        self.bias = (self.bias + change.fixed_rows::<3>(B)).map(|bias| bias.clamp(-most, most));
+        let rows = Matrix3::from_row_slice(change.fixed_rows::<9>(M).as_slice());
+        self.matrix = (self.matrix + rows).map(|entry| entry.clamp(-MOST_MATRIX, MOST_MATRIX));
+    }
+
+    /// Forgets three states, and how they go with others.
+    fn clear(&mut self, at: usize, sd: f64) {
+        for index in at..at + 3 {
+            self.p.row_mut(index).fill(0.0);
+            self.p.column_mut(index).fill(0.0);
+            self.p[(index, index)] = sd * sd;
+        }
+    }
+}
+
+/// Where up is on average in a window, body axes.
+fn upright(up: &Vector3<f64>, window: &Window) -> Vector3<f64> {
+    window.turn.transpose() * up.normalize() / window.s
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::UnitQuaternion;
+
+    use super::*;
+
+    const PERIOD_S: f64 = 0.01;
+
+    /// A gyro with these errors on a board that turns at `rate` and is shaken with `shake`, m/s², for so long. The filter
+    /// afterwards.
+    fn learnt(
+        seconds: f64,
+        bias: Vector3<f64>,
+        matrix: Matrix3<f64>,
+        rate: impl Fn(f64) -> Vector3<f64>,
+        shake: impl Fn(f64) -> Vector3<f64>,
+    ) -> GyroErrors {
+        let mut errors = GyroErrors::new(0.17);
+        let (mut truth, mut frame) = (UnitQuaternion::identity(), UnitQuaternion::identity());
+        for i in 0..(seconds / PERIOD_S) as u32 {
+            let t_s = f64::from(i) * PERIOD_S;
+            let turn = rate(t_s);
+            let read = turn + matrix * turn + bias;
+            let corrected = errors.corrected(&read);
+            let step = UnitQuaternion::from_scaled_axis(corrected * PERIOD_S);
+            truth *= UnitQuaternion::from_scaled_axis(turn * PERIOD_S);
+            let felt = Vector3::z() * GRAVITY_M_S2 + shake(t_s);
+            let force = truth.inverse_transform_vector(&felt);
+            let middle = frame * step.powf(0.5);
+            frame *= step;
+            let to_frame = middle.to_rotation_matrix().into_inner();
+            errors.take(PERIOD_S, &to_frame, &corrected, Some(&force), false);
+        }
+        errors
+    }
+
+    fn tumbling(t_s: f64) -> Vector3<f64> {
+        Vector3::new(
+            (0.9 * t_s).sin(),
+            (1.3 * t_s).sin(),
+            (0.7 * t_s).cos() + 0.2,
+        )
+    }
+
+    /// A hand's: decimetres to and fro.
+    fn shaken(t_s: f64) -> Vector3<f64> {
+        Vector3::new((4.1 * t_s).sin(), (5.3 * t_s).sin(), (3.7 * t_s).sin()) * 1.5
+    }
+
+    #[test]
+    fn a_tumbling_board_shows_bias_scale_and_cross_axis_errors() {
+        let bias = Vector3::new(0.05, -0.04, 0.06);
+        let matrix = Matrix3::new(0.02, 0.01, -0.015, -0.01, -0.02, 0.01, 0.015, -0.01, 0.015);
+        let errors = learnt(90.0, bias, matrix, tumbling, shaken);
+        let bias_off = (errors.bias - bias).norm();
+        let matrix_off = (errors.matrix - matrix).norm() / matrix.norm();
+        assert!(bias_off < 0.003, "{bias_off}");
+        assert!(matrix_off < 0.35, "{matrix_off}");
+        let claimed = errors.bias_sd_rad_s();
+        assert!(
+            (0.2..2.5).contains(&(bias_off / (claimed * 3f64.sqrt()))),
+            "{claimed}"
+        );
+    }
+
+    /// A boat's roll moves it sideways at the same time, which looks like a bias about the vertical.
+    #[test]
+    fn a_board_that_stays_upright_does_not_take_its_sway_for_a_vertical_bias() {
+        let bias = Vector3::new(0.01, -0.01, 0.03);
+        let roll = |t_s: f64| Vector3::x() * (0.25 * (1.2 * t_s).cos() * 1.2);
+        let sway = |t_s: f64| Vector3::new((1.2 * t_s).cos(), (1.2 * t_s).sin(), 0.0) * 0.5;
+        let errors = learnt(300.0, bias, Matrix3::zeros(), roll, sway);
+        let across = (errors.bias - bias).xy().norm();
+        assert!(across < 0.003, "{across}");
+        assert!(errors.bias.z.abs() < 0.01, "{}", errors.bias.z);
+    }
+
+    #[test]
+    fn what_no_gyro_has_is_not_taken_out() {
+        let matrix = Matrix3::from_diagonal_element(-2.0);
+        let errors = learnt(30.0, Vector3::zeros(), matrix, tumbling, shaken);
+        assert!(errors.matrix.amax() <= MOST_MATRIX);
+        assert!(errors.bias.amax() <= 0.17);
+    }
+}
