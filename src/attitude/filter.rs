@@ -91,7 +91,9 @@ impl Filter {
         let bias = self.bias();
         self.vqf.state_mut().bias = bias.into();
         self.vqf.update_gyr((rate + bias).into());
-        let middle = before.slerp(&unit(self.vqf.state().gyr_quat), 0.5);
+        // So near to each other, and normalised, a chord is as good as an arc.
+        let after = unit(self.vqf.state().gyr_quat);
+        let middle = UnitQuaternion::new_normalize(before.lerp(&after, 0.5));
         let to_frame = middle.to_rotation_matrix().into_inner();
         let at_rest = self.at_rest();
         self.errors

@@ -258,7 +258,8 @@ impl GyroErrors {
         // An error e of the rate, body axes, turns u by R e.
         let by_turn = -up.cross_matrix();
         let seen = self.seen();
-        let mut step = Covariance::identity();
+        // Of the transition only the rows of u and v differ from the identity's.
+        let mut step = SMatrix::<f64, 6, N>::identity();
         step.fixed_view_mut::<3, 3>(U, B)
             .copy_from(&(by_turn * window.turn * seen));
         for column in 0..3 {
@@ -273,7 +274,11 @@ impl GyroErrors {
             step[(V + axis, U + axis)] = -dt;
         }
         step.fixed_view_mut::<3, 3>(V, A).copy_from(&-window.turn);
-        self.p = step * self.p * step.transpose();
+        let rows = step * self.p;
+        self.p.fixed_rows_mut::<6>(U).copy_from(&rows);
+        let columns = self.p * step.transpose();
+        self.p.fixed_columns_mut::<6>(U).copy_from(&columns);
+        self.p = (self.p + self.p.transpose()) * 0.5;
         let walk = ANGLE_WALK_RAD.powi(2) * dt + TURN_WALK_RAD.powi(2) * window.turned;
         for axis in 0..3 {
             self.p[(U + axis, U + axis)] += walk * GRAVITY_M_S2.powi(2);
@@ -326,7 +331,6 @@ impl GyroErrors {
         };
         let gain = cross * inverse;
         self.p -= gain * cross.transpose();
-        self.p = (self.p + self.p.transpose()) * 0.5;
         let change = gain * innovation;
         if let Some(up) = &mut self.up {
             *up += change.fixed_rows::<3>(U);
