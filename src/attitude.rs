@@ -23,6 +23,7 @@ mod tests;
 
 use clock::{ClipWatch, EvenClock, Step};
 use filter::Filter;
+pub use gravity::GRAVITY_M_S2;
 pub use lateness::Lateness;
 
 /// Faster than any gyro measures: nonsense, rad/s.
@@ -209,30 +210,27 @@ impl Attitude {
     /// Where down is at `t_s`, a unit vector of body axes: from gyro and accelerometer, from the accelerometer
     /// alone where the gyro is silent or new, `None` without an accelerometer.
     pub fn down(&self, t_s: f64) -> Option<Vector3<f64>> {
-        let low_passed = self.filter.gravity.low_passed(t_s)?;
         match self.pose_at(t_s) {
-            Some(pose) if pose.vertical_known => {
+            Some(pose) if pose.vertical_known && self.down_known(t_s) => {
                 Some(-pose.orientation.inverse_transform_vector(&Vector3::z()))
             }
-            // An accelerometer feels up.
-            _ => (-low_passed).try_normalize(1e-9),
+            _ => self.filter.gravity.down(t_s),
         }
     }
 
-    /// The accelerometer's newest reading, body axes, m/s²; `None` while it is silent.
-    pub fn specific_force_m_s2(&self, t_s: f64) -> Option<Vector3<f64>> {
-        self.filter.gravity.newest(t_s)
-    }
-
-    /// The same with its standard deviation, radians. Where the gyro is not trusted it is what the accelerometer feels,
-    /// and the board's accelerations tilt that; else it has no more than the tilt's own.
+    /// Down at `t_s`, with its standard deviation, radians. Where the gyro is not trusted it is what the accelerometer
+    /// feels, and the board's accelerations tilt that; else it has no more than the tilt's own.
     pub fn down_and_sd(&self, t_s: f64, gyro_trusted: bool) -> Option<(Vector3<f64>, f64)> {
         if gyro_trusted {
             return Some((self.down(t_s)?, 0.0));
         }
         let gravity = &self.filter.gravity;
-        let down = (-gravity.low_passed(t_s)?).try_normalize(1e-9)?;
-        Some((down, gravity.shaken_rad()))
+        Some((gravity.down(t_s)?, gravity.shaken_rad()))
+    }
+
+    /// The accelerometer's newest reading, body axes, m/s²; `None` while it is silent.
+    pub fn specific_force_m_s2(&self, t_s: f64) -> Option<Vector3<f64>> {
+        self.filter.gravity.newest(t_s)
     }
 
     /// Whether an accelerometer tells where down is.

@@ -5,7 +5,7 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use vqf_rs::{Params, VQF};
 
 use super::clock::PERIOD_S;
-use super::gravity::Gravity;
+use super::gravity::{GRAVITY_M_S2, Gravity};
 use super::gyro_errors::GyroErrors;
 use super::steadiness::Steadiness;
 use super::stillness::Stillness;
@@ -21,7 +21,6 @@ const TILT_BUDGET_RAD: f64 = 0.025;
 const TURNS_ON: f64 = 0.43;
 /// Limits of that time constant, seconds.
 const TAU_S: std::ops::RangeInclusive<f64> = 1.0..=20.0;
-const GRAVITY_M_S2: f64 = 9.81;
 /// Tilt error of a board that is not accelerated, radians: what its accelerometer is off.
 const TILT_RAD: f64 = 0.012;
 /// Share of the acceleration over the time constant that passes for tilt.

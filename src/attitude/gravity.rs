@@ -9,7 +9,8 @@ const HOLD_S: f64 = 0.1;
 const LOW_PASS_S: f64 = 0.2;
 /// How much its strength differs from gravity's is measured over this time, seconds.
 const SHAKEN_S: f64 = 2.0;
-const GRAVITY_M_S2: f64 = 9.81;
+/// Gravity, m/s²: within half a percent anywhere.
+pub const GRAVITY_M_S2: f64 = 9.81;
 /// Weaker readings point nowhere (a dead part answers zeros), stronger ones are nonsense.
 const PLAUSIBLE_M_S2: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
@@ -81,6 +82,11 @@ impl Gravity {
     /// Specific force low-passed over 0.2 s; `None` while the accelerometer is silent.
     pub(super) fn low_passed(&self, t_s: f64) -> Option<Vector3<f64>> {
         self.live(t_s).then_some(self.low_passed)
+    }
+
+    /// Where down is, a unit vector of body axes: an accelerometer feels up. `None` while it is silent.
+    pub(super) fn down(&self, t_s: f64) -> Option<Vector3<f64>> {
+        (-self.low_passed(t_s)?).try_normalize(1e-9)
     }
 
     /// The newest reading; `None` while the accelerometer is silent.

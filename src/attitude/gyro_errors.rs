@@ -19,6 +19,8 @@ use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
+use super::gravity::GRAVITY_M_S2;
+
 const U: usize = 0;
 const V: usize = 3;
 const B: usize = 6;
@@ -27,7 +29,6 @@ const A: usize = 18;
 const N: usize = 21;
 type Covariance = SMatrix<f64, N, N>;
 
-const GRAVITY_M_S2: f64 = 9.81;
 /// Length of a window, seconds.
 const WINDOW_S: f64 = 0.1;
 /// Scale and cross-axis errors to expect of a gyro; data sheets: 1 to 3 % and 1 to 2 % at most.

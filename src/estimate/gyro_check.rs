@@ -8,6 +8,7 @@
 use nalgebra::Vector3;
 
 use super::filter::{Filter, Input};
+use crate::attitude::GRAVITY_M_S2;
 
 /// A moment ends when the field has changed by this share of it (a turn of 9°), or after this time, seconds.
 const CHANGE: f64 = 0.15;
@@ -45,8 +46,6 @@ const CONSTANT_S: f64 = 0.5;
 const CONSTANT_ENOUGH: f64 = 0.06;
 /// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
 const CONSTANT_CHANGES: u32 = 3;
-
-const GRAVITY_M_S2: f64 = 9.81;
 
 /// What is wrong with the gyro.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
