@@ -71,6 +71,11 @@ pub fn to_journal() -> bool {
     env::var("JOURNAL_STREAM").is_ok_and(|stream| stream == of_journal)
 }
 
+/// Whether the user wants no colour, on whatever terminal: <https://no-color.org>.
+fn no_colour() -> bool {
+    env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty())
+}
+
 fn output() -> Box<dyn Layer<Filtered> + Send + Sync> {
     // A journal that does not answer leaves the lines, which it may take from standard error later.
     if to_journal()
@@ -88,7 +93,7 @@ fn output() -> Box<dyn Layer<Filtered> + Send + Sync> {
     }
     fmt::layer()
         .with_writer(io::stderr)
-        .with_ansi(io::stderr().is_terminal())
+        .with_ansi(io::stderr().is_terminal() && !no_colour())
         .with_target(false)
         .boxed()
 }

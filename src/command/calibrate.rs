@@ -6,7 +6,8 @@ use std::time::Instant;
 use clap::ValueEnum;
 use nalgebra::Vector3;
 
-use super::{Failure, load_config, print, tell_skips};
+use super::progress::Progress;
+use super::{Failure, config_file, print, tell_skips};
 use crate::attitude::Attitude;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
@@ -61,7 +62,7 @@ pub struct Args {
     /// Seed of the swarm
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Configuration, for everything that has no option here
+    /// Configuration, for everything that has no option here [default: /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Write an accepted calibration to this file (`headingd replay --calibration` reads it)
@@ -144,10 +145,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 /// The configuration, with the options laid over it.
 fn settings(args: &Args) -> Result<Config, Failure> {
-    let mut config = match &args.config {
-        Some(path) => load_config(path)?,
-        None => Config::default(),
-    };
+    let mut config = config_file::load(args.config.as_deref())?;
     let settings = &mut config.calibration;
     settings.mode = args.mode.unwrap_or(settings.mode);
     settings.model = args.model.unwrap_or(settings.model);
@@ -163,6 +161,9 @@ fn settings(args: &Args) -> Result<Config, Failure> {
 
 /// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
 const STRETCHES_APART_S: f64 = 10.0;
+
+/// How many rows are read between two looks at the progress bar.
+const ROWS_A_LOOK: u64 = 8192;
 
 /// A whole log, looked through once.
 struct Survey {
@@ -204,6 +205,7 @@ impl Survey {
         let mut outliers = Outliers::new(config.attitude.gyro_range_deg_s);
         let mut detector = TurnDetector::new(&config.turn);
         let (mut last_s, mut later_s) = (0.0, 0.0);
+        let (bar, mut rows) = (Progress::new(), 0u64);
         while let Some(entry) = replay.next() {
             let mut reading = outliers.filter(&entry?.reading);
             if replay.begins_stretch() {
@@ -212,6 +214,10 @@ impl Survey {
                 if let Some(pipeline) = &mut survey.motion {
                     pipeline.handle(Event::NewStretch, &mut actions);
                 }
+            }
+            rows += 1;
+            if rows.is_multiple_of(ROWS_A_LOOK) {
+                bar.set(replay.share_read());
             }
             reading.t_s += later_s;
             last_s = reading.t_s;
@@ -244,6 +250,7 @@ impl Survey {
                 survey.samples.push(sample, &survey.turns, open_s);
             }
         }
+        bar.finish();
         tell_skips(replay.skips())?;
         Ok(survey)
     }

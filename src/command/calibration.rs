@@ -6,6 +6,7 @@ use clap::Subcommand;
 use serde_json::{Value, json};
 
 use super::control::Target;
+use super::wait::start_and_wait;
 use super::{Failure, print};
 use crate::store::{Contents, Store};
 
@@ -67,7 +68,11 @@ pub enum Action {
         file: PathBuf,
     },
     /// Calibrate on the next turn, even if there is a calibration and the mode is off
-    Start,
+    Start {
+        /// Wait until a turn has been judged, show the progress, and exit with the verdict: 0, or 3 if it is refused
+        #[arg(long)]
+        wait: bool,
+    },
     /// Give that up
     Cancel,
     /// Calibrate on every turn (on), only when told to (off), or never (locked); without a word, tell which
@@ -94,7 +99,7 @@ impl Action {
             Self::Forget { number, .. } => numbered("forget", number),
             Self::Export { number, .. } => numbered("export", number),
             Self::Import { file } => json!({ "request": "import", "file": read(file)? }),
-            Self::Start => json!({ "request": "start" }),
+            Self::Start { .. } => json!({ "request": "start" }),
             Self::Cancel => json!({ "request": "cancel" }),
             Self::Mode { mode: Some(mode) } => json!({ "request": "mode", "mode": mode }),
             Self::Mode { mode: None } => json!({ "request": "mode" }),
@@ -104,6 +109,9 @@ impl Action {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    if let Action::Start { wait: true } = args.action {
+        return start_and_wait(&args.target, args.json);
+    }
     let answer = args.target.ask(&args.action.request()?, args.json)?;
     if let Action::Export { out, .. } = &args.action {
         return export(&answer, out.as_deref());

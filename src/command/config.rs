@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
 
-use super::{Failure, load_config, print};
+use super::{Failure, config_file, load_config, print};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
 use crate::daemon::open_files::{self, Shortage};
@@ -27,12 +27,12 @@ pub struct Args {
 pub enum Action {
     /// Check a file and list every fault in it; what has no effect, or is not there yet, is a warning
     Check {
-        /// The configuration file
-        file: PathBuf,
+        /// The configuration file [default: /etc/headingd/headingd.toml]
+        file: Option<PathBuf>,
     },
     /// Print all settings as TOML, with the defaults of those that the file leaves out
     Show {
-        /// The configuration file; without it, the defaults are shown
+        /// The configuration file [default: /etc/headingd/headingd.toml; where there is none, the defaults are shown]
         file: Option<PathBuf>,
     },
 }
@@ -41,17 +41,15 @@ pub enum Action {
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.action {
         Action::Check { file } => {
-            let config = load_config(file)?;
+            let file = config_file::path(file.as_deref());
+            let config = load_config(&file)?;
             for warning in warnings(&config) {
                 eprintln!("headingd: {}: warning: {warning}", file.display());
             }
             print(&format!("{}: good\n", file.display()))
         }
         Action::Show { file } => {
-            let config = match file {
-                Some(file) => load_config(file)?,
-                None => Config::default(),
-            };
+            let config = config_file::load(file.as_deref())?;
             print(&shown(&config)?)
         }
     }
@@ -120,7 +118,7 @@ mod tests {
 
     fn check(file: PathBuf) -> Result<(), Failure> {
         run(&Args {
-            action: Action::Check { file },
+            action: Action::Check { file: Some(file) },
         })
     }
 

@@ -10,7 +10,7 @@ use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, socket_with};
 use serde_json::Value;
 
-use super::{Failure, load_config, print};
+use super::{Failure, config_file, print};
 use crate::config::Config;
 
 /// A little longer than the daemon waits for a disk.
@@ -28,42 +28,50 @@ pub struct Target {
     /// The daemon's control socket; without it, that of the configuration
     #[arg(long, value_name = "PATH", global = true, conflicts_with = "config")]
     pub socket: Option<PathBuf>,
-    /// The daemon's configuration file; without it, the defaults
+    /// The daemon's configuration file [default: /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE", global = true)]
     pub config: Option<PathBuf>,
 }
 
 impl Target {
-    fn path(&self) -> Result<PathBuf, Failure> {
+    /// Where its control socket is.
+    pub(super) fn path(&self) -> Result<PathBuf, Failure> {
         if let Some(path) = &self.socket {
             return Ok(path.clone());
         }
-        let config = match &self.config {
-            Some(file) => load_config(file)?,
-            None => Config::default(),
-        };
+        let config = config_file::load_for_client(self.config.as_deref())?;
         Ok(config.control.path(&config.socket.socket))
     }
 
     /// Asks the daemon, and gives back its answer if that is yes. One that is no is printed too, if `json` is wanted.
     pub fn ask(&self, request: &Value, json: bool) -> Result<Value, Failure> {
-        let path = self.path()?;
-        let line = exchange(&path, request).map_err(|error| unreachable(&path, &error))?;
-        let answer: Value = serde_json::from_str(&line).unwrap_or_default();
-        let text = |key: &str| answer[key].as_str();
-        let (Some(ok), Some(code), Some(message)) =
-            (answer["ok"].as_bool(), text("code"), text("message"))
-        else {
-            return Err(stranger(&path, &answer));
+        let answer = exchange(&self.path()?, request);
+        let Err((failure, Some(answer))) = answer else {
+            return answer.map_err(|(failure, _)| failure);
         };
-        if ok {
-            return Ok(answer);
-        }
         if json {
             print(&format!("{answer}\n"))?;
         }
-        Err(Failure::new(status(code), format!("{message} ({code})")))
+        Err(failure)
     }
+}
+
+/// Asks the daemon whose control socket this is, and gives back its answer if that is yes; with a failure the answer
+/// that said no.
+pub(super) fn exchange(path: &Path, request: &Value) -> Result<Value, (Failure, Option<Value>)> {
+    let line = exchange_lines(path, request).map_err(|error| (unreachable(path, &error), None))?;
+    let answer: Value = serde_json::from_str(&line).unwrap_or_default();
+    let text = |key: &str| answer[key].as_str();
+    let (Some(ok), Some(code), Some(message)) =
+        (answer["ok"].as_bool(), text("code"), text("message"))
+    else {
+        return Err((stranger(path, &answer), None));
+    };
+    if ok {
+        return Ok(answer);
+    }
+    let failure = Failure::new(status(code), format!("{message} ({code})"));
+    Err((failure, Some(answer)))
 }
 
 /// The exit status for a refusal with this code.
@@ -76,7 +84,7 @@ fn status(code: &str) -> u8 {
     }
 }
 
-fn exchange(path: &Path, request: &Value) -> io::Result<String> {
+fn exchange_lines(path: &Path, request: &Value) -> io::Result<String> {
     let mut stream = connect(path)?;
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
@@ -93,7 +101,7 @@ fn exchange(path: &Path, request: &Value) -> io::Result<String> {
 }
 
 /// Connects. A daemon that hangs takes no connections, and with enough of them waiting the system would wait with them.
-fn connect(path: &Path) -> io::Result<UnixStream> {
+pub(super) fn connect(path: &Path) -> io::Result<UnixStream> {
     let flags = SocketFlags::CLOEXEC;
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
     // It is for connecting as well.
@@ -120,7 +128,7 @@ fn stranger(path: &Path, answer: &Value) -> Failure {
     Failure::new(Failure::DATA, message)
 }
 
-fn unreachable(path: &Path, error: &io::Error) -> Failure {
+pub(super) fn unreachable(path: &Path, error: &io::Error) -> Failure {
     let name = path.display();
     match error.kind() {
         ErrorKind::NotFound | ErrorKind::ConnectionRefused => Failure::new(

@@ -12,20 +12,26 @@ use crate::recording::Skips;
 use crate::sensor::replay::ReplayError;
 use crate::store::StoreError;
 
+mod advice;
 pub mod calibrate;
 pub mod calibration;
 pub mod check;
 pub mod config;
+mod config_file;
 pub mod control;
 pub mod demo;
 pub mod field;
+mod headings;
 pub mod line;
 pub mod paper;
+mod progress;
 pub mod record;
 pub mod replay;
 pub mod run;
 pub mod simulate;
 pub mod status;
+mod wait;
+pub mod watch;
 
 /// Why a command failed: what the shell and the user are told.
 #[derive(Clone, Debug, PartialEq, Eq)]

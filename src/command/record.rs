@@ -6,8 +6,7 @@ use std::time::{Duration, Instant};
 use tokio::signal::unix::SignalKind;
 
 use super::run::{catch, runtime};
-use super::{Failure, load_config};
-use crate::config::Config;
+use super::{Failure, config_file};
 use crate::daemon::record::Recording;
 use crate::logging::Log;
 
@@ -18,12 +17,12 @@ use crate::logging::Log;
 /// headings meanwhile, if the socket can be served on. Where the readings come from is said first, and last how many
 /// they were; that there were none is a failure. The log is for "headingd replay" and "headingd calibrate".
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Example: headingd record --config my.toml --out turn.csv --duration 60")]
+#[command(after_help = "Example: headingd record --out turn.csv --duration 60")]
 pub struct Args {
     /// The log to write; an existing one is replaced. "-" is standard output
     #[arg(long, value_name = "LOG")]
     pub out: PathBuf,
-    /// The configuration file; without one the service at the usual socket is recorded
+    /// The configuration file [default: /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Stop after so many seconds, 0.1 to 10000000
@@ -38,10 +37,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let config = match &args.config {
-        Some(path) => load_config(path)?,
-        None => Config::default(),
-    };
+    let config = config_file::load(args.config.as_deref())?;
     Log::start(&config.log.filter);
     runtime()?.block_on(async {
         let mut signals = catch(&[

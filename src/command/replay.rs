@@ -1,16 +1,14 @@
 //! `headingd replay`: a recorded log through the same pipeline as live readings, as fast as it goes.
 
-use std::io::{self, BufWriter, IsTerminal, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use indicatif::{ProgressBar, ProgressStyle};
-
-use super::{Failure, load_config, tell_skips};
+use super::progress::Progress;
+use super::{Failure, config_file, tell_skips};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::Reason;
-use crate::config::Config;
 use crate::daemon::time_of_day::unix_now_s;
 use crate::date;
 use crate::heading::Heading;
@@ -38,7 +36,8 @@ const ROWS_A_LOOK: u64 = 8192;
 pub struct Args {
     /// The log (`headingd simulate` writes one)
     pub log: PathBuf,
-    /// Configuration; its tables source and mounting are of no effect here
+    /// Configuration; its tables source and mounting are of no effect here [default: /etc/headingd/headingd.toml, if
+    /// there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Seed of the swarm, in place of the configuration's
@@ -54,10 +53,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let mut config = match &args.config {
-        Some(path) => load_config(path)?,
-        None => Config::default(),
-    };
+    let mut config = config_file::load(args.config.as_deref())?;
     if let Some(seed) = args.seed {
         config.calibration.seed = seed;
     }
@@ -115,7 +111,7 @@ fn play<W: Write>(
     mut lines: Lines<W>,
     keep: &mut Keep,
 ) -> Result<(), Halt> {
-    let bar = progress_bar();
+    let bar = Progress::new();
     lines.greet()?;
     let mut actions = Vec::new();
     let mut rows = 0u64;
@@ -154,11 +150,11 @@ fn play<W: Write>(
         }
         rows += 1;
         if rows.is_multiple_of(ROWS_A_LOOK) {
-            bar.set_position((1000.0 * replay.share_read()) as u64);
+            bar.set(replay.share_read());
         }
     }
     lines.out.flush()?;
-    bar.finish_and_clear();
+    bar.finish();
     if pipeline.dropped() > 0 {
         eprintln!(
             "headingd: {} values dropped that no sensor can have taken",
@@ -166,15 +162,6 @@ fn play<W: Write>(
         );
     }
     tell_skips(replay.skips()).map_err(Halt::Failure)
-}
-
-/// Drawn on standard error, and only if that is a terminal.
-fn progress_bar() -> ProgressBar {
-    if !io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let style = ProgressStyle::with_template("{wide_bar} {percent} % {eta} left");
-    ProgressBar::new(1000).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 /// What a client sees.

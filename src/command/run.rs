@@ -1,12 +1,12 @@
 //! `headingd run`: the daemon.
 
 use std::io::{self, IsTerminal};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use tokio::runtime::{Builder, Runtime};
 use tokio::signal::unix::SignalKind;
 
-use super::{Failure, load_config};
+use super::{Failure, config_file, load_config};
 use crate::config::Config;
 use crate::daemon::signals::Signals;
 use crate::daemon::{Daemon, DaemonError, Ended, Notice};
@@ -23,9 +23,9 @@ use crate::service::Service;
 /// a file with a fault in it changes nothing. SIGUSR1 logs a summary.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The configuration file; "headingd config show" prints all settings
+    /// The configuration file; "headingd config show" prints all settings [default: /etc/headingd/headingd.toml]
     #[arg(long, value_name = "FILE")]
-    pub config: PathBuf,
+    pub config: Option<PathBuf>,
 }
 
 impl From<DaemonError> for Failure {
@@ -54,9 +54,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn serve(args: &Args) -> Result<(), Failure> {
-    let config = load_config(&args.config)?;
+    let path = config_file::path(args.config.as_deref());
+    let config = load_config(&path)?;
     let log = Log::start(&config.log.filter);
-    tell_retired(args, &config);
+    tell_retired(&path, &config);
     // Before there is a thread.
     let service = Service::from_env();
     let on_terminal = io::stderr().is_terminal();
@@ -69,10 +70,9 @@ fn serve(args: &Args) -> Result<(), Failure> {
             SignalKind::user_defined1(),
         ])?;
         let daemon = Daemon::open(&config, service).map_err(|error| match error {
-            DaemonError::NoSource => Failure::new(
-                Failure::CONFIG,
-                format!("{}: {error}", args.config.display()),
-            ),
+            DaemonError::NoSource => {
+                Failure::new(Failure::CONFIG, format!("{}: {error}", path.display()))
+            }
             error => error.into(),
         })?;
         let order = async || {
@@ -85,10 +85,10 @@ fn serve(args: &Args) -> Result<(), Failure> {
                 // The terminal it was started from has gone.
                 Notice::Stop
             } else {
-                let loaded = load_config(&args.config);
+                let loaded = load_config(&path);
                 if let Ok(config) = &loaded {
                     log.set(&config.log.filter);
-                    tell_retired(args, config);
+                    tell_retired(&path, config);
                 }
                 Notice::Reload(loaded.map(Box::new).map_err(|failure| failure.message))
             }
@@ -102,9 +102,9 @@ fn serve(args: &Args) -> Result<(), Failure> {
 }
 
 /// Warns of keys that no longer exist: they do no harm, but nor do they do what was meant.
-fn tell_retired(args: &Args, config: &Config) {
+fn tell_retired(path: &Path, config: &Config) {
     for sentence in &config.retired {
-        tracing::warn!("{}: {sentence}", args.config.display());
+        tracing::warn!("{}: {sentence}", path.display());
     }
 }
 

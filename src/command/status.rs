@@ -8,7 +8,8 @@ use super::{Failure, print};
 
 /// Show how the running daemon does
 ///
-/// The same word and reason as on the heading socket, the calibration in force, and whether calibrations are kept.
+/// The heading with its uncertainty (one standard deviation), the same word and reason as on the heading socket, the
+/// active calibration, and whether calibrations are kept.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd status --json")]
 pub struct Args {
@@ -34,7 +35,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 fn written(status: &Value) -> String {
     let text = |value: &Value| value.as_str().unwrap_or("unknown").to_owned();
-    let mut out = format!(
+    let mut out = heading(status);
+    out += &format!(
         "{} ({}): {}\n",
         status["cal_state"].as_str().unwrap_or("starting"),
         status["reason"].as_str().unwrap_or("starting"),
@@ -88,8 +90,20 @@ fn written(status: &Value) -> String {
     out
 }
 
+/// The heading and its uncertainty, one standard deviation: true where that is known.
+pub(super) fn heading(status: &Value) -> String {
+    let number = |key: &str| status[key].as_f64();
+    let (degrees, north) = match (number("heading"), number("mheading")) {
+        (Some(degrees), _) => (degrees, "true"),
+        (None, Some(degrees)) => (degrees, "magnetic"),
+        (None, None) => return "no heading\n".to_owned(),
+    };
+    let sd = number("heading_sd").map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
+    format!("heading {degrees:05.1}° {north}{sd}\n")
+}
+
 /// A time span in two units.
-fn span(seconds: u64) -> String {
+pub(super) fn span(seconds: u64) -> String {
     let (minutes, hours, days) = (seconds / 60, seconds / 3600, seconds / 86_400);
     match (days, hours, minutes) {
         (0, 0, 0) => format!("{seconds} s"),
@@ -118,14 +132,23 @@ mod tests {
     #[test]
     fn every_trouble_is_shown() {
         let text = written(&json!({
+            "heading": 7.26, "mheading": 350.0, "heading_sd": 4.04,
             "message": "none speaks", "cal_state": "degraded", "reason": "no_gyro", "mode": "off", "armed": true,
             "calibrating": true, "progress": 0.42, "source": "/dev/i2c-1", "sensor": "hmc5843",
             "mag_axes": "+x +y +z", "uptime_s": 61, "clients": 2,
             "store": { "state": "failing", "directory": "/a", "message": "no room" },
             "calibration": { "number": 3, "mode": "planar", "age_s": 60, "residual_mgauss": 2.04 }
         }));
+        assert!(
+            text.starts_with("heading 007.3° true ± 4.0°\ndegraded (no_gyro): none speaks\n"),
+            "{text}"
+        );
+        assert_eq!(
+            heading(&json!({ "mheading": 350.0 })),
+            "heading 350.0° magnetic\n"
+        );
+        assert_eq!(heading(&json!({})), "no heading\n");
         for part in [
-            "degraded (no_gyro): none speaks\n",
             "off; the next turn is calibrated on; a calibration is under way\n",
             "42 %",
             "failing: no room\n",

@@ -55,6 +55,8 @@ pub(super) struct Journey {
     troubled: bool,
     /// As clients see it.
     source: String,
+    /// Where headings are served.
+    heading_socket: String,
     limits: Limits,
 }
 
@@ -109,6 +111,7 @@ impl Journey {
             unusable: None,
             troubled: false,
             source,
+            heading_socket: config.socket.socket.display().to_string(),
             limits: config.verdict.clone(),
         };
         journey.handle(Event::Policy(journey.keeper.history().mode));

@@ -84,6 +84,13 @@ impl Publisher {
         self.feed.clone()
     }
 
+    /// The latest heading, while it is not stale.
+    pub fn latest(&self) -> Option<Heading> {
+        let latest = self.feed.lock();
+        let kept = latest.heading.as_ref()?;
+        (!self.feed.is_stale(kept.taken())).then(|| kept.heading().clone())
+    }
+
     /// How many clients are connected.
     pub fn clients(&self) -> usize {
         self.feed.clients.load(Ordering::Relaxed)

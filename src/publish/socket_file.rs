@@ -58,9 +58,9 @@ pub enum BindError {
     },
     /// Its directory is missing.
     #[error(
-        "cannot serve on {}: the directory {} does not exist; create it (systemd: RuntimeDirectory=), or set \
-         another socket",
-        path.display(), directory.display()
+        "cannot serve on {}: the directory {} does not exist; create it (sudo install -d -o $USER {}, or systemd's \
+         RuntimeDirectory=), or set another socket",
+        path.display(), directory.display(), directory.display()
     )]
     NoDirectory {
         /// The socket.

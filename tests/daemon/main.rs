@@ -13,3 +13,4 @@ mod serial;
 mod service;
 mod socket;
 mod units;
+mod views;

@@ -10,6 +10,7 @@ pub mod trial;
 mod json;
 mod text;
 
+use super::progress::Progress;
 use super::{Failure, print};
 
 /// Run the tests of the paper again, and print its tables beside ours
@@ -29,8 +30,10 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
+    let busy = Progress::spinner("running the paper's tests, some seconds");
     let trials = trial::trials(args.seed)
         .map_err(|error| Failure::new(Failure::REFUSED, format!("cannot calibrate {error}")))?;
+    drop(busy);
     if args.json {
         let json = json::json(&trials, args.seed).map_err(|error| {
             Failure::new(

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::super::keeper::StoreState;
 use super::super::time_of_day;
-use super::Journey;
+use super::{Journey, Lasting};
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
 use crate::date;
@@ -215,9 +215,20 @@ impl Journey {
             None => Answer::done("the daemon has just started: no reading has come yet"),
         };
         let progress = self.pipeline.progress();
-        let progress = progress.map(|share| (100.0 * share).round() / 100.0);
+        let progress = progress.map(rounded);
         let reason = self.pipeline.wanted();
+        let Lasting {
+            publisher, tally, ..
+        } = &self.lasting;
+        let latest = publisher.latest();
+        let latest = latest
+            .as_ref()
+            .filter(|heading| heading.magnetic_deg().is_some());
+        let degrees = |angle: Option<f64>| angle.map(|angle| rounded(angle).rem_euclid(360.0));
         answer
+            .with("heading", latest.and_then(|it| degrees(it.true_deg())))
+            .with("mheading", latest.and_then(|it| degrees(it.magnetic_deg())))
+            .with("heading_sd", latest.and_then(|it| it.sd_deg.map(rounded)))
             .with("mode", history.mode.word())
             .with("armed", reason == Some(Reason::Start))
             .with("calibrating", self.pipeline.is_calibrating())
@@ -226,14 +237,32 @@ impl Journey {
                 "calibration",
                 history.in_force().map(|entry| described(entry, history)),
             )
+            .with("heading_socket", self.heading_socket.as_str())
             .with("source", self.source.as_str())
             .with("sensor", history.identity.sensor.as_str())
             .with("mag_axes", history.identity.mag_axes.to_string())
-            .with("uptime_s", self.lasting.tally.begun.elapsed().as_secs())
-            .with("clients", self.lasting.publisher.clients())
+            .with("uptime_s", tally.begun.elapsed().as_secs())
+            .with("clients", publisher.clients())
+            .with(
+                "counts",
+                json!({
+                    "readings": tally.readings,
+                    "headings": tally.headings,
+                    "turns": tally.turns,
+                    "calibrations_accepted": tally.accepted,
+                    "calibrations_refused": tally.refused,
+                    "values_dropped": self.pipeline.dropped(),
+                    "faults": tally.faults,
+                }),
+            )
             .with("store", store(self.keeper.state()))
             .with("version", env!("CARGO_PKG_VERSION"))
     }
+}
+
+/// To two decimal places, as headings are published.
+fn rounded(value: f64) -> f64 {
+    (100.0 * value).round() / 100.0
 }
 
 fn told(answer: Answer) -> Done {

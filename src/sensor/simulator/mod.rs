@@ -75,7 +75,7 @@ impl Simulator {
         self.parameters
     }
 
-    /// Time of the last reading at most, seconds; the first one is at 0.
+    /// Time of the last reading at most, seconds; the first one is at 0. Infinite where the scenario is endless.
     pub fn duration_s(&self) -> f64 {
         self.motion.duration_s()
     }
@@ -89,6 +89,7 @@ impl Simulator {
             Scenario::Spatial => "spatial",
             Scenario::Free => "free",
             Scenario::Demo => "demo",
+            Scenario::Endless => "endless",
         };
         let truth = [
             ("simulated", scenario.to_owned()),

@@ -29,6 +29,8 @@ pub(super) struct Motion {
     wander_start_s: Option<f64>,
     tilt_rad: f64,
     duration_s: f64,
+    /// The motion begins again after so many seconds, having turned by so much about the vertical.
+    repeats: Option<(f64, f64)>,
 }
 
 /// One of the angles changes, at a constant rate but for soft ends.
@@ -79,6 +81,7 @@ impl Motion {
             wander_start_s: None,
             tilt_rad: settings.tilt_deg.to_radians(),
             duration_s: 3.0,
+            repeats: None,
         };
         match settings.scenario {
             Scenario::Planar => motion.add(rate_rad_s, &[turns]),
@@ -106,7 +109,7 @@ impl Motion {
                 }
                 motion.duration_s += FREE_TURNS * TAU / rate_rad_s + RAMP_S + PAUSE_S;
             }
-            Scenario::Demo => {
+            Scenario::Demo | Scenario::Endless => {
                 motion.duration_s = 5.0;
                 motion.add(rate_rad_s, &[turns]);
                 motion.wander_start_s = Some(motion.duration_s);
@@ -115,6 +118,10 @@ impl Motion {
         }
         // The last pause is part of the closing rest.
         motion.duration_s += 2.0;
+        if settings.scenario == Scenario::Endless {
+            motion.repeats = Some((motion.duration_s, turns.1));
+            motion.duration_s = f64::INFINITY;
+        }
         motion
     }
 
@@ -139,6 +146,12 @@ impl Motion {
     /// The rotation from body (X forward, Y right, Z down) to earth (magnetic north, east, down).
     pub(super) fn attitude(&self, t_s: f64) -> UnitQuaternion<f64> {
         let mut angles: Angles = [0.0; 3];
+        let mut t_s = t_s;
+        if let Some((period_s, turned_rad)) = self.repeats {
+            let before = (t_s / period_s).floor();
+            t_s -= before * period_s;
+            angles[YAW] = before * turned_rad;
+        }
         for movement in &self.movements {
             angles[movement.which] += movement.angle_at(t_s);
         }
@@ -242,6 +255,26 @@ mod tests {
             most = most.max(down.z.acos().to_degrees());
         }
         assert!((4.0..7.1).contains(&most), "{most}");
+    }
+
+    #[test]
+    fn the_endless_motion_goes_on_where_it_ended() {
+        let motion = Motion::new(&Settings {
+            scenario: Scenario::Endless,
+            turns: 1.3,
+            ..Settings::default()
+        });
+        assert_eq!(motion.duration_s(), f64::INFINITY);
+        let (period_s, _) = motion.repeats.unwrap();
+        for round in [1.0, 2.0, 1000.0] {
+            let (before, after) = [-1e-4, 1e-4]
+                .map(|step_s| motion.attitude(round * period_s + step_s))
+                .into();
+            let step_rad = before.angle_to(&after);
+            assert!(step_rad < 1e-6, "{round}: {step_rad}");
+            let turning = motion.rate_rad_s(round * period_s + 10.0).norm();
+            assert!((turning - 51.4f64.to_radians()).abs() < 1e-6, "{turning}");
+        }
     }
 
     #[test]

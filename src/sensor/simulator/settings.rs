@@ -17,6 +17,9 @@ pub enum Scenario {
     Free,
     /// Rest, level turns, then small changes of heading and tilt.
     Demo,
+    /// That of `demo`, again and again.
+    #[value(skip)]
+    Endless,
 }
 
 /// The simulated board, its sensors' errors and its motion.

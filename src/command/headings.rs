@@ -1,0 +1,204 @@
+//! A client of the socket for headings: what the commands that show the running daemon read.
+
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde_json::Value;
+
+use super::control::{connect, unreachable};
+use super::{Failure, config_file};
+
+/// No message is longer, bytes: that of a board with all its remarks is the longest.
+const LONGEST: u64 = 1 << 20;
+
+/// Which daemon's headings are meant.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Target {
+    /// The daemon's socket for headings; without it, that of the configuration
+    #[arg(long, value_name = "PATH", conflicts_with = "config")]
+    pub socket: Option<PathBuf>,
+    /// The daemon's configuration file [default: /etc/headingd/headingd.toml, if there is one]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// The two sockets of a daemon.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sockets {
+    /// For headings.
+    pub headings: PathBuf,
+    /// For control.
+    pub control: PathBuf,
+}
+
+impl Target {
+    /// Where its sockets are. Without a configuration the control socket is where it is by default: beside the other.
+    ///
+    /// # Errors
+    ///
+    /// The configuration that was named cannot be used.
+    pub fn sockets(&self) -> Result<Sockets, Failure> {
+        let config = match self.socket {
+            Some(_) => Default::default(),
+            None => config_file::load_for_client(self.config.as_deref())?,
+        };
+        let headings = self.socket.clone().unwrap_or(config.socket.socket);
+        Ok(Sockets {
+            control: config.control.path(&headings),
+            headings,
+        })
+    }
+}
+
+/// A connection to the socket for headings.
+#[derive(Debug)]
+pub struct Headings {
+    path: PathBuf,
+    reader: BufReader<UnixStream>,
+    /// What has come of a line that is not at its end, or else the last line.
+    bytes: Vec<u8>,
+    line: String,
+}
+
+impl Headings {
+    /// Connects, and asks for what `watch` says: the argument of a `?WATCH`.
+    ///
+    /// # Errors
+    ///
+    /// Nobody serves there, or this user may not connect.
+    pub fn open(path: &Path, watch: &str) -> Result<Self, Failure> {
+        let opened = connect(path).and_then(|mut stream| {
+            stream.write_all(format!("?WATCH={watch};\n").as_bytes())?;
+            Ok(stream)
+        });
+        let stream = opened.map_err(|error| unreachable(path, &error))?;
+        let mut headings = Self {
+            path: path.to_owned(),
+            reader: BufReader::new(stream),
+            bytes: Vec::new(),
+            line: String::new(),
+        };
+        headings.greeting()?;
+        Ok(headings)
+    }
+
+    /// Reads the banner.
+    fn greeting(&mut self) -> Result<(), Failure> {
+        if self.object()?["class"] == "VERSION" {
+            return Ok(());
+        }
+        let message = format!(
+            "{} is not headingd's socket for headings: name that with --socket, or the configuration with --config",
+            self.path.display()
+        );
+        Err(Failure::new(Failure::DATA, message))
+    }
+
+    /// Passes over everything that the daemon has sent so far.
+    ///
+    /// # Errors
+    ///
+    /// The daemon has hung up.
+    pub fn pass_over(&mut self) -> Result<(), Failure> {
+        let sent = self.reader.get_mut().write_all(b"?VERSION;\n");
+        sent.map_err(|error| unreachable(&self.path, &error))?;
+        while self.object()?["class"] != "VERSION" {}
+        Ok(())
+    }
+
+    /// The last line that was read, without its end.
+    pub fn text(&self) -> &str {
+        self.line.trim_end()
+    }
+
+    /// The next line, without its end.
+    ///
+    /// # Errors
+    ///
+    /// The daemon has hung up, or refuses.
+    pub fn line(&mut self) -> Result<&str, Failure> {
+        while !self.read()? {}
+        Ok(self.text())
+    }
+
+    /// Gives up waiting for a line after so long, where there is a limit: see [`Headings::object_in_time`].
+    ///
+    /// # Errors
+    ///
+    /// The system refuses.
+    pub fn set_patience(&mut self, patience: Option<Duration>) -> Result<(), Failure> {
+        let set = self.reader.get_ref().set_read_timeout(patience);
+        set.map_err(|error| unreachable(&self.path, &error))
+    }
+
+    /// Reads on; whether the line is at its end. It is not if that takes longer than the patience.
+    fn read(&mut self) -> Result<bool, Failure> {
+        if self.bytes.ends_with(b"\n") {
+            self.bytes.clear();
+        }
+        let read = (&mut self.reader)
+            .take(LONGEST)
+            .read_until(b'\n', &mut self.bytes);
+        match read {
+            Ok(0) => Err(Failure::new(
+                Failure::UNAVAILABLE,
+                format!(
+                    "headingd has closed {}: it has stopped, or its source is at its end",
+                    self.path.display()
+                ),
+            )),
+            Ok(_) => {
+                self.line = String::from_utf8_lossy(&self.bytes).into_owned();
+                // A longer line than any of the daemon's is passed over in pieces.
+                if !self.bytes.ends_with(b"\n") {
+                    self.bytes.clear();
+                }
+                Ok(true)
+            }
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                Ok(false)
+            }
+            Err(error) => Err(unreachable(&self.path, &error)),
+        }
+    }
+
+    /// The next object; lines that are none are passed over.
+    ///
+    /// # Errors
+    ///
+    /// The daemon has hung up, or refuses.
+    pub fn object(&mut self) -> Result<Value, Failure> {
+        loop {
+            if let Some(object) = self.object_in_time()? {
+                return Ok(object);
+            }
+        }
+    }
+
+    /// The next object, or `None` where it does not come within the patience that is set.
+    ///
+    /// # Errors
+    ///
+    /// The daemon has hung up, or refuses.
+    pub fn object_in_time(&mut self) -> Result<Option<Value>, Failure> {
+        loop {
+            if !self.read()? {
+                return Ok(None);
+            }
+            let Ok(object) = serde_json::from_str::<Value>(self.text()) else {
+                continue;
+            };
+            if object["class"] == "ERROR" {
+                let message = object["message"].as_str().unwrap_or("an error");
+                let path = self.path.display();
+                return Err(Failure::new(
+                    Failure::UNAVAILABLE,
+                    format!("headingd at {path} refuses: {message}"),
+                ));
+            }
+            return Ok(Some(object));
+        }
+    }
+}

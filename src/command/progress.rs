@@ -1,0 +1,78 @@
+//! How far a command is that takes longer than a second: on standard error, and a bar only where that is a terminal.
+
+use std::io::{self, IsTerminal};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// Parts into which all of the work is divided.
+const PARTS: u64 = 1000;
+
+/// A bar, from nothing to all of the work. It is removed with the command, or by [`Progress::finish`].
+#[derive(Debug)]
+pub struct Progress {
+    bar: ProgressBar,
+}
+
+impl Progress {
+    /// A bar for work of which it is known how long it takes.
+    pub fn new() -> Self {
+        Self::with("{wide_bar} {percent} % {eta} left")
+    }
+
+    /// A bar with a sentence before it, for what takes as long as somebody else likes.
+    pub fn with_message() -> Self {
+        Self::with("[{bar:20}] {msg}")
+    }
+
+    fn with(template: &str) -> Self {
+        if !io::stderr().is_terminal() {
+            return Self {
+                bar: ProgressBar::hidden(),
+            };
+        }
+        let style = ProgressStyle::with_template(template);
+        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+        Self {
+            bar: ProgressBar::new(PARTS).with_style(style.progress_chars("#>.")),
+        }
+    }
+
+    /// A sign of life where nobody knows how far the work is.
+    pub fn spinner(message: &'static str) -> Self {
+        if !io::stderr().is_terminal() {
+            return Self {
+                bar: ProgressBar::hidden(),
+            };
+        }
+        let bar = ProgressBar::new_spinner().with_message(message);
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Self { bar }
+    }
+
+    /// Whether somebody sees it.
+    pub fn is_shown(&self) -> bool {
+        !self.bar.is_hidden()
+    }
+
+    /// Says what is being done.
+    pub fn say(&self, message: String) {
+        self.bar.set_message(message);
+    }
+
+    /// Sets how much is done, 0 to 1.
+    pub fn set(&self, share: f64) {
+        self.bar.set_position((PARTS as f64 * share) as u64);
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}

@@ -1,0 +1,132 @@
+//! `headingd calibration start --wait`: follows the daemon until it has judged a turn.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use super::advice::next_step;
+use super::control::{Target, exchange};
+use super::headings::Headings;
+use super::progress::Progress;
+use super::{Failure, print};
+
+/// States and verdicts alone.
+const WATCH: &str = r#"{"enable":true,"json":false,"state":true,"calibration":true}"#;
+
+/// How often the daemon is asked whether it still wants to calibrate: somebody else may have cancelled.
+const LOOK: Duration = Duration::from_secs(2);
+
+/// Without a terminal, a line each time that so much more of a turn is done.
+const STEP: f64 = 0.25;
+
+/// Has the next turn calibrated on, and waits for what comes of it.
+///
+/// # Errors
+///
+/// The daemon cannot be reached, does not start, or refuses the calibration: then with status [`Failure::REFUSED`].
+pub fn start_and_wait(target: &Target, json: bool) -> Result<(), Failure> {
+    let control = target.path()?;
+    let ask = |name: &str| exchange(&control, &json!({ "request": name })).map_err(|(why, _)| why);
+    let status = ask("status")?;
+    let Some(socket) = status["heading_socket"].as_str() else {
+        let message =
+            "the daemon is older than this headingd, and does not tell where its headings are";
+        return Err(Failure::new(Failure::UNAVAILABLE, message));
+    };
+    let mut headings = Headings::open(&PathBuf::from(socket), WATCH)?;
+    // What has been judged before is of no interest.
+    headings.pass_over()?;
+    headings.set_patience(Some(LOOK))?;
+    let started = target.ask(&json!({ "request": "start" }), json)?;
+    eprintln!(
+        "headingd: {}",
+        started["message"].as_str().unwrap_or_default()
+    );
+    let mut show = Show::new();
+    let mut looked = Instant::now();
+    let mut given_up = false;
+    loop {
+        let object = headings.object_in_time()?.unwrap_or_default();
+        match object["class"].as_str() {
+            Some("STATE") => show.state(&object),
+            // What motion has taught meanwhile is not what was asked for.
+            Some("CALIBRATION") if object["method"] == "turn" => {
+                drop(show);
+                return conclude(&object, headings.text(), json);
+            }
+            _ => {}
+        }
+        if looked.elapsed() > LOOK {
+            looked = Instant::now();
+            let status = ask("status")?;
+            let over = status["armed"] != true && status["calibrating"] != true;
+            // The verdict may be on its way: a second look decides.
+            if over && given_up {
+                let message = "given up: somebody has cancelled it, or locked the calibration";
+                return Err(Failure::new(Failure::REFUSED, message));
+            }
+            given_up = over;
+        }
+    }
+}
+
+fn conclude(outcome: &Value, text: &str, json: bool) -> Result<(), Failure> {
+    let word = |key: &str| outcome[key].as_str().unwrap_or_default();
+    if json {
+        print(&format!("{text}\n"))?;
+    } else {
+        let (verdict, reason) = (word("verdict"), word("reason"));
+        let mut said = format!("{verdict} ({reason}): {}\n", word("message"));
+        if verdict == "rejected"
+            && let Some(advice) = next_step(reason)
+        {
+            said += &format!("what to do: {advice}; the next turn is calibrated on again\n");
+        }
+        print(&said)?;
+    }
+    match word("verdict") {
+        "rejected" => Err(Failure::new(Failure::REFUSED, "")),
+        _ => Ok(()),
+    }
+}
+
+/// What is shown meanwhile.
+struct Show {
+    bar: Progress,
+    reason: String,
+    share: f64,
+}
+
+impl Show {
+    fn new() -> Self {
+        Self {
+            bar: Progress::with_message(),
+            reason: String::new(),
+            share: 0.0,
+        }
+    }
+
+    fn state(&mut self, state: &Value) {
+        let text = |key: &str| state[key].as_str().unwrap_or_default();
+        let share = state["progress"].as_f64().unwrap_or_default();
+        let changed = text("reason") != self.reason;
+        if changed {
+            text("reason").clone_into(&mut self.reason);
+            self.share = 0.0;
+        }
+        if self.bar.is_shown() {
+            self.bar.set(share);
+            self.bar
+                .say(format!("{}: {}", text("cal_state"), text("message")));
+        } else if changed || share >= self.share + STEP {
+            self.share = share;
+            eprintln!(
+                "headingd: {:3.0} %  {}: {}",
+                100.0 * share,
+                text("cal_state"),
+                text("message")
+            );
+        }
+    }
+}

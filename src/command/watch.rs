@@ -1,0 +1,167 @@
+//! `headingd watch`: prints headings as they come.
+
+use std::io::{self, ErrorKind, Write};
+
+use serde_json::{Value, json};
+
+use super::Failure;
+use super::headings::{Headings, Target};
+
+/// Headings as text are for people, who read one a second.
+const TEXT_RATE_HZ: f64 = 1.0;
+
+/// Print headings as they come, until stopped
+///
+/// As text: time, heading with its uncertainty (one standard deviation), and the condition; a line of its own says why there is no
+/// heading, and what to do. With --json the daemon's own objects, a heading (ATT) or a change of condition (STATE) a line; with
+/// --nmea NMEA 0183.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example: headingd watch --json | jq .mheading")]
+pub struct Args {
+    /// Which daemon is meant.
+    #[command(flatten)]
+    pub target: Target,
+    /// Print JSON, an object a line
+    #[arg(long, conflicts_with = "nmea")]
+    pub json: bool,
+    /// Print NMEA 0183
+    #[arg(long)]
+    pub nmea: bool,
+    /// So many headings a second at most, 0.1 to 1000; without it one as text, all as JSON, and as many as are set as NMEA
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    pub rate: Option<f64>,
+    /// Stop after so many headings
+    #[arg(long, value_name = "N")]
+    pub count: Option<u64>,
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n| (0.1..=1000.0).contains(n));
+    number.ok_or_else(|| "must be a number from 0.1 to 1000".to_owned())
+}
+
+impl Args {
+    fn watch(&self) -> Value {
+        let mut watch =
+            json!({ "enable": true, "json": !self.nmea, "nmea": self.nmea, "state": !self.nmea });
+        let text = !self.json && !self.nmea;
+        if let Some(rate_hz) = self.rate.or(text.then_some(TEXT_RATE_HZ)) {
+            watch["rate_hz"] = rate_hz.into();
+        }
+        watch
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// No daemon serves there, or it stops.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let sockets = args.target.sockets()?;
+    let mut headings = Headings::open(&sockets.headings, &args.watch().to_string())?;
+    match print(args, &mut headings, &mut io::stdout().lock()) {
+        Err(Halt::Output(error)) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        Err(Halt::Output(error)) => Err(Failure::new(
+            Failure::IO,
+            format!("cannot write to standard output: {error}"),
+        )),
+        Err(Halt::Failure(failure)) => Err(failure),
+        Ok(()) => Ok(()),
+    }
+}
+
+enum Halt {
+    Output(io::Error),
+    Failure(Failure),
+}
+
+impl From<io::Error> for Halt {
+    fn from(error: io::Error) -> Self {
+        Self::Output(error)
+    }
+}
+
+impl From<Failure> for Halt {
+    fn from(failure: Failure) -> Self {
+        Self::Failure(failure)
+    }
+}
+
+fn print(args: &Args, headings: &mut Headings, out: &mut impl Write) -> Result<(), Halt> {
+    let mut printed = 0;
+    let mut state = String::new();
+    while args.count.is_none_or(|most| printed < most) {
+        if args.nmea {
+            let line = headings.line()?;
+            if line.starts_with('$') {
+                // A heading has several sentences: HDG is in each.
+                printed += u64::from(line.get(3..6) == Some("HDG"));
+                writeln!(out, "{line}")?;
+            }
+        } else {
+            let object = headings.object()?;
+            let class = object["class"].as_str().unwrap_or_default();
+            let steerable = class == "ATT" && object["mheading"].as_f64().is_some();
+            if args.json && (class == "ATT" || class == "STATE") {
+                writeln!(out, "{}", headings.text())?;
+            } else if steerable {
+                writeln!(out, "{}", line(&object))?;
+            } else if class == "STATE" {
+                let text = why(&object);
+                if text != state {
+                    writeln!(out, "{text}")?;
+                    state = text;
+                }
+            }
+            printed += u64::from(steerable);
+        }
+        out.flush()?;
+    }
+    Ok(())
+}
+
+/// A heading as text.
+fn line(att: &Value) -> String {
+    let number = |key: &str| att[key].as_f64();
+    let time = match (att["time"].as_str(), number("t_s")) {
+        (Some(time), _) => time.to_owned(),
+        (None, Some(t_s)) => format!("{t_s:10.3} s"),
+        (None, None) => String::new(),
+    };
+    let (degrees, north) = match number("heading") {
+        Some(degrees) => (degrees, "true"),
+        None => (number("mheading").unwrap_or_default(), "magnetic"),
+    };
+    let sd = number("heading_sd").map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
+    let word = att["cal_state"].as_str().unwrap_or_default();
+    format!("{time}  {degrees:05.1}° {north}{sd}  {word}")
+}
+
+/// A condition as text: progress is none of it, so that it is printed once.
+fn why(state: &Value) -> String {
+    let text = |key: &str| state[key].as_str().unwrap_or_default();
+    format!(
+        "{} ({}): {}",
+        text("cal_state"),
+        text("reason"),
+        text("message")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_heading_is_true_where_that_is_known_and_has_its_time_and_uncertainty() {
+        let att = json!({ "time": "2026-11-22T14:00:00.125Z", "t_s": 3.0, "heading": 7.04, "mheading": 350.1,
+                          "heading_sd": 0.83, "cal_state": "good" });
+        assert_eq!(
+            line(&att),
+            "2026-11-22T14:00:00.125Z  007.0° true ± 0.8°  good"
+        );
+        let att = json!({ "t_s": 3.0, "mheading": 350.1, "cal_state": "degraded" });
+        assert_eq!(line(&att), "     3.000 s  350.1° magnetic  degraded");
+    }
+}

@@ -1,0 +1,94 @@
+//! `headingd calibration start --wait`.
+
+use serde_json::Value;
+
+use super::headingd;
+use crate::rig::{FAST, LONG, Rig, start};
+
+#[test]
+fn it_waits_for_the_verdict_on_a_turn() {
+    let rig = Rig::new(FAST, LONG);
+    let (_process, mut client) = rig.watched();
+    // What was accepted before is not what it waits for.
+    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    let socket = rig.path("control.sock");
+    let wait = [
+        "calibration",
+        "start",
+        "--wait",
+        "--socket",
+        socket.to_str().unwrap(),
+    ];
+    let (status, out, err) = headingd(&[], &wait);
+    assert_eq!(status, 0, "{err}");
+    assert!(
+        out.starts_with("accepted (good): ") || out.starts_with("kept ("),
+        "{out}"
+    );
+    assert!(err.contains("turn the board once"), "{err}");
+    let (status, out, _) = headingd(&[], &[&wait[..], &["--json"]].concat());
+    assert_eq!(status, 0);
+    let outcome: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(
+        (&outcome["class"], &outcome["method"]),
+        (&"CALIBRATION".into(), &"turn".into())
+    );
+
+    let (status, _, err) = headingd(
+        &[],
+        &["calibration", "lock", "--socket", socket.to_str().unwrap()],
+    );
+    assert_eq!(status, 0, "{err}");
+    let (status, out, err) = headingd(&[], &wait);
+    assert_eq!((status, out.as_str()), (3, ""), "{err}");
+    assert!(err.contains("(locked)"), "{err}");
+}
+
+#[test]
+fn a_refusal_has_its_status_its_reason_and_what_to_do() {
+    let strict = format!("{LONG}[verdict]\nresidual_share = 0.001\n");
+    let rig = Rig::new(FAST, &strict);
+    let (_process, mut client) = rig.watched();
+    client.find("STATE", |_| true);
+    let socket = rig.path("control.sock");
+    let wait = [
+        "calibration",
+        "start",
+        "--wait",
+        "--socket",
+        socket.to_str().unwrap(),
+    ];
+    let (status, out, err) = headingd(&[], &wait);
+    assert_eq!(status, 3, "{out}{err}");
+    assert!(out.starts_with("rejected (residual): "), "{out}");
+    assert!(
+        out.contains("\nwhat to do: turn on the spot, away from iron"),
+        "{out}"
+    );
+    // It says how far the turn is.
+    assert!(err.contains(" %  "), "{err}");
+}
+
+#[test]
+fn it_ends_when_somebody_else_cancels() {
+    let rig = Rig::new(1.0, "[simulator]\nturn_deg_s = 1.0\nturns = 100\n");
+    let (_process, mut client) = rig.watched();
+    client.find("ATT", |_| true);
+    let socket = rig.path("control.sock");
+    let socket = socket.to_str().unwrap();
+    let mut waiting = start(
+        rig.folder.path(),
+        &["calibration", "start", "--wait", "--socket", socket],
+    );
+    crate::rig::until("the start", || {
+        waiting.said().contains("turn the board once")
+    });
+    let (status, _, err) = headingd(&[], &["calibration", "cancel", "--socket", socket]);
+    assert_eq!(status, 0, "{err}");
+    assert_eq!(waiting.wait().code(), Some(3), "{}", waiting.said());
+    assert!(
+        waiting.said().contains("somebody has cancelled it"),
+        "{}",
+        waiting.said()
+    );
+}

@@ -1,0 +1,78 @@
+//! `headingd watch`.
+
+use serde_json::Value;
+
+use super::headingd;
+use crate::rig::{FAST, Rig};
+
+#[test]
+fn headings_are_printed_as_text_json_and_nmea() {
+    let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
+    let (_process, mut client) = rig.watched();
+    let socket = rig.path("heading.sock");
+    let socket = socket.to_str().unwrap();
+    let watch = |more: &[&str]| {
+        let arguments = [&["watch", "--socket", socket, "--count", "3"], more].concat();
+        let (status, out, err) = headingd(&[], &arguments);
+        assert_eq!((status, err.as_str()), (0, ""), "{more:?}");
+        out
+    };
+    client.find("ATT", |att| att["mheading"].as_f64().is_some());
+    let text = watch(&["--rate", "100"]);
+    let headings = text.lines().filter(|line| line.contains("° magnetic ± "));
+    assert_eq!(headings.count(), 3, "{text}");
+    // First of all, how things stand.
+    assert!(text.lines().next().unwrap().contains("): "), "{text}");
+
+    let json = watch(&["--json"]);
+    let objects: Vec<Value> = json
+        .lines()
+        .map(|line| {
+            assert!(line.starts_with("{\"class\":\""), "{line}");
+            serde_json::from_str(line).unwrap()
+        })
+        .collect();
+    let headings = objects
+        .iter()
+        .filter(|object| object["mheading"].is_number());
+    assert_eq!(headings.count(), 3, "{json}");
+    assert!(
+        objects.iter().any(|object| object["class"] == "STATE"),
+        "{json}"
+    );
+
+    let nmea = watch(&["--nmea", "--rate", "100"]);
+    assert!(nmea.lines().all(|line| line.starts_with("$HC")), "{nmea}");
+    assert_eq!(nmea.matches("$HCHDG,").count(), 3, "{nmea}");
+}
+
+#[test]
+fn who_cannot_be_watched_is_named_with_what_helps() {
+    let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
+    let (mut process, _client) = rig.watched();
+    let control = rig.path("control.sock");
+    let none = rig.path("none.sock");
+    for (socket, status, part) in [
+        (&control, 65, "is not headingd's socket for headings"),
+        (&none, 69, "no headingd is running at"),
+    ] {
+        let (found, out, err) = headingd(&[], &["watch", "--socket", socket.to_str().unwrap()]);
+        assert_eq!((found, out.as_str()), (status, ""), "{err}");
+        assert!(err.contains(part), "{err}");
+    }
+    // It ends with its daemon, and says so.
+    let headings = rig.path("heading.sock");
+    let arguments = ["watch", "--json", "--socket", headings.to_str().unwrap()];
+    let mut watching = crate::rig::start(rig.folder.path(), &arguments);
+    crate::rig::until("the first line", || {
+        std::fs::read_to_string(rig.path("stdout")).is_ok_and(|text| text.contains("ATT"))
+    });
+    process.signal("TERM");
+    assert_eq!(process.wait().code(), Some(0));
+    assert_eq!(watching.wait().code(), Some(69));
+    assert!(
+        watching.said().contains("headingd has closed"),
+        "{}",
+        watching.said()
+    );
+}
