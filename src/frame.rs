@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use nalgebra::{Matrix3, Unit, Vector3};
+use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// How a chip's axes lie in the body frame: `body = matrix · chip`.
@@ -50,6 +50,43 @@ impl Mounting {
     /// The matrix: `body = rotation · chip`.
     pub fn rotation(&self) -> Matrix3<f64> {
         self.matrix
+    }
+
+    /// First `inner`, then this one.
+    pub fn after(&self, inner: &Self) -> Self {
+        Self {
+            matrix: self.matrix * inner.matrix,
+        }
+    }
+
+    /// Whether it is no rotation, but one and a mirror.
+    pub fn is_mirrored(&self) -> bool {
+        self.matrix.determinant() < 0.0
+    }
+
+    /// The rotation about body Z that adds this to every heading, degrees.
+    pub fn adding_to_heading(offset_deg: f64) -> Self {
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -offset_deg.to_radians());
+        Self {
+            matrix: turn.into_inner(),
+        }
+    }
+
+    /// The rotation that makes this direction of body axes body Z, and turns no heading. `None` where body X is vertical.
+    pub fn levelling(down: &Vector3<f64>) -> Option<Self> {
+        let (forward, right) = horizontal(down)?;
+        let rows = [forward.transpose(), right.transpose(), down.transpose()];
+        Self::from_matrix(Matrix3::from_rows(&rows))
+    }
+
+    /// The nearest rotation whose nine numbers have six decimal places, so that people can read and copy them.
+    pub fn rounded(&self) -> Self {
+        let mut rotation = Rotation3::from_matrix_unchecked(self.matrix);
+        rotation.renormalize();
+        Self {
+            // Adding 0 makes a −0 a 0.
+            matrix: rotation.into_inner().map(|n| (n * 1e6).round() / 1e6 + 0.0),
+        }
     }
 
     /// A vector in the body frame, seen in chip axes.
@@ -142,18 +179,22 @@ impl From<Mounting> for String {
 }
 
 /// The mountings of a board's three sensors.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Mountings {
     /// Magnetometer chip axes along body X, Y, Z.
-    #[serde(rename = "mag_axes")]
     pub mag: Mounting,
     /// Gyro chip axes along body X, Y, Z.
-    #[serde(rename = "gyro_axes")]
     pub gyro: Mounting,
     /// Accelerometer chip axes along body X, Y, Z.
-    #[serde(rename = "accel_axes")]
     pub accel: Mounting,
+}
+
+impl Mountings {
+    /// The same chips on a board that is itself mounted so.
+    pub fn on(&self, board: &Mounting) -> Self {
+        let [mag, gyro, accel] = [self.mag, self.gyro, self.accel].map(|chip| board.after(&chip));
+        Self { mag, gyro, accel }
+    }
 }
 
 /// An angle in radians brought into (−π, π].
@@ -172,11 +213,15 @@ pub fn wrap_360(angle_deg: f64) -> f64 {
 /// Heading of body X, degrees clockwise from magnetic north, of a field in body axes over a horizontal
 /// plane with this `down`. `None` where field or body X is vertical.
 pub fn heading_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> Option<f64> {
-    let forward = Vector3::x() - down * down.x;
-    let forward = Unit::try_new(forward, 0.17)?;
-    let right = down.cross(&forward);
+    let (forward, right) = horizontal(down)?;
     let (north, east) = (field_body.dot(&forward), -field_body.dot(&right));
     (north.hypot(east) > 1e-9).then(|| wrap_360(east.atan2(north).to_degrees()))
+}
+
+/// Unit vectors over a horizontal plane with this `down`: where body X points, and right of it. `None` where it is vertical.
+fn horizontal(down: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let forward = Unit::try_new(Vector3::x() - down * down.x, 0.17)?;
+    Some((*forward, down.cross(&forward)))
 }
 
 /// How far a field in body axes points below the horizontal plane with this `down`, degrees. NaN for no field.
@@ -189,7 +234,6 @@ pub fn dip_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Rotation3;
 
     /// What a board at this attitude sees, body axes: heading, then pitch nose up, then roll right down.
     fn seen(heading_deg: f64, pitch_deg: f64, roll_deg: f64) -> (Vector3<f64>, Vector3<f64>) {
@@ -231,6 +275,23 @@ mod tests {
                 assert!((dip_deg(&field, &down) - dip).abs() < 1e-9);
             }
         }
+    }
+
+    #[test]
+    fn a_board_is_levelled_without_turning_its_heading_and_an_offset_is_added_to_it() {
+        for (pitch, roll) in [(20.0, -10.0), (-45.0, 30.0), (10.0, 170.0)] {
+            let (field, down) = seen(77.0, pitch, roll);
+            let level = Mounting::levelling(&down).unwrap();
+            assert!((level.to_body(down) - Vector3::z()).norm() < 1e-12);
+            assert!(!level.is_mirrored());
+            let found = heading_deg(&level.to_body(field), &Vector3::z()).unwrap();
+            assert!((found - 77.0).abs() < 1e-9, "{found}");
+            let turned = Mounting::adding_to_heading(-100.0).after(&level).rounded();
+            let found = heading_deg(&turned.to_body(field), &Vector3::z()).unwrap();
+            assert!((found - 337.0).abs() < 2e-4, "{found}");
+        }
+        let (_, down) = seen(30.0, 89.0, 0.0);
+        assert_eq!(Mounting::levelling(&down), None);
     }
 
     #[test]

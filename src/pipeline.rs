@@ -8,6 +8,7 @@ mod blank;
 mod force;
 mod learn;
 mod motion;
+mod mounting;
 mod occasion;
 mod settings;
 mod stretch;
@@ -84,6 +85,8 @@ pub enum Event {
     Cancel,
     /// Another calibration is in force from now on, or none.
     InForce(Option<Box<Calibration>>),
+    /// The chips are mounted so from now on: the whole board was turned, or it is told better how it is.
+    Mounted(Box<Mountings>),
 }
 
 /// What a pipeline wants done.
@@ -203,6 +206,7 @@ impl Pipeline {
             Event::Start => self.start(actions),
             Event::Cancel => self.cancel(actions),
             Event::InForce(calibration) => self.put_in_force(calibration.map(|one| *one), actions),
+            Event::Mounted(mountings) => self.mount(*mountings),
         }
     }
 
@@ -217,11 +221,6 @@ impl Pipeline {
     /// Why the last calibration was asked for.
     pub fn reason(&self) -> Reason {
         self.asked
-    }
-
-    /// How many values were dropped since no sensor can have taken them.
-    pub fn dropped(&self) -> u64 {
-        self.outliers.dropped()
     }
 
     /// Whether a calibration is under way.

@@ -190,7 +190,7 @@ impl Survey {
                     .unwrap_or_else(|| "unknown".to_owned()),
                 mag_axes: header.mountings.mag,
             },
-            mountings: header.mountings,
+            mountings: header.mountings.on(&config.mounting.board()),
             samples: Thinned::default(),
             turns: Vec::new(),
             rotation_s: None,
@@ -198,7 +198,7 @@ impl Survey {
             motion: None,
         };
         if args.plane == Plane::Gyro && config.calibration.window != WindowChoice::All {
-            survey.motion = Some(Pipeline::new(config.setup(survey.mountings), None));
+            survey.motion = Some(Pipeline::new(config.setup(&header.mountings), None));
         }
         let mut actions = Vec::new();
         let mut attitude = Attitude::new(&config.attitude, &survey.mountings);

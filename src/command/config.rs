@@ -64,10 +64,11 @@ fn warnings(config: &Config) -> Vec<String> {
     let board = config.i2c.board;
     if config.source.kind == Some(Kind::I2c)
         && board != Board::Custom
-        && config.mounting != Default::default()
+        && config.mounting.chips() != Default::default()
     {
-        let warning = "[mounting] has no effect: the board that i2c.board names says itself how its chips are \
-                       mounted; leave the table out, or set i2c.board = \"custom\"";
+        let warning = "mag_axes, gyro_axes and accel_axes of [mounting] have no effect: the board that i2c.board names \
+                       says itself how its chips are mounted; leave them out (board_axes turns the whole board), or set \
+                       i2c.board = \"custom\"";
         warnings.push(warning.to_owned());
     }
     let short = Shortage::of(config.socket.max_clients, open_files::limit());
@@ -157,7 +158,7 @@ mod tests {
         let of = |text: &str| warnings(&Config::parse("a.toml", text).unwrap());
         for (text, part) in [
             (&replay, "a.csv: No such file"),
-            (&mounted, "[mounting] has no effect"),
+            (&mounted, "of [mounting] have no effect"),
         ] {
             let found = of(text);
             assert!(
@@ -172,7 +173,9 @@ mod tests {
         assert!(of(&old)[0].starts_with("line 6: heading.misfit_s no longer exists"));
         let pole = format!("{board}[true_north]\nlatitude_deg = 86\nlongitude_deg = 139\n");
         assert!(of(&pole)[0].contains("near a magnetic pole"));
-        assert!(of(board).is_empty() && of(&custom).is_empty());
+        let turned =
+            format!("{board}[mounting]\nboard_axes = \"-x -y +z\"\nheading_offset_deg = 3\n");
+        assert!(of(board).is_empty() && of(&custom).is_empty() && of(&turned).is_empty());
         assert_eq!(of("[i2c]\nbus = 2"), [Settings::UNSET]);
         std::fs::write(&log, "").unwrap();
         assert!(of(&replay).is_empty());

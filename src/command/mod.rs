@@ -23,6 +23,7 @@ pub mod demo;
 pub mod field;
 mod headings;
 pub mod line;
+pub mod mounting;
 pub mod paper;
 mod progress;
 pub mod record;

@@ -36,7 +36,7 @@ const ROWS_A_LOOK: u64 = 8192;
 pub struct Args {
     /// The log (`headingd simulate` writes one)
     pub log: PathBuf,
-    /// Configuration; its tables source and mounting are of no effect here [default: /etc/headingd/headingd.toml, if
+    /// Configuration; its table source and the chips' axes are of no effect here [default: /etc/headingd/headingd.toml, if
     /// there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -72,7 +72,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         most: config.store.history,
     };
     let calibration = keep.open(args)?;
-    let pipeline = Pipeline::new(config.setup(header.mountings), calibration);
+    let mut setup = config.setup(&header.mountings);
+    let board = keep.history.board(&config.mounting.board());
+    setup.mountings = header.mountings.on(&board);
+    let pipeline = Pipeline::new(setup, calibration);
     let lines = Lines {
         device: args.log.display().to_string(),
         sensor: header.sensor.clone(),

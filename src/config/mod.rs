@@ -6,6 +6,7 @@
 mod change;
 mod fault;
 pub mod log;
+pub mod mounting;
 mod places;
 mod reader;
 pub mod record;
@@ -16,7 +17,7 @@ mod words;
 
 use serde::Serialize;
 
-use crate::check::{Check, Fault};
+use crate::check::Fault;
 use crate::publish::outputs::{pty, tcp, udp};
 use crate::publish::{control, nmea, server};
 use crate::sensor::{i2c, serial, simulator};
@@ -77,8 +78,8 @@ tables! {
     i2c: i2c::Settings,
     /// A board behind a serial line.
     serial: serial::settings::Settings,
-    /// How the chips are mounted on the body.
-    mounting: frame::Mountings,
+    /// How the chips are mounted on the board, and that on the body.
+    mounting: mounting::Settings,
     /// Following the board's attitude.
     attitude: attitude::Settings,
     /// Finding full turns.
@@ -133,11 +134,11 @@ impl Config {
         }
     }
 
-    /// What a pipeline is set up with; a log's header may have mountings of its own.
-    pub fn setup(&self, mountings: frame::Mountings) -> pipeline::Setup {
+    /// What a pipeline is set up with for these chips, on a board mounted as the configuration says.
+    pub fn setup(&self, chips: &frame::Mountings) -> pipeline::Setup {
         pipeline::Setup {
             pipeline: self.heading,
-            mountings,
+            mountings: chips.on(&self.mounting.board()),
             attitude: self.attitude,
             turn: self.turn,
             calibration: self.calibration.clone(),
@@ -164,13 +165,6 @@ impl Config {
             });
         }
         faults
-    }
-}
-
-/// Every mounting that can be read can be used.
-impl Check for frame::Mountings {
-    fn check(&self) -> Vec<Fault> {
-        Vec::new()
     }
 }
 

@@ -6,6 +6,7 @@ use super::recorder::Recorder;
 use super::source::{Playing, Source};
 use super::{DaemonError, SOURCE_PATIENCE, UNNAMED_SENSOR, join_for};
 use crate::config::Config;
+use crate::frame::Mounting;
 use crate::pipeline::Pipeline;
 use crate::store::{History, Identity, Store};
 
@@ -47,10 +48,26 @@ impl Parts {
         if let Some(known) = known {
             keeper.take_over(known);
         }
-        let in_force = keeper.history().in_force();
-        let calibration = in_force.map(|entry| entry.made.calibration);
+        let history = keeper.history();
+        let calibration = history.in_force().map(|entry| entry.made.calibration);
+        let configured = config.mounting.board();
+        let board = history.board(&configured);
+        if board != Mounting::default() {
+            tracing::info!("the board is mounted \"{}\"", board.rounded());
+        }
+        if history
+            .mounting
+            .as_ref()
+            .is_some_and(|told| !told.holds(&configured))
+        {
+            tracing::warn!(
+                "[mounting] has changed: what headingd mounting told of the board before is not used any more"
+            );
+        }
+        let mut setup = config.setup(&mountings);
+        setup.mountings = mountings.on(&board);
         Ok(Self {
-            pipeline: Pipeline::new(config.setup(mountings), calibration),
+            pipeline: Pipeline::new(setup, calibration),
             source,
             recorder,
             keeper,

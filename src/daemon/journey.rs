@@ -1,5 +1,6 @@
 //! The one task that hands events to the pipeline and carries out its actions.
 
+mod mounting;
 mod orders;
 
 use std::io;
@@ -20,6 +21,7 @@ use crate::condition::{Condition, Report, Trouble};
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::date;
+use crate::frame::{Mounting, Mountings};
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::control::Order;
 use crate::publish::server::Publisher;
@@ -58,6 +60,11 @@ pub(super) struct Journey {
     /// Where headings are served.
     heading_socket: String,
     limits: Limits,
+    /// The chips on the board, and the board as the configuration has it.
+    chips: Mountings,
+    configured: Mounting,
+    /// The magnetic heading published last with the board mounted as it is now, degrees.
+    heading_deg: Option<f64>,
 }
 
 /// What the daemon says about itself, from its start to its end.
@@ -113,6 +120,9 @@ impl Journey {
             source,
             heading_socket: config.socket.socket.display().to_string(),
             limits: config.verdict.clone(),
+            chips: header.mountings,
+            configured: config.mounting.board(),
+            heading_deg: None,
         };
         journey.handle(Event::Policy(journey.keeper.history().mode));
         journey
@@ -298,6 +308,7 @@ impl Journey {
                     tracing::warn!("{news}");
                 }
                 let time = time.map(date::rfc3339);
+                self.heading_deg = heading.magnetic_deg();
                 tally.headings += u64::from(heading.fused_deg.is_some());
                 service.heading(heading.fused_deg);
                 publisher.heading(heading, taken, time);

@@ -128,7 +128,8 @@ impl Keeper {
     /// Goes on from what was kept before a reload, unless the folder knows better.
     pub(super) fn take_over(&mut self, known: History) {
         let (here, there) = (self.history.last_number, known.last_number);
-        if known.identity == self.history.identity && there > here {
+        let told = there == here && known.mounting != self.history.mounting;
+        if known.identity == self.history.identity && (there > here || told) {
             self.history = known;
             self.save(Box::new(|_| ()));
         }

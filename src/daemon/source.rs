@@ -93,17 +93,17 @@ impl Source {
             // Chips that are missing now may come yet: nothing is opened here.
             Kind::I2c => Self::I2c {
                 settings: config.i2c.clone(),
-                mountings: Box::new(config.i2c.mountings(&config.mounting)),
+                mountings: Box::new(config.i2c.mountings(&config.mounting.chips())),
             },
             Kind::Serial => Self::Serial {
                 port: config.serial.port.display().to_string(),
                 baud: config.serial.baud,
                 header: Box::new(Header {
                     sensor: Some(config.serial.chip.name().to_owned()),
-                    mountings: config.mounting,
+                    mountings: config.mounting.chips(),
                     ..Header::default()
                 }),
-                bridge: Box::new(Bridge::new(&config.serial, config.mounting)),
+                bridge: Box::new(Bridge::new(&config.serial, config.mounting.chips())),
             },
         })
     }

@@ -74,7 +74,7 @@ impl Pipeline {
     }
 
     /// The estimate starts anew, from this calibration or from nothing.
-    fn forget_estimate(&mut self, calibration: Option<Calibration>) {
+    pub(super) fn forget_estimate(&mut self, calibration: Option<Calibration>) {
         self.estimate = Estimate::new(self.setup.mountings.mag, calibration.as_ref());
         self.learning = Learning::new(calibration);
         self.strength_deviation = 0.0;

@@ -6,6 +6,11 @@ use crate::frozen::Frozen;
 use crate::reading::Reading;
 
 impl Pipeline {
+    /// How many values were dropped since no sensor can have taken them.
+    pub fn dropped(&self) -> u64 {
+        self.outliers.dropped()
+    }
+
     /// Looks whether a sensor says the same again and again.
     pub(super) fn watch(&mut self, reading: &Reading) {
         let found = self.frozen_watch.take(reading);

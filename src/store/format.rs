@@ -7,8 +7,9 @@
 //!       "calibration": { "mode": "planar", … } } ] } ] }
 //! ```
 //!
-//! Version 1 had one sensor, and the calibration in force alone. Keys that a version does not know are ignored. A
-//! change that an older program must not ignore needs a new version.
+//! Version 1 had one sensor, and the calibration in force alone. Version 3 has the `mounting` of a board; where there is
+//! none, version 2 is written. Keys that a version does not know are ignored. A change that an older program must not
+//! ignore needs a new version: one that ignored a mounting would publish headings of another direction.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -16,7 +17,10 @@ use serde_json::Value;
 use super::history::{History, Identity, Made};
 use super::plausible::{faults, join, no_number};
 
-const VERSION: u64 = 2;
+const VERSION: u64 = 3;
+
+/// The version of a file in which no board's mounting is kept.
+const WITHOUT_MOUNTING: u64 = 2;
 
 /// What a calibration file holds.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -83,8 +87,9 @@ impl Contents {
         if let Some(fault) = self.fault() {
             return Err(fault);
         }
+        let mounted = self.sensors.iter().any(|kept| kept.mounting.is_some());
         let written = Written {
-            headingd_store: VERSION,
+            headingd_store: if mounted { VERSION } else { WITHOUT_MOUNTING },
             contents: self,
         };
         let mut text = serde_json::to_string_pretty(&written).map_err(|error| error.to_string())?;

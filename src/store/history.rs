@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::mounting::BoardMounting;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
@@ -84,6 +85,9 @@ pub struct History {
     /// Whether the daemon calibrates it by itself.
     #[serde(default)]
     pub mode: Policy,
+    /// How the board is mounted, if the daemon was told that while it ran.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mounting: Option<Box<BoardMounting>>,
     /// The number of the calibration in force, if one is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub in_force: Option<u64>,
@@ -156,6 +160,7 @@ impl History {
         Self {
             identity,
             mode: Policy::default(),
+            mounting: None,
             in_force: None,
             last_number: 0,
             entries: Vec::new(),
@@ -167,6 +172,14 @@ impl History {
         let mut history = Self::new(identity);
         history.keep(made, 1);
         history
+    }
+
+    /// How the board is mounted: as the daemon was told, unless the configuration has changed since.
+    pub fn board(&self, configured: &Mounting) -> Mounting {
+        match &self.mounting {
+            Some(told) if told.holds(configured) => told.board_axes,
+            _ => *configured,
+        }
     }
 
     /// The calibration in force.
@@ -268,6 +281,9 @@ impl History {
 
     /// What is wrong in itself.
     pub(super) fn fault(&self) -> Option<String> {
+        if let Some(fault) = self.mounting.as_ref().and_then(|told| told.fault()) {
+            return Some(fault);
+        }
         let mut last = 0;
         for entry in &self.entries {
             if entry.number <= last {

@@ -7,6 +7,7 @@
 mod disk;
 mod format;
 pub mod history;
+mod mounting;
 mod plausible;
 
 use std::fs::{self, File};
@@ -20,6 +21,7 @@ use crate::check::{Check, Fault, within};
 use crate::lock_file::{LockError, LockFile};
 pub use format::{Contents, FormatError};
 pub use history::{Entry, History, Identity, Made};
+pub use mounting::BoardMounting;
 
 const FILE_NAME: &str = "calibration.json";
 

@@ -327,7 +327,7 @@ fn a_file_that_is_not_understood_is_set_aside_before_the_next_save() {
         ("{\"headingd_store\": 2,", "unreadable-1"),
         ("{\"headingd_store\": 2}", "unreadable-2"),
         ("", "unreadable-3"),
-        ("{\"headingd_store\": 3, \"future\": []}", "newer-1"),
+        ("{\"headingd_store\": 4, \"future\": []}", "newer-1"),
     ] {
         fs::write(store.path(), text).unwrap();
         store.load(&identity()).unwrap_err();
@@ -374,10 +374,10 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
 #[test]
 fn a_newer_file_is_told_from_a_damaged_one() {
     let (_folder, store) = store();
-    fs::write(store.path(), "{\"headingd_store\": 3, \"sensors\": []}").unwrap();
+    fs::write(store.path(), "{\"headingd_store\": 4, \"sensors\": []}").unwrap();
     let error = store.load(&identity()).unwrap_err();
     assert!(
-        matches!(error, StoreError::Newer { version: 3, .. }),
+        matches!(error, StoreError::Newer { version: 4, .. }),
         "{error}"
     );
 }

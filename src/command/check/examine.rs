@@ -274,7 +274,8 @@ impl Clock for Until<'_> {
 }
 
 fn judge(config: &Config, report: &mut Report, heard: &Heard) {
-    let mountings = config.i2c.mountings(&config.mounting);
+    let chips = config.i2c.mountings(&config.mounting.chips());
+    let mountings = chips.on(&config.mounting.board());
     judge_field(config, report, heard);
     judge_gyro(config, report, heard, &mountings);
     if heard.forces > 0 {

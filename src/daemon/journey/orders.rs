@@ -16,7 +16,7 @@ use crate::store::history::{self, Refusal};
 use crate::store::{Contents, Entry, FormatError, History, Made};
 
 /// What came of a request: an answer, and whether something is to be kept before it is given.
-struct Done {
+pub(super) struct Done {
     answer: Answer,
     changed: bool,
 }
@@ -109,6 +109,7 @@ impl Journey {
                 self.handle(Event::Cancel);
                 Ok(told(Answer::done("given up: what is in force stays")))
             }
+            Request::Mounting(change) => self.mount(change),
         }
     }
 
@@ -265,14 +266,14 @@ fn rounded(value: f64) -> f64 {
     (100.0 * value).round() / 100.0
 }
 
-fn told(answer: Answer) -> Done {
+pub(super) fn told(answer: Answer) -> Done {
     Done {
         answer,
         changed: false,
     }
 }
 
-fn changed(answer: Answer) -> Done {
+pub(super) fn changed(answer: Answer) -> Done {
     Done {
         answer,
         changed: true,

@@ -76,7 +76,7 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
     config.source.kind = Some(Kind::I2c);
     config.store.directory = "".into();
     let mut journey = Journey::new(
-        Pipeline::new(config.setup(Mountings::default()), None),
+        Pipeline::new(config.setup(&Mountings::default()), None),
         Keeper::open(&config.store, identity).unwrap(),
         None,
         &config,

@@ -21,7 +21,7 @@ use super::place::{check_mode, check_path, mode_bits};
 use super::socket_file::{BindError, SocketFile, claim, inherited};
 use crate::check::{Check, Fault};
 pub use answer::Answer;
-pub use request::{Forget, Request};
+pub use request::{Forget, Mount, Request};
 
 /// Calibrations can be put in force here: the rest of the world stays out.
 const MOST_OPEN: u32 = 0o660;

@@ -34,6 +34,22 @@ pub enum Request {
     Cancel,
     /// Calibrate by itself or not from now on; or tell which.
     Mode(Option<Policy>),
+    /// Change how the board is mounted, or tell how it is.
+    Mounting(Option<Mount>),
+}
+
+/// A change of how the board is mounted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Mount {
+    /// It is level now, or its magnetic heading is this now, degrees; at least one of both.
+    Set {
+        /// Whether it is level.
+        level: bool,
+        /// Its heading.
+        heading_deg: Option<f64>,
+    },
+    /// It is mounted as the configuration says.
+    Reset,
 }
 
 /// Which calibrations are to be forgotten.
@@ -48,8 +64,8 @@ pub enum Forget {
 }
 
 /// All names, as a refusal lists them.
-const NAMES: &str =
-    "status, list, show, lock, unlock, rollback, forget, export, import, start, cancel, mode";
+const NAMES: &str = "status, list, show, lock, unlock, rollback, forget, export, import, start, cancel, mode, \
+     mounting";
 
 /// How much of what is not understood is repeated, characters.
 const QUOTED: usize = 60;
@@ -90,6 +106,7 @@ impl Request {
             "start" => Self::Start,
             "cancel" => Self::Cancel,
             "mode" => Self::Mode(mode(&mut keys)?),
+            "mounting" => Self::Mounting(mount(&mut keys)?),
             other => {
                 let other: String = other.chars().take(QUOTED).collect();
                 return Err(Answer::refused(
@@ -111,7 +128,12 @@ impl Request {
     pub fn changes(&self) -> bool {
         !matches!(
             self,
-            Self::Status | Self::List | Self::Show(_) | Self::Export(_) | Self::Mode(None)
+            Self::Status
+                | Self::List
+                | Self::Show(_)
+                | Self::Export(_)
+                | Self::Mode(None)
+                | Self::Mounting(None)
         )
     }
 }
@@ -135,6 +157,18 @@ impl fmt::Display for Request {
             Self::Cancel => ("cancel", None),
             Self::Mode(None) => ("mode", None),
             Self::Mode(Some(mode)) => return write!(f, "mode {}", mode.word()),
+            Self::Mounting(None) => ("mounting", None),
+            Self::Mounting(Some(Mount::Reset)) => ("mounting reset", None),
+            Self::Mounting(Some(Mount::Set { level, heading_deg })) => {
+                f.write_str("mounting")?;
+                if *level {
+                    f.write_str(" level")?;
+                }
+                return match heading_deg {
+                    Some(heading_deg) => write!(f, " heading {heading_deg}"),
+                    None => Ok(()),
+                };
+            }
         };
         match number {
             Some(number) => write!(f, "{name} {number}"),
@@ -156,20 +190,48 @@ fn number(keys: &mut Map<String, Value>) -> Result<Option<u64>, Answer> {
 
 fn forget(keys: &mut Map<String, Value>) -> Result<Forget, Answer> {
     let number = number(keys)?;
-    match (number, keys.remove("all")) {
-        (None, Some(Value::Bool(true))) => Ok(Forget::All),
-        (Some(number), Some(Value::Bool(true))) => Err(Answer::refused(
+    match (number, flag(keys, "all")?) {
+        (None, true) => Ok(Forget::All),
+        (Some(number), true) => Err(Answer::refused(
             "malformed",
             format!(
                 "either number {number} or all can be forgotten: leave out one of the two keys"
             ),
         )),
-        (Some(number), None | Some(Value::Bool(false))) => Ok(Forget::Number(number)),
-        (None, None | Some(Value::Bool(false))) => Ok(Forget::InForce),
-        (_, Some(other)) => Err(Answer::refused(
+        (Some(number), false) => Ok(Forget::Number(number)),
+        (None, false) => Ok(Forget::InForce),
+    }
+}
+
+fn flag(keys: &mut Map<String, Value>, key: &str) -> Result<bool, Answer> {
+    match keys.remove(key) {
+        None => Ok(false),
+        Some(Value::Bool(flag)) => Ok(flag),
+        Some(other) => {
+            let message = wrong(key, &other, "true or false");
+            Err(Answer::refused("malformed", message))
+        }
+    }
+}
+
+fn mount(keys: &mut Map<String, Value>) -> Result<Option<Mount>, Answer> {
+    let (level, reset) = (flag(keys, "level")?, flag(keys, "reset")?);
+    let heading = keys.remove("heading_deg");
+    let heading_deg = heading.map(|value| {
+        let degrees = value
+            .as_f64()
+            .filter(|degrees| (0.0..=360.0).contains(degrees));
+        let right = "the magnetic heading of now, 0 to 360 degrees";
+        degrees.ok_or_else(|| Answer::refused("malformed", wrong("heading_deg", &value, right)))
+    });
+    match (reset, level, heading_deg.transpose()?) {
+        (true, false, None) => Ok(Some(Mount::Reset)),
+        (true, ..) => Err(Answer::refused(
             "malformed",
-            wrong("all", &other, "true or false"),
+            "reset leaves nothing to be level or ahead: send it alone",
         )),
+        (false, false, None) => Ok(None),
+        (false, level, heading_deg) => Ok(Some(Mount::Set { level, heading_deg })),
     }
 }
 
@@ -237,6 +299,19 @@ mod tests {
                 "mode off",
             ),
             (
+                r#"{"request":"mounting","level":true,"heading_deg":90}"#,
+                Request::Mounting(Some(Mount::Set {
+                    level: true,
+                    heading_deg: Some(90.0),
+                })),
+                "mounting level heading 90",
+            ),
+            (
+                r#"{"request":"mounting","reset":true}"#,
+                Request::Mounting(Some(Mount::Reset)),
+                "mounting reset",
+            ),
+            (
                 r#"{"request":"import","file":7}"#,
                 Request::Import(7.into()),
                 "import",
@@ -295,6 +370,16 @@ mod tests {
                 "\"on\", \"off\" or \"locked\"",
             ),
             (
+                r#"{"request":"mounting","heading_deg":361}"#,
+                "malformed",
+                "heading_deg is 361, but must be",
+            ),
+            (
+                r#"{"request":"mounting","level":true,"reset":true}"#,
+                "malformed",
+                "send it alone",
+            ),
+            (
                 r#"{"request":"import"}"#,
                 "malformed",
                 "\"file\" is missing",
@@ -313,7 +398,7 @@ mod tests {
         }
 
         #[test]
-        fn neither_does_any_value(text in r#"\{"request":"(show|forget|mode|import)","(number|all|mode|file)":[-0-9a-z."\[\]]{0,9}\}"#) {
+        fn neither_does_any_value(text in r#"\{"request":"(show|forget|mode|import|mounting)","(number|all|mode|file|level|heading_deg)":[-0-9a-z."\[\]]{0,9}\}"#) {
             let _ = Request::parse(text.as_bytes());
         }
     }

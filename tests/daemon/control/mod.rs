@@ -2,6 +2,7 @@
 
 mod commands;
 mod link;
+mod mounting;
 mod orders;
 mod socket;
 mod trouble;

@@ -54,7 +54,7 @@ fn a_store_that_fails_shows_in_the_status_and_catches_up_when_it_works() {
 fn a_file_of_a_newer_version_or_half_a_one_is_served_without_said_and_set_aside() {
     for (text, why, name) in [
         (
-            "{\"headingd_store\": 3, \"more\": []}",
+            "{\"headingd_store\": 4, \"more\": []}",
             "too old to read",
             "newer-1",
         ),

@@ -1,0 +1,54 @@
+//! `headingd mounting`: how the board of a running daemon is mounted.
+
+use serde_json::json;
+
+use super::control::Target;
+use super::{Failure, print};
+
+/// Tell the running daemon how the board is mounted, or show it
+///
+/// The daemon keeps it beside the calibration, which stays as it is. It holds as long as board_axes and heading_offset_deg of
+/// the configuration say what they say now: once they are changed, they hold.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Example: headingd mounting --level --heading 270")]
+pub struct Args {
+    /// Which daemon is meant.
+    #[command(flatten)]
+    pub target: Target,
+    /// The board is level now: pitch and roll become 0, and ahead stays ahead
+    #[arg(long)]
+    pub level: bool,
+    /// The magnetic heading is this now, 0 to 360 degrees
+    #[arg(long, value_name = "DEGREES")]
+    pub heading: Option<f64>,
+    /// The board is mounted as the configuration says
+    #[arg(long, conflicts_with_all = ["level", "heading"])]
+    pub reset: bool,
+    /// Print the daemon's answer, one JSON object; a refusal too
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// The daemon cannot be reached, or refuses.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let mut request = json!({ "request": "mounting" });
+    if args.level {
+        request["level"] = json!(true);
+    }
+    if let Some(heading_deg) = args.heading {
+        request["heading_deg"] = json!(heading_deg);
+    }
+    if args.reset {
+        request["reset"] = json!(true);
+    }
+    let answer = args.target.ask(&request, args.json)?;
+    if args.json {
+        return print(&format!("{answer}\n"));
+    }
+    let message = answer["message"].as_str().unwrap_or_default();
+    print(&format!("{message}\n"))
+}

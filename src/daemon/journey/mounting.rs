@@ -1,0 +1,89 @@
+//! How the board is mounted, told or changed at the control socket.
+
+use super::Journey;
+use super::orders::{Done, changed, told};
+use crate::frame::{Mounting, wrap_pi};
+use crate::pipeline::Event;
+use crate::publish::control::{Answer, Mount};
+use crate::store::BoardMounting;
+
+/// A board that turns faster is not held level, rad/s (6° a second): a boat at its berth rolls more slowly.
+const HELD_RAD_S: f64 = 0.1;
+
+impl Journey {
+    /// Tells how the board is mounted, after a change if there is one.
+    pub(super) fn mount(&mut self, change: Option<Mount>) -> Result<Done, Answer> {
+        let before = self.keeper.history().board(&self.configured);
+        let board = match change {
+            None => return Ok(told(self.mounted())),
+            Some(Mount::Reset) => self.configured,
+            Some(Mount::Set { level, heading_deg }) => {
+                // Levelling turns no heading, so that the two may come in any order.
+                let levelled = if level {
+                    self.levelling()?.after(&before)
+                } else {
+                    before
+                };
+                let turn = heading_deg
+                    .map(|heading_deg| self.turning(heading_deg))
+                    .transpose()?;
+                turn.map_or(levelled, |turn| turn.after(&levelled))
+                    .rounded()
+            }
+        };
+        let told = BoardMounting {
+            board_axes: board,
+            configured: self.configured,
+        };
+        let changes = board != self.configured;
+        self.keeper.history_mut().mounting = changes.then(|| Box::new(told));
+        self.heading_deg = None;
+        self.handle(Event::Mounted(Box::new(self.chips.on(&board))));
+        Ok(changed(self.mounted()))
+    }
+
+    fn levelling(&self) -> Result<Mounting, Answer> {
+        let (down, rate_rad_s) = self.pipeline.down().ok_or_else(|| {
+            let message = "no accelerometer tells where down is: set board_axes of [mounting]";
+            Answer::refused("no_tilt", message)
+        })?;
+        if rate_rad_s > HELD_RAD_S {
+            let message = "the board is turning: hold it still, and ask again";
+            return Err(Answer::refused("moving", message));
+        }
+        Mounting::levelling(&down).ok_or_else(|| {
+            let message = "the board's X points up or down, so that nothing tells which way is ahead: set board_axes of \
+                           [mounting] roughly right first";
+            Answer::refused("ahead_unknown", message)
+        })
+    }
+
+    /// What makes the heading of now this one.
+    fn turning(&self, wanted_deg: f64) -> Result<Mounting, Answer> {
+        let fresh = self.lasting.publisher.latest().is_some();
+        let heading_deg = self.heading_deg.filter(|_| fresh).ok_or_else(|| {
+            let message =
+                "there is no heading now that could be set right: headingd status says why";
+            Answer::refused("no_heading", message)
+        })?;
+        let offset_rad = wrap_pi((wanted_deg - heading_deg).to_radians());
+        Ok(Mounting::adding_to_heading(offset_rad.to_degrees()))
+    }
+
+    fn mounted(&self) -> Answer {
+        let board = self.keeper.history().board(&self.configured);
+        let (from, rest) = if board == self.configured {
+            ("configuration", String::new())
+        } else {
+            let configured = self.configured.rounded();
+            (
+                "store",
+                format!(", told to the daemon; [mounting] says \"{configured}\""),
+            )
+        };
+        let board = board.rounded();
+        Answer::done(format!("the board is mounted \"{board}\"{rest}"))
+            .with("board_axes", board.to_string())
+            .with("from", from)
+    }
+}

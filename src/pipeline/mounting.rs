@@ -1,0 +1,26 @@
+//! A board that is told how it is mounted.
+
+use nalgebra::Vector3;
+
+use super::Pipeline;
+use crate::frame::Mountings;
+
+impl Pipeline {
+    /// Where down is now, a unit vector of body axes, and how fast the board turns, rad/s; `None` while nothing feels it.
+    pub fn down(&self) -> Option<(Vector3<f64>, f64)> {
+        let down = self.attitude.down(self.now_s)?;
+        let turning = self.attitude.pose_at(self.now_s).is_some();
+        let rate_rad_s = self.attitude.rate_rad_s().norm();
+        Some((down, if turning { rate_rad_s } else { 0.0 }))
+    }
+
+    /// The chips are mounted otherwise. What is known of them is in their own axes and stays, as over a restart; what was
+    /// carried along in body axes is forgotten.
+    pub(super) fn mount(&mut self, mountings: Mountings) {
+        let calibration = self.calibration();
+        self.setup.mountings = mountings;
+        self.unwanted |= self.calibrating;
+        self.forget_estimate(calibration);
+        self.begin_stretch();
+    }
+}

@@ -1,0 +1,119 @@
+//! Telling a daemon how its board is mounted.
+
+use serde_json::{Value, json};
+
+use super::link::Link;
+use crate::rig::{FAST, LONG, Rig};
+
+/// A board whose nose is 10° up, and which turns so slowly that it may be taken for one that is held.
+const SLOW: &str = "[simulator]\nturns = 2\nturn_deg_s = 1\ntilt_deg = 10\n";
+
+fn number(message: &Value, key: &str) -> f64 {
+    message[key]
+        .as_f64()
+        .unwrap_or_else(|| panic!("{key}: {message}"))
+}
+
+/// How far one heading is from another, degrees.
+fn apart(a: f64, b: f64) -> f64 {
+    (a - b + 540.0).rem_euclid(360.0) - 180.0
+}
+
+#[test]
+fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
+    let rig = Rig::new(FAST, &format!("{LONG}tilt_deg = 10\n"));
+    let (mut process, mut client) = rig.watched();
+    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    let mut link = Link::new(&rig);
+    link.refused(json!({"request": "mounting", "level": true}), "moving");
+    let answer = link.told("mounting");
+    assert_eq!(
+        (&answer["board_axes"], &answer["from"]),
+        (&json!("+x +y +z"), &json!("configuration"))
+    );
+    process.signal("TERM");
+    assert!(process.wait().success());
+
+    rig.configure(1.0, &rig.path("store"), SLOW);
+    let (mut process, mut client) = rig.watched();
+    let mut link = Link::new(&rig);
+    let steered = |att: &Value| att.get("mheading").is_some();
+    let before = client.find("ATT", steered);
+    assert!((number(&before, "pitch") - 10.0).abs() < 1.0, "{before}");
+    let number_before = link.told("list")["in_force"].clone();
+    let answer = link.ask(&json!({"request": "mounting", "level": true}));
+    assert_eq!(
+        (&answer["ok"], &answer["from"]),
+        (&json!(true), &json!("store")),
+        "{answer}"
+    );
+    let level = client.find("ATT", |att| {
+        steered(att) && number(att, "pitch").abs() < 2.0
+    });
+    let turned = apart(number(&level, "mheading"), number(&before, "mheading"));
+    assert!(turned.abs() < 20.0, "{before} {level}");
+    let answer = link.ask(&json!({"request": "mounting", "heading_deg": 200}));
+    assert_eq!(answer["ok"], true, "{answer}");
+    let ahead = client.find("ATT", |att| {
+        steered(att) && apart(number(att, "mheading"), 200.0).abs() < 20.0
+    });
+    assert!(number(&ahead, "pitch").abs() < 2.0, "{ahead}");
+    let kept = link.told("mounting")["board_axes"].clone();
+    process.signal("KILL");
+    process.wait();
+
+    // What was told is on disk, and the calibration is the same.
+    let mut process = rig.start();
+    let mut client = rig.client();
+    let again = client.find("ATT", steered);
+    assert!(number(&again, "pitch").abs() < 2.0, "{again}");
+    let offset = apart(200.0, number(&before, "mheading"));
+    let found = apart(number(&again, "mheading"), number(&before, "mheading"));
+    assert!(apart(found, offset).abs() < 20.0, "{before} {again}");
+    let mut link = Link::new(&rig);
+    assert_eq!(link.told("mounting")["board_axes"], kept);
+    assert_eq!(link.told("list")["in_force"], number_before);
+
+    // What is changed in the configuration after that holds, over a reload and a restart.
+    let changed = format!("{SLOW}[mounting]\nheading_offset_deg = 45\n");
+    rig.configure(1.0, &rig.path("store"), &changed);
+    process.signal("HUP");
+    let tilted = client.find("ATT", |att| steered(att) && number(att, "pitch") > 5.0);
+    let found = apart(number(&tilted, "mheading"), number(&before, "mheading"));
+    assert!(apart(found, 45.0).abs() < 20.0, "{before} {tilted}");
+    assert!(
+        process.said().contains("[mounting] has changed"),
+        "{}",
+        process.said()
+    );
+    assert_eq!(link.told("mounting")["from"], "configuration");
+    process.signal("TERM");
+    assert!(process.wait().success());
+
+    // As it was, the daemon is told to forget it.
+    rig.configure(1.0, &rig.path("store"), SLOW);
+    let mut process = rig.start();
+    let mut link = Link::new(&rig);
+    assert_eq!(link.told("mounting")["board_axes"], kept);
+    let answer = link.ask(&json!({"request": "mounting", "reset": true}));
+    assert_eq!(answer["from"], "configuration", "{answer}");
+    rig.client()
+        .find("ATT", |att| steered(att) && number(att, "pitch") > 9.0);
+    process.signal("TERM");
+    assert!(process.wait().success());
+    let text = std::fs::read_to_string(rig.path("store/calibration.json")).unwrap();
+    assert!(text.contains("\"headingd_store\": 2"), "{text}");
+}
+
+#[test]
+fn without_an_accelerometer_and_a_heading_nothing_can_be_told() {
+    let rig = Rig::new(1.0, "[simulator]\nwith_accel = false\n");
+    let (_process, mut client) = rig.watched();
+    client.find("ATT", |_| true);
+    let mut link = Link::new(&rig);
+    link.refused(json!({"request": "mounting", "level": true}), "no_tilt");
+    link.refused(
+        json!({"request": "mounting", "heading_deg": 1}),
+        "no_heading",
+    );
+}
