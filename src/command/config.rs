@@ -10,7 +10,6 @@ use crate::config::Config;
 use crate::config::source::{Kind, Settings};
 use crate::daemon::open_files::{self, Shortage};
 use crate::daemon::time_of_day;
-use crate::sensor::board::Board;
 use crate::service::network;
 use crate::true_north::TrueNorth;
 
@@ -61,9 +60,8 @@ fn warnings(config: &Config) -> Vec<String> {
     if config.source.kind.is_none() {
         warnings.push(Settings::UNSET.to_owned());
     }
-    let board = config.i2c.board;
     if config.source.kind == Some(Kind::I2c)
-        && board != Board::Custom
+        && !config.i2c.board.has_custom_mountings()
         && config.mounting.chips() != Default::default()
     {
         let warning = "mag_axes, gyro_axes and accel_axes of [mounting] have no effect: the board that i2c.board names \

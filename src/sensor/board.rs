@@ -17,6 +17,9 @@ pub enum Board {
     /// GY-86.
     #[serde(rename = "gy-86")]
     Gy86,
+    /// GY-271: a magnetometer alone. The keys of `custom` are for a gyro beside it.
+    #[serde(rename = "gy-271")]
+    Gy271,
     /// Any other: table `[mounting]` says how its chips lie.
     #[default]
     Custom,
@@ -26,7 +29,7 @@ pub enum Board {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Companions {
-    /// Those of the board; with a custom one, those that answer.
+    /// Those of the board; where it does not say, those that answer.
     #[default]
     Auto,
     /// None: no turn can be seen.
@@ -41,24 +44,34 @@ pub enum Companions {
 }
 
 impl Board {
-    /// How its chips are mounted: body X forward, Y right, Z down; `None` if the board does not say.
+    /// How its chips are mounted: body X forward, Y right, Z down; what the board does not say is as in `custom`.
     ///
-    /// Sources: the firmware Razor AHRS (`Sensors.ino`) for the stick, MultiWii (`def.h`) for the GY boards. Both
-    /// store an accelerometer's reading as gravity or with signs of their own; what is here maps specific force,
-    /// as the chip has it. On the stick the magnetometer is turned against the other two; on the GY boards all
-    /// are parallel, with chip Y forward, chip X to the right and chip Z up.
-    pub fn mountings(self) -> Option<Mountings> {
-        let (mag, others) = match self {
-            Self::Sparkfun9dofStick => ("+x -y -z", "-y -x -z"),
-            Self::Gy85 | Self::Gy86 => ("+y +x -z", "+y +x -z"),
-            Self::Custom => return None,
-        };
+    /// Sources: the firmware Razor AHRS (`Sensors.ino`) for the stick, MultiWii (`def.h`) for the GY boards with a
+    /// gyro, PX4 (`QMC5883L.cpp`) for the GY-271, whose arrow X points forward. The first two store an
+    /// accelerometer's reading as gravity or with signs of their own; what is here maps specific force, as the chip has
+    /// it. On the stick the magnetometer is turned against the other two; on the GY boards with a gyro all are
+    /// parallel, with chip Y forward, chip X to the right and chip Z up.
+    pub fn mountings(self, custom: &Mountings) -> Mountings {
         let parsed = |text: &str| text.parse().expect("a mounting of three axes");
-        Some(Mountings {
-            mag: parsed(mag),
-            gyro: parsed(others),
-            accel: parsed(others),
-        })
+        let (mag, others) = match self {
+            Self::Sparkfun9dofStick => (parsed("+x -y -z"), parsed("-y -x -z")),
+            Self::Gy85 | Self::Gy86 => (parsed("+y +x -z"), parsed("+y +x -z")),
+            Self::Gy271 => {
+                let mag = parsed("+x -y -z");
+                return Mountings { mag, ..*custom };
+            }
+            Self::Custom => return *custom,
+        };
+        Mountings {
+            mag,
+            gyro: others,
+            accel: others,
+        }
+    }
+
+    /// Whether the mounting of some of its chips is as the configuration says.
+    pub fn has_custom_mountings(self) -> bool {
+        matches!(self, Self::Gy271 | Self::Custom)
     }
 
     /// The chips beside the magnetometer, as far as the board says.
@@ -66,7 +79,7 @@ impl Board {
         match self {
             Self::Sparkfun9dofStick | Self::Gy85 => Companions::Itg3200Adxl345,
             Self::Gy86 => Companions::Mpu6050,
-            Self::Custom => Companions::Auto,
+            Self::Gy271 | Self::Custom => Companions::Auto,
         }
     }
 }
@@ -81,7 +94,7 @@ mod tests {
     #[test]
     fn a_level_board_reads_minus_9_8_down_and_a_clockwise_turn_is_positive() {
         for board in [Board::Sparkfun9dofStick, Board::Gy85, Board::Gy86] {
-            let mountings = board.mountings().unwrap();
+            let mountings = board.mountings(&Mountings::default());
             // Specific force points up: ADXL345 and MPU-6050 read +1 g on chip Z.
             let force = mountings.accel.to_body(Vector3::new(0.0, 0.0, 9.8));
             assert_eq!(force, Vector3::new(0.0, 0.0, -9.8));
@@ -98,7 +111,7 @@ mod tests {
     #[test]
     fn no_mounting_is_mirrored() {
         for board in [Board::Sparkfun9dofStick, Board::Gy85, Board::Gy86] {
-            let m = board.mountings().unwrap();
+            let m = board.mountings(&Mountings::default());
             for mounting in [m.mag, m.gyro, m.accel] {
                 let [x, y, z] =
                     [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| mounting.to_body(axis));
@@ -117,14 +130,14 @@ mod tests {
             (Board::Gy85, Vector3::y(), Vector3::x()),
             (Board::Gy86, Vector3::y(), Vector3::x()),
         ] {
-            let m = board.mountings().unwrap();
+            let m = board.mountings(&Mountings::default());
             assert_eq!(m.accel.to_body(front), Vector3::x());
             assert_eq!(m.gyro.to_body(right), Vector3::y());
         }
         // The magnetometer of the stick has its X to the front; that of the GY boards lies as the others.
-        let stick = Board::Sparkfun9dofStick.mountings().unwrap();
+        let stick = Board::Sparkfun9dofStick.mountings(&Mountings::default());
         assert_eq!(stick.mag.to_body(Vector3::x()), Vector3::x());
-        let gy = Board::Gy85.mountings().unwrap();
+        let gy = Board::Gy85.mountings(&Mountings::default());
         assert_eq!(gy.mag, gy.accel);
     }
 
@@ -132,11 +145,11 @@ mod tests {
     #[test]
     fn facing_east_north_is_to_the_left() {
         // The stick's magnetometer: X forward, so Y is to the left (Z is up), and reads north.
-        let stick = Board::Sparkfun9dofStick.mountings().unwrap();
+        let stick = Board::Sparkfun9dofStick.mountings(&Mountings::default());
         let field = stick.mag.to_body(Vector3::new(0.0, 170.0, -500.0));
         assert_eq!(field, Vector3::new(0.0, -170.0, 500.0));
         // The GY boards' X is to the right, and reads south.
-        let gy = Board::Gy85.mountings().unwrap();
+        let gy = Board::Gy85.mountings(&Mountings::default());
         let field = gy.mag.to_body(Vector3::new(-170.0, 0.0, -500.0));
         assert_eq!(field, Vector3::new(0.0, -170.0, 500.0));
     }
@@ -147,9 +160,24 @@ mod tests {
             (Board::Sparkfun9dofStick, "sparkfun-9dof-stick"),
             (Board::Gy85, "gy-85"),
             (Board::Gy86, "gy-86"),
+            (Board::Gy271, "gy-271"),
             (Board::Custom, "custom"),
         ] {
             assert_eq!(toml::Value::try_from(board).unwrap().as_str(), Some(name));
         }
+    }
+
+    #[test]
+    fn beside_a_gy_271_the_gyro_is_mounted_as_configured() {
+        let custom = Mountings {
+            mag: "+y +x -z".parse().unwrap(),
+            gyro: "-x -y +z".parse().unwrap(),
+            ..Mountings::default()
+        };
+        let found = Board::Gy271.mountings(&custom);
+        assert_eq!((found.gyro, found.accel), (custom.gyro, custom.accel));
+        // Facing north on the printed side: the field is along chip X, and down.
+        let field = found.mag.to_body(Vector3::new(170.0, 0.0, -500.0));
+        assert_eq!(field, Vector3::new(170.0, 0.0, 500.0));
     }
 }

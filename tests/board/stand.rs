@@ -19,9 +19,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use headingd::frame::Mountings;
 use headingd::recording::Entry;
 use headingd::sensor::board::Board;
-use headingd::sensor::chip::hmc5843::Kind;
+use headingd::sensor::chip::drivers;
 use headingd::sensor::clock::{Clock, SystemClock};
 use headingd::sensor::replay::Replay;
 use i2cdev::core::I2CDevice;
@@ -132,9 +133,8 @@ fn stand(bus: &str, log: &str, socket: &str) -> Outcome<()> {
 
 /// Plays the log into the registers.
 fn feed(bus: &str, entries: &[Entry], mut clock: SystemClock) -> Outcome<()> {
-    let mountings = Board::Sparkfun9dofStick
-        .mountings()
-        .ok_or("a board without mountings")?;
+    let mountings = Board::Sparkfun9dofStick.mountings(&Mountings::default());
+    let chip = drivers::magnetometer("hmc5843").ok_or("no driver for the magnetometer")?;
     let mut mag = LinuxI2CDevice::new(bus, 0x1E)?;
     let mut gyro = LinuxI2CDevice::new(bus, 0x68)?;
     let mut accel = LinuxI2CDevice::new(bus, 0x53)?;
@@ -187,8 +187,8 @@ fn feed(bus: &str, entries: &[Entry], mut clock: SystemClock) -> Outcome<()> {
         }
         if ready_s.is_some_and(|ready_s| ready_s <= now_s) {
             last_s = ready_s.take().unwrap_or(now_s);
-            let gain = usize::from(mag.smbus_read_byte_data(0x01)? >> 5);
-            let counts_per_mgauss = Kind::Hmc5843.gains()[gain].counts_per_gauss / 1000.0;
+            let gain = chip.sheet().gain(mag.smbus_read_byte_data(0x01)? >> 5);
+            let counts_per_mgauss = gain.counts_per_gauss / 1000.0;
             // The sample of the log that is nearest in time; between two of them, part of both.
             let field =
                 between(&fields, now_s, |a, b, share| a + (b - a) * share).unwrap_or_default();

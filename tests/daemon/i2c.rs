@@ -1,6 +1,8 @@
-//! `headingd run` and `check` on a bus that is not there.
+//! `headingd run` and `check` on a bus that is not there, and on one that a preloaded library makes.
 
-use crate::rig::{Rig, start};
+use std::process::Command;
+
+use crate::rig::{Process, Rig, spawn, start};
 
 /// The last number that a bus can have: no machine has so many.
 const NO_BUS: &str = "kind = \"i2c\"\n[i2c]\nbus = 255\n";
@@ -35,4 +37,56 @@ fn the_check_says_it_too() {
     let report: serde_json::Value = serde_json::from_str(&shown).unwrap();
     assert_eq!(report["problems"][0]["code"], "no_bus");
     assert_eq!(report["problems"].as_array().unwrap().len(), 1);
+}
+
+/// The program on the bus of tests/board/bus.c, with this magnetometer.
+fn on_bus(rig: &Rig, magnetometer: &str, verb: &[&str]) -> Process {
+    let library = rig.path("bus.so");
+    let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/board/bus.c");
+    let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
+    let mut compile = Command::new(compiler);
+    compile.args(["-shared", "-fPIC", "-o"]).arg(&library);
+    assert!(compile.args([source, "-ldl"]).status().unwrap().success());
+    let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
+    command
+        .args(verb)
+        .arg("--config")
+        .arg(rig.path("headingd.toml"));
+    command.env("LD_PRELOAD", library);
+    command.env("BUS_MAGNETOMETER", magnetometer);
+    spawn(rig.folder.path(), &mut command)
+}
+
+#[test]
+fn a_qmc5883l_is_found_and_read() {
+    let rig = Rig::new(1.0, "kind = \"i2c\"\n[i2c]\nbus = 9\nboard = \"gy-271\"\n");
+    let process = on_bus(&rig, "qmc5883l", &["run"]);
+    let mut client = rig.client();
+    client.find("STATE", |state| state["reason"] == "no_calibration");
+    let heading = client.find("ATT", |att| att["raw_heading"].is_number());
+    // 2560 to 2567 counts on X and 512 to 519 on Y, which is to the left.
+    let right_deg = (512.0f64 / 2560.0).atan().to_degrees();
+    let found_deg = heading["raw_heading"].as_f64().unwrap();
+    assert!((found_deg - right_deg).abs() < 0.5, "{heading}");
+    assert!(process.said().contains("magnetometer: QMC5883L"));
+    let mut check = on_bus(&rig, "qmc5883l", &["check", "--json"]);
+    check.wait();
+    let shown = std::fs::read_to_string(rig.path("stdout")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&shown).unwrap();
+    assert_eq!(report["magnetometer"]["kind"], "QMC5883L");
+    assert_eq!(report["self_test"], serde_json::json!([]));
+}
+
+#[test]
+fn a_chip_that_answers_h43_and_never_measures_is_a_fault_of_its_own() {
+    for named in ["auto", "hmc5883l"] {
+        let i2c = format!("[i2c]\nbus = 9\nmagnetometer = \"{named}\"\n");
+        let rig = Rig::new(1.0, &format!("kind = \"i2c\"\n{i2c}"));
+        let _process = on_bus(&rig, "fake", &["run"]);
+        let mut client = rig.client();
+        let state = client.find("STATE", |state| state["cal_state"] == "fault");
+        assert_eq!(state["reason"], "fake_hmc5883l");
+        let message = state["message"].as_str().unwrap();
+        assert!(message.contains("revision A"), "{message}");
+    }
 }

@@ -6,11 +6,9 @@ use serde::Serialize;
 use crate::config::Config;
 use crate::frame::Mountings;
 use crate::sensor::bus::{Bus, BusError, Cause, read_byte};
-use crate::sensor::chip::adxl345::Adxl345;
-use crate::sensor::chip::hmc5843::{AxisTest, MAG_ADDRESS, identify, self_test};
-use crate::sensor::chip::itg3200::Itg3200;
+use crate::sensor::chip::magnetometer::AxisTest;
 use crate::sensor::chip::mpu6050::Mpu6050;
-use crate::sensor::chip::{ChipError, Companion};
+use crate::sensor::chip::{ChipError, Companion, drivers};
 use crate::sensor::clock::Clock;
 use crate::sensor::i2c::{Chips, Said};
 
@@ -25,15 +23,13 @@ const GRAVITY_TOLERANCE: f64 = 0.15;
 const STILL_DEG_S: f64 = 2.0;
 /// The least share of the wanted rate.
 const RATE_SHARE: f64 = 0.9;
-/// Where chips are looked for.
-const ADDRESSES: [u8; 7] = [MAG_ADDRESS, 0x68, 0x69, 0x53, 0x1D, 0x0D, 0x2C];
 
 /// What was found.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(super) struct Report {
     pub(super) bus: String,
-    pub(super) chips: Vec<Found>,
-    pub(super) magnetometer: Option<Magnetometer>,
+    pub(super) chips: Vec<FoundChip>,
+    pub(super) magnetometer: Option<FoundMagnetometer>,
     pub(super) self_test: Vec<Axis>,
     /// Strength of the raw field, milligauss.
     pub(super) field_mgauss: Option<f64>,
@@ -49,14 +45,14 @@ pub(super) struct Report {
 
 /// A chip that answers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Found {
+pub(super) struct FoundChip {
     pub(super) address: u8,
     pub(super) chip: &'static str,
 }
 
 /// Which magnetometer it is, and why.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Magnetometer {
+pub(super) struct FoundMagnetometer {
     pub(super) kind: &'static str,
     pub(super) sure: bool,
     pub(super) why: &'static str,
@@ -113,7 +109,7 @@ pub(super) fn examine(config: &Config, bus: &mut dyn Bus, clock: &mut dyn Clock)
 /// Which chips answer; false if nothing else is worth trying.
 fn call_the_roll(report: &mut Report, bus: &mut dyn Bus, clock: &mut dyn Clock) -> bool {
     // A magnetometer behind an MPU-6050 answers once that has its bypass on.
-    for address in [0x68, 0x69] {
+    for address in drivers::GYRO_ADDRESSES {
         let mut mpu = Mpu6050::new(address);
         if mpu.identify(bus).is_ok()
             && let Err(error) = mpu.start(bus, clock)
@@ -121,11 +117,11 @@ fn call_the_roll(report: &mut Report, bus: &mut dyn Bus, clock: &mut dyn Clock) 
             report.failed(&error);
         }
     }
-    for address in ADDRESSES {
+    for address in drivers::addresses() {
         match read_byte(bus, address, 0) {
-            Ok(_) => report.chips.push(Found {
+            Ok(_) => report.chips.push(FoundChip {
                 address,
-                chip: name(bus, address),
+                chip: drivers::name(bus, address),
             }),
             Err(BusError {
                 cause: Cause::NoAnswer,
@@ -143,35 +139,26 @@ fn call_the_roll(report: &mut Report, bus: &mut dyn Bus, clock: &mut dyn Clock) 
     true
 }
 
-fn name(bus: &mut dyn Bus, address: u8) -> &'static str {
-    match address {
-        MAG_ADDRESS => "HMC5843 or kin",
-        0x0D => "QMC5883L",
-        0x2C => "QMC5883P",
-        0x68 | 0x69 if Mpu6050::new(address).identify(bus).is_ok() => "MPU-6050",
-        0x68 | 0x69 if Itg3200::new(address).identify(bus).is_ok() => "ITG-3200 or ITG-3205",
-        0x53 | 0x1D if Adxl345::new(address).identify(bus).is_ok() => "ADXL345",
-        _ => "unknown",
-    }
-}
-
 fn test_the_magnetometer(
     config: &Config,
     report: &mut Report,
     bus: &mut dyn Bus,
     clock: &mut dyn Clock,
 ) {
-    let found = match identify(bus, clock, config.i2c.magnetometer.kind()) {
+    let found = match drivers::identify(bus, clock, config.i2c.magnetometer.named()) {
         Ok(found) => found,
         Err(error) => return report.failed(&error),
     };
-    report.magnetometer = Some(Magnetometer {
-        kind: found.kind.name(),
+    report.magnetometer = Some(FoundMagnetometer {
+        kind: found.chip.sheet().name,
         sure: found.sure,
         why: found.why,
     });
-    let test = match self_test(bus, clock, found.kind) {
-        Ok(test) => test,
+    let test = match found.chip.self_test(bus, clock) {
+        Ok(Some(test)) => test,
+        Ok(None) => return,
+        // Reading it will tell why.
+        Err(ChipError::NotReady { .. }) if found.chip.imitation().is_some() => return,
         Err(error) => return report.failed(&error),
     };
     for (axis, test) in ["X", "Y", "Z"].into_iter().zip(test.axes) {

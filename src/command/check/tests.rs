@@ -26,6 +26,11 @@ impl Clock for Still {
                 world.set(chip, register, &bytes);
             }
         }
+        // A QMC5883L at 50 Hz, about 500 mG.
+        if world.chips.contains_key(&0x0D) && world.get(0x0D, 0x09) & 1 == 1 {
+            let [low, high] = (3464 + (self.now_s * 50.0) as i16 % 9).to_le_bytes();
+            world.set(0x0D, 0x00, &[low, high, low, high, low, high, 1]);
+        }
         true
     }
 }
@@ -80,8 +85,8 @@ fn a_good_board_is_well() {
         .map(|found| (found.address, found.chip))
         .collect();
     let right = [
-        (0x1E, "HMC5843 or kin"),
-        (0x68, "ITG-3200 or ITG-3205"),
+        (0x1E, "HMC5843 or variant"),
+        (0x68, "ITG-3200"),
         (0x53, "ADXL345"),
     ];
     assert_eq!(names, right);
@@ -112,7 +117,7 @@ fn a_good_board_is_well() {
 #[test]
 fn each_thing_that_is_wrong_has_its_sentence() {
     type Harm = fn(&mut World);
-    let cases: [(Harm, &str, &str); 8] = [
+    let cases: [(Harm, &str, &str); 9] = [
         (
             |w| w.broken = Some(Cause::NoBus),
             "no_bus",
@@ -131,10 +136,18 @@ fn each_thing_that_is_wrong_has_its_sentence() {
         (
             |w| {
                 w.chips.remove(&0x1E);
-                w.set(0x0D, 0, &[0]);
+                w.set(0x0D, 0x0D, &[0xFF]);
             },
             "clone",
-            "QMC5883L",
+            "0x0d is another one, QMC5883L",
+        ),
+        (
+            |w| {
+                w.chips.remove(&0x1E);
+                w.set(0x2C, 0, &[0x80]);
+            },
+            "clone",
+            "headingd does not support it",
         ),
         (|w| w.set(0x1E, 0x0A, b"H44"), "wrong_identity", "H43"),
         (|w| w.on_write = None, "not_ready", "power and wiring"),
@@ -206,4 +219,38 @@ fn a_claimed_chip_does_not_hide_the_others() {
     let report = examined(&bus, CONFIG);
     assert!(codes(&report).contains(&"claimed"));
     assert_eq!(report.self_test.len(), 3);
+}
+
+#[test]
+fn a_gy_271_with_a_qmc5883l_beside_a_gyro_is_well() {
+    let bus = stick();
+    bus.world.borrow_mut().chips.remove(&0x1E);
+    bus.set(0x0D, 0x0D, &[0xFF]);
+    let config = "[source]\nkind = \"i2c\"\n[i2c]\nboard = \"gy-271\"\n\
+                  [mounting]\ngyro_axes = \"-y -x -z\"\naccel_axes = \"-y -x -z\"\n";
+    let report = examined(&bus, config);
+    assert_eq!(codes(&report), [""; 0], "{:?}", report.problems);
+    assert_eq!(report.chips[0].chip, "QMC5883L");
+    let found = report.magnetometer.as_ref().unwrap();
+    assert!(found.kind == "QMC5883L" && found.sure);
+    // It has no self-test.
+    assert!(report.self_test.is_empty());
+    assert!((report.mag_rate_hz.unwrap() - 50.0).abs() < 2.0);
+    assert!((report.field_mgauss.unwrap() - 500.0).abs() < 20.0);
+    assert!((report.accel_m_s2.unwrap()[2] + 9.8).abs() < 0.1);
+    let text = written(&report);
+    assert!(text.contains("0x0d  QMC5883L"), "{text}");
+}
+
+#[test]
+fn a_chip_that_only_answers_h43_is_refused_as_a_fake() {
+    // Named, it is tried as what it is said to be; otherwise it is not even that.
+    for named in ["hmc5883l", "auto"] {
+        let bus = FakeBus::default();
+        bus.set(0x1E, 0x0A, b"H43");
+        let config = CONFIG.replace("hmc5843", named) + "companions = \"none\"\n";
+        let report = examined(&bus, &config);
+        assert_eq!(codes(&report), ["fake_hmc5883l"], "{:?}", report.problems);
+        assert!(report.problems[0].message.contains("revision A"));
+    }
 }

@@ -18,10 +18,10 @@ fn write(report: &Report, out: &mut String) -> std::fmt::Result {
         writeln!(out, "  0x{:02x}  {}", found.address, found.chip)?;
     }
     if let Some(found) = &report.magnetometer {
-        let surely = if found.sure { "surely" } else { "probably" };
+        let probably = if found.sure { "" } else { "probably " };
         writeln!(
             out,
-            "magnetometer: {surely} an {} ({})",
+            "magnetometer: {probably}{} ({})",
             found.kind, found.why
         )?;
     }

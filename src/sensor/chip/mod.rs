@@ -1,13 +1,17 @@
-//! The chips that headingd knows, one folder each: registers and what is done with them.
+//! What the drivers of all chips share. A chip is a file (or a folder) of its own here: its registers, its identity, its
+//! numbers, and a line in the table of [`drivers`].
 
 pub mod adxl345;
+pub mod drivers;
 pub mod hmc5843;
 pub mod itg3200;
+pub mod magnetometer;
 pub mod mpu6050;
+pub mod qmc5883l;
 
 use nalgebra::Vector3;
 
-use super::bus::{Bus, BusError, Cause, read_byte};
+use super::bus::{Bus, BusError, Cause, LONGEST_BLOCK, read_byte};
 use super::clock::Clock;
 
 /// Standard gravity, m/s².
@@ -21,7 +25,7 @@ pub enum ChipError {
     Bus(#[from] BusError),
     /// Something answers, but it is another chip.
     #[error(
-        "the chip at 0x{address:02x} is no {chip}: its register 0x{register:02x} says {found:02x?}, and should say \
+        "the chip at 0x{address:02x} does not identify itself as {chip}: register 0x{register:02x} holds {found:02x?}, not \
          {right}; check the address, and which chip the board has"
     )]
     Identity {
@@ -62,9 +66,9 @@ pub enum ChipError {
         /// How long it was waited for, seconds.
         waited_s: f64,
     },
-    /// The same raw numbers again and again, where noise must show.
+    /// The same raw reading again and again, where noise must show.
     #[error(
-        "the {chip} has said exactly the same {count} times, and even a board at rest shows noise: its registers \
+        "the {chip} has repeated the same reading {count} times, and even a board at rest shows noise: its registers \
          are frozen; it is set up again; if it goes on, switch it off and on"
     )]
     Frozen {
@@ -73,17 +77,29 @@ pub enum ChipError {
         /// How many readings were the same.
         count: u32,
     },
-    /// A clone that cannot do the HMC5843's work has been found in its place.
+    /// Another magnetometer than the wanted one answers.
     #[error(
-        "no HMC5843 or kin answers at 0x1e, but something at 0x{address:02x}: that is a {name}, often sold as an \
-         HMC5883L; it is another chip, which headingd does not know; get a board with a real one"
+        "no {wanted} answers; the chip at 0x{address:02x} is another one, {found}, as boards are often sold with \
+         another chip than they carry; {help}"
     )]
     Clone {
-        /// Where it answers.
+        /// What was looked for.
+        wanted: &'static str,
+        /// Where the other one answers.
         address: u8,
         /// What it is.
-        name: &'static str,
+        found: &'static str,
+        /// What helps.
+        help: &'static str,
     },
+    /// A chip that identifies itself as an HMC5883L and never delivers a new measurement.
+    #[error(
+        "the chip at 0x1e identifies itself as an HMC5883L (\"H43\"), but has never delivered a new measurement: it is \
+         most likely a QMC5883L of revision A (marked DA 5883), sold as an HMC5883L, and cannot be used; get a board \
+         with a QMC5883L of revision B (it answers at 0x0d), or with a real HMC5883L; if this is one, switch it off \
+         and on, and check its power"
+    )]
+    FakeHmc5883l,
     /// The clock was told to stop.
     #[error("told to stop")]
     Stopped,
@@ -99,6 +115,7 @@ impl ChipError {
             Self::NotReady { .. } => "not_ready",
             Self::Frozen { .. } => "frozen",
             Self::Clone { .. } => "clone",
+            Self::FakeHmc5883l => "fake_hmc5883l",
             Self::Stopped => "stopped",
         }
     }
@@ -122,19 +139,38 @@ pub trait Companion {
     /// Whether it is an accelerometer, or one as well.
     fn measures_force(&self) -> bool;
 
-    /// Tells whether this chip answers, and sets it up.
+    /// Identifies the chip.
+    ///
+    /// # Errors
+    ///
+    /// When it does not answer, or when another chip does.
+    fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError>;
+
+    /// Identifies the chip and sets it up.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::identify`]; when a transfer fails; when the clock was told to stop.
     fn start(&mut self, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<(), ChipError>;
 
     /// Reads what it measures.
-    fn read(&mut self, bus: &mut dyn Bus) -> Result<Motion, ChipError>;
+    ///
+    /// # Errors
+    ///
+    /// When the transfer fails.
+    fn read(&mut self, bus: &mut dyn Bus) -> Result<InertialSample, ChipError>;
 
-    /// Looks whether the chip still is as it was set up.
+    /// Reads back the registers that were set up.
+    ///
+    /// # Errors
+    ///
+    /// When the transfer fails, or when a register has lost its value.
     fn verify(&mut self, bus: &mut dyn Bus) -> Result<(), ChipError>;
 }
 
 /// What a companion measured, chip axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Motion {
+pub struct InertialSample {
     /// The numbers of the chip, to see whether they change; 0 where it has none.
     pub raw: [i16; 6],
     /// Angular rate, rad/s.
@@ -143,19 +179,19 @@ pub struct Motion {
     pub specific_force_m_s2: Option<Vector3<f64>>,
 }
 
-/// Counts how often a chip has said exactly the same.
+/// Counts how often a chip has repeated a reading.
 ///
 /// The quietest of these parts at their coarsest range have a noise of about half a count an axis (an HMC5883L's
 /// 2 mG at 230 counts a gauss). Then two readings of one axis are the same with a probability of 0.56 at most,
 /// all three with 0.18, and 20 in a row with 5e-15: at 100 Hz, a false alarm in tens of thousands of years. A chip
 /// that is read twice as fast as it measures still leaves 10: 2e-7 at that range, 1e-16 at any usual one.
 #[derive(Clone, Debug)]
-pub struct FrozenWatch<T> {
+pub struct RepeatWatch<T> {
     last: Option<T>,
     same: u32,
 }
 
-impl<T> Default for FrozenWatch<T> {
+impl<T> Default for RepeatWatch<T> {
     fn default() -> Self {
         Self {
             last: None,
@@ -164,12 +200,16 @@ impl<T> Default for FrozenWatch<T> {
     }
 }
 
-/// So many times the same are a frozen chip.
+/// A chip is frozen after so many identical readings.
 pub const FROZEN_AFTER: u32 = 20;
 
-impl<T: PartialEq> FrozenWatch<T> {
-    /// Takes a raw reading; an error when it is one too many of the same, and as long as there is no other: a chip
-    /// that is set up anew and still says the same is still frozen.
+impl<T: PartialEq> RepeatWatch<T> {
+    /// Takes a raw reading.
+    ///
+    /// # Errors
+    ///
+    /// After 20 identical readings, until one differs: a chip that is set up again and repeats its last reading is
+    /// still frozen.
     pub fn take(&mut self, chip: &'static str, raw: T) -> Result<(), ChipError> {
         if self.last.as_ref() == Some(&raw) {
             self.same += 1;
@@ -226,15 +266,16 @@ fn must_be(
 }
 
 /// Compares a block of registers, from the first of `right` on, with what was written to them.
-fn compare<const N: usize>(
+fn compare(
     bus: &mut dyn Bus,
     chip: &'static str,
     address: u8,
-    right: [(u8, u8); N],
+    right: &[(u8, u8)],
 ) -> Result<(), ChipError> {
-    let mut found = [0; N];
-    bus.read(address, right[0].0, &mut found)?;
-    for ((register, right), found) in right.into_iter().zip(found) {
+    let mut found = [0; LONGEST_BLOCK];
+    let found = &mut found[..right.len()];
+    bus.read(address, right[0].0, found)?;
+    for (&(register, right), &mut found) in right.iter().zip(found) {
         if found != right {
             return Err(ChipError::ConfigurationLost {
                 chip,
@@ -250,6 +291,11 @@ fn compare<const N: usize>(
 /// Three numbers of 16 bits, high byte first.
 fn big_endian(bytes: &[u8; 6]) -> [i16; 3] {
     [0, 2, 4].map(|at| i16::from_be_bytes([bytes[at], bytes[at + 1]]))
+}
+
+/// Three numbers of 16 bits, low byte first.
+fn little_endian(bytes: &[u8; 6]) -> [i16; 3] {
+    [0, 2, 4].map(|at| i16::from_le_bytes([bytes[at], bytes[at + 1]]))
 }
 
 fn scaled(counts: [i16; 3], unit: f64) -> Vector3<f64> {
@@ -279,7 +325,7 @@ pub(crate) mod tests {
 
     #[test]
     fn twenty_times_the_same_are_frozen_and_a_change_begins_anew() {
-        let mut watch = FrozenWatch::default();
+        let mut watch = RepeatWatch::default();
         for raw in [1; 19].into_iter().chain([2; 19]) {
             watch.take("chip", raw).unwrap();
         }

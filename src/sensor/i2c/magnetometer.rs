@@ -1,9 +1,13 @@
-//! The magnetometer's time table: when it is told to measure, and when it is looked at.
+//! The magnetometer's timetable: when a measurement is started, and when its result is read.
 
+use super::auto_range::AutoRange;
 use super::settings::{STEADY_HZ, Settings};
 use crate::sensor::bus::Bus;
-use crate::sensor::chip::hmc5843::{Hmc5843, Kind, Pace, Range, Sample, identify};
-use crate::sensor::chip::{ChipError, FROZEN_AFTER, FrozenWatch};
+use crate::sensor::chip::drivers::identify;
+use crate::sensor::chip::magnetometer::{
+    ChipSetup, Magnetometer, Measurement, MeasuringMode, change, start, verify,
+};
+use crate::sensor::chip::{ChipError, FROZEN_AFTER, RepeatWatch};
 use crate::sensor::clock::Clock;
 
 /// A chip that is not ready when it should be is looked at again after this, seconds.
@@ -16,26 +20,32 @@ const VERIFY_S: f64 = 1.0;
 const FAST: f64 = 0.9;
 const SLOW: f64 = 1.1;
 
-/// The magnetometer at work.
-pub(super) struct Magnetometer {
-    named: Option<Kind>,
+/// Any magnetometer at work.
+pub(super) struct MagnetometerPoller {
+    named: Option<&'static dyn Magnetometer>,
     rate_hz: f64,
     gain: Option<u8>,
-    told: Option<Kind>,
+    /// The chip that the log has been told of.
+    told: Option<&'static str>,
     at_work: Option<AtWork>,
-    /// What it said last: kept when it is set up anew, since a frozen chip may well still be.
+    /// Kept when the chip is set up again: a frozen one may still be.
     memory: Memory,
 }
 
 #[derive(Default)]
 struct Memory {
     last: Option<[i16; 3]>,
-    frozen: FrozenWatch<[i16; 3]>,
+    repeats: RepeatWatch<[i16; 3]>,
+    /// Whether two measurements differed.
+    has_measured: bool,
 }
 
 struct AtWork {
-    chip: Hmc5843,
-    range: Range,
+    chip: &'static dyn Magnetometer,
+    setup: ChipSetup,
+    range: AutoRange,
+    /// The next measurement was started with the gain before.
+    outdated: bool,
     period_s: f64,
     /// When to do the next thing.
     due_s: f64,
@@ -52,10 +62,10 @@ struct AtWork {
     verify_s: f64,
 }
 
-impl Magnetometer {
+impl MagnetometerPoller {
     pub(super) fn new(settings: &Settings) -> Self {
         Self {
-            named: settings.magnetometer.kind(),
+            named: settings.magnetometer.named(),
             rate_hz: settings.rate_hz,
             gain: settings.gain,
             told: None,
@@ -79,45 +89,51 @@ impl Magnetometer {
     ) -> Result<(), ChipError> {
         self.at_work = None;
         let found = identify(bus, clock, self.named)?;
-        let kind = found.kind;
-        let (pace, rate_hz) = if self.rate_hz == STEADY_HZ {
-            (Pace::Single, STEADY_HZ)
+        let chip = found.chip;
+        let sheet = chip.sheet();
+        let single = sheet.single_s.filter(|_| self.rate_hz == STEADY_HZ);
+        let (mode, rate_hz) = if single.is_some() {
+            (MeasuringMode::Single, STEADY_HZ)
         } else {
-            let code = kind.rate_code(self.rate_hz);
-            (Pace::Continuous(code), kind.rates_hz()[usize::from(code)])
+            let code = sheet.rate_code(self.rate_hz);
+            (
+                MeasuringMode::Continuous(code),
+                sheet.rates_hz[usize::from(code)],
+            )
         };
-        let range = Range::new(kind, self.gain);
-        let chip = Hmc5843::start(bus, kind, pace, range.code())?;
-        if self.told != Some(kind) {
-            self.told = Some(kind);
-            let surely = if found.sure { "is" } else { "is probably" };
+        let range = AutoRange::new(sheet, self.gain);
+        let setup = ChipSetup {
+            mode,
+            gain: range.code(),
+        };
+        start(bus, chip, setup)?;
+        if self.told != Some(sheet.name) {
+            self.told = Some(sheet.name);
+            let probably = if found.sure { "" } else { "probably " };
             tracing::info!(
-                "the magnetometer {surely} an {}: {}; {rate_hz} readings a second",
-                kind.name(),
+                "magnetometer: {probably}{}: {}; {rate_hz} readings a second",
+                sheet.name,
                 found.why
             );
         }
         let now_s = clock.now_s();
         let period_s = 1.0 / rate_hz;
-        let continuous = pace != Pace::Single;
         self.at_work = Some(AtWork {
             chip,
+            setup,
             range,
+            outdated: true,
             period_s,
             // After a configuration the first measurement takes two periods.
-            due_s: if continuous {
+            due_s: if single.is_none() {
                 now_s + 2.0 * period_s
             } else {
                 now_s
             },
-            measuring_since_s: continuous.then_some(now_s + period_s),
+            measuring_since_s: single.is_none().then_some(now_s + period_s),
             slot_s: now_s,
             // A chip whose clock is fast is not to run away before that is learnt.
-            patience_s: if continuous {
-                FAST * period_s
-            } else {
-                kind.conversion_s()
-            },
+            patience_s: single.unwrap_or(FAST * period_s),
             looked: false,
             at_once: 0,
             was_ready: false,
@@ -131,7 +147,7 @@ impl Magnetometer {
         &mut self,
         bus: &mut dyn Bus,
         now_s: f64,
-    ) -> Result<Option<(f64, Sample)>, ChipError> {
+    ) -> Result<Option<(f64, Measurement)>, ChipError> {
         let Some(at_work) = &mut self.at_work else {
             return Ok(None);
         };
@@ -139,12 +155,17 @@ impl Magnetometer {
         if stepped.is_err() && at_work.due_s <= now_s {
             // It is tried again with the next measurement.
             at_work.due_s = now_s + at_work.period_s;
-            if at_work.chip.pace() == Pace::Single {
+            if at_work.setup.mode == MeasuringMode::Single {
                 at_work.measuring_since_s = None;
                 at_work.slot_s = at_work.due_s;
             }
         }
-        stepped
+        stepped.map_err(|error| match error {
+            ChipError::NotReady { .. } | ChipError::Frozen { .. } if !self.memory.has_measured => {
+                at_work.chip.imitation().unwrap_or(error)
+            }
+            error => error,
+        })
     }
 }
 
@@ -154,7 +175,7 @@ impl AtWork {
         bus: &mut dyn Bus,
         now_s: f64,
         memory: &mut Memory,
-    ) -> Result<Option<(f64, Sample)>, ChipError> {
+    ) -> Result<Option<(f64, Measurement)>, ChipError> {
         let Some(since_s) = self.measuring_since_s else {
             self.verify(bus, now_s)?;
             self.chip.trigger(bus)?;
@@ -162,14 +183,16 @@ impl AtWork {
             self.due_s = now_s + self.patience_s;
             return Ok(None);
         };
-        let sample = self.chip.poll(bus)?;
-        self.was_ready |= sample.is_some();
-        match sample {
+        let raw = self.chip.poll(bus)?;
+        self.was_ready |= raw.is_some();
+        let sheet = self.chip.sheet();
+        match raw.map(|raw| Measurement::new(sheet, self.setup.gain, raw)) {
             Some(sample) if self.is_new(&sample, memory, now_s - since_s) => {
+                memory.has_measured |= memory.last.is_some_and(|last| last != sample.raw);
                 memory.last = Some(sample.raw);
                 self.schedule(now_s);
                 let sample = self.take(bus, now_s, sample, memory)?;
-                if self.chip.pace() != Pace::Single {
+                if self.setup.mode != MeasuringMode::Single {
                     self.verify(bus, now_s)?;
                 }
                 Ok(sample.map(|sample| (now_s, sample)))
@@ -177,8 +200,12 @@ impl AtWork {
             _ => {
                 self.looked = true;
                 self.due_s = now_s + self.look_s();
-                self.late(now_s - since_s)?;
-                Ok(None)
+                let late = self.late(now_s - since_s);
+                if late.is_err() {
+                    // A chip that has lost its configuration does not measure, either.
+                    verify(bus, self.chip, self.setup)?;
+                }
+                late.map(|()| None)
             }
         }
     }
@@ -186,26 +213,32 @@ impl AtWork {
     /// RDY need not fall when the data are read or a measurement begins (the data sheet has it low for 250 µs
     /// alone), so noise tells a new measurement from the one before. A single one that looks the same is new once
     /// the longest time that it may take is over.
-    fn is_new(&self, sample: &Sample, memory: &Memory, waited_s: f64) -> bool {
+    fn is_new(&self, sample: &Measurement, memory: &Memory, waited_s: f64) -> bool {
         memory.last != Some(sample.raw)
-            || match self.chip.pace() {
-                Pace::Single => waited_s >= self.chip.kind().conversion_s(),
-                Pace::Continuous(_) => sample.overflowed(),
+            || match self.single_s() {
+                Some(longest_s) => waited_s >= longest_s,
+                None => sample.overflowed(),
             }
     }
 
+    /// The longest that a single measurement takes, while the chip makes those.
+    fn single_s(&self) -> Option<f64> {
+        let single = self.setup.mode == MeasuringMode::Single;
+        self.chip.sheet().single_s.filter(|_| single)
+    }
+
     fn look_s(&self) -> f64 {
-        match self.chip.pace() {
-            Pace::Single => LOOK_S,
-            Pace::Continuous(_) => LOOK_S.max(self.period_s / 20.0),
+        match self.setup.mode {
+            MeasuringMode::Single => LOOK_S,
+            MeasuringMode::Continuous(_) => LOOK_S.max(self.period_s / 20.0),
         }
     }
 
     /// When the next thing is to be done after a measurement that was read now.
     fn schedule(&mut self, now_s: f64) {
         self.learn();
-        match self.chip.pace() {
-            Pace::Single => {
+        match self.setup.mode {
+            MeasuringMode::Single => {
                 self.measuring_since_s = None;
                 self.slot_s += self.period_s;
                 if now_s > self.slot_s + self.period_s {
@@ -213,7 +246,7 @@ impl AtWork {
                 }
                 self.due_s = self.slot_s;
             }
-            Pace::Continuous(_) => {
+            MeasuringMode::Continuous(_) => {
                 // Counted from when it was due, in whole steps: the chip does not wait for a board that is late.
                 let since_s = now_s - (now_s - self.due_s) % self.patience_s;
                 self.measuring_since_s = Some(since_s);
@@ -223,9 +256,9 @@ impl AtWork {
         self.was_ready = false;
     }
 
-    /// Learns how long to wait. A measurement found at the first look may have been there for long: each time the next
-    /// one is looked for a bit earlier, until one is not there yet. That look in vain costs a wake-up, and so is to be
-    /// rare: whoever came down to it in many steps knows the time well, and goes back by little.
+    /// Adaptive poll delay: shortens until a poll is early, then backs off slightly. A measurement that is ready at the
+    /// first poll may have been so for long; an early poll costs a wake-up, and so must be rare: after many steps the
+    /// delay is well known, and the step back is small.
     fn learn(&mut self) {
         let steps = f64::from(self.at_once);
         let looks = if self.looked {
@@ -235,9 +268,9 @@ impl AtWork {
             self.at_once = self.at_once.saturating_add(1);
             -(2e-5 * steps * steps).min(0.1)
         };
-        let (least_s, most_s) = match self.chip.pace() {
-            Pace::Single => (LOOK_S, self.chip.kind().conversion_s()),
-            Pace::Continuous(_) => (FAST * self.period_s, SLOW * self.period_s),
+        let (least_s, most_s) = match self.single_s() {
+            Some(longest_s) => (LOOK_S, longest_s),
+            None => (FAST * self.period_s, SLOW * self.period_s),
         };
         self.patience_s = (self.patience_s + looks * self.look_s()).clamp(least_s, most_s);
         self.looked = false;
@@ -247,26 +280,29 @@ impl AtWork {
         &mut self,
         bus: &mut dyn Bus,
         now_s: f64,
-        sample: Sample,
+        sample: Measurement,
         memory: &mut Memory,
-    ) -> Result<Option<Sample>, ChipError> {
-        if self.chip.is_outdated() {
+    ) -> Result<Option<Measurement>, ChipError> {
+        if std::mem::take(&mut self.outdated) {
             return Ok(None);
         }
         if !sample.overflowed() {
-            memory.frozen.take(self.chip.kind().name(), sample.raw)?;
+            memory.repeats.take(self.chip.sheet().name, sample.raw)?;
         }
         let Some(gain) = self.range.take(now_s, &sample) else {
             return Ok(Some(sample));
         };
-        self.chip.set_gain(bus, gain)?;
-        let range_gauss = self.chip.kind().gains()[usize::from(gain)].range_gauss;
+        let setup = ChipSetup { gain, ..self.setup };
+        change(bus, self.chip, self.setup, setup)?;
+        self.setup = setup;
+        self.outdated = true;
+        let range_gauss = self.chip.sheet().gain(gain).range_gauss;
         tracing::info!("the magnetometer's range is now {range_gauss} gauss either way");
         Ok((!sample.overflowed()).then_some(sample))
     }
 
     fn late(&self, waited_s: f64) -> Result<(), ChipError> {
-        let chip = self.chip.kind().name();
+        let chip = self.chip.sheet().name;
         if self.was_ready && waited_s > f64::from(FROZEN_AFTER) * self.period_s {
             return Err(ChipError::Frozen {
                 chip,
@@ -284,6 +320,6 @@ impl AtWork {
             return Ok(());
         }
         self.verify_s = now_s + VERIFY_S;
-        self.chip.verify(bus)
+        verify(bus, self.chip, self.setup)
     }
 }

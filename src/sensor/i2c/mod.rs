@@ -1,29 +1,27 @@
-//! Real chips on a bus of Linux: the gyro and the accelerometer at their rate or faster, the magnetometer at its own,
-//! each reading with the time at which it was read.
+//! Chips on a bus of Linux: the gyro and the accelerometer at their rate or faster, the magnetometer at its own, each
+//! reading with the time at which it was read.
 //!
-//! Nothing ends it but being told to. A chip that fails is counted, set up anew, and waited for; the others go on.
+//! It runs until the clock says stop. A failing chip is reinitialised with exponential back-off; the others go on.
 
+mod auto_range;
+mod companion;
 mod health;
 mod magnetometer;
 mod settings;
-mod station;
 #[cfg(test)]
 mod tests;
 
 use super::board::Companions;
 use super::bus::Bus;
-use super::chip::adxl345::Adxl345;
-use super::chip::itg3200::Itg3200;
-use super::chip::mpu6050::Mpu6050;
-use super::chip::{ChipError, Companion};
+use super::chip::{ChipError, drivers};
 use super::clock::Clock;
 use crate::condition::Trouble;
 use crate::reading::Reading;
+use companion::CompanionPoller;
 use health::Health;
-use magnetometer::Magnetometer;
-use station::Station;
+use magnetometer::MagnetometerPoller;
 
-pub use settings::Settings;
+pub use settings::{MagnetometerChoice, Settings};
 
 /// A reading of the gyro and one of the magnetometer that are nearer than this share of the gyro's period are made
 /// together.
@@ -40,12 +38,12 @@ pub enum Said {
 
 /// The chips of a board at work.
 pub struct Chips {
-    magnetometer: Magnetometer,
+    magnetometer: MagnetometerPoller,
     health: Health,
     /// The code of the trouble that was said.
     said: Option<&'static str>,
-    gyro: Option<Station>,
-    accel: Option<Station>,
+    gyro: Option<CompanionPoller>,
+    accel: Option<CompanionPoller>,
     period_s: f64,
     tick_s: f64,
 }
@@ -53,29 +51,20 @@ pub struct Chips {
 impl Chips {
     /// The chips of these settings. Nothing is read yet.
     pub fn new(settings: &Settings) -> Self {
-        let mpu = || Box::new(Mpu6050::new(settings.gyro_address)) as Box<dyn Companion + Send>;
-        let itg = || Box::new(Itg3200::new(settings.gyro_address)) as Box<dyn Companion + Send>;
-        let adxl = || Box::new(Adxl345::new(settings.accel_address)) as Box<dyn Companion + Send>;
         let companions = match settings.companions {
             Companions::Auto => settings.board.companions(),
             named => named,
         };
-        // Which of the two answers at the gyro's address is told by their identities.
-        let (gyro, accel) = match companions {
-            Companions::Auto => (vec![mpu(), itg()], vec![adxl()]),
-            Companions::None => (vec![], vec![]),
-            Companions::Itg3200 => (vec![itg()], vec![]),
-            Companions::Itg3200Adxl345 => (vec![itg()], vec![adxl()]),
-            Companions::Mpu6050 => (vec![mpu()], vec![]),
-        };
-        let station =
-            |what, choices: Vec<_>| (!choices.is_empty()).then(|| Station::new(what, choices));
+        let (gyros, accels) =
+            drivers::companions(companions, settings.gyro_address, settings.accel_address);
+        let poller =
+            |what, chips: Vec<_>| (!chips.is_empty()).then(|| CompanionPoller::new(what, chips));
         Self {
-            magnetometer: Magnetometer::new(settings),
+            magnetometer: MagnetometerPoller::new(settings),
             health: Health::new("magnetometer"),
             said: None,
-            gyro: station("gyro", gyro),
-            accel: station("accelerometer", accel),
+            gyro: poller("gyro", gyros),
+            accel: poller("accelerometer", accels),
             period_s: 1.0 / settings.gyro_rate_hz,
             tick_s: 0.0,
         }
@@ -103,7 +92,7 @@ impl Chips {
     /// The newest fault of each chip that has some.
     pub fn troubles(&self) -> impl Iterator<Item = &Trouble> {
         let companions = [&self.gyro, &self.accel].into_iter().flatten();
-        let healths = companions.map(|station| &station.health);
+        let healths = companions.map(|companion| &companion.health);
         [&self.health]
             .into_iter()
             .chain(healths)
@@ -119,7 +108,7 @@ impl Chips {
             .unwrap_or(self.magnetometer.due_s());
         let companions = [&self.gyro, &self.accel].into_iter().flatten();
         let companions =
-            companions.map(|station| station.health.set_up_at_s().unwrap_or(self.tick_s));
+            companions.map(|companion| companion.health.set_up_at_s().unwrap_or(self.tick_s));
         let tick_s = companions.fold(f64::INFINITY, f64::min);
         if (tick_s..tick_s + TOGETHER * self.period_s).contains(&magnetometer) {
             magnetometer

@@ -2,13 +2,15 @@
 
 use std::path::PathBuf;
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::check::{Check, Fault, within};
 use crate::frame::Mountings;
 use crate::sensor::board::{Board, Companions};
 use crate::sensor::bus::LinuxBus;
-use crate::sensor::chip::hmc5843::Kind;
+use crate::sensor::chip::drivers;
+use crate::sensor::chip::magnetometer::Magnetometer;
 
 /// The rate that is kept by single measurements: the paper's, which no chip has of its own.
 pub const STEADY_HZ: f64 = 40.0;
@@ -21,12 +23,12 @@ pub struct Settings {
     pub bus: u8,
     /// The board.
     pub board: Board,
-    /// The magnetometer, at 0x1E.
-    pub magnetometer: Magnetometer,
-    /// Its readings, 0.5 to 220 a second: 40 by single measurements, others at the slowest of the chip's own
-    /// rates that is no slower.
+    /// The magnetometer.
+    pub magnetometer: MagnetometerChoice,
+    /// Its readings, 0.5 to 220 a second: 40 by single measurements where the chip has those, others by the smallest
+    /// rate of the chip that is not smaller, or else by its largest.
     pub rate_hz: f64,
-    /// The gain's code (CRB, bits 7:5), 0 to 7; without it, the gain is chosen automatically.
+    /// The gain's code, 0 (finest) to 7, or 1 with a QMC5883L; without it, the gain is chosen automatically.
     pub gain: Option<u8>,
     /// The chips beside it.
     pub companions: Companions,
@@ -38,33 +40,34 @@ pub struct Settings {
     pub gyro_rate_hz: f64,
 }
 
-/// Which magnetometer there is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Magnetometer {
-    /// Find out.
-    #[default]
-    Auto,
-    /// HMC5843.
-    Hmc5843,
-    /// HMC5883.
-    Hmc5883,
-    /// HMC5883L.
-    Hmc5883l,
-    /// HMC5983.
-    Hmc5983,
+/// Which magnetometer there is: one of the driver table by its word, or the one that answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(transparent)]
+pub struct MagnetometerChoice(&'static str);
+
+impl MagnetometerChoice {
+    /// The choice with this word, if there is one.
+    pub fn new(word: &str) -> Option<Self> {
+        let known = drivers::words().iter().find(|known| **known == word);
+        known.copied().map(Self)
+    }
+
+    /// The chip, if it is named.
+    pub fn named(self) -> Option<&'static dyn Magnetometer> {
+        drivers::magnetometer(self.0)
+    }
 }
 
-impl Magnetometer {
-    /// The kind, if it is named.
-    pub fn kind(self) -> Option<Kind> {
-        match self {
-            Self::Auto => None,
-            Self::Hmc5843 => Some(Kind::Hmc5843),
-            Self::Hmc5883 => Some(Kind::Hmc5883),
-            Self::Hmc5883l => Some(Kind::Hmc5883l),
-            Self::Hmc5983 => Some(Kind::Hmc5983),
-        }
+impl Default for MagnetometerChoice {
+    fn default() -> Self {
+        Self(drivers::AUTO)
+    }
+}
+
+impl<'de> Deserialize<'de> for MagnetometerChoice {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let word = String::deserialize(deserializer)?;
+        Self::new(&word).ok_or_else(|| D::Error::unknown_variant(&word, drivers::words()))
     }
 }
 
@@ -74,15 +77,16 @@ impl Settings {
         LinuxBus::path(self.bus)
     }
 
-    /// The name under which a calibration is kept: it is of the kind that the configuration names. Which of the
-    /// kin an unnamed one is may not be known yet, and they all read in the same unit and order.
+    /// The name under which a calibration is kept: that of the chip that the configuration names. An unnamed one may
+    /// not be known yet; all are read in the same unit and order. The name is older than chips of another family.
     pub fn sensor(&self) -> &'static str {
-        self.magnetometer.kind().map_or("hmc58xx", Kind::word)
+        let named = self.magnetometer.named();
+        named.map_or("hmc58xx", |chip| chip.sheet().word)
     }
 
-    /// How the chips are mounted: as the board says, or else as the table `[mounting]` does.
+    /// How the chips are mounted: as the board says, and otherwise as the table `[mounting]` does.
     pub fn mountings(&self, custom: &Mountings) -> Mountings {
-        self.board.mountings().unwrap_or(*custom)
+        self.board.mountings(custom)
     }
 }
 
@@ -91,7 +95,7 @@ impl Default for Settings {
         Self {
             bus: 1,
             board: Board::default(),
-            magnetometer: Magnetometer::default(),
+            magnetometer: MagnetometerChoice::default(),
             rate_hz: STEADY_HZ,
             gain: None,
             companions: Companions::default(),
@@ -107,7 +111,9 @@ impl Check for Settings {
         let mut faults = Vec::new();
         within(&mut faults, "rate_hz", self.rate_hz, 0.5..=220.0, "Hz");
         if let Some(gain) = self.gain {
-            within(&mut faults, "gain", gain, 0..=7, "");
+            let named = self.magnetometer.named();
+            let gains = named.map_or(8, |chip| chip.sheet().gains.len());
+            within(&mut faults, "gain", gain, 0..=gains as u8 - 1, "");
         }
         let rate_hz = self.gyro_rate_hz;
         within(&mut faults, "gyro_rate_hz", rate_hz, 100.0..=200.0, "Hz");
@@ -120,8 +126,12 @@ impl Check for Settings {
                 });
             }
         };
-        one_of("gyro_address", self.gyro_address, [0x68, 0x69]);
-        one_of("accel_address", self.accel_address, [0x53, 0x1D]);
+        one_of("gyro_address", self.gyro_address, drivers::GYRO_ADDRESSES);
+        one_of(
+            "accel_address",
+            self.accel_address,
+            drivers::ACCEL_ADDRESSES,
+        );
         faults
     }
 }

@@ -1,17 +1,21 @@
 //! The live source over a bus of simulated chips, by a clock that jumps.
 
+mod magnetometers;
+
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::super::board::Board;
 use super::super::bus::Cause;
 use super::super::bus::fake::{FakeBus, Transfer, World};
-use super::settings::Magnetometer as Named;
 use super::*;
 
 const MAG: u8 = 0x1E;
 const GYRO: u8 = 0x68;
 const ACCEL: u8 = 0x53;
+const QMC: u8 = 0x0D;
+/// Where a test notes that a magnet is near, beyond the range of ±2 gauss.
+const MAGNET: u8 = 0x20;
 
 /// A stick with an HMC5843, an ITG-3200 and an ADXL345, all alive.
 fn stick() -> FakeBus {
@@ -25,7 +29,7 @@ fn stick() -> FakeBus {
 fn settings() -> Settings {
     Settings {
         board: Board::Sparkfun9dofStick,
-        magnetometer: Named::Hmc5843,
+        magnetometer: MagnetometerChoice::new("hmc5843").unwrap(),
         ..Settings::default()
     }
 }
@@ -73,6 +77,16 @@ impl Clock for Theatre {
             let [.., high, low] = (count % 1000).to_be_bytes();
             // RDY never falls: the worst that the data sheet allows.
             world.set(MAG, 0x03, &[high, low, 0, 100, 1, 0, 0x01]);
+        }
+        // In standby it does not measure; the low byte comes first.
+        if world.chips.contains_key(&QMC) && world.get(QMC, 0x09) & 1 == 1 {
+            if world.get(QMC, MAGNET) == 1 && world.get(QMC, 0x09) >> 4 == 0 {
+                world.set(QMC, 0x00, &[0xFF, 0x7F, 0, 0, 0, 0, 0x03]);
+                return self.now_s < self.until_s;
+            }
+            let count = (self.now_s / self.period_s) as u64;
+            let [low, high, ..] = (count % 1000).to_le_bytes();
+            world.set(QMC, 0x00, &[low, high, 100, 0, 0, 1, 0x01]);
         }
         self.now_s < self.until_s
     }

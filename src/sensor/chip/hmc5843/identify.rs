@@ -1,11 +1,14 @@
-//! Which of the kin a chip is: all say "H43".
+//! Which variant a chip is: all answer "H43".
 
 use super::registers::*;
-use super::{ChipError, Kind};
+use super::variants::Variant;
 use crate::sensor::bus::{Bus, read_byte};
-use crate::sensor::chip::pause;
+use crate::sensor::chip::magnetometer::{Identified, Magnetometer};
+use crate::sensor::chip::{ChipError, pause};
 use crate::sensor::clock::Clock;
 
+/// What people call the variants.
+pub(super) const NAME: &str = "HMC5843 or variant";
 /// Averaging and the fastest rate: an HMC5883L keeps the averaging bits, an HMC5843 has none.
 const PROBE: u8 = 0x78;
 const PROBE_WITHOUT_AVERAGING: u8 = 0x18;
@@ -16,98 +19,82 @@ const LOOK_S: f64 = 0.001;
 const CHANGES: u32 = 6;
 const PATIENCE_S: f64 = 0.3;
 
-/// Where clones answer, and what they are.
-const CLONES: [(u8, &str); 2] = [(0x0D, "QMC5883L"), (0x2C, "QMC5883P")];
-
-/// What a chip is, and how that is known.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Identified {
-    /// The kind.
-    pub kind: Kind,
-    /// Whether that is certain. If not, it is the most likely one.
-    pub sure: bool,
-    /// Why.
-    pub why: &'static str,
+/// What the data showed of the rate.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Rate {
+    /// 50 Hz.
+    Slow,
+    /// 75 Hz.
+    Fast,
+    /// The data changed, but not often enough to tell.
+    Unclear,
+    /// The data were never ready, or never changed.
+    NoData,
 }
 
-/// Tells which chip answers at 0x1E. `named` is what the configuration says, if it does; then only "H43" is looked for.
-///
-/// Otherwise the chip is written to: it keeps the averaging bits of CRA or does not, and measures at 50 or at 75 Hz.
-pub fn identify(
+/// Identifies the chip at 0x1E by its registers "H43". Unless the configuration names it, it is then written to: it
+/// keeps the averaging bits of CRA or does not, and measures at 50 or at 75 Hz.
+pub(super) fn identify(
     bus: &mut dyn Bus,
     clock: &mut dyn Clock,
-    named: Option<Kind>,
+    named: Option<&'static dyn Magnetometer>,
 ) -> Result<Identified, ChipError> {
     let mut identity = [0; 3];
-    if let Err(error) = bus.read(ADDRESS, IDENTITY, &mut identity) {
-        let error = ChipError::from(error);
-        return Err(if error.is_no_answer() {
-            clone(bus).unwrap_or(error)
-        } else {
-            error
-        });
-    }
+    bus.read(ADDRESS, IDENTITY, &mut identity)?;
     if identity != H43 {
         return Err(ChipError::Identity {
-            chip: "HMC5843 or kin",
+            chip: NAME,
             address: ADDRESS,
             register: IDENTITY,
             found: identity.to_vec(),
             right: "48, 34, 33 (\"H43\")",
         });
     }
-    if let Some(kind) = named {
+    if let Some(chip) = named {
         return Ok(Identified {
-            kind,
+            chip,
             sure: true,
             why: "the configuration says so",
         });
     }
     bus.write(ADDRESS, CRA, PROBE)?;
     let averages = read_byte(bus, ADDRESS, CRA)? != PROBE_WITHOUT_AVERAGING;
-    let slow = is_slow(bus, clock)?;
-    let (kind, sure, why) = match (averages, slow) {
-        (false, Some(true)) => (
-            Kind::Hmc5843,
+    let (chip, sure, why): (&Variant, _, _) = match (averages, rate(bus, clock)?) {
+        (false, Rate::Slow) => (
+            &Variant::Hmc5843,
             true,
             "it has no averaging and measures at 50 Hz",
         ),
-        (false, Some(false)) => (
-            Kind::Hmc5883,
+        (false, Rate::Fast) => (
+            &Variant::Hmc5883,
             false,
             "it has no averaging and measures at 75 Hz; an LSM303DLHC would too",
         ),
-        (false, None) => (
-            Kind::Hmc5843,
+        (false, _) => (
+            &Variant::Hmc5843,
             false,
             "it has no averaging; its rate did not show, and an HMC5883 has none either",
         ),
-        (true, Some(false)) => (
-            Kind::Hmc5883l,
+        (true, Rate::Fast) => (
+            &Variant::Hmc5883l,
             true,
             "it has averaging and measures at 75 Hz; an HMC5983 has the same gains and order",
         ),
+        (true, Rate::NoData) => return Err(ChipError::FakeHmc5883l),
         (true, _) => (
-            Kind::Hmc5883l,
+            &Variant::Hmc5883l,
             false,
             "it has averaging, but its rate did not show as 75 Hz",
         ),
     };
-    Ok(Identified { kind, sure, why })
+    Ok(Identified { chip, sure, why })
 }
 
-/// The clone that answers in place of the real chip, if one does.
-fn clone(bus: &mut dyn Bus) -> Option<ChipError> {
-    let answers = |&(address, _): &(u8, _)| read_byte(bus, address, 0).is_ok();
-    let (address, name) = CLONES.into_iter().find(answers)?;
-    Some(ChipError::Clone { address, name })
-}
-
-/// Whether rate code 6 is 50 Hz; `None` if the data do not change.
+/// What rate code 6 is.
 ///
 /// RDY need not fall when the data are read, so a new measurement is known from its noise. Measurements that look
 /// the same only make the mean period longer: the shortest of the periods decides.
-fn is_slow(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<Option<bool>, ChipError> {
+fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<Rate, ChipError> {
     bus.write(ADDRESS, CRA, cra(FASTEST, NO_BIAS))?;
     bus.write(ADDRESS, MODE, CONTINUOUS)?;
     let begun_s = clock.now_s();
@@ -116,7 +103,11 @@ fn is_slow(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<Option<bool>, Chi
     while changes_s.len() <= CHANGES as usize {
         pause(clock, LOOK_S)?;
         if clock.now_s() - begun_s > PATIENCE_S {
-            return Ok(None);
+            return Ok(if changes_s.len() < 2 {
+                Rate::NoData
+            } else {
+                Rate::Unclear
+            });
         }
         let t_s = clock.now_s();
         if read_byte(bus, ADDRESS, STATUS)? & RDY == 0 {
@@ -133,7 +124,11 @@ fn is_slow(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<Option<bool>, Chi
     let periods = changes_s[1..].windows(2).map(|two| two[1] - two[0]);
     let mut periods: Vec<f64> = periods.collect();
     periods.sort_by(f64::total_cmp);
-    Ok(Some(periods[periods.len() / 2] > PERIOD_LIMIT_S))
+    Ok(if periods[periods.len() / 2] > PERIOD_LIMIT_S {
+        Rate::Slow
+    } else {
+        Rate::Fast
+    })
 }
 
 #[cfg(test)]
@@ -181,19 +176,19 @@ mod tests {
     }
 
     #[test]
-    fn averaging_bits_and_rate_tell_the_kin_apart() {
-        for (averages, period_s, kind, sure) in [
-            (false, 1.0 / 50.0, Kind::Hmc5843, true),
-            (false, 1.0 / 75.0, Kind::Hmc5883, false),
-            (false, 1e9, Kind::Hmc5843, false),
-            (true, 1.0 / 75.0, Kind::Hmc5883l, true),
-            (true, 1e9, Kind::Hmc5883l, false),
+    fn averaging_bits_and_rate_tell_the_variants_apart() {
+        for (averages, period_s, variant, sure) in [
+            (false, 1.0 / 50.0, Variant::Hmc5843, true),
+            (false, 1.0 / 75.0, Variant::Hmc5883, false),
+            (false, 1e9, Variant::Hmc5843, false),
+            (true, 1.0 / 75.0, Variant::Hmc5883l, true),
+            (true, 1.0 / 60.0, Variant::Hmc5883l, false),
         ] {
             let (mut bus, mut clock) = chip(averages, period_s);
             let found = identify(&mut bus, &mut clock, None).unwrap();
             assert_eq!(
-                (found.kind, found.sure),
-                (kind, sure),
+                (found.chip.sheet().word, found.sure),
+                (variant.data_sheet().word, sure),
                 "{averages} {period_s}"
             );
             let begin = [
@@ -211,24 +206,23 @@ mod tests {
     #[test]
     fn a_named_chip_is_not_written_to() {
         let (mut bus, mut clock) = chip(true, 1.0);
-        let found = identify(&mut bus, &mut clock, Some(Kind::Hmc5843)).unwrap();
-        assert!(found.kind == Kind::Hmc5843 && found.sure);
+        let found = identify(&mut bus, &mut clock, Some(&Variant::Hmc5843)).unwrap();
+        assert!(found.chip.sheet().word == "hmc5843" && found.sure);
         assert_eq!(bus.transfers(), [Read(0x1E, 0x0A, 3)]);
     }
 
     #[test]
-    fn another_chip_a_clone_and_silence_are_told_apart() {
-        let mut clock = JumpingClock::default();
-        let mut code = |bus: &FakeBus| {
-            identify(&mut bus.clone(), &mut clock, None)
-                .unwrap_err()
-                .code()
+    fn an_hmc5883l_whose_data_never_change_or_never_get_ready_is_a_fake() {
+        let code = |bus: &FakeBus| {
+            let mut clock = JumpingClock::default();
+            let error = identify(&mut bus.clone(), &mut clock, None).err();
+            error.map(|error| error.code())
         };
-        let bus = FakeBus::default();
-        assert_eq!(code(&bus), "no_answer");
-        bus.set(0x0D, 0, &[0]);
-        assert_eq!(code(&bus), "clone");
+        let (bus, _) = chip(true, 1.0);
+        assert_eq!(code(&bus), Some("fake_hmc5883l"));
+        bus.set(ADDRESS, DATA, &[0, 1, 0, 2, 0, 3, RDY]);
+        assert_eq!(code(&bus), Some("fake_hmc5883l"));
         bus.set(ADDRESS, IDENTITY, b"abc");
-        assert_eq!(code(&bus), "wrong_identity");
+        assert_eq!(code(&bus), Some("wrong_identity"));
     }
 }

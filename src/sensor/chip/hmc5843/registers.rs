@@ -1,4 +1,4 @@
-//! Registers of the HMC5843 and its kin (data sheet 900367 and HMC5883 manual; kernel's `hmc5843_core.c`).
+//! Registers of the HMC5843 and its variants (data sheet 900367 and HMC5883 manual; kernel's `hmc5843_core.c`).
 
 /// The only address.
 pub(super) const ADDRESS: u8 = 0x1E;
@@ -13,7 +13,7 @@ pub(super) const DATA: u8 = 0x03;
 pub(super) const STATUS: u8 = 0x09;
 pub(super) const IDENTITY: u8 = 0x0A;
 
-/// What the three identity registers hold, on all kin.
+/// What the three identity registers hold, on all variants.
 pub(super) const H43: [u8; 3] = *b"H43";
 
 pub(super) const CONTINUOUS: u8 = 0x00;
@@ -22,7 +22,7 @@ pub(super) const SINGLE: u8 = 0x01;
 /// STATUS: all six data registers are written.
 pub(super) const RDY: u8 = 0x01;
 
-/// Rate code of CRA that is the fastest all kin have.
+/// Rate code of CRA that is the fastest that all variants have.
 pub(super) const FASTEST: u8 = 6;
 
 /// Measurement bias of CRA.

@@ -5,9 +5,12 @@
 //! bias, halved, is free of the amplifier's offset as well.
 
 use super::registers::*;
-use super::{ChipError, Hmc5843, Kind, Pace, Sample};
+use super::variants::Variant;
 use crate::sensor::bus::Bus;
-use crate::sensor::chip::pause;
+use crate::sensor::chip::magnetometer::{
+    AxisTest, ChipSetup, Magnetometer, Measurement, MeasuringMode, SelfTest, start,
+};
+use crate::sensor::chip::{ChipError, pause};
 use crate::sensor::clock::Clock;
 
 /// Measurements that are discarded after the bias has changed, and those that are used.
@@ -16,54 +19,22 @@ const USED: usize = 5;
 /// A measurement with bias is two in one.
 const MEASUREMENT_S: f64 = 0.05;
 
-/// What the chip made of its own field.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SelfTest {
-    /// The gain's code.
-    pub gain: u8,
-    /// X, Y and Z.
-    pub axes: [AxisTest; 3],
-}
-
-/// One axis of a self-test.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AxisTest {
-    /// Counts as of a typical chip.
-    pub expected: f64,
-    /// The least and the most that is good.
-    pub limits: (f64, f64),
-    /// Counts as measured; `None` if the axis overflowed.
-    pub measured: Option<f64>,
-}
-
-impl AxisTest {
-    /// Whether the axis is good.
-    pub fn passed(&self) -> bool {
-        let (low, high) = self.limits;
-        self.measured
-            .is_some_and(|measured| (low..=high).contains(&measured))
-    }
-}
-
-impl SelfTest {
-    /// Whether all axes are good.
-    pub fn passed(&self) -> bool {
-        self.axes.iter().all(AxisTest::passed)
-    }
-}
-
 /// Runs the self-test, about 0.7 s. The chip must be set up anew after it.
-pub fn self_test(
+pub(super) fn self_test(
     bus: &mut dyn Bus,
     clock: &mut dyn Clock,
-    kind: Kind,
+    chip: Variant,
 ) -> Result<SelfTest, ChipError> {
-    let straps = kind.straps();
-    let chip = Hmc5843::start(bus, kind, Pace::Single, straps.gain)?;
-    let positive = mean_counts(&chip, bus, clock, POSITIVE_BIAS)?;
-    let negative = mean_counts(&chip, bus, clock, NEGATIVE_BIAS)?;
+    let straps = chip.straps();
+    let setup = ChipSetup {
+        mode: MeasuringMode::Single,
+        gain: straps.gain,
+    };
+    start(bus, &chip, setup)?;
+    let positive = mean_counts(chip, bus, clock, POSITIVE_BIAS)?;
+    let negative = mean_counts(chip, bus, clock, NEGATIVE_BIAS)?;
     bus.write(ADDRESS, CRA, cra(FASTEST, NO_BIAS))?;
-    let counts_per_gauss = kind.gains()[usize::from(straps.gain)].counts_per_gauss;
+    let counts_per_gauss = chip.sheet().gain(straps.gain).counts_per_gauss;
     let axis = |axis: usize| {
         let expected = straps.field_gauss[axis] * counts_per_gauss;
         let (least, most) = (expected * straps.share.0, expected * straps.share.1);
@@ -83,7 +54,7 @@ pub fn self_test(
 
 /// The mean of some measurements with this bias, counts; `None` for an axis that overflowed in one.
 fn mean_counts(
-    chip: &Hmc5843,
+    chip: Variant,
     bus: &mut dyn Bus,
     clock: &mut dyn Clock,
     bias: u8,
@@ -103,13 +74,18 @@ fn mean_counts(
     Ok(sums.map(|sum| Some(sum? / USED as f64)))
 }
 
-fn measure(chip: &Hmc5843, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<Sample, ChipError> {
+fn measure(
+    chip: Variant,
+    bus: &mut dyn Bus,
+    clock: &mut dyn Clock,
+) -> Result<Measurement, ChipError> {
     chip.trigger(bus)?;
     pause(clock, MEASUREMENT_S)?;
-    chip.poll(bus)?.ok_or(ChipError::NotReady {
-        chip: chip.kind().name(),
+    let raw = chip.poll(bus)?.ok_or(ChipError::NotReady {
+        chip: chip.sheet().name,
         waited_s: MEASUREMENT_S,
-    })
+    })?;
+    Ok(Measurement::new(chip.sheet(), chip.straps().gain, raw))
 }
 
 #[cfg(test)]
@@ -131,17 +107,17 @@ mod tests {
         }
     }
 
-    fn tested(kind: Kind, chip: fn(&mut World, u8, u8, u8)) -> (SelfTest, FakeBus) {
+    fn tested(variant: Variant, chip: fn(&mut World, u8, u8, u8)) -> (SelfTest, FakeBus) {
         let mut bus = FakeBus::default();
         bus.set(ADDRESS, IDENTITY, &H43);
         bus.world.borrow_mut().on_write = Some(chip);
-        let test = self_test(&mut bus, &mut JumpingClock::default(), kind).unwrap();
+        let test = self_test(&mut bus, &mut JumpingClock::default(), variant).unwrap();
         (test, bus)
     }
 
     #[test]
     fn a_good_chip_measures_its_own_field_free_of_its_offset() {
-        let (test, bus) = tested(Kind::Hmc5843, |w, a, r, v| strapped(w, a, r, v, 430));
+        let (test, bus) = tested(Variant::Hmc5843, |w, a, r, v| strapped(w, a, r, v, 430));
         assert!(test.passed());
         for axis in test.axes {
             // 0.55 gauss at 780 counts a gauss.
@@ -169,20 +145,20 @@ mod tests {
             |w, a, r, v| strapped(w, a, r, v, -430),
             |w, a, r, v| strapped(w, a, r, v, 700),
         ] {
-            let (test, _) = tested(Kind::Hmc5843, chip);
+            let (test, _) = tested(Variant::Hmc5843, chip);
             assert!(!test.axes[0].passed() && !test.axes[2].passed());
         }
-        let (test, _) = tested(Kind::Hmc5843, |w, a, r, v| strapped(w, a, r, v, -4106));
+        let (test, _) = tested(Variant::Hmc5843, |w, a, r, v| strapped(w, a, r, v, -4106));
         assert_eq!(test.axes[0].measured, None);
     }
 
     #[test]
     fn an_hmc5883l_has_the_limits_of_its_data_sheet_and_an_hmc5883_a_turned_z() {
-        let (test, _) = tested(Kind::Hmc5883l, |w, a, r, v| strapped(w, a, r, v, 430));
+        let (test, _) = tested(Variant::Hmc5883l, |w, a, r, v| strapped(w, a, r, v, 430));
         let (low, high) = test.axes[0].limits;
         assert!((low - 243.0).abs() < 1e-9 && (high - 575.0).abs() < 1e-9);
         assert!(test.passed());
-        let (test, _) = tested(Kind::Hmc5883, |w, a, r, v| strapped(w, a, r, v, 430));
+        let (test, _) = tested(Variant::Hmc5883, |w, a, r, v| strapped(w, a, r, v, 430));
         assert!(test.axes[0].passed() && !test.axes[2].passed());
         assert!(test.axes[2].expected < 0.0);
     }

@@ -2,15 +2,43 @@
 //!
 //! A magnetometer on that bus answers only while the bypass is on, so this chip is set up before it.
 
-mod registers;
-
 use super::{
-    ChipError, Companion, Motion, STANDARD_GRAVITY_M_S2, big_endian, compare, must_be, pause,
-    scaled, write_all,
+    ChipError, Companion, InertialSample, STANDARD_GRAVITY_M_S2, big_endian, compare, must_be,
+    pause, scaled, write_all,
 };
 use crate::sensor::bus::Bus;
 use crate::sensor::clock::Clock;
-use registers::*;
+
+// Registers of the MPU-6050 (kernel's `inv_mpu_iio.h`).
+const SMPLRT_DIV: u8 = 0x19;
+const CONFIG: u8 = 0x1A;
+const GYRO_CONFIG: u8 = 0x1B;
+const ACCEL_CONFIG: u8 = 0x1C;
+const INT_PIN_CFG: u8 = 0x37;
+const ACCEL_XOUT_H: u8 = 0x3B;
+const USER_CTRL: u8 = 0x6A;
+const PWR_MGMT_1: u8 = 0x6B;
+const WHO_AM_I: u8 = 0x75;
+
+const IDENTITY: u8 = 0x68;
+/// PWR_MGMT_1: all registers to their defaults.
+const RESET: u8 = 0x80;
+/// PWR_MGMT_1: awake, the X gyro's oscillator drives the PLL.
+const CLOCK_X: u8 = 0x01;
+/// SMPLRT_DIV: 1 kHz / (4 + 1), 200 Hz: a reading is never older than 5 ms.
+const DIVIDER: u8 = 4;
+/// CONFIG: low-pass of about 43 Hz, 1 kHz inside.
+const LOW_PASS_43_HZ: u8 = 0x03;
+/// GYRO_CONFIG: ±1000°/s.
+const GYRO_1000_DEG_S: u8 = 0x10;
+/// ACCEL_CONFIG: ±8 g.
+const ACCEL_8_G: u8 = 0x10;
+/// USER_CTRL: the chip is no master of the bus behind it …
+const NO_MASTER: u8 = 0x00;
+/// … INT_PIN_CFG: and joins it to the one before it, so that the magnetometer there answers.
+const BYPASS: u8 = 0x02;
+const COUNTS_PER_DEG_S: f64 = 32.8;
+const COUNTS_PER_G: f64 = 4096.0;
 
 const NAME: &str = "MPU-6050";
 const RESET_S: f64 = 0.1;
@@ -28,12 +56,6 @@ impl Mpu6050 {
     pub fn new(address: u8) -> Self {
         Self { address }
     }
-
-    /// Whether that is the chip which answers there (register 0x75, WHO_AM_I).
-    pub fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
-        let place = (self.address, WHO_AM_I);
-        must_be(bus, NAME, place, "68", |found| found == IDENTITY)
-    }
 }
 
 impl Companion for Mpu6050 {
@@ -43,6 +65,12 @@ impl Companion for Mpu6050 {
 
     fn measures_force(&self) -> bool {
         true
+    }
+
+    /// By register 0x75, WHO_AM_I.
+    fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
+        let place = (self.address, WHO_AM_I);
+        must_be(bus, NAME, place, "68", |found| found == IDENTITY)
     }
 
     fn start(&mut self, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<(), ChipError> {
@@ -63,14 +91,14 @@ impl Companion for Mpu6050 {
     }
 
     /// Accelerometer, temperature and gyro, in one transfer.
-    fn read(&mut self, bus: &mut dyn Bus) -> Result<Motion, ChipError> {
+    fn read(&mut self, bus: &mut dyn Bus) -> Result<InertialSample, ChipError> {
         let mut bytes = [0; 14];
         bus.read(self.address, ACCEL_XOUT_H, &mut bytes)?;
         let [a, b, c, d, e, f, _, _, gyro @ ..] = bytes;
         let accel = big_endian(&[a, b, c, d, e, f]);
         let gyro = big_endian(&gyro);
         let [[gx, gy, gz], [ax, ay, az]] = [gyro, accel];
-        Ok(Motion {
+        Ok(InertialSample {
             raw: [gx, gy, gz, ax, ay, az],
             rate_rad_s: Some(scaled(gyro, (1.0 / COUNTS_PER_DEG_S).to_radians())),
             specific_force_m_s2: Some(scaled(accel, STANDARD_GRAVITY_M_S2 / COUNTS_PER_G)),
@@ -84,7 +112,7 @@ impl Companion for Mpu6050 {
             (GYRO_CONFIG, GYRO_1000_DEG_S),
             (ACCEL_CONFIG, ACCEL_8_G),
         ];
-        compare(bus, NAME, self.address, set)
+        compare(bus, NAME, self.address, &set)
     }
 }
 

@@ -1,52 +1,49 @@
 //! Chooses the gain: a coarser one after an overflow, a finer one when the field has long been small.
 
-use super::Sample;
-use super::kin::Kind;
+use crate::sensor::chip::magnetometer::{DataSheet, Measurement};
 
-/// The gain that a chip starts with. Code 0 is never chosen: it gains a fourth in resolution, and loses the room
-/// for hard iron.
-const FINEST: u8 = 1;
-/// The field must have been this far within the finer range, as a share of its 12 bits …
+/// The field must have been this far within the finer range, as a share of its largest count …
 const ROOM: f64 = 0.6;
 /// … for this long, seconds.
 const QUIET_S: f64 = 10.0;
-const LARGEST_COUNT: f64 = 2047.0;
 
 /// The gain in use, and whether it may change.
 #[derive(Clone, Debug)]
-pub struct Range {
-    kind: Kind,
+pub(super) struct AutoRange {
+    sheet: &'static DataSheet,
     code: u8,
     automatic: bool,
     small_since_s: Option<f64>,
 }
 
-impl Range {
-    /// A fixed gain, or an automatic one.
-    pub fn new(kind: Kind, fixed: Option<u8>) -> Self {
+impl AutoRange {
+    /// A fixed gain, or an automatic one. A chip that does not have the fixed one has its coarsest.
+    pub(super) fn new(sheet: &'static DataSheet, fixed: Option<u8>) -> Self {
+        let coarsest = sheet.gains.len() as u8 - 1;
         Self {
-            kind,
-            code: fixed.unwrap_or(FINEST),
+            sheet,
+            code: fixed.unwrap_or(sheet.automatic_gains.0).min(coarsest),
             automatic: fixed.is_none(),
             small_since_s: None,
         }
     }
 
     /// The gain's code.
-    pub fn code(&self) -> u8 {
+    pub(super) fn code(&self) -> u8 {
         self.code
     }
 
-    /// Takes a sample, and gives the code of a new gain if the chip should change to it.
-    pub fn take(&mut self, t_s: f64, sample: &Sample) -> Option<u8> {
+    /// Takes a sample, and returns the code of a new gain if the chip should change to it.
+    pub(super) fn take(&mut self, t_s: f64, sample: &Measurement) -> Option<u8> {
         if !self.automatic {
             return None;
         }
+        let (finest, coarsest) = self.sheet.automatic_gains;
         if sample.overflowed() {
             self.small_since_s = None;
-            return (self.code < self.kind.coarsest_gain()).then(|| self.change_to(self.code + 1));
+            return (self.code < coarsest).then(|| self.change_to(self.code + 1));
         }
-        if self.code <= FINEST || !self.is_small(sample) {
+        if self.code <= finest || !self.is_small(sample) {
             self.small_since_s = None;
             return None;
         }
@@ -61,26 +58,30 @@ impl Range {
     }
 
     /// Whether the finer gain would have had ample room for it.
-    fn is_small(&self, sample: &Sample) -> bool {
-        let gains = self.kind.gains();
-        let [now, finer] = [self.code, self.code - 1].map(|code| gains[usize::from(code)]);
+    fn is_small(&self, sample: &Measurement) -> bool {
+        let [now, finer] = [self.code, self.code - 1].map(|code| self.sheet.gain(code));
         let ratio = finer.counts_per_gauss / now.counts_per_gauss;
         let largest = sample.raw.iter().map(|count| f64::from(*count).abs());
-        largest.fold(0.0, f64::max) * ratio < ROOM * LARGEST_COUNT
+        largest.fold(0.0, f64::max) * ratio < ROOM * f64::from(self.sheet.counts.1)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sensor::chip::drivers::magnetometer;
 
-    fn sample(count: i16) -> Sample {
-        Sample::new(Kind::Hmc5843, 1, [count, 0, 0])
+    fn sheet() -> &'static DataSheet {
+        magnetometer("hmc5843").unwrap().sheet()
+    }
+
+    fn sample(count: i16) -> Measurement {
+        Measurement::new(sheet(), 1, [count, 0, 0])
     }
 
     #[test]
     fn an_overflow_steps_up_to_the_coarsest_and_no_further() {
-        let mut range = Range::new(Kind::Hmc5843, None);
+        let mut range = AutoRange::new(sheet(), None);
         let steps: Vec<_> = (0..7)
             .map(|i| range.take(i.into(), &sample(-4096)))
             .collect();
@@ -90,7 +91,7 @@ mod tests {
 
     #[test]
     fn it_steps_down_only_after_ten_seconds_of_ample_room() {
-        let mut range = Range::new(Kind::Hmc5843, None);
+        let mut range = AutoRange::new(sheet(), None);
         range.take(0.0, &sample(-4096));
         // 900 counts at gain 2 are 1206 at gain 1: 59 %. A larger one begins the wait anew.
         assert_eq!(range.take(1.0, &sample(900)), None);
@@ -104,8 +105,15 @@ mod tests {
 
     #[test]
     fn a_fixed_gain_stays() {
-        let mut range = Range::new(Kind::Hmc5843, Some(3));
+        let mut range = AutoRange::new(sheet(), Some(3));
         assert_eq!(range.take(0.0, &sample(-4096)), None);
         assert_eq!(range.code(), 3);
+    }
+
+    #[test]
+    fn a_gain_that_the_chip_does_not_have_is_its_coarsest() {
+        let sheet = magnetometer("qmc5883l").unwrap().sheet();
+        assert_eq!(AutoRange::new(sheet, Some(5)).code(), 1);
+        assert_eq!(AutoRange::new(sheet, None).code(), 0);
     }
 }

@@ -1,11 +1,30 @@
 //! ITG-3200 and ITG-3205: gyros of ±2000°/s.
 
-mod registers;
-
-use super::{ChipError, Companion, Motion, big_endian, compare, must_be, pause, scaled, write_all};
+use super::{
+    ChipError, Companion, InertialSample, big_endian, compare, must_be, pause, scaled, write_all,
+};
 use crate::sensor::bus::Bus;
 use crate::sensor::clock::Clock;
-use registers::*;
+
+// Registers of the ITG-3200 (kernel's `itg3200.h`, data sheet PS-ITG-3200A).
+const WHO_AM_I: u8 = 0x00;
+const SMPLRT_DIV: u8 = 0x15;
+const DLPF_FS: u8 = 0x16;
+const GYRO_XOUT_H: u8 = 0x1D;
+const PWR_MGM: u8 = 0x3E;
+
+/// WHO_AM_I without the lowest bit, which follows the pin AD0, and the highest.
+const IDENTITY: u8 = 0x34;
+/// PWR_MGM: all registers to their defaults.
+const RESET: u8 = 0x80;
+/// PWR_MGM: awake, the X gyro's oscillator drives the PLL.
+const CLOCK_X: u8 = 0x01;
+/// DLPF_FS: ±2000°/s (the only good range), low-pass 42 Hz, 1 kHz inside.
+const FULL_SCALE_42_HZ: u8 = 0x1B;
+/// SMPLRT_DIV: 1 kHz / (4 + 1), 200 Hz: a reading is never older than 5 ms.
+const DIVIDER: u8 = 4;
+/// Counts for one degree a second.
+const COUNTS_PER_DEG_S: f64 = 14.375;
 
 const NAME: &str = "ITG-3200";
 /// The kernel waits 1.5 ms after a reset.
@@ -24,14 +43,6 @@ impl Itg3200 {
     pub fn new(address: u8) -> Self {
         Self { address }
     }
-
-    /// Whether that is the chip which answers there (register 0x00, WHO_AM_I).
-    pub fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
-        let place = (self.address, WHO_AM_I);
-        must_be(bus, NAME, place, "68 or 69", |found| {
-            (found >> 1) & 0x3F == IDENTITY
-        })
-    }
 }
 
 impl Companion for Itg3200 {
@@ -41,6 +52,14 @@ impl Companion for Itg3200 {
 
     fn measures_force(&self) -> bool {
         false
+    }
+
+    /// By register 0x00, WHO_AM_I.
+    fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
+        let place = (self.address, WHO_AM_I);
+        must_be(bus, NAME, place, "68 or 69", |found| {
+            (found >> 1) & 0x3F == IDENTITY
+        })
     }
 
     fn start(&mut self, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<(), ChipError> {
@@ -56,12 +75,12 @@ impl Companion for Itg3200 {
         pause(clock, SETTLING_S)
     }
 
-    fn read(&mut self, bus: &mut dyn Bus) -> Result<Motion, ChipError> {
+    fn read(&mut self, bus: &mut dyn Bus) -> Result<InertialSample, ChipError> {
         let mut bytes = [0; 6];
         bus.read(self.address, GYRO_XOUT_H, &mut bytes)?;
         let [x, y, z] = big_endian(&bytes);
         let unit_rad_s = (1.0 / COUNTS_PER_DEG_S).to_radians();
-        Ok(Motion {
+        Ok(InertialSample {
             raw: [x, y, z, 0, 0, 0],
             rate_rad_s: Some(scaled([x, y, z], unit_rad_s)),
             specific_force_m_s2: None,
@@ -70,7 +89,7 @@ impl Companion for Itg3200 {
 
     fn verify(&mut self, bus: &mut dyn Bus) -> Result<(), ChipError> {
         let set = [(SMPLRT_DIV, DIVIDER), (DLPF_FS, FULL_SCALE_42_HZ)];
-        compare(bus, NAME, self.address, set)
+        compare(bus, NAME, self.address, &set)
     }
 }
 

@@ -1,32 +1,32 @@
-//! One companion chip at work: found, set up, read, watched.
+//! Sets up, reads and watches a chip beside the magnetometer.
 
 use super::health::Health;
 use crate::sensor::bus::Bus;
-use crate::sensor::chip::{ChipError, Companion, FrozenWatch, Motion};
+use crate::sensor::chip::{ChipError, Companion, InertialSample, RepeatWatch};
 use crate::sensor::clock::Clock;
 
 /// How often a chip's configuration is read back, seconds.
 const VERIFY_S: f64 = 1.0;
 
-/// The place of one companion.
-pub(super) struct Station {
+/// A gyro or an accelerometer at work.
+pub(super) struct CompanionPoller {
     pub(super) health: Health,
     /// The chips that may be there, and the one that is.
     choices: Vec<Box<dyn Companion + Send>>,
     chosen: usize,
     told: Option<usize>,
-    frozen: FrozenWatch<[i16; 6]>,
+    frozen: RepeatWatch<[i16; 6]>,
     verify_s: f64,
 }
 
-impl Station {
+impl CompanionPoller {
     pub(super) fn new(what: &'static str, choices: Vec<Box<dyn Companion + Send>>) -> Self {
         Self {
             health: Health::new(what),
             choices,
             chosen: 0,
             told: None,
-            frozen: FrozenWatch::default(),
+            frozen: RepeatWatch::default(),
             verify_s: 0.0,
         }
     }
@@ -70,7 +70,7 @@ impl Station {
     }
 
     /// Reads the chip, if it works.
-    pub(super) fn read(&mut self, bus: &mut dyn Bus, now_s: f64) -> Option<Motion> {
+    pub(super) fn read(&mut self, bus: &mut dyn Bus, now_s: f64) -> Option<InertialSample> {
         if self.health.set_up_at_s().is_some() {
             return None;
         }
@@ -86,7 +86,7 @@ impl Station {
         }
     }
 
-    fn try_read(&mut self, bus: &mut dyn Bus, now_s: f64) -> Result<Motion, ChipError> {
+    fn try_read(&mut self, bus: &mut dyn Bus, now_s: f64) -> Result<InertialSample, ChipError> {
         let chip = &mut self.choices[self.chosen];
         if now_s >= self.verify_s {
             chip.verify(bus)?;

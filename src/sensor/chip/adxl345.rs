@@ -1,13 +1,28 @@
 //! ADXL345: an accelerometer of ±16 g.
 
-mod registers;
-
 use super::{
-    ChipError, Companion, Motion, STANDARD_GRAVITY_M_S2, compare, must_be, scaled, write_all,
+    ChipError, Companion, InertialSample, STANDARD_GRAVITY_M_S2, compare, little_endian, must_be,
+    scaled, write_all,
 };
 use crate::sensor::bus::Bus;
 use crate::sensor::clock::Clock;
-use registers::*;
+
+// Registers of the ADXL345 (kernel's `adxl345_core.c`).
+const DEVID: u8 = 0x00;
+const BW_RATE: u8 = 0x2C;
+const POWER_CTL: u8 = 0x2D;
+const DATA_FORMAT: u8 = 0x31;
+const DATAX0: u8 = 0x32;
+
+const IDENTITY: u8 = 0xE5;
+/// BW_RATE: 200 Hz: a reading is never older than 5 ms.
+const RATE_200_HZ: u8 = 0x0B;
+/// POWER_CTL: it boots in standby.
+const MEASURE: u8 = 0x08;
+/// DATA_FORMAT: full resolution, ±16 g.
+const FULL_RESOLUTION_16_G: u8 = 0x0B;
+/// At full resolution, in every range.
+const COUNTS_PER_G: f64 = 256.0;
 
 const NAME: &str = "ADXL345";
 
@@ -22,12 +37,6 @@ impl Adxl345 {
     pub fn new(address: u8) -> Self {
         Self { address }
     }
-
-    /// Whether that is the chip which answers there (register 0x00, DEVID).
-    pub fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
-        let place = (self.address, DEVID);
-        must_be(bus, NAME, place, "e5", |found| found == IDENTITY)
-    }
 }
 
 impl Companion for Adxl345 {
@@ -37,6 +46,12 @@ impl Companion for Adxl345 {
 
     fn measures_force(&self) -> bool {
         true
+    }
+
+    /// By register 0x00, DEVID.
+    fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
+        let place = (self.address, DEVID);
+        must_be(bus, NAME, place, "e5", |found| found == IDENTITY)
     }
 
     fn start(&mut self, bus: &mut dyn Bus, _: &mut dyn Clock) -> Result<(), ChipError> {
@@ -49,13 +64,12 @@ impl Companion for Adxl345 {
         write_all(bus, self.address, &settings)
     }
 
-    fn read(&mut self, bus: &mut dyn Bus) -> Result<Motion, ChipError> {
+    fn read(&mut self, bus: &mut dyn Bus) -> Result<InertialSample, ChipError> {
         let mut bytes = [0; 6];
         bus.read(self.address, DATAX0, &mut bytes)?;
-        // The only one of these chips that sends the low byte first.
-        let [x, y, z] = [0, 2, 4].map(|at| i16::from_le_bytes([bytes[at], bytes[at + 1]]));
+        let [x, y, z] = little_endian(&bytes);
         let unit_m_s2 = STANDARD_GRAVITY_M_S2 / COUNTS_PER_G;
-        Ok(Motion {
+        Ok(InertialSample {
             raw: [0, 0, 0, x, y, z],
             rate_rad_s: None,
             specific_force_m_s2: Some(scaled([x, y, z], unit_m_s2)),
@@ -64,7 +78,7 @@ impl Companion for Adxl345 {
 
     fn verify(&mut self, bus: &mut dyn Bus) -> Result<(), ChipError> {
         let set = [(BW_RATE, RATE_200_HZ), (POWER_CTL, MEASURE)];
-        compare(bus, NAME, self.address, set)
+        compare(bus, NAME, self.address, &set)
     }
 }
 

@@ -1,0 +1,223 @@
+//! The table of all drivers, and which chip answers: a new chip gets its line here.
+
+use std::sync::LazyLock;
+
+use super::adxl345::Adxl345;
+use super::itg3200::Itg3200;
+use super::magnetometer::{Driver, Identified, Magnetometer};
+use super::mpu6050::Mpu6050;
+use super::{ChipError, Companion, hmc5843, qmc5883l};
+use crate::sensor::board::Companions;
+use crate::sensor::bus::{Bus, read_byte};
+use crate::sensor::clock::Clock;
+
+/// The magnetometers, in the order in which they are looked for.
+pub static MAGNETOMETERS: &[&Driver] = &[&hmc5843::DRIVER, &qmc5883l::DRIVER];
+
+/// The addresses of gyros and of accelerometers.
+pub const GYRO_ADDRESSES: [u8; 2] = [0x68, 0x69];
+/// See [`GYRO_ADDRESSES`].
+pub const ACCEL_ADDRESSES: [u8; 2] = [0x53, 0x1D];
+
+/// In the configuration, the magnetometer that answers.
+pub const AUTO: &str = "auto";
+
+/// Magnetometers that headingd cannot read, and where they answer.
+const UNSUPPORTED: &[(u8, &str)] = &[(0x2C, "QMC5883P")];
+
+/// Chips, one of which may be there.
+type Choices = Vec<Box<dyn Companion + Send>>;
+
+/// The gyros and the accelerometers that a board may have at these addresses.
+pub fn companions(which: Companions, gyro: u8, accel: u8) -> (Choices, Choices) {
+    let mpu = || Box::new(Mpu6050::new(gyro));
+    let itg = || Box::new(Itg3200::new(gyro));
+    let adxl = || Box::new(Adxl345::new(accel));
+    match which {
+        // An MPU-6050 is an accelerometer as well, and has a bus behind it. Their identities tell the gyros apart.
+        Companions::Auto => (vec![mpu(), itg()], vec![adxl()]),
+        Companions::None => (vec![], vec![]),
+        Companions::Itg3200 => (vec![itg()], vec![]),
+        Companions::Itg3200Adxl345 => (vec![itg()], vec![adxl()]),
+        Companions::Mpu6050 => (vec![mpu()], vec![]),
+    }
+}
+
+/// The magnetometer with this word.
+pub fn magnetometer(word: &str) -> Option<&'static dyn Magnetometer> {
+    MAGNETOMETERS.iter().find_map(|driver| driver.chip(word))
+}
+
+/// Identifies the magnetometer on a bus: the one that the configuration names, or else the first that answers.
+///
+/// # Errors
+///
+/// When none can be used; the error is of the chip that came nearest to that.
+pub fn identify(
+    bus: &mut dyn Bus,
+    clock: &mut dyn Clock,
+    named: Option<&'static dyn Magnetometer>,
+) -> Result<Identified, ChipError> {
+    let mut nearest: Option<ChipError> = None;
+    for driver in MAGNETOMETERS {
+        if named.is_some_and(|chip| driver.chip(chip.sheet().word).is_none()) {
+            continue;
+        }
+        match (driver.identify)(bus, clock, named) {
+            Err(ChipError::Stopped) => return Err(ChipError::Stopped),
+            Err(error) => match &nearest {
+                Some(known) if error.is_no_answer() || !known.is_no_answer() => {}
+                _ => nearest = Some(error),
+            },
+            found => return found,
+        }
+    }
+    let error = nearest.expect("every chip has a driver");
+    if !error.is_no_answer() {
+        return Err(error);
+    }
+    let wanted = named.map_or("supported magnetometer", |chip| chip.sheet().name);
+    Err(other(bus, clock, wanted).unwrap_or(error))
+}
+
+/// The magnetometer that answers in place of the wanted one, if one does.
+fn other(bus: &mut dyn Bus, clock: &mut dyn Clock, wanted: &'static str) -> Option<ChipError> {
+    let found = MAGNETOMETERS
+        .iter()
+        .find(|driver| (driver.identify)(bus, clock, Some(driver.chips[0])).is_ok());
+    let (address, found, help) = match found {
+        Some(driver) => (
+            driver.address(),
+            driver.name,
+            "set i2c.magnetometer = \"auto\"",
+        ),
+        None => {
+            let answers = |(address, _): &&(u8, _)| read_byte(bus, *address, 0).is_ok();
+            let (address, name) = UNSUPPORTED.iter().find(answers)?;
+            (
+                *address,
+                *name,
+                "headingd does not support it: get a board with an HMC5883L or a QMC5883L",
+            )
+        }
+    };
+    Some(ChipError::Clone {
+        wanted,
+        address,
+        found,
+        help,
+    })
+}
+
+/// The name of the chip that answers at an address, as far as it can be told.
+pub fn name(bus: &mut dyn Bus, address: u8) -> &'static str {
+    let magnetometer = MAGNETOMETERS
+        .iter()
+        .find(|driver| driver.address() == address);
+    if let Some(driver) = magnetometer {
+        return driver.name;
+    }
+    if let Some((_, name)) = UNSUPPORTED.iter().find(|chip| chip.0 == address) {
+        return name;
+    }
+    let (gyros, accels) = companions(Companions::Auto, address, address);
+    let mut companions = gyros.into_iter().chain(accels);
+    companions
+        .find(|chip| chip.identify(bus).is_ok())
+        .map_or("unknown", |chip| chip.name())
+}
+
+/// Every address at which chips are looked for.
+pub fn addresses() -> impl Iterator<Item = u8> {
+    let magnetometers = MAGNETOMETERS.iter().map(|driver| driver.address());
+    let unsupported = UNSUPPORTED.iter().map(|chip| chip.0);
+    magnetometers
+        .chain(GYRO_ADDRESSES)
+        .chain(ACCEL_ADDRESSES)
+        .chain(unsupported)
+}
+
+/// The words of all magnetometers, as the configuration has them, after "auto".
+pub fn words() -> &'static [&'static str] {
+    static WORDS: LazyLock<Vec<&'static str>> = LazyLock::new(|| {
+        let chips = MAGNETOMETERS.iter().flat_map(|driver| driver.chips);
+        let words = chips.map(|chip| chip.sheet().word);
+        [AUTO].into_iter().chain(words).collect()
+    });
+    &WORDS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::magnetometer::{ChipSetup, MeasuringMode};
+    use super::super::tests::JumpingClock;
+    use super::*;
+    use crate::sensor::bus::fake::FakeBus;
+
+    fn code(bus: &FakeBus, named: &str) -> &'static str {
+        let mut clock = JumpingClock::default();
+        match identify(&mut bus.clone(), &mut clock, magnetometer(named)) {
+            Ok(found) => found.chip.sheet().word,
+            Err(error) => error.code(),
+        }
+    }
+
+    #[test]
+    fn another_chip_a_clone_and_silence_are_told_apart() {
+        let bus = FakeBus::default();
+        assert_eq!(code(&bus, "auto"), "no_answer");
+        bus.set(0x2C, 0, &[0x80]);
+        assert_eq!(code(&bus, "auto"), "clone");
+        bus.set(0x0D, 0x0D, &[0]);
+        assert_eq!(code(&bus, "auto"), "wrong_identity");
+        bus.set(0x0D, 0x0D, &[0xFF]);
+        assert_eq!(code(&bus, "auto"), "qmc5883l");
+        assert_eq!(code(&bus, "qmc5883l"), "qmc5883l");
+        assert_eq!(code(&bus, "hmc5883l"), "clone");
+        bus.set(0x1E, 0x0A, b"abc");
+        assert_eq!(code(&bus, "hmc5883l"), "wrong_identity");
+        bus.set(0x1E, 0x0A, b"H43");
+        assert_eq!(code(&bus, "hmc5883l"), "hmc5883l");
+    }
+
+    #[test]
+    fn a_chip_that_only_answers_h43_is_a_fake_unless_another_one_measures() {
+        let bus = FakeBus::default();
+        bus.set(0x1E, 0x0A, b"H43");
+        assert_eq!(code(&bus, "auto"), "fake_hmc5883l");
+        bus.set(0x0D, 0x0D, &[0xFF]);
+        assert_eq!(code(&bus, "auto"), "qmc5883l");
+    }
+
+    /// The numbers that all drivers work by make sense together.
+    #[test]
+    fn every_data_sheet_is_consistent() {
+        let chips = MAGNETOMETERS.iter().flat_map(|driver| driver.chips);
+        for chip in chips {
+            let sheet = chip.sheet();
+            assert_eq!(magnetometer(sheet.word).unwrap().sheet(), sheet);
+            assert_eq!(sheet.word, sheet.name.to_lowercase());
+            assert!(sheet.rates_hz.is_sorted());
+            assert!(
+                sheet
+                    .gains
+                    .is_sorted_by(|a, b| a.counts_per_gauss > b.counts_per_gauss)
+            );
+            let (finest, coarsest) = sheet.automatic_gains;
+            assert!(finest < coarsest && usize::from(coarsest) < sheet.gains.len());
+            for gain in sheet.gains {
+                // The range lies within the counts, and uses most of them.
+                let share = gain.range_gauss * gain.counts_per_gauss / f64::from(sheet.counts.1);
+                assert!((0.49..1.0).contains(&share), "{} {gain:?}", sheet.name);
+            }
+            let setup = |gain| ChipSetup {
+                mode: MeasuringMode::Continuous(0),
+                gain,
+            };
+            let mut registers = chip.registers(setup(finest));
+            assert_ne!(registers, chip.registers(setup(coarsest)));
+            registers.sort_unstable();
+            assert!(registers.windows(2).all(|two| two[1].0 == two[0].0 + 1));
+        }
+    }
+}

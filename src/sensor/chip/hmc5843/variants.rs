@@ -1,0 +1,142 @@
+//! The HMC5843 and its variants: what differs between them.
+
+use super::registers::ADDRESS;
+use crate::sensor::chip::magnetometer::{DataSheet, Gain};
+
+/// The chips that answer "H43".
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Variant {
+    /// HMC5843.
+    Hmc5843,
+    /// HMC5883.
+    Hmc5883,
+    /// HMC5883L.
+    Hmc5883l,
+    /// HMC5983.
+    Hmc5983,
+}
+
+/// The measurement bias, and what a good chip makes of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Straps {
+    /// The field that positive bias makes along X, Y and Z, gauss.
+    pub(super) field_gauss: [f64; 3],
+    /// The gain at which to test, with room for the field outside.
+    pub(super) gain: u8,
+    /// The smallest and the largest share of the expected counts.
+    pub(super) share: (f64, f64),
+}
+
+#[rustfmt::skip]
+const GAINS_5843: &[Gain] = &[
+    Gain::new(0.7, 1620.0), Gain::new(1.0, 1300.0), Gain::new(1.5, 970.0), Gain::new(2.0, 780.0),
+    Gain::new(3.2, 530.0), Gain::new(3.8, 460.0), Gain::new(4.5, 390.0), Gain::new(6.5, 280.0),
+];
+#[rustfmt::skip]
+const GAINS_5883: &[Gain] = &[
+    Gain::new(0.9, 1280.0), Gain::new(1.2, 1024.0), Gain::new(1.9, 768.0), Gain::new(2.5, 614.0),
+    Gain::new(4.0, 415.0), Gain::new(4.6, 361.0), Gain::new(5.5, 307.0), Gain::new(7.9, 219.0),
+];
+#[rustfmt::skip]
+const GAINS_5883L: &[Gain] = &[
+    Gain::new(0.88, 1370.0), Gain::new(1.3, 1090.0), Gain::new(1.9, 820.0), Gain::new(2.5, 660.0),
+    Gain::new(4.0, 440.0), Gain::new(4.7, 390.0), Gain::new(5.6, 330.0), Gain::new(8.1, 230.0),
+];
+
+const HMC5843: DataSheet = DataSheet {
+    name: "HMC5843",
+    word: "hmc5843",
+    address: ADDRESS,
+    rates_hz: &[0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0],
+    gains: GAINS_5843,
+    // Code 0 gains a fourth in resolution, and loses the room for hard iron; code 7 is not recommended.
+    automatic_gains: (1, 6),
+    // 12 bits. −4096 marks an overflow; no other number ever comes.
+    counts: (-2048, 2047),
+    // It does 50 Hz; nothing else is known.
+    single_s: Some(0.020),
+};
+const HMC5883: DataSheet = DataSheet {
+    name: "HMC5883",
+    word: "hmc5883",
+    rates_hz: &[0.75, 1.5, 3.0, 7.5, 15.0, 30.0, 75.0],
+    gains: GAINS_5883,
+    automatic_gains: (1, 7),
+    // The data sheet has 116 Hz at most.
+    single_s: Some(0.009),
+    ..HMC5843
+};
+const HMC5883L: DataSheet = DataSheet {
+    name: "HMC5883L",
+    word: "hmc5883l",
+    gains: GAINS_5883L,
+    ..HMC5883
+};
+const HMC5983: DataSheet = DataSheet {
+    name: "HMC5983",
+    word: "hmc5983",
+    rates_hz: &[0.75, 1.5, 3.0, 7.5, 15.0, 30.0, 75.0, 220.0],
+    ..HMC5883L
+};
+
+impl Variant {
+    /// Its numbers.
+    pub(super) fn data_sheet(self) -> &'static DataSheet {
+        match self {
+            Self::Hmc5843 => &HMC5843,
+            Self::Hmc5883 => &HMC5883,
+            Self::Hmc5883l => &HMC5883L,
+            Self::Hmc5983 => &HMC5983,
+        }
+    }
+
+    /// Brings the numbers of the data registers into the order X, Y, Z.
+    pub(super) fn ordered(self, [first, second, third]: [i16; 3]) -> [i16; 3] {
+        match self {
+            Self::Hmc5843 => [first, second, third],
+            // X, Z, Y.
+            Self::Hmc5883 | Self::Hmc5883l | Self::Hmc5983 => [first, third, second],
+        }
+    }
+
+    /// Its measurement bias. The data sheet of the HMC5883L has limits (243 to 575 counts at gain code 5); the others
+    /// have those that FreeIMU found good.
+    pub(super) fn straps(self) -> Straps {
+        match self {
+            Self::Hmc5843 => Straps {
+                field_gauss: [0.55; 3],
+                gain: 3,
+                share: (0.53, 1.36),
+            },
+            // Positive bias is negative along Z.
+            Self::Hmc5883 => Straps {
+                field_gauss: [1.16, 1.16, -1.08],
+                gain: 5,
+                share: (0.53, 1.36),
+            },
+            Self::Hmc5883l | Self::Hmc5983 => Straps {
+                field_gauss: [1.16, 1.16, 1.08],
+                gain: 5,
+                share: (243.0 / (1.16 * 390.0), 575.0 / (1.16 * 390.0)),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_has_the_rates_gains_and_order_of_its_data_sheet() {
+        let codes = |variant: Variant| {
+            let sheet = variant.data_sheet();
+            [0.1, 0.75, 10.0, 50.0, 75.0, 220.0].map(|hz| sheet.rate_code(hz))
+        };
+        assert_eq!(codes(Variant::Hmc5843), [0, 1, 4, 6, 6, 6]);
+        assert_eq!(codes(Variant::Hmc5883l), [0, 0, 4, 6, 6, 6]);
+        assert_eq!(codes(Variant::Hmc5983), [0, 0, 4, 6, 6, 7]);
+        assert_eq!(Variant::Hmc5843.ordered([1, 2, 3]), [1, 2, 3]);
+        assert_eq!(Variant::Hmc5883.ordered([1, 2, 3]), [1, 3, 2]);
+    }
+}

@@ -1,0 +1,266 @@
+//! What all magnetometers have in common: numbers of a data sheet, registers that are set up and read back, a
+//! measurement, and a self-test where the chip has one.
+
+use super::{ChipError, compare, write_all};
+use crate::reading::Field;
+use crate::sensor::bus::Bus;
+use crate::sensor::clock::Clock;
+
+/// The numbers of a chip.
+#[derive(Debug, PartialEq)]
+pub struct DataSheet {
+    /// The name that is printed on the chip.
+    pub name: &'static str,
+    /// The name in the configuration, in logs and in kept calibrations.
+    pub word: &'static str,
+    /// 7-bit address.
+    pub address: u8,
+    /// The rates of continuous measurement, Hz, by code, rising.
+    pub rates_hz: &'static [f64],
+    /// The gains, by code, finest first.
+    pub gains: &'static [Gain],
+    /// The codes of the finest and the coarsest gain that are chosen automatically.
+    pub automatic_gains: (u8, u8),
+    /// The smallest and the largest count of a measurement; any other is an overflow of its axis.
+    pub counts: (i16, i16),
+    /// The longest that a single measurement takes, seconds; `None` for a chip that measures continuously only.
+    pub single_s: Option<f64>,
+}
+
+/// One gain of a chip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gain {
+    /// Largest field that is recommended, gauss, either way.
+    pub range_gauss: f64,
+    /// Counts for one gauss.
+    pub counts_per_gauss: f64,
+}
+
+impl Gain {
+    /// A row of the data sheet.
+    pub const fn new(range_gauss: f64, counts_per_gauss: f64) -> Self {
+        Self {
+            range_gauss,
+            counts_per_gauss,
+        }
+    }
+}
+
+impl DataSheet {
+    /// The code of the smallest rate ≥ `rate_hz`, else of the fastest.
+    pub fn rate_code(&self, rate_hz: f64) -> u8 {
+        let slower = self.rates_hz.iter().take_while(|rate| **rate < rate_hz);
+        slower.count().min(self.rates_hz.len() - 1) as u8
+    }
+
+    /// The gain with this code; the coarsest one for a code that the chip does not have.
+    pub fn gain(&self, code: u8) -> Gain {
+        self.gains[usize::from(code).min(self.gains.len() - 1)]
+    }
+}
+
+/// When a chip measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeasuringMode {
+    /// When it is told to.
+    Single,
+    /// By itself, with this rate code.
+    Continuous(u8),
+}
+
+/// How a chip is set up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChipSetup {
+    /// When it measures.
+    pub mode: MeasuringMode,
+    /// The gain's code.
+    pub gain: u8,
+}
+
+/// One measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measurement {
+    /// Counts along X, Y and Z.
+    pub raw: [i16; 3],
+    /// The same in milligauss; `None` for an axis that overflowed.
+    pub field_mgauss: Field,
+}
+
+impl Measurement {
+    /// A measurement with this gain; `raw` is in the order X, Y, Z.
+    pub fn new(sheet: &DataSheet, gain: u8, raw: [i16; 3]) -> Self {
+        let mgauss_per_count = 1000.0 / sheet.gain(gain).counts_per_gauss;
+        let (least, most) = sheet.counts;
+        let field = |count: i16| {
+            (least..=most)
+                .contains(&count)
+                .then(|| f64::from(count) * mgauss_per_count)
+        };
+        Self {
+            raw,
+            field_mgauss: raw.map(field),
+        }
+    }
+
+    /// Whether an axis overflowed.
+    pub fn overflowed(&self) -> bool {
+        self.field_mgauss.contains(&None)
+    }
+}
+
+/// A magnetometer. The chip has all the state: [`ChipSetup`] says how it is set up.
+pub trait Magnetometer: Sync {
+    /// Its numbers.
+    fn sheet(&self) -> &'static DataSheet;
+
+    /// The registers that set the chip up, in the order in which they are written. Their addresses have no gaps, and
+    /// they read back as written.
+    fn registers(&self, setup: ChipSetup) -> Vec<(u8, u8)>;
+
+    /// Starts a single measurement. Chips that measure continuously only are never asked.
+    ///
+    /// # Errors
+    ///
+    /// When the transfer fails.
+    fn trigger(&self, _bus: &mut dyn Bus) -> Result<(), ChipError> {
+        Ok(())
+    }
+
+    /// The counts along X, Y and Z, if a measurement is ready.
+    ///
+    /// # Errors
+    ///
+    /// When a transfer fails.
+    fn poll(&self, bus: &mut dyn Bus) -> Result<Option<[i16; 3]>, ChipError>;
+
+    /// Runs the self-test; `None` if the chip has none. The chip must be set up anew after it.
+    ///
+    /// # Errors
+    ///
+    /// When a transfer fails, when no measurement becomes ready, or when the clock was told to stop.
+    fn self_test(
+        &self,
+        _bus: &mut dyn Bus,
+        _clock: &mut dyn Clock,
+    ) -> Result<Option<SelfTest>, ChipError> {
+        Ok(None)
+    }
+
+    /// What a chip is that identifies itself as this one and has never delivered a new measurement, if imitations are
+    /// known to do that.
+    fn imitation(&self) -> Option<ChipError> {
+        None
+    }
+}
+
+/// Sets a chip up, whatever state it was in: the kernel's drivers leave some asleep.
+pub fn start(
+    bus: &mut dyn Bus,
+    chip: &dyn Magnetometer,
+    setup: ChipSetup,
+) -> Result<(), ChipError> {
+    write_all(bus, chip.sheet().address, &chip.registers(setup))
+}
+
+/// Writes the registers that differ between two setups: a chip goes on measuring while its gain changes. The next
+/// measurement still has the old gain.
+pub fn change(
+    bus: &mut dyn Bus,
+    chip: &dyn Magnetometer,
+    from: ChipSetup,
+    to: ChipSetup,
+) -> Result<(), ChipError> {
+    let held = chip.registers(from);
+    let mut changed = chip.registers(to);
+    changed.retain(|register| !held.contains(register));
+    write_all(bus, chip.sheet().address, &changed)
+}
+
+/// Reads back the registers that were set up.
+pub fn verify(
+    bus: &mut dyn Bus,
+    chip: &dyn Magnetometer,
+    setup: ChipSetup,
+) -> Result<(), ChipError> {
+    let mut registers = chip.registers(setup);
+    registers.sort_unstable();
+    compare(bus, chip.sheet().name, chip.sheet().address, &registers)
+}
+
+/// What a chip measured of its own field.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SelfTest {
+    /// The gain's code.
+    pub gain: u8,
+    /// X, Y and Z.
+    pub axes: [AxisTest; 3],
+}
+
+/// One axis of a self-test.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisTest {
+    /// Counts of a typical chip.
+    pub expected: f64,
+    /// The smallest and the largest count of a good chip.
+    pub limits: (f64, f64),
+    /// Counts as measured; `None` if the axis overflowed.
+    pub measured: Option<f64>,
+}
+
+impl AxisTest {
+    /// Whether the axis is good.
+    pub fn passed(&self) -> bool {
+        let (low, high) = self.limits;
+        self.measured
+            .is_some_and(|measured| (low..=high).contains(&measured))
+    }
+}
+
+impl SelfTest {
+    /// Whether all axes are good.
+    pub fn passed(&self) -> bool {
+        self.axes.iter().all(AxisTest::passed)
+    }
+}
+
+/// A chip that was identified, and how certain that is.
+#[derive(Clone, Copy)]
+pub struct Identified {
+    /// The chip.
+    pub chip: &'static dyn Magnetometer,
+    /// Whether that is certain. If not, it is the most likely one.
+    pub sure: bool,
+    /// Why.
+    pub why: &'static str,
+}
+
+/// A driver: the chips that answer alike at one address.
+pub struct Driver {
+    /// Its chips, as people call them.
+    pub name: &'static str,
+    /// Its chips; the configuration may name each by its word.
+    pub chips: &'static [&'static dyn Magnetometer],
+    /// Identifies the chip that answers. With a chip that the configuration names, only the identity registers are
+    /// read; without one, the chip may be written to.
+    pub identify: Identify,
+}
+
+/// What identifies a chip.
+pub type Identify = fn(
+    &mut dyn Bus,
+    &mut dyn Clock,
+    Option<&'static dyn Magnetometer>,
+) -> Result<Identified, ChipError>;
+
+impl Driver {
+    /// The address of its chips.
+    pub fn address(&self) -> u8 {
+        self.chips[0].sheet().address
+    }
+
+    /// Its chip with this word.
+    pub fn chip(&self, word: &str) -> Option<&'static dyn Magnetometer> {
+        let chips = self.chips.iter().copied();
+        chips.into_iter().find(|chip| chip.sheet().word == word)
+    }
+}
