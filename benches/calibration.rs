@@ -10,7 +10,7 @@ use argmin::core::{CostFunction, Error, Executor};
 use argmin::solver::particleswarm::ParticleSwarm;
 use criterion::Criterion;
 
-use headingd::calibration::fit::{search_box, swarm};
+use headingd::calibration::fit::{bounds, swarm};
 use headingd::calibration::model::Mode;
 use headingd::calibration::objective::{Factored, Normal, direct};
 use headingd::calibration::outcome::Verdict;
@@ -104,7 +104,7 @@ fn main() {
         black_box(fit.expect("a turn spans a box"));
     });
 
-    let ranges = search_box(&points, Some(HORIZONTAL_MGAUSS)).expect("a turn spans a box");
+    let ranges = bounds(&points, Some(HORIZONTAL_MGAUSS)).expect("a turn spans a box");
     let bias = |axis: usize| ranges.bias_range(axis, ranges.scale_max[axis]);
     let low = vec![
         bias(0).0,

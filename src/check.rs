@@ -49,6 +49,92 @@ where
     }
 }
 
+/// The numbers of a setting: one, some, or none.
+pub trait Numbers {
+    /// What they are.
+    type Number: PartialOrd + fmt::Display;
+
+    /// All of them.
+    fn numbers(&self) -> Vec<Self::Number>;
+}
+
+macro_rules! single {
+    ($($number:ty)*) => {$(
+        impl Numbers for $number {
+            type Number = Self;
+
+            fn numbers(&self) -> Vec<Self> {
+                vec![*self]
+            }
+        }
+    )*};
+}
+
+single!(f64 u8 u32 u64 usize);
+
+impl<T: Numbers> Numbers for Option<T> {
+    type Number = T::Number;
+
+    fn numbers(&self) -> Vec<T::Number> {
+        self.iter().flat_map(T::numbers).collect()
+    }
+}
+
+impl<T: Numbers, const N: usize> Numbers for [T; N] {
+    type Number = T::Number;
+
+    fn numbers(&self) -> Vec<T::Number> {
+        self.iter().flat_map(T::numbers).collect()
+    }
+}
+
+/// Declares settings: each key once, with its default and, where it is a number, its range and unit. `also` names a
+/// function that collects the other faults.
+macro_rules! settings {
+    (
+        $(#[$about:meta])*
+        pub struct $name:ident {
+            $(
+                $(#[$key_about:meta])*
+                $key:ident: $type:ty = $default:expr $(, $range:expr, $unit:literal)?;
+            )*
+        }
+        $(also $also:path;)?
+    ) => {
+        $(#[$about])*
+        #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct $name {
+            $(
+                $(#[$key_about])*
+                $(#[doc = concat!("\n", stringify!($range), " ", $unit)])?
+                pub $key: $type,
+            )*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($key: $default,)* }
+            }
+        }
+
+        impl $crate::check::Check for $name {
+            fn check(&self) -> Vec<$crate::check::Fault> {
+                let mut faults = Vec::new();
+                $($(
+                    for number in $crate::check::Numbers::numbers(&self.$key) {
+                        $crate::check::within(&mut faults, stringify!($key), number, $range, $unit);
+                    }
+                )?)*
+                $($also(self, &mut faults);)?
+                faults
+            }
+        }
+    };
+}
+
+pub(crate) use settings;
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -22,9 +22,9 @@ use crate::attitude::{self, Attitude, Pose};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
-use crate::calibration::{self, Request, Sample, verdict};
+use crate::calibration::{self, FieldSample, Request, verdict};
 use crate::condition::{self, Condition, Evidence, Report, Trouble};
-use crate::estimate::{Estimate, Fix, GyroFault, Sample as EstimateSample};
+use crate::estimate::{Estimate, Fix, GyroFault, Sample};
 use crate::frame::{Mountings, dip_deg, heading_deg};
 use crate::frozen::FrozenWatch;
 use crate::heading::{Heading, MagStatus};
@@ -120,8 +120,8 @@ pub struct Pipeline {
     estimate: Estimate,
     learning: Learning,
     /// The newest sample that the estimate has taken.
-    sample: Option<EstimateSample>,
-    buffer: VecDeque<Sample>,
+    sample: Option<Sample>,
+    buffer: VecDeque<FieldSample>,
     made: VecDeque<Turn>,
     /// Turns found while a calibration was under way wait for its end.
     waiting: bool,
@@ -352,7 +352,7 @@ impl Pipeline {
         if levelling || self.attitude.clipping() || self.frozen.is_some() {
             return None;
         }
-        let sample = EstimateSample {
+        let sample = Sample {
             t_s,
             field_mgauss: *raw,
             late_s: self.late.take(t_s),

@@ -5,10 +5,9 @@
 //! begin anew. Net means net: going back takes away.
 
 use nalgebra::{UnitVector3, Vector3};
-use serde::{Deserialize, Serialize};
 
 use crate::attitude::Tick;
-use crate::check::{Check, Fault, within};
+use crate::check::settings;
 
 mod chain;
 #[cfg(test)]
@@ -39,42 +38,16 @@ pub struct Turn {
     pub spread_deg: f64,
 }
 
-/// Settings of the turn detection.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// Net rotation that makes a turn, degrees, 180 to 720.
-    pub angle_deg: f64,
-    /// How far the axis of a turn about a body axis may stray, degrees, 5 to 45.
-    pub axis_tolerance_deg: f64,
-    /// A turn that takes longer is none, seconds, 5 to 600.
-    pub time_limit_s: f64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            angle_deg: 345.0,
-            axis_tolerance_deg: 25.0,
-            time_limit_s: 120.0,
-        }
-    }
-}
-
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let f = &mut faults;
-        within(f, "angle_deg", self.angle_deg, 180.0..=720.0, "degrees");
-        within(
-            f,
-            "axis_tolerance_deg",
-            self.axis_tolerance_deg,
-            5.0..=45.0,
-            "degrees",
-        );
-        within(f, "time_limit_s", self.time_limit_s, 5.0..=600.0, "seconds");
-        faults
+settings! {
+    /// Settings of the turn detection.
+    #[derive(Copy)]
+    pub struct Settings {
+        /// Net rotation that makes a turn, degrees.
+        angle_deg: f64 = 345.0, 180.0..=720.0, "degrees";
+        /// How far the axis of a turn about a body axis may stray, degrees.
+        axis_tolerance_deg: f64 = 25.0, 5.0..=45.0, "degrees";
+        /// A turn that takes longer is none, seconds.
+        time_limit_s: f64 = 120.0, 5.0..=600.0, "seconds";
     }
 }
 

@@ -3,7 +3,9 @@
 
 use nalgebra::{Matrix3, SVector, Vector3};
 
-use super::objective::Position;
+/// The parameters of Equation 1: D biases in milligauss, then D scale factors; with a symmetric A, in three
+/// dimensions, its xy, xz and yz too. So P is 4, 6 or 9. A particle has one of the first two.
+pub type ParameterVector<const P: usize> = [f64; P];
 
 /// A sample against the curve.
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +25,7 @@ pub struct Distance<const P: usize> {
 /// correlate with the noise, which would bias the scale.
 pub trait Curve<const D: usize, const P: usize>: Sized {
     /// The curve of these parameters; `None` if A is not positive definite.
-    fn new(position: &Position<P>, reference_mgauss: f64) -> Option<Self>;
+    fn new(position: &ParameterVector<P>, reference_mgauss: f64) -> Option<Self>;
 
     /// The sample's distance.
     fn distance(&self, point: &[f64; D]) -> Distance<P>;
@@ -47,7 +49,7 @@ pub struct Diagonal<const D: usize> {
 }
 
 impl<const D: usize, const P: usize> Curve<D, P> for Diagonal<D> {
-    fn new(position: &Position<P>, reference_mgauss: f64) -> Option<Self> {
+    fn new(position: &ParameterVector<P>, reference_mgauss: f64) -> Option<Self> {
         let inverse: [f64; D] = std::array::from_fn(|axis| 1.0 / position[D + axis]);
         inverse
             .iter()
@@ -138,7 +140,7 @@ impl Symmetric {
 }
 
 impl Curve<3, 9> for Symmetric {
-    fn new(position: &Position<9>, reference_mgauss: f64) -> Option<Self> {
+    fn new(position: &ParameterVector<9>, reference_mgauss: f64) -> Option<Self> {
         let matrix = symmetric(&position[3..]);
         Some(Self {
             centre: Vector3::from_column_slice(&position[..3]),

@@ -1,14 +1,14 @@
-//! One fit in two or three dimensions: search box, swarm, refinement.
+//! One fit in two or three dimensions: bounds, swarm, refinement.
 
 use nalgebra::SMatrix;
 
-use super::curve::Curve;
+use super::curve::{Curve, ParameterVector};
 use super::medians::medians_of_5;
 use super::mpsot::Stop;
-use super::objective::{Factored, Normal, Position, direct};
+use super::objective::{Factored, Normal, direct};
 use super::refine::{Refined, median, refine};
 use super::settings::{Profile, Settings};
-use super::swarm::{Found, SearchBox, search};
+use super::swarm::{Bounds, Found, search};
 
 /// What a fit found.
 #[derive(Clone, Debug)]
@@ -18,7 +18,17 @@ pub struct Fit<const D: usize, const P: usize> {
     /// The swarm's global best.
     pub found: Found<P>,
     /// The swarm's box.
-    pub search_box: SearchBox<D>,
+    pub bounds: Bounds<D>,
+}
+
+/// Levelled points and the parameters that fit them best.
+pub struct Fitted<const D: usize, const P: usize> {
+    /// The points.
+    pub points: Vec<[f64; D]>,
+    /// Down along the axes of a plane, on average, as far as the tilt was known: 0 if it never was.
+    pub level: [f64; D],
+    /// The best fit.
+    pub best: Normalised<P>,
 }
 
 /// The share of samples at either end that may be spikes, and so do not count as an extreme.
@@ -29,10 +39,10 @@ const EXTREME_QUANTILE: f64 = 0.004;
 /// The extremes are quantiles, and are believed to within `margin`: four standard deviations of
 /// the noise and 2 % of the range. Scale factors go from what the range itself asks for to what it
 /// would be if the arc had shown less than half of the axis.
-pub fn search_box<const D: usize>(
+pub fn bounds<const D: usize>(
     points: &[[f64; D]],
     reference_mgauss: Option<f64>,
-) -> Option<SearchBox<D>> {
+) -> Option<Bounds<D>> {
     if points.len() < 2 * D + 1 {
         return None;
     }
@@ -55,7 +65,7 @@ pub fn search_box<const D: usize>(
         return None;
     }
     let margin_mgauss = 4.0 * noise + 0.02 * largest;
-    Some(SearchBox {
+    Some(Bounds {
         low,
         high,
         scale_min: half.map(|half| ((half - margin_mgauss).max(0.05 * largest)) / reference_mgauss),
@@ -112,29 +122,29 @@ pub fn swarm<const D: usize, const P: usize, const F: usize>(
     reference_mgauss: Option<f64>,
     settings: &Settings,
 ) -> Option<Fit<D, P>> {
-    let search_box = search_box(points, reference_mgauss)?;
-    let reference_mgauss = search_box.reference_mgauss;
-    let manner = settings.manner();
+    let bounds = bounds(points, reference_mgauss)?;
+    let reference_mgauss = bounds.reference_mgauss;
+    let params = settings.params();
     let found = match settings.profile {
         Profile::Standard => {
-            let normal = Normal::new(&search_box.low, &search_box.high);
+            let normal = Normal::new(&bounds.low, &bounds.high);
             let objective = Factored::<D, F>::new(normal, points, reference_mgauss);
             search(
-                &search_box,
-                &manner,
+                &bounds,
+                &params,
                 objective.conic(),
                 settings.seed,
                 |position| objective.fit_value(position),
             )
         }
-        Profile::Paper => search(&search_box, &manner, None, settings.seed, |position| {
+        Profile::Paper => search(&bounds, &params, None, settings.seed, |position| {
             direct(points, position, reference_mgauss)
         }),
     };
     found.fit_value.is_finite().then_some(Fit {
         reference_mgauss,
         found,
-        search_box,
+        bounds,
     })
 }
 
@@ -142,10 +152,10 @@ pub fn swarm<const D: usize, const P: usize, const F: usize>(
 pub fn conic<const D: usize, const P: usize, const F: usize>(
     points: &[[f64; D]],
     reference_mgauss: f64,
-) -> Option<Position<P>> {
+) -> Option<ParameterVector<P>> {
     let seen = without_spikes(points);
-    let search_box = search_box(&seen, Some(reference_mgauss))?;
-    let normal = Normal::new(&search_box.low, &search_box.high);
+    let bounds = bounds(&seen, Some(reference_mgauss))?;
+    let normal = Normal::new(&bounds.low, &bounds.high);
     Factored::<D, F>::new(normal, &seen, reference_mgauss).conic()
 }
 
@@ -162,7 +172,7 @@ pub struct Normalised<const P: usize> {
 /// their product with Hm can be seen.
 pub fn refined<C: Curve<D, P>, const D: usize, const P: usize>(
     points: &[[f64; D]],
-    start: &Position<P>,
+    start: &ParameterVector<P>,
     reference_mgauss: f64,
     reference_given: bool,
 ) -> Option<Normalised<P>> {

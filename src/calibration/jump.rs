@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::agreement::Sighting;
+use super::gyro_check::Sighting;
 use super::medians::medians_of_7;
 use super::refine::median;
 

@@ -183,16 +183,16 @@ pub struct Calibration {
     pub heading_sd_deg: f64,
     /// Covariance of b and of A, where the estimate that learnt them knows it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub covariance: Option<Covariance>,
+    pub covariance: Option<PackedCovariance>,
 }
 
 /// Covariance of b (milligauss) and of the entries of A, row by row: the upper triangle of a 12×12 matrix, column by
 /// column.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub struct Covariance(SVector<f64, 78>);
+pub struct PackedCovariance(SVector<f64, 78>);
 
-impl Covariance {
+impl PackedCovariance {
     /// Keeps the upper triangle.
     pub fn packed(full: &SMatrix<f64, 12, 12>) -> Self {
         let upper = (0..12).flat_map(|column| (0..=column).map(move |row| (row, column)));

@@ -29,7 +29,7 @@ impl Stop {
 
 /// The limits of the three levels.
 #[derive(Clone, Copy, Debug)]
-pub struct Limits {
+pub struct StopLimits {
     /// Level 1.
     pub max_iterations: usize,
     /// Level 2: stop at this fit value (Equation 8, milligauss²) or below.
@@ -43,16 +43,16 @@ pub struct Limits {
 
 /// Watches the global best from iteration to iteration.
 #[derive(Clone, Debug)]
-pub struct Watch<const P: usize> {
-    limits: Limits,
+pub struct ConvergenceMonitor<const P: usize> {
+    limits: StopLimits,
     iteration: usize,
     /// The last L values of every parameter, as a ring.
     history: Vec<[f64; P]>,
 }
 
-impl<const P: usize> Watch<P> {
+impl<const P: usize> ConvergenceMonitor<P> {
     /// Nothing seen yet. A window of 0 counts as 1.
-    pub fn new(limits: Limits) -> Self {
+    pub fn new(limits: StopLimits) -> Self {
         Self {
             limits,
             iteration: 0,
@@ -110,7 +110,7 @@ impl<const P: usize> Watch<P> {
 mod tests {
     use super::*;
 
-    const LIMITS: Limits = Limits {
+    const LIMITS: StopLimits = StopLimits {
         max_iterations: 100,
         min_error: 5.0,
         change: Some(0.01),
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn stops_when_more_than_half_of_the_parameters_have_settled() {
-        let mut watch = Watch::new(LIMITS);
+        let mut watch = ConvergenceMonitor::new(LIMITS);
         // Means over the three before the fourth: 2, 7, 10, 1.0.
         for parameters in [
             [1.0, 7.0, 10.0, 1.0],
@@ -140,19 +140,19 @@ mod tests {
 
     #[test]
     fn a_difference_of_exactly_the_threshold_counts() {
-        let limits = Limits {
+        let limits = StopLimits {
             window: 1,
             change: Some(0.5),
             ..LIMITS
         };
-        let mut watch = Watch::new(limits);
+        let mut watch = ConvergenceMonitor::new(limits);
         assert_eq!(watch.iterated(&[1.0], 100.0), None);
         assert_eq!(watch.iterated(&[1.5], 100.0), Some(Stop::Change));
     }
 
     #[test]
     fn never_stops_for_change_before_the_window_is_full() {
-        let mut watch = Watch::new(LIMITS);
+        let mut watch = ConvergenceMonitor::new(LIMITS);
         for _ in 0..3 {
             assert_eq!(watch.iterated(&[1.0, 1.0], 100.0), None);
         }
@@ -161,14 +161,14 @@ mod tests {
 
     #[test]
     fn the_minimum_error_stops_at_once() {
-        let mut watch = Watch::new(LIMITS);
+        let mut watch = ConvergenceMonitor::new(LIMITS);
         assert_eq!(watch.iterated(&[1.0, 1.0], 5.1), None);
         assert_eq!(watch.iterated(&[9.0, 9.0], 5.0), Some(Stop::Error));
     }
 
     #[test]
     fn the_basic_algorithm_runs_to_the_maximum() {
-        let mut watch = Watch::new(Limits {
+        let mut watch = ConvergenceMonitor::new(StopLimits {
             change: None,
             ..LIMITS
         });

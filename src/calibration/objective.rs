@@ -10,17 +10,13 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen};
 
-use super::curve::{PAIRS, symmetric};
-
-/// The parameters of Equation 1: D biases in milligauss, then D scale factors; with a symmetric A, in three
-/// dimensions, its xy, xz and yz too. So P is 4, 6 or 9. A particle has one of the first two.
-pub type Position<const P: usize> = [f64; P];
+use super::curve::{PAIRS, ParameterVector, symmetric};
 
 /// Equation 8 by the direct sum over samples, under the diagonal model: the reference that the factor is held
 /// to, and what profile `paper` evaluates.
 pub fn direct<const D: usize, const P: usize>(
     points: &[[f64; D]],
-    position: &Position<P>,
+    position: &ParameterVector<P>,
     reference_mgauss: f64,
 ) -> f64 {
     let mut sum = 0.0;
@@ -186,7 +182,7 @@ impl<const D: usize> Normal<D> {
     #[inline]
     fn coefficients<const P: usize, const F: usize>(
         &self,
-        position: &Position<P>,
+        position: &ParameterVector<P>,
         reference_mgauss: f64,
     ) -> [f64; F] {
         if P > 2 * D {
@@ -207,7 +203,7 @@ impl<const D: usize> Normal<D> {
     /// The same with |α⁻¹(u − β)|², α = A·Hm/d a symmetric matrix; infinite if it cannot be inverted.
     fn symmetric_coefficients<const P: usize, const F: usize>(
         &self,
-        position: &Position<P>,
+        position: &ParameterVector<P>,
         reference_mgauss: f64,
     ) -> [f64; F] {
         let alpha = symmetric(&position[D..]) * (reference_mgauss / self.length);
@@ -262,7 +258,7 @@ impl<const D: usize, const F: usize> Factored<D, F> {
 
     /// Equation 8 at this position, milligauss².
     #[inline]
-    pub fn fit_value<const P: usize>(&self, position: &Position<P>) -> f64 {
+    pub fn fit_value<const P: usize>(&self, position: &ParameterVector<P>) -> f64 {
         let coefficients = self
             .normal
             .coefficients::<P, F>(position, self.reference_mgauss);
@@ -271,7 +267,7 @@ impl<const D: usize, const F: usize> Factored<D, F> {
 
     /// The linear least-squares conic through the samples, as a position: exact without noise, and a
     /// start that is never far away. `None` if it is no ellipse.
-    pub fn conic<const P: usize>(&self) -> Option<Position<P>> {
+    pub fn conic<const P: usize>(&self) -> Option<ParameterVector<P>> {
         let theta = self.moments.solve_for_one()?;
         if P > 2 * D {
             return self.symmetric_conic(&theta);
@@ -296,7 +292,7 @@ impl<const D: usize, const F: usize> Factored<D, F> {
 
     /// uᵀQu + lᵀu = 1 as a position: the centre is −Q⁻¹l/2, and A is the inverse square root of what Q is
     /// about it.
-    fn symmetric_conic<const P: usize>(&self, theta: &[f64; F]) -> Option<Position<P>> {
+    fn symmetric_conic<const P: usize>(&self, theta: &[f64; F]) -> Option<ParameterVector<P>> {
         let mut form = Matrix3::zeros();
         for axis in 0..D {
             form[(axis, axis)] = theta[1 + 2 * axis];

@@ -1,9 +1,9 @@
-//! What a calibration came to: the object that `calibrate --json` prints and class `CALIBRATION` carries.
+//! The outcome of a calibration: the object that `calibrate --json` prints and class `CALIBRATION` carries.
 
 use serde::Serialize;
 
-use super::Request;
 use super::model::{Calibration, Mode, Model, Parameters};
+use super::request::Request;
 use super::verdict::Refusal;
 
 /// What became of a candidate.
@@ -62,7 +62,7 @@ pub struct Outcome {
     /// How many samples took part.
     pub samples: Samples,
     /// RIST's window.
-    pub window: Option<Window>,
+    pub window: Option<WindowReport>,
     /// What the swarm found, before refinement.
     pub swarm: Option<SwarmReport>,
     /// How long each step took, if the caller keeps a clock.
@@ -173,7 +173,7 @@ pub struct Samples {
 
 /// Samples `start` to `end`, counted from 0 over the total; `end` is the first one outside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Window {
+pub struct WindowReport {
     /// First sample inside.
     pub start: usize,
     /// First sample after it.

@@ -5,8 +5,8 @@ use std::ops::Range;
 use nalgebra::{Matrix3, SymmetricEigen, Unit, Vector3};
 
 use super::model::Mode;
+use super::request::{CompletedTurn, FieldSample, Request};
 use super::settings::{ModeChoice, WindowChoice};
-use super::{Request, Sample, TurnMade};
 
 /// The plan of one calibration.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,7 +75,7 @@ fn while_level(request: &Request, stretch: Range<usize>) -> Range<usize> {
     if start == stretch.start && end == stretch.end {
         return stretch;
     }
-    let leaning = |sample: &Sample| sample.pose.map(|pose| pose.orientation * axis);
+    let leaning = |sample: &FieldSample| sample.pose.map(|pose| pose.orientation * axis);
     let turned: Vec<Vector3<f64>> = request.samples[start..end]
         .iter()
         .filter_map(leaning)
@@ -85,7 +85,8 @@ fn while_level(request: &Request, stretch: Range<usize>) -> Range<usize> {
         .iter()
         .map(|axis| axis.angle(&mean))
         .fold(0.0, f64::max);
-    let level = |sample: &&Sample| leaning(sample).is_none_or(|axis| axis.angle(&mean) <= most);
+    let level =
+        |sample: &&FieldSample| leaning(sample).is_none_or(|axis| axis.angle(&mean) <= most);
     let before = request.samples[stretch.start..start].iter().rev();
     let after = request.samples[end..stretch.end].iter();
     start - before.take_while(level).count()..end + after.take_while(level).count()
@@ -94,7 +95,7 @@ fn while_level(request: &Request, stretch: Range<usize>) -> Range<usize> {
 /// Leaves out the first samples of a log, of which the tilt is not known yet, unless they are many or no tilt
 /// is known at all: a tilt lets the vertical field into the plane.
 fn from_known_tilt(request: &Request, stretch: Range<usize>) -> Range<usize> {
-    let known = |sample: &Sample| sample.pose.is_some_and(|pose| pose.vertical_known);
+    let known = |sample: &FieldSample| sample.pose.is_some_and(|pose| pose.vertical_known);
     match request.samples[stretch.clone()].iter().position(known) {
         Some(first) if first < stretch.len() / 4 => stretch.start + first..stretch.end,
         _ => stretch,
@@ -102,7 +103,7 @@ fn from_known_tilt(request: &Request, stretch: Range<usize>) -> Range<usize> {
 }
 
 /// The largest angle between two turns' axes, 0 to 90 degrees.
-pub fn axes_apart_deg(turns: &[TurnMade]) -> f64 {
+pub fn axes_apart_deg(turns: &[CompletedTurn]) -> f64 {
     let mut largest = 0.0f64;
     for (i, a) in turns.iter().enumerate() {
         for b in &turns[i + 1..] {
@@ -114,7 +115,7 @@ pub fn axes_apart_deg(turns: &[TurnMade]) -> f64 {
 }
 
 /// The mean of the turns' axes, whichever way round each was made.
-fn main_axis(turns: &[TurnMade]) -> Option<Vector3<f64>> {
+fn main_axis(turns: &[CompletedTurn]) -> Option<Vector3<f64>> {
     let first = turns.first()?.axis_body;
     let sum: Vector3<f64> = turns
         .iter()

@@ -1,4 +1,4 @@
-//! When calibrations are made, and why one was.
+//! When the daemon calibrates, and what started a calibration.
 
 use std::fmt;
 
@@ -39,7 +39,7 @@ impl Policy {
     }
 }
 
-/// Why a calibration was made, or how it came here.
+/// What started a calibration, or where it came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Reason {

@@ -7,8 +7,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use super::curve::ParameterVector;
 use super::curve::{Curve, Distance};
-use super::objective::Position;
 
 /// Samples further out than this many standard deviations have no weight. At 6 the biweight loses 1 %
 /// of precision on pure Gaussian noise.
@@ -28,7 +28,7 @@ const LENGTHENED: f64 = 1.12;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refined<const P: usize> {
     /// Biases, then scale factors.
-    pub position: Position<P>,
+    pub position: ParameterVector<P>,
     /// RMS distance of the samples with weight, freed of the parameters' share, milligauss.
     pub residual_mgauss: f64,
     /// Covariance of the parameters: the inverse of the Fisher information.
@@ -43,7 +43,7 @@ pub struct Refined<const P: usize> {
 /// minimum is found near the start.
 pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
     points: &[[f64; D]],
-    start: &Position<P>,
+    start: &ParameterVector<P>,
     reference_mgauss: f64,
 ) -> Option<Refined<P>> {
     let mut position = *start;
@@ -102,7 +102,7 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
 }
 
 /// What a Gauss–Newton step is made of.
-pub struct Sums<const P: usize> {
+pub struct NormalEquations<const P: usize> {
     /// JᵀWJ.
     pub information: SMatrix<f64, P, P>,
     /// JᵀWe.
@@ -111,13 +111,13 @@ pub struct Sums<const P: usize> {
     used: usize,
 }
 
-/// Sums over the samples nearer than the cutoff; `weight` is that of a distance in cutoffs.
+/// NormalEquations over the samples nearer than the cutoff; `weight` is that of a distance in cutoffs.
 pub fn accumulate<const P: usize>(
     distances: &[Distance<P>],
     sigma: f64,
     weight: impl Fn(f64) -> f64,
-) -> Sums<P> {
-    let mut sums = Sums::<P> {
+) -> NormalEquations<P> {
+    let mut sums = NormalEquations::<P> {
         information: SMatrix::<f64, P, P>::zeros(),
         gradient: SVector::<f64, P>::zeros(),
         squares: 0.0,

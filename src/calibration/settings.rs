@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::mpsot::Limits;
-use super::swarm::{CONSTRICTION, Coefficients, Manner, PAPER};
-use crate::check::{Check, Fault, within};
+use super::mpsot::StopLimits;
+use super::swarm::{CONSTRICTION, Coefficients, PAPER, SwarmParams};
+use crate::check::settings;
 
 /// Which parameters to look for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
@@ -68,78 +68,56 @@ pub enum StopChoice {
     Basic,
 }
 
-/// Settings of a calibration.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// Planar, spatial, or whichever the turns allow.
-    pub mode: ModeChoice,
-    /// The shape of A in space.
-    pub model: ModelChoice,
-    /// The swarm's coefficients.
-    pub profile: Profile,
-    /// The samples that the swarm sees.
-    pub window: WindowChoice,
-    /// The swarm's stopping rule.
-    pub stop: StopChoice,
-    /// N, the number of particles: 2 to 1000. 30 is common practice; the paper gives none.
-    pub particles: usize,
-    /// Level 1 of MPSOT: 1 to 100,000 iterations.
-    pub max_iterations: usize,
-    /// Level 2: the fit value (Equation 8, milligauss²) at which the swarm stops. 0 leaves it to the others.
-    pub min_error_mgauss2: f64,
-    /// Level 3: the change of a parameter (milligauss, or scale factor) that counts as none. The paper: 0.01.
-    pub min_change: f64,
-    /// L, the iterations over which level 3 takes its mean: 2 to 1000. The paper gives none. Left out, it is
-    /// the profile's: see [`Profile::mean_window`].
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub mean_window: Option<usize>,
-    /// Largest step of a particle, as a fraction of the box: 0.001 to 1. The paper gives none. Left out, it
-    /// is the profile's: see [`Profile::velocity_limit`].
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub velocity_limit: Option<f64>,
-    /// Strength of the horizontal field, milligauss, if known: the reference of a planar calibration.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub horizontal_mgauss: Option<f64>,
-    /// Strength of the whole field, milligauss, if known: the reference of a spatial calibration.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub total_mgauss: Option<f64>,
-    /// Turns whose axes differ by this angle or more, degrees, allow a spatial calibration: 20 to 90.
-    pub axes_apart_deg: f64,
-    /// Seed of the swarm. The same samples and seed give the same parameters.
-    pub seed: u64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            mode: ModeChoice::Auto,
-            model: ModelChoice::Auto,
-            profile: Profile::Standard,
-            window: WindowChoice::Rist,
-            stop: StopChoice::Mpsot,
-            particles: 30,
-            max_iterations: 1000,
-            min_error_mgauss2: 0.0,
-            min_change: 0.01,
-            mean_window: None,
-            velocity_limit: None,
-            horizontal_mgauss: None,
-            total_mgauss: None,
-            axes_apart_deg: 45.0,
-            seed: 1,
-        }
+settings! {
+    /// Settings of a calibration.
+    pub struct Settings {
+        /// Planar, spatial, or whichever the turns allow.
+        mode: ModeChoice = ModeChoice::Auto;
+        /// The shape of A in space.
+        model: ModelChoice = ModelChoice::Auto;
+        /// The swarm's coefficients.
+        profile: Profile = Profile::Standard;
+        /// The samples that the swarm sees.
+        window: WindowChoice = WindowChoice::Rist;
+        /// The swarm's stopping rule.
+        stop: StopChoice = StopChoice::Mpsot;
+        /// N, the number of particles. 30 is common practice; the paper gives none.
+        particles: usize = 30, 2..=1000, "";
+        /// Level 1 of MPSOT.
+        max_iterations: usize = 1000, 1..=100_000, "";
+        /// Level 2: the fit value (Equation 8, milligauss²) at which the swarm stops. 0 leaves it to the others.
+        min_error_mgauss2: f64 = 0.0, 0.0..=1e12, "milligauss squared";
+        /// Level 3: the change of a parameter (milligauss, or scale factor) that counts as none. The paper: 0.01.
+        min_change: f64 = 0.01, 0.0..=10.0, "";
+        /// L, the iterations over which level 3 takes its mean. The paper gives none. Left out, it is
+        /// the profile's: see [`Profile::mean_window`].
+        #[serde(skip_serializing_if = "Option::is_none")]
+        mean_window: Option<usize> = None, 2..=1000, "iterations";
+        /// Largest step of a particle, as a fraction of the box. The paper gives none. Left out, it
+        /// is the profile's: see [`Profile::velocity_limit`].
+        #[serde(skip_serializing_if = "Option::is_none")]
+        velocity_limit: Option<f64> = None, 0.001..=1.0, "of the box";
+        /// Strength of the horizontal field, milligauss, if known: the reference of a planar calibration.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        horizontal_mgauss: Option<f64> = None, 10.0..=1000.0, "milligauss";
+        /// Strength of the whole field, milligauss, if known: the reference of a spatial calibration.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        total_mgauss: Option<f64> = None, 10.0..=1000.0, "milligauss";
+        /// Turns whose axes differ by this angle or more, degrees, allow a spatial calibration.
+        axes_apart_deg: f64 = 45.0, 20.0..=90.0, "degrees";
+        /// Seed of the swarm. The same samples and seed give the same parameters.
+        seed: u64 = 1;
     }
 }
 
 impl Settings {
     /// How the swarm moves and when it stops.
-    pub fn manner(&self) -> Manner {
-        Manner {
+    pub fn params(&self) -> SwarmParams {
+        SwarmParams {
             coefficients: self.profile.coefficients(),
             velocity_limit: self.velocity_limit.unwrap_or(self.profile.velocity_limit()),
             particles: self.particles,
-            limits: Limits {
+            limits: StopLimits {
                 max_iterations: self.max_iterations,
                 min_error: self.min_error_mgauss2,
                 change: (self.stop == StopChoice::Mpsot).then_some(self.min_change),
@@ -189,65 +167,5 @@ impl Profile {
             Self::Standard => "standard",
             Self::Paper => "paper",
         }
-    }
-}
-
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        within(&mut faults, "particles", self.particles, 2..=1000, "");
-        within(
-            &mut faults,
-            "max_iterations",
-            self.max_iterations,
-            1..=100_000,
-            "",
-        );
-        within(
-            &mut faults,
-            "min_error_mgauss2",
-            self.min_error_mgauss2,
-            0.0..=1e12,
-            "milligauss squared",
-        );
-        within(&mut faults, "min_change", self.min_change, 0.0..=10.0, "");
-        if let Some(window) = self.mean_window {
-            within(&mut faults, "mean_window", window, 2..=1000, "iterations");
-        }
-        if let Some(limit) = self.velocity_limit {
-            within(
-                &mut faults,
-                "velocity_limit",
-                limit,
-                0.001..=1.0,
-                "of the box",
-            );
-        }
-        if let Some(horizontal) = self.horizontal_mgauss {
-            within(
-                &mut faults,
-                "horizontal_mgauss",
-                horizontal,
-                10.0..=1000.0,
-                "milligauss",
-            );
-        }
-        if let Some(total) = self.total_mgauss {
-            within(
-                &mut faults,
-                "total_mgauss",
-                total,
-                10.0..=1000.0,
-                "milligauss",
-            );
-        }
-        within(
-            &mut faults,
-            "axes_apart_deg",
-            self.axes_apart_deg,
-            20.0..=90.0,
-            "degrees",
-        );
-        faults
     }
 }

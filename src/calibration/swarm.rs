@@ -3,32 +3,32 @@
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::mpsot::{Limits, Stop, Watch};
-use super::objective::Position;
+use super::curve::ParameterVector;
+use super::mpsot::{ConvergenceMonitor, Stop, StopLimits};
 
 /// The coefficients of Equation 5.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coefficients {
     /// w, the inertia weight.
     pub inertia: f64,
-    /// c1: the pull of the particle's own best.
-    pub own: f64,
-    /// c2: the pull of the global best.
-    pub global: f64,
+    /// c1, the cognitive weight: the pull of the particle's own best.
+    pub cognitive: f64,
+    /// c2, the social weight: the pull of the global best.
+    pub social: f64,
 }
 
 /// The paper's: w = 1, c1 = c2 = 2. They diverge without a velocity limit, which the paper does not give.
 pub const PAPER: Coefficients = Coefficients {
     inertia: 1.0,
-    own: 2.0,
-    global: 2.0,
+    cognitive: 2.0,
+    social: 2.0,
 };
 
 /// Clerc and Kennedy's constriction (IEEE Trans. Evol. Comput. 6, 2002), φ = 4.1: converges.
 pub const CONSTRICTION: Coefficients = Coefficients {
     inertia: 0.7298,
-    own: 1.49618,
-    global: 1.49618,
+    cognitive: 1.49618,
+    social: 1.49618,
 };
 
 /// Where a swarm searches: each scale factor in a range of its own, and each bias in a range that
@@ -38,7 +38,7 @@ pub const CONSTRICTION: Coefficients = Coefficients {
 /// the data. So the box comes from the data: an ellipse with centre b and half-axis a·Hm that passes
 /// through samples from `low` to `high` has high − a·Hm ≤ b ≤ low + a·Hm.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SearchBox<const D: usize> {
+pub struct Bounds<const D: usize> {
     /// The axes' lowest samples without outliers, milligauss, lowered by nothing.
     pub low: [f64; D],
     /// The axes' highest samples without outliers, milligauss.
@@ -53,7 +53,7 @@ pub struct SearchBox<const D: usize> {
     pub reference_mgauss: f64,
 }
 
-impl<const D: usize> SearchBox<D> {
+impl<const D: usize> Bounds<D> {
     /// The range of the bias on an axis, given the scale factor there.
     pub fn bias_range(&self, axis: usize, scale: f64) -> (f64, f64) {
         let middle = 0.5 * (self.low[axis] + self.high[axis]);
@@ -63,7 +63,7 @@ impl<const D: usize> SearchBox<D> {
     }
 
     /// Whether a position lies inside.
-    pub fn contains<const P: usize>(&self, position: &Position<P>) -> bool {
+    pub fn contains<const P: usize>(&self, position: &ParameterVector<P>) -> bool {
         (0..D).all(|axis| {
             let (scale, bias) = (position[D + axis], position[axis]);
             let (least, most) = self.bias_range(axis, scale);
@@ -73,7 +73,11 @@ impl<const D: usize> SearchBox<D> {
     }
 
     /// Brings a position inside; a velocity that led outside is lost on that axis.
-    fn confine<const P: usize>(&self, position: &mut Position<P>, velocity: &mut Position<P>) {
+    fn confine<const P: usize>(
+        &self,
+        position: &mut ParameterVector<P>,
+        velocity: &mut ParameterVector<P>,
+    ) {
         for axis in 0..D {
             let scale = position[D + axis].clamp(self.scale_min[axis], self.scale_max[axis]);
             if scale != position[D + axis] {
@@ -88,7 +92,7 @@ impl<const D: usize> SearchBox<D> {
     }
 
     /// The width of the box on each parameter.
-    fn width<const P: usize>(&self) -> Position<P> {
+    fn width<const P: usize>(&self) -> ParameterVector<P> {
         let mut width = [0.0; P];
         for axis in 0..D {
             let (least, most) = self.bias_range(axis, self.scale_max[axis]);
@@ -98,7 +102,7 @@ impl<const D: usize> SearchBox<D> {
         width
     }
 
-    fn random<const P: usize>(&self, rng: &mut impl Rng) -> Position<P> {
+    fn random<const P: usize>(&self, rng: &mut impl Rng) -> ParameterVector<P> {
         let mut position = [0.0; P];
         for axis in 0..D {
             let (low, high) = (self.scale_min[axis], self.scale_max[axis]);
@@ -111,9 +115,9 @@ impl<const D: usize> SearchBox<D> {
     }
 }
 
-/// How a swarm moves.
+/// The parameters of a swarm.
 #[derive(Clone, Copy, Debug)]
-pub struct Manner {
+pub struct SwarmParams {
     /// The coefficients of Equation 5.
     pub coefficients: Coefficients,
     /// Largest step an iteration on each parameter, as a fraction of the box's width. The paper's
@@ -122,26 +126,26 @@ pub struct Manner {
     /// N.
     pub particles: usize,
     /// When to stop.
-    pub limits: Limits,
+    pub limits: StopLimits,
 }
 
 /// What a swarm found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Found<const P: usize> {
     /// The global best.
-    pub position: Position<P>,
+    pub position: ParameterVector<P>,
     /// Equation 8 there, milligauss².
     pub fit_value: f64,
-    /// Iterations made.
+    /// Iterations until the stop.
     pub iterations: usize,
     /// What stopped it.
     pub stop: Stop,
 }
 
 struct Particle<const P: usize> {
-    position: Position<P>,
-    velocity: Position<P>,
-    best: Position<P>,
+    position: ParameterVector<P>,
+    velocity: ParameterVector<P>,
+    best: ParameterVector<P>,
     best_fit: f64,
 }
 
@@ -149,29 +153,29 @@ struct Particle<const P: usize> {
 /// begin at random positions with random velocities within the limit. A fit value that is not a
 /// number never becomes a best.
 pub fn search<const D: usize, const P: usize>(
-    search_box: &SearchBox<D>,
-    manner: &Manner,
-    start: Option<Position<P>>,
+    bounds: &Bounds<D>,
+    params: &SwarmParams,
+    start: Option<ParameterVector<P>>,
     seed: u64,
-    fit_value: impl Fn(&Position<P>) -> f64,
+    fit_value: impl Fn(&ParameterVector<P>) -> f64,
 ) -> Found<P> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let limit = search_box
+    let limit = bounds
         .width()
-        .map(|width: f64| width * manner.velocity_limit);
+        .map(|width: f64| width * params.velocity_limit);
     let mut global = Found {
-        position: search_box.random(&mut rng),
+        position: bounds.random(&mut rng),
         fit_value: f64::INFINITY,
         iterations: 0,
         stop: Stop::Iterations,
     };
-    let mut swarm: Vec<Particle<P>> = (0..manner.particles.max(1))
+    let mut swarm: Vec<Particle<P>> = (0..params.particles.max(1))
         .map(|index| {
             let mut velocity = limit.map(|limit| limit * (2.0 * rng.random::<f64>() - 1.0));
-            let mut position = search_box.random(&mut rng);
+            let mut position = bounds.random(&mut rng);
             if let (0, Some(start)) = (index, start) {
                 position = start;
-                search_box.confine(&mut position, &mut velocity);
+                bounds.confine(&mut position, &mut velocity);
             }
             Particle {
                 position,
@@ -182,7 +186,7 @@ pub fn search<const D: usize, const P: usize>(
         })
         .collect();
 
-    let mut watch = Watch::new(manner.limits);
+    let mut watch = ConvergenceMonitor::new(params.limits);
     loop {
         for particle in &mut swarm {
             let fit = fit_value(&particle.position);
@@ -203,7 +207,7 @@ pub fn search<const D: usize, const P: usize>(
         for particle in &mut swarm {
             let (r1, r2) = (rng.random::<f64>(), rng.random::<f64>());
             particle.velocity = velocity(
-                &manner.coefficients,
+                &params.coefficients,
                 &particle.position,
                 &particle.velocity,
                 &particle.best,
@@ -215,7 +219,7 @@ pub fn search<const D: usize, const P: usize>(
                 // Equation 6.
                 particle.position[k] += particle.velocity[k];
             }
-            search_box.confine(&mut particle.position, &mut particle.velocity);
+            bounds.confine(&mut particle.position, &mut particle.velocity);
         }
     }
 }
@@ -224,16 +228,16 @@ pub fn search<const D: usize, const P: usize>(
 #[inline]
 fn velocity<const P: usize>(
     coefficients: &Coefficients,
-    position: &Position<P>,
-    velocity: &Position<P>,
-    own_best: &Position<P>,
-    global_best: &Position<P>,
+    position: &ParameterVector<P>,
+    velocity: &ParameterVector<P>,
+    own_best: &ParameterVector<P>,
+    global_best: &ParameterVector<P>,
     (r1, r2): (f64, f64),
-) -> Position<P> {
+) -> ParameterVector<P> {
     std::array::from_fn(|k| {
         coefficients.inertia * velocity[k]
-            + coefficients.own * r1 * (own_best[k] - position[k])
-            + coefficients.global * r2 * (global_best[k] - position[k])
+            + coefficients.cognitive * r1 * (own_best[k] - position[k])
+            + coefficients.social * r2 * (global_best[k] - position[k])
     })
 }
 
@@ -241,7 +245,7 @@ fn velocity<const P: usize>(
 mod tests {
     use super::*;
 
-    const BOX: SearchBox<2> = SearchBox {
+    const BOX: Bounds<2> = Bounds {
         low: [-90.0, -80.0],
         high: [110.0, 120.0],
         scale_min: [0.9, 0.9],
@@ -250,7 +254,7 @@ mod tests {
         reference_mgauss: 100.0,
     };
 
-    const LIMITS: Limits = Limits {
+    const LIMITS: StopLimits = StopLimits {
         max_iterations: 1000,
         min_error: 0.0,
         change: Some(0.01),
@@ -292,7 +296,7 @@ mod tests {
         );
     }
 
-    fn bowl(position: &Position<4>) -> f64 {
+    fn bowl(position: &ParameterVector<4>) -> f64 {
         // As in the real objective, 0.01 of scale weighs as much as 1 mG.
         let (target, weight) = ([12.0, 18.0, 1.1, 1.2], [1.0, 1.0, 100.0, 100.0]);
         (0..4)
@@ -303,17 +307,17 @@ mod tests {
 
     #[test]
     fn constriction_converges_and_mpsot_stops_it() {
-        let manner = Manner {
+        let params = SwarmParams {
             coefficients: CONSTRICTION,
             velocity_limit: 0.2,
             particles: 30,
-            limits: Limits {
+            limits: StopLimits {
                 window: 30,
                 ..LIMITS
             },
         };
         for seed in 0..20 {
-            let found = search(&BOX, &manner, None, seed, bowl);
+            let found = search(&BOX, &params, None, seed, bowl);
             assert_eq!(found.stop, Stop::Change);
             assert!(found.iterations < 300 && found.fit_value < 0.1, "{found:?}");
             assert!(BOX.contains(&found.position));
@@ -322,16 +326,16 @@ mod tests {
 
     #[test]
     fn the_same_seed_gives_the_same_swarm_and_another_another() {
-        let manner = Manner {
+        let params = SwarmParams {
             coefficients: PAPER,
             velocity_limit: 0.1,
             particles: 30,
-            limits: Limits {
+            limits: StopLimits {
                 change: None,
                 ..LIMITS
             },
         };
-        let run = |seed| search(&BOX, &manner, None, seed, bowl);
+        let run = |seed| search(&BOX, &params, None, seed, bowl);
         assert_eq!(run(7), run(7));
         assert_ne!(run(7).position, run(8).position);
         assert_eq!((run(7).iterations, run(7).stop), (1000, Stop::Iterations));
@@ -339,28 +343,28 @@ mod tests {
 
     #[test]
     fn a_good_start_is_never_left_for_something_worse() {
-        let manner = Manner {
+        let params = SwarmParams {
             coefficients: CONSTRICTION,
             velocity_limit: 0.2,
             particles: 5,
-            limits: Limits {
+            limits: StopLimits {
                 max_iterations: 1,
                 ..LIMITS
             },
         };
         let start = [12.1, 18.0, 1.1, 1.2];
-        assert!(search(&BOX, &manner, Some(start), 1, bowl).fit_value <= bowl(&start));
+        assert!(search(&BOX, &params, Some(start), 1, bowl).fit_value <= bowl(&start));
     }
 
     #[test]
     fn a_fit_value_that_is_no_number_is_never_the_best() {
-        let manner = Manner {
+        let params = SwarmParams {
             coefficients: PAPER,
             velocity_limit: 0.1,
             particles: 10,
             limits: LIMITS,
         };
-        let found = search(&BOX, &manner, None, 1, |position: &Position<4>| {
+        let found = search(&BOX, &params, None, 1, |position: &ParameterVector<4>| {
             if position[0] > 10.0 {
                 f64::NAN
             } else {

@@ -1,7 +1,7 @@
 //! The samples of a log of any length, in bounded memory: when they become too many, those between turns are thinned
 //! out first, evenly over the whole log.
 
-use super::Sample;
+use super::FieldSample;
 use crate::turn::Turn;
 
 /// So many samples are kept at most: of 50 Hz, all of 87 minutes.
@@ -14,7 +14,7 @@ const ROOM: usize = 2;
 pub struct Thinned {
     most: usize,
     /// Each with its number in the log.
-    samples: Vec<(u64, Sample)>,
+    samples: Vec<(u64, FieldSample)>,
     taken: u64,
     /// One of so many is kept between turns, and in them.
     between: u64,
@@ -40,7 +40,7 @@ impl Thinned {
 
     /// Takes the next sample. `turns` are those found so far; one that is not complete yet has begun no earlier than
     /// `open_s` before it.
-    pub fn push(&mut self, sample: Sample, turns: &[Turn], open_s: f64) {
+    pub fn push(&mut self, sample: FieldSample, turns: &[Turn], open_s: f64) {
         self.samples.push((self.taken, sample));
         self.taken += 1;
         if self.samples.len() >= self.most {
@@ -64,7 +64,7 @@ impl Thinned {
     }
 
     /// The samples.
-    pub fn into_samples(self) -> Vec<Sample> {
+    pub fn into_samples(self) -> Vec<FieldSample> {
         self.samples.into_iter().map(|(_, sample)| sample).collect()
     }
 
@@ -105,8 +105,8 @@ mod tests {
 
     use super::*;
 
-    fn sample(t_s: f64) -> Sample {
-        Sample {
+    fn sample(t_s: f64) -> FieldSample {
+        FieldSample {
             t_s,
             field_mgauss: Vector3::zeros(),
             pose: None,

@@ -1,6 +1,6 @@
 //! Whether a candidate deserves trust, always with a reason.
 
-use super::agreement::Agreement;
+use super::gyro_check::GyroAgreement;
 use super::jump::Jump;
 
 pub mod imported;
@@ -48,8 +48,8 @@ pub struct Measures {
     pub centre_inside: bool,
     /// Predicted uncertainty of a heading, degrees.
     pub heading_sd_deg: f64,
-    /// Agreement with the gyro, cross-validated, where there is a gyro.
-    pub gyro: Option<Agreement>,
+    /// GyroAgreement with the gyro, cross-validated, where there is a gyro.
+    pub gyro: Option<GyroAgreement>,
     /// The largest jump of the field, where the gyro tells.
     pub jump: Option<Jump>,
     /// Spatial: change of the dip with attitude, where the vertical is known.
@@ -64,6 +64,10 @@ const MOST_AT_THE_END: f64 = 0.5;
 const LEAST_JUMP_SHARE: f64 = 0.02;
 
 /// The first objection to a candidate, the most telling first; `Ok` if there is none.
+///
+/// # Errors
+///
+/// The first objection.
 pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
     if let Some(coverage) = m.coverage_deg.filter(|&c| c < limits.coverage_deg) {
         return Err(Refusal::new(
@@ -212,7 +216,7 @@ mod tests {
             reference_given: true,
             centre_inside: true,
             heading_sd_deg: 0.05,
-            gyro: Some(Agreement {
+            gyro: Some(GyroAgreement {
                 rms_deg: 1.0,
                 drift_share: 0.01,
             }),
@@ -249,13 +253,13 @@ mod tests {
             ("centre", |m| m.centre_inside = false),
             ("heading_uncertainty", |m| m.heading_sd_deg = 1.1),
             ("gyro_angle", |m| {
-                m.gyro = Some(Agreement {
+                m.gyro = Some(GyroAgreement {
                     rms_deg: 1.0,
                     drift_share: 0.5,
                 })
             }),
             ("gyro", |m| {
-                m.gyro = Some(Agreement {
+                m.gyro = Some(GyroAgreement {
                     rms_deg: 11.0,
                     drift_share: 0.0,
                 })

@@ -4,8 +4,9 @@ use std::ops::Range;
 
 use super::model::Mode;
 use super::plane::{Plan, axes_apart_deg};
+use super::request::{CompletedTurn, FieldSample, Request};
+use super::rist;
 use super::settings::WindowChoice;
-use super::{Request, Sample, TurnMade, rist};
 
 /// One axis during one turn.
 struct Swing {
@@ -22,7 +23,7 @@ struct Swing {
 pub fn windows<const D: usize>(
     request: &Request,
     plan: &Plan,
-    project: &dyn Fn(&Sample) -> [f64; D],
+    project: &dyn Fn(&FieldSample) -> [f64; D],
 ) -> Vec<Range<usize>> {
     let whole = plan.stretch.clone();
     if request.settings.window != WindowChoice::Rist {
@@ -53,7 +54,7 @@ pub fn windows<const D: usize>(
         }
     }
     let one_axis = |chosen: &[usize]| {
-        let made: Vec<TurnMade> = chosen.iter().map(|&turn| turns[turn].clone()).collect();
+        let made: Vec<CompletedTurn> = chosen.iter().map(|&turn| turns[turn].clone()).collect();
         axes_apart_deg(&made) < request.settings.axes_apart_deg
     };
     for index in 0..turns.len() {
@@ -78,9 +79,9 @@ pub fn windows<const D: usize>(
 }
 
 fn swings<const D: usize>(
-    samples: &[Sample],
+    samples: &[FieldSample],
     start: usize,
-    project: &dyn Fn(&Sample) -> [f64; D],
+    project: &dyn Fn(&FieldSample) -> [f64; D],
 ) -> [Swing; D] {
     let points: Vec<[f64; D]> = samples.iter().map(project).collect();
     std::array::from_fn(|axis| {

@@ -13,7 +13,7 @@ use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
 use crate::calibration::settings::{ModeChoice, ModelChoice, Profile, StopChoice, WindowChoice};
 use crate::calibration::thinning::Thinned;
-use crate::calibration::{Request, Sample, TurnMade, calibrate};
+use crate::calibration::{CompletedTurn, FieldSample, Request, calibrate};
 use crate::config::Config;
 use crate::daemon::time_of_day::unix_now_s;
 use crate::outliers::Outliers;
@@ -241,7 +241,7 @@ impl Survey {
                 .and_then(|field| needed(&field, args.plane));
             if let Some(field_mgauss) = field {
                 let pose = attitude.pose_at(reading.t_s);
-                let sample = Sample {
+                let sample = FieldSample {
                     t_s: reading.t_s,
                     field_mgauss,
                     pose,
@@ -289,7 +289,7 @@ impl Survey {
         } else {
             self.turns.as_slice()
         };
-        let turns = turns.iter().map(|turn| TurnMade {
+        let turns = turns.iter().map(|turn| CompletedTurn {
             samples: index(turn.start_s)..index(turn.end_s),
             axis_body: turn.axis_body,
         });

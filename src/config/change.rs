@@ -33,6 +33,10 @@ pub struct Change {
 impl Config {
     /// What changes when a daemon that runs with this configuration is given another. An error: with what is
     /// fixed, the new configuration makes no sense.
+    ///
+    /// # Errors
+    ///
+    /// Every fault of the new configuration.
     pub fn change(&self, wanted: &Self) -> Result<Change, ConfigError> {
         let (old, mut new) = (tables(self), tables(wanted));
         let (mut now, mut at_start) = (Vec::new(), Vec::new());

@@ -1,7 +1,7 @@
 //! TOML → checked settings.
 //!
-//! Each room owns its settings: defaults, ranges, units. Here stands only which table belongs to which
-//! room. A configuration is refused early and in full, with every fault at once.
+//! Each room owns its settings: defaults, ranges, units. This file only says which table belongs to which room. A
+//! configuration is refused early and in full, with every fault at once.
 
 mod change;
 mod fault;
@@ -58,7 +58,7 @@ macro_rules! tables {
                 vec![$(table::<$settings>(stringify!($name))),*]
             }
 
-            fn read(reader: &mut reader::Reader<'_>) -> Self {
+            fn read(reader: &mut reader::TableReader<'_>) -> Self {
                 Self {
                     $($name: reader.table(stringify!($name)),)*
                     retired: reader.take_retired(),
@@ -115,13 +115,17 @@ tables! {
 impl Config {
     /// Reads and checks a configuration. `name` goes into the messages: the path of its file.
     /// A table or key that is left out has its default.
+    ///
+    /// # Errors
+    ///
+    /// Every fault, each with its line.
     pub fn parse(name: &str, text: &str) -> Result<Self, ConfigError> {
         let fail = |faults| ConfigError {
             name: name.to_owned(),
             faults,
         };
-        let mut reader = reader::Reader::new(text).map_err(fail)?;
-        reader.refuse_other_tables(Self::TABLES);
+        let mut reader = reader::TableReader::new(text).map_err(fail)?;
+        reader.refuse_other_tables(Self::TABLES, Self::table_of);
         let config = Self::read(&mut reader);
         // Between tables that are wrong in themselves there is nothing to compare.
         if reader.is_good() {
@@ -144,6 +148,13 @@ impl Config {
             calibration: self.calibration.clone(),
             verdict: self.verdict.clone(),
         }
+    }
+
+    /// The first table with this key.
+    fn table_of(key: &str) -> Option<&'static str> {
+        let tables = Self::tables().into_iter();
+        let mut with_key = tables.filter(|table| table.keys.iter().any(|known| known == key));
+        Some(with_key.next()?.name)
     }
 
     /// What is wrong between tables that are right in themselves. The keys are `table.key`.
@@ -197,7 +208,7 @@ mod tests {
                     [mounting]\nmag_axes = \"+x +y\"\ngyro_axes = 3\n\n[stroe]\n\n[i2s]\nbus = 1\n";
         let faults = faults(text);
         let right = [
-            "file.toml:1: speed: this key stands in no table; ",
+            "file.toml:1: speed: this key is outside any table: move it below [source]",
             "file.toml:4: source.kind is \"reply\", but must be \"simulator\" or \"replay\" or \"i2c\" or \"serial\"",
             "file.toml:5: source.sped: unknown key; did you mean speed?",
             "file.toml:6: source.speed is 0, but must be from 0.1 to 1000 times real time",

@@ -1,11 +1,11 @@
 //! Lines and columns of a text.
 
 /// Where the lines of a text begin: a file with many faults asks for it often.
-pub(super) struct Places {
+pub(super) struct LineIndex {
     begins: Vec<usize>,
 }
 
-impl Places {
+impl LineIndex {
     pub(super) fn of(text: &str) -> Self {
         let ends = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
         let begins = std::iter::once(0).chain(ends.map(|(at, _)| at + 1));
@@ -33,7 +33,7 @@ mod tests {
 
     #[test]
     fn places_are_counted_from_1() {
-        let places = Places::of("a\n\nbc\n");
+        let places = LineIndex::of("a\n\nbc\n");
         let lines: Vec<usize> = (0..6).map(|at| places.line(at)).collect();
         assert_eq!(lines, [1, 1, 2, 3, 3, 3]);
     }

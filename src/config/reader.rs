@@ -8,7 +8,7 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
 use super::fault::{ConfigFault, Problem};
-use super::places::{Places, column};
+use super::places::{LineIndex, column};
 use super::retired;
 use super::syntax;
 use super::words::{choices, explain, suggest};
@@ -26,16 +26,16 @@ type Key<'i> = Spanned<DeString<'i>>;
 type Value<'i> = Spanned<DeValue<'i>>;
 
 /// A document being read.
-pub(super) struct Reader<'i> {
+pub(super) struct TableReader<'i> {
     text: &'i str,
-    places: Places,
+    places: LineIndex,
     root: DeTable<'i>,
     faults: Vec<ConfigFault>,
     /// Keys that no longer exist: their offset, and a sentence.
     retired: Vec<(usize, String)>,
 }
 
-impl<'i> Reader<'i> {
+impl<'i> TableReader<'i> {
     /// Reads the TOML. With a syntax error in it nothing else can be said for certain, so then
     /// the syntax errors are all.
     pub(super) fn new(text: &'i str) -> Result<Self, Vec<ConfigFault>> {
@@ -43,13 +43,13 @@ impl<'i> Reader<'i> {
         if errors.is_empty() {
             return Ok(Self {
                 text,
-                places: Places::of(text),
+                places: LineIndex::of(text),
                 root: root.into_inner(),
                 faults: Vec::new(),
                 retired: Vec::new(),
             });
         }
-        let places = Places::of(text);
+        let places = LineIndex::of(text);
         let mut faults: Vec<ConfigFault> = errors
             .iter()
             .map(|error| {
@@ -71,24 +71,32 @@ impl<'i> Reader<'i> {
         Err(faults)
     }
 
-    /// Collects a fault for every top-level key that is none of `tables`.
-    pub(super) fn refuse_other_tables(&mut self, tables: &[&str]) {
-        let known: Vec<String> = tables.iter().map(|&name| name.to_owned()).collect();
+    /// Collects a fault for every top-level key that is not one of `names`; `table_of` returns the table of a key.
+    pub(super) fn refuse_other_tables(
+        &mut self,
+        names: &[&str],
+        table_of: fn(&str) -> Option<&'static str>,
+    ) {
+        let known: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
         for (key, value) in &self.root {
             let name: &str = key.get_ref();
-            if tables.contains(&name) {
+            if names.contains(&name) {
                 continue;
             }
-            let what = if value.get_ref().is_table() {
-                "unknown table"
+            let sentence = if value.get_ref().is_table() {
+                format!("unknown table; {}", suggest(name, &known))
             } else {
-                "this key stands in no table"
+                let help = match table_of(name) {
+                    Some(table) => format!("move it below [{table}]"),
+                    None => suggest(name, &known),
+                };
+                format!("this key is outside any table: {help}")
             };
             self.faults.push(ConfigFault {
                 line: Some(self.places.line(key.span().start)),
                 column: None,
                 key: name.to_owned(),
-                problem: Problem::Other(format!("{what}; {}", suggest(name, &known))),
+                problem: Problem::Other(sentence),
             });
         }
     }

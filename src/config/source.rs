@@ -4,20 +4,21 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use crate::check::{Check, Fault, within};
+use crate::check::{Fault, settings};
 
-/// Where readings come from, and how fast.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// What the source is. There is no default: whoever reads headings must know where they come from.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub kind: Option<Kind>,
-    /// The log to replay; of no effect with other kinds. A relative path starts in the working folder. Empty: none.
-    pub log: PathBuf,
-    /// How fast a log is replayed or a simulation runs, in times real time: 0.1 to 1000. Of no effect with
-    /// real devices.
-    pub speed: f64,
+settings! {
+    /// Where readings come from, and how fast.
+    pub struct Settings {
+        /// What the source is. There is no default: whoever reads headings must know where they come from.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        kind: Option<Kind> = None;
+        /// The log to replay; of no effect with other kinds. A relative path starts in the working folder. Empty: none.
+        log: PathBuf = PathBuf::new();
+        /// How fast a log is replayed or a simulation runs, in times real time. Of no effect with
+        /// real devices.
+        speed: f64 = 1.0, 0.1..=1000.0, "times real time";
+    }
+    also Settings::check_log;
 }
 
 /// The kinds of source.
@@ -32,16 +33,6 @@ pub enum Kind {
     I2c,
     /// A board behind a serial line: table `[serial]`.
     Serial,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            kind: None,
-            log: PathBuf::new(),
-            speed: 1.0,
-        }
-    }
 }
 
 impl Settings {
@@ -59,11 +50,8 @@ impl Settings {
     pub fn pace(&self) -> f64 {
         if self.is_live() { 1.0 } else { self.speed }
     }
-}
 
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
+    fn check_log(&self, faults: &mut Vec<Fault>) {
         if self.kind == Some(Kind::Replay) && self.log.as_os_str().is_empty() {
             faults.push(Fault {
                 key: "log".to_owned(),
@@ -71,13 +59,5 @@ impl Check for Settings {
                 right: "the path of the log to replay".to_owned(),
             });
         }
-        within(
-            &mut faults,
-            "speed",
-            self.speed,
-            0.1..=1000.0,
-            "times real time",
-        );
-        faults
     }
 }

@@ -1,7 +1,7 @@
 //! What the estimate has learnt, as a calibration to keep, and what it has yet to learn.
 
 use super::{Estimate, Origin, prior};
-use crate::calibration::model::{Calibration, Covariance, Model, Parameters, Spatial};
+use crate::calibration::model::{Calibration, Model, PackedCovariance, Parameters, Spatial};
 
 impl Estimate {
     /// The motion that would teach most: about which body axis to turn.
@@ -38,7 +38,7 @@ impl Estimate {
             strength_mgauss: self.active.strength_mgauss(),
             residual_mgauss: self.active.noise_mgauss(),
             heading_sd_deg: self.north_sd_deg(),
-            covariance: Some(Covariance::packed(&covariance)),
+            covariance: Some(PackedCovariance::packed(&covariance)),
         })
     }
 }

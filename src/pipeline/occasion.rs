@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::{Action, Pipeline};
 use crate::calibration::settings::ModeChoice;
-use crate::calibration::{self, Request, Sample, TurnMade};
+use crate::calibration::{self, CompletedTurn, FieldSample, Request};
 use crate::turn::Turn;
 
 /// No magnetometer on a board this size is faster; more samples than this a second of buffer are dropped.
@@ -24,7 +24,7 @@ impl Pipeline {
     /// Keeps a sample for a calibration, and lets go of what is too old or too much.
     pub(super) fn buffer_sample(&mut self, t_s: f64, field_mgauss: Vector3<f64>) {
         let pose = self.attitude.pose_at(t_s);
-        self.buffer.push_back(Sample {
+        self.buffer.push_back(FieldSample {
             t_s,
             field_mgauss,
             pose,
@@ -74,7 +74,7 @@ impl Pipeline {
 
     fn request(&self) -> Option<Request> {
         let last = self.made.back()?;
-        let all: Vec<TurnMade> = self.made.iter().map(|turn| self.samples_of(turn)).collect();
+        let all: Vec<CompletedTurn> = self.made.iter().map(|turn| self.samples_of(turn)).collect();
         let settings = &self.setup.calibration;
         let spatial = settings.mode != ModeChoice::Planar
             && calibration::plane::axes_apart_deg(&all) >= settings.axes_apart_deg;
@@ -108,7 +108,7 @@ impl Pipeline {
             samples: self.buffer.range(start..end).copied().collect(),
             turns: turns
                 .iter()
-                .map(|turn| TurnMade {
+                .map(|turn| CompletedTurn {
                     samples: turn.samples.start - start..turn.samples.end - start,
                     axis_body: turn.axis_body,
                 })
@@ -120,14 +120,14 @@ impl Pipeline {
         })
     }
 
-    fn samples_of(&self, turn: &Turn) -> TurnMade {
+    fn samples_of(&self, turn: &Turn) -> CompletedTurn {
         let start = self
             .buffer
             .partition_point(|sample| sample.t_s < turn.start_s);
         let end = self
             .buffer
             .partition_point(|sample| sample.t_s <= turn.end_s);
-        TurnMade {
+        CompletedTurn {
             samples: start..end,
             axis_body: turn.axis_body,
         }

@@ -2,37 +2,16 @@
 
 use std::io::BufRead;
 
-use super::lines::{Line, Lines};
-use super::rows::Rows;
+use super::lines::{LogLine, LogLines};
+use super::rows::{Layout, Rows, Rule};
 use super::{ACCEL, COLUMNS, GYRO, HEADING, Header, MAG, MAGIC, RecordingError, VERSION, shown};
 
 /// More `#` lines than this are no header.
 const MOST_LINES: u64 = 1000;
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
-/// How one column's numbers become ours.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Rule {
-    /// Our unit = factor · the log's unit.
-    pub(super) factor: f64,
-    /// Largest credible magnitude, in the log's unit. Far above any sensor's range: it is there for
-    /// broken rows.
-    pub(super) limit: f64,
-    /// The log's unit.
-    pub(super) unit: &'static str,
-}
-
-/// Where each column of the log belongs.
-#[derive(Clone, Debug)]
-pub(super) struct Layout {
-    /// For each column of the log, its index in [`COLUMNS`]; `None` if it is unknown.
-    pub(super) columns: Vec<Option<usize>>,
-    /// For each of [`COLUMNS`].
-    pub(super) rules: [Rule; COLUMNS.len()],
-}
-
 /// Reads everything up to and with the line of column names.
-pub(super) fn read<R: BufRead>(log: &str, lines: &mut Lines<R>) -> Result<Rows, RecordingError> {
+pub(super) fn read<R: BufRead>(log: &str, lines: &mut LogLines<R>) -> Result<Rows, RecordingError> {
     let text = next_line(log, lines)?;
     let mut header = HeaderLines::begin(text.trim_start_matches('\u{feff}'))
         .map_err(|what| wrong(log, lines.number(), what))?;
@@ -89,16 +68,16 @@ impl HeaderLines {
     }
 }
 
-/// The layout of rows without a header: the first columns, in our units. A row has a time and one to three
-/// sensors, so that only some counts of cells will do.
-pub(super) fn plain(cells: usize) -> Option<Layout> {
-    let rules = Keys::default().rules().ok()?;
-    [GYRO, ACCEL, HEADING, COLUMNS.len()]
-        .contains(&cells)
-        .then(|| Layout {
-            columns: (0..cells).map(Some).collect(),
-            rules,
-        })
+impl Rows {
+    /// Rows without a header, of this many cells: `t_s,mx,my,mz`, or with `gx,gy,gz`, or with `ax,ay,az`
+    /// too, or with `heading_deg` too; in milligauss, rad/s and m/s². `None` for any other count.
+    pub fn plain(cells: usize) -> Option<Self> {
+        let rules = Keys::default().rules().ok()?;
+        let columns = (0..cells).map(Some).collect();
+        [GYRO, ACCEL, HEADING, COLUMNS.len()]
+            .contains(&cells)
+            .then(|| Self::new(Header::default(), Layout { columns, rules }))
+    }
 }
 
 fn wrong(log: &str, line: u64, what: String) -> RecordingError {
@@ -111,7 +90,7 @@ fn wrong(log: &str, line: u64, what: String) -> RecordingError {
 
 fn next_line<'a, R: BufRead>(
     log: &str,
-    lines: &'a mut Lines<R>,
+    lines: &'a mut LogLines<R>,
 ) -> Result<&'a str, RecordingError> {
     let before = lines.number();
     let line = lines.advance().map_err(|source| RecordingError::Read {
@@ -120,15 +99,15 @@ fn next_line<'a, R: BufRead>(
         source,
     })?;
     let what = match line {
-        Line::Whole => match str::from_utf8(lines.text()) {
+        LogLine::Whole => match str::from_utf8(lines.text()) {
             Ok(text) => return Ok(text),
             Err(_) => format!("found {}, which is not UTF-8 text", shown(lines.text())),
         },
-        Line::TooLong => "the line is longer than 4 KiB".to_owned(),
-        Line::End if before == 0 => {
+        LogLine::TooLong => "the line is longer than 4 KiB".to_owned(),
+        LogLine::End if before == 0 => {
             format!("the log is empty, but must begin with \"# {MAGIC} {VERSION}\"")
         }
-        Line::CutOff | Line::End => {
+        LogLine::CutOff | LogLine::End => {
             "the log ends within its header, before the end of the line of column names".to_owned()
         }
     };
@@ -303,7 +282,7 @@ mod tests {
     use super::*;
 
     fn header(text: &str) -> Result<(Header, Layout), String> {
-        read("a.csv", &mut Lines::new(text.as_bytes()))
+        read("a.csv", &mut LogLines::new(text.as_bytes()))
             .map(|rows| (rows.header().clone(), rows.layout().clone()))
             .map_err(|error| error.to_string())
     }

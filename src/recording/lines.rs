@@ -10,7 +10,7 @@ const LONGEST_SKIPPED: usize = 64 << 20;
 
 /// What came next.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Line {
+pub(super) enum LogLine {
     /// A line that ended with LF or CRLF; its text is in the buffer.
     Whole,
     /// The input ended within a line.
@@ -22,7 +22,7 @@ pub(super) enum Line {
 }
 
 #[derive(Debug)]
-pub(super) struct Lines<R> {
+pub(super) struct LogLines<R> {
     input: R,
     buffer: Vec<u8>,
     number: u64,
@@ -30,7 +30,7 @@ pub(super) struct Lines<R> {
     skipping: bool,
 }
 
-impl<R: BufRead> Lines<R> {
+impl<R: BufRead> LogLines<R> {
     pub(super) fn new(input: R) -> Self {
         Self {
             input,
@@ -40,7 +40,7 @@ impl<R: BufRead> Lines<R> {
         }
     }
 
-    pub(super) fn advance(&mut self) -> io::Result<Line> {
+    pub(super) fn advance(&mut self) -> io::Result<LogLine> {
         if std::mem::take(&mut self.skipping) {
             self.skip()?;
         }
@@ -49,17 +49,17 @@ impl<R: BufRead> Lines<R> {
             .take(LONGEST_LINE as u64)
             .read_until(b'\n', &mut self.buffer)?;
         if length == 0 {
-            return Ok(Line::End);
+            return Ok(LogLine::End);
         }
         self.number += 1;
         if self.buffer.pop_if(|last| *last == b'\n').is_some() {
             self.buffer.pop_if(|last| *last == b'\r');
-            Ok(Line::Whole)
+            Ok(LogLine::Whole)
         } else if length == LONGEST_LINE {
             self.skipping = true;
-            Ok(Line::TooLong)
+            Ok(LogLine::TooLong)
         } else {
-            Ok(Line::CutOff)
+            Ok(LogLine::CutOff)
         }
     }
 
@@ -101,35 +101,35 @@ mod tests {
 
     #[test]
     fn lines_end_with_lf_or_crlf_and_the_last_may_be_cut_off() {
-        let mut lines = Lines::new(&b"a\nb\r\n\nc"[..]);
+        let mut lines = LogLines::new(&b"a\nb\r\n\nc"[..]);
         for (text, kind) in [
-            (&b"a"[..], Line::Whole),
-            (b"b", Line::Whole),
-            (b"", Line::Whole),
-            (b"c", Line::CutOff),
+            (&b"a"[..], LogLine::Whole),
+            (b"b", LogLine::Whole),
+            (b"", LogLine::Whole),
+            (b"c", LogLine::CutOff),
         ] {
             assert_eq!(lines.advance().unwrap(), kind);
             assert_eq!(lines.text(), text);
         }
         assert_eq!(lines.number(), 4);
-        assert_eq!(lines.advance().unwrap(), Line::End);
+        assert_eq!(lines.advance().unwrap(), LogLine::End);
     }
 
     #[test]
     fn a_line_without_end_takes_no_memory() {
         let endless = io::repeat(b'1').take(50_000_000).chain(&b"\nnext\n"[..]);
-        let mut lines = Lines::new(io::BufReader::new(endless));
-        assert_eq!(lines.advance().unwrap(), Line::TooLong);
+        let mut lines = LogLines::new(io::BufReader::new(endless));
+        assert_eq!(lines.advance().unwrap(), LogLine::TooLong);
         assert_eq!(lines.buffer.capacity(), LONGEST_LINE);
-        assert_eq!(lines.advance().unwrap(), Line::Whole);
+        assert_eq!(lines.advance().unwrap(), LogLine::Whole);
         assert_eq!(lines.text(), b"next");
         assert_eq!(lines.number(), 2);
     }
 
     #[test]
     fn an_endless_line_is_an_error() {
-        let mut lines = Lines::new(io::BufReader::new(io::repeat(0)));
-        assert_eq!(lines.advance().unwrap(), Line::TooLong);
+        let mut lines = LogLines::new(io::BufReader::new(io::repeat(0)));
+        assert_eq!(lines.advance().unwrap(), LogLine::TooLong);
         let error = lines.advance().unwrap_err();
         assert_eq!(error.to_string(), "a line without end is in no log");
     }

@@ -36,7 +36,7 @@
 //! To go on from a time is to be the same or up to a minute later; in the last case it must be later. What is known of the board's motion ends with its
 //! stretch, and nobody waits for the next one.
 //!
-//! An empty cell is a sensor that did not speak, or a magnetometer axis that overflowed. A row whose
+//! An empty cell means no reading from that sensor, or an overflowed magnetometer axis. A row whose
 //! three magnetometer cells are all empty says nothing of the magnetometer: the format cannot tell an
 //! overflow of all three axes from silence.
 
@@ -114,7 +114,7 @@ pub enum RecordingError {
     Header {
         /// The log's name.
         log: String,
-        /// Line number, from 1.
+        /// LogLine number, from 1.
         line: u64,
         /// What was found and what would be right.
         what: String,
@@ -137,7 +137,7 @@ pub enum RecordingError {
 pub struct RowError {
     /// The log's name.
     pub log: String,
-    /// Line number, from 1.
+    /// LogLine number, from 1.
     pub line: u64,
     /// Number of the column, from 1, and its name, if one cell is to blame.
     pub column: Option<(usize, &'static str)>,

@@ -3,9 +3,9 @@
 use std::io::BufRead;
 
 use super::header;
-use super::lines::{Line, Lines};
-use super::rows::{Fault, Rows};
-use super::stretch::{self, Order};
+use super::lines::{LogLine, LogLines};
+use super::rows::{RowFault, Rows};
+use super::stretch::{self, TimeOrder};
 use super::{Entry, Header, RecordingError, RowError};
 
 /// Reads a log: the header at once, then an iterator of its rows, in milligauss, rad/s and m/s².
@@ -15,7 +15,7 @@ use super::{Entry, Header, RecordingError, RowError};
 #[derive(Debug)]
 pub struct Reader<R> {
     log: String,
-    lines: Lines<R>,
+    lines: LogLines<R>,
     rows: Rows,
     last_s: Option<f64>,
     begins_stretch: bool,
@@ -31,9 +31,13 @@ type Numbered = (Entry, u64);
 
 impl<R: BufRead> Reader<R> {
     /// Reads the header. `log` names the log in messages.
+    ///
+    /// # Errors
+    ///
+    /// When the log cannot be read, or its header cannot be understood.
     pub fn new(log: impl Into<String>, input: R) -> Result<Self, RecordingError> {
         let log = log.into();
-        let mut lines = Lines::new(input);
+        let mut lines = LogLines::new(input);
         let rows = header::read(&log, &mut lines)?;
         Ok(Self {
             log,
@@ -63,18 +67,18 @@ impl<R: BufRead> Reader<R> {
         while !self.done {
             let before = self.lines.number();
             let fault = match self.lines.advance() {
-                Ok(Line::End) => break,
+                Ok(LogLine::End) => break,
                 Ok(_) if self.lines.text().trim_ascii().is_empty() => continue,
-                Ok(Line::Whole) => match self.rows.entry(self.lines.text()) {
+                Ok(LogLine::Whole) => match self.rows.entry(self.lines.text()) {
                     Ok(entry) => return Some(Ok((entry, self.lines.number()))),
                     Err(fault) => fault,
                 },
-                Ok(Line::TooLong) => (
+                Ok(LogLine::TooLong) => (
                     None,
                     "the line is longer than 4 KiB, so it is no row".to_owned(),
                 ),
                 // Its last number may have lost digits and still look like a number.
-                Ok(Line::CutOff) => (
+                Ok(LogLine::CutOff) => (
                     None,
                     "the log ends here without the end of the line: the row was cut off".to_owned(),
                 ),
@@ -94,9 +98,9 @@ impl<R: BufRead> Reader<R> {
     }
 
     /// The entry, unless its time cannot be right.
-    fn judged(&mut self, (entry, line): Numbered, order: Order) -> Result<Entry, RowError> {
+    fn judged(&mut self, (entry, line): Numbered, order: TimeOrder) -> Result<Entry, RowError> {
         let t_s = entry.reading.t_s;
-        if let (Order::Odd, Some(last_s)) = (order, self.last_s) {
+        if let (TimeOrder::Odd, Some(last_s)) = (order, self.last_s) {
             let what = if t_s < last_s {
                 format!("found time {t_s}, but must be at least {last_s}, that of the row before")
             } else {
@@ -107,11 +111,11 @@ impl<R: BufRead> Reader<R> {
             return Err(self.row_error(line, (Some(0), what)));
         }
         self.last_s = Some(t_s);
-        self.begins_stretch = order == Order::Jump;
+        self.begins_stretch = order == TimeOrder::Jump;
         Ok(entry)
     }
 
-    fn row_error(&self, line: u64, (column, what): Fault) -> RowError {
+    fn row_error(&self, line: u64, (column, what): RowFault) -> RowError {
         RowError {
             log: self.log.clone(),
             line,

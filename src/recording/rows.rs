@@ -2,10 +2,30 @@
 
 use nalgebra::Vector3;
 
-use super::header::{self, Layout};
 use super::{ACCEL, COLUMNS, Entry, GYRO, HEADING, Header, MAG, check_row, shown};
 use crate::frame::wrap_360;
 use crate::reading::Reading;
+
+/// How one column's numbers become ours.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rule {
+    /// Our unit = factor · the log's unit.
+    pub(super) factor: f64,
+    /// Largest credible magnitude, in the log's unit. Far above any sensor's range: it is there for
+    /// broken rows.
+    pub(super) limit: f64,
+    /// The log's unit.
+    pub(super) unit: &'static str,
+}
+
+/// Where each column of the log belongs.
+#[derive(Clone, Debug)]
+pub(super) struct Layout {
+    /// For each column of the log, its index in [`COLUMNS`]; `None` if it is unknown.
+    pub(super) columns: Vec<Option<usize>>,
+    /// For each of [`COLUMNS`].
+    pub(super) rules: [Rule; COLUMNS.len()],
+}
 
 /// How a log's rows are to be read, and what its header said.
 #[derive(Clone, Debug)]
@@ -15,17 +35,11 @@ pub struct Rows {
 }
 
 /// What is wrong with a row: the column, if one cell is to blame, and what was found.
-pub(super) type Fault = (Option<usize>, String);
+pub(super) type RowFault = (Option<usize>, String);
 
 impl Rows {
     pub(super) fn new(header: Header, layout: Layout) -> Self {
         Self { header, layout }
-    }
-
-    /// Rows without a header, of this many cells: `t_s,mx,my,mz`, or with `gx,gy,gz`, or with `ax,ay,az`
-    /// too, or with `heading_deg` too; in milligauss, rad/s and m/s². `None` for any other count.
-    pub fn plain(cells: usize) -> Option<Self> {
-        Some(Self::new(Header::default(), header::plain(cells)?))
     }
 
     /// What the `#` lines said.
@@ -66,7 +80,7 @@ impl Rows {
     }
 
     /// One row, without its line's end. Whether its time follows the time of the row before is not asked.
-    pub(super) fn entry(&self, line: &[u8]) -> Result<Entry, Fault> {
+    pub(super) fn entry(&self, line: &[u8]) -> Result<Entry, RowFault> {
         let (line, _) = check_row(line).map_err(|what| (None, what))?;
         let cells = self.cells(line)?;
         let t_s = cells[0].ok_or((
@@ -86,7 +100,7 @@ impl Rows {
     }
 
     /// The row's numbers in our units, in the order of [`COLUMNS`].
-    fn cells(&self, line: &[u8]) -> Result<[Option<f64>; COLUMNS.len()], Fault> {
+    fn cells(&self, line: &[u8]) -> Result<[Option<f64>; COLUMNS.len()], RowFault> {
         let text = str::from_utf8(line).map_err(|error| {
             let rest = &line[error.valid_up_to()..];
             (
@@ -136,7 +150,7 @@ impl Rows {
 fn vector(
     cells: &[Option<f64>; COLUMNS.len()],
     first: usize,
-) -> Result<Option<Vector3<f64>>, Fault> {
+) -> Result<Option<Vector3<f64>>, RowFault> {
     match [cells[first], cells[first + 1], cells[first + 2]] {
         [Some(x), Some(y), Some(z)] => Ok(Some(Vector3::new(x, y, z))),
         [None, None, None] => Ok(None),

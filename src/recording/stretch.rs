@@ -20,7 +20,7 @@ const HOLE_S: f64 = 60.0;
 
 /// What the time of a row says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Order {
+pub(super) enum TimeOrder {
     /// It follows the last one.
     Follows,
     /// It cannot be right.
@@ -30,32 +30,32 @@ pub(super) enum Order {
 }
 
 /// What can be said before the next row is known. `last_s` is the last time used, if there is one.
-pub(super) fn at_once(last_s: Option<f64>, t_s: f64) -> Option<Order> {
+pub(super) fn at_once(last_s: Option<f64>, t_s: f64) -> Option<TimeOrder> {
     let Some(last_s) = last_s else {
-        return Some(Order::Follows);
+        return Some(TimeOrder::Follows);
     };
     match t_s - last_s {
-        step_s if (0.0..=NEAR_S).contains(&step_s) => Some(Order::Follows),
-        step_s if (-NEAR_S..0.0).contains(&step_s) => Some(Order::Odd),
+        step_s if (0.0..=NEAR_S).contains(&step_s) => Some(TimeOrder::Follows),
+        step_s if (-NEAR_S..0.0).contains(&step_s) => Some(TimeOrder::Odd),
         _ => None,
     }
 }
 
 /// What is to be said where that is nothing, with the next row's time, if there is a next row.
-pub(super) fn before(last_s: f64, t_s: f64, next_s: Option<f64>) -> Order {
+pub(super) fn before(last_s: f64, t_s: f64, next_s: Option<f64>) -> TimeOrder {
     let goes_on = |from_s: f64, to_s: f64| (0.0..=HOLE_S).contains(&(to_s - from_s));
     match next_s {
-        Some(next_s) if goes_on(last_s, next_s) && (t_s < last_s || next_s < t_s) => Order::Odd,
-        _ if goes_on(last_s, t_s) => Order::Follows,
+        Some(next_s) if goes_on(last_s, next_s) && (t_s < last_s || next_s < t_s) => TimeOrder::Odd,
+        _ if goes_on(last_s, t_s) => TimeOrder::Follows,
         // A time that is said again and again does not go on.
-        Some(next_s) if next_s > t_s && goes_on(t_s, next_s) => Order::Jump,
-        _ => Order::Odd,
+        Some(next_s) if next_s > t_s && goes_on(t_s, next_s) => TimeOrder::Jump,
+        _ => TimeOrder::Odd,
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Order::{Follows, Jump, Odd};
+    use super::TimeOrder::{Follows, Jump, Odd};
     use super::*;
 
     #[test]

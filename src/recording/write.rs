@@ -18,7 +18,11 @@ pub struct Writer<W: Write> {
 }
 
 impl<W: Write> Writer<W> {
-    /// Writes the header. Fails with `InvalidInput` if it has a text that would not be read back.
+    /// Writes the header.
+    ///
+    /// # Errors
+    ///
+    /// `InvalidInput` if the header has a text that would not be read back; any other when writing fails.
     pub fn new(mut output: W, header: &Header) -> io::Result<Self> {
         let mut text = format!("# {MAGIC} {VERSION}\n");
         let mut add = |key: &str, value: &str| {
@@ -62,8 +66,11 @@ impl<W: Write> Writer<W> {
     }
 
     /// Writes one row. A number that is not finite is no measurement: its axis of the magnetometer
-    /// is left empty, of the gyro and the accelerometer all three. A time that is not finite fails
-    /// with `InvalidInput`.
+    /// is left empty, of the gyro and the accelerometer all three.
+    ///
+    /// # Errors
+    ///
+    /// `InvalidInput` if the time is not finite; any other when writing fails.
     pub fn write(&mut self, entry: &Entry) -> io::Result<()> {
         if !entry.reading.t_s.is_finite() {
             return Err(invalid(format!(
@@ -82,11 +89,19 @@ impl<W: Write> Writer<W> {
     }
 
     /// Flushes the output.
+    ///
+    /// # Errors
+    ///
+    /// When writing fails.
     pub fn flush(&mut self) -> io::Result<()> {
         self.output.flush()
     }
 
     /// Flushes the output and gives it back.
+    ///
+    /// # Errors
+    ///
+    /// When writing fails.
     pub fn into_inner(mut self) -> io::Result<W> {
         self.output.flush()?;
         Ok(self.output)

@@ -1,11 +1,11 @@
-//! The clock that a live source works by: a test brings its own, and waits for nothing.
+//! The clock of a live source. Tests bring their own, which does not wait.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Whoever waits looks this often whether it is to stop.
+/// A waiting thread checks this often whether it must stop.
 const LOOK: Duration = Duration::from_millis(50);
 
 /// Time from an origin of its own, and waiting.
@@ -13,7 +13,7 @@ pub trait Clock {
     /// Seconds since the origin; never goes back.
     fn now_s(&self) -> f64;
 
-    /// Waits until then; false as soon as it is told to stop.
+    /// Waits until `t_s`; false as soon as the clock is told to stop.
     #[must_use]
     fn wait_until(&mut self, t_s: f64) -> bool;
 }

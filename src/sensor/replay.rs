@@ -1,4 +1,4 @@
-//! A recorded log as a source of readings. How fast they are played is not decided here.
+//! A recorded log as a source of readings. The caller decides how fast to play them.
 
 use std::fs::{self, File};
 use std::io::{self, BufReader, Seek};
@@ -57,6 +57,10 @@ pub struct Replay {
 
 impl Replay {
     /// Opens the log and reads its header.
+    ///
+    /// # Errors
+    ///
+    /// When the log cannot be opened, or its header cannot be understood.
     pub fn open(path: &Path) -> Result<Self, ReplayError> {
         let unreadable = |source| ReplayError::Unreadable {
             path: path.to_owned(),

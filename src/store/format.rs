@@ -36,7 +36,7 @@ pub enum FormatError {
     #[error("{0}")]
     Unreadable(String),
     /// Of a version that only a newer program knows.
-    #[error("it has version {0}, which this program is too old to read: use a newer headingd")]
+    #[error("store version {0} is newer than this headingd supports ({VERSION}): upgrade headingd")]
     Newer(u64),
 }
 
@@ -81,7 +81,11 @@ impl Contents {
         }
     }
 
-    /// As JSON; an error says what could not be read again.
+    /// As JSON.
+    ///
+    /// # Errors
+    ///
+    /// When something could not be read again.
     pub fn to_json(&self) -> Result<String, String> {
         // What is written must be readable: JSON has no NaN, for one.
         if let Some(fault) = self.fault() {
@@ -98,6 +102,10 @@ impl Contents {
     }
 
     /// Reads a calibration file, and checks that its values can be a calibration's.
+    ///
+    /// # Errors
+    ///
+    /// When the text is not a calibration file of a supported version, or when its values cannot be those of a calibration.
     pub fn from_json(bytes: &[u8]) -> Result<Self, FormatError> {
         let value: Value = serde_json::from_slice(bytes)
             .map_err(|error| FormatError::Unreadable(error.to_string()))?;
@@ -105,9 +113,13 @@ impl Contents {
     }
 
     /// The same of JSON that has been read.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::from_json`].
     pub fn from_value(value: Value) -> Result<Self, FormatError> {
         let fail = |why: String| FormatError::Unreadable(why);
-        // The version first: everything else may be otherwise in another one.
+        // Check the version first: other fields may differ.
         let version = match value.get("headingd_store").map(Value::as_u64) {
             Some(Some(newer)) if newer > VERSION => return Err(FormatError::Newer(newer)),
             Some(Some(version)) if version > 0 => version,

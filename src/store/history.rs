@@ -193,6 +193,10 @@ impl History {
     }
 
     /// The calibration with this number, or the one in force.
+    ///
+    /// # Errors
+    ///
+    /// When there is no such calibration.
     pub fn find(&self, number: Option<u64>) -> Result<&Entry, Refusal> {
         match number {
             Some(number) => self.entry(number).ok_or(Refusal::NoSuchNumber(number)),
@@ -218,6 +222,10 @@ impl History {
     }
 
     /// Puts an earlier calibration in force: that with this number, or the one saved before.
+    ///
+    /// # Errors
+    ///
+    /// When there is no such calibration, or when the active one is locked.
     pub fn roll_back(&mut self, number: Option<u64>) -> Result<&Entry, Refusal> {
         if self.is_locked() {
             return Err(Refusal::Locked);
@@ -242,6 +250,10 @@ impl History {
     }
 
     /// Forgets calibrations; how many. If that in force is among them, none is in force any more.
+    ///
+    /// # Errors
+    ///
+    /// When there is no such calibration, or when the active one is locked.
     pub fn forget(&mut self, what: Forget) -> Result<usize, Refusal> {
         let number = match what {
             Forget::InForce => Some(self.in_force.ok_or(Refusal::NoneInForce(self.mode))?),
@@ -261,6 +273,10 @@ impl History {
     }
 
     /// Locks the calibration in force, or sets another mode.
+    ///
+    /// # Errors
+    ///
+    /// When a lock is asked for and no calibration is active.
     pub fn set_mode(&mut self, mode: Policy) -> Result<(), Refusal> {
         if mode == Policy::Locked && self.in_force.is_none() {
             return Err(Refusal::NoneInForce(self.mode));

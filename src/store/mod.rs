@@ -15,9 +15,7 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
-
-use crate::check::{Check, Fault, within};
+use crate::check::{Fault, settings};
 use crate::lock_file::{LockError, LockFile};
 pub use format::{Contents, FormatError};
 pub use history::{Entry, History, Identity, Made};
@@ -31,24 +29,17 @@ const LOCK_NAME: &str = ".lock";
 /// Longest file that is read, bytes: a calibration has less than a thousand.
 const LONGEST: u64 = 1 << 20;
 
-/// Where the calibration is kept.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// The folder that the calibration is kept in, an absolute path. Empty: it is not kept, and each
-    /// start begins uncalibrated.
-    pub directory: PathBuf,
-    /// How many calibrations of a sensor are kept, 1 to 100; then the oldest goes.
-    pub history: usize,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            directory: PathBuf::from("/var/lib/headingd"),
-            history: 10,
-        }
+settings! {
+    /// Where the calibration is kept.
+    #[derive(Eq)]
+    pub struct Settings {
+        /// The folder that the calibration is kept in, an absolute path. Empty: it is not kept, and each
+        /// start begins uncalibrated.
+        directory: PathBuf = PathBuf::from("/var/lib/headingd");
+        /// How many calibrations of a sensor are kept; then the oldest goes.
+        history: usize = 10, 1..=100, "calibrations";
     }
+    also Settings::check_directory;
 }
 
 impl Settings {
@@ -56,11 +47,8 @@ impl Settings {
     pub fn directory(&self) -> Option<&Path> {
         (!self.directory.as_os_str().is_empty()).then_some(&self.directory)
     }
-}
 
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
+    fn check_directory(&self, faults: &mut Vec<Fault>) {
         // The folder that a daemon happens to be started in is no place to look for it next time.
         if let Some(directory) = self.directory().filter(|d| d.is_relative()) {
             faults.push(Fault {
@@ -69,14 +57,6 @@ impl Check for Settings {
                 right: "an absolute path, or empty to keep nothing".to_owned(),
             });
         }
-        within(
-            &mut faults,
-            "history",
-            self.history,
-            1..=100,
-            "calibrations",
-        );
-        faults
     }
 }
 
@@ -132,7 +112,7 @@ pub enum StoreError {
     },
     /// A newer program wrote the file.
     #[error(
-        "calibration {} has version {version}, which this program is too old to read",
+        "calibration {} has version {version}, which is newer than this headingd supports: upgrade headingd",
         path.display()
     )]
     Newer {
@@ -168,8 +148,11 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the folder, or makes it. Fails if nothing can be written there: better now than after
-    /// the first turn. No other process can open it until this and its clones are dropped; this one can.
+    /// Opens the folder, or makes it. It writes a probe: better now than after the first turn. No other process can open it until this and its clones are dropped; this one can.
+    ///
+    /// # Errors
+    ///
+    /// When the folder cannot be made or used, or when another process has it.
     pub fn open(directory: &Path) -> Result<Self, StoreError> {
         let fail = |source| StoreError::Directory {
             directory: directory.to_owned(),
@@ -186,7 +169,11 @@ impl Store {
         Ok(store)
     }
 
-    /// Fails if another process has the folder. One that cannot be used for other reasons is no matter here.
+    /// Checks that no other process has the folder. Other reasons why it cannot be used do not matter here.
+    ///
+    /// # Errors
+    ///
+    /// When another process has the folder.
     pub fn check_free(directory: &Path) -> Result<(), StoreError> {
         match Self::lock(directory) {
             Err(error @ StoreError::InUse { .. }) => Err(error),
@@ -210,7 +197,11 @@ impl Store {
         }
     }
 
-    /// What is kept for this sensor. A file that cannot be used is an error, and stays as it is.
+    /// What is kept for this sensor. A file that cannot be used stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// When the file cannot be read, or does not hold calibrations.
     pub fn load(&self, identity: &Identity) -> Result<Loaded, StoreError> {
         let contents = self.contents()?;
         Ok(match contents.find(identity) {
@@ -223,6 +214,10 @@ impl Store {
     /// Keeps this in place of `known`, which is what was loaded or saved last for this sensor. What is kept for
     /// other sensors stays. A file that could not be used, or in which somebody else has changed what is kept for
     /// this sensor, is set aside; its new path is given back. After an error the old file is intact.
+    ///
+    /// # Errors
+    ///
+    /// When the folder or the file cannot be written.
     pub fn save(
         &self,
         history: &History,
@@ -270,6 +265,10 @@ impl Store {
     }
 
     /// What any calibration file holds.
+    ///
+    /// # Errors
+    ///
+    /// When the file cannot be read, or does not hold calibrations.
     pub fn read_file(path: &Path) -> Result<Contents, StoreError> {
         let mut bytes = Vec::new();
         File::open(path)
@@ -295,6 +294,10 @@ impl Store {
     }
 
     /// Writes a calibration file, in place of what was there. After an error a regular file is as it was.
+    ///
+    /// # Errors
+    ///
+    /// When the file cannot be written.
     pub fn write_file(path: &Path, contents: &Contents) -> Result<(), StoreError> {
         let text = text(path, contents)?;
         disk::replace(path, &text).map_err(|source| StoreError::Write {

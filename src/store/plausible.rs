@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 use serde_json::Value;
 
 use crate::calibration::model::{
-    Calibration, Covariance, Mode, Model, Parameters, Planar, Spatial,
+    Calibration, Mode, Model, PackedCovariance, Parameters, Planar, Spatial,
 };
 use crate::check::{Fault, within};
 
-/// Finds what is no number but should be: the deserialiser would not say where it stands.
+/// Returns the path of the first non-numeric field, which the deserialiser would not name.
 pub(super) fn no_number(calibration: &Value) -> Option<String> {
     fn search(value: &Value, key: &str) -> Option<String> {
         match value {
@@ -73,7 +73,11 @@ pub(super) fn faults(calibration: &Calibration) -> Vec<Fault> {
     faults
 }
 
-fn covariance_faults(faults: &mut Vec<Fault>, calibration: &Calibration, covariance: &Covariance) {
+fn covariance_faults(
+    faults: &mut Vec<Fault>,
+    calibration: &Calibration,
+    covariance: &PackedCovariance,
+) {
     let (found, right) = match calibration.parameters.mode() {
         Mode::Planar => (
             "given",

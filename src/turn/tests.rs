@@ -1,6 +1,7 @@
 use super::*;
 use crate::attitude::motion::Board;
 use crate::attitude::{Attitude, Settings as AttitudeSettings};
+use crate::check::Check;
 use crate::frame::Mountings;
 
 fn turns_with(board: &Board, settings: &Settings) -> Vec<Turn> {

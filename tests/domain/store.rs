@@ -6,7 +6,9 @@ use std::process::Command;
 use std::sync::mpsc;
 use std::time::Duration;
 
-use headingd::calibration::model::{Calibration, Covariance, Model, Parameters, Planar, Spatial};
+use headingd::calibration::model::{
+    Calibration, Model, PackedCovariance, Parameters, Planar, Spatial,
+};
 use headingd::calibration::policy::{Policy, Reason};
 use headingd::store::history::{Forget, Refusal};
 use headingd::store::{Contents, History, Identity, Loaded, Made, Store, StoreError};
@@ -81,7 +83,7 @@ fn learnt() -> Made {
     let mut made = made(Parameters::Spatial(
         Spatial::new(Model::General, bias, matrix).unwrap(),
     ));
-    made.calibration.covariance = Some(Covariance::packed(&(root * root.transpose())));
+    made.calibration.covariance = Some(PackedCovariance::packed(&(root * root.transpose())));
     made
 }
 

@@ -6,6 +6,10 @@ use super::super::model::{Calibration, Parameters};
 use super::{Limits, Refusal};
 
 /// The first objection to it. Its samples are not known, so that only its own numbers can be held against the limits.
+///
+/// # Errors
+///
+/// The first objection.
 pub fn check(calibration: &Calibration, limits: &Limits) -> Result<(), Refusal> {
     let scale = match &calibration.parameters {
         Parameters::Planar(planar) => planar.scale,

@@ -26,7 +26,7 @@ const RATE_SHARE: f64 = 0.9;
 
 /// What was found.
 #[derive(Clone, Debug, Default, Serialize)]
-pub(super) struct Report {
+pub(super) struct CheckReport {
     pub(super) bus: String,
     pub(super) chips: Vec<FoundChip>,
     pub(super) magnetometer: Option<FoundMagnetometer>,
@@ -40,7 +40,7 @@ pub(super) struct Report {
     pub(super) gyro_rate_hz: Option<f64>,
     /// Mean of the accelerometer at rest, body axes.
     pub(super) accel_m_s2: Option<[f64; 3]>,
-    pub(super) problems: Vec<Problem>,
+    pub(super) problems: Vec<FoundProblem>,
 }
 
 /// A chip that answers.
@@ -70,12 +70,12 @@ pub(super) struct Axis {
 
 /// Something that is not well.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Problem {
+pub(super) struct FoundProblem {
     pub(super) code: &'static str,
     pub(super) message: String,
 }
 
-impl Report {
+impl CheckReport {
     fn problem(&mut self, code: &'static str, message: String) {
         // The chips are tried more than once, the second time with the name of their part before the sentence.
         if !self
@@ -83,7 +83,7 @@ impl Report {
             .iter()
             .any(|known| message.ends_with(&known.message))
         {
-            self.problems.push(Problem { code, message });
+            self.problems.push(FoundProblem { code, message });
         }
     }
 
@@ -93,10 +93,10 @@ impl Report {
 }
 
 /// Examines the chips of a configuration.
-pub(super) fn examine(config: &Config, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Report {
-    let mut report = Report {
+pub(super) fn examine(config: &Config, bus: &mut dyn Bus, clock: &mut dyn Clock) -> CheckReport {
+    let mut report = CheckReport {
         bus: config.i2c.path().display().to_string(),
-        ..Report::default()
+        ..CheckReport::default()
     };
     if !call_the_roll(&mut report, bus, clock) {
         return report;
@@ -107,7 +107,7 @@ pub(super) fn examine(config: &Config, bus: &mut dyn Bus, clock: &mut dyn Clock)
 }
 
 /// Which chips answer; false if nothing else is worth trying.
-fn call_the_roll(report: &mut Report, bus: &mut dyn Bus, clock: &mut dyn Clock) -> bool {
+fn call_the_roll(report: &mut CheckReport, bus: &mut dyn Bus, clock: &mut dyn Clock) -> bool {
     // A magnetometer behind an MPU-6050 answers once that has its bypass on.
     for address in drivers::GYRO_ADDRESSES {
         let mut mpu = Mpu6050::new(address);
@@ -141,7 +141,7 @@ fn call_the_roll(report: &mut Report, bus: &mut dyn Bus, clock: &mut dyn Clock) 
 
 fn test_the_magnetometer(
     config: &Config,
-    report: &mut Report,
+    report: &mut CheckReport,
     bus: &mut dyn Bus,
     clock: &mut dyn Clock,
 ) {
@@ -200,7 +200,7 @@ fn axis_sentence(axis: &str, test: &AxisTest) -> String {
 
 /// What the chips said while they were read.
 #[derive(Default)]
-struct Heard {
+struct Observed {
     fields: u32,
     overflows: u32,
     field_sum_mgauss: Vector3<f64>,
@@ -210,8 +210,8 @@ struct Heard {
 }
 
 /// Reads all chips as the daemon does.
-fn read_all(config: &Config, report: &mut Report, bus: &mut dyn Bus, clock: &mut dyn Clock) {
-    let mut heard = Heard::default();
+fn read_all(config: &Config, report: &mut CheckReport, bus: &mut dyn Bus, clock: &mut dyn Clock) {
+    let mut heard = Observed::default();
     let begin_s = clock.now_s() + SETTLING_S;
     let end_s = begin_s + READING_S;
     let mut chips = Chips::new(&config.i2c);
@@ -260,7 +260,7 @@ impl Clock for Until<'_> {
     }
 }
 
-fn judge(config: &Config, report: &mut Report, heard: &Heard) {
+fn judge(config: &Config, report: &mut CheckReport, heard: &Observed) {
     let chips = config.i2c.mountings(&config.mounting.chips());
     let mountings = chips.on(&config.mounting.board());
     judge_field(config, report, heard);
@@ -293,7 +293,7 @@ fn judge(config: &Config, report: &mut Report, heard: &Heard) {
     }
 }
 
-fn judge_field(config: &Config, report: &mut Report, heard: &Heard) {
+fn judge_field(config: &Config, report: &mut CheckReport, heard: &Observed) {
     if heard.overflows > heard.fields {
         report.problem(
             "overflow",
@@ -324,7 +324,7 @@ fn judge_field(config: &Config, report: &mut Report, heard: &Heard) {
     }
 }
 
-fn judge_gyro(config: &Config, report: &mut Report, heard: &Heard, mountings: &Mountings) {
+fn judge_gyro(config: &Config, report: &mut CheckReport, heard: &Observed, mountings: &Mountings) {
     let count = heard.rates.len() as f64;
     if count == 0.0 {
         return;

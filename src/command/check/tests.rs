@@ -60,7 +60,7 @@ fn stick() -> FakeBus {
     bus
 }
 
-fn examined(bus: &FakeBus, config: &str) -> Report {
+fn examined(bus: &FakeBus, config: &str) -> CheckReport {
     let config = Config::parse("a.toml", config).unwrap();
     let mut clock = Still {
         bus: bus.clone(),
@@ -71,7 +71,7 @@ fn examined(bus: &FakeBus, config: &str) -> Report {
     report
 }
 
-fn codes(report: &Report) -> Vec<&'static str> {
+fn codes(report: &CheckReport) -> Vec<&'static str> {
     report.problems.iter().map(|problem| problem.code).collect()
 }
 

@@ -2,17 +2,17 @@
 
 use std::fmt::Write;
 
-use super::examine::Report;
+use super::examine::CheckReport;
 
 /// The report, line by line.
-pub(super) fn written(report: &Report) -> String {
+pub(super) fn written(report: &CheckReport) -> String {
     let mut text = String::new();
     // Writing to a String never fails.
     let _ = write(report, &mut text);
     text
 }
 
-fn write(report: &Report, out: &mut String) -> std::fmt::Result {
+fn write(report: &CheckReport, out: &mut String) -> std::fmt::Result {
     writeln!(out, "{}", report.bus)?;
     for found in &report.chips {
         writeln!(out, "  0x{:02x}  {}", found.address, found.chip)?;

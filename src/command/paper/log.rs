@@ -15,7 +15,7 @@ use super::published::{Column, HORIZONTAL_MGAUSS, TOTAL_MGAUSS};
 use crate::attitude::Pose;
 use crate::calibration::model::Mode;
 use crate::calibration::settings::Settings;
-use crate::calibration::{Request, Sample, TurnMade, verdict};
+use crate::calibration::{CompletedTurn, FieldSample, Request, verdict};
 use crate::frame::Mounting;
 
 const RATE_HZ: f64 = 40.0;
@@ -70,7 +70,7 @@ pub fn request(mode: Mode, truth: &Column, seed: u64, settings: &Settings) -> Re
                 let raw = truth.scale[axis] * seen[axis] + truth.bias_mgauss[axis];
                 counted(raw + NOISE_MGAUSS * normal)
             });
-            Sample {
+            FieldSample {
                 t_s: index as f64 / RATE_HZ,
                 field_mgauss: raw,
                 pose: Some(pose(turned)),
@@ -88,7 +88,7 @@ pub fn request(mode: Mode, truth: &Column, seed: u64, settings: &Settings) -> Re
         turns: turns
             .iter()
             .zip(&axes)
-            .map(|(samples, axis)| TurnMade {
+            .map(|(samples, axis)| CompletedTurn {
                 samples: samples.clone(),
                 axis_body: axis.into_inner(),
             })

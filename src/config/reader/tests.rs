@@ -30,10 +30,10 @@ impl Check for Outer {
 #[test]
 fn a_table_within_a_table_is_read_key_by_key_too() {
     let text = "[outer]\nseed = -1\n[outer.inner]\nshare = 2\n";
-    let mut reader = Reader::new(text).unwrap();
+    let mut reader = TableReader::new(text).unwrap();
     reader.table::<Outer>("outer");
     let text = "[outer.inner]\ncount = 1.5\nshare = \"a\"\nshape = 1\n";
-    let mut nested = Reader::new(text).unwrap();
+    let mut nested = TableReader::new(text).unwrap();
     nested.table::<Outer>("outer");
     let said: Vec<String> = reader
         .into_faults()
@@ -91,7 +91,7 @@ fn many_unknown_keys_are_little_work() {
     ] {
         let text = format!("[{table}]\n{keys}");
         MADE.set(0);
-        let mut reader = Reader::new(&text).unwrap();
+        let mut reader = TableReader::new(&text).unwrap();
         reader.table::<Counted>("counted");
         let faults = reader.into_faults();
         assert!(faults.len() >= least, "{table}: {}", faults.len());

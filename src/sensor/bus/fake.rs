@@ -1,4 +1,4 @@
-//! A bus for tests: chips are tables of registers, every transfer is written down, and faults are scripted.
+//! A bus for tests: chips are tables of registers, every transfer is recorded, and faults are scripted.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};

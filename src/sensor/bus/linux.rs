@@ -1,6 +1,6 @@
-//! A bus of Linux, `/dev/i2c-N`, through SMBus transfers alone: they work where the adapter refuses plain I2C
-//! ones (I2C_RDWR), and opening a chip for them (I2C_SLAVE) is refused while a driver of the kernel has it.
-//! That refusal is never forced.
+//! A Linux bus, `/dev/i2c-N`, by SMBus transfers only: they also work where the adapter refuses plain I2C ones
+//! (I2C_RDWR), and the kernel refuses to open a chip for them (I2C_SLAVE) while a driver is bound to it. This refusal is
+//! never overridden.
 
 use std::io;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! A bus with chips on it: what a driver needs of one, and what can go wrong with it.
+//! A bus with chips on it: reading and writing registers, and the errors.
 
 #[cfg(test)]
 pub(crate) mod fake;
@@ -14,13 +14,25 @@ pub const LONGEST_BLOCK: usize = 32;
 /// Reads and writes the registers of the chips on one bus.
 pub trait Bus {
     /// Reads registers from `register` on, as many as `into` is long (1 to [`LONGEST_BLOCK`]), in one transfer.
+    ///
+    /// # Errors
+    ///
+    /// When the transfer fails.
     fn read(&mut self, address: u8, register: u8, into: &mut [u8]) -> Result<(), BusError>;
 
     /// Writes one register.
+    ///
+    /// # Errors
+    ///
+    /// When the transfer fails.
     fn write(&mut self, address: u8, register: u8, value: u8) -> Result<(), BusError>;
 }
 
 /// Reads one register.
+///
+/// # Errors
+///
+/// When the transfer fails.
 pub fn read_byte(bus: &mut dyn Bus, address: u8, register: u8) -> Result<u8, BusError> {
     let mut byte = [0];
     bus.read(address, register, &mut byte)?;
@@ -65,23 +77,23 @@ pub enum Attempt {
     },
 }
 
-/// Why a transfer failed, in the words of Linux's `fault-codes.rst` as far as it has them.
+/// Why a transfer failed, after Linux's `fault-codes.rst`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cause {
     /// There is no such bus, or it has gone.
     NoBus,
     /// The user may not use it.
     Permission,
-    /// A driver of the kernel has the chip.
+    /// A kernel driver is bound to the chip.
     Claimed {
-        /// What to write where to free it, if the driver was found.
+        /// The driver, if it was found.
         driver: Option<Claim>,
     },
     /// No chip acknowledges the address.
     NoAnswer,
     /// The transfer did not end in time.
     Timeout,
-    /// Another master spoke at the same time.
+    /// Another master transmitted at the same time.
     ArbitrationLost,
     /// Fewer bytes came than were asked for.
     ShortRead {
@@ -90,11 +102,11 @@ pub enum Cause {
     },
     /// The adapter has no such transfer.
     Unsupported,
-    /// Anything else, as the system says it.
+    /// Anything else, in the words of the system.
     Other(String),
 }
 
-/// A driver of the kernel that has a chip.
+/// A kernel driver that is bound to a chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Claim {
     /// The driver: `hmc5843`.
@@ -119,7 +131,7 @@ impl Cause {
         }
     }
 
-    /// Whether the next attempt may do: a disturbance on the wires. The others need somebody's help.
+    /// Whether the next attempt may succeed: a disturbance on the wires. The others need a person.
     pub fn is_passing(&self) -> bool {
         !matches!(
             self,

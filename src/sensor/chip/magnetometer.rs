@@ -154,6 +154,10 @@ pub trait Magnetometer: Sync {
 }
 
 /// Sets a chip up, whatever state it was in: the kernel's drivers leave some asleep.
+///
+/// # Errors
+///
+/// When a transfer fails.
 pub fn start(
     bus: &mut dyn Bus,
     chip: &dyn Magnetometer,
@@ -164,6 +168,10 @@ pub fn start(
 
 /// Writes the registers that differ between two setups: a chip goes on measuring while its gain changes. The next
 /// measurement still has the old gain.
+///
+/// # Errors
+///
+/// When a transfer fails.
 pub fn change(
     bus: &mut dyn Bus,
     chip: &dyn Magnetometer,
@@ -177,6 +185,10 @@ pub fn change(
 }
 
 /// Reads back the registers that were set up.
+///
+/// # Errors
+///
+/// When the transfer fails, or when a register has lost its value.
 pub fn verify(
     bus: &mut dyn Bus,
     chip: &dyn Magnetometer,

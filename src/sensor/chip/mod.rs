@@ -1,5 +1,5 @@
-//! What the drivers of all chips share. A chip is a file (or a folder) of its own here: its registers, its identity, its
-//! numbers, and a line in the table of [`drivers`].
+//! What the drivers of all chips share. Each chip has a file or folder here, with its registers and its identity, and a
+//! line in the table of [`drivers`].
 
 pub mod adxl345;
 pub mod drivers;
@@ -23,7 +23,7 @@ pub enum ChipError {
     /// A transfer failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// Something answers, but it is another chip.
+    /// Another chip answers.
     #[error(
         "the chip at 0x{address:02x} does not identify itself as {chip}: register 0x{register:02x} holds {found:02x?}, not \
          {right}; check the address, and which chip the board has"
@@ -120,7 +120,7 @@ impl ChipError {
         }
     }
 
-    /// Whether the next transfer may do, with the chip as it is.
+    /// Whether the next transfer may succeed without setting the chip up again.
     pub fn is_passing(&self) -> bool {
         matches!(self, Self::Bus(error) if error.cause.is_passing())
     }

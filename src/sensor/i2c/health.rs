@@ -1,17 +1,17 @@
-//! How a chip is doing: its faults are counted, told once, and tried to be mended ever more rarely.
+//! Tracks the faults of a chip; reinitialises it with exponential back-off.
 
 use crate::condition::Trouble;
 use crate::sensor::chip::ChipError;
 
-/// So many failures in a row, and the chip is set up anew.
+/// The chip is reinitialised after so many failures in a row.
 const IN_A_ROW: u32 = 3;
-/// The first wait before that, and the longest, seconds.
+/// The first back-off, and the longest, seconds.
 const FIRST_WAIT_S: f64 = 0.1;
 const LONGEST_WAIT_S: f64 = 5.0;
-/// A time of faults is over when there were none for this long, seconds.
+/// A series of faults is over after this long without one, seconds.
 const QUIET_S: f64 = 2.0;
 
-/// How one chip is doing.
+/// The state of one chip.
 pub(super) struct Health {
     what: &'static str,
     /// When to set it up; `None` while it works.
@@ -21,18 +21,18 @@ pub(super) struct Health {
     faults: Option<Faults>,
 }
 
-/// A time of faults.
+/// A series of faults.
 struct Faults {
     since_s: f64,
     last_s: f64,
     count: u64,
-    /// The codes that the log has been told of.
+    /// The codes that were logged.
     told: Vec<&'static str>,
     newest: Trouble,
 }
 
 impl Health {
-    /// A chip that is still to be set up; `what` is its part: "gyro".
+    /// A chip that is not set up yet; `what` is its role: "gyro".
     pub(super) fn new(what: &'static str) -> Self {
         Self {
             what,
@@ -43,7 +43,7 @@ impl Health {
         }
     }
 
-    /// When the chip is to be set up; `None` while it works.
+    /// When the chip must be set up; `None` while it works.
     pub(super) fn set_up_at_s(&self) -> Option<f64> {
         self.set_up_at_s
     }
@@ -54,7 +54,7 @@ impl Health {
         self.in_a_row = 0;
     }
 
-    /// Something went wrong; true if the chip is to be set up anew.
+    /// Takes a fault; true if the chip must be reinitialised.
     pub(super) fn failed(&mut self, now_s: f64, error: &ChipError) -> bool {
         let newest = Trouble {
             code: error.code(),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::check::{Check, Fault, within};
+use crate::check::{Fault, settings, within};
 use crate::frame::Mountings;
 use crate::sensor::board::{Board, Companions};
 use crate::sensor::bus::LinuxBus;
@@ -15,29 +15,30 @@ use crate::sensor::chip::magnetometer::Magnetometer;
 /// The rate that is kept by single measurements: the paper's, which no chip has of its own.
 pub const STEADY_HZ: f64 = 40.0;
 
-/// Chips on a bus of Linux.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// The number N of the bus /dev/i2c-N, 0 to 255.
-    pub bus: u8,
-    /// The board.
-    pub board: Board,
-    /// The magnetometer.
-    pub magnetometer: MagnetometerChoice,
-    /// Its readings, 0.5 to 220 a second: 40 by single measurements where the chip has those, others by the smallest
-    /// rate of the chip that is not smaller, or else by its largest.
-    pub rate_hz: f64,
-    /// The gain's code, 0 (finest) to 7, or 1 with a QMC5883L; without it, the gain is chosen automatically.
-    pub gain: Option<u8>,
-    /// The chips beside it.
-    pub companions: Companions,
-    /// Address of the gyro, 0x68 or 0x69.
-    pub gyro_address: u8,
-    /// Address of the accelerometer, if that is a chip of its own, 0x53 or 0x1D.
-    pub accel_address: u8,
-    /// Readings of gyro and accelerometer, 100 to 200 a second.
-    pub gyro_rate_hz: f64,
+settings! {
+    /// Chips on a bus of Linux.
+    pub struct Settings {
+        /// The number N of the bus /dev/i2c-N.
+        bus: u8 = 1;
+        /// The board.
+        board: Board = Board::default();
+        /// The magnetometer.
+        magnetometer: MagnetometerChoice = MagnetometerChoice::default();
+        /// Its readings: 40 by single measurements where the chip has those, others by the smallest
+        /// rate of the chip that is not smaller, or else by its largest.
+        rate_hz: f64 = STEADY_HZ, 0.5..=220.0, "Hz";
+        /// The gain's code, 0 (finest) to 7, or 1 with a QMC5883L; without it, the gain is chosen automatically.
+        gain: Option<u8> = None;
+        /// The chips beside it.
+        companions: Companions = Companions::default();
+        /// Address of the gyro, 0x68 or 0x69.
+        gyro_address: u8 = 0x68;
+        /// Address of the accelerometer, if that is a chip of its own, 0x53 or 0x1D.
+        accel_address: u8 = 0x53;
+        /// Readings of gyro and accelerometer.
+        gyro_rate_hz: f64 = 100.0, 100.0..=200.0, "Hz";
+    }
+    also Settings::check_others;
 }
 
 /// Which magnetometer there is: one of the driver table by its word, or the one that answers.
@@ -88,35 +89,13 @@ impl Settings {
     pub fn mountings(&self, custom: &Mountings) -> Mountings {
         self.board.mountings(custom)
     }
-}
 
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            bus: 1,
-            board: Board::default(),
-            magnetometer: MagnetometerChoice::default(),
-            rate_hz: STEADY_HZ,
-            gain: None,
-            companions: Companions::default(),
-            gyro_address: 0x68,
-            accel_address: 0x53,
-            gyro_rate_hz: 100.0,
-        }
-    }
-}
-
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        within(&mut faults, "rate_hz", self.rate_hz, 0.5..=220.0, "Hz");
+    fn check_others(&self, faults: &mut Vec<Fault>) {
         if let Some(gain) = self.gain {
             let named = self.magnetometer.named();
             let gains = named.map_or(8, |chip| chip.sheet().gains.len());
-            within(&mut faults, "gain", gain, 0..=gains as u8 - 1, "");
+            within(faults, "gain", gain, 0..=gains as u8 - 1, "");
         }
-        let rate_hz = self.gyro_rate_hz;
-        within(&mut faults, "gyro_rate_hz", rate_hz, 100.0..=200.0, "Hz");
         let mut one_of = |key: &str, found: u8, right: [u8; 2]| {
             if !right.contains(&found) {
                 faults.push(Fault {
@@ -126,12 +105,8 @@ impl Check for Settings {
                 });
             }
         };
-        one_of("gyro_address", self.gyro_address, drivers::GYRO_ADDRESSES);
-        one_of(
-            "accel_address",
-            self.accel_address,
-            drivers::ACCEL_ADDRESSES,
-        );
-        faults
+        let [gyro, accel] = [drivers::GYRO_ADDRESSES, drivers::ACCEL_ADDRESSES];
+        one_of("gyro_address", self.gyro_address, gyro);
+        one_of("accel_address", self.accel_address, accel);
     }
 }

@@ -1,4 +1,4 @@
-//! The port over months: opened, lost and found again.
+//! Keeps a serial port open: opens it, loses it, and finds it again.
 
 use std::collections::VecDeque;
 use std::io;
@@ -41,7 +41,7 @@ pub struct Bridge {
     board: Mountings,
     /// Origin of the readings' times.
     origin: Instant,
-    state: State,
+    state: BridgeState,
     waiting: VecDeque<Heard>,
     /// What was said last to be wrong.
     trouble: Option<&'static str>,
@@ -53,7 +53,7 @@ pub struct Bridge {
 }
 
 #[derive(Debug)]
-enum State {
+enum BridgeState {
     Closed {
         retry: Instant,
         pause: Duration,
@@ -72,7 +72,7 @@ impl Bridge {
             settings: settings.clone(),
             board,
             origin,
-            state: State::Closed {
+            state: BridgeState::Closed {
                 retry: origin,
                 pause: PAUSES.0,
             },
@@ -95,7 +95,7 @@ impl Bridge {
                 return Some(heard);
             }
             match &mut self.state {
-                State::Closed { retry, .. } => {
+                BridgeState::Closed { retry, .. } => {
                     let left = retry.saturating_duration_since(Instant::now());
                     if left.is_zero() {
                         self.open();
@@ -103,7 +103,7 @@ impl Bridge {
                         sleep(left.min(LOOK)).await;
                     }
                 }
-                State::Open { stream, .. } => {
+                BridgeState::Open { stream, .. } => {
                     let read = timeout(LOOK, stream.read(&mut self.bytes[..])).await;
                     self.take(read.ok()).await;
                 }
@@ -116,7 +116,7 @@ impl Bridge {
             Ok(stream) => {
                 self.looked_s = self.now_s();
                 let session = Session::new(&self.settings, self.board, self.looked_s);
-                self.state = State::Open {
+                self.state = BridgeState::Open {
                     stream,
                     session: Box::new(session),
                 };
@@ -126,7 +126,7 @@ impl Bridge {
                 if !(trouble.code == "no_device" && self.trouble == Some("unplugged")) {
                     self.complain(trouble);
                 }
-                if let State::Closed { retry, pause } = &mut self.state {
+                if let BridgeState::Closed { retry, pause } = &mut self.state {
                     *retry = Instant::now() + *pause;
                     *pause = (*pause * 2).min(PAUSES.1);
                 }
@@ -137,7 +137,7 @@ impl Bridge {
     /// What a read came to, and what the time asks for; `None`: nothing came.
     async fn take(&mut self, read: Option<io::Result<usize>>) {
         let now_s = self.now_s();
-        let State::Open { stream, session } = &mut self.state else {
+        let BridgeState::Open { stream, session } = &mut self.state else {
             return;
         };
         let away_s = now_s - self.looked_s;
@@ -185,7 +185,7 @@ impl Bridge {
                     self.settings.port.display()
                 );
             }
-            self.state = State::Closed {
+            self.state = BridgeState::Closed {
                 retry: Instant::now() + PAUSES.0,
                 pause: PAUSES.0,
             };

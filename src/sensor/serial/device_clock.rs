@@ -4,7 +4,7 @@
 //! the device's clock has stood still for a moment. Only what follows tells which: delays pass.
 
 use super::envelope::Envelope;
-use super::lateness::Lateness;
+use super::lateness::LineLateness;
 
 /// How far the device's clock may be fast or slow, as a share: a ceramic resonator is off by up to 0.5 %.
 const TOLERANCE: f64 = 0.05;
@@ -24,7 +24,7 @@ pub struct DeviceClock {
     envelope: Envelope,
     last_device_s: f64,
     last_s: f64,
-    late: Lateness,
+    late: LineLateness,
 }
 
 impl Default for DeviceClock {
@@ -33,7 +33,7 @@ impl Default for DeviceClock {
             envelope: Envelope::new(TOLERANCE),
             last_device_s: f64::NEG_INFINITY,
             last_s: f64::NEG_INFINITY,
-            late: Lateness::new(LATE_STEP_S),
+            late: LineLateness::new(LATE_STEP_S),
         }
     }
 }

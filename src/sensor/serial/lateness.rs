@@ -1,15 +1,15 @@
-//! A run of arrivals that are all late: whether they catch up, as what has waited does, or stay as late as they are.
+//! Tells late arrivals that catch up, as buffered ones do, from those that stay late.
 
 /// The run that is open, if one is.
 #[derive(Clone, Debug)]
-pub(super) struct Lateness {
+pub(super) struct LineLateness {
     /// Arrivals that come nearer than this, seconds, are catching up.
     step_s: f64,
-    run: Option<Run>,
+    run: Option<LateRun>,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Run {
+struct LateRun {
     since_s: f64,
     from_s: f64,
     least_s: f64,
@@ -27,7 +27,7 @@ pub(super) struct Steady {
     pub(super) least_s: f64,
 }
 
-impl Lateness {
+impl LineLateness {
     pub(super) fn new(step_s: f64) -> Self {
         Self { step_s, run: None }
     }
@@ -44,7 +44,7 @@ impl Lateness {
 
     /// An arrival came late by `late_s`.
     pub(super) fn take(&mut self, late_s: f64, arrival_s: f64) -> Steady {
-        let fresh = Run {
+        let fresh = LateRun {
             since_s: arrival_s,
             from_s: late_s,
             least_s: late_s,

@@ -5,7 +5,7 @@ pub(super) const LONGEST_LINE: usize = 4096;
 
 /// What the bytes came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Line<'a> {
+pub(super) enum SerialLine<'a> {
     /// A line, without its end (LF, CR LF or LF CR).
     Whole(&'a [u8]),
     /// A line has become longer than [`LONGEST_LINE`]; what follows up to its end is thrown away.
@@ -14,14 +14,14 @@ pub(super) enum Line<'a> {
 
 /// Cuts bytes into lines. It keeps at most one unfinished line.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Lines {
+pub(super) struct SerialLines {
     pending: Vec<u8>,
     skipping: bool,
 }
 
-impl Lines {
+impl SerialLines {
     /// Hands over the lines that `bytes` complete, in order.
-    pub(super) fn feed(&mut self, bytes: &[u8], mut line: impl FnMut(Line<'_>)) {
+    pub(super) fn feed(&mut self, bytes: &[u8], mut line: impl FnMut(SerialLine<'_>)) {
         for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
             let (text, ends) = match piece.split_last() {
                 Some((b'\n', text)) => (text, true),
@@ -30,12 +30,12 @@ impl Lines {
             if !self.skipping && self.pending.len() + text.len() > LONGEST_LINE {
                 self.skipping = true;
                 self.pending.clear();
-                line(Line::TooLong);
+                line(SerialLine::TooLong);
             }
             if !self.skipping {
                 self.pending.extend_from_slice(text);
                 if ends {
-                    line(Line::Whole(trim_cr(&self.pending)));
+                    line(SerialLine::Whole(trim_cr(&self.pending)));
                 }
             }
             if ends {
@@ -57,12 +57,12 @@ mod tests {
     use super::*;
 
     fn cut(pieces: &[&[u8]]) -> (Vec<String>, usize) {
-        let (mut found, mut lines) = (Vec::new(), Lines::default());
+        let (mut found, mut lines) = (Vec::new(), SerialLines::default());
         for piece in pieces {
             lines.feed(piece, |line| {
                 found.push(match line {
-                    Line::Whole(text) => String::from_utf8_lossy(text).into_owned(),
-                    Line::TooLong => "too long".to_owned(),
+                    SerialLine::Whole(text) => String::from_utf8_lossy(text).into_owned(),
+                    SerialLine::TooLong => "too long".to_owned(),
                 });
             });
         }

@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::item::Item;
-use super::lines::{Line, Lines};
+use super::lines::{SerialLine, SerialLines};
 use super::shown;
 use crate::frame::{Mounting, Mountings};
 use crate::reading::{Field, Reading};
@@ -15,7 +15,7 @@ use crate::recording::{HeaderLines, Rows, check_row};
 /// Bytes in, readings out.
 #[derive(Debug)]
 pub struct LogRows {
-    lines: Lines,
+    lines: SerialLines,
     rows: Wire,
 }
 
@@ -40,7 +40,7 @@ impl LogRows {
     /// Readings come out in the axes of chips that are mounted like this, whatever the header says.
     pub fn new(board: Mountings) -> Self {
         Self {
-            lines: Lines::default(),
+            lines: SerialLines::default(),
             rows: Wire {
                 board,
                 header: None,
@@ -58,8 +58,8 @@ impl LogRows {
     pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
         let rows = &mut self.rows;
         self.lines.feed(bytes, |line| match line {
-            Line::Whole(line) => rows.line(line, &mut found),
-            Line::TooLong => found(Item::TooLong),
+            SerialLine::Whole(line) => rows.line(line, &mut found),
+            SerialLine::TooLong => found(Item::TooLong),
         });
     }
 

@@ -20,7 +20,7 @@ const MAG_MOST: f64 = 2048.0;
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
 /// Three axes in counts; `None` is an axis that told no number.
-pub(super) type Counts = [Option<f64>; 3];
+pub(super) type RazorCounts = [Option<f64>; 3];
 
 /// One of the Razor's sensors, in the order in which it sends them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,18 +30,18 @@ pub(super) enum Sensor {
     Gyro,
 }
 
-/// Counts of all three sensors, where they were told.
+/// RazorCounts of all three sensors, where they were told.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Frame {
-    pub(super) accel: Option<Counts>,
-    pub(super) mag: Option<Counts>,
-    pub(super) gyro: Option<Counts>,
+    pub(super) accel: Option<RazorCounts>,
+    pub(super) mag: Option<RazorCounts>,
+    pub(super) gyro: Option<RazorCounts>,
 }
 
 impl Frame {
     /// The frame in our units; its time is 0. The firmware stores gravity, we have specific force.
     pub(super) fn reading(&self, counts_per_gauss: f64) -> Reading {
-        let whole = |counts: Option<Counts>, most: f64, unit: f64| match counts? {
+        let whole = |counts: Option<RazorCounts>, most: f64, unit: f64| match counts? {
             [Some(x), Some(y), Some(z)] if [x, y, z].iter().all(|n| n.abs() <= most) => {
                 Some(Vector3::new(x, y, z) * unit)
             }
@@ -65,7 +65,7 @@ impl Frame {
 }
 
 /// On boards SEN-10183 and SEN-10321 the firmware reads negative counts of one axis as if they had no sign.
-fn field(counts: Counts, counts_per_gauss: f64) -> Field {
+fn field(counts: RazorCounts, counts_per_gauss: f64) -> Field {
     counts.map(|axis| {
         let count = axis.map(|n| if n >= 32768.0 { n - 65536.0 } else { n })?;
         (count.abs() <= MAG_MOST).then_some(count * 1000.0 / counts_per_gauss)
@@ -76,7 +76,7 @@ fn field(counts: Counts, counts_per_gauss: f64) -> Field {
 mod tests {
     use super::*;
 
-    fn of(x: f64, y: f64, z: f64) -> Option<Counts> {
+    fn of(x: f64, y: f64, z: f64) -> Option<RazorCounts> {
         Some([Some(x), Some(y), Some(z)])
     }
 

@@ -6,7 +6,7 @@
 //! stand among the frames, so error output is off, and a failed read shows only in numbers that stand still.
 
 use super::item::Item;
-use super::razor::{Counts, Frame};
+use super::razor::{Frame, RazorCounts};
 
 /// Bytes of a frame.
 const FRAME: usize = 36;
@@ -78,7 +78,7 @@ impl RazorBinary {
                 ));
             } else {
                 found(Item::Bad(
-                    "found 36 bytes that are no frame of raw counts: bytes were lost, or the mode is another"
+                    "36 bytes are not a raw-count frame: bytes were lost, or the board is in another mode"
                         .to_owned(),
                 ));
                 self.aligned = false;
@@ -124,7 +124,7 @@ impl RazorBinary {
     }
 
     fn frame(&mut self, numbers: [[f32; 3]; 3]) -> Frame {
-        let fresh: [Option<Counts>; 3] = std::array::from_fn(|sensor| {
+        let fresh: [Option<RazorCounts>; 3] = std::array::from_fn(|sensor| {
             let same = numbers[sensor] == self.last[sensor];
             self.still[sensor] = if same {
                 self.still[sensor].saturating_add(1)

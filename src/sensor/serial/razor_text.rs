@@ -1,11 +1,11 @@
 //! The Razor AHRS firmware's raw readings as text, `#osrt`: three lines a frame, `#A-R=`, `#M-R=`, `#G-R=`.
 //!
-//! A sensor that could not be read tells its old numbers again; a line `!ERR: reading …` comes before them,
+//! A sensor that could not be read repeats its last numbers; a line `!ERR: reading …` comes before them,
 //! if error output is on (`#oe1`).
 
 use super::item::Item;
-use super::lines::{Line, Lines};
-use super::razor::{Counts, Frame, Sensor};
+use super::lines::{SerialLine, SerialLines};
+use super::razor::{Frame, RazorCounts, Sensor};
 use super::shown;
 
 /// Beginnings of lines that the firmware, its forks or its predecessor send in other modes.
@@ -28,7 +28,7 @@ const OTHER_MODES: [(&str, &str); 9] = [
 #[derive(Clone, Debug)]
 pub struct RazorText {
     counts_per_gauss: f64,
-    lines: Lines,
+    lines: SerialLines,
     pending: Pending,
 }
 
@@ -45,7 +45,7 @@ impl RazorText {
     pub fn new(counts_per_gauss: f64) -> Self {
         Self {
             counts_per_gauss,
-            lines: Lines::default(),
+            lines: SerialLines::default(),
             pending: Pending::default(),
         }
     }
@@ -54,8 +54,8 @@ impl RazorText {
     pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
         let (pending, gain) = (&mut self.pending, self.counts_per_gauss);
         self.lines.feed(bytes, |line| match line {
-            Line::Whole(line) => pending.line(line, gain, &mut found),
-            Line::TooLong => found(Item::TooLong),
+            SerialLine::Whole(line) => pending.line(line, gain, &mut found),
+            SerialLine::TooLong => found(Item::TooLong),
         });
     }
 }
@@ -126,7 +126,7 @@ impl Pending {
         }
     }
 
-    fn slot(&mut self, sensor: Sensor) -> &mut Option<Counts> {
+    fn slot(&mut self, sensor: Sensor) -> &mut Option<RazorCounts> {
         match sensor {
             Sensor::Accel => &mut self.frame.accel,
             Sensor::Mag => &mut self.frame.mag,
@@ -151,7 +151,7 @@ impl Pending {
 
 /// Three numbers as Arduino's `print(float)` writes them. An empty one, `nan`, `inf` or `ovf` is an axis of
 /// which nothing is known.
-fn counts(text: &str) -> Result<Counts, &'static str> {
+fn counts(text: &str) -> Result<RazorCounts, &'static str> {
     let mut counts = [None; 3];
     let mut cells = text.split(',');
     for count in &mut counts {

@@ -4,23 +4,36 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use crate::check::{Check, Fault, within};
+use crate::check::{Fault, settings};
 
-/// The port, and what the device at its other end speaks.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// The port's path, absolute: best one in `/dev/serial/by-id`, which stays the same. Empty: none.
-    pub port: PathBuf,
-    /// Its speed, 300 to 4000000 baud, 8 data bits, no parity, 1 stop bit. Default 57600, the Razor's.
-    pub baud: u32,
-    /// What the device speaks.
-    pub protocol: Protocol,
-    /// The magnetometer: it says what the Razor's counts are worth, and names the calibration that is kept.
-    pub chip: Chip,
+settings! {
+    /// The port, and the protocol of the device behind it.
+    pub struct Settings {
+        /// The port's path, absolute: best one in `/dev/serial/by-id`, which stays the same. Empty: none.
+        port: PathBuf = PathBuf::new();
+        /// Its speed, 8 data bits, no parity, 1 stop bit. Default 57600, the Razor's.
+        baud: u32 = 57600, 300..=4_000_000, "baud";
+        /// The protocol of the device.
+        protocol: Protocol = Protocol::default();
+        /// The magnetometer: it says what the Razor's counts are worth, and names the calibration that is kept.
+        chip: Chip = Chip::default();
+    }
+    also Settings::check_port;
 }
 
-/// What a device speaks.
+impl Settings {
+    fn check_port(&self, faults: &mut Vec<Fault>) {
+        if !self.port.as_os_str().is_empty() && !self.port.is_absolute() {
+            faults.push(Fault {
+                key: "port".to_owned(),
+                found: format!("{:?}", self.port),
+                right: "an absolute path, as /dev/ttyUSB0 or one in /dev/serial/by-id".to_owned(),
+            });
+        }
+    }
+}
+
+/// The protocol of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Protocol {
@@ -67,38 +80,12 @@ impl Chip {
         }
     }
 
-    /// Counts per gauss at the gain after power-on, which the Razor never changes (data sheets, register
+    /// RazorCounts per gauss at the gain after power-on, which the Razor never changes (data sheets, register
     /// 0x01, CRB).
     pub fn counts_per_gauss(self) -> f64 {
         match self {
             Self::Hmc5843 => 1300.0,
             Self::Hmc5883l => 1090.0,
         }
-    }
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            port: PathBuf::new(),
-            baud: 57600,
-            protocol: Protocol::default(),
-            chip: Chip::default(),
-        }
-    }
-}
-
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        if !self.port.as_os_str().is_empty() && !self.port.is_absolute() {
-            faults.push(Fault {
-                key: "port".to_owned(),
-                found: format!("{:?}", self.port),
-                right: "an absolute path, as /dev/ttyUSB0 or one in /dev/serial/by-id".to_owned(),
-            });
-        }
-        within(&mut faults, "baud", self.baud, 300..=4_000_000, "baud");
-        faults
     }
 }

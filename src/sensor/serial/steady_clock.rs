@@ -1,10 +1,10 @@
 //! Times for frames of a device that sends none, but sends them evenly.
 //!
-//! Frames are counted, and their times are those of an even clock fitted beneath their arrivals. A frame that
-//! arrives late came late; if from then on all do, frames were lost, and the count goes on behind them.
+//! Frames are counted, and their times are those of an even clock fitted beneath their arrivals. A late
+//! frame was delayed; sustained lateness means that frames were lost, and the count goes on behind them.
 
 use super::envelope::Envelope;
-use super::lateness::Lateness;
+use super::lateness::LineLateness;
 
 /// How far the device's period may be off from what it is taken for, as a share.
 const TOLERANCE: f64 = 0.1;
@@ -30,7 +30,7 @@ pub struct SteadyClock {
     count: u64,
     lost: u64,
     last_s: f64,
-    late: Lateness,
+    late: LineLateness,
     /// Nobody listened for a while: what comes now may have waited.
     away: bool,
     rate: Option<Rate>,
@@ -54,7 +54,7 @@ impl SteadyClock {
             count: 0,
             lost: 0,
             last_s: f64::NEG_INFINITY,
-            late: Lateness::new(LATE_STEP_SHARE * period_s),
+            late: LineLateness::new(LATE_STEP_SHARE * period_s),
             away: false,
             rate: None,
         }
@@ -134,7 +134,7 @@ impl SteadyClock {
             {
                 self.period_s = period_s;
                 self.envelope = Envelope::new(TOLERANCE);
-                self.late = Lateness::new(LATE_STEP_SHARE * period_s);
+                self.late = LineLateness::new(LATE_STEP_SHARE * period_s);
             }
             self.rate = Some(Rate {
                 since_s: arrival_s,

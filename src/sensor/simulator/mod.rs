@@ -49,6 +49,10 @@ pub struct Simulator {
 
 impl Simulator {
     /// A board with these settings, or everything that is wrong with them.
+    ///
+    /// # Errors
+    ///
+    /// Everything that is wrong with the settings.
     pub fn new(settings: Settings) -> Result<Self, Vec<Fault>> {
         let faults = settings.check();
         let parameters = Spatial::diagonal(settings.bias_mgauss.into(), settings.scale.into());

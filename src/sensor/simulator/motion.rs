@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::{Scenario, Settings};
+use super::settings::{Scenario, Settings};
 
 /// Time over which a movement gains and loses its rate.
 const RAMP_S: f64 = 0.5;

@@ -55,7 +55,7 @@ fn a_file_of_a_newer_version_or_half_a_one_is_served_without_said_and_set_aside(
     for (text, why, name) in [
         (
             "{\"headingd_store\": 4, \"more\": []}",
-            "too old to read",
+            "newer than this headingd supports",
             "newer-1",
         ),
         (

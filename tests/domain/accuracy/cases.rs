@@ -6,7 +6,7 @@ use headingd::attitude::Pose;
 use headingd::calibration::model::Mode;
 use headingd::calibration::settings::{ModeChoice, Settings};
 use headingd::calibration::verdict::Limits;
-use headingd::calibration::{Request, Sample, TurnMade};
+use headingd::calibration::{CompletedTurn, FieldSample, Request};
 use headingd::frame::Mounting;
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{Rng, RngExt, SeedableRng};
@@ -165,7 +165,7 @@ impl Case {
     }
 
     /// The true orientations of a log and its turns.
-    fn motion(&self, rng: &mut impl Rng) -> (Vec<UnitQuaternion<f64>>, Vec<TurnMade>) {
+    fn motion(&self, rng: &mut impl Rng) -> (Vec<UnitQuaternion<f64>>, Vec<CompletedTurn>) {
         let heading = rng.random::<f64>() * TAU;
         let wobble = [Wobble::new(rng), Wobble::new(rng)];
         // A turn: its samples, and heading or roll as it goes on.
@@ -209,7 +209,7 @@ impl Case {
                         * about(Vector3::x(), roll + roll_off),
                 );
             }
-            made.push(TurnMade {
+            made.push(CompletedTurn {
                 samples: index * count..(index + 1) * count,
                 axis_body: match turn {
                     Turn::Level => Vector3::z(),
@@ -241,10 +241,10 @@ impl Case {
             .iter()
             .map(|orientation| orientation.inverse() * earth)
             .collect();
-        let samples: Vec<Sample> = fields
+        let samples: Vec<FieldSample> = fields
             .iter()
             .enumerate()
-            .map(|(index, field)| Sample {
+            .map(|(index, field)| FieldSample {
                 t_s: index as f64 / RATE_HZ,
                 field_mgauss: self.measured(field, &truth, &mut rng),
                 pose: None,

@@ -126,7 +126,7 @@ fn overflow(log: &mut Log, dimensions: usize, rng: &mut impl Rng) {
     let strength = log.fields.iter().map(|h| h[axis].abs()).fold(0.0, f64::max);
     let limit = log.truth.bias[axis] + 0.7 * strength * log.truth.scale[axis];
     let samples = std::mem::take(&mut log.request.samples);
-    let kept = |sample: &headingd::calibration::Sample| sample.field_mgauss[axis] < limit;
+    let kept = |sample: &headingd::calibration::FieldSample| sample.field_mgauss[axis] < limit;
     let index = |at: usize| samples[..at].iter().filter(|s| kept(s)).count();
     for turn in &mut log.request.turns {
         turn.samples = index(turn.samples.start)..index(turn.samples.end);

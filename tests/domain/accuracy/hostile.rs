@@ -5,7 +5,7 @@ use std::ops::Range;
 use headingd::attitude::Pose;
 use headingd::calibration::outcome::{Outcome, Verdict};
 use headingd::calibration::settings::{ModeChoice, Profile};
-use headingd::calibration::{Request, Sample, calibrate};
+use headingd::calibration::{FieldSample, Request, calibrate};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
@@ -162,7 +162,7 @@ proptest! {
             .into_iter()
             .zip(poses)
             .enumerate()
-            .map(|(i, (field_mgauss, pose))| Sample { t_s: i as f64 * 0.025, field_mgauss, pose })
+            .map(|(i, (field_mgauss, pose))| FieldSample { t_s: i as f64 * 0.025, field_mgauss, pose })
             .collect();
         let count = request.samples.len();
         keep(&mut request, 0..count);

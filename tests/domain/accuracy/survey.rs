@@ -4,9 +4,9 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use headingd::calibration::curve::Diagonal;
+use headingd::calibration::curve::ParameterVector;
 use headingd::calibration::fit;
 use headingd::calibration::model::Mode;
-use headingd::calibration::objective::Position;
 use headingd::calibration::refine::Refined;
 use headingd::frame::wrap_pi;
 
@@ -123,7 +123,7 @@ struct Trial {
 }
 
 fn trial<const D: usize, const P: usize, const F: usize>(case: &Case, log: &Log) -> Trial {
-    let truth: Position<P> = true_position(log);
+    let truth: ParameterVector<P> = true_position(log);
     let points = points(log);
     let reference = case.reference_mgauss();
     let seen = fit::without_spikes(&points);
@@ -136,7 +136,7 @@ fn trial<const D: usize, const P: usize, const F: usize>(case: &Case, log: &Log)
     let refined = refine(&swarm.found.position);
     Trial {
         squares: squares::<D, P>(case, log, &refined.position),
-        inside: swarm.search_box.contains(&truth),
+        inside: swarm.bounds.contains(&truth),
         trapped: differ::<D, P>(&refined, &refine(&truth)),
     }
 }
@@ -150,7 +150,7 @@ pub fn points<const D: usize>(log: &Log) -> Vec<[f64; D]> {
 }
 
 /// The truth as a particle's position.
-pub fn true_position<const P: usize>(log: &Log) -> Position<P> {
+pub fn true_position<const P: usize>(log: &Log) -> ParameterVector<P> {
     std::array::from_fn(|k| match k.checked_sub(P / 2) {
         None => log.truth.bias[k],
         Some(axis) => log.truth.scale[axis],
@@ -170,7 +170,7 @@ pub fn differ<const D: usize, const P: usize>(one: &Refined<P>, other: &Refined<
 fn squares<const D: usize, const P: usize>(
     case: &Case,
     log: &Log,
-    position: &Position<P>,
+    position: &ParameterVector<P>,
 ) -> Errors {
     let mut squares = Errors::default();
     for axis in 0..D {

@@ -5,7 +5,7 @@ use headingd::calibration::curve::Diagonal;
 use headingd::calibration::fit;
 use headingd::calibration::objective::{Factored, Normal};
 use headingd::calibration::settings::Settings;
-use headingd::calibration::swarm::{SearchBox, search};
+use headingd::calibration::swarm::{Bounds, search};
 
 use super::cases::Case;
 use super::survey::{differ, points, tallies, true_position};
@@ -34,7 +34,7 @@ fn a_wide_box_is_a_trap() {
     let case = Case::planar(2.0);
     let reference = case.reference_mgauss();
     // Biases within 300 mG of 0 whatever the scale, scale factors of 0.3 to 3.
-    let wide = SearchBox::<2> {
+    let wide = Bounds::<2> {
         low: [-1e4; 2],
         high: [1e4; 2],
         scale_min: [0.3; 2],
@@ -49,7 +49,7 @@ fn a_wide_box_is_a_trap() {
             Factored::<2, 5>::new(Normal::new(&[-300.0; 2], &[300.0; 2]), &points, reference);
         let found = search(
             &wide,
-            &Settings::default().manner(),
+            &Settings::default().params(),
             None,
             seed,
             |position| objective.fit_value(position),

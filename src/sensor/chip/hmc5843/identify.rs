@@ -21,7 +21,7 @@ const PATIENCE_S: f64 = 0.3;
 
 /// What the data showed of the rate.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Rate {
+enum ObservedRate {
     /// 50 Hz.
     Slow,
     /// 75 Hz.
@@ -60,12 +60,12 @@ pub(super) fn identify(
     bus.write(ADDRESS, CRA, PROBE)?;
     let averages = read_byte(bus, ADDRESS, CRA)? != PROBE_WITHOUT_AVERAGING;
     let (chip, sure, why): (&Variant, _, _) = match (averages, rate(bus, clock)?) {
-        (false, Rate::Slow) => (
+        (false, ObservedRate::Slow) => (
             &Variant::Hmc5843,
             true,
             "it has no averaging and measures at 50 Hz",
         ),
-        (false, Rate::Fast) => (
+        (false, ObservedRate::Fast) => (
             &Variant::Hmc5883,
             false,
             "it has no averaging and measures at 75 Hz; an LSM303DLHC would too",
@@ -75,12 +75,12 @@ pub(super) fn identify(
             false,
             "it has no averaging; its rate did not show, and an HMC5883 has none either",
         ),
-        (true, Rate::Fast) => (
+        (true, ObservedRate::Fast) => (
             &Variant::Hmc5883l,
             true,
             "it has averaging and measures at 75 Hz; an HMC5983 has the same gains and order",
         ),
-        (true, Rate::NoData) => return Err(ChipError::FakeHmc5883l),
+        (true, ObservedRate::NoData) => return Err(ChipError::FakeHmc5883l),
         (true, _) => (
             &Variant::Hmc5883l,
             false,
@@ -94,7 +94,7 @@ pub(super) fn identify(
 ///
 /// RDY need not fall when the data are read, so a new measurement is known from its noise. Measurements that look
 /// the same only make the mean period longer: the shortest of the periods decides.
-fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<Rate, ChipError> {
+fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<ObservedRate, ChipError> {
     bus.write(ADDRESS, CRA, cra(FASTEST, NO_BIAS))?;
     bus.write(ADDRESS, MODE, CONTINUOUS)?;
     let begun_s = clock.now_s();
@@ -104,9 +104,9 @@ fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<Rate, ChipError> {
         pause(clock, LOOK_S)?;
         if clock.now_s() - begun_s > PATIENCE_S {
             return Ok(if changes_s.len() < 2 {
-                Rate::NoData
+                ObservedRate::NoData
             } else {
-                Rate::Unclear
+                ObservedRate::Unclear
             });
         }
         let t_s = clock.now_s();
@@ -125,9 +125,9 @@ fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<Rate, ChipError> {
     let mut periods: Vec<f64> = periods.collect();
     periods.sort_by(f64::total_cmp);
     Ok(if periods[periods.len() / 2] > PERIOD_LIMIT_S {
-        Rate::Slow
+        ObservedRate::Slow
     } else {
-        Rate::Fast
+        ObservedRate::Fast
     })
 }
 

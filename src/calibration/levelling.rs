@@ -1,17 +1,17 @@
-//! Where a turn was not made quite level: a tilt lets the vertical field into the plane of a planar
+//! Levels the samples of a turn that was not quite level: a tilt mixes the vertical field into the plane of a planar
 //! calibration.
 //!
 //! At a dip of 70° a tilt of 5° moves a sample by a quarter of the horizontal field. Gyro and
 //! accelerometer know the tilt; the strength of the vertical field is a fifth parameter, estimated from
 //! the same samples. Tilts are taken from their mean, so a turn that was level, or evenly tilted, is
-//! left as it is. What is fitted is still raw samples: no earlier calibration has a part in this.
+//! left as it is. The fit still uses raw samples only: no earlier calibration enters.
 
+use super::curve::ParameterVector;
 use super::curve::{Curve, Diagonal, Distance};
-use super::objective::Position;
 use super::refine::Refined;
 
 /// Tilts that vary by less than this are noise of the accelerometer, radians RMS.
-const LEAST_WOBBLE_RAD: f64 = 0.005;
+const LEAST_TILT_RAD: f64 = 0.005;
 
 /// The mean of `down` (unit vectors, along the calibrated axes) where it is known; 0 if it never is.
 pub fn mean<const D: usize>(down: &[Option<[f64; D]>]) -> [f64; D] {
@@ -20,18 +20,21 @@ pub fn mean<const D: usize>(down: &[Option<[f64; D]>]) -> [f64; D] {
 }
 
 /// The part of `down` that differs from its mean, 0 where it is unknown; `None` if it hardly differs.
-pub fn wobble<const D: usize>(down: &[Option<[f64; D]>], mean: [f64; D]) -> Option<Vec<[f64; D]>> {
+pub fn uneven_tilt<const D: usize>(
+    down: &[Option<[f64; D]>],
+    mean: [f64; D],
+) -> Option<Vec<[f64; D]>> {
     let off = |d: [f64; D]| std::array::from_fn(|axis| d[axis] - mean[axis]);
-    let wobble: Vec<[f64; D]> = down.iter().map(|d| d.map_or([0.0; D], off)).collect();
-    let squares: f64 = wobble.iter().flatten().map(|d| d * d).sum();
+    let tilt: Vec<[f64; D]> = down.iter().map(|d| d.map_or([0.0; D], off)).collect();
+    let squares: f64 = tilt.iter().flatten().map(|d| d * d).sum();
     let n = down.iter().flatten().count().max(1) as f64;
-    ((squares / n).sqrt() > LEAST_WOBBLE_RAD).then_some(wobble)
+    ((squares / n).sqrt() > LEAST_TILT_RAD).then_some(tilt)
 }
 
 /// How much more vertical field than so far assumed explains the residuals, milligauss.
 pub fn vertical_mgauss<const D: usize, const P: usize>(
     points: &[[f64; D]],
-    wobble: &[[f64; D]],
+    tilt: &[[f64; D]],
     fitted: &Refined<P>,
     reference_mgauss: f64,
 ) -> f64 {
@@ -39,14 +42,14 @@ pub fn vertical_mgauss<const D: usize, const P: usize>(
         return 0.0;
     };
     let (mut xx, mut xe) = (1e-12, 0.0);
-    for (point, wobble) in points.iter().zip(wobble) {
+    for (point, tilt) in points.iter().zip(tilt) {
         let off: Distance<P> = curve.distance(point);
         if off.value_mgauss.abs() >= fitted.cutoff_mgauss {
             continue;
         }
         let mut x = 0.0;
         for axis in 0..D {
-            x -= off.derivatives[axis] * fitted.position[D + axis] * wobble[axis];
+            x -= off.derivatives[axis] * fitted.position[D + axis] * tilt[axis];
         }
         xx += x * x;
         xe += x * off.value_mgauss;
@@ -57,16 +60,14 @@ pub fn vertical_mgauss<const D: usize, const P: usize>(
 /// Samples as a level board would have seen them.
 pub fn levelled<const D: usize, const P: usize>(
     points: &[[f64; D]],
-    wobble: &[[f64; D]],
-    position: &Position<P>,
+    tilt: &[[f64; D]],
+    position: &ParameterVector<P>,
     vertical_mgauss: f64,
 ) -> Vec<[f64; D]> {
-    let level = |(point, wobble): (&[f64; D], &[f64; D])| {
-        std::array::from_fn(|axis| {
-            point[axis] - position[D + axis] * vertical_mgauss * wobble[axis]
-        })
+    let level = |(point, tilt): (&[f64; D], &[f64; D])| {
+        std::array::from_fn(|axis| point[axis] - position[D + axis] * vertical_mgauss * tilt[axis])
     };
-    points.iter().zip(wobble).map(level).collect()
+    points.iter().zip(tilt).map(level).collect()
 }
 
 #[cfg(test)]
@@ -79,9 +80,9 @@ mod tests {
     }
 
     #[test]
-    fn an_even_tilt_is_no_wobble() {
+    fn an_even_tilt_is_no_tilt() {
         for down in [&[Some([0.1, -0.05]); 50][..], &[], &[None; 9]] {
-            assert_eq!(wobble(down, mean(down)), None);
+            assert_eq!(uneven_tilt(down, mean(down)), None);
         }
     }
 
@@ -108,14 +109,14 @@ mod tests {
             })
             .collect();
         let down: Vec<_> = down.into_iter().map(Some).collect();
-        let wobble = wobble(&down, mean(&down)).unwrap();
+        let tilt = uneven_tilt(&down, mean(&down)).unwrap();
         let mut fitted = refine2(&points, &truth);
         let before = fitted.residual_mgauss;
         let mut found = 0.0;
         let mut level = points.clone();
         for _ in 0..10 {
-            found += vertical_mgauss(&level, &wobble, &fitted, horizontal);
-            level = levelled(&points, &wobble, &fitted.position, found);
+            found += vertical_mgauss(&level, &tilt, &fitted, horizontal);
+            level = levelled(&points, &tilt, &fitted.position, found);
             fitted = refine2(&level, &fitted.position);
         }
         assert!((found - vertical).abs() < 5.0, "{found}");

@@ -1,4 +1,4 @@
-//! Corrected field against the gyro: a fit that looks perfect and turns wrongly is found out here.
+//! Compares the corrected field with the gyro: this finds a fit with small residuals whose heading turns wrongly.
 
 use std::f64::consts::PI;
 
@@ -9,11 +9,11 @@ use crate::frame::wrap_pi;
 
 /// How well the corrected field and the gyro agree.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Agreement {
+pub struct GyroAgreement {
     /// RMS of the corrected heading against the integrated rate, after an offset for each stretch and
     /// one linear drift are taken off, degrees.
     pub rms_deg: f64,
-    /// That drift over the whole, as a share of all rotation made: a wrong scale of the gyro, its bias, or,
+    /// That drift over the whole, as a share of the whole rotation: a wrong scale of the gyro, its bias, or,
     /// near 2, a gyro of the wrong sign.
     pub drift_share: f64,
 }
@@ -34,7 +34,7 @@ const LEAST: usize = 20;
 
 /// In the plane across `normal_body`: the angle of the field in the plane turns back by as much as the
 /// board turns about the normal.
-pub fn planar(sightings: &[Sighting], normal_body: &Vector3<f64>) -> Option<Agreement> {
+pub fn planar(sightings: &[Sighting], normal_body: &Vector3<f64>) -> Option<GyroAgreement> {
     let normal = Unit::try_new(*normal_body, 1e-9)?;
     let first = if normal.x.abs() < 0.9 {
         Vector3::x()
@@ -65,7 +65,7 @@ pub fn planar(sightings: &[Sighting], normal_body: &Vector3<f64>) -> Option<Agre
 
 /// In space: the field, turned into the earth frame, keeps its azimuth. Where the vertical is not known,
 /// its direction about the axis of least change.
-pub fn spatial(sightings: &[Sighting]) -> Option<Agreement> {
+pub fn spatial(sightings: &[Sighting]) -> Option<GyroAgreement> {
     let vertical_known = sightings
         .iter()
         .all(|sighting| sighting.pose.vertical_known);
@@ -181,7 +181,7 @@ fn step(from: &Pose, to: &Pose) -> Vector3<f64> {
 
 /// Takes an offset for each stretch and one drift off the unwrapped phases (time, stretch, phase,
 /// rotation so far).
-fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<Agreement> {
+fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<GyroAgreement> {
     if phases.len() < LEAST {
         return None;
     }
@@ -212,7 +212,7 @@ fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<Agreement> {
     }
     let drift = if tt > 0.0 { tp / tt } else { 0.0 };
     let squares: f64 = phases.iter().map(|p| (p.2 - drift * p.0).powi(2)).sum();
-    Some(Agreement {
+    Some(GyroAgreement {
         rms_deg: (squares / phases.len() as f64).sqrt().to_degrees(),
         drift_share: (drift * span).abs() / rotation.max(1e-9),
     })

@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 /// A stopwatch over a clock that may not know the time.
-pub struct Clock<'a> {
+pub struct Stopwatch<'a> {
     clock: &'a dyn Fn() -> Option<Duration>,
     start: Option<Duration>,
 }
 
-impl<'a> Clock<'a> {
+impl<'a> Stopwatch<'a> {
     pub fn start(clock: &'a dyn Fn() -> Option<Duration>) -> Self {
         Self {
             clock,

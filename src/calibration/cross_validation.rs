@@ -1,10 +1,10 @@
-//! Cross-validation: the parameters that a fit without one part of the samples comes to.
+//! Cross-validation: the parameters of fits that leave out one part of the samples each.
 
 use nalgebra::{SMatrix, SVector};
 
+use super::curve::ParameterVector;
 use super::curve::{Curve, Distance};
 use super::fit::Normalised;
-use super::objective::Position;
 use super::refine::{BIWEIGHT, accumulate, refine};
 
 /// A step up to this long, in standard deviations of the noise, is taken as it is. White noise asks for
@@ -22,7 +22,7 @@ pub fn without_each_part<C: Curve<D, P>, const D: usize, const P: usize>(
     distances: &[Distance<P>],
     best: &Normalised<P>,
     part: usize,
-) -> Vec<Position<P>> {
+) -> Vec<ParameterVector<P>> {
     let Normalised {
         refined,
         reference_mgauss,

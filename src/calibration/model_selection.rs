@@ -1,8 +1,7 @@
-//! Whether the samples ask for soft iron: the choice between a diagonal and a symmetric A.
+//! Model selection: a diagonal or a symmetric A, by whether the samples show soft iron.
 
-use super::candidate::Fitted;
 use super::curve::{Curve, Symmetric};
-use super::fit::{self, Normalised};
+use super::fit::{self, Fitted, Normalised};
 use super::refine::Refined;
 use super::settings::ModelChoice;
 use super::uncertainty::correlation;
@@ -28,7 +27,11 @@ pub enum SoftIron {
 /// counted for what their correlated residuals are worth: three more parameters must lower the residual by
 /// more than chance would. And all nine must have been seen: where a motion leaves one of them open, the
 /// uncertainty of the biases shows it, and the diagonal model is kept.
-pub fn soft_iron(diagonal: &Fitted<3, 6>, reference_given: bool, choice: ModelChoice) -> SoftIron {
+pub fn select_model(
+    diagonal: &Fitted<3, 6>,
+    reference_given: bool,
+    choice: ModelChoice,
+) -> SoftIron {
     if choice == ModelChoice::Diagonal {
         return SoftIron::None;
     }

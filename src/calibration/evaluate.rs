@@ -1,19 +1,19 @@
-//! A candidate on trial: everything that is measured of it before the verdict.
+//! Evaluates a fit: everything that is measured of it for the verdict.
 
 use std::time::Duration;
 
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
-use super::agreement::{self, Agreement, Sighting};
-use super::candidate::{Fitted, Work};
-use super::clock::Clock;
 use super::coverage::{centre_inside, coverage_deg, direction_spread};
+use super::cross_validation::without_each_part;
 use super::curve::{Curve, Distance, symmetric};
-use super::fit::Normalised;
-use super::folds::without_each_part;
+use super::fit::{Fitted, Normalised};
+use super::fit_turn::Work;
+use super::gyro_check::{self, GyroAgreement, Sighting};
 use super::jump::largest_jump;
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::outcome::Outcome;
+use super::stopwatch::Stopwatch;
 use super::uncertainty::{correlation, heading_sd_deg};
 use super::verdict::{self, Measures, Refusal};
 
@@ -26,13 +26,17 @@ const USUAL_DIP_DEG: f64 = 68.0;
 
 impl<const D: usize> Work<'_, D> {
     /// Judges, and notes how long that took.
-    pub fn timed_judge<C: Curve<D, P>, const P: usize>(
+    ///
+    /// # Errors
+    ///
+    /// The refusal, if the fit does not deserve trust.
+    pub fn timed_evaluate<C: Curve<D, P>, const P: usize>(
         &self,
         fitted: &Fitted<D, P>,
         clock: &dyn Fn() -> Option<Duration>,
         outcome: &mut Outcome,
     ) -> Result<String, Refusal> {
-        let watch = Clock::start(clock);
+        let watch = Stopwatch::start(clock);
         let result = self.judge::<C, P>(fitted, outcome);
         outcome.elapsed_us.verdict = watch.elapsed_us();
         result
@@ -69,7 +73,7 @@ impl<const D: usize> Work<'_, D> {
         } else {
             self.sightings(points, |_| &curve, fits)
         };
-        let dip = agreement::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
+        let dip = gyro_check::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
         let heading_sd_deg = correlation(&residuals).sqrt()
             * heading_sd_deg(
                 self.plan.mode,
@@ -122,7 +126,7 @@ impl<const D: usize> Work<'_, D> {
             dip_spread_deg: if planar {
                 None
             } else {
-                agreement::dip_spread_deg(&sightings)
+                gyro_check::dip_spread_deg(&sightings)
             },
         };
         verdict::judge(&measures, &self.request.limits)?;
@@ -185,10 +189,10 @@ impl<const D: usize> Work<'_, D> {
         sightings
     }
 
-    fn agreement(&self, sightings: &[Sighting]) -> Option<Agreement> {
+    fn agreement(&self, sightings: &[Sighting]) -> Option<GyroAgreement> {
         match self.plan.mode {
-            Mode::Planar => agreement::planar(sightings, &self.normal_body()),
-            Mode::Spatial => agreement::spatial(sightings),
+            Mode::Planar => gyro_check::planar(sightings, &self.normal_body()),
+            Mode::Spatial => gyro_check::spatial(sightings),
         }
     }
 
@@ -204,7 +208,7 @@ impl<const D: usize> Work<'_, D> {
         distances: &[Distance<P>],
         best: &Normalised<P>,
         fits: impl Fn(usize) -> bool,
-    ) -> Option<Agreement> {
+    ) -> Option<GyroAgreement> {
         if !self
             .request
             .samples

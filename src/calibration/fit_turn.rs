@@ -1,22 +1,23 @@
-//! One candidate from samples to parameters, in two or three dimensions.
+//! Fits a turn: from samples to parameters, in two or three dimensions.
 
 use std::ops::Range;
 use std::time::Duration;
 
 use nalgebra::Vector3;
 
-use super::clock::Clock;
+use super::curve::ParameterVector;
 use super::curve::{Diagonal, Symmetric};
-use super::fit::{self, Fit, Normalised};
+use super::fit::{self, Fit, Fitted, Normalised};
 use super::model::{Mode, Model};
-use super::objective::Position;
-use super::outcome::{Outcome, SwarmReport, Window};
+use super::model_selection::{SoftIron, select_model};
+use super::outcome::{Outcome, SwarmReport, WindowReport};
 use super::plane::{self, Plan};
+use super::request::{FieldSample, Request};
 use super::rist;
-use super::soft_iron::{SoftIron, soft_iron};
+use super::stopwatch::Stopwatch;
 use super::verdict::Refusal;
 use super::windows::windows;
-use super::{Request, Sample, coverage, wobble};
+use super::{coverage, levelling};
 use crate::attitude::Pose;
 
 /// A field that swings less than this has not turned, milligauss: the weakest horizontal field that a compass is
@@ -27,6 +28,10 @@ const LEAST_SWING_MGAUSS: f64 = 20.0;
 const LEAST_SAMPLES: usize = 20;
 
 /// Calibrates and fills in the outcome as far as it gets. The sentence of an acceptance, or a refusal.
+///
+/// # Errors
+///
+/// The refusal, if the samples do not allow a fit, or if the fit does not deserve trust.
 pub fn calibrate(
     request: &Request,
     clock: &dyn Fn() -> Option<Duration>,
@@ -41,7 +46,7 @@ pub fn calibrate(
             ),
         ));
     }
-    let usable = |s: &Sample| {
+    let usable = |s: &FieldSample| {
         // A sum of squares is finite only if each of them is.
         let finite = |pose: &Pose| pose.orientation.coords.norm_squared().is_finite();
         s.t_s.is_finite()
@@ -68,41 +73,33 @@ pub fn calibrate(
             outcome.unobserved = &["across_plane", "soft_iron"];
             outcome.basis = Some(plan.basis.map(Into::into));
             let [e1, e2] = plan.basis;
-            let project = |s: &Sample| [e1.dot(&s.field_mgauss), e2.dot(&s.field_mgauss)];
+            let project = |s: &FieldSample| [e1.dot(&s.field_mgauss), e2.dot(&s.field_mgauss)];
             let work = Work {
                 request,
                 plan: &plan,
                 project: &project,
             };
             let fitted = work.fit::<4, 5>(clock, outcome)?;
-            work.timed_judge::<Diagonal<2>, 4>(&fitted, clock, outcome)
+            work.timed_evaluate::<Diagonal<2>, 4>(&fitted, clock, outcome)
         }
         Mode::Spatial => {
-            let project = |s: &Sample| s.field_mgauss.into();
+            let project = |s: &FieldSample| s.field_mgauss.into();
             let work = Work {
                 request,
                 plan: &plan,
                 project: &project,
             };
             let fitted = work.fit::<6, 7>(clock, outcome)?;
-            let found = soft_iron(&fitted, work.reference().is_some(), request.settings.model);
+            let found = select_model(&fitted, work.reference().is_some(), request.settings.model);
             if let SoftIron::Found(fitted) = found {
-                return work.timed_judge::<Symmetric, 9>(&fitted, clock, outcome);
+                return work.timed_evaluate::<Symmetric, 9>(&fitted, clock, outcome);
             }
             if let SoftIron::Unseen = found {
                 outcome.unobserved = &["soft_iron"];
             }
-            work.timed_judge::<Diagonal<3>, 6>(&fitted, clock, outcome)
+            work.timed_evaluate::<Diagonal<3>, 6>(&fitted, clock, outcome)
         }
     }
-}
-
-/// Levelled points and the parameters that fit them best.
-pub struct Fitted<const D: usize, const P: usize> {
-    pub points: Vec<[f64; D]>,
-    /// Down along the axes of a plane, on average, as far as the tilt was known: 0 if it never was.
-    pub level: [f64; D],
-    pub best: Normalised<P>,
 }
 
 /// A calibration under way.
@@ -110,7 +107,7 @@ pub struct Work<'a, const D: usize> {
     pub request: &'a Request,
     pub plan: &'a Plan,
     /// A sample's components along the axes that are calibrated.
-    pub project: &'a dyn Fn(&Sample) -> [f64; D],
+    pub project: &'a dyn Fn(&FieldSample) -> [f64; D],
 }
 
 impl<const D: usize> Work<'_, D> {
@@ -122,7 +119,7 @@ impl<const D: usize> Work<'_, D> {
         }
     }
 
-    /// Window, swarm and refinement under the diagonal model.
+    /// WindowReport, swarm and refinement under the diagonal model.
     fn fit<const P: usize, const F: usize>(
         &self,
         clock: &dyn Fn() -> Option<Duration>,
@@ -152,22 +149,22 @@ impl<const D: usize> Work<'_, D> {
             return Err(Refusal::new(
                 "stuck_axis",
                 format!(
-                    "chip axis {name} told the same number while the field turned: it is stuck, or at the end of its range"
+                    "chip axis {name} read the same number while the field turned: it is stuck, or at the end of its range"
                 ),
             ));
         }
 
-        let watch = Clock::start(clock);
+        let watch = Stopwatch::start(clock);
         let windows = windows(self.request, self.plan, self.project);
         outcome.elapsed_us.rist = watch.elapsed_us();
         let hull = rist::join(windows.iter().cloned());
-        outcome.window = Some(Window {
+        outcome.window = Some(WindowReport {
             start: hull.start,
             end: hull.end,
         });
         outcome.samples.window = windows.iter().map(Range::len).sum();
 
-        let watch = Clock::start(clock);
+        let watch = Stopwatch::start(clock);
         let seen: Vec<[f64; D]> = windows
             .iter()
             .flat_map(|window| {
@@ -189,7 +186,7 @@ impl<const D: usize> Work<'_, D> {
             scale: swarm.found.position[D..].to_vec(),
         });
 
-        let watch = Clock::start(clock);
+        let watch = Stopwatch::start(clock);
         let fitted = self.refine(points, &swarm, reference.is_some()).ok_or_else(|| {
             Refusal::new("no_fit", "no ellipse fits the samples: they show too little of the curve, or no curve at all")
         })?;
@@ -199,7 +196,7 @@ impl<const D: usize> Work<'_, D> {
 
     /// A chip axis in the plane of the turn that stood still while the field moved by half of its swing. In space
     /// this proves nothing: a roll about an axis leaves the axis as it is.
-    fn stuck_axis(&self, samples: &[Sample], points: &[[f64; D]]) -> Option<usize> {
+    fn stuck_axis(&self, samples: &[FieldSample], points: &[[f64; D]]) -> Option<usize> {
         const LEAST_STILL: usize = 10;
         if self.plan.mode == Mode::Spatial {
             return None;
@@ -231,7 +228,7 @@ impl<const D: usize> Work<'_, D> {
     ) -> Option<Fitted<D, P>> {
         const ROUNDS: usize = 5;
         let start = &swarm.found.position;
-        let fit = |points: &[[f64; D]], start: &Position<P>, reference| {
+        let fit = |points: &[[f64; D]], start: &ParameterVector<P>, reference| {
             fit::refined::<Diagonal<D>, D, P>(points, start, reference, reference_given)
         };
         let mut fitted = fit(&points, start, swarm.reference_mgauss)?;
@@ -239,8 +236,8 @@ impl<const D: usize> Work<'_, D> {
             Mode::Planar => self.down(),
             Mode::Spatial => Vec::new(),
         };
-        let mean = wobble::mean(&down);
-        let Some(wobble) = wobble::wobble(&down, mean) else {
+        let mean = levelling::mean(&down);
+        let Some(tilt) = levelling::uneven_tilt(&down, mean) else {
             return Some(Fitted {
                 points,
                 level: mean,
@@ -254,8 +251,9 @@ impl<const D: usize> Work<'_, D> {
                 refined,
                 reference_mgauss,
             } = fitted;
-            vertical_mgauss += wobble::vertical_mgauss(&level, &wobble, &refined, reference_mgauss);
-            level = wobble::levelled(&points, &wobble, &refined.position, vertical_mgauss);
+            vertical_mgauss +=
+                levelling::vertical_mgauss(&level, &tilt, &refined, reference_mgauss);
+            level = levelling::levelled(&points, &tilt, &refined.position, vertical_mgauss);
             fitted = fit(&level, &refined.position, reference_mgauss)?;
         }
         Some(Fitted {
@@ -267,7 +265,7 @@ impl<const D: usize> Work<'_, D> {
 
     /// Down during the stretch, along the calibrated axes, where the tilt is known.
     fn down(&self) -> Vec<Option<[f64; D]>> {
-        let down = |sample: &Sample| {
+        let down = |sample: &FieldSample| {
             let pose = sample.pose.filter(|pose| pose.vertical_known)?;
             let down = pose.orientation.inverse_transform_vector(&-Vector3::z());
             let down = self.request.mounting.to_chip(down);
