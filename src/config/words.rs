@@ -1,5 +1,7 @@
 //! Says what a deserialiser found wrong in the words of a user.
 
+use strsim::levenshtein;
+
 use super::fault::Problem;
 
 /// Says a deserialiser's message in the words of a user.
@@ -63,7 +65,7 @@ pub(super) fn choices(message: &str) -> Vec<String> {
 pub(super) fn suggest(unknown: &str, known: &[String]) -> String {
     let nearest = known
         .iter()
-        .map(|word| (distance(unknown, word), word))
+        .map(|word| (levenshtein(unknown, word), word))
         .min()
         .filter(|(far, word)| *far <= 2.max(word.len() / 3));
     match nearest {
@@ -73,33 +75,9 @@ pub(super) fn suggest(unknown: &str, known: &[String]) -> String {
     }
 }
 
-/// How many letters must be put in, taken out or changed to make `b` of `a` (Levenshtein).
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, letter) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for j in 0..b.len() {
-            let change = diagonal + usize::from(letter != b[j]);
-            diagonal = row[j + 1];
-            row[j + 1] = change.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_distance_counts_single_letters() {
-        assert_eq!(distance("", "abc"), 3);
-        assert_eq!(distance("angel_deg", "angle_deg"), 2);
-        assert_eq!(distance("speed", "speed"), 0);
-        assert_eq!(distance("sped", "speed"), 1);
-    }
 
     #[test]
     fn a_far_word_gets_the_whole_list() {
