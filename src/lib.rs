@@ -1,5 +1,6 @@
 //! headingd turns a cheap three-axis magnetometer into a compass that calibrates itself.
 
+pub mod alignment;
 pub mod attitude;
 pub mod calibration;
 pub mod check;

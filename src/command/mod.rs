@@ -13,6 +13,7 @@ use crate::sensor::replay::ReplayError;
 use crate::store::StoreError;
 
 mod advice;
+pub mod align;
 pub mod calibrate;
 pub mod calibration;
 pub mod check;

@@ -2,6 +2,7 @@
 //! that play a log. No daemon is started.
 
 mod accuracy;
+mod align;
 mod calibrate;
 mod common;
 mod condition;

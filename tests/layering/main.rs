@@ -42,6 +42,7 @@ const ROOMS: &[Room] = &[
     room("frame", 0, &[]),
     room("outliers", 0, &["reading"]),
     room("frozen", 0, &["reading"]),
+    room("alignment", 0, &["reading", "frame"]),
     // Decides from plain numbers that it is handed, so that it needs no other room.
     room("condition", 0, &[]),
     room("attitude", 0, &["reading", "frame"]),
@@ -80,7 +81,7 @@ const ROOMS: &[Room] = &[
         "recording", "pipeline", "sensor", "publish", "store", "service", "config",
     ]),
     room("command", 3, &[
-        "reading", "date", "outliers", "frame", "attitude", "turn", "calibration", "true_north", "heading",
+        "reading", "date", "outliers", "frame", "alignment", "attitude", "turn", "calibration", "true_north", "heading",
         "condition", "recording",
         "pipeline", "sensor", "publish", "store", "service", "logging", "config", "daemon",
     ]),

@@ -1,0 +1,353 @@
+//! How the chips lie to each other, found from a recorded motion.
+//!
+//! The gyro says how the board turns. The earth's field and gravity stand still, so that what magnetometer and accelerometer
+//! read must turn the other way: that tells which of their axes is which of the gyro's, and the small rotation beside that.
+//! What all chips have in common it does not tell: the accelerometer says where down was, and which way is ahead nobody can say.
+
+mod carried;
+mod solve;
+
+use std::fmt;
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::frame::{Mounting, Mountings};
+use crate::reading::Reading;
+use carried::{Carried, Knot, Linear, Pair, pairs};
+use solve::{Evidence, Refined, axes, cost, refine};
+
+/// Fewer pairs of attitudes 30° apart tell nothing.
+const FEWEST_PAIRS: usize = 8;
+/// Where the best axes leave more than this share of a vector unexplained, it does not turn with the gyro at all.
+const UNRELATED: f64 = 0.4;
+/// The best axes leave at most this share of what the second best leave, or the motion does not tell the two apart.
+const CLEAR: f64 = 0.6;
+/// A dip within this (a sine) does not tell up from down.
+const LEVEL_FIELD: f64 = 0.2;
+/// The board lay as it is to lie for this long at the beginning, seconds.
+const UPRIGHT_S: f64 = 1.0;
+
+/// One chip beside the gyro.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Chip {
+    /// Its signed axes along the body's.
+    pub axes: Mounting,
+    /// The same with the small rotation in it.
+    pub exact: Mounting,
+    /// That rotation about the body's axes, degrees, and its standard deviation.
+    pub turn_deg: [f64; 3],
+    /// One standard deviation of it, about each axis.
+    pub turn_sd_deg: [f64; 3],
+}
+
+/// What was found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Alignment {
+    /// The gyro's signed axes; the others are found against it.
+    pub gyro: Mounting,
+    /// The magnetometer, if the log has one.
+    pub mag: Option<Chip>,
+    /// The accelerometer, if the log has one: it says where down was at the beginning.
+    pub accel: Option<Chip>,
+    /// What the accelerometer reads.
+    pub sign: Sign,
+}
+
+/// What an accelerometer reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sign {
+    /// Specific force, which points up at rest: the field then points into the ground as it should here.
+    Force,
+    /// Gravity: else the field would point out of the ground.
+    Gravity,
+    /// Not known, for want of a field that points up or down; taken for specific force.
+    Unknown,
+}
+
+/// Why nothing was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// There is no gyro, or nothing beside it.
+    NoSensors,
+    /// The board has hardly turned.
+    LittleMotion,
+    /// The gyro counts turns the wrong way round.
+    GyroMirrored,
+    /// What this chip reads does not turn with the gyro.
+    Unrelated(&'static str),
+    /// The motion does not tell this chip's axes.
+    Ambiguous(&'static str),
+}
+
+impl Refusal {
+    /// A code for programs.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::NoSensors => "no_sensors",
+            Self::LittleMotion => "little_motion",
+            Self::GyroMirrored => "gyro_mirrored",
+            Self::Unrelated(_) => "unrelated",
+            Self::Ambiguous(_) => "ambiguous",
+        }
+    }
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoSensors => f.write_str(
+                "the log needs readings of a gyro, and of a magnetometer or an accelerometer beside it",
+            ),
+            Self::LittleMotion => f.write_str(
+                "the board hardly turns: turn it by 90 degrees and back about each of its three axes, for half a minute",
+            ),
+            Self::GyroMirrored => f.write_str(
+                "the gyro's axes are mirrored: field or gravity turn the other way round than it says, so that one of its \
+                 three signs, or all of them, are wrong, or two of its axes are exchanged, before the log was written",
+            ),
+            Self::Unrelated(chip) => write!(
+                f,
+                "what the {chip} reads does not turn with the gyro: check its unit and wiring, and keep magnets away"
+            ),
+            Self::Ambiguous(chip) => write!(
+                f,
+                "the motion does not tell the axes of the {chip}: turn the board about each of its three axes in one log"
+            ),
+        }
+    }
+}
+
+/// Finds how the chips lie, from readings in the order of time. `dips_down`: whether the field points into the ground, as
+/// north of the magnetic equator.
+///
+/// # Errors
+///
+/// What is missing, or wrong with the chips.
+pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Refusal> {
+    let field = samples(readings, Reading::whole_field_mgauss);
+    let force = samples(readings, |reading| reading.specific_force_m_s2);
+    let gyro = readings.iter().any(|reading| reading.rate_rad_s.is_some());
+    if !gyro || field.is_empty() && force.is_empty() {
+        return Err(Refusal::NoSensors);
+    }
+    // A field has hard iron of any size; hands shake a board, which the mean over two seconds hardly feels.
+    let mag = Sensor::new("magnetometer", field, 1000.0, 0.05);
+    let accel = Sensor::new("accelerometer", force, 0.5, 1.0);
+    let mut bias = Vector3::zeros();
+    let mut mag_found = mag.find(readings)?;
+    let mut accel_found = accel.find(readings)?;
+    // What is left of the gyro's bias is found with the axes; a bias found makes these more exact.
+    for _ in 0..2 {
+        let carried = Carried::new(readings, &bias, 1.0);
+        for (sensor, found) in [(&accel, &mut accel_found), (&mag, &mut mag_found)] {
+            if let Some(found) = found {
+                *found = sensor.refine(&carried, found)?;
+            }
+        }
+        if let Some(found) = mag_found.as_ref().or(accel_found.as_ref()) {
+            bias += found.refined.as_ref().map_or(bias, |r| r.bias_rad_s);
+        }
+    }
+    let carried = Carried::new(readings, &bias, 1.0);
+    let vectors = |sensor: &Sensor, found: &Option<Found>| match found {
+        Some(found) => sensor.vectors(&carried, found),
+        None => Vec::new(),
+    };
+    let (fields, forces) = (vectors(&mag, &mag_found), vectors(&accel, &accel_found));
+    let sign = sign(&fields, &forces, dips_down);
+    let upward = if sign == Sign::Gravity { -1.0 } else { 1.0 };
+    let begin_s = forces
+        .iter()
+        .flatten()
+        .map(|(t_s, _)| t_s + UPRIGHT_S)
+        .next();
+    let up: Vector3<f64> = forces
+        .iter()
+        .flatten()
+        .take_while(|(t_s, _)| begin_s.is_some_and(|begin_s| *t_s <= begin_s))
+        .map(|(_, force)| force * upward)
+        .sum();
+    let body = upright(&up);
+    let chip = |found: Option<Found>, sign: f64| {
+        let Found { axes, refined } = found?;
+        let refined = refined?;
+        let mounting = |matrix: Matrix3<f64>| Mounting::from_matrix(matrix * sign);
+        Some(Chip {
+            axes: mounting(body * axes)?,
+            exact: mounting(body * refined.rotation)?,
+            turn_deg: (body * refined.turn_rad).map(f64::to_degrees).into(),
+            turn_sd_deg: (body * refined.turn_sd_rad)
+                .map(|sd| sd.abs().to_degrees())
+                .into(),
+        })
+    };
+    Ok(Alignment {
+        gyro: Mounting::from_matrix(body).unwrap_or_default(),
+        mag: chip(mag_found, 1.0),
+        accel: chip(accel_found, upward),
+        sign,
+    })
+}
+
+impl Alignment {
+    /// The chips' signed axes; those of a chip that is not there are the body's.
+    pub fn mountings(&self) -> Mountings {
+        let axes = |chip: Option<Chip>| chip.map_or_else(Mounting::default, |chip| chip.axes);
+        Mountings {
+            mag: axes(self.mag),
+            gyro: self.gyro,
+            accel: axes(self.accel),
+        }
+    }
+}
+
+/// A sensor that reads a vector which stands still in the world.
+struct Sensor {
+    name: &'static str,
+    samples: Vec<(f64, Vector3<f64>)>,
+    offset_sd: f64,
+    half_window_s: f64,
+}
+
+/// Its axes in the gyro's, and what is beside them.
+struct Found {
+    axes: Matrix3<f64>,
+    refined: Option<Refined>,
+}
+
+impl Sensor {
+    fn new(
+        name: &'static str,
+        samples: Vec<(f64, Vector3<f64>)>,
+        offset_sd: f64,
+        half_window_s: f64,
+    ) -> Self {
+        Self {
+            name,
+            samples,
+            offset_sd,
+            half_window_s,
+        }
+    }
+
+    fn with<T>(&self, carried: &Carried, work: impl FnOnce(&Evidence<'_>) -> T) -> T {
+        let knots: Vec<Knot> = carried.knots();
+        let means: Vec<Option<Linear>> = carried.means(&knots, &self.samples, self.half_window_s);
+        let pairs: Vec<Pair> = pairs(&knots, &means, 2.0 * self.half_window_s);
+        work(&Evidence {
+            knots: &knots,
+            means: &means,
+            pairs: &pairs,
+            offset_sd: self.offset_sd,
+        })
+    }
+
+    /// The best of all axes; `None` without samples.
+    fn find(&self, readings: &[Reading]) -> Result<Option<Found>, Refusal> {
+        if self.samples.is_empty() {
+            return Ok(None);
+        }
+        let candidates = axes();
+        let costs = [1.0, -1.0].map(|sense| {
+            let carried = Carried::new(readings, &Vector3::zeros(), sense);
+            self.with(&carried, |evidence| {
+                let of = |axes: &Matrix3<f64>| cost(evidence, axes);
+                let costs: Vec<f64> = candidates.iter().map(of).collect();
+                (evidence.pairs.len(), costs)
+            })
+        });
+        let [(count, costs), (_, mirrored)] = costs;
+        if count < FEWEST_PAIRS {
+            return Err(Refusal::LittleMotion);
+        }
+        let mut order: Vec<usize> = (0..candidates.len()).collect();
+        order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
+        let (best, second) = (costs[order[0]], costs[order[1]]);
+        let mirrored = mirrored.into_iter().fold(f64::INFINITY, f64::min);
+        if mirrored < CLEAR * best {
+            return Err(Refusal::GyroMirrored);
+        }
+        if best > UNRELATED {
+            return Err(Refusal::Unrelated(self.name));
+        }
+        if best > CLEAR * second {
+            return Err(Refusal::Ambiguous(self.name));
+        }
+        Ok(Some(Found {
+            axes: candidates[order[0]],
+            refined: None,
+        }))
+    }
+
+    fn refine(&self, carried: &Carried, found: &Found) -> Result<Found, Refusal> {
+        let start = found.refined.as_ref().map(|r| (r.matrix, r.offset));
+        let refined = self.with(carried, |evidence| refine(evidence, &found.axes, start));
+        Ok(Found {
+            axes: found.axes,
+            refined: Some(refined.ok_or(Refusal::Ambiguous(self.name))?),
+        })
+    }
+
+    /// The vector at each knot with its time, gyro axes.
+    fn vectors(&self, carried: &Carried, found: &Found) -> Vec<Option<(f64, Vector3<f64>)>> {
+        let refined = found.refined.as_ref();
+        let (matrix, offset) =
+            refined.map_or((found.axes, Vector3::zeros()), |r| (r.matrix, r.offset));
+        self.with(carried, |evidence| {
+            let at = |(knot, mean): (&Knot, &Option<Linear>)| {
+                Some((knot.t_s, mean.as_ref()?.at(&matrix, &offset)))
+            };
+            evidence.knots.iter().zip(evidence.means).map(at).collect()
+        })
+    }
+}
+
+fn samples(
+    readings: &[Reading],
+    of: impl Fn(&Reading) -> Option<Vector3<f64>>,
+) -> Vec<(f64, Vector3<f64>)> {
+    let sample = |reading: &Reading| Some((reading.t_s, of(reading)?));
+    readings.iter().filter_map(sample).collect()
+}
+
+/// By which way the field points, if it points up or down clearly enough.
+fn sign(
+    fields: &[Option<(f64, Vector3<f64>)>],
+    forces: &[Option<(f64, Vector3<f64>)>],
+    dips_down: bool,
+) -> Sign {
+    let sines: Vec<f64> = fields
+        .iter()
+        .zip(forces)
+        .filter_map(|(field, force)| {
+            let (field, force) = ((*field)?.1, (*force)?.1);
+            Some(-field.normalize().dot(&force.normalize()))
+        })
+        .collect();
+    let mean = sines.iter().sum::<f64>() / sines.len().max(1) as f64;
+    match mean {
+        mean if mean.abs() < LEVEL_FIELD => Sign::Unknown,
+        mean if (mean > 0.0) == dips_down => Sign::Force,
+        _ => Sign::Gravity,
+    }
+}
+
+/// From the gyro's axes to the body's, by where up was: as it is where that is not known, and never turned further than it
+/// takes, with its X ahead if that may be.
+fn upright(up: &Vector3<f64>) -> Matrix3<f64> {
+    let score = |body: &Matrix3<f64>| [-(body * up).z, body.trace(), body.m11];
+    let better = |a: &Matrix3<f64>, b: &Matrix3<f64>| {
+        let (a, b) = (score(a), score(b));
+        let pairs = a.iter().zip(&b);
+        pairs.fold(std::cmp::Ordering::Equal, |order, (a, b)| {
+            order.then(a.total_cmp(b))
+        })
+    };
+    let all = axes();
+    if up.norm() < 1e-9 {
+        return Matrix3::identity();
+    }
+    all.into_iter()
+        .max_by(better)
+        .unwrap_or_else(Matrix3::identity)
+}

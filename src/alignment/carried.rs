@@ -1,0 +1,211 @@
+//! What the gyro says of a motion, and what a vector sensor says in the frame that the gyro carries along.
+
+use nalgebra::{Matrix3, Rotation3, SMatrix, Vector3};
+
+use crate::reading::Reading;
+
+/// A gyro that is silent for longer has left a hole, seconds.
+const GAP_S: f64 = 0.3;
+/// Knots are this far apart, seconds.
+const KNOT_S: f64 = 0.2;
+/// The shortest mean of a sensor at a knot has so many samples.
+const FEWEST: usize = 2;
+/// Two knots make a pair when the board has turned this far between them, radians (30°), in at most this time, seconds.
+const PAIR_RAD: f64 = 0.52;
+const PAIR_S: f64 = 4.0;
+
+/// What a sensor's samples become by a matrix M, chip to gyro axes, row by row, and an offset c: `by_matrix · M − by_offset · c`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Linear {
+    pub(super) by_matrix: SMatrix<f64, 3, 9>,
+    pub(super) by_offset: Matrix3<f64>,
+}
+
+impl Linear {
+    /// The vector by this matrix and offset.
+    pub(super) fn at(&self, matrix: &Matrix3<f64>, offset: &Vector3<f64>) -> Vector3<f64> {
+        let rows = matrix.transpose();
+        let rows = SMatrix::<f64, 9, 1>::from_column_slice(rows.as_slice());
+        self.by_matrix * rows - self.by_offset * offset
+    }
+}
+
+/// The gyro's account of a motion, with this bias taken out, gyro axes.
+pub(super) struct Carried {
+    ticks: Vec<Tick>,
+}
+
+#[derive(Clone, Copy)]
+struct Tick {
+    t_s: f64,
+    segment: u32,
+    /// Turns gyro axes into the frame, and the same summed up over time.
+    to_frame: Rotation3<f64>,
+    sum: Matrix3<f64>,
+    /// On the way here from the tick before, rad/s.
+    rate_rad_s: Vector3<f64>,
+}
+
+/// An instant at which sensors are compared.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Knot {
+    pub(super) t_s: f64,
+    segment: u32,
+    to_frame: Rotation3<f64>,
+    sum: Matrix3<f64>,
+    pub(super) rate_rad_s: Vector3<f64>,
+}
+
+/// Two knots between which the board has turned.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pair {
+    pub(super) first: usize,
+    pub(super) second: usize,
+    /// Takes vectors of the first knot's gyro axes into the second's.
+    pub(super) carry: Matrix3<f64>,
+    /// How a bias of the gyro, rad/s, turns what was carried, radians.
+    pub(super) by_bias: Matrix3<f64>,
+}
+
+impl Carried {
+    /// `sense` is −1 for a gyro that counts every rotation the other way round.
+    pub(super) fn new(readings: &[Reading], bias_rad_s: &Vector3<f64>, sense: f64) -> Self {
+        let mut ticks: Vec<Tick> = Vec::new();
+        let mut last_rate = Vector3::zeros();
+        for reading in readings {
+            let Some(rate) = reading.rate_rad_s else {
+                continue;
+            };
+            let rate = sense * (rate - bias_rad_s);
+            let t_s = reading.t_s;
+            let tick = match ticks.last() {
+                Some(last) if t_s - last.t_s <= GAP_S && t_s > last.t_s => {
+                    let step_s = t_s - last.t_s;
+                    let mean = 0.5 * (rate + last_rate);
+                    let half = last.to_frame * Rotation3::new(mean * (0.5 * step_s));
+                    Tick {
+                        t_s,
+                        segment: last.segment,
+                        to_frame: last.to_frame * Rotation3::new(mean * step_s),
+                        sum: last.sum + half.matrix() * step_s,
+                        rate_rad_s: mean,
+                    }
+                }
+                Some(last) if t_s == last.t_s => continue,
+                last => Tick {
+                    t_s,
+                    segment: last.map_or(0, |last| last.segment + 1),
+                    to_frame: Rotation3::identity(),
+                    sum: Matrix3::zeros(),
+                    rate_rad_s: rate,
+                },
+            };
+            last_rate = rate;
+            ticks.push(tick);
+        }
+        Self { ticks }
+    }
+
+    /// The instant `t_s`, between two ticks of a segment.
+    fn knot(&self, t_s: f64) -> Option<Knot> {
+        let next = self.ticks.partition_point(|tick| tick.t_s < t_s);
+        let (before, after) = (self.ticks.get(next.checked_sub(1)?)?, self.ticks.get(next)?);
+        if before.segment != after.segment {
+            return None;
+        }
+        let step_s = t_s - before.t_s;
+        Some(Knot {
+            t_s,
+            segment: before.segment,
+            to_frame: before.to_frame * Rotation3::new(after.rate_rad_s * step_s),
+            sum: before.sum + before.to_frame.matrix() * step_s,
+            rate_rad_s: after.rate_rad_s,
+        })
+    }
+
+    /// Evenly spaced knots over the whole motion.
+    pub(super) fn knots(&self) -> Vec<Knot> {
+        let (Some(first), Some(last)) = (self.ticks.first(), self.ticks.last()) else {
+            return Vec::new();
+        };
+        let count = ((last.t_s - first.t_s) / KNOT_S) as usize;
+        (0..=count)
+            .filter_map(|index| self.knot(first.t_s + index as f64 * KNOT_S))
+            .collect()
+    }
+
+    /// Samples (time and chip axes) within half a window of each knot, carried to it. `None` where there are too few.
+    pub(super) fn means(
+        &self,
+        knots: &[Knot],
+        samples: &[(f64, Vector3<f64>)],
+        half_window_s: f64,
+    ) -> Vec<Option<Linear>> {
+        let mean = |knot: &Knot| {
+            let first = samples.partition_point(|(t_s, _)| *t_s < knot.t_s - half_window_s);
+            let mut linear = Linear {
+                by_matrix: SMatrix::zeros(),
+                by_offset: Matrix3::zeros(),
+            };
+            let mut count = 0;
+            for (t_s, chip) in samples[first..]
+                .iter()
+                .take_while(|(t_s, _)| *t_s <= knot.t_s + half_window_s)
+            {
+                let Some(at) = self.knot(*t_s).filter(|at| at.segment == knot.segment) else {
+                    continue;
+                };
+                let turn = (knot.to_frame.inverse() * at.to_frame).into_inner();
+                for column in 0..9 {
+                    let scaled = turn.column(column / 3) * chip[column % 3];
+                    let mut sum = linear.by_matrix.column_mut(column);
+                    sum += scaled;
+                }
+                linear.by_offset += turn;
+                count += 1;
+            }
+            (count >= FEWEST).then(|| {
+                let share = 1.0 / count as f64;
+                Linear {
+                    by_matrix: linear.by_matrix * share,
+                    by_offset: linear.by_offset * share,
+                }
+            })
+        };
+        knots.iter().map(mean).collect()
+    }
+}
+
+/// One pair after the other, of knots at which there is something to compare. They are so far apart that they share no sample.
+pub(super) fn pairs(knots: &[Knot], known: &[Option<Linear>], apart_s: f64) -> Vec<Pair> {
+    let mut pairs = Vec::new();
+    let usable: Vec<usize> = (0..knots.len()).filter(|&k| known[k].is_some()).collect();
+    let mut begin = 0;
+    while begin < usable.len() {
+        let first = usable[begin];
+        let from = &knots[first];
+        let together = |knot: &Knot| knot.segment == from.segment && knot.t_s - from.t_s <= PAIR_S;
+        let end = usable[begin..]
+            .iter()
+            .take_while(|&&k| together(&knots[k]))
+            .position(|&k| {
+                let far = knots[k].t_s - from.t_s >= apart_s;
+                far && from.to_frame.angle_to(&knots[k].to_frame) >= PAIR_RAD
+            });
+        let Some(steps) = end else {
+            begin += 1;
+            continue;
+        };
+        let second = usable[begin + steps];
+        let to = &knots[second];
+        let back = to.to_frame.inverse();
+        pairs.push(Pair {
+            first,
+            second,
+            carry: (back * from.to_frame).into_inner(),
+            by_bias: back.matrix() * (to.sum - from.sum),
+        });
+        begin += steps;
+    }
+    pairs
+}

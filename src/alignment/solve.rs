@@ -1,0 +1,267 @@
+//! Axes, and the small rotation beside them, of one vector sensor.
+//!
+//! A vector that stands still in the world, seen in gyro axes, turns against the gyro: with M from chip to gyro axes and an
+//! offset c = M b, the vector v = M y − c of one instant, carried along by the gyro, is that of a later one. That is linear in
+//! M and c, so that one pass over a log gives normal equations in which each candidate for M costs nothing.
+//!
+//! It holds for −M where it holds for M: that a chip counts its axes as right-handed ones has to be taken for granted, or the
+//! other way round. Only a gyro that is mirrored shows itself, since then nothing turns as it says.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use super::carried::{Knot, Linear, Pair};
+
+/// Deviation of M from three signed axes, entry by entry: 6° of rotation, 10 % of scale and soft iron.
+const ENTRY: f64 = 0.1;
+/// Bias to expect of a gyro, rad/s (6° a second).
+const BIAS_RAD_S: f64 = 0.1;
+/// Lag to expect of a sensor behind the gyro, seconds.
+const LAG_S: f64 = 0.02;
+/// What is left of a vector where all is right, as a share of it: fields are uneven by 1 to 2 %, and hands shake.
+const EXPECTED: f64 = 0.03;
+const LEAST: f64 = 1e-4;
+/// Least squares are weighted anew so often.
+const ROUNDS: usize = 4;
+/// A pair whose residual is so many times the median is left out: a disturbance, or a gyro at the end of its range.
+const OUTLIER: f64 = 4.0;
+/// The evidence is scattered over fewer independent samples than there are pairs: fields are uneven, gyros have scale errors.
+const DOUBT: f64 = 1.5;
+
+/// M's entries beside its axes (9), c (3), the gyro's bias (3) and the lag (1).
+const UNKNOWN: usize = 16;
+const C: usize = 9;
+const G: usize = 12;
+const T: usize = 15;
+
+/// What is known of one sensor.
+pub(super) struct Evidence<'a> {
+    pub(super) knots: &'a [Knot],
+    pub(super) means: &'a [Option<Linear>],
+    pub(super) pairs: &'a [Pair],
+    /// Standard deviation of the offset to expect, in the sensor's unit.
+    pub(super) offset_sd: f64,
+}
+
+/// All rotations that take each axis to one, or its opposite.
+pub(super) fn axes() -> Vec<Matrix3<f64>> {
+    let mut all = Vec::new();
+    for [x, y, z] in [
+        [0, 1, 2],
+        [1, 2, 0],
+        [2, 0, 1],
+        [0, 2, 1],
+        [2, 1, 0],
+        [1, 0, 2],
+    ] {
+        for signs in 0..8 {
+            let mut matrix = Matrix3::zeros();
+            for (row, column) in [x, y, z].into_iter().enumerate() {
+                matrix[(row, column)] = if signs & (1 << row) == 0 { 1.0 } else { -1.0 };
+            }
+            if matrix.determinant() > 0.0 {
+                all.push(matrix);
+            }
+        }
+    }
+    all
+}
+
+/// How well these axes explain the pairs, with the best small rotation, scale, offset, gyro bias and lag beside them: what is
+/// left of the vector, as a share of it.
+pub(super) fn cost(evidence: &Evidence<'_>, axes: &Matrix3<f64>) -> f64 {
+    let rows = Rows::all(evidence, axes, axes, &Vector3::zeros());
+    // However much evidence there is, it must not turn these axes into others.
+    let sd = EXPECTED * size(evidence) * (rows.len() as f64).sqrt();
+    let Some(solution) = Solution::of(evidence, axes, sd, rows.iter()) else {
+        return f64::INFINITY;
+    };
+    let (matrix, offset) = (solution.matrix(axes), solution.offset());
+    let means = evidence.means.iter().flatten();
+    let squares = means.map(|mean| mean.at(&matrix, &offset).norm_squared());
+    let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| {
+        (sum + square, count + 1.0)
+    });
+    (solution.left.max(0.0) / rows.len().max(1) as f64 * count / sum).sqrt()
+}
+
+/// What M and the offset are refined to.
+pub(super) struct Refined {
+    /// Chip to gyro axes: three signed axes with the small rotation.
+    pub(super) rotation: Matrix3<f64>,
+    /// That small rotation, gyro axes, radians, and its standard deviation.
+    pub(super) turn_rad: Vector3<f64>,
+    pub(super) turn_sd_rad: Vector3<f64>,
+    /// With scale and soft iron in it, and the offset.
+    pub(super) matrix: Matrix3<f64>,
+    pub(super) offset: Vector3<f64>,
+    /// What was left of the gyro's bias, rad/s.
+    pub(super) bias_rad_s: Vector3<f64>,
+}
+
+/// The small rotation beside these axes, by least squares. `start` are matrix and offset to start from.
+pub(super) fn refine(
+    evidence: &Evidence<'_>,
+    axes: &Matrix3<f64>,
+    start: Option<(Matrix3<f64>, Vector3<f64>)>,
+) -> Option<Refined> {
+    let (mut matrix, mut offset) = start.unwrap_or((*axes, Vector3::zeros()));
+    let mut sd = EXPECTED * size(evidence);
+    let mut kept: Option<(Solution, f64)> = None;
+    for _ in 0..ROUNDS {
+        let rows = Rows::all(evidence, axes, &matrix, &offset);
+        let near = |row: &&Rows| match &kept {
+            Some((solution, limit)) => row.left(&solution.found) <= *limit,
+            None => true,
+        };
+        let solution = Solution::of(evidence, axes, sd, rows.iter().filter(near))?;
+        (matrix, offset) = (solution.matrix(axes), solution.offset());
+        let mut left: Vec<f64> = rows.iter().map(|row| row.left(&solution.found)).collect();
+        left.sort_by(f64::total_cmp);
+        let median = *left.get(left.len() / 2)?;
+        // The median length of three components is 1.54 deviations of one.
+        sd = (median / 1.54).max(LEAST * size(evidence));
+        kept = Some((solution, OUTLIER * median));
+    }
+    let (solution, _) = kept?;
+    let svd = matrix.svd(true, true);
+    let rotation = svd.u? * svd.v_t?;
+    let turn = |m: &Matrix3<f64>| {
+        0.5 * Vector3::new(
+            m[(2, 1)] - m[(1, 2)],
+            m[(0, 2)] - m[(2, 0)],
+            m[(1, 0)] - m[(0, 1)],
+        )
+    };
+    // How each of M's entries turns it: M times the axes' inverse is near the identity.
+    let mut by_entries = SMatrix::<f64, 3, 9>::zeros();
+    for entry in 0..9 {
+        let mut one = Matrix3::zeros();
+        one[(entry / 3, entry % 3)] = 1.0;
+        by_entries.set_column(entry, &turn(&(one * axes.transpose())));
+    }
+    let own = solution.inverse.fixed_view::<9, 9>(0, 0) * (sd * DOUBT).powi(2);
+    let variance = (by_entries * own * by_entries.transpose()).diagonal();
+    Some(Refined {
+        rotation,
+        turn_rad: turn(&(rotation * axes.transpose())),
+        turn_sd_rad: variance.map(|v| v.max(0.0).sqrt()),
+        matrix,
+        offset,
+        bias_rad_s: solution.found.fixed_rows::<3>(G).into(),
+    })
+}
+
+/// What the second knot's vector differs by from the first's, carried there: `by · unknown − told`.
+struct Rows {
+    by: SMatrix<f64, 3, UNKNOWN>,
+    told: Vector3<f64>,
+}
+
+impl Rows {
+    /// Of all pairs, with vectors about as this matrix and offset make them. M is the axes and the unknown entries.
+    fn all(
+        evidence: &Evidence<'_>,
+        axes: &Matrix3<f64>,
+        matrix: &Matrix3<f64>,
+        offset: &Vector3<f64>,
+    ) -> Vec<Self> {
+        let of = |pair: &Pair| {
+            let [first, second] =
+                [pair.first, pair.second].map(|knot| evidence.means[knot].as_ref());
+            let (first, second) = (first?, second?);
+            let [rate, later_rate] =
+                [pair.first, pair.second].map(|knot| evidence.knots[knot].rate_rad_s);
+            let (vector, later) = (first.at(matrix, offset), second.at(matrix, offset));
+            let carried = pair.carry * vector;
+            let by_matrix = second.by_matrix - pair.carry * first.by_matrix;
+            // A vector that stands still in the world turns against the board.
+            let by_lag = pair.carry * rate.cross(&vector) - later_rate.cross(&later);
+            let mut by = SMatrix::<f64, 3, UNKNOWN>::zeros();
+            by.fixed_columns_mut::<9>(0).copy_from(&by_matrix);
+            by.fixed_columns_mut::<3>(C)
+                .copy_from(&(pair.carry * first.by_offset - second.by_offset));
+            by.fixed_columns_mut::<3>(G)
+                .copy_from(&(carried.cross_matrix() * pair.by_bias));
+            by.fixed_columns_mut::<1>(T).copy_from(&by_lag);
+            Some(Self {
+                by,
+                told: -by_matrix * rows(axes),
+            })
+        };
+        evidence.pairs.iter().filter_map(of).collect()
+    }
+
+    fn left(&self, found: &SVector<f64, UNKNOWN>) -> f64 {
+        (self.by * found - self.told).norm()
+    }
+}
+
+/// The least squares, with what is to be expected of each unknown.
+struct Solution {
+    found: SVector<f64, UNKNOWN>,
+    inverse: SMatrix<f64, UNKNOWN, UNKNOWN>,
+    /// The sum of squares that is left.
+    left: f64,
+}
+
+impl Solution {
+    fn of<'a>(
+        evidence: &Evidence<'_>,
+        axes: &Matrix3<f64>,
+        sd: f64,
+        all: impl Iterator<Item = &'a Rows>,
+    ) -> Option<Self> {
+        let mut normal = SMatrix::<f64, UNKNOWN, UNKNOWN>::zeros();
+        let mut right = SVector::<f64, UNKNOWN>::zeros();
+        let mut square = 0.0;
+        for row in all {
+            normal += row.by.transpose() * row.by;
+            right += row.by.transpose() * row.told;
+            square += row.told.norm_squared();
+        }
+        // Only directions can be compared: the scale as a whole is held.
+        let scale = rows(axes);
+        let held = scale * scale.transpose() * (1e6 * normal.diagonal().max());
+        let mut entries = normal.fixed_view_mut::<9, 9>(0, 0);
+        entries += held;
+        for index in 0..UNKNOWN {
+            let expected = match index {
+                0..C => ENTRY,
+                C..G => evidence.offset_sd,
+                G..T => BIAS_RAD_S,
+                _ => LAG_S,
+            };
+            normal[(index, index)] += (sd / expected).powi(2);
+        }
+        let inverse = normal.cholesky()?.inverse();
+        let found = inverse * right;
+        Some(Self {
+            left: square - found.dot(&right),
+            found,
+            inverse,
+        })
+    }
+
+    fn matrix(&self, axes: &Matrix3<f64>) -> Matrix3<f64> {
+        axes + Matrix3::from_row_iterator(self.found.iter().copied().take(9))
+    }
+
+    fn offset(&self) -> Vector3<f64> {
+        self.found.fixed_rows::<3>(C).into()
+    }
+}
+
+/// How long the vector is, about, with its offset in it.
+fn size(evidence: &Evidence<'_>) -> f64 {
+    let means = evidence.means.iter().flatten();
+    let lengths = means.map(|mean| mean.at(&Matrix3::identity(), &Vector3::zeros()).norm());
+    let (sum, count) = lengths.fold((0.0, 0.0), |(sum, count), length| {
+        (sum + length, count + 1.0)
+    });
+    sum / f64::max(count, 1.0)
+}
+
+fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
+    let by_rows = matrix.transpose();
+    SVector::from_column_slice(by_rows.as_slice())
+}

@@ -1,0 +1,137 @@
+//! `headingd align`: how the chips of a board lie, from a recorded motion.
+
+use std::path::PathBuf;
+
+use serde_json::{Map, Value, json};
+
+use super::{Failure, print, tell_skips};
+use crate::alignment::{Alignment, Chip, Sign, align};
+use crate::frame::Mounting;
+use crate::sensor::replay::Replay;
+
+/// So many readings are used, from the beginning: an hour at 100 a second, and more motion tells nothing new.
+const MOST_READINGS: usize = 400_000;
+/// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
+const STRETCHES_APART_S: f64 = 10.0;
+/// A rotation beside the axes is certain from so many standard deviations on.
+const CERTAIN: f64 = 3.0;
+
+/// Find how the chips of a board are mounted, from a log of it in motion
+///
+/// Prints [mounting] for the configuration: which of each chip's axes point along the board's, and the small rotation
+/// beside that. Turn the board by 90 degrees and back about each of its three axes, for half a minute. Which way is
+/// ahead no motion tells: turn all chips alike with board_axes. Where down is, the accelerometer says, as the board lay
+/// when the log began. The axes that the log itself names are not used.
+#[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Example: headingd record --out motion.csv --duration 30 && headingd align motion.csv"
+)]
+pub struct Args {
+    /// The log
+    pub log: PathBuf,
+    /// The log is from south of the magnetic equator, where the field points out of the ground
+    #[arg(long)]
+    pub south: bool,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// The log cannot be read, or the motion does not tell.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let mut replay = Replay::open(&args.log)?;
+    let mut readings = Vec::new();
+    let (mut last_s, mut later_s) = (0.0, 0.0);
+    while let Some(entry) = replay.next() {
+        let mut reading = entry?.reading;
+        if replay.begins_stretch() {
+            later_s = last_s + STRETCHES_APART_S - reading.t_s;
+        }
+        reading.t_s += later_s;
+        last_s = reading.t_s;
+        if readings.len() == MOST_READINGS {
+            eprintln!("headingd: the log is long: its first {MOST_READINGS} readings are used");
+            break;
+        }
+        readings.push(reading);
+    }
+    tell_skips(replay.skips())?;
+    let found = align(&readings, !args.south).map_err(|refusal| {
+        Failure::new(Failure::REFUSED, format!("{refusal} ({})", refusal.code()))
+    })?;
+    if args.json {
+        print(&format!("{}\n", as_json(&found)))
+    } else {
+        print(&as_text(&found))
+    }
+}
+
+fn as_text(found: &Alignment) -> String {
+    let mut text = "[mounting]\n".to_owned();
+    let mut add = |name: &str, chip: Option<&Chip>| {
+        let Some(chip) = chip else { return };
+        text += &format!("{name} = \"{}\"\n", chip.axes);
+        let [x, y, z] = chip.turn_deg;
+        let [sx, sy, sz] = chip.turn_sd_deg;
+        let certain = (0..3).any(|i| chip.turn_deg[i].abs() > CERTAIN * chip.turn_sd_deg[i]);
+        let turn = format!("{x:.1} ± {sx:.1}, {y:.1} ± {sy:.1}, {z:.1} ± {sz:.1}");
+        text += &format!("# beside that, turned against the gyro about X, Y, Z by {turn} degrees");
+        text += &if certain {
+            format!(", as in\n#{name} = \"{}\"\n", rounded(&chip.exact))
+        } else {
+            "\n".to_owned()
+        };
+    };
+    add("mag_axes", found.mag.as_ref());
+    add("accel_axes", found.accel.as_ref());
+    text += &format!("gyro_axes = \"{}\"\n", found.gyro);
+    text += match (found.accel, found.sign) {
+        (None, _) => {
+            "# Without an accelerometer, nothing tells where down is: the gyro's Z is taken for it.\n"
+        }
+        (_, Sign::Force) => "",
+        (_, Sign::Gravity) => {
+            "# The accelerometer reads gravity, and others force. The same would be seen south of the magnetic equator (--south),\n\
+             # or if one axis of the magnetometer had been mirrored before the log was written.\n"
+        }
+        (_, Sign::Unknown) => {
+            "# The field is too level to tell whether the accelerometer reads force or gravity: force is taken for granted.\n"
+        }
+    };
+    text
+}
+
+fn as_json(found: &Alignment) -> Value {
+    let tenths = |degrees: [f64; 3]| degrees.map(|one| (100.0 * one).round() / 100.0);
+    let mut all = Map::new();
+    let mut add = |name: &str, axes: &Mounting, chip: Option<&Chip>| {
+        let mut entry = json!({ "axes": axes.to_string() });
+        if let Some(chip) = chip {
+            entry["exact"] = json!(rounded(&chip.exact).to_string());
+            entry["turn_deg"] = json!(tenths(chip.turn_deg));
+            entry["turn_sd_deg"] = json!(tenths(chip.turn_sd_deg));
+        }
+        all.insert(name.to_owned(), entry);
+    };
+    add("gyro", &found.gyro, None);
+    for (name, chip) in [("mag", &found.mag), ("accel", &found.accel)] {
+        if let Some(chip) = chip {
+            add(name, &chip.axes, Some(chip));
+        }
+    }
+    all.insert(
+        "reads_gravity".to_owned(),
+        json!(found.sign == Sign::Gravity),
+    );
+    all.into()
+}
+
+/// With as many digits as mean something.
+fn rounded(mounting: &Mounting) -> Mounting {
+    let digits = mounting.rotation().map(|n| (1e5 * n).round() / 1e5 + 0.0);
+    Mounting::from_matrix(digits).unwrap_or(*mounting)
+}
