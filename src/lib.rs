@@ -25,3 +25,4 @@ pub mod service;
 pub mod store;
 pub mod true_north;
 pub mod turn;
+pub mod wall_clock;

@@ -18,7 +18,7 @@ use repeats::Repeats;
 const FILTER_VARIABLE: &str = "RUST_LOG";
 
 /// The log at work.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Log {
     /// None if the environment has a filter of its own, which stays.
     filter: Option<reload::Handle<EnvFilter, Registry>>,

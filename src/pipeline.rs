@@ -12,6 +12,7 @@ mod mounting;
 mod occasion;
 mod settings;
 mod stretch;
+mod survey;
 mod watch;
 
 use std::collections::VecDeque;
@@ -34,6 +35,7 @@ use crate::turn::{self, Turn, TurnDetector};
 use learn::Learning;
 
 pub use settings::Settings;
+pub use survey::{Survey, Surveyed};
 
 /// Share of each sample in the smoothed strength of the field: over half a second at 20 Hz.
 const STRENGTH_GAIN: f64 = 0.05 / (0.05 + 0.5);

@@ -28,7 +28,7 @@ const PATIENCE: Duration = Duration::from_millis(100);
 pub struct Service {
     /// What it has handed over.
     pub sockets: Sockets,
-    line: Option<Line>,
+    line: Option<ManagerSocket>,
     ready: bool,
     /// How often a sign of life is due, if the manager asks for any.
     pace: Option<Duration>,
@@ -82,7 +82,7 @@ impl Service {
         let socket = UnixDatagram::unbound()?;
         socket.set_write_timeout(Some(PATIENCE))?;
         Ok(Self {
-            line: Some(Line {
+            line: Some(ManagerSocket {
                 socket,
                 address,
                 failing: false,
@@ -173,13 +173,13 @@ fn status(text: &str) -> String {
 }
 
 #[derive(Debug)]
-struct Line {
+struct ManagerSocket {
     socket: UnixDatagram,
     address: SocketAddr,
     failing: bool,
 }
 
-impl Line {
+impl ManagerSocket {
     /// Whether the manager took it. That it does not is logged once.
     fn say(&mut self, message: &str) -> bool {
         let sent = self.socket.send_to_addr(message.as_bytes(), &self.address);

@@ -4,24 +4,18 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::ValueEnum;
-use nalgebra::Vector3;
 
 use super::progress::Progress;
 use super::{Failure, config_file, print, tell_skips};
-use crate::attitude::Attitude;
+use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
 use crate::calibration::settings::{ModeChoice, ModelChoice, Profile, StopChoice, WindowChoice};
-use crate::calibration::thinning::Thinned;
-use crate::calibration::{CompletedTurn, FieldSample, Request, calibrate};
 use crate::config::Config;
-use crate::daemon::time_of_day::unix_now_s;
-use crate::outliers::Outliers;
-use crate::pipeline::{Event, Pipeline};
-use crate::reading::Field;
+use crate::pipeline::{Survey, Surveyed};
 use crate::sensor::replay::Replay;
 use crate::store::{Contents, History, Identity, Made, Store};
-use crate::turn::{Turn, TurnDetector};
+use crate::wall_clock::unix_now_s;
 
 /// Calibrate on a recorded log
 ///
@@ -73,9 +67,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Faster than this is rotation, rad/s: a hand that holds still stays below 5 degrees a second.
-const ROTATING_RAD_S: f64 = 0.087;
-
 /// Where the plane of a planar calibration comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Plane {
@@ -117,9 +108,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             "a plane is named, but the mode is spatial: leave out one of --plane and --mode",
         ));
     }
-    let survey = Survey::of(args, &config)?;
-    let identity = survey.identity.clone();
-    let outcome = survey.calibrate(args, &config)?;
+    let (identity, outcome) = calibrated(args, &config)?;
     if let (Some(path), Some(calibration)) = (&args.out, outcome.calibration) {
         let made = Made::of(&outcome, calibration, Reason::Log, unix_now_s());
         let history = History::of(identity, made);
@@ -159,167 +148,52 @@ fn settings(args: &Args) -> Result<Config, Failure> {
     Ok(config)
 }
 
-/// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
-const STRETCHES_APART_S: f64 = 10.0;
-
 /// How many rows are read between two looks at the progress bar.
 const ROWS_A_LOOK: u64 = 8192;
 
-/// A whole log, looked through once.
-struct Survey {
-    identity: Identity,
-    mountings: crate::frame::Mountings,
-    samples: Thinned,
-    turns: Vec<Turn>,
-    /// When the first rotation began and the last one ended, seconds.
-    rotation_s: Option<(f64, f64)>,
-    gyro_spoke: bool,
-    /// What the daemon would have made of the log, as long as no full turn is found, where motion may calibrate.
-    motion: Option<Pipeline>,
-}
-
-impl Survey {
-    fn of(args: &Args, config: &Config) -> Result<Self, Failure> {
-        let mut replay = Replay::open(&args.log)?;
-        let header = replay.header();
-        let mut survey = Self {
-            identity: Identity {
-                sensor: header
-                    .sensor
-                    .clone()
-                    .unwrap_or_else(|| "unknown".to_owned()),
-                mag_axes: header.mountings.mag,
-            },
-            mountings: header.mountings.on(&config.mounting.board()),
-            samples: Thinned::default(),
-            turns: Vec::new(),
-            rotation_s: None,
-            gyro_spoke: false,
-            motion: None,
-        };
-        if args.plane == Plane::Gyro && config.calibration.window != WindowChoice::All {
-            survey.motion = Some(Pipeline::new(config.setup(&header.mountings), None));
+/// The log's sensor, and what comes of a calibration on all of it.
+fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failure> {
+    let mut replay = Replay::open(&args.log)?;
+    let header = replay.header();
+    let sensor = header.sensor.as_deref().unwrap_or("unknown");
+    let identity = Identity {
+        sensor: sensor.to_owned(),
+        mag_axes: header.mountings.mag,
+    };
+    let mut survey = Survey::new(config.setup(&header.mountings), args.plane.axes());
+    let (bar, mut rows) = (Progress::new(), 0u64);
+    while let Some(entry) = replay.next() {
+        survey.take(&entry?.reading, replay.begins_stretch());
+        rows += 1;
+        if rows.is_multiple_of(ROWS_A_LOOK) {
+            bar.set(replay.share_read());
         }
-        let mut actions = Vec::new();
-        let mut attitude = Attitude::new(&config.attitude, &survey.mountings);
-        let mut outliers = Outliers::new(config.attitude.gyro_range_deg_s);
-        let mut detector = TurnDetector::new(&config.turn);
-        let (mut last_s, mut later_s) = (0.0, 0.0);
-        let (bar, mut rows) = (Progress::new(), 0u64);
-        while let Some(entry) = replay.next() {
-            let mut reading = outliers.filter(&entry?.reading);
-            if replay.begins_stretch() {
-                // Samples are found by their times: a stretch comes after a hole, wherever its own clock began.
-                later_s = last_s + STRETCHES_APART_S - reading.t_s;
-                if let Some(pipeline) = &mut survey.motion {
-                    pipeline.handle(Event::NewStretch, &mut actions);
-                }
-            }
-            rows += 1;
-            if rows.is_multiple_of(ROWS_A_LOOK) {
-                bar.set(replay.share_read());
-            }
-            reading.t_s += later_s;
-            last_s = reading.t_s;
-            survey.gyro_spoke |= reading.rate_rad_s.is_some();
-            attitude.take(&reading, |tick| {
-                survey.turns.extend(detector.tick(tick));
-                if tick.rate_rad_s.norm() > ROTATING_RAD_S {
-                    let (first, _) = survey.rotation_s.unwrap_or((tick.t_s, tick.t_s));
-                    survey.rotation_s = Some((first, tick.t_s));
-                }
-            });
-            if !survey.turns.is_empty() {
-                survey.motion = None;
-            }
-            if let Some(pipeline) = &mut survey.motion {
-                pipeline.handle(Event::Reading(reading), &mut actions);
-                actions.clear();
-            }
-            let field = reading
-                .field_mgauss
-                .and_then(|field| needed(&field, args.plane));
-            if let Some(field_mgauss) = field {
-                let pose = attitude.pose_at(reading.t_s);
-                let sample = FieldSample {
-                    t_s: reading.t_s,
-                    field_mgauss,
-                    pose,
-                };
-                let open_s = config.turn.time_limit_s;
-                survey.samples.push(sample, &survey.turns, open_s);
-            }
-        }
-        bar.finish();
-        tell_skips(replay.skips())?;
-        Ok(survey)
     }
-
-    fn calibrate(self, args: &Args, config: &Config) -> Result<Outcome, Failure> {
-        let named = args.plane.axes();
-        let needs_gyro = named.is_none() && config.calibration.mode != ModeChoice::Spatial;
-        // Of a log this short it does not matter what it lacks besides.
-        if needs_gyro && !self.gyro_spoke && self.samples.len() > 2 {
+    bar.finish();
+    tell_skips(replay.skips())?;
+    let thinned_to = survey.thinned_to();
+    let request = match survey.conclude() {
+        Surveyed::Request(request) => request,
+        Surveyed::Learnt(outcome) => return Ok((identity, *outcome)),
+        Surveyed::NoPlane => {
             return Err(Failure::new(
                 Failure::USAGE,
                 format!(
-                    "{} has no gyro readings, so nothing tells the plane of a turn: add --mode spatial, or name the plane with --plane xy, xz or yz",
+                    "{} has no gyro readings, so nothing tells the plane of a turn: add --mode spatial, or name the \
+                     plane with --plane xy, xz or yz",
                     args.log.display()
                 ),
             ));
         }
-        if let Some(mut outcome) = self.motion.as_ref().and_then(Pipeline::learnt_by_motion) {
-            outcome.samples.total = self.samples.len();
-            return Ok(outcome);
-        }
-        if self.samples.is_thinned() {
-            eprintln!(
-                "headingd: the log is long: {} of its samples are used, those of turns first",
-                self.samples.len()
-            );
-        }
-        let samples = self.samples.into_samples();
-        let index = |t_s: f64| samples.partition_point(|sample| sample.t_s < t_s);
-        let moving = match self.rotation_s {
-            Some((first, last)) => index(first)..index(last),
-            None => 0..samples.len(),
-        };
-        let turns = if named.is_some() {
-            &[]
-        } else {
-            self.turns.as_slice()
-        };
-        let turns = turns.iter().map(|turn| CompletedTurn {
-            samples: index(turn.start_s)..index(turn.end_s),
-            axis_body: turn.axis_body,
-        });
-        let request = Request {
-            moving,
-            turns: turns.collect(),
-            samples,
-            plane: named.map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0))),
-            mounting: self.mountings.mag,
-            settings: config.calibration.clone(),
-            limits: config.verdict.clone(),
-        };
-        let origin = Instant::now();
-        Ok(calibrate(&request, &|| Some(origin.elapsed())))
+    };
+    if let Some(samples) = thinned_to {
+        eprintln!(
+            "headingd: the log is long: {samples} of its samples are used, those of turns first"
+        );
     }
-}
-
-/// The field, if the axes that are needed did not overflow. The third axis of a named plane is not
-/// looked at, and stands as 0.
-fn needed(field: &Field, plane: Plane) -> Option<Vector3<f64>> {
-    let mut vector = Vector3::zeros();
-    for axis in 0..3 {
-        let looked_at = plane.axes().is_none_or(|axes| axes.contains(&axis));
-        match field[axis] {
-            Some(value) if looked_at => vector[axis] = value,
-            None if looked_at => return None,
-            _ => {}
-        }
-    }
-    Some(vector)
+    let origin = Instant::now();
+    let outcome = calibrate(&request, &|| Some(origin.elapsed()));
+    Ok((identity, outcome))
 }
 
 /// What the motion did not show, in words.

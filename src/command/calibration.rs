@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Subcommand;
 use serde_json::{Value, json};
 
-use super::control::Target;
+use super::control::ControlTarget;
 use super::wait::start_and_wait;
 use super::{Failure, print};
 use crate::store::{Contents, Store};
@@ -18,18 +18,18 @@ use crate::store::{Contents, Store};
 pub struct Args {
     /// Which daemon is meant.
     #[command(flatten)]
-    pub target: Target,
+    pub target: ControlTarget,
     /// Print the daemon's answer, one JSON object; a refusal too
     #[arg(long, global = true)]
     pub json: bool,
     /// What to do.
     #[command(subcommand)]
-    pub action: Action,
+    pub action: CalibrationAction,
 }
 
 /// What to do with the calibrations.
 #[derive(Clone, Debug, Subcommand)]
-pub enum Action {
+pub enum CalibrationAction {
     /// List the calibrations kept of this sensor, the oldest first
     List,
     /// Show a calibration with its parameters
@@ -83,7 +83,7 @@ pub enum Action {
     },
 }
 
-impl Action {
+impl CalibrationAction {
     fn request(&self) -> Result<Value, Failure> {
         let numbered = |request: &str, number: &Option<u64>| match number {
             Some(number) => json!({ "request": request, "number": number }),
@@ -109,11 +109,11 @@ impl Action {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    if let Action::Start { wait: true } = args.action {
+    if let CalibrationAction::Start { wait: true } = args.action {
         return start_and_wait(&args.target, args.json);
     }
     let answer = args.target.ask(&args.action.request()?, args.json)?;
-    if let Action::Export { out, .. } = &args.action {
+    if let CalibrationAction::Export { out, .. } = &args.action {
         return export(&answer, out.as_deref());
     }
     if args.json {
@@ -121,8 +121,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let message = answer["message"].as_str().unwrap_or_default();
     match &args.action {
-        Action::List => print(&format!("{}{message}\n", table(&answer))),
-        Action::Show { .. } => print(&format!(
+        CalibrationAction::List => print(&format!("{}{message}\n", table(&answer))),
+        CalibrationAction::Show { .. } => print(&format!(
             "{message}\n{}\n{}\n",
             line(&answer["calibration"]),
             answer["parameters"]

@@ -9,21 +9,21 @@ use super::{Failure, config_file, load_config, print};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
 use crate::daemon::open_files::{self, Shortage};
-use crate::daemon::time_of_day;
 use crate::service::network;
 use crate::true_north::TrueNorth;
+use crate::wall_clock;
 
 /// Check a configuration file or show the effective settings
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// What to do.
     #[command(subcommand)]
-    pub action: Action,
+    pub action: ConfigAction,
 }
 
 /// What to do with a configuration.
 #[derive(Clone, Debug, Subcommand)]
-pub enum Action {
+pub enum ConfigAction {
     /// Check a file and list every fault in it; what has no effect, or is not there yet, is a warning
     Check {
         /// The configuration file [default: /etc/headingd/headingd.toml]
@@ -39,7 +39,7 @@ pub enum Action {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.action {
-        Action::Check { file } => {
+        ConfigAction::Check { file } => {
             let file = config_file::path(file.as_deref());
             let config = load_config(&file)?;
             for warning in warnings(&config) {
@@ -47,7 +47,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             }
             print(&format!("{}: good\n", file.display()))
         }
-        Action::Show { file } => {
+        ConfigAction::Show { file } => {
             let config = config_file::load(file.as_deref())?;
             print(&shown(&config)?)
         }
@@ -73,7 +73,7 @@ fn warnings(config: &Config) -> Vec<String> {
     warnings.extend(short.map(|short| short.to_string()));
     let mut north = TrueNorth::new(config.true_north);
     if config.source.kind != Some(Kind::Replay) {
-        north.declination_deg(time_of_day::now());
+        north.declination_deg(wall_clock::now());
         warnings.extend(north.news());
     }
     let outside = config.udp.to().or(config.tcp.listen()).is_some();
@@ -117,7 +117,7 @@ mod tests {
 
     fn check(file: PathBuf) -> Result<(), Failure> {
         run(&Args {
-            action: Action::Check { file: Some(file) },
+            action: ConfigAction::Check { file: Some(file) },
         })
     }
 

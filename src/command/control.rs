@@ -24,7 +24,7 @@ const LONGEST: u64 = 1 << 22;
 
 /// Which daemon is meant.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Target {
+pub struct ControlTarget {
     /// The daemon's control socket; without it, that of the configuration
     #[arg(long, value_name = "PATH", global = true, conflicts_with = "config")]
     pub socket: Option<PathBuf>,
@@ -33,7 +33,7 @@ pub struct Target {
     pub config: Option<PathBuf>,
 }
 
-impl Target {
+impl ControlTarget {
     /// Where its control socket is.
     pub(super) fn path(&self) -> Result<PathBuf, Failure> {
         if let Some(path) = &self.socket {

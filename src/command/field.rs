@@ -5,9 +5,9 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::{Failure, print};
-use crate::daemon::time_of_day;
 use crate::date;
 use crate::true_north::{Field, Known, Position};
+use crate::wall_clock;
 
 /// Print the earth's field at a place: declination, dip and strength
 ///
@@ -57,7 +57,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         longitude_deg: args.lon,
         altitude_m: args.alt,
     };
-    let since_1970 = args.date.or_else(time_of_day::now).ok_or_else(|| {
+    let since_1970 = args.date.or_else(wall_clock::now).ok_or_else(|| {
         let message = "the system's clock was never set: name the day with --date";
         Failure::new(Failure::UNAVAILABLE, message)
     })?;

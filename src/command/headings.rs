@@ -15,7 +15,7 @@ const LONGEST: u64 = 1 << 20;
 
 /// Which daemon's headings are meant.
 #[derive(Clone, Debug, clap::Args)]
-pub struct Target {
+pub struct HeadingTarget {
     /// The daemon's socket for headings; without it, that of the configuration
     #[arg(long, value_name = "PATH", conflicts_with = "config")]
     pub socket: Option<PathBuf>,
@@ -26,26 +26,26 @@ pub struct Target {
 
 /// The two sockets of a daemon.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Sockets {
+pub struct DaemonSockets {
     /// For headings.
     pub headings: PathBuf,
     /// For control.
     pub control: PathBuf,
 }
 
-impl Target {
+impl HeadingTarget {
     /// Where its sockets are. Without a configuration the control socket is where it is by default: beside the other.
     ///
     /// # Errors
     ///
     /// The configuration that was named cannot be used.
-    pub fn sockets(&self) -> Result<Sockets, Failure> {
+    pub fn sockets(&self) -> Result<DaemonSockets, Failure> {
         let config = match self.socket {
             Some(_) => Default::default(),
             None => config_file::load_for_client(self.config.as_deref())?,
         };
         let headings = self.socket.clone().unwrap_or(config.socket.socket);
-        Ok(Sockets {
+        Ok(DaemonSockets {
             control: config.control.path(&headings),
             headings,
         })

@@ -136,16 +136,46 @@ fn open_regular(path: &Path) -> io::Result<File> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, what))
 }
 
-/// Writes to standard output. A reader that has gone away (`| head`) is no failure.
-pub fn print(text: &str) -> Result<(), Failure> {
-    let mut out = io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Failure::new(
+/// Why a command stops in the middle of its output.
+enum Halt {
+    Output(io::Error),
+    Failure(Failure),
+}
+
+impl From<io::Error> for Halt {
+    fn from(error: io::Error) -> Self {
+        Self::Output(error)
+    }
+}
+
+impl From<Failure> for Halt {
+    fn from(failure: Failure) -> Self {
+        Self::Failure(failure)
+    }
+}
+
+/// What has come of output. A reader that has gone away (`| head`) is no failure.
+fn printed(result: Result<(), Halt>) -> Result<(), Failure> {
+    match result {
+        Err(Halt::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        Err(Halt::Output(error)) => Err(Failure::new(
             Failure::IO,
             format!("cannot write to standard output: {error}"),
         )),
-        _ => Ok(()),
+        Err(Halt::Failure(failure)) => Err(failure),
+        Ok(()) => Ok(()),
     }
+}
+
+/// Writes to standard output.
+///
+/// # Errors
+///
+/// It cannot be written, and somebody would read it.
+pub fn print(text: &str) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    printed(written.map_err(Halt::Output))
 }
 
 /// Says on standard error that rows of a log were skipped, if some were; that most were is a failure.

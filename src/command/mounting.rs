@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::control::Target;
+use super::control::ControlTarget;
 use super::{Failure, print};
 
 /// Tell the running daemon how the board is mounted, or show it
@@ -14,7 +14,7 @@ use super::{Failure, print};
 pub struct Args {
     /// Which daemon is meant.
     #[command(flatten)]
-    pub target: Target,
+    pub target: ControlTarget,
     /// The board is level now: pitch and roll become 0, and ahead stays ahead
     #[arg(long)]
     pub level: bool,

@@ -4,20 +4,20 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use super::progress::Progress;
-use super::{Failure, config_file, tell_skips};
+use super::{Failure, Halt, config_file, printed, tell_skips};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::Reason;
-use crate::daemon::time_of_day::unix_now_s;
 use crate::date;
 use crate::heading::Heading;
 use crate::pipeline::{Action, Event, Pipeline};
-use crate::publish::gpsd::{self, Device, Policy};
+use crate::publish::gpsd::{self, Device, WatchPolicy};
 use crate::recording::TimeOfDay;
 use crate::sensor::replay::Replay;
 use crate::store::{History, Identity, Loaded, Made, Store, StoreError};
 use crate::true_north::TrueNorth;
+use crate::wall_clock::unix_now_s;
 
 /// How many rows are read between two looks at the progress bar.
 const ROWS_A_LOOK: u64 = 8192;
@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let board = keep.history.board(&config.mounting.board());
     setup.mountings = header.mountings.on(&board);
     let pipeline = Pipeline::new(setup, calibration);
-    let lines = Lines {
+    let lines = JsonLines {
         device: args.log.display().to_string(),
         sensor: header.sensor.clone(),
         time: TimeOfDay::new(header),
@@ -84,34 +84,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         out: BufWriter::with_capacity(1 << 16, io::stdout().lock()),
         line: String::new(),
     };
-    match play(replay, pipeline, lines, &mut keep) {
-        // The reader has seen enough: `| head`.
-        Err(Halt::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        Err(Halt::Output(error)) => Err(Failure::new(
-            Failure::IO,
-            format!("cannot write to standard output: {error}"),
-        )),
-        Err(Halt::Failure(failure)) => Err(failure),
-        Ok(()) => Ok(()),
-    }
-}
-
-/// Why a replay ended early.
-enum Halt {
-    Output(io::Error),
-    Failure(Failure),
-}
-
-impl From<io::Error> for Halt {
-    fn from(error: io::Error) -> Self {
-        Self::Output(error)
-    }
+    printed(play(replay, pipeline, lines, &mut keep))
 }
 
 fn play<W: Write>(
     mut replay: Replay,
     mut pipeline: Pipeline,
-    mut lines: Lines<W>,
+    mut lines: JsonLines<W>,
     keep: &mut Keep,
 ) -> Result<(), Halt> {
     let bar = Progress::new();
@@ -119,7 +98,7 @@ fn play<W: Write>(
     let mut actions = Vec::new();
     let mut rows = 0u64;
     while let Some(entry) = replay.next() {
-        let entry = entry.map_err(|error| Halt::Failure(error.into()))?;
+        let entry = entry.map_err(Failure::from)?;
         if replay.begins_stretch() {
             pipeline.handle(Event::NewStretch, &mut actions);
             lines.time.begin_stretch();
@@ -142,7 +121,7 @@ fn play<W: Write>(
                     Action::Conclude(outcome) => {
                         lines.write(&gpsd::calibration(&outcome))?;
                         if let Some(calibration) = outcome.calibration {
-                            keep.save(&outcome, calibration).map_err(Halt::Failure)?;
+                            keep.save(&outcome, calibration)?;
                         }
                     }
                 }
@@ -164,11 +143,11 @@ fn play<W: Write>(
             pipeline.dropped()
         );
     }
-    tell_skips(replay.skips()).map_err(Halt::Failure)
+    Ok(tell_skips(replay.skips())?)
 }
 
 /// What a client sees.
-struct Lines<W: Write> {
+struct JsonLines<W: Write> {
     device: String,
     sensor: Option<String>,
     time: TimeOfDay,
@@ -177,7 +156,7 @@ struct Lines<W: Write> {
     line: String,
 }
 
-impl<W: Write> Lines<W> {
+impl<W: Write> JsonLines<W> {
     /// What a client gets on connecting and on asking for every stream.
     fn greet(&mut self) -> io::Result<()> {
         let device = Device {
@@ -186,12 +165,12 @@ impl<W: Write> Lines<W> {
             sensor: self.sensor.clone(),
             bps: None,
         };
-        let policy = Policy {
+        let policy = WatchPolicy {
             enable: true,
             json: true,
             calibration: true,
             state: true,
-            ..Policy::default()
+            ..WatchPolicy::default()
         };
         self.write(&gpsd::version())?;
         self.write(&gpsd::devices(&device, None))?;

@@ -85,12 +85,13 @@ fn serve(args: &Args) -> Result<(), Failure> {
                 // The terminal it was started from has gone.
                 Notice::Stop
             } else {
-                let loaded = load_config(&path);
-                if let Ok(config) = &loaded {
+                let (path, log) = (path.clone(), log.clone());
+                Notice::Reload(Box::new(move || {
+                    let config = load_config(&path).map_err(|failure| failure.message)?;
                     log.set(&config.log.filter);
-                    tell_retired(&path, config);
-                }
-                Notice::Reload(loaded.map(Box::new).map_err(|failure| failure.message))
+                    tell_retired(&path, &config);
+                    Ok(config)
+                }))
             }
         };
         match daemon.run(order).await? {

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::calibration::line;
-use super::control::Target;
+use super::control::ControlTarget;
 use super::{Failure, print};
 
 /// Show how the running daemon does
@@ -15,7 +15,7 @@ use super::{Failure, print};
 pub struct Args {
     /// Which daemon is meant.
     #[command(flatten)]
-    pub target: Target,
+    pub target: ControlTarget,
     /// Print the daemon's answer, one JSON object; a refusal too
     #[arg(long)]
     pub json: bool,

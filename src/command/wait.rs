@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use super::advice::next_step;
-use super::control::{Target, exchange};
+use super::control::{ControlTarget, exchange};
 use super::headings::Headings;
 use super::progress::Progress;
 use super::{Failure, print};
@@ -25,7 +25,7 @@ const STEP: f64 = 0.25;
 /// # Errors
 ///
 /// The daemon cannot be reached, does not start, or refuses the calibration: then with status [`Failure::REFUSED`].
-pub fn start_and_wait(target: &Target, json: bool) -> Result<(), Failure> {
+pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure> {
     let control = target.path()?;
     let ask = |name: &str| exchange(&control, &json!({ "request": name })).map_err(|(why, _)| why);
     let status = ask("status")?;

@@ -1,11 +1,11 @@
 //! `headingd watch`: prints headings as they come.
 
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, Write};
 
 use serde_json::{Value, json};
 
-use super::Failure;
-use super::headings::{Headings, Target};
+use super::headings::{HeadingTarget, Headings};
+use super::{Failure, Halt, printed};
 
 /// Headings as text are for people, who read one a second.
 const TEXT_RATE_HZ: f64 = 1.0;
@@ -20,7 +20,7 @@ const TEXT_RATE_HZ: f64 = 1.0;
 pub struct Args {
     /// Which daemon is meant.
     #[command(flatten)]
-    pub target: Target,
+    pub target: HeadingTarget,
     /// Print JSON, an object a line
     #[arg(long, conflicts_with = "nmea")]
     pub json: bool,
@@ -60,32 +60,7 @@ impl Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let sockets = args.target.sockets()?;
     let mut headings = Headings::open(&sockets.headings, &args.watch().to_string())?;
-    match print(args, &mut headings, &mut io::stdout().lock()) {
-        Err(Halt::Output(error)) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
-        Err(Halt::Output(error)) => Err(Failure::new(
-            Failure::IO,
-            format!("cannot write to standard output: {error}"),
-        )),
-        Err(Halt::Failure(failure)) => Err(failure),
-        Ok(()) => Ok(()),
-    }
-}
-
-enum Halt {
-    Output(io::Error),
-    Failure(Failure),
-}
-
-impl From<io::Error> for Halt {
-    fn from(error: io::Error) -> Self {
-        Self::Output(error)
-    }
-}
-
-impl From<Failure> for Halt {
-    fn from(failure: Failure) -> Self {
-        Self::Failure(failure)
-    }
+    printed(print(args, &mut headings, &mut io::stdout().lock()))
 }
 
 fn print(args: &Args, headings: &mut Headings, out: &mut impl Write) -> Result<(), Halt> {

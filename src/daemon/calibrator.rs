@@ -5,17 +5,17 @@ use std::time::Instant;
 
 use tokio::sync::oneshot;
 
-use super::spawn;
+use super::thread::Thread;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::{Request, calibrate};
 
 /// The worker.
 #[derive(Default)]
 pub(super) struct Calibrator {
-    running: Option<Running>,
+    running: Option<RunningCalibration>,
 }
 
-struct Running {
+struct RunningCalibration {
     outcome: oneshot::Receiver<Outcome>,
     /// The outcome if the thread fails: the pipeline waits for one.
     failed: Outcome,
@@ -37,10 +37,10 @@ impl Calibrator {
             // An error means that the daemon is about to end.
             let _ = sender.send(outcome);
         };
-        if let Err(error) = spawn("calibration", "calibration", work) {
+        if let Err(error) = Thread::start("calibration", work) {
             tracing::error!("{error}");
         }
-        self.running = Some(Running { outcome, failed });
+        self.running = Some(RunningCalibration { outcome, failed });
     }
 
     /// Whether a calibration is under way.

@@ -1,62 +1,64 @@
 //! Carries out what the pipeline wants done: publish, calibrate, keep, log.
 //!
-//! One task takes the events and hands out the actions. Whatever may take long is on a thread of its own: the
-//! source, a calibration, and the disk that calibrations are kept on.
+//! A [`Daemon`] lasts from start to end, and its session from one reload to the next. One task takes the events and hands
+//! out the actions. Whatever may take long is on a thread of its own: the source, a calibration, the disk that
+//! calibrations are kept on, and a reload.
 
 mod calibrator;
-mod chips;
-mod course;
-mod journey;
-mod keeper;
+mod core;
+mod inactivity;
 mod listener;
+mod mounting;
 pub mod open_files;
+mod orders;
 pub mod record;
 mod recorder;
+mod reload;
 mod ring;
-mod serial;
+mod session;
 pub mod signals;
-mod silence;
-mod source;
-mod tally;
-pub mod time_of_day;
+mod source_task;
+mod stats;
+mod store_writer;
+#[cfg(test)]
+mod tests;
+mod thread;
 
 use std::future::Future;
 use std::io;
 use std::path::PathBuf;
 use std::pin::pin;
-use std::thread::JoinHandle;
+use std::sync::Weak;
 use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, oneshot};
+use tokio::task::{JoinHandle, JoinSet};
 
 use crate::check::Fault;
+use crate::condition::Report;
 use crate::config::Config;
 use crate::config::source::Settings;
-use crate::publish::control::Control;
+use crate::pipeline::{Action, Event};
+use crate::publish::control::{Control, ControlCall};
 use crate::publish::gpsd::Device;
 use crate::publish::outputs::Outputs;
-use crate::publish::server::{BindError, Server};
+use crate::publish::server::{BindError, Publisher, Server};
 use crate::sensor::replay::ReplayError;
 use crate::service::{Service, sockets};
 use crate::store::StoreError;
-use course::{Course, Parts};
-use journey::Lasting;
+use crate::wall_clock;
+use inactivity::Inactivity;
 pub use listener::ListenError;
 use open_files::Shortage;
 pub use recorder::RecordError;
-use source::Source;
-
-/// A sensor that a log does not name is kept under this name.
-const UNNAMED_SENSOR: &str = "unknown";
+pub use reload::LoadConfig;
+use reload::Reload;
+use session::Session;
+use source_task::SourceTask;
+use stats::Stats;
 
 /// How many orders wait for the pipeline; then whoever asks waits.
 const WAITING_ORDERS: usize = 8;
-
-/// A source that hangs in a read is waited for this long at the end, and then left to the end of the process.
-const SOURCE_PATIENCE: Duration = Duration::from_millis(200);
-
-/// What is still to be written is waited for this long at the end: a stop takes less than a second.
-const DISK_PATIENCE: Duration = Duration::from_millis(600);
 
 /// Why the daemon cannot start or go on.
 #[derive(Debug, thiserror::Error)]
@@ -103,10 +105,10 @@ pub enum DaemonError {
     #[error(transparent)]
     Record(RecordError),
     /// The system gives no thread.
-    #[error("cannot start the thread of the {task}: {source}")]
+    #[error("cannot start the thread of the {name}: {source}")]
     Thread {
         /// What the thread was for.
-        task: &'static str,
+        name: &'static str,
         /// What the system said.
         source: io::Error,
     },
@@ -125,37 +127,75 @@ pub enum Ended {
 }
 
 /// What a running daemon is told.
-#[derive(Debug)]
 pub enum Notice {
     /// To end.
     Stop,
-    /// To go on with this configuration, or to say why it cannot be had and to go on as before.
-    Reload(Result<Box<Config>, String>),
+    /// To go on with this configuration; if it cannot be had, the daemon says why and goes on as before.
+    Reload(LoadConfig),
     /// To log how it is.
     Summary,
 }
 
-/// A daemon that has its source, its socket and its calibration, and can start.
+/// A daemon with its sockets, its source and its calibration.
 pub struct Daemon {
-    config: Config,
-    server: Server,
-    control: Option<Control>,
+    session: Session,
+    reload: Reload,
+    /// Sessions that are over, but not all of what they kept is on disk.
+    closing: JoinSet<()>,
+    server: Serving,
+    control: Option<Serving>,
+    socket: PathBuf,
+    orders: mpsc::Receiver<ControlCall>,
+    publisher: Publisher,
     outputs: Outputs,
     service: Service,
-    parts: Parts,
+    inactivity: Inactivity,
+    stats: Stats,
+    reported: Option<Report>,
+    /// Kept for its room.
+    actions: Vec<Action>,
+}
+
+/// A socket that is served on. Dropped, it is closed.
+struct Serving {
+    stop: oneshot::Sender<()>,
+    task: JoinHandle<io::Result<()>>,
+}
+
+impl Serving {
+    fn start<F>(serve: impl FnOnce(oneshot::Receiver<()>) -> F) -> Self
+    where
+        F: Future<Output = io::Result<()>> + Send + 'static,
+    {
+        let (stop, stopped) = oneshot::channel();
+        let task = tokio::spawn(serve(stopped));
+        Self { stop, task }
+    }
+
+    async fn stop(self) -> io::Result<()> {
+        // An error means that it has stopped already.
+        let _ = self.stop.send(());
+        self.task
+            .await
+            .unwrap_or_else(|failed| Err(io::Error::other(failed)))
+    }
 }
 
 impl Daemon {
     /// Opens the source, claims the socket, and loads the calibration kept for this sensor. Clients can
     /// connect from now on. A store or a recording that does not work is logged; headings are served without it.
     /// Needs a runtime.
+    ///
+    /// # Errors
+    ///
+    /// The source cannot be used, another daemon has the socket or the store, or the system refuses.
     pub fn open(config: &Config, mut service: Service) -> Result<Self, DaemonError> {
-        let source = Source::open(config)?;
+        let source = SourceTask::open(config)?;
         let device = Device {
-            path: source.name(),
-            activated: time_of_day::rfc3339(Instant::now()),
-            sensor: source.header().sensor,
-            bps: source.bps(),
+            path: source.name.clone(),
+            activated: wall_clock::rfc3339(Instant::now()),
+            sensor: source.header.sensor.clone(),
+            bps: source.bps,
         };
         let stale = Duration::from_secs_f64(config.heading.stale_s);
         let mut settings = config.socket.clone();
@@ -182,20 +222,36 @@ impl Daemon {
                 "the service manager has handed over a socket {name:?}, which nobody here serves on"
             );
         }
-        let parts = Parts::open(source, config, None)?;
+        let session = Session::open(source, config.clone(), &Weak::new())?;
         let publisher = server.publisher();
+        let (sender, orders) = mpsc::channel(WAITING_ORDERS);
         Ok(Self {
+            session,
+            reload: Reload::default(),
+            closing: JoinSet::new(),
+            // An error means that the other end is gone, which is a reason to stop as well.
+            server: Serving::start(|stopped| server.run(async { drop(stopped.await) })),
+            control: control.map(|control| {
+                Serving::start(|stopped| control.run(sender, async { drop(stopped.await) }))
+            }),
+            socket: config.socket.socket.clone(),
+            orders,
             outputs: Outputs::open(&config.udp, &config.tcp, &config.pty, &publisher),
-            parts,
-            config: config.clone(),
-            server,
-            control,
+            publisher,
             service,
+            inactivity: Inactivity::new().map_err(DaemonError::Timer)?,
+            stats: Stats::new(),
+            reported: None,
+            actions: Vec::new(),
         })
     }
 
     /// Serves until the source is at its end and the last calibration on it is published, or until
     /// `shutdown` is ready. Then the socket is gone, and what was to be kept is on disk.
+    ///
+    /// # Errors
+    ///
+    /// As those of [`Daemon::run`].
     pub async fn run_until(self, shutdown: impl Future<Output = ()>) -> Result<Ended, DaemonError> {
         let mut shutdown = pin!(shutdown);
         let notice = async || {
@@ -207,60 +263,74 @@ impl Daemon {
 
     /// The same, with other notices than the last one too. `notice` waits for the next; nothing may be lost when
     /// the wait is given up.
-    pub async fn run(self, mut notice: impl AsyncFnMut() -> Notice) -> Result<Ended, DaemonError> {
-        let socket = self.config.socket.socket.clone();
-        let publisher = self.server.publisher();
-        let (stop_server, server_stopped) = oneshot::channel::<()>();
-        let mut serving = tokio::spawn(self.server.run(async {
-            // An error means that the other end is gone, which is a reason to stop as well.
-            let _ = server_stopped.await;
-        }));
-        let (sender, mut orders) = mpsc::channel(WAITING_ORDERS);
-        let (stop_control, control_stopped) = oneshot::channel::<()>();
-        let controlling = self.control.map(|control| {
-            tokio::spawn(control.run(sender, async {
-                let _ = control_stopped.await;
-            }))
-        });
-        let lasting = Lasting::new(publisher, self.service).map_err(DaemonError::Timer)?;
-        let mut course = Course::start(self.parts, self.config, lasting)?;
+    ///
+    /// # Errors
+    ///
+    /// The socket cannot be served on any more, most of the log could not be used, or the system refuses.
+    pub async fn run(
+        mut self,
+        mut notice: impl AsyncFnMut() -> Notice,
+    ) -> Result<Ended, DaemonError> {
+        self.start_session()?;
         let ended = loop {
-            let notice = tokio::select! {
+            if self.session.is_over() {
+                tracing::info!("the source is at its end");
+                break Some(Ended::Source);
+            }
+            let listening = self.session.listens();
+            let mut fresh = false;
+            tokio::select! {
                 biased;
-                notice = notice() => notice,
-                _ = &mut serving => break None,
-                () = course.journey.make(&mut course.playing.messages, &mut orders) => break Some(Ended::Source),
-            };
-            match notice {
-                Notice::Stop => break Some(Ended::Told),
-                Notice::Summary => course.journey.log_summary(),
-                Notice::Reload(wanted) => course = course.reload(wanted)?,
+                notice = notice() => match notice {
+                    Notice::Stop => break Some(Ended::Told),
+                    Notice::Summary => self.log_summary(),
+                    Notice::Reload(load) => self.begin_reload(load),
+                },
+                _ = &mut self.server.task => break None,
+                prepared = self.reload.prepared() => {
+                    self.end_reload(prepared).await?;
+                    self.inactivity.restart();
+                }
+                outcome = self.session.calibrator.outcome() => {
+                    self.handle(Event::Calibrated(Box::new(outcome)));
+                    self.inactivity.restart();
+                }
+                Some(order) = self.orders.recv() => self.order(order),
+                events = self.session.source.next(), if listening => {
+                    self.inactivity.restart();
+                    fresh = self.take(events);
+                }
+                () = self.inactivity.fires() => {
+                    self.inactivity.restart();
+                    self.take_silence();
+                }
+            }
+            self.tick(fresh);
+        };
+        self.service.stopping();
+        let unusable = self.session.unusable.take();
+        // Whoever still waits for an answer is told that there is none to come.
+        drop(self.orders);
+        // A session that will not begin lets go of the store.
+        drop(self.reload);
+        let served = async {
+            match ended {
+                Some(_) => self.server.stop().await,
+                None => Err(io::Error::other("the server has stopped")),
             }
         };
-        course.journey.lasting.service.stopping();
-        course.playing.stop();
-        // An error means that the server has stopped already.
-        let _ = stop_server.send(());
-        // Whoever still waits for an answer is told that there is none to come.
-        drop(orders);
-        let _ = stop_control.send(());
-        let served = match ended {
-            Some(_) => serving
-                .await
-                .unwrap_or_else(|failed| Err(io::Error::other(failed))),
-            None => Err(io::Error::other("the server has stopped")),
-        };
-        if let Some(controlling) = controlling {
-            let ended = controlling.await.map_err(io::Error::other);
-            if let Err(error) = ended.and_then(|ended| ended) {
+        let controlled = async {
+            if let Some(control) = self.control
+                && let Err(error) = control.stop().await
+            {
                 tracing::error!("the control socket has failed: {error}");
             }
-        }
-        let unusable = course.journey.take_unusable();
+        };
+        let (served, (), ()) = tokio::join!(served, controlled, self.session.close());
         self.outputs.close().await;
-        course.end();
+        self.closing.join_all().await;
         served.map_err(|source| DaemonError::Serve {
-            path: socket,
+            path: self.socket,
             source,
         })?;
         match unusable {
@@ -283,32 +353,4 @@ fn control(config: &Config, service: &mut Service) -> Option<Control> {
             );
         })
         .ok()
-}
-
-/// Joins a thread if it ends in time, and says whether it has ended.
-fn join_for(name: &str, thread: JoinHandle<()>, patience: Duration) -> bool {
-    let begun = Instant::now();
-    while !thread.is_finished() {
-        if begun.elapsed() > patience {
-            tracing::warn!("the thread of the {name} hangs; ending without it");
-            return false;
-        }
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    if thread.join().is_err() {
-        tracing::error!("the thread of the {name} panicked");
-    }
-    true
-}
-
-/// A thread with a name; `task` completes "cannot start the thread of the …".
-fn spawn(
-    name: &'static str,
-    task: &'static str,
-    work: impl FnOnce() + Send + 'static,
-) -> Result<JoinHandle<()>, DaemonError> {
-    std::thread::Builder::new()
-        .name(name.to_owned())
-        .spawn(work)
-        .map_err(|source| DaemonError::Thread { task, source })
 }

@@ -3,20 +3,25 @@
 use std::fmt;
 use std::future::Future;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use super::listener::Listener;
-use super::recorder::{Recorder, Target};
-use super::source::{Message, Source};
+use super::recorder::Recorder;
+use super::source_task::SourceTask;
 use super::{Daemon, DaemonError};
 use crate::config::source::Kind;
 use crate::config::{Config, record};
 use crate::publish::server::BindError;
+use crate::sensor::SourceEvent;
 use crate::service::Service;
+
+/// At the end a disk that hangs is waited for this long.
+const PATIENCE: Duration = Duration::from_secs(1);
 
 /// A recording that can begin.
 pub struct Recording {
     config: Config,
-    origin: Origin,
+    origin: ReadingsFrom,
 }
 
 impl Recording {
@@ -30,14 +35,14 @@ impl Recording {
             ..config.clone()
         };
         let origin = match Daemon::open(&config, Service::default()) {
-            Err(DaemonError::Bind(BindError::Busy { path, .. })) => Origin::Service {
+            Err(DaemonError::Bind(BindError::Busy { path, .. })) => ReadingsFrom::Service {
                 listener: Box::new(Listener::connect(&path).await?),
                 path,
             },
             Err(DaemonError::NoSource) => {
                 let path = config.socket.socket.clone();
                 let connected = Listener::connect(&path).await;
-                Origin::Service {
+                ReadingsFrom::Service {
                     listener: Box::new(
                         connected.map_err(|service| DaemonError::NothingToRecord { service })?,
                     ),
@@ -47,9 +52,9 @@ impl Recording {
             // Two that read the same chips would spoil both.
             Err(DaemonError::Bind(error)) if !matches!(error, BindError::Unsure { .. }) => {
                 tracing::warn!("{error}; recording without a socket");
-                Origin::Source(Source::open(&config)?)
+                ReadingsFrom::Source(Box::new(SourceTask::open(&config)?))
             }
-            opened => Origin::Daemon(Box::new(opened?)),
+            opened => ReadingsFrom::Daemon(Box::new(opened?)),
         };
         Ok(Self { config, origin })
     }
@@ -62,12 +67,11 @@ impl Recording {
         shutdown: impl Future<Output = ()>,
     ) -> (u64, Result<(), DaemonError>) {
         let header = match &self.origin {
-            Origin::Daemon(daemon) => daemon.parts.source.header(),
-            Origin::Service { listener, .. } => listener.header().clone(),
-            Origin::Source(source) => source.header(),
+            ReadingsFrom::Daemon(daemon) => daemon.session.source.header.clone(),
+            ReadingsFrom::Service { listener, .. } => listener.header().clone(),
+            ReadingsFrom::Source(source) => source.header.clone(),
         };
-        let target = Target::File(out.to_owned());
-        let (recorder, mut ending) = match Recorder::start(target, header) {
+        let (recorder, mut ending) = match Recorder::file(out, header) {
             Ok(started) => started,
             Err(error) => return (0, Err(error)),
         };
@@ -79,13 +83,13 @@ impl Recording {
             }
         };
         let heard = match self.origin {
-            Origin::Daemon(mut daemon) => {
-                daemon.parts.recorder = Some(recorder);
+            ReadingsFrom::Daemon(mut daemon) => {
+                daemon.session.recorder = Some(recorder);
                 daemon.run_until(stop).await.map(|_| ())
             }
-            Origin::Service { listener, .. } => from_service(*listener, recorder, stop).await,
-            Origin::Source(source) => {
-                alone(source, self.config.source.pace(), recorder, stop).await
+            ReadingsFrom::Service { listener, .. } => from_service(*listener, recorder, stop).await,
+            ReadingsFrom::Source(source) => {
+                alone(*source, self.config.source.pace(), recorder, stop).await
             }
         };
         let end = match early {
@@ -102,28 +106,28 @@ impl Recording {
 impl fmt::Display for Recording {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let source = match &self.origin {
-            Origin::Service { path, .. } => {
+            ReadingsFrom::Service { path, .. } => {
                 return write!(f, "the service at {}", path.display());
             }
-            Origin::Daemon(daemon) => &daemon.parts.source,
-            Origin::Source(source) => source,
+            ReadingsFrom::Daemon(daemon) => &daemon.session.source,
+            ReadingsFrom::Source(source) => source,
         };
         match self.config.source.kind {
             Some(Kind::Simulator) => f.write_str("a simulated board"),
-            Some(Kind::Replay) => write!(f, "the log {}", source.name()),
-            _ => f.write_str(&source.name()),
+            Some(Kind::Replay) => write!(f, "the log {}", source.name),
+            _ => f.write_str(&source.name),
         }
     }
 }
 
 /// Where the readings come from.
-enum Origin {
+enum ReadingsFrom {
     Daemon(Box<Daemon>),
     Service {
         listener: Box<Listener>,
         path: PathBuf,
     },
-    Source(Source),
+    Source(Box<SourceTask>),
 }
 
 async fn from_service(
@@ -136,36 +140,33 @@ async fn from_service(
         ended = listener.record(&mut recorder) => ended,
     };
     listener.conclude();
-    recorder.close();
+    recorder.close(PATIENCE).await;
     Ok(ended?)
 }
 
 /// The source and the recorder, and nothing between them.
 async fn alone(
-    source: Source,
+    mut source: SourceTask,
     speed: f64,
     mut recorder: Recorder,
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), DaemonError> {
-    let mut playing = source.start(speed)?;
+    source.start(speed)?;
     let listen = async {
-        while let Some(message) = playing.messages.recv().await {
-            match message {
-                Message::Reading(reading, _) => recorder.take(reading),
-                Message::Readings(readings) => {
-                    for (reading, _) in readings {
-                        recorder.take(reading);
+        while let Some(events) = source.next().await {
+            for event in events {
+                match event {
+                    SourceEvent::Reading(reading, _) => recorder.take(reading),
+                    // The log that is written has the times of the one that is read.
+                    SourceEvent::NewStretch => {}
+                    SourceEvent::Fault(Some(fault)) => tracing::warn!("{}", fault.message),
+                    SourceEvent::Fault(None) => tracing::info!("there are readings again"),
+                    SourceEvent::End(None) => return Ok(()),
+                    SourceEvent::End(Some(summary)) => return Err(DaemonError::Unusable(summary)),
+                    SourceEvent::Broken(fault) => {
+                        tracing::error!("{}", fault.message);
+                        return Ok(());
                     }
-                }
-                // The log that is written has the times of the one that is read.
-                Message::NewStretch => {}
-                Message::Trouble(Some(trouble)) => tracing::warn!("{}", trouble.message),
-                Message::Trouble(None) => tracing::info!("there are readings again"),
-                Message::End(None) => break,
-                Message::End(Some(summary)) => return Err(DaemonError::Unusable(summary)),
-                Message::Broken(trouble) => {
-                    tracing::error!("{}", trouble.message);
-                    break;
                 }
             }
         }
@@ -175,8 +176,7 @@ async fn alone(
         () = shutdown => Ok(()),
         heard = listen => heard,
     };
-    playing.stop();
-    super::join_for("source", playing.thread, super::SOURCE_PATIENCE);
-    recorder.close();
+    source.stop().await;
+    recorder.close(PATIENCE).await;
     heard
 }

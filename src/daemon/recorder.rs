@@ -5,22 +5,21 @@ use std::io::{self, BufWriter, ErrorKind, Write};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 
-use super::{DaemonError, join_for, ring, spawn, time_of_day};
+use super::thread::Thread;
+use super::{DaemonError, ring};
 use crate::config::record::Settings;
 use crate::reading::Reading;
 use crate::recording::{Entry, Header, RECORDED_FROM, Writer};
+use crate::wall_clock;
 
 /// Readings that may wait for the disk: some ten seconds of them.
 const QUEUE: usize = 4096;
 /// What was read goes to the disk this often, so that a power cut costs no more.
 const FLUSH: Duration = Duration::from_secs(1);
-/// At the end a disk that hangs is waited for this long.
-const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Why there is no recording any more.
 #[derive(Debug, thiserror::Error)]
@@ -39,7 +38,7 @@ impl RecordError {
 }
 
 /// Where the readings go.
-pub(super) enum Target {
+enum Destination {
     /// Into one file; `-` is standard output.
     File(PathBuf),
     /// Into a ring of files.
@@ -49,7 +48,7 @@ pub(super) enum Target {
 /// The daemon's end of a recording.
 pub(super) struct Recorder {
     queue: Option<SyncSender<Reading>>,
-    thread: JoinHandle<()>,
+    thread: Thread,
     dropped: u64,
 }
 
@@ -57,43 +56,64 @@ pub(super) struct Recorder {
 pub(super) type Ending = oneshot::Receiver<(u64, Result<(), RecordError>)>;
 
 impl Recorder {
-    /// Starts the thread. What goes wrong on it comes out of the second value.
-    pub(super) fn start(target: Target, header: Header) -> Result<(Self, Ending), DaemonError> {
-        let (queue, readings) = sync_channel(QUEUE);
+    /// Starts to record into one file. What becomes of it comes out of the second value.
+    ///
+    /// # Errors
+    ///
+    /// The system gives no thread.
+    pub(super) fn file(path: &Path, header: Header) -> Result<(Self, Ending), DaemonError> {
         let (sender, ending) = oneshot::channel();
-        let thread = spawn("recorder", "recorder", move || {
+        let recorder = Self::start(
+            Destination::File(path.to_owned()),
+            header,
+            |written, end| {
+                // Nobody may want to know.
+                let _ = sender.send((written, end));
+            },
+        )?;
+        Ok((recorder, ending))
+    }
+
+    fn start(
+        target: Destination,
+        header: Header,
+        ended: impl FnOnce(u64, Result<(), RecordError>) + Send + 'static,
+    ) -> Result<Self, DaemonError> {
+        let (queue, readings) = sync_channel(QUEUE);
+        let thread = Thread::start("recorder", move || {
             let mut written = 0;
             let end = match record(&target, &header, &readings, &mut written) {
                 // Whoever read it has seen enough: `| head`.
                 Err(error) if error.source.kind() == ErrorKind::BrokenPipe => Ok(()),
                 end => end,
             };
-            // Nobody may want to know.
-            let _ = sender.send((written, end));
+            ended(written, end);
         })?;
-        let recorder = Self {
+        Ok(Self {
             queue: Some(queue),
             thread,
             dropped: 0,
-        };
-        Ok((recorder, ending))
+        })
     }
 
     /// A recording into a ring, if one is wanted. That it cannot go on is said once.
+    ///
+    /// # Errors
+    ///
+    /// The system gives no thread.
     pub(super) fn ring(settings: &Settings, header: Header) -> Result<Option<Self>, DaemonError> {
         if settings.directory.as_os_str().is_empty() {
             return Ok(None);
         }
-        let (recorder, ending) = Self::start(Target::Ring(settings.clone()), header)?;
-        tokio::spawn(async move {
-            if let Ok((_, Err(error))) = ending.await {
+        let ended = |_, end| {
+            if let Err(error) = end {
                 tracing::error!(
                     "{error}; nothing is recorded any more, headings go on: see to the disk and record.directory, \
                      and start again"
                 );
             }
-        });
-        Ok(Some(recorder))
+        };
+        Self::start(Destination::Ring(settings.clone()), header, ended).map(Some)
     }
 
     /// Records a reading, if there is room for it. Never waits.
@@ -114,10 +134,10 @@ impl Recorder {
         }
     }
 
-    /// Waits until everything is on disk.
-    pub(super) fn close(mut self) {
-        self.queue = None;
-        join_for("recorder", self.thread, PATIENCE);
+    /// Waits until everything is on disk, unless that takes longer than `patience`.
+    pub(super) async fn close(self, patience: Duration) {
+        drop(self.queue);
+        self.thread.end(patience).await;
         if self.dropped > 0 {
             tracing::warn!(
                 readings = self.dropped,
@@ -152,7 +172,7 @@ struct Blank {
 }
 
 /// An open log.
-struct Log {
+struct OpenLog {
     path: PathBuf,
     writer: Writer<BufWriter<Counted>>,
 }
@@ -166,7 +186,7 @@ fn failed(attempt: &'static str, path: &Path) -> impl Fn(io::Error) -> RecordErr
     }
 }
 
-impl Target {
+impl Destination {
     fn open(&self) -> Result<Blank, RecordError> {
         let (path, file) = match self {
             Self::File(path) if path == Path::new("-") => {
@@ -196,28 +216,28 @@ impl Target {
 
 impl Blank {
     /// Writes the header. A board's readings are of now; a log that is played again says itself when it was taken.
-    fn begin(self, header: &Header) -> Result<Log, RecordError> {
+    fn begin(self, header: &Header) -> Result<OpenLog, RecordError> {
         let Self { path, file } = self;
         let mut header = header.clone();
         if !header.truth.iter().any(|(key, _)| key == RECORDED_FROM)
-            && let Some(time) = time_of_day::rfc3339(Instant::now())
+            && let Some(time) = wall_clock::rfc3339(Instant::now())
         {
             header.truth.push((RECORDED_FROM.to_owned(), time));
         }
         let writer = Writer::new(BufWriter::new(Counted { file, bytes: 0 }), &header)
             .map_err(failed("begin", &path))?;
-        Ok(Log { path, writer })
+        Ok(OpenLog { path, writer })
     }
 }
 
 fn record(
-    target: &Target,
+    target: &Destination,
     header: &Header,
     readings: &Receiver<Reading>,
     written: &mut u64,
 ) -> Result<(), RecordError> {
     let mut blank = target.open()?;
-    if let Target::Ring(_) = target {
+    if let Destination::Ring(_) = target {
         tracing::info!("recording into {}", blank.path.display());
     }
     loop {
@@ -235,7 +255,7 @@ fn record(
     }
 }
 
-impl Log {
+impl OpenLog {
     /// Writes readings until there are no more, or it is so long.
     fn fill(
         &mut self,

@@ -23,7 +23,7 @@ const CHANGES: &str = "headingd::publish::control::changes";
 /// Another layer, which is spared repetitions.
 pub(super) struct Repeats<L> {
     inner: L,
-    counts: Mutex<Counts>,
+    counts: Mutex<RepeatCounts>,
 }
 
 impl<L> Repeats<L> {
@@ -91,20 +91,20 @@ struct Said {
 
 /// What each place in the program has said of late. There are no more entries than such places.
 #[derive(Default)]
-struct Counts {
-    places: HashMap<Identifier, Place>,
+struct RepeatCounts {
+    places: HashMap<Identifier, CallSite>,
 }
 
-struct Place {
+struct CallSite {
     since: Instant,
     heard: u32,
     left_out: Said,
 }
 
-impl Counts {
+impl RepeatCounts {
     /// Whether this is to be heard.
     fn hear(&mut self, place: Identifier, level: Level, words: &str, now: Instant) -> bool {
-        let place = self.places.entry(place).or_insert_with(|| Place {
+        let place = self.places.entry(place).or_insert_with(|| CallSite {
             since: now,
             heard: 0,
             left_out: Said {
@@ -125,7 +125,7 @@ impl Counts {
 
     /// Forgets the places whose time is over, and gives what they left out.
     fn over(&mut self, now: Instant) -> Vec<Said> {
-        let is_over = |_: &Identifier, place: &mut Place| now >= place.since + WINDOW;
+        let is_over = |_: &Identifier, place: &mut CallSite| now >= place.since + WINDOW;
         self.places
             .extract_if(is_over)
             .map(|(_, place)| place.left_out)
@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn a_flood_is_heard_five_times_in_its_time_and_counted() {
-        let mut counts = Counts::default();
+        let mut counts = RepeatCounts::default();
         let begun = Instant::now();
         let mut heard = Vec::new();
         let mut over = Vec::new();

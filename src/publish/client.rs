@@ -11,18 +11,14 @@ use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::{broadcast, watch};
 use tokio::task::yield_now;
 
-use super::feed::{Event, Feed, Message};
-use super::gpsd::{self, Policy};
+use super::connection::Connection;
+use super::feed::{Broadcast, Feed, NumberedLine, PublishedHeading};
+use super::gpsd::{self, LINE_END, WatchPolicy};
 use super::inbox::Inbox;
-use super::link::Link;
-use super::outgoing::Outgoing;
-use super::pace::Pace;
+use super::rate_limit::RateLimit;
 use super::raw;
-use super::request::{Request, Watch};
+use super::request::{ClientRequest, WatchRequest};
 use crate::reading::Reading;
-
-/// gpsd's own. Its Python client passes over every line that ends otherwise, without a word.
-pub(super) const LINE_END: &str = "\r\n";
 
 /// So much is sent together.
 const MOST_BYTES: usize = 4096;
@@ -47,14 +43,14 @@ pub(super) async fn serve(
     write_timeout: Duration,
     mut stop: watch::Receiver<bool>,
 ) -> Result<(), ClientError> {
-    let link = &Link::new(stream)?;
+    let link = &Connection::new(stream)?;
     let mut client = Client {
         feed,
         link,
         write_timeout,
-        policy: Policy::default(),
-        att_pace: Pace::default(),
-        nmea_pace: Pace::default(),
+        policy: WatchPolicy::default(),
+        att_pace: RateLimit::default(),
+        nmea_pace: RateLimit::default(),
         ring: None,
         readings: None,
         state_seen: 0,
@@ -111,14 +107,14 @@ fn waiting<T: Clone>(ring: &mut Option<broadcast::Receiver<T>>) -> Option<Result
 
 struct Client<'a> {
     feed: Arc<Feed>,
-    link: &'a Link,
+    link: &'a Connection,
     write_timeout: Duration,
-    policy: Policy,
+    policy: WatchPolicy,
     /// How often headings go out in each format.
-    att_pace: Pace,
-    nmea_pace: Pace,
+    att_pace: RateLimit,
+    nmea_pace: RateLimit,
     /// Only while something is watched for: an idle client costs the publisher nothing.
-    ring: Option<broadcast::Receiver<Message>>,
+    ring: Option<broadcast::Receiver<Broadcast>>,
     readings: Option<broadcast::Receiver<(u64, Reading)>>,
     /// Numbers of the last events sent, or passed over while they were not watched for.
     state_seen: u64,
@@ -142,15 +138,15 @@ impl Client<'_> {
     }
 
     /// Puts the answer.
-    fn answer(&mut self, request: Result<Request, String>) {
+    fn answer(&mut self, request: Result<ClientRequest, String>) {
         match request {
             Err(message) => self.put(&gpsd::error(&message)),
-            Ok(Request::Policy) => self.put_policy(),
-            Ok(Request::Watch(watch)) => self.watch(&watch),
-            Ok(Request::Poll) => self.put(&self.feed.poll()),
-            Ok(Request::Devices) => self.put(&self.feed.devices()),
-            Ok(Request::Device) => self.put(&self.feed.device()),
-            Ok(Request::Version) => self.put(&gpsd::version()),
+            Ok(ClientRequest::Policy) => self.put_policy(),
+            Ok(ClientRequest::Watch(watch)) => self.watch(&watch),
+            Ok(ClientRequest::Poll) => self.put(&self.feed.poll()),
+            Ok(ClientRequest::Devices) => self.put(&self.feed.devices()),
+            Ok(ClientRequest::Device) => self.put(&self.feed.device()),
+            Ok(ClientRequest::Version) => self.put(&gpsd::version()),
         }
     }
 
@@ -160,7 +156,7 @@ impl Client<'_> {
         self.put(&gpsd::watch(&self.policy));
     }
 
-    fn watch(&mut self, watch: &Watch) {
+    fn watch(&mut self, watch: &WatchRequest) {
         if let Some(device) = &watch.device
             && let Err(only) = self.feed.is_device(device)
         {
@@ -169,7 +165,7 @@ impl Client<'_> {
         }
         let before = self.policy;
         watch.apply(&mut self.policy);
-        let Policy {
+        let WatchPolicy {
             enable,
             json,
             nmea,
@@ -178,8 +174,8 @@ impl Client<'_> {
             state,
             readings,
         } = self.policy;
-        self.att_pace = Pace::new(rate_hz);
-        self.nmea_pace = Pace::new(rate_hz.or(Some(self.feed.nmea_rate_hz())));
+        self.att_pace = RateLimit::new(rate_hz);
+        self.nmea_pace = RateLimit::new(rate_hz.or(Some(self.feed.nmea_rate_hz())));
         // Before the answer: whatever is published after a client has read it reaches that client.
         if !(enable && (json || nmea || calibration || state)) {
             self.ring = None;
@@ -210,11 +206,11 @@ impl Client<'_> {
         self.catch_up();
     }
 
-    fn forward(&mut self, message: Result<Message, RecvError>) {
+    fn forward(&mut self, message: Result<Broadcast, RecvError>) {
         match message {
-            Ok(Message::Heading(heading)) => self.put_heading(&heading),
-            Ok(Message::State(event)) => self.put_state(&event),
-            Ok(Message::Calibration(event)) => self.put_calibration(&event),
+            Ok(Broadcast::Heading(heading)) => self.put_heading(&heading),
+            Ok(Broadcast::State(event)) => self.put_state(&event),
+            Ok(Broadcast::Calibration(event)) => self.put_calibration(&event),
             // Missed headings are gone, and their `seq` says so. Missed events are made up for.
             Err(RecvError::Lagged(_)) => self.catch_up(),
             Err(RecvError::Closed) => self.ring = None,
@@ -222,8 +218,8 @@ impl Client<'_> {
     }
 
     /// Puts a heading in the formats that are watched for, where it is due.
-    fn put_heading(&mut self, heading: &Outgoing) {
-        let taken = heading.taken();
+    fn put_heading(&mut self, heading: &PublishedHeading) {
+        let taken = heading.taken;
         if self.feed.is_stale(taken) {
             return;
         }
@@ -270,7 +266,7 @@ impl Client<'_> {
         self.put_calibration(&calibration);
     }
 
-    fn put_state(&mut self, event: &Event) {
+    fn put_state(&mut self, event: &NumberedLine) {
         if event.number > self.state_seen {
             self.state_seen = event.number;
             if self.policy.state {
@@ -279,7 +275,7 @@ impl Client<'_> {
         }
     }
 
-    fn put_calibration(&mut self, event: &Event) {
+    fn put_calibration(&mut self, event: &NumberedLine) {
         if event.number > self.calibration_seen {
             self.calibration_seen = event.number;
             if self.policy.calibration {

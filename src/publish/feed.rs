@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 use tokio::sync::broadcast;
 
 use super::gpsd::{self, Device};
-use super::outgoing::Outgoing;
-use super::{nmea, raw};
+use super::shared_lines::SharedLines;
+use super::{nmea, raw, signalk};
 use crate::calibration::outcome::Outcome;
 use crate::condition::Report;
 use crate::heading::Heading;
@@ -41,24 +41,30 @@ impl Publisher {
     pub fn heading(&self, heading: Heading, taken: Instant, time: Option<String>) {
         let mut latest = self.feed.lock();
         latest.count(&heading);
-        let outgoing = Arc::new(Outgoing::new(heading, taken, time));
-        self.feed.send(Message::Heading(outgoing.clone()));
-        latest.heading = Some(outgoing);
+        let number = latest.heading.as_ref().map_or(1, |last| last.number + 1);
+        let published = Arc::new(PublishedHeading {
+            number,
+            heading,
+            taken,
+            time,
+        });
+        self.feed.send(Broadcast::Heading(published.clone()));
+        latest.heading = Some(published);
     }
 
     /// Sends the condition to all who watch for `STATE`, and keeps it for those who will.
     pub fn state(&self, report: &Report) {
         let mut latest = self.feed.lock();
-        latest.state = Event::after(&latest.state, gpsd::state(report));
-        self.feed.send(Message::State(latest.state.clone()));
+        latest.state = NumberedLine::after(&latest.state, gpsd::state(report));
+        self.feed.send(Broadcast::State(latest.state.clone()));
     }
 
     /// Sends the outcome to all who watch for `CALIBRATION`, and keeps it for those who will.
     pub fn calibration(&self, outcome: &Outcome) {
         let mut latest = self.feed.lock();
-        latest.calibration = Event::after(&latest.calibration, gpsd::calibration(outcome));
+        latest.calibration = NumberedLine::after(&latest.calibration, gpsd::calibration(outcome));
         self.feed
-            .send(Message::Calibration(latest.calibration.clone()));
+            .send(Broadcast::Calibration(latest.calibration.clone()));
     }
 
     /// Says whose raw readings will come, for clients that ask for them. A header that cannot be written is logged, and
@@ -88,7 +94,7 @@ impl Publisher {
     pub fn latest(&self) -> Option<Heading> {
         let latest = self.feed.lock();
         let kept = latest.heading.as_ref()?;
-        (!self.feed.is_stale(kept.taken())).then(|| kept.heading().clone())
+        (!self.feed.is_stale(kept.taken)).then(|| kept.heading.clone())
     }
 
     /// How many clients are connected.
@@ -105,19 +111,23 @@ pub(super) struct Feed {
     pub(super) clients: AtomicUsize,
     stale: Duration,
     /// A ring of bounded size: a client that falls behind by more than it holds loses the oldest.
-    ring: broadcast::Sender<Message>,
+    ring: broadcast::Sender<Broadcast>,
     /// Raw readings with their numbers; made for the first client that asks.
     readings: OnceLock<broadcast::Sender<(u64, Reading)>>,
     /// How many readings there were.
     read: AtomicU64,
     latest: Mutex<Latest>,
+    /// Each without its age, which is added when it is written to a client.
+    att: SharedLines,
+    nmea_lines: SharedLines,
+    signalk: SharedLines,
 }
 
 #[derive(Debug, Default)]
 struct Latest {
-    heading: Option<Arc<Outgoing>>,
-    state: Event,
-    calibration: Event,
+    heading: Option<Arc<PublishedHeading>>,
+    state: NumberedLine,
+    calibration: NumberedLine,
     board: Arc<str>,
     cycle_s: Option<f64>,
 }
@@ -126,7 +136,7 @@ impl Latest {
     /// Follows how long it takes from one heading to the next. Sources tick unevenly, and jump.
     fn count(&mut self, heading: &Heading) {
         let Some(last) = &self.heading else { return };
-        let passed_s = heading.t_s - last.heading().t_s;
+        let passed_s = heading.t_s - last.heading.t_s;
         if 0.0 < passed_s && passed_s <= MOST_CYCLE_S {
             let cycle_s = self.cycle_s.get_or_insert(passed_s);
             *cycle_s += CYCLE_GAIN * (passed_s - *cycle_s);
@@ -134,26 +144,38 @@ impl Latest {
     }
 }
 
+/// A heading on its way to clients.
+#[derive(Clone, Debug)]
+pub(super) struct PublishedHeading {
+    /// Counts from 1, over all sources.
+    number: u64,
+    pub(super) heading: Heading,
+    /// When the magnetometer was read.
+    pub(super) taken: Instant,
+    /// The same moment, RFC 3339 in UTC, if the time of day is known.
+    time: Option<String>,
+}
+
 /// One entry of the ring.
 #[derive(Clone, Debug)]
-pub(super) enum Message {
+pub(super) enum Broadcast {
     /// A heading.
-    Heading(Arc<Outgoing>),
+    Heading(Arc<PublishedHeading>),
     /// A condition.
-    State(Event),
+    State(NumberedLine),
     /// A calibration's outcome.
-    Calibration(Event),
+    Calibration(NumberedLine),
 }
 
 /// A line with its number. The numbers tell a client that fell behind what it has missed. Number 0 is the
 /// event before the first, of which there is nothing to tell.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Event {
+pub(super) struct NumberedLine {
     pub(super) number: u64,
     pub(super) line: Arc<str>,
 }
 
-impl Event {
+impl NumberedLine {
     fn after(previous: &Self, line: String) -> Self {
         Self {
             number: previous.number + 1,
@@ -178,10 +200,13 @@ impl Feed {
             readings: OnceLock::new(),
             read: AtomicU64::new(0),
             latest: Mutex::default(),
+            att: SharedLines::new(backlog),
+            nmea_lines: SharedLines::new(backlog),
+            signalk: SharedLines::new(backlog),
         }
     }
 
-    pub(super) fn subscribe(&self) -> broadcast::Receiver<Message> {
+    pub(super) fn subscribe(&self) -> broadcast::Receiver<Broadcast> {
         self.ring.subscribe()
     }
 
@@ -215,7 +240,7 @@ impl Feed {
     }
 
     /// The latest state and calibration.
-    pub(super) fn events(&self) -> (Event, Event) {
+    pub(super) fn events(&self) -> (NumberedLine, NumberedLine) {
         let latest = self.lock();
         (latest.state.clone(), latest.calibration.clone())
     }
@@ -226,13 +251,27 @@ impl Feed {
     }
 
     /// Appends a heading as an `ATT` object.
-    pub(super) fn put_att(&self, out: &mut String, heading: &Outgoing) {
-        heading.put_att(out, &self.device.path);
+    pub(super) fn put_att(&self, out: &mut String, published: &PublishedHeading) {
+        self.att.put(out, published.number, |line| {
+            let time = published.time.as_deref();
+            gpsd::att_begin(line, &self.device.path, &published.heading, time);
+        });
+        let age_ms = published.taken.elapsed().as_millis();
+        gpsd::att_end(out, u64::try_from(age_ms).unwrap_or(u64::MAX));
     }
 
     /// Appends a heading as NMEA 0183.
-    pub(super) fn put_nmea(&self, out: &mut String, heading: &Outgoing) {
-        heading.put_nmea(out, &self.nmea.talker);
+    pub(super) fn put_nmea(&self, out: &mut String, published: &PublishedHeading) {
+        self.nmea_lines.put(out, published.number, |lines| {
+            *lines = nmea::sentences(&self.nmea.talker, &published.heading);
+        });
+    }
+
+    /// Appends a heading as a Signal K delta.
+    pub(super) fn put_signalk(&self, out: &mut String, published: &PublishedHeading) {
+        self.signalk.put(out, published.number, |line| {
+            *line = signalk::delta(&published.heading, published.time.as_deref());
+        });
     }
 
     /// How often headings go out as NMEA 0183, unless a client asks for another rate.
@@ -244,16 +283,16 @@ impl Feed {
     pub(super) fn poll(&self) -> String {
         let latest = self.lock();
         match &latest.heading {
-            Some(kept) if !self.is_stale(kept.taken()) => {
+            Some(kept) if !self.is_stale(kept.taken) => {
                 let mut att = String::new();
                 self.put_att(&mut att, kept);
-                gpsd::poll(Some(&att), kept.time())
+                gpsd::poll(Some(&att), kept.time.as_deref())
             }
             _ => gpsd::poll(None, None),
         }
     }
 
-    fn send(&self, message: Message) {
+    fn send(&self, message: Broadcast) {
         // The only error is that nobody is listening.
         let _ = self.ring.send(message);
     }

@@ -4,7 +4,7 @@
 //! first; a `;` within the object's strings is part of them. Several requests may share a line, and one may arrive in
 //! pieces.
 
-use super::request::{Request, parse};
+use super::request::{ClientRequest, parse};
 
 /// Cuts bytes into requests. It holds no more than one unfinished request, of a bounded length.
 #[derive(Debug)]
@@ -46,7 +46,7 @@ impl Requests {
     /// The next request that `bytes` complete; what belongs to it is taken from them, and they are all taken where there
     /// is none. One that cannot be understood is an error text for the client; after one that is too long everything up
     /// to the next newline is thrown away.
-    pub fn next(&mut self, bytes: &mut &[u8]) -> Option<Result<Request, String>> {
+    pub fn next(&mut self, bytes: &mut &[u8]) -> Option<Result<ClientRequest, String>> {
         while let Some((&byte, rest)) = bytes.split_first() {
             *bytes = rest;
             let found = if byte == b'\n' {
@@ -98,7 +98,7 @@ impl Requests {
     }
 
     /// The request that the end of the stream completes, if there is one: `printf '?POLL'` sends no newline.
-    pub fn finish(&mut self) -> Option<Result<Request, String>> {
+    pub fn finish(&mut self) -> Option<Result<ClientRequest, String>> {
         // Whoever sends nothing but ends shall cost nothing.
         if self.pending.is_empty() {
             return None;
@@ -124,26 +124,26 @@ mod tests {
     use serde_json::{Deserializer, Value};
 
     use super::*;
-    use crate::publish::request::Watch;
+    use crate::publish::request::WatchRequest;
 
-    fn fed(requests: &mut Requests, mut bytes: &[u8]) -> Vec<Result<Request, String>> {
+    fn fed(requests: &mut Requests, mut bytes: &[u8]) -> Vec<Result<ClientRequest, String>> {
         let found = std::iter::from_fn(|| requests.next(&mut bytes)).collect();
         assert!(bytes.is_empty());
         found
     }
 
-    fn requests(text: &str) -> Vec<Result<Request, String>> {
+    fn requests(text: &str) -> Vec<Result<ClientRequest, String>> {
         fed(&mut Requests::new(1024), text.as_bytes())
     }
 
     #[test]
     fn every_request_is_known_with_and_without_its_semicolon() {
         for (text, request) in [
-            ("?WATCH", Request::Policy),
-            ("?POLL", Request::Poll),
-            ("?DEVICES", Request::Devices),
-            ("?DEVICE", Request::Device),
-            ("?VERSION", Request::Version),
+            ("?WATCH", ClientRequest::Policy),
+            ("?POLL", ClientRequest::Poll),
+            ("?DEVICES", ClientRequest::Devices),
+            ("?DEVICE", ClientRequest::Device),
+            ("?VERSION", ClientRequest::Version),
         ] {
             for end in [";", "\n", ";\n", ";\r\n", "\r\n", " ; \r\n\r\n"] {
                 assert_eq!(requests(&format!("{text}{end}")), [Ok(request.clone())]);
@@ -156,13 +156,13 @@ mod tests {
         assert_eq!(
             requests("?POLL;?WATCH={\"device\":\"a;\\\"}b\"}; ?VERSION\n"),
             [
-                Ok(Request::Poll),
-                Ok(Request::Watch(Watch {
+                Ok(ClientRequest::Poll),
+                Ok(ClientRequest::Watch(WatchRequest {
                     enable: true,
                     device: Some("a;\"}b".into()),
-                    ..Watch::default()
+                    ..WatchRequest::default()
                 })),
-                Ok(Request::Version)
+                Ok(ClientRequest::Version)
             ]
         );
     }
@@ -206,7 +206,10 @@ mod tests {
         let mut requests = Requests::new(16);
         assert_eq!(fed(&mut requests, &[b'x'; 16]), []);
         assert_eq!(fed(&mut requests, &[b'x'; 5000]).len(), 1);
-        assert_eq!(fed(&mut requests, b"?POLL;\"\n?POLL;"), [Ok(Request::Poll)]);
+        assert_eq!(
+            fed(&mut requests, b"?POLL;\"\n?POLL;"),
+            [Ok(ClientRequest::Poll)]
+        );
         assert!(requests.pending.capacity() <= 64);
     }
 
@@ -281,7 +284,7 @@ mod tests {
         ) {
             let mut requests = Requests::new(limit);
             fed(&mut requests, &rubbish);
-            prop_assert_eq!(fed(&mut requests, b"\n?POLL;").pop(), Some(Ok(Request::Poll)));
+            prop_assert_eq!(fed(&mut requests, b"\n?POLL;").pop(), Some(Ok(ClientRequest::Poll)));
         }
     }
 }

@@ -28,9 +28,12 @@ pub struct Device {
 /// screen. `rev` says who really answers.
 const RELEASE: &str = "3.22";
 
+/// gpsd's own. Its Python client passes over every line that ends otherwise, without a word.
+pub(super) const LINE_END: &str = "\r\n";
+
 /// What one client has asked to be sent: gpsd calls it the watcher's policy.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Policy {
+pub struct WatchPolicy {
     /// Whether anything is sent unasked.
     pub enable: bool,
     /// `ATT`.
@@ -142,12 +145,12 @@ pub fn state(report: &Report) -> String {
 /// A calibration's outcome as a `CALIBRATION` object: the class, then exactly the keys of [`Outcome`].
 pub fn calibration(outcome: &Outcome) -> String {
     #[derive(Serialize)]
-    struct Object<'a> {
+    struct CalibrationObject<'a> {
         class: &'static str,
         #[serde(flatten)]
         outcome: &'a Outcome,
     }
-    serde_json::to_string(&Object {
+    serde_json::to_string(&CalibrationObject {
         class: "CALIBRATION",
         outcome,
     })
@@ -191,7 +194,7 @@ pub fn devices(only: &Device, cycle_s: Option<f64>) -> String {
 }
 
 /// The `WATCH` object: gpsd's keys as gpsd orders them, then ours.
-pub fn watch(policy: &Policy) -> String {
+pub fn watch(policy: &WatchPolicy) -> String {
     let mut out = format!(
         concat!(
             r#"{{"class":"WATCH","enable":{},"json":{},"nmea":{},"raw":0,"scaled":false,"timing":false,"#,

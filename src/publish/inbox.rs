@@ -6,9 +6,9 @@ use std::time::Instant;
 use tokio::time::sleep;
 
 use super::allowance::Allowance;
+use super::connection::Connection;
 use super::framing::Requests;
-use super::link::Link;
-use super::request::Request;
+use super::request::ClientRequest;
 
 /// So much is read at a time.
 const CHUNK: usize = 1024;
@@ -39,7 +39,7 @@ impl Inbox {
 
     /// Waits until there is something to look at: while the client has cost too much, it is not read from. Nothing is
     /// lost when the wait is given up.
-    pub(super) async fn wait(&mut self, link: &Link) -> io::Result<()> {
+    pub(super) async fn wait(&mut self, link: &Connection) -> io::Result<()> {
         if let Some(pause) = self.allowance.pause(Instant::now()) {
             sleep(pause).await;
         }
@@ -53,7 +53,7 @@ impl Inbox {
     }
 
     /// The next request that is there whole; none, too, while the client has cost too much.
-    pub(super) fn next(&mut self) -> Option<Result<Request, String>> {
+    pub(super) fn next(&mut self) -> Option<Result<ClientRequest, String>> {
         let now = Instant::now();
         if self.allowance.pause(now).is_some() {
             return None;

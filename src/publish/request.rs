@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use serde_json::{Map, Value};
 
-use super::gpsd::Policy;
+use super::gpsd::WatchPolicy;
 
 /// How much of a request that is not understood its error repeats, characters.
 const QUOTED: usize = 60;
@@ -31,11 +31,11 @@ const GPSD_KEYS: [&str; 7] = [
 
 /// One request.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Request {
+pub enum ClientRequest {
     /// `?WATCH;`: what is being sent?
     Policy,
     /// `?WATCH={…}`: from now on send this.
-    Watch(Watch),
+    Watch(WatchRequest),
     /// `?POLL;`: the latest heading.
     Poll,
     /// `?DEVICES;`: all devices.
@@ -48,7 +48,7 @@ pub enum Request {
 
 /// A change to a client's policy; what is `None` stays as it is.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Watch {
+pub struct WatchRequest {
     /// Whether anything is sent unasked.
     pub enable: bool,
     /// `ATT`.
@@ -67,10 +67,10 @@ pub struct Watch {
     pub device: Option<String>,
 }
 
-impl Watch {
+impl WatchRequest {
     /// Changes `policy` accordingly. With each `enable` headings go out as `ATT` unless `json` is set to false, or as NMEA
     /// 0183 alone unless it is set to true; states, calibrations and raw readings come beside them.
-    pub fn apply(&self, policy: &mut Policy) {
+    pub fn apply(&self, policy: &mut WatchPolicy) {
         policy.enable = self.enable;
         policy.nmea = self.nmea.unwrap_or(policy.nmea);
         let alone = self.enable && !policy.nmea;
@@ -83,18 +83,18 @@ impl Watch {
 }
 
 /// One request without its `;`. An error is a text for the client.
-pub(super) fn parse(text: &str) -> Result<Request, String> {
+pub(super) fn parse(text: &str) -> Result<ClientRequest, String> {
     let (name, argument) = match text.split_once('=') {
         Some((name, argument)) => (name.trim_end(), Some(argument)),
         None => (text, None),
     };
     match (name, argument) {
-        ("?WATCH", None) => Ok(Request::Policy),
-        ("?WATCH", Some(argument)) => watch(argument).map(Request::Watch),
-        ("?POLL", None) => Ok(Request::Poll),
-        ("?DEVICES", None) => Ok(Request::Devices),
-        ("?DEVICE", None) => Ok(Request::Device),
-        ("?VERSION", None) => Ok(Request::Version),
+        ("?WATCH", None) => Ok(ClientRequest::Policy),
+        ("?WATCH", Some(argument)) => watch(argument).map(ClientRequest::Watch),
+        ("?POLL", None) => Ok(ClientRequest::Poll),
+        ("?DEVICES", None) => Ok(ClientRequest::Devices),
+        ("?DEVICE", None) => Ok(ClientRequest::Device),
+        ("?VERSION", None) => Ok(ClientRequest::Version),
         ("?DEVICE", Some(_)) => Err(
             "DEVICE cannot be changed by a client: the device is set in headingd's configuration"
                 .into(),
@@ -111,7 +111,7 @@ pub(super) fn parse(text: &str) -> Result<Request, String> {
 
 /// The argument of `?WATCH=`. As in gpsd, `enable` is true unless it is said not to be. An unknown key is an error: one
 /// that is misspelt would leave its sender to wait for what never comes.
-fn watch(argument: &str) -> Result<Watch, String> {
+fn watch(argument: &str) -> Result<WatchRequest, String> {
     let object: Map<String, Value> = serde_json::from_str(argument)
         .map_err(|error| format!("invalid WATCH: not a JSON object: {error}"))?;
     if let Some(key) = object
@@ -124,7 +124,7 @@ fn watch(argument: &str) -> Result<Watch, String> {
             KEYS.join(", ")
         ));
     }
-    Ok(Watch {
+    Ok(WatchRequest {
         enable: flag(&object, "enable")?.unwrap_or(true),
         json: flag(&object, "json")?,
         nmea: flag(&object, "nmea")?,
@@ -172,15 +172,15 @@ fn wrong(key: &str, found: &Value, right: &str) -> String {
 mod tests {
     use super::*;
 
-    fn watched(text: &str) -> Watch {
+    fn watched(text: &str) -> WatchRequest {
         match parse(text) {
-            Ok(Request::Watch(watch)) => watch,
+            Ok(ClientRequest::Watch(watch)) => watch,
             other => panic!("{other:?}"),
         }
     }
 
     /// What a client that asks this is sent, and whether it gets anything unasked.
-    fn policy(before: Policy, text: &str) -> Policy {
+    fn policy(before: WatchPolicy, text: &str) -> WatchPolicy {
         let mut policy = before;
         watched(text).apply(&mut policy);
         policy
@@ -188,7 +188,7 @@ mod tests {
 
     #[test]
     fn json_is_on_unless_it_is_turned_off() {
-        let asked = |text| policy(Policy::default(), text).json;
+        let asked = |text| policy(WatchPolicy::default(), text).json;
         assert!(asked("?WATCH={\"enable\":true}"));
         assert!(asked("?WATCH={}"));
         assert!(asked("?WATCH={\"state\":true}"));
@@ -205,7 +205,7 @@ mod tests {
             "?WATCH={\"class\":\"WATCH\",\"nmea\":true,\"json\":false}",
             "?WATCH={\"enable\":true,\"nmea\":true}",
         ] {
-            let found = policy(Policy::default(), asked);
+            let found = policy(WatchPolicy::default(), asked);
             assert!(found.enable && found.nmea && !found.json, "{asked}");
             // Other keys change nothing of it.
             let then = policy(found, "?WATCH={\"state\":true}");
@@ -215,13 +215,16 @@ mod tests {
             let json = policy(found, "?WATCH={\"nmea\":false}");
             assert!(!json.nmea && json.json);
         }
-        let both = policy(Policy::default(), "?WATCH={\"nmea\":true,\"json\":true}");
+        let both = policy(
+            WatchPolicy::default(),
+            "?WATCH={\"nmea\":true,\"json\":true}",
+        );
         assert!(both.nmea && both.json);
     }
 
     #[test]
     fn a_rate_stays_until_there_is_another() {
-        let slow = policy(Policy::default(), "?WATCH={\"rate_hz\":5}");
+        let slow = policy(WatchPolicy::default(), "?WATCH={\"rate_hz\":5}");
         assert_eq!(slow.rate_hz, Some(5.0));
         assert_eq!(policy(slow, "?WATCH={}").rate_hz, Some(5.0));
         for wrong in ["0", "-1", "1e9", "\"5\"", "true", "null"] {

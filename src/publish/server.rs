@@ -13,11 +13,11 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::client::{LINE_END, serve};
+use super::client::serve;
 use super::clients::{Door, serve_clients};
 use super::feed::Feed;
 pub use super::feed::Publisher;
-use super::gpsd::{self, Device};
+use super::gpsd::{self, Device, LINE_END};
 use super::nmea;
 use super::place::{check_mode, check_path, mode_bits};
 pub use super::socket_file::BindError;

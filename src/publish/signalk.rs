@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use serde_json::{Value, json};
 
-use super::client::LINE_END;
+use super::gpsd::LINE_END;
 use crate::heading::Heading;
 
 /// A heading as a line of Signal K: angles in radians, starboard, bow up and turns to starboard positive. Empty where there

@@ -1,4 +1,4 @@
-//! Sources of readings.
+//! Sources of readings, and the events that all of them send.
 
 pub mod board;
 pub mod bus;
@@ -8,3 +8,23 @@ pub mod i2c;
 pub mod replay;
 pub mod serial;
 pub mod simulator;
+
+use std::time::Instant;
+
+use crate::condition::Trouble;
+use crate::reading::Reading;
+
+/// What a source sends.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SourceEvent {
+    /// A reading, and the moment at which it was taken.
+    Reading(Reading, Instant),
+    /// The times of the readings that follow have nothing to do with those before.
+    NewStretch,
+    /// The source has a fault and keeps trying; `None` when it works again.
+    Fault(Option<Trouble>),
+    /// There are no more readings; if most of what there was could not be used, why.
+    End(Option<String>),
+    /// The source has failed for good.
+    Broken(Trouble),
+}

@@ -70,7 +70,7 @@ impl Contents {
     }
 
     /// What is kept for this sensor takes the place of what was.
-    pub(super) fn put(&mut self, history: History) {
+    pub fn put(&mut self, history: History) {
         match self
             .sensors
             .iter_mut()

@@ -7,6 +7,7 @@ mod disk;
 mod effort;
 mod i2c;
 mod record;
+mod reload;
 mod rig;
 mod run;
 mod serial;

@@ -7,7 +7,7 @@ use headingd::calibration::model::Mode;
 use headingd::command::paper::published::{
     Column, ITERATIONS_SHARE, MPSOT_TIME_SHARE, RIST_TIME_SHARE, TEST1_SAMPLES,
 };
-use headingd::command::paper::trial::{Run, Trial, trials};
+use headingd::command::paper::trial::{Trial, TrialRun, trials};
 
 use crate::effort::times;
 
@@ -82,7 +82,7 @@ fn fewer_samples_and_iterations_cost_less_accuracy_than_in_the_paper() {
             .published
             .columns()
             .map(|c: &Column| (&c.scale[..], &c.bias_mgauss[..]));
-        let run = |run: &'static Run| (&run.scale[..], &run.bias_mgauss[..]);
+        let run = |run: &'static TrialRun| (&run.scale[..], &run.bias_mgauss[..]);
         let truth = &trial.published.all;
         let ours = [
             (&truth.scale[..], &truth.bias_mgauss[..]),
@@ -102,7 +102,7 @@ fn fewer_samples_and_iterations_cost_less_accuracy_than_in_the_paper() {
 
 #[test]
 fn profile_standard_comes_nearer_than_profile_paper() {
-    let off = |pick: fn(&Trial) -> &Run| {
+    let off = |pick: fn(&Trial) -> &TrialRun| {
         let mut squares = 0.0;
         for trial in TRIALS.iter() {
             for axis in 0..trial.axes() {

@@ -5,12 +5,13 @@ use serde::Serialize;
 
 use crate::config::Config;
 use crate::frame::Mountings;
+use crate::sensor::SourceEvent;
 use crate::sensor::bus::{Bus, BusError, Cause, read_byte};
 use crate::sensor::chip::magnetometer::AxisTest;
 use crate::sensor::chip::mpu6050::Mpu6050;
 use crate::sensor::chip::{ChipError, Companion, drivers};
 use crate::sensor::clock::Clock;
-use crate::sensor::i2c::{Chips, Said};
+use crate::sensor::i2c::Chips;
 
 /// The chips are read for this long, seconds, after a second for setting them up.
 const READING_S: f64 = 2.0;
@@ -217,7 +218,7 @@ fn read_all(config: &Config, report: &mut CheckReport, bus: &mut dyn Bus, clock:
     let mut chips = Chips::new(&config.i2c);
     let mut last_s = begin_s;
     let mut listen = |said| {
-        let Said::Reading(reading) = said else {
+        let SourceEvent::Reading(reading, _) = said else {
             // A chip that does not come back would never say another word.
             return last_s < end_s;
         };

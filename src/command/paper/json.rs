@@ -8,7 +8,7 @@ use super::published::{
 use super::trial::Trial;
 
 #[derive(Serialize)]
-struct Report<'a> {
+struct PaperReport<'a> {
     seed: u64,
     claims: Claims,
     tests: Vec<Test<'a>>,
@@ -50,7 +50,7 @@ struct Numbers {
 
 /// The object, on one line.
 pub fn json(trials: &[Trial], seed: u64) -> serde_json::Result<String> {
-    serde_json::to_string(&Report {
+    serde_json::to_string(&PaperReport {
         seed,
         claims: Claims {
             test1_samples: TEST1_SAMPLES[0],

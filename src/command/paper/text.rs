@@ -5,14 +5,14 @@ use std::fmt::Write;
 use super::published::{
     Column, ITERATIONS_SHARE, MPSOT_TIME_SHARE, RIST_TIME_SHARE, TEST1_SAMPLES,
 };
-use super::trial::{Run, Trial};
+use super::trial::{Trial, TrialRun};
 use crate::calibration::model::Mode;
 
 /// A column of the paper, and our run that answers it.
 type Pair<'a> = (
     &'static str,
     fn(&'a Trial) -> &'a Column,
-    fn(&'a Trial) -> &'a Run,
+    fn(&'a Trial) -> &'a TrialRun,
 );
 
 /// Everything, for a person.

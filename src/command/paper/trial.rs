@@ -15,7 +15,7 @@ use crate::calibration::settings::{
 
 /// What one run came to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Run {
+pub struct TrialRun {
     /// Samples that the swarm saw.
     pub samples: usize,
     /// Its iterations.
@@ -44,13 +44,13 @@ pub struct Trial {
     /// Samples in the log.
     pub total: usize,
     /// Profile `paper`, all samples, all iterations: Tables 1 and 3, "All".
-    pub all: Run,
+    pub all: TrialRun,
     /// Profile `paper`, RIST, all iterations: "RIST", and "PSO" in Tables 2 and 4.
-    pub rist: Run,
+    pub rist: TrialRun,
     /// Profile `paper`, RIST and MPSOT: Tables 2 and 4, "MPSOT".
-    pub mpsot: Run,
+    pub mpsot: TrialRun,
     /// Profile `standard`, with its refinement.
-    pub standard: Run,
+    pub standard: TrialRun,
     /// The paper's own columns.
     #[serde(skip)]
     pub published: Published,
@@ -113,7 +113,7 @@ pub fn trial(mode: Mode, published: &Published, seed: u64) -> Result<Trial, Stri
     let paper = |window, stop| {
         let outcome = run(Profile::Paper, window, stop);
         let swarm = outcome.swarm.clone().ok_or_else(|| fault(&outcome))?;
-        Ok::<Run, String>(of(&outcome, swarm.scale, swarm.bias_mgauss))
+        Ok::<TrialRun, String>(of(&outcome, swarm.scale, swarm.bias_mgauss))
     };
     let standard = run(Profile::Standard, WindowChoice::Rist, StopChoice::Mpsot);
     let refined = standard.scale.clone().zip(standard.bias_mgauss.clone());
@@ -130,13 +130,13 @@ pub fn trial(mode: Mode, published: &Published, seed: u64) -> Result<Trial, Stri
     })
 }
 
-fn of(outcome: &Outcome, scale: Vec<f64>, bias_mgauss: Vec<f64>) -> Run {
+fn of(outcome: &Outcome, scale: Vec<f64>, bias_mgauss: Vec<f64>) -> TrialRun {
     let (particles, iterations, stop) = outcome
         .swarm
         .as_ref()
         .map_or((0, 0, ""), |s| (s.particles, s.iterations, s.stop));
     let samples = outcome.samples.window;
-    Run {
+    TrialRun {
         samples,
         iterations,
         stop,

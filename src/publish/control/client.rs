@@ -7,7 +7,7 @@ use tokio::net::UnixStream;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{sleep, timeout, timeout_at};
 
-use super::{Answer, Order, Request};
+use super::{Answer, ControlCall, ControlRequest};
 use crate::publish::allowance::Allowance;
 use crate::publish::client::ClientError;
 
@@ -29,7 +29,7 @@ const WRITE_PATIENCE: Duration = Duration::from_secs(5);
 /// Serves one client until it leaves, breaks, idles, or `stop` says that the server stops.
 pub(super) async fn serve(
     stream: UnixStream,
-    orders: mpsc::Sender<Order>,
+    orders: mpsc::Sender<ControlCall>,
     stop: watch::Receiver<bool>,
 ) -> Result<(), ClientError> {
     serve_for(stream, orders, stop, IDLE).await
@@ -38,7 +38,7 @@ pub(super) async fn serve(
 /// The same, with another time after which a client is let go.
 async fn serve_for(
     stream: UnixStream,
-    orders: mpsc::Sender<Order>,
+    orders: mpsc::Sender<ControlCall>,
     mut stop: watch::Receiver<bool>,
     idle: Duration,
 ) -> Result<(), ClientError> {
@@ -90,7 +90,7 @@ async fn serve_for(
             allowance.answer(Instant::now());
             continue;
         } else {
-            match Request::parse(text) {
+            match ControlRequest::parse(text) {
                 Ok(request) => {
                     let (changes, words) = (request.changes(), request.to_string());
                     allowance.answer(Instant::now());
@@ -121,9 +121,9 @@ async fn serve_for(
     }
 }
 
-async fn carry_out(request: Request, orders: &mpsc::Sender<Order>) -> Answer {
+async fn carry_out(request: ControlRequest, orders: &mpsc::Sender<ControlCall>) -> Answer {
     let (sender, answer) = oneshot::channel();
-    let order = Order {
+    let order = ControlCall {
         request,
         answer: sender,
     };

@@ -21,7 +21,7 @@ use super::place::{check_mode, check_path, mode_bits};
 use super::socket_file::{BindError, SocketFile, claim, inherited};
 use crate::check::{Check, Fault};
 pub use answer::Answer;
-pub use request::{Forget, Mount, Request};
+pub use request::{ControlRequest, ForgetRequest, Mount};
 
 /// Calibrations can be put in force here: the rest of the world stays out.
 const MOST_OPEN: u32 = 0o660;
@@ -75,9 +75,9 @@ impl Check for Settings {
 
 /// A request, and where its answer goes.
 #[derive(Debug)]
-pub struct Order {
+pub struct ControlCall {
     /// What is asked.
-    pub request: Request,
+    pub request: ControlRequest,
     /// An answer that is dropped says that the daemon is about to end.
     pub answer: oneshot::Sender<Answer>,
 }
@@ -121,7 +121,7 @@ impl Control {
     /// Hands requests to `orders` and answers to those who asked, until `shutdown` is ready. Then the socket is gone.
     pub async fn run(
         self,
-        orders: mpsc::Sender<Order>,
+        orders: mpsc::Sender<ControlCall>,
         shutdown: impl Future<Output = ()>,
     ) -> io::Result<()> {
         let door = Door {

@@ -9,7 +9,7 @@ use crate::calibration::policy::Policy;
 
 /// One request.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Request {
+pub enum ControlRequest {
     /// How everything stands.
     Status,
     /// All calibrations kept of this sensor.
@@ -23,7 +23,7 @@ pub enum Request {
     /// Put an earlier calibration in force: this one, or the one before.
     Rollback(Option<u64>),
     /// Forget calibrations.
-    Forget(Forget),
+    Forget(ForgetRequest),
     /// One calibration as a file, or that in force.
     Export(Option<u64>),
     /// Put the calibration in this file in force.
@@ -54,7 +54,7 @@ pub enum Mount {
 
 /// Which calibrations are to be forgotten.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Forget {
+pub enum ForgetRequest {
     /// That in force.
     InForce,
     /// This one.
@@ -70,7 +70,7 @@ const NAMES: &str = "status, list, show, lock, unlock, rollback, forget, export,
 /// How much of what is not understood is repeated, characters.
 const QUOTED: usize = 60;
 
-impl Request {
+impl ControlRequest {
     /// Reads one line; the error is the answer.
     pub fn parse(line: &[u8]) -> Result<Self, Answer> {
         let malformed = |message: String| Answer::refused("malformed", message);
@@ -139,7 +139,7 @@ impl Request {
 }
 
 /// In words of the protocol: `rollback 3`, `mode locked`. What is imported is too long.
-impl fmt::Display for Request {
+impl fmt::Display for ControlRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (name, number) = match self {
             Self::Status => ("status", None),
@@ -148,9 +148,9 @@ impl fmt::Display for Request {
             Self::Lock => ("lock", None),
             Self::Unlock => ("unlock", None),
             Self::Rollback(number) => ("rollback", *number),
-            Self::Forget(Forget::InForce) => ("forget", None),
-            Self::Forget(Forget::Number(number)) => ("forget", Some(*number)),
-            Self::Forget(Forget::All) => ("forget all", None),
+            Self::Forget(ForgetRequest::InForce) => ("forget", None),
+            Self::Forget(ForgetRequest::Number(number)) => ("forget", Some(*number)),
+            Self::Forget(ForgetRequest::All) => ("forget all", None),
             Self::Export(number) => ("export", *number),
             Self::Import(_) => ("import", None),
             Self::Start => ("start", None),
@@ -188,18 +188,18 @@ fn number(keys: &mut Map<String, Value>) -> Result<Option<u64>, Answer> {
         .ok_or_else(|| Answer::refused("malformed", wrong("number", &value, right)))
 }
 
-fn forget(keys: &mut Map<String, Value>) -> Result<Forget, Answer> {
+fn forget(keys: &mut Map<String, Value>) -> Result<ForgetRequest, Answer> {
     let number = number(keys)?;
     match (number, flag(keys, "all")?) {
-        (None, true) => Ok(Forget::All),
+        (None, true) => Ok(ForgetRequest::All),
         (Some(number), true) => Err(Answer::refused(
             "malformed",
             format!(
                 "either number {number} or all can be forgotten: leave out one of the two keys"
             ),
         )),
-        (Some(number), false) => Ok(Forget::Number(number)),
-        (None, false) => Ok(Forget::InForce),
+        (Some(number), false) => Ok(ForgetRequest::Number(number)),
+        (None, false) => Ok(ForgetRequest::InForce),
     }
 }
 
@@ -257,8 +257,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn parse(text: &str) -> Result<Request, Answer> {
-        Request::parse(text.as_bytes())
+    fn parse(text: &str) -> Result<ControlRequest, Answer> {
+        ControlRequest::parse(text.as_bytes())
     }
 
     #[test]
@@ -270,37 +270,37 @@ mod tests {
         for (text, request, words) in [
             (
                 r#"{"request":"show","number":3}"#,
-                Request::Show(Some(3)),
+                ControlRequest::Show(Some(3)),
                 "show 3",
             ),
             (
                 r#"{"number":3,"request":"rollback"}"#,
-                Request::Rollback(Some(3)),
+                ControlRequest::Rollback(Some(3)),
                 "rollback 3",
             ),
             (
                 r#"{"request":"forget"}"#,
-                Request::Forget(Forget::InForce),
+                ControlRequest::Forget(ForgetRequest::InForce),
                 "forget",
             ),
             (
                 r#"{"request":"forget","all":true}"#,
-                Request::Forget(Forget::All),
+                ControlRequest::Forget(ForgetRequest::All),
                 "forget all",
             ),
             (
                 r#"{"request":"forget","number":2,"all":false}"#,
-                Request::Forget(Forget::Number(2)),
+                ControlRequest::Forget(ForgetRequest::Number(2)),
                 "forget 2",
             ),
             (
                 r#"{"request":"mode","mode":"off"}"#,
-                Request::Mode(Some(Policy::Off)),
+                ControlRequest::Mode(Some(Policy::Off)),
                 "mode off",
             ),
             (
                 r#"{"request":"mounting","level":true,"heading_deg":90}"#,
-                Request::Mounting(Some(Mount::Set {
+                ControlRequest::Mounting(Some(Mount::Set {
                     level: true,
                     heading_deg: Some(90.0),
                 })),
@@ -308,12 +308,12 @@ mod tests {
             ),
             (
                 r#"{"request":"mounting","reset":true}"#,
-                Request::Mounting(Some(Mount::Reset)),
+                ControlRequest::Mounting(Some(Mount::Reset)),
                 "mounting reset",
             ),
             (
                 r#"{"request":"import","file":7}"#,
-                Request::Import(7.into()),
+                ControlRequest::Import(7.into()),
                 "import",
             ),
         ] {
@@ -394,12 +394,12 @@ mod tests {
     proptest! {
         #[test]
         fn no_bytes_make_it_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
-            let _ = Request::parse(&bytes);
+            let _ = ControlRequest::parse(&bytes);
         }
 
         #[test]
         fn neither_does_any_value(text in r#"\{"request":"(show|forget|mode|import|mounting)","(number|all|mode|file|level|heading_deg)":[-0-9a-z."\[\]]{0,9}\}"#) {
-            let _ = Request::parse(text.as_bytes());
+            let _ = ControlRequest::parse(text.as_bytes());
         }
     }
 }

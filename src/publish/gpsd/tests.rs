@@ -96,11 +96,11 @@ fn state_leaves_out_what_is_unknown_and_escapes_its_message() {
 
 #[test]
 fn watch_says_what_is_sent() {
-    let policy = Policy {
+    let policy = WatchPolicy {
         enable: true,
         nmea: true,
         rate_hz: Some(2.5),
-        ..Policy::default()
+        ..WatchPolicy::default()
     };
     assert_eq!(
         watch(&policy),
@@ -156,7 +156,7 @@ fn the_other_objects_are_json_with_their_class_first() {
         (version(), "VERSION"),
         (device(&odd, None), "DEVICE"),
         (devices(&odd, None), "DEVICES"),
-        (watch(&Policy::default()), "WATCH"),
+        (watch(&WatchPolicy::default()), "WATCH"),
         (poll(None, None), "POLL"),
         (
             poll(Some(r#"{"class":"ATT"}"#), Some("2026-11-21T10:00:00Z")),

@@ -6,23 +6,23 @@ use tokio::sync::broadcast::Receiver;
 use tokio::sync::broadcast::error::RecvError;
 
 use super::Format;
-use crate::publish::feed::{Feed, Message};
-use crate::publish::pace::Pace;
+use crate::publish::feed::{Broadcast, Feed};
+use crate::publish::rate_limit::RateLimit;
 
 /// Headings in a format, as often as is set.
-pub(super) struct Lines {
+pub(super) struct HeadingLines {
     format: Format,
     feed: Arc<Feed>,
-    ring: Receiver<Message>,
-    pace: Pace,
+    ring: Receiver<Broadcast>,
+    pace: RateLimit,
 }
 
-impl Lines {
+impl HeadingLines {
     pub(super) fn new(feed: Arc<Feed>, format: Format) -> Self {
         Self {
             format,
             ring: feed.subscribe(),
-            pace: Pace::new(Some(feed.nmea_rate_hz())),
+            pace: RateLimit::new(Some(feed.nmea_rate_hz())),
             feed,
         }
     }
@@ -32,13 +32,13 @@ impl Lines {
     pub(super) async fn next(&mut self) -> Option<String> {
         loop {
             match self.ring.recv().await {
-                Ok(Message::Heading(heading)) => {
-                    let taken = heading.taken();
+                Ok(Broadcast::Heading(heading)) => {
+                    let taken = heading.taken;
                     let mut text = String::new();
                     if !self.feed.is_stale(taken) && self.pace.admits(taken) {
                         match self.format {
                             Format::Nmea => self.feed.put_nmea(&mut text, &heading),
-                            Format::SignalK => heading.put_signalk(&mut text),
+                            Format::SignalK => self.feed.put_signalk(&mut text, &heading),
                         }
                     }
                     if !text.is_empty() {

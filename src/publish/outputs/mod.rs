@@ -15,7 +15,7 @@ use tokio::task::JoinSet;
 
 use super::feed::Publisher;
 use crate::check::Fault;
-use lines::Lines;
+use lines::HeadingLines;
 
 /// What goes over UDP or TCP.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -52,9 +52,9 @@ impl Outputs {
         publisher: &Publisher,
     ) -> Self {
         let mut tasks = JoinSet::new();
-        let lines = |format| Lines::new(publisher.feed(), format);
+        let lines = |format| HeadingLines::new(publisher.feed(), format);
         if let Some(to) = udp.to() {
-            match udp::Sender::open(to) {
+            match udp::UdpSender::open(to) {
                 Ok(sender) => {
                     tracing::info!("sending {} over UDP to {to}", udp.format.name());
                     tasks.spawn(sender.run(lines(udp.format)));
@@ -63,7 +63,7 @@ impl Outputs {
             }
         }
         if let Some(listen) = tcp.listen() {
-            match tcp::Server::open(listen) {
+            match tcp::TcpServer::open(listen) {
                 Ok(server) => {
                     tracing::info!("serving {} over TCP on {listen}", tcp.format.name());
                     tasks.spawn(server.run(publisher.feed(), tcp.format));

@@ -12,7 +12,7 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 use serde::{Deserialize, Serialize};
 
-use super::lines::Lines;
+use super::lines::HeadingLines;
 use crate::check::{Check, Fault};
 
 /// Headings are no secret, and what is written to it is thrown away; programs open a port for both.
@@ -51,16 +51,16 @@ pub(super) struct Pty {
     ours: File,
     /// The program's side, held open: else a port that nobody has open would be an error.
     theirs: OwnedFd,
-    _link: Link,
+    _link: PortLink,
 }
 
 /// A link that is removed in the end.
-struct Link {
+struct PortLink {
     path: PathBuf,
     port: PathBuf,
 }
 
-impl Drop for Link {
+impl Drop for PortLink {
     fn drop(&mut self) {
         // Another daemon may have made its own meanwhile.
         if fs::read_link(&self.path).is_ok_and(|port| port == self.port) {
@@ -96,7 +96,7 @@ impl Pty {
         Ok(Self {
             ours: ours.into(),
             theirs,
-            _link: Link {
+            _link: PortLink {
                 path: path.to_owned(),
                 port: port.into(),
             },
@@ -104,7 +104,7 @@ impl Pty {
     }
 
     /// Writes until there are no more.
-    pub(super) async fn run(mut self, mut lines: Lines) {
+    pub(super) async fn run(mut self, mut lines: HeadingLines) {
         while let Some(text) = lines.next().await {
             if let Err(error) = self.write(&text) {
                 tracing::debug!("cannot write to the port: {error}");

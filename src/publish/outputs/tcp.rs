@@ -11,7 +11,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
-use super::lines::Lines;
+use super::lines::HeadingLines;
 use super::{Format, address, check_address};
 use crate::check::{Check, Fault};
 use crate::publish::feed::Feed;
@@ -50,11 +50,11 @@ impl Check for Settings {
 }
 
 /// A port that clients can connect to.
-pub(super) struct Server {
+pub(super) struct TcpServer {
     listener: TcpListener,
 }
 
-impl Server {
+impl TcpServer {
     pub(super) fn open(listen: SocketAddr) -> io::Result<Self> {
         let listener = StdListener::bind(listen)?;
         listener.set_nonblocking(true)?;
@@ -73,7 +73,7 @@ impl Server {
             };
             match accepted {
                 Ok((stream, _)) if clients.len() < MOST_CLIENTS => {
-                    let lines = Lines::new(feed.clone(), format);
+                    let lines = HeadingLines::new(feed.clone(), format);
                     clients.spawn(async move {
                         if let Err(error) = serve(stream, lines).await {
                             tracing::debug!("a client of TCP left: {error}");
@@ -95,7 +95,7 @@ impl Server {
 }
 
 /// Serves one client until it leaves, or takes nothing. What it sends is thrown away.
-async fn serve(mut stream: TcpStream, mut lines: Lines) -> io::Result<()> {
+async fn serve(mut stream: TcpStream, mut lines: HeadingLines) -> io::Result<()> {
     stream.set_nodelay(true)?;
     let (mut reader, mut writer) = stream.split();
     let mut thrown = [0; 256];

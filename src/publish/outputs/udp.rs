@@ -6,7 +6,7 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket as StdSocket};
 use serde::{Deserialize, Serialize};
 use tokio::net::UdpSocket;
 
-use super::lines::Lines;
+use super::lines::HeadingLines;
 use super::{Format, address, check_address};
 use crate::check::{Check, Fault};
 
@@ -35,12 +35,12 @@ impl Check for Settings {
 }
 
 /// A socket to send from.
-pub(super) struct Sender {
+pub(super) struct UdpSender {
     socket: UdpSocket,
     to: SocketAddr,
 }
 
-impl Sender {
+impl UdpSender {
     pub(super) fn open(to: SocketAddr) -> io::Result<Self> {
         let any = match to {
             SocketAddr::V4(_) => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
@@ -56,7 +56,7 @@ impl Sender {
     }
 
     /// Sends until there are no more. A network that is away is told once, and once more when it is back.
-    pub(super) async fn run(self, mut lines: Lines) {
+    pub(super) async fn run(self, mut lines: HeadingLines) {
         let mut failed = false;
         while let Some(text) = lines.next().await {
             match self.socket.send_to(text.as_bytes(), self.to).await {

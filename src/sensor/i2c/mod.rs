@@ -11,6 +11,7 @@ mod settings;
 #[cfg(test)]
 mod tests;
 
+use super::SourceEvent;
 use super::board::Companions;
 use super::bus::Bus;
 use super::chip::{ChipError, drivers};
@@ -26,15 +27,6 @@ pub use settings::{MagnetometerChoice, Settings};
 /// A reading of the gyro and one of the magnetometer that are nearer than this share of the gyro's period are made
 /// together.
 const TOGETHER: f64 = 0.4;
-
-/// What a live source says.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Said {
-    /// A reading; its time is the clock's.
-    Reading(Reading),
-    /// The magnetometer is in trouble; `None` when it works again.
-    Trouble(Option<Trouble>),
-}
 
 /// The chips of a board at work.
 pub struct Chips {
@@ -75,7 +67,7 @@ impl Chips {
         &mut self,
         bus: &mut dyn Bus,
         clock: &mut dyn Clock,
-        out: &mut dyn FnMut(Said) -> bool,
+        out: &mut dyn FnMut(SourceEvent) -> bool,
     ) {
         self.tick_s = clock.now_s();
         while clock.wait_until(self.due_s()) {
@@ -122,7 +114,7 @@ impl Chips {
         &mut self,
         bus: &mut dyn Bus,
         clock: &mut dyn Clock,
-        out: &mut dyn FnMut(Said) -> bool,
+        out: &mut dyn FnMut(SourceEvent) -> bool,
     ) -> Result<(), ChipError> {
         if let Some(gyro) = &mut self.gyro {
             gyro.start(bus, clock)?;
@@ -157,7 +149,8 @@ impl Chips {
         if reading.rate_rad_s.is_none() && reading.specific_force_m_s2.is_none() {
             return Ok(());
         }
-        tell(out, Said::Reading(reading))
+        let taken = clock.instant(reading.t_s);
+        tell(out, SourceEvent::Reading(reading, taken))
     }
 
     /// Sets up and reads the magnetometer, as far as that is due.
@@ -165,7 +158,7 @@ impl Chips {
         &mut self,
         bus: &mut dyn Bus,
         clock: &mut dyn Clock,
-        out: &mut dyn FnMut(Said) -> bool,
+        out: &mut dyn FnMut(SourceEvent) -> bool,
     ) -> Result<(), ChipError> {
         let mut now_s = clock.now_s();
         if let Some(at_s) = self.health.set_up_at_s() {
@@ -186,14 +179,15 @@ impl Chips {
             Ok(Some((t_s, sample))) => {
                 self.health.worked(t_s);
                 if self.said.take().is_some() {
-                    tell(out, Said::Trouble(None))?;
+                    tell(out, SourceEvent::Fault(None))?;
                 }
                 let reading = Reading {
                     t_s,
                     field_mgauss: Some(sample.field_mgauss),
                     ..Reading::default()
                 };
-                tell(out, Said::Reading(reading))
+                let taken = clock.instant(t_s);
+                tell(out, SourceEvent::Reading(reading, taken))
             }
             Err(error) => self.failed(now_s, &error, out),
         }
@@ -203,7 +197,7 @@ impl Chips {
         &mut self,
         now_s: f64,
         error: &ChipError,
-        out: &mut dyn FnMut(Said) -> bool,
+        out: &mut dyn FnMut(SourceEvent) -> bool,
     ) -> Result<(), ChipError> {
         if *error == ChipError::Stopped {
             return Err(ChipError::Stopped);
@@ -213,12 +207,12 @@ impl Chips {
             return Ok(());
         }
         self.said = Some(error.code());
-        tell(out, Said::Trouble(self.health.trouble().cloned()))
+        tell(out, SourceEvent::Fault(self.health.trouble().cloned()))
     }
 }
 
-fn tell(out: &mut dyn FnMut(Said) -> bool, said: Said) -> Result<(), ChipError> {
-    if out(said) {
+fn tell(out: &mut dyn FnMut(SourceEvent) -> bool, event: SourceEvent) -> Result<(), ChipError> {
+    if out(event) {
         Ok(())
     } else {
         Err(ChipError::Stopped)

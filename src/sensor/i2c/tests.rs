@@ -113,19 +113,19 @@ fn play(
     period_s: f64,
     deeds: Vec<Deed>,
     until_s: f64,
-) -> (Vec<Said>, Chips) {
+) -> (Vec<SourceEvent>, Chips) {
     let theatre = theatre(bus, period_s, until_s);
     act(settings, Theatre { deeds, ..theatre })
 }
 
 /// The same with chips whose registers stay as they are.
-fn play_dead(settings: &Settings, bus: &FakeBus, until_s: f64) -> (Vec<Said>, Chips) {
+fn play_dead(settings: &Settings, bus: &FakeBus, until_s: f64) -> (Vec<SourceEvent>, Chips) {
     let theatre = theatre(bus, 1.0, until_s);
     let alive = false;
     act(settings, Theatre { alive, ..theatre })
 }
 
-fn act(settings: &Settings, mut theatre: Theatre) -> (Vec<Said>, Chips) {
+fn act(settings: &Settings, mut theatre: Theatre) -> (Vec<SourceEvent>, Chips) {
     let mut bus = theatre.bus.clone();
     let mut chips = Chips::new(settings);
     let mut said = Vec::new();
@@ -136,33 +136,34 @@ fn act(settings: &Settings, mut theatre: Theatre) -> (Vec<Said>, Chips) {
     (said, chips)
 }
 
-fn readings(said: &[Said]) -> impl Iterator<Item = &Reading> {
+fn readings(said: &[SourceEvent]) -> impl Iterator<Item = &Reading> {
     said.iter().filter_map(|said| match said {
-        Said::Reading(reading) => Some(reading),
-        Said::Trouble(_) => None,
+        SourceEvent::Reading(reading, _) => Some(reading),
+        _ => None,
     })
 }
 
-fn field_times(said: &[Said]) -> Vec<f64> {
+fn field_times(said: &[SourceEvent]) -> Vec<f64> {
     let fields = readings(said).filter(|reading| reading.field_mgauss.is_some());
     fields.map(|reading| reading.t_s).collect()
 }
 
 /// The codes of the troubles with the times of the readings before them; `""` is the end of one.
-fn troubles(said: &[Said]) -> Vec<(f64, &'static str)> {
+fn troubles(said: &[SourceEvent]) -> Vec<(f64, &'static str)> {
     let mut t_s = 0.0;
     let mut found = Vec::new();
     for said in said {
         match said {
-            Said::Reading(reading) => t_s = reading.t_s,
-            Said::Trouble(Some(trouble)) => found.push((t_s, trouble.code)),
-            Said::Trouble(None) => found.push((t_s, "")),
+            SourceEvent::Reading(reading, _) => t_s = reading.t_s,
+            SourceEvent::Fault(Some(fault)) => found.push((t_s, fault.code)),
+            SourceEvent::Fault(None) => found.push((t_s, "")),
+            other => panic!("{other:?}"),
         }
     }
     found
 }
 
-fn codes(said: &[Said]) -> Vec<&'static str> {
+fn codes(said: &[SourceEvent]) -> Vec<&'static str> {
     troubles(said).into_iter().map(|(_, code)| code).collect()
 }
 

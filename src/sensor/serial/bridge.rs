@@ -6,15 +6,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::runtime::Builder;
 use tokio::time::{sleep, timeout};
 use tokio_serial::SerialStream;
 
 use super::port;
-use super::session::Session;
+use super::session::PortSession;
 use super::settings::{Protocol, Settings};
 use crate::condition::Trouble;
 use crate::frame::Mountings;
-use crate::reading::Reading;
+use crate::sensor::SourceEvent;
 
 /// Whether it is to stop is looked at this often.
 const LOOK: Duration = Duration::from_millis(50);
@@ -25,15 +26,6 @@ const PAUSES: (Duration, Duration) = (Duration::from_millis(100), Duration::from
 /// A device that takes nothing for this long does not listen.
 const WRITE_PATIENCE: Duration = Duration::from_millis(100);
 
-/// What the bridge has to say.
-#[derive(Debug)]
-pub enum Heard {
-    /// A reading, and when it was taken.
-    Reading(Reading, Instant),
-    /// Something is wrong; `None` when there are readings again.
-    Trouble(Option<Trouble>),
-}
-
 /// A device behind a serial line, whether it is there or not.
 #[derive(Debug)]
 pub struct Bridge {
@@ -42,7 +34,7 @@ pub struct Bridge {
     /// Origin of the readings' times.
     origin: Instant,
     state: BridgeState,
-    waiting: VecDeque<Heard>,
+    waiting: VecDeque<SourceEvent>,
     /// What was said last to be wrong.
     trouble: Option<&'static str>,
     found: Protocol,
@@ -60,7 +52,7 @@ enum BridgeState {
     },
     Open {
         stream: SerialStream,
-        session: Box<Session>,
+        session: Box<PortSession>,
     },
 }
 
@@ -85,14 +77,30 @@ impl Bridge {
         }
     }
 
-    /// Waits for the next thing to say; `None` when it was told to stop. Needs a runtime.
-    pub async fn next(&mut self, stop: &AtomicBool) -> Option<Heard> {
+    /// Sends events until it is told to stop, or `out` gives false.
+    pub fn run(mut self, stop: &AtomicBool, out: &mut dyn FnMut(SourceEvent) -> bool) {
+        match Builder::new_current_thread().enable_all().build() {
+            Ok(runtime) => {
+                while let Some(event) = runtime.block_on(self.next(stop))
+                    && out(event)
+                {}
+            }
+            Err(error) => {
+                let message = format!("cannot wait for a serial port: {error}");
+                let code = "internal";
+                out(SourceEvent::Broken(Trouble { code, message }));
+            }
+        }
+    }
+
+    /// Waits for the next event; `None` when it was told to stop. Needs a runtime.
+    pub async fn next(&mut self, stop: &AtomicBool) -> Option<SourceEvent> {
         loop {
             if stop.load(Ordering::Relaxed) {
                 return None;
             }
-            if let Some(heard) = self.waiting.pop_front() {
-                return Some(heard);
+            if let Some(event) = self.waiting.pop_front() {
+                return Some(event);
             }
             match &mut self.state {
                 BridgeState::Closed { retry, .. } => {
@@ -115,7 +123,7 @@ impl Bridge {
         match port::open(&self.settings) {
             Ok(stream) => {
                 self.looked_s = self.now_s();
-                let session = Session::new(&self.settings, self.board, self.looked_s);
+                let session = PortSession::new(&self.settings, self.board, self.looked_s);
                 self.state = BridgeState::Open {
                     stream,
                     session: Box::new(session),
@@ -154,13 +162,13 @@ impl Bridge {
                 let (trouble, last_s) = (&mut self.trouble, &mut self.last_s);
                 session.bytes(&self.bytes[..count], now_s, |mut reading| {
                     if trouble.take().is_some() {
-                        waiting.push_back(Heard::Trouble(None));
+                        waiting.push_back(SourceEvent::Fault(None));
                     }
                     // Each port has a clock of its own.
                     reading.t_s = reading.t_s.max(*last_s);
                     *last_s = reading.t_s;
                     let taken = origin + Duration::from_secs_f64(reading.t_s);
-                    waiting.push_back(Heard::Reading(reading, taken));
+                    waiting.push_back(SourceEvent::Reading(reading, taken));
                 });
                 if session.protocol() != self.found && session.protocol() != Protocol::Auto {
                     self.found = session.protocol();
@@ -205,7 +213,7 @@ impl Bridge {
     fn complain(&mut self, trouble: Trouble) {
         if self.trouble != Some(trouble.code) {
             self.trouble = Some(trouble.code);
-            self.waiting.push_back(Heard::Trouble(Some(trouble)));
+            self.waiting.push_back(SourceEvent::Fault(Some(trouble)));
         }
     }
 

@@ -21,7 +21,7 @@ pub mod settings;
 mod start;
 mod steady_clock;
 
-pub use bridge::{Bridge, Heard};
+pub use bridge::Bridge;
 pub use device_clock::DeviceClock;
 pub use item::Item;
 pub use log_rows::LogRows;

@@ -36,7 +36,7 @@ pub(super) struct Orders {
 
 /// All that is known of one opened port.
 #[derive(Debug)]
-pub(super) struct Session {
+pub(super) struct PortSession {
     settings: Settings,
     decoder: Decoder,
     start: Start,
@@ -50,7 +50,7 @@ pub(super) struct Session {
     complained: bool,
 }
 
-impl Session {
+impl PortSession {
     pub(super) fn new(settings: &Settings, board: Mountings, now_s: f64) -> Self {
         let listen_s = match settings.protocol {
             Protocol::Auto => LISTEN_S,

@@ -1,7 +1,7 @@
 //! The control socket of the real program, and the commands that use it.
 
 mod commands;
-mod link;
+pub mod link;
 mod mounting;
 mod orders;
 mod socket;

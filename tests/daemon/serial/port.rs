@@ -8,8 +8,9 @@ use std::time::{Duration, Instant};
 
 use headingd::frame::Mountings;
 use headingd::reading::Reading;
+use headingd::sensor::SourceEvent;
+use headingd::sensor::serial::Bridge;
 use headingd::sensor::serial::settings::{Protocol, Settings};
-use headingd::sensor::serial::{Bridge, Heard};
 use tokio::runtime::{Builder, Runtime};
 use tokio::time::timeout;
 
@@ -58,12 +59,12 @@ impl Rig {
         Device::plug(&self.link(), firmware, Habits::default())
     }
 
-    fn next(&mut self) -> Heard {
+    fn next(&mut self) -> SourceEvent {
         self.next_within(PATIENCE).expect("waited in vain")
     }
 
     /// The next thing said, if it is within this time.
-    fn next_within(&mut self, patience: Duration) -> Option<Heard> {
+    fn next_within(&mut self, patience: Duration) -> Option<SourceEvent> {
         let stop = AtomicBool::new(false);
         let next = async { timeout(patience, self.bridge.next(&stop)).await };
         let heard = self.runtime.block_on(next).ok()?;
@@ -73,7 +74,7 @@ impl Rig {
     fn trouble(&mut self) -> (&'static str, String) {
         let begun = Instant::now();
         loop {
-            if let Heard::Trouble(Some(trouble)) = self.next() {
+            if let SourceEvent::Fault(Some(trouble)) = self.next() {
                 return (trouble.code, trouble.message);
             }
             assert!(begun.elapsed() < PATIENCE, "waited in vain for trouble");
@@ -86,9 +87,10 @@ impl Rig {
         let mut readings = Vec::new();
         while readings.len() < count {
             match self.next() {
-                Heard::Reading(reading, taken) => readings.push((reading, taken)),
-                Heard::Trouble(Some(trouble)) if trouble.code == "silent" => readings.clear(),
-                Heard::Trouble(trouble) => assert!(readings.is_empty(), "{trouble:?}"),
+                SourceEvent::Reading(reading, taken) => readings.push((reading, taken)),
+                SourceEvent::Fault(Some(trouble)) if trouble.code == "silent" => readings.clear(),
+                SourceEvent::Fault(trouble) => assert!(readings.is_empty(), "{trouble:?}"),
+                other => panic!("{other:?}"),
             }
         }
         readings
@@ -153,7 +155,7 @@ fn an_unplugged_device_is_told_of_once_and_found_again_as_another_node() {
             let device = rig.plug(razor());
             nodes.push(std::fs::read_link(rig.link()).unwrap());
             if round > 0 {
-                assert!(matches!(rig.next(), Heard::Trouble(None)));
+                assert!(matches!(rig.next(), SourceEvent::Fault(None)));
             }
             let readings = rig.readings(5);
             assert!(
@@ -211,7 +213,7 @@ fn lost_bytes_cost_frames_and_no_more() {
         let _device = Device::plug(&rig.link(), razor(), habits);
         let (mut count, mut right) = (0, 0);
         while count < 100 {
-            if let Heard::Reading(reading, _) = rig.next() {
+            if let SourceEvent::Reading(reading, _) = rig.next() {
                 count += 1;
                 right += usize::from(is_right(&reading));
             }

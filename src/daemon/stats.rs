@@ -4,7 +4,7 @@ use std::time::Instant;
 
 /// What has been counted since the start.
 #[derive(Debug)]
-pub(super) struct Tally {
+pub(super) struct Stats {
     pub(super) begun: Instant,
     pub(super) readings: u64,
     pub(super) headings: u64,
@@ -14,7 +14,7 @@ pub(super) struct Tally {
     pub(super) faults: u64,
 }
 
-impl Tally {
+impl Stats {
     pub(super) fn new() -> Self {
         Self {
             begun: Instant::now(),

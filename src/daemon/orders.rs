@@ -4,16 +4,16 @@ use std::time::Duration;
 
 use serde_json::{Map, Value, json};
 
-use super::super::keeper::StoreState;
-use super::super::time_of_day;
-use super::{Journey, Lasting};
+use super::Daemon;
+use super::store_writer::StoreState;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
 use crate::date;
 use crate::pipeline::Event;
-use crate::publish::control::{Answer, Forget, Order, Request};
+use crate::publish::control::{Answer, ControlCall, ControlRequest, ForgetRequest};
 use crate::store::history::{self, Refusal};
 use crate::store::{Contents, Entry, FormatError, History, Made};
+use crate::wall_clock;
 
 /// What came of a request: an answer, and whether something is to be kept before it is given.
 pub(super) struct Done {
@@ -27,17 +27,17 @@ impl From<Refusal> for Answer {
     }
 }
 
-impl Journey {
+impl Daemon {
     /// Carries an order out. What changes something is answered once it is on disk.
-    pub(super) fn order(&mut self, order: Order) {
-        let Order { request, answer } = order;
+    pub(super) fn order(&mut self, order: ControlCall) {
+        let ControlCall { request, answer } = order;
         let done = self.carry_out_order(request).unwrap_or_else(told);
         // A client that has left need not be told.
         if !done.changed {
             let _ = answer.send(done.answer);
             return;
         }
-        self.keeper.save(Box::new(move |kept| {
+        self.session.store.save(Box::new(move |kept| {
             let _ = answer.send(match kept {
                 Ok(()) => done.answer,
                 Err(why) => Answer {
@@ -53,12 +53,12 @@ impl Journey {
         }));
     }
 
-    fn carry_out_order(&mut self, request: Request) -> Result<Done, Answer> {
+    fn carry_out_order(&mut self, request: ControlRequest) -> Result<Done, Answer> {
         match request {
-            Request::Status => Ok(told(self.status())),
-            Request::List => Ok(told(self.list())),
-            Request::Show(number) => {
-                let history = self.keeper.history();
+            ControlRequest::Status => Ok(told(self.status())),
+            ControlRequest::List => Ok(told(self.list())),
+            ControlRequest::Show(number) => {
+                let history = self.session.store.history();
                 let entry = history.find(number)?;
                 let shown = described(entry, history);
                 let answer = Answer::done(sentence(entry)).with("calibration", shown);
@@ -66,31 +66,31 @@ impl Journey {
                     answer.with("parameters", as_value(&entry.made.calibration)?),
                 ))
             }
-            Request::Export(number) => self.export(number).map(told),
-            Request::Import(file) => self.import(file),
-            Request::Rollback(number) => {
-                let entry = *self.keeper.history_mut().roll_back(number)?;
+            ControlRequest::Export(number) => self.export(number).map(told),
+            ControlRequest::Import(file) => self.import(file),
+            ControlRequest::Rollback(number) => {
+                let entry = *self.session.store.history_mut().roll_back(number)?;
                 self.handle(Event::InForce(Some(Box::new(entry.made.calibration))));
                 Ok(changed(
                     Answer::done(format!("calibration {} is in force", entry.number))
                         .with("number", entry.number),
                 ))
             }
-            Request::Forget(what) => self.forget(what),
-            Request::Lock => self.set_mode(Policy::Locked),
-            Request::Unlock if self.keeper.history().mode != Policy::Locked => {
-                let mode = self.keeper.history().mode.word();
+            ControlRequest::Forget(what) => self.forget(what),
+            ControlRequest::Lock => self.set_mode(Policy::Locked),
+            ControlRequest::Unlock if self.session.store.history().mode != Policy::Locked => {
+                let mode = self.session.store.history().mode.word();
                 let message = format!("nothing was locked: mode {mode} stays");
                 Ok(told(Answer::done(message).with("mode", mode)))
             }
-            Request::Unlock => self.set_mode(Policy::On),
-            Request::Mode(Some(mode)) => self.set_mode(mode),
-            Request::Mode(None) => {
-                let mode = self.keeper.history().mode;
+            ControlRequest::Unlock => self.set_mode(Policy::On),
+            ControlRequest::Mode(Some(mode)) => self.set_mode(mode),
+            ControlRequest::Mode(None) => {
+                let mode = self.session.store.history().mode;
                 Ok(told(mode_answer(mode)))
             }
-            Request::Start => {
-                if self.keeper.history().is_locked() {
+            ControlRequest::Start => {
+                if self.session.store.history().is_locked() {
                     return Err(Refusal::Locked.into());
                 }
                 self.handle(Event::Start);
@@ -98,9 +98,9 @@ impl Journey {
                     "turn the board once all the way round, level and away from iron: that turn is calibrated on",
                 )))
             }
-            Request::Cancel => {
-                let started = self.pipeline.wanted() == Some(Reason::Start);
-                if !started && !self.pipeline.is_calibrating() {
+            ControlRequest::Cancel => {
+                let started = self.session.pipeline.wanted() == Some(Reason::Start);
+                if !started && !self.session.pipeline.is_calibrating() {
                     return Err(Answer::refused(
                         "nothing_to_cancel",
                         "nothing was started, and no calibration is under way",
@@ -109,23 +109,23 @@ impl Journey {
                 self.handle(Event::Cancel);
                 Ok(told(Answer::done("given up: what is in force stays")))
             }
-            Request::Mounting(change) => self.mount(change),
+            ControlRequest::Mounting(change) => self.mount(change),
         }
     }
 
     fn set_mode(&mut self, mode: Policy) -> Result<Done, Answer> {
-        self.keeper.history_mut().set_mode(mode)?;
+        self.session.store.history_mut().set_mode(mode)?;
         self.handle(Event::Policy(mode));
         Ok(changed(mode_answer(mode)))
     }
 
-    fn forget(&mut self, what: Forget) -> Result<Done, Answer> {
+    fn forget(&mut self, what: ForgetRequest) -> Result<Done, Answer> {
         let what = match what {
-            Forget::InForce => history::Forget::InForce,
-            Forget::Number(number) => history::Forget::Number(number),
-            Forget::All => history::Forget::All,
+            ForgetRequest::InForce => history::Forget::InForce,
+            ForgetRequest::Number(number) => history::Forget::Number(number),
+            ForgetRequest::All => history::Forget::All,
         };
-        let history = self.keeper.history_mut();
+        let history = self.session.store.history_mut();
         let was_in_force = history.in_force.is_some();
         let count = history.forget(what)?;
         let goes_on = history.in_force.is_some();
@@ -145,7 +145,7 @@ impl Journey {
     }
 
     fn export(&self, number: Option<u64>) -> Result<Answer, Answer> {
-        let history = self.keeper.history();
+        let history = self.session.store.history();
         let entry = history.find(number)?;
         let contents = Contents::of(History::of(history.identity.clone(), entry.made));
         let text = contents.to_json().map_err(failed)?;
@@ -161,17 +161,19 @@ impl Journey {
             };
             Answer::refused(code, format!("this is no usable calibration file: {error}"))
         })?;
-        let history = self.keeper.history();
+        let history = self.session.store.history();
         let found = contents.find(&history.identity);
         let found = found.ok_or_else(|| other_sensor(&contents, history))?;
         let entry = found.in_force().ok_or_else(|| {
             let message = "no calibration in this file is in force: export writes one that is";
             Answer::refused("no_calibration", message)
         })?;
-        imported::check(&entry.made.calibration, &self.limits).map_err(|refusal| {
-            let message = format!("{}: {}", refusal.reason, refusal.message);
-            Answer::refused("implausible", message)
-        })?;
+        imported::check(&entry.made.calibration, &self.session.config.verdict).map_err(
+            |refusal| {
+                let message = format!("{}: {}", refusal.reason, refusal.message);
+                Answer::refused("implausible", message)
+            },
+        )?;
         if history.is_locked() {
             return Err(Refusal::Locked.into());
         }
@@ -187,7 +189,7 @@ impl Journey {
     }
 
     fn list(&self) -> Answer {
-        let history = self.keeper.history();
+        let history = self.session.store.history();
         let entries: Vec<Value> = history
             .entries
             .iter()
@@ -208,20 +210,18 @@ impl Journey {
 
     /// How everything stands, with word, reason and sentence of the `STATE` published last.
     fn status(&self) -> Answer {
-        let history = self.keeper.history();
-        let answer = match self.pipeline.report() {
+        let history = self.session.store.history();
+        let answer = match self.session.pipeline.report() {
             Some(report) => Answer::done(report.message.clone())
                 .with("cal_state", report.condition.word())
                 .with("reason", report.reason),
             None => Answer::done("the daemon has just started: no reading has come yet"),
         };
-        let progress = self.pipeline.progress();
-        let progress = progress.map(rounded);
-        let reason = self.pipeline.wanted();
-        let Lasting {
-            publisher, tally, ..
-        } = &self.lasting;
-        let latest = publisher.latest();
+        let session = &self.session;
+        let progress = session.pipeline.progress().map(rounded);
+        let reason = session.pipeline.wanted();
+        let stats = &self.stats;
+        let latest = self.publisher.latest();
         let latest = latest
             .as_ref()
             .filter(|heading| heading.magnetic_deg().is_some());
@@ -232,31 +232,31 @@ impl Journey {
             .with("heading_sd", latest.and_then(|it| it.sd_deg.map(rounded)))
             .with("mode", history.mode.word())
             .with("armed", reason == Some(Reason::Start))
-            .with("calibrating", self.pipeline.is_calibrating())
+            .with("calibrating", self.session.pipeline.is_calibrating())
             .with("progress", progress)
             .with(
                 "calibration",
                 history.in_force().map(|entry| described(entry, history)),
             )
-            .with("heading_socket", self.heading_socket.as_str())
-            .with("source", self.source.as_str())
+            .with("heading_socket", self.socket.display().to_string())
+            .with("source", session.source.name.as_str())
             .with("sensor", history.identity.sensor.as_str())
             .with("mag_axes", history.identity.mag_axes.to_string())
-            .with("uptime_s", tally.begun.elapsed().as_secs())
-            .with("clients", publisher.clients())
+            .with("uptime_s", stats.begun.elapsed().as_secs())
+            .with("clients", self.publisher.clients())
             .with(
                 "counts",
                 json!({
-                    "readings": tally.readings,
-                    "headings": tally.headings,
-                    "turns": tally.turns,
-                    "calibrations_accepted": tally.accepted,
-                    "calibrations_refused": tally.refused,
-                    "values_dropped": self.pipeline.dropped(),
-                    "faults": tally.faults,
+                    "readings": stats.readings,
+                    "headings": stats.headings,
+                    "turns": stats.turns,
+                    "calibrations_accepted": stats.accepted,
+                    "calibrations_refused": stats.refused,
+                    "values_dropped": session.pipeline.dropped(),
+                    "faults": stats.faults,
                 }),
             )
-            .with("store", store(self.keeper.state()))
+            .with("store", store(session.store.state()))
             .with("version", env!("CARGO_PKG_VERSION"))
     }
 }
@@ -300,7 +300,7 @@ fn described(entry: &Entry, history: &History) -> Map<String, Value> {
         samples,
         calibration,
     } = entry.made;
-    let age_s = saved_unix_s.and_then(|saved| time_of_day::unix_now_s()?.checked_sub(saved));
+    let age_s = saved_unix_s.and_then(|saved| wall_clock::unix_now_s()?.checked_sub(saved));
     let pairs = [
         ("number", json!(entry.number)),
         ("in_force", json!(history.in_force == Some(entry.number))),

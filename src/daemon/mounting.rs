@@ -1,6 +1,6 @@
 //! How the board is mounted, told or changed at the control socket.
 
-use super::Journey;
+use super::Daemon;
 use super::orders::{Done, changed, told};
 use crate::frame::{Mounting, wrap_pi};
 use crate::pipeline::Event;
@@ -10,13 +10,18 @@ use crate::store::BoardMounting;
 /// A board that turns faster is not held level, rad/s (6° a second): a boat at its berth rolls more slowly.
 const HELD_RAD_S: f64 = 0.1;
 
-impl Journey {
+impl Daemon {
     /// Tells how the board is mounted, after a change if there is one.
     pub(super) fn mount(&mut self, change: Option<Mount>) -> Result<Done, Answer> {
-        let before = self.keeper.history().board(&self.configured);
+        let session = &self.session;
+        let (configured, chips) = (
+            session.config.mounting.board(),
+            session.source.header.mountings,
+        );
+        let before = session.store.history().board(&configured);
         let board = match change {
             None => return Ok(told(self.mounted())),
-            Some(Mount::Reset) => self.configured,
+            Some(Mount::Reset) => configured,
             Some(Mount::Set { level, heading_deg }) => {
                 // Levelling turns no heading, so that the two may come in any order.
                 let levelled = if level {
@@ -33,17 +38,18 @@ impl Journey {
         };
         let told = BoardMounting {
             board_axes: board,
-            configured: self.configured,
+            configured,
         };
-        let changes = board != self.configured;
-        self.keeper.history_mut().mounting = changes.then(|| Box::new(told));
-        self.heading_deg = None;
-        self.handle(Event::Mounted(Box::new(self.chips.on(&board))));
+        let changes = board != configured;
+        let session = &mut self.session;
+        session.store.history_mut().mounting = changes.then(|| Box::new(told));
+        session.heading_deg = None;
+        self.handle(Event::Mounted(Box::new(chips.on(&board))));
         Ok(changed(self.mounted()))
     }
 
     fn levelling(&self) -> Result<Mounting, Answer> {
-        let (down, rate_rad_s) = self.pipeline.down().ok_or_else(|| {
+        let (down, rate_rad_s) = self.session.pipeline.down().ok_or_else(|| {
             let message = "no accelerometer tells where down is: set board_axes of [mounting]";
             Answer::refused("no_tilt", message)
         })?;
@@ -60,8 +66,8 @@ impl Journey {
 
     /// What makes the heading of now this one.
     fn turning(&self, wanted_deg: f64) -> Result<Mounting, Answer> {
-        let fresh = self.lasting.publisher.latest().is_some();
-        let heading_deg = self.heading_deg.filter(|_| fresh).ok_or_else(|| {
+        let fresh = self.publisher.latest().is_some();
+        let heading_deg = self.session.heading_deg.filter(|_| fresh).ok_or_else(|| {
             let message =
                 "there is no heading now that could be set right: headingd status says why";
             Answer::refused("no_heading", message)
@@ -71,11 +77,12 @@ impl Journey {
     }
 
     fn mounted(&self) -> Answer {
-        let board = self.keeper.history().board(&self.configured);
-        let (from, rest) = if board == self.configured {
+        let configured = self.session.config.mounting.board();
+        let board = self.session.store.history().board(&configured);
+        let (from, rest) = if board == configured {
             ("configuration", String::new())
         } else {
-            let configured = self.configured.rounded();
+            let configured = configured.rounded();
             (
                 "store",
                 format!(", told to the daemon; [mounting] says \"{configured}\""),

@@ -4,12 +4,12 @@ use std::time::{Duration, Instant};
 
 /// Lets through as many of what comes as a rate allows, evenly; everything without a rate. Pure: time comes in.
 #[derive(Debug, Default)]
-pub(super) struct Pace {
+pub(super) struct RateLimit {
     period: Option<Duration>,
     due: Option<Instant>,
 }
 
-impl Pace {
+impl RateLimit {
     /// At most so many a second.
     pub(super) fn new(rate_hz: Option<f64>) -> Self {
         Self {
@@ -41,7 +41,7 @@ mod tests {
     /// How many of ten seconds of readings go out, each some milliseconds late.
     fn admitted(rate_hz: Option<f64>, period_ms: u64, late_ms: impl Fn(u64) -> u64) -> usize {
         let begun = Instant::now();
-        let mut pace = Pace::new(rate_hz);
+        let mut pace = RateLimit::new(rate_hz);
         (0..10_000 / period_ms)
             .filter(|n| pace.admits(begun + Duration::from_millis(n * period_ms + late_ms(*n))))
             .count()
@@ -67,7 +67,7 @@ mod tests {
     #[test]
     fn after_a_hole_nothing_is_made_up_for() {
         let begun = Instant::now();
-        let mut pace = Pace::new(Some(10.0));
+        let mut pace = RateLimit::new(Some(10.0));
         let at = |ms| begun + Duration::from_millis(ms);
         let found = [0, 50, 100, 60_000, 60_020, 60_099, 60_100].map(|ms| pace.admits(at(ms)));
         assert_eq!(found, [true, false, true, true, false, false, true]);

@@ -11,11 +11,11 @@ use tokio::net::UnixStream;
 use tokio::time::timeout;
 
 /// An open connection.
-pub(super) struct Link {
+pub(super) struct Connection {
     stream: AsyncFd<StdStream>,
 }
 
-impl Link {
+impl Connection {
     pub(super) fn new(stream: UnixStream) -> io::Result<Self> {
         let stream = watched(stream.into_std()?, Interest::READABLE)?;
         Ok(Self { stream })

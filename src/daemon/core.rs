@@ -1,0 +1,258 @@
+//! The one task that hands events to the pipeline and carries out its actions.
+
+use std::time::Instant;
+
+use super::Daemon;
+use super::session::SourceState;
+use super::source_task::Events;
+use crate::calibration::outcome::{Outcome, Verdict};
+use crate::condition::{Condition, Report, Trouble};
+use crate::date;
+use crate::pipeline::{Action, Event};
+use crate::reading::Reading;
+use crate::sensor::SourceEvent;
+use crate::store::Made;
+use crate::wall_clock;
+
+impl Daemon {
+    /// Takes what the source has sent, `None` if it has failed; whether there was a reading in it.
+    pub(super) fn take(&mut self, events: Option<Events>) -> bool {
+        let mut fresh = false;
+        for event in events.unwrap_or_else(|| vec![SourceEvent::Broken(panicked())]) {
+            fresh |= matches!(event, SourceEvent::Reading(..));
+            self.take_event(event);
+        }
+        // The first one says that the source answers, or is waited for.
+        if !self.reload.is_busy() {
+            self.service.ready();
+        }
+        fresh
+    }
+
+    /// Tells the service manager what is due. `fresh`: there is a new reading.
+    pub(super) fn tick(&mut self, fresh: bool) {
+        let session = &self.session;
+        // A device that is silent without saying why hangs, and a new start may help. One that is known to be
+        // away is waited for, and a log may have holes.
+        let alive =
+            fresh || session.state == SourceState::Faulty || !session.config.source.is_live();
+        self.service.tick(self.inactivity.last_input(), alive);
+    }
+
+    fn take_event(&mut self, event: SourceEvent) {
+        match event {
+            SourceEvent::Reading(reading, taken) => self.read(reading, taken),
+            SourceEvent::NewStretch => {
+                if let Some(log) = &mut self.session.log_time {
+                    log.begin_stretch();
+                }
+                self.handle(Event::NewStretch);
+            }
+            SourceEvent::Fault(fault) => {
+                self.session.state = match &fault {
+                    Some(_) => SourceState::Faulty,
+                    None => SourceState::Good,
+                };
+                self.fault(fault);
+            }
+            SourceEvent::End(unusable) => {
+                self.session.state = SourceState::Over;
+                self.session.unusable = unusable;
+            }
+            SourceEvent::Broken(fault) => {
+                self.session.state = SourceState::Broken;
+                tracing::error!(
+                    "there are no readings any more: {}; see to the source and start again",
+                    fault.message
+                );
+                self.fault(Some(fault));
+            }
+        }
+    }
+
+    /// No input has arrived for a while.
+    pub(super) fn take_silence(&mut self) {
+        if self.session.listens() {
+            let (t_s, taken) = self.session.last;
+            let speed = self.session.config.source.pace();
+            self.handle(Event::Silence(t_s + taken.elapsed().as_secs_f64() * speed));
+        }
+    }
+
+    fn read(&mut self, reading: Reading, taken: Instant) {
+        let session = &mut self.session;
+        session.last = (reading.t_s, taken);
+        self.stats.readings += 1;
+        if let Some(recorder) = &mut session.recorder {
+            recorder.take(reading);
+        }
+        if let Some(log) = &mut session.log_time {
+            log.at(reading.t_s);
+        }
+        self.publisher.reading(&reading);
+        self.handle(Event::Reading(reading));
+    }
+
+    /// Puts a calibration first in the history; its number.
+    pub(super) fn keep(&mut self, made: Made) -> u64 {
+        let store = &mut self.session.store;
+        let most = store.most();
+        let history = store.history_mut();
+        history.keep(made, most);
+        history.last_number
+    }
+
+    fn fault(&mut self, fault: Option<Trouble>) {
+        self.stats.faults += u64::from(fault.is_some());
+        self.handle(Event::Fault(fault));
+    }
+
+    /// Hands an event to the pipeline, and carries out what it wants done.
+    pub(super) fn handle(&mut self, event: Event) {
+        let mut actions = std::mem::take(&mut self.actions);
+        self.session.pipeline.handle(event, &mut actions);
+        for action in actions.drain(..) {
+            self.carry_out(action);
+        }
+        self.actions = actions;
+    }
+
+    fn carry_out(&mut self, action: Action) {
+        let session = &mut self.session;
+        match action {
+            Action::Publish(mut heading) => {
+                let taken = session.last.1;
+                let time = match &mut session.log_time {
+                    Some(log) => log.at(heading.t_s),
+                    None => wall_clock::at(taken),
+                };
+                heading.declination_deg = session.true_north.declination_deg(time);
+                if let Some(news) = session.true_north.news() {
+                    tracing::warn!("{news}");
+                }
+                let time = time.map(date::rfc3339);
+                session.heading_deg = heading.magnetic_deg();
+                self.stats.headings += u64::from(heading.fused_deg.is_some());
+                self.service.heading(heading.fused_deg);
+                self.publisher.heading(heading, taken, time);
+            }
+            Action::Report(report) => {
+                self.service.state(&report);
+                self.publisher.state(&report);
+                self.log_report(report);
+            }
+            Action::Turned(turn) => {
+                self.stats.turns += 1;
+                tracing::info!(
+                    from_s = rounded(turn.start_s),
+                    to_s = rounded(turn.end_s),
+                    from_vertical_deg = turn.from_vertical_deg.map(rounded),
+                    "the board has made a full turn"
+                );
+            }
+            Action::Calibrate(request) => session.calibrator.start(*request),
+            Action::Conclude(outcome) => {
+                log_outcome(&outcome);
+                self.publisher.calibration(&outcome);
+                match outcome.verdict {
+                    Verdict::Accepted => self.stats.accepted += 1,
+                    Verdict::Rejected => self.stats.refused += 1,
+                    Verdict::Kept => {}
+                }
+                if let (Verdict::Accepted, Some(calibration)) =
+                    (outcome.verdict, outcome.calibration)
+                {
+                    let reason = session.pipeline.reason();
+                    let now = wall_clock::unix_now_s();
+                    let made = Made::of(&outcome, calibration, reason, now);
+                    self.keep(made);
+                    self.session.store.save(Box::new(|_| ()));
+                }
+            }
+        }
+    }
+
+    /// One line a change; the progress of a turn is none.
+    fn log_report(&mut self, report: Report) {
+        let last = self.reported.replace(report);
+        let Some(report) = &self.reported else {
+            return;
+        };
+        if last
+            .is_some_and(|last| (last.condition, last.reason) == (report.condition, report.reason))
+        {
+            return;
+        }
+        let (word, reason) = (report.condition.word(), report.reason);
+        // Before the first reading the source has no time.
+        let t_s = Some(rounded(report.t_s)).filter(|t_s| t_s.is_finite());
+        let worth_a_look = matches!(
+            report.condition,
+            Condition::Stale | Condition::Fault | Condition::Disturbed
+        ) || reason.starts_with("gyro_");
+        if worth_a_look {
+            tracing::warn!(reason, t_s, "{word}: {}", report.message);
+        } else {
+            tracing::info!(reason, t_s, "{word}: {}", report.message);
+        }
+    }
+
+    /// One line with all that is worth knowing.
+    pub(super) fn log_summary(&self) {
+        let Self {
+            publisher,
+            stats,
+            reported,
+            session,
+            ..
+        } = self;
+        let calibration = session.pipeline.calibration();
+        let mode = calibration.map(|calibration| calibration.parameters.mode().word());
+        let (word, reason) = reported
+            .as_ref()
+            .map_or(("starting", "starting"), |report| {
+                (report.condition.word(), report.reason)
+            });
+        tracing::info!(
+            reason,
+            calibration = mode.unwrap_or("none"),
+            readings = stats.readings,
+            headings = self.stats.headings,
+            turns = stats.turns,
+            calibrations_accepted = stats.accepted,
+            calibrations_refused = stats.refused,
+            values_dropped = session.pipeline.dropped(),
+            faults = stats.faults,
+            clients = publisher.clients(),
+            uptime_s = stats.begun.elapsed().as_secs(),
+            "summary: {word}"
+        );
+    }
+}
+
+fn panicked() -> Trouble {
+    Trouble {
+        code: "internal",
+        message: "the thread of the source panicked".to_owned(),
+    }
+}
+
+/// To three decimal places: no line in the log needs more.
+fn rounded(value: f64) -> f64 {
+    (1e3 * value).round() / 1e3
+}
+
+fn log_outcome(outcome: &Outcome) {
+    let (reason, message) = (outcome.reason, &outcome.message);
+    match outcome.verdict {
+        Verdict::Accepted => tracing::info!(
+            reason,
+            heading_sd_deg = outcome.heading_sd_deg.map(rounded),
+            gyro_rms_deg = outcome.gyro_rms_deg.map(rounded),
+            residual_mgauss = outcome.residual_mgauss.map(rounded),
+            "calibration accepted: {message}"
+        ),
+        Verdict::Kept => tracing::info!(reason, "calibration in force kept: {message}"),
+        Verdict::Rejected => tracing::warn!(reason, "calibration rejected: {message}"),
+    }
+}

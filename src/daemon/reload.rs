@@ -1,0 +1,173 @@
+//! A reload: the next session is opened on a thread of its own while the present one goes on, and takes its place when it
+//! is ready.
+
+use std::sync::Weak;
+
+use tokio::sync::oneshot;
+
+use super::session::Session;
+use super::source_task::SourceTask;
+use super::store_writer::Disk;
+use super::thread::Thread;
+use super::{Daemon, DaemonError};
+use crate::config::Config;
+use crate::pipeline::Event;
+use crate::store::History;
+
+/// Reads the wanted configuration; may take its time.
+pub type LoadConfig = Box<dyn FnOnce() -> Result<Config, String> + Send>;
+
+/// The reload under way, and what follows it.
+#[derive(Default)]
+pub(super) struct Reload {
+    prepared: Option<oneshot::Receiver<Result<Prepared, String>>>,
+    next: Option<LoadConfig>,
+}
+
+/// What has become of a reload.
+pub(super) struct Prepared {
+    config: Config,
+    /// The keys that change.
+    keys: Vec<String>,
+    /// None if what runs is as wanted.
+    session: Option<Box<Session>>,
+    /// What was kept when the session was opened.
+    loaded: History,
+}
+
+impl Reload {
+    /// Whether one is under way.
+    pub(super) fn is_busy(&self) -> bool {
+        self.prepared.is_some()
+    }
+
+    /// Waits for the next session; for ever, if no reload is under way. Nothing is lost when the wait is given up.
+    pub(super) async fn prepared(&mut self) -> Result<Prepared, String> {
+        let Some(prepared) = &mut self.prepared else {
+            return std::future::pending().await;
+        };
+        let failed = |_| Err("the thread of the reload panicked".to_owned());
+        let prepared = prepared.await.unwrap_or_else(failed);
+        self.prepared = None;
+        prepared
+    }
+}
+
+impl Daemon {
+    /// Begins a reload, or has it follow the one under way: the last that is wanted counts.
+    pub(super) fn begin_reload(&mut self, load: LoadConfig) {
+        if self.reload.is_busy() {
+            self.reload.next = Some(load);
+            return;
+        }
+        self.service.reloading();
+        let session = &self.session;
+        let (config, disk) = (session.config.clone(), session.store.disk());
+        let loaded = session.store.history().clone();
+        let (sender, prepared) = oneshot::channel();
+        let work = move || {
+            // If nobody waits any more, the daemon is about to end.
+            let _ = sender.send(prepare(load, &config, &disk, loaded));
+        };
+        self.reload.prepared = Some(prepared);
+        if let Err(error) = Thread::start("reload", work) {
+            tracing::error!("{error}");
+        }
+    }
+
+    /// Goes on with the next session, or as before if it cannot be had. What stands in the way is logged.
+    ///
+    /// # Errors
+    ///
+    /// The system gives no thread.
+    pub(super) async fn end_reload(
+        &mut self,
+        prepared: Result<Prepared, String>,
+    ) -> Result<(), DaemonError> {
+        match prepared {
+            Err(message) => {
+                tracing::error!("not reloaded, all goes on as before: {message}");
+                self.service.ready();
+            }
+            Ok(Prepared {
+                config,
+                keys,
+                session: None,
+                ..
+            }) => {
+                match &keys[..] {
+                    [] => tracing::info!("reloaded: nothing has changed"),
+                    keys => {
+                        tracing::info!("reloaded: {}; headings go on as before", keys.join(", "));
+                    }
+                }
+                self.session.config = config;
+                self.service.ready();
+            }
+            Ok(Prepared {
+                keys,
+                session: Some(mut session),
+                loaded,
+                ..
+            }) => {
+                // Both may have the same device.
+                self.session.source.stop().await;
+                session.take_over(&self.session, &loaded);
+                let last = std::mem::replace(&mut self.session, *session);
+                self.closing.spawn(last.close());
+                self.start_session()?;
+                tracing::info!("reloaded: {}", keys.join(", "));
+            }
+        }
+        if let Some(next) = self.reload.next.take() {
+            self.begin_reload(next);
+        }
+        Ok(())
+    }
+
+    /// Starts the source, and tells clients of it.
+    ///
+    /// # Errors
+    ///
+    /// The system gives no thread.
+    pub(super) fn start_session(&mut self) -> Result<(), DaemonError> {
+        let session = &mut self.session;
+        self.publisher.board(&session.source.header);
+        session.start()?;
+        let mode = session.store.history().mode;
+        self.handle(Event::Policy(mode));
+        Ok(())
+    }
+}
+
+/// Opens the session that is wanted, as far as what runs is not as wanted.
+fn prepare(
+    load: LoadConfig,
+    running: &Config,
+    disk: &Weak<Disk>,
+    loaded: History,
+) -> Result<Prepared, String> {
+    let wanted = load()?;
+    let change = running.change(&wanted).map_err(|error| error.to_string())?;
+    if !change.at_start.is_empty() {
+        tracing::warn!(
+            "changes only with a restart: {}",
+            change.at_start.join(", ")
+        );
+    }
+    let config = change.config;
+    // The log has its new filter already.
+    let session = if change.now.iter().all(|key| key.starts_with("log.")) {
+        None
+    } else {
+        let opened = SourceTask::open(&config)
+            .and_then(|source| Session::open(source, config.clone(), disk));
+        Some(Box::new(opened.map_err(|error| error.to_string())?))
+    };
+    Ok(Prepared {
+        config,
+        keys: change.now,
+        session,
+        loaded,
+    })
+}

@@ -1,0 +1,162 @@
+//! What a reload replaces: source, pipeline, store, recording, and what is known of the source.
+
+use std::sync::Weak;
+use std::time::{Duration, Instant};
+
+use super::DaemonError;
+use super::calibrator::Calibrator;
+use super::recorder::Recorder;
+use super::source_task::SourceTask;
+use super::store_writer::{Disk, StoreWriter};
+use crate::config::Config;
+use crate::config::source::Kind;
+use crate::frame::Mounting;
+use crate::pipeline::Pipeline;
+use crate::recording::TimeOfDay;
+use crate::store::{History, Identity};
+use crate::true_north::TrueNorth;
+
+/// A sensor that a log does not name is kept under this name.
+const UNNAMED_SENSOR: &str = "unknown";
+
+/// What is still to be written is waited for this long: a stop takes less than a second.
+const DISK_PATIENCE: Duration = Duration::from_millis(600);
+
+/// Everything between the device and the clients, under one configuration.
+pub(super) struct Session {
+    pub(super) config: Config,
+    pub(super) source: SourceTask,
+    pub(super) pipeline: Pipeline,
+    pub(super) calibrator: Calibrator,
+    pub(super) store: StoreWriter,
+    pub(super) recorder: Option<Recorder>,
+    /// Of a log: else readings are of the time of day at which they are handed out.
+    pub(super) log_time: Option<TimeOfDay>,
+    pub(super) true_north: TrueNorth,
+    /// The last reading's time on the source's clock, and when it was handed out.
+    pub(super) last: (f64, Instant),
+    /// The magnetic heading published last with the board mounted as it is now, degrees.
+    pub(super) heading_deg: Option<f64>,
+    pub(super) state: SourceState,
+    /// Why most of the source could not be used, if so.
+    pub(super) unusable: Option<String>,
+}
+
+/// How the source does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SourceState {
+    /// It works, as far as is known.
+    Good,
+    /// It has a fault, and keeps trying.
+    Faulty,
+    /// It has failed for good.
+    Broken,
+    /// It has come to its end.
+    Over,
+}
+
+impl Session {
+    /// Loads what is kept of the source's sensor, and begins to record, if that is wanted. `running` writes
+    /// the calibrations of the session that this one will follow. Waits for the disk.
+    ///
+    /// # Errors
+    ///
+    /// Another process has the store, or the system gives no thread.
+    pub(super) fn open(
+        source: SourceTask,
+        config: Config,
+        running: &Weak<Disk>,
+    ) -> Result<Self, DaemonError> {
+        // A log and the simulated board say themselves how their chips are mounted.
+        let header = &source.header;
+        let sensor = header.sensor.as_deref().unwrap_or(UNNAMED_SENSOR);
+        let identity = Identity {
+            sensor: sensor.to_owned(),
+            mag_axes: header.mountings.mag,
+        };
+        let name = &source.name;
+        if config.source.is_live() {
+            tracing::info!("{sensor} from {name}");
+        } else {
+            let pace = config.source.pace();
+            tracing::info!("{sensor} from {name}, {pace} times real time");
+        }
+        let recorder = Recorder::ring(&config.record, header.clone())?;
+        let store = StoreWriter::open(&config.store, identity, running)?;
+        let is_log = config.source.kind == Some(Kind::Replay);
+        Ok(Self {
+            pipeline: pipeline(&config, &source, &store),
+            calibrator: Calibrator::default(),
+            log_time: is_log.then(|| TimeOfDay::new(header)),
+            true_north: TrueNorth::new(config.true_north),
+            last: (0.0, Instant::now()),
+            heading_deg: None,
+            state: SourceState::Good,
+            unusable: None,
+            config,
+            source,
+            store,
+            recorder,
+        })
+    }
+
+    /// Goes on from the calibrations of the session before, which had `loaded` when this one was opened.
+    pub(super) fn take_over(&mut self, last: &Self, loaded: &History) {
+        self.store.take_over(last.store.history(), loaded);
+        self.pipeline = pipeline(&self.config, &self.source, &self.store);
+    }
+
+    /// Starts the source, and logs how the board is mounted.
+    ///
+    /// # Errors
+    ///
+    /// The system gives no thread.
+    pub(super) fn start(&mut self) -> Result<(), DaemonError> {
+        let configured = self.config.mounting.board();
+        let history = self.store.history();
+        let board = history.board(&configured);
+        if board != Mounting::default() {
+            tracing::info!("the board is mounted \"{}\"", board.rounded());
+        }
+        let told = history.mounting.as_ref();
+        if told.is_some_and(|told| !told.holds(&configured)) {
+            tracing::warn!(
+                "[mounting] has changed: what headingd mounting told of the board before is not used any more"
+            );
+        }
+        self.source.start(self.config.source.pace())
+    }
+
+    /// Whether events of the source are taken. In accelerated time the fraction of a second that a calibration takes
+    /// would be half a minute of headings: there the readings wait for it.
+    pub(super) fn listens(&self) -> bool {
+        matches!(self.state, SourceState::Good | SourceState::Faulty)
+            && !(self.config.source.pace() > 1.0 && self.calibrator.is_busy())
+    }
+
+    /// Whether the source is at its end, and the last calibration on it has come back. A source that breaks is no end:
+    /// clients shall see what is wrong.
+    pub(super) fn is_over(&self) -> bool {
+        self.state == SourceState::Over && !self.calibrator.is_busy()
+    }
+
+    /// Stops the source, and waits until everything that was to be kept is on disk, up to a deadline.
+    pub(super) async fn close(mut self) {
+        self.source.stop().await;
+        let recorded = async {
+            if let Some(recorder) = self.recorder {
+                recorder.close(DISK_PATIENCE).await;
+            }
+        };
+        tokio::join!(self.store.close(DISK_PATIENCE), recorded);
+    }
+}
+
+fn pipeline(config: &Config, source: &SourceTask, store: &StoreWriter) -> Pipeline {
+    let history = store.history();
+    let calibration = history.in_force().map(|entry| entry.made.calibration);
+    let mountings = &source.header.mountings;
+    let mut setup = config.setup(mountings);
+    setup.mountings = mountings.on(&history.board(&config.mounting.board()));
+    Pipeline::new(setup, calibration)
+}

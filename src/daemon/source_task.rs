@@ -1,0 +1,393 @@
+//! The source on a thread of its own: real chips and boards, or readings of a log or a simulated board, each at its time.
+
+use std::future::pending;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use tokio::sync::mpsc;
+use tokio::sync::mpsc::error::TrySendError;
+
+use super::DaemonError;
+use super::thread::Thread;
+use crate::condition::Trouble;
+use crate::config::Config;
+use crate::config::source::Kind;
+use crate::reading::Reading;
+use crate::recording::Header;
+use crate::sensor::SourceEvent;
+use crate::sensor::bus::LinuxBus;
+use crate::sensor::clock::{Clock, SystemClock};
+use crate::sensor::i2c::{self, Chips};
+use crate::sensor::replay::{Replay, ReplayError};
+use crate::sensor::serial::Bridge;
+use crate::sensor::simulator::Simulator;
+
+/// How many messages wait for the pipeline; then the source waits.
+const WAITING_MESSAGES: usize = 64;
+
+/// A source that hangs in a read is waited for this long, and then left to the end of the process.
+const PATIENCE: Duration = Duration::from_millis(200);
+
+/// Readings of the magnetometer are handed on this much apart, seconds, or two at once. Up to 40 Hz none waits; at 50 Hz
+/// every second one does, for 20 ms, and the daemon costs a quarter less (tests/board/cost).
+const APART_S: f64 = 0.0225;
+
+/// The gyro's readings wait this long for one of the magnetometer, seconds. A heading goes out with that one alone,
+/// so nothing is later for it.
+const WAITING_S: f64 = 0.05;
+
+/// Room for what comes together at the usual rates.
+const TOGETHER: usize = 8;
+
+/// Events in order. Each message wakes the daemon.
+pub(super) type Events = Vec<SourceEvent>;
+
+/// A source that is open, and from its start to its stop at work.
+pub(super) struct SourceTask {
+    /// As clients see it.
+    pub(super) name: String,
+    /// What the board says of itself.
+    pub(super) header: Header,
+    /// Speed of its line in bits a second, if it has one.
+    pub(super) bps: Option<u32>,
+    opened: Option<Source>,
+    running: Option<RunningSource>,
+}
+
+/// Where readings come from.
+enum Source {
+    Simulator(Box<Simulator>),
+    Replay(Box<Replay>),
+    I2c(i2c::Settings),
+    Serial(Box<Bridge>),
+}
+
+struct RunningSource {
+    events: mpsc::Receiver<Events>,
+    stop: Arc<AtomicBool>,
+    thread: Thread,
+}
+
+impl SourceTask {
+    /// Opens a log, or makes a simulated board. Chips and boards that are missing now may come yet.
+    ///
+    /// # Errors
+    ///
+    /// There is no source, or the log or the simulated board cannot be used.
+    pub(super) fn open(config: &Config) -> Result<Self, DaemonError> {
+        let mut header = Header::default();
+        let mut bps = None;
+        let (name, source) = match config.source.kind.ok_or(DaemonError::NoSource)? {
+            Kind::Simulator => {
+                let simulator =
+                    Simulator::new(config.simulator.clone()).map_err(DaemonError::Simulator)?;
+                header = simulator.header();
+                let source = Source::Simulator(Box::new(simulator));
+                ("simulator".to_owned(), source)
+            }
+            Kind::Replay => {
+                let replay = Replay::open(&config.source.log)?;
+                header = replay.header().clone();
+                let name = config.source.log.display().to_string();
+                (name, Source::Replay(Box::new(replay)))
+            }
+            Kind::I2c => {
+                header.sensor = Some(config.i2c.sensor().to_owned());
+                header.mountings = config.i2c.mountings(&config.mounting.chips());
+                let name = config.i2c.path().display().to_string();
+                (name, Source::I2c(config.i2c.clone()))
+            }
+            Kind::Serial => {
+                header.sensor = Some(config.serial.chip.name().to_owned());
+                header.mountings = config.mounting.chips();
+                bps = Some(config.serial.baud);
+                let bridge = Bridge::new(&config.serial, config.mounting.chips());
+                let name = config.serial.port.display().to_string();
+                (name, Source::Serial(Box::new(bridge)))
+            }
+        };
+        Ok(Self {
+            name,
+            header,
+            bps,
+            opened: Some(source),
+            running: None,
+        })
+    }
+
+    /// Starts to send events; logs and simulations go `speed` times as fast as real time.
+    ///
+    /// # Errors
+    ///
+    /// The system gives no thread.
+    pub(super) fn start(&mut self, speed: f64) -> Result<(), DaemonError> {
+        let Some(source) = self.opened.take() else {
+            return Ok(());
+        };
+        let (sender, events) = mpsc::channel(WAITING_MESSAGES);
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = stop.clone();
+        let thread = Thread::start("source", move || run(source, speed, sender, stopped))?;
+        self.running = Some(RunningSource {
+            events,
+            stop,
+            thread,
+        });
+        Ok(())
+    }
+
+    /// Waits for the next events; `None` if the source has failed. Nothing is lost when the wait is given up.
+    pub(super) async fn next(&mut self) -> Option<Events> {
+        match &mut self.running {
+            Some(running) => running.events.recv().await,
+            None => pending().await,
+        }
+    }
+
+    /// One that sends what the test does, and has no thread.
+    #[cfg(test)]
+    pub(super) fn fed(name: &str) -> (mpsc::Sender<Events>, Self) {
+        let (sender, events) = mpsc::channel(WAITING_MESSAGES);
+        let running = RunningSource {
+            events,
+            stop: Arc::default(),
+            thread: Thread::start("test", || ()).unwrap(),
+        };
+        let task = Self {
+            name: name.to_owned(),
+            header: Header::default(),
+            bps: None,
+            opened: None,
+            running: Some(running),
+        };
+        (sender, task)
+    }
+
+    /// Stops it. One that hangs is left behind.
+    pub(super) async fn stop(&mut self) {
+        if let Some(running) = self.running.take() {
+            running.stop.store(true, Ordering::Relaxed);
+            // The thread may be waiting for room.
+            drop(running.events);
+            running.thread.end(PATIENCE).await;
+        }
+    }
+}
+
+/// Sends all that the source has to say, until it is told to stop, or nobody listens any more.
+fn run(source: Source, speed: f64, sender: mpsc::Sender<Events>, stop: Arc<AtomicBool>) {
+    let mut clock = SystemClock::new(stop.clone());
+    let mut at_once = |event| send(&sender, vec![event]);
+    match source {
+        Source::Simulator(mut simulator) => {
+            let next = || simulator.next().map(|entry| Ok((entry.reading, false)));
+            if let Some(end) = play(next, speed, &mut clock, &mut at_once) {
+                at_once(end);
+            }
+        }
+        Source::Replay(replay) => replay_log(*replay, speed, &mut clock, &mut at_once),
+        Source::I2c(settings) => {
+            let mut batch = Batch::default();
+            let mut bus = LinuxBus::new(settings.bus);
+            let mut in_batches = |event| match batch.take(event) {
+                Some(events) => send(&sender, events),
+                None => true,
+            };
+            Chips::new(&settings).run(&mut bus, &mut clock, &mut in_batches);
+        }
+        Source::Serial(bridge) => bridge.run(&stop, &mut at_once),
+    }
+}
+
+/// Whether anybody still listens. To wait for room takes far more code than to see that there is some.
+fn send(out: &mpsc::Sender<Events>, events: Events) -> bool {
+    match out.try_send(events) {
+        Err(TrySendError::Full(events)) => out.blocking_send(events).is_ok(),
+        sent => sent.is_ok(),
+    }
+}
+
+/// Plays a log, and logs which of its rows are skipped.
+fn replay_log(
+    mut replay: Replay,
+    speed: f64,
+    clock: &mut SystemClock,
+    out: &mut dyn FnMut(SourceEvent) -> bool,
+) {
+    let mut told = false;
+    let next = || {
+        let entry = replay.next();
+        if !told && let Some(first) = replay.skips().first() {
+            tracing::warn!("skipping rows that cannot be used; the first: {first}");
+            told = true;
+        }
+        Some(entry?.map(|entry| (entry.reading, replay.begins_stretch())))
+    };
+    let end = play(next, speed, clock, out);
+    let skips = replay.skips();
+    if let Some(first) = skips.first() {
+        let count = skips.count();
+        tracing::warn!("skipped rows that cannot be used: {count} in all; the first: {first}");
+    }
+    match end {
+        None => {}
+        Some(SourceEvent::End(_)) => {
+            let unusable = skips.are_most().then(|| skips.summary()).flatten();
+            out(SourceEvent::End(unusable));
+        }
+        Some(broken) => {
+            out(broken);
+        }
+    }
+}
+
+/// Hands out readings, each at its time and with whether it begins a new stretch. The event that ends them; `None` if
+/// nobody wants any more.
+fn play(
+    mut next: impl FnMut() -> Option<Result<(Reading, bool), ReplayError>>,
+    speed: f64,
+    clock: &mut SystemClock,
+    out: &mut dyn FnMut(SourceEvent) -> bool,
+) -> Option<SourceEvent> {
+    let mut origin = None;
+    loop {
+        let (reading, new_stretch) = match next() {
+            None => return Some(SourceEvent::End(None)),
+            Some(Ok(entry)) => entry,
+            Some(Err(error)) => {
+                return Some(SourceEvent::Broken(Trouble {
+                    code: "log",
+                    message: error.to_string(),
+                }));
+            }
+        };
+        if new_stretch {
+            tracing::warn!(
+                t_s = reading.t_s,
+                "the time of the log jumps: what was known of the board's motion is over"
+            );
+            // What lies between the two was never recorded, and is not waited for.
+            origin = None;
+            if !out(SourceEvent::NewStretch) {
+                return None;
+            }
+        }
+        let (begun_s, first_s) = *origin.get_or_insert_with(|| (clock.now_s(), reading.t_s));
+        // Each due time is counted from the first, so that sleeping too long never adds up.
+        if !clock.wait_until(begun_s + (reading.t_s - first_s) / speed)
+            || !out(SourceEvent::Reading(reading, Instant::now()))
+        {
+            return None;
+        }
+    }
+}
+
+/// Readings of chips that go out as one message.
+#[derive(Default)]
+struct Batch {
+    events: Events,
+    /// Time of the newest reading with a field that was handed on.
+    handed_on_s: Option<f64>,
+    /// Times of the oldest reading that waits, and of the newest of a field.
+    oldest_s: Option<f64>,
+    field_s: Option<f64>,
+}
+
+impl Batch {
+    /// Takes an event; all that wait, if it is time to hand them on.
+    fn take(&mut self, event: SourceEvent) -> Option<Events> {
+        let due = match &event {
+            SourceEvent::Reading(reading, _) => {
+                let oldest_s = *self.oldest_s.get_or_insert(reading.t_s);
+                let apart = |handed_on_s| reading.t_s - handed_on_s >= APART_S;
+                let has_field = reading.field_mgauss.is_some();
+                if has_field {
+                    self.field_s = Some(reading.t_s);
+                }
+                reading.t_s - oldest_s >= WAITING_S
+                    || has_field && self.handed_on_s.is_none_or(apart)
+            }
+            _ => true,
+        };
+        self.events.push(event);
+        if !due {
+            return None;
+        }
+        self.oldest_s = None;
+        self.handed_on_s = self.field_s.or(self.handed_on_s);
+        let empty = Vec::with_capacity(TOGETHER);
+        Some(std::mem::replace(&mut self.events, empty))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+
+    /// Plays ten seconds of a gyro at 100 Hz, and of a magnetometer if there is one: how often the daemon is woken, and
+    /// how long the reading of a field waits at most.
+    fn play(mag_hz: Option<f64>) -> (usize, f64) {
+        let motion = |t_s| Reading {
+            t_s,
+            rate_rad_s: Some(Vector3::zeros()),
+            ..Reading::default()
+        };
+        let field = |t_s| Reading {
+            t_s,
+            field_mgauss: Some([Some(1.0); 3]),
+            ..Reading::default()
+        };
+        let mut all: Vec<Reading> = (0..1000).map(|i| motion(f64::from(i) / 100.0)).collect();
+        if let Some(hz) = mag_hz {
+            // The chip's clock is not ours.
+            all.extend((0..(10.0 * hz) as u32).map(|i| field(0.003 + 1.004 * f64::from(i) / hz)));
+        }
+        all.sort_by(|a, b| a.t_s.total_cmp(&b.t_s));
+        let (mut batch, mut woken, mut longest_s) = (Batch::default(), 0, 0.0f64);
+        let mut handed_on = 0;
+        for reading in &all {
+            let event = SourceEvent::Reading(*reading, Instant::now());
+            let Some(events) = batch.take(event) else {
+                continue;
+            };
+            woken += 1;
+            for event in &events {
+                let SourceEvent::Reading(one, _) = event else {
+                    panic!("{event:?}");
+                };
+                assert_eq!(one, &all[handed_on]);
+                handed_on += 1;
+                if one.field_mgauss.is_some() {
+                    longest_s = longest_s.max(reading.t_s - one.t_s);
+                }
+            }
+        }
+        assert!(all.len() - handed_on <= 6);
+        (woken, longest_s)
+    }
+
+    #[test]
+    fn up_to_40_hz_no_field_waits_and_above_it_two_go_together() {
+        for (hz, most_woken, longest_s) in [
+            (10.0, 201, 0.0),
+            (30.0, 300, 0.0),
+            (40.0, 400, 0.0),
+            (50.0, 250, 0.0205),
+            (75.0, 376, 0.0136),
+        ] {
+            let (woken, waited_s) = play(Some(hz));
+            assert!(woken <= most_woken, "{hz} Hz: woken {woken} times");
+            assert!(waited_s <= longest_s, "{hz} Hz: waits {waited_s} s");
+        }
+    }
+
+    #[test]
+    fn without_a_magnetometer_the_gyro_is_heard_all_the_same() {
+        let (woken, _) = play(None);
+        // Six or seven at once.
+        assert!((142..=167).contains(&woken), "{woken}");
+    }
+}

@@ -1,0 +1,174 @@
+//! A whole log looked through once, for one calibration of all that is in it.
+
+use nalgebra::Vector3;
+
+use super::{Action, Event, Pipeline, Setup};
+use crate::attitude::Attitude;
+use crate::calibration::outcome::Outcome;
+use crate::calibration::settings::{ModeChoice, WindowChoice};
+use crate::calibration::thinning::Thinned;
+use crate::calibration::{CompletedTurn, FieldSample, Request};
+use crate::outliers::Outliers;
+use crate::reading::{Field, Reading};
+use crate::turn::{Turn, TurnDetector};
+
+/// Faster than this is rotation, rad/s: a hand that holds still stays below 5 degrees a second.
+const ROTATING_RAD_S: f64 = 0.087;
+
+/// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
+const STRETCHES_APART_S: f64 = 10.0;
+
+/// Finds the samples, the turns and the rotation of a log.
+pub struct Survey {
+    setup: Setup,
+    /// The chip axes of the plane, if it is named.
+    plane: Option<[usize; 2]>,
+    outliers: Outliers,
+    attitude: Attitude,
+    detector: TurnDetector,
+    samples: Thinned,
+    turns: Vec<Turn>,
+    /// When the first rotation began and the last one ended, seconds.
+    rotation_s: Option<(f64, f64)>,
+    has_gyro: bool,
+    /// What the daemon would have made of the log, as long as no full turn is found, where motion may calibrate.
+    motion: Option<Pipeline>,
+    /// Of that, which nobody carries out.
+    actions: Vec<Action>,
+    last_s: f64,
+    later_s: f64,
+}
+
+/// What a log allows.
+#[derive(Debug)]
+pub enum Surveyed {
+    /// A calibration on turns, on rotation, or on all samples.
+    Request(Box<Request>),
+    /// The motion in it has taught enough.
+    Learnt(Box<Outcome>),
+    /// None: there are no gyro readings, and nothing else tells the plane.
+    NoPlane,
+}
+
+impl Survey {
+    /// A survey of a log for a calibration with these settings; `plane` are the chip axes of the plane, if it is named.
+    pub fn new(setup: Setup, plane: Option<[usize; 2]>) -> Self {
+        let motion_counts = plane.is_none() && setup.calibration.window != WindowChoice::All;
+        Self {
+            outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
+            attitude: Attitude::new(&setup.attitude, &setup.mountings),
+            detector: TurnDetector::new(&setup.turn),
+            motion: motion_counts.then(|| Pipeline::new(setup.clone(), None)),
+            setup,
+            plane,
+            samples: Thinned::default(),
+            turns: Vec::new(),
+            rotation_s: None,
+            has_gyro: false,
+            actions: Vec::new(),
+            last_s: 0.0,
+            later_s: 0.0,
+        }
+    }
+
+    /// Takes the next reading. `new_stretch`: its time has nothing to do with those before.
+    pub fn take(&mut self, reading: &Reading, new_stretch: bool) {
+        let mut reading = self.outliers.filter(reading);
+        if new_stretch {
+            // Samples are found by their times: a stretch comes after a hole, wherever its own clock began.
+            self.later_s = self.last_s + STRETCHES_APART_S - reading.t_s;
+            if let Some(pipeline) = &mut self.motion {
+                pipeline.handle(Event::NewStretch, &mut self.actions);
+            }
+        }
+        reading.t_s += self.later_s;
+        self.last_s = reading.t_s;
+        self.has_gyro |= reading.rate_rad_s.is_some();
+        let (turns, detector, rotation_s) =
+            (&mut self.turns, &mut self.detector, &mut self.rotation_s);
+        self.attitude.take(&reading, |tick| {
+            turns.extend(detector.tick(tick));
+            if tick.rate_rad_s.norm() > ROTATING_RAD_S {
+                let (first, _) = rotation_s.unwrap_or((tick.t_s, tick.t_s));
+                *rotation_s = Some((first, tick.t_s));
+            }
+        });
+        if !self.turns.is_empty() {
+            self.motion = None;
+        }
+        if let Some(pipeline) = &mut self.motion {
+            pipeline.handle(Event::Reading(reading), &mut self.actions);
+            self.actions.clear();
+        }
+        let field = reading
+            .field_mgauss
+            .and_then(|field| needed(&field, self.plane));
+        if let Some(field_mgauss) = field {
+            let sample = FieldSample {
+                t_s: reading.t_s,
+                field_mgauss,
+                pose: self.attitude.pose_at(reading.t_s),
+            };
+            let open_s = self.setup.turn.time_limit_s;
+            self.samples.push(sample, &self.turns, open_s);
+        }
+    }
+
+    /// How many samples are used, if the log is so long that these are not all.
+    pub fn thinned_to(&self) -> Option<usize> {
+        self.samples.is_thinned().then(|| self.samples.len())
+    }
+
+    /// What the log allows.
+    pub fn conclude(self) -> Surveyed {
+        let settings = self.setup.calibration;
+        let needs_gyro = self.plane.is_none() && settings.mode != ModeChoice::Spatial;
+        // Of a log this short it does not matter what it lacks besides.
+        if needs_gyro && !self.has_gyro && self.samples.len() > 2 {
+            return Surveyed::NoPlane;
+        }
+        if let Some(mut outcome) = self.motion.as_ref().and_then(Pipeline::learnt_by_motion) {
+            outcome.samples.total = self.samples.len();
+            return Surveyed::Learnt(Box::new(outcome));
+        }
+        let samples = self.samples.into_samples();
+        let index = |t_s: f64| samples.partition_point(|sample| sample.t_s < t_s);
+        let moving = match self.rotation_s {
+            Some((first, last)) => index(first)..index(last),
+            None => 0..samples.len(),
+        };
+        let turns = match self.plane {
+            Some(_) => &[],
+            None => self.turns.as_slice(),
+        };
+        let turns = turns.iter().map(|turn| CompletedTurn {
+            samples: index(turn.start_s)..index(turn.end_s),
+            axis_body: turn.axis_body,
+        });
+        Surveyed::Request(Box::new(Request {
+            moving,
+            turns: turns.collect(),
+            samples,
+            plane: self
+                .plane
+                .map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0))),
+            mounting: self.setup.mountings.mag,
+            settings,
+            limits: self.setup.verdict,
+        }))
+    }
+}
+
+/// The field, if the axes that are needed did not overflow. The third axis of a named plane is not looked at, and is 0.
+fn needed(field: &Field, plane: Option<[usize; 2]>) -> Option<Vector3<f64>> {
+    let mut vector = Vector3::zeros();
+    for axis in 0..3 {
+        let looked_at = plane.is_none_or(|axes| axes.contains(&axis));
+        match field[axis] {
+            Some(value) if looked_at => vector[axis] = value,
+            None if looked_at => return None,
+            _ => {}
+        }
+    }
+    Some(vector)
+}

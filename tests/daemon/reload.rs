@@ -1,0 +1,146 @@
+//! A reload that takes long: the log to replay is a pipe by then, and nothing comes out of it before the test says so.
+
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::Command;
+
+use headingd::recording::Writer;
+use headingd::sensor::simulator::{Settings, Simulator};
+use serde_json::Value;
+
+use crate::control::link::Link;
+use crate::rig::{Client, Process, Rig, until};
+
+/// A log of a simulated board that makes these turns.
+fn log(turns: f64) -> Vec<u8> {
+    let settings = Settings {
+        turns,
+        ..Settings::default()
+    };
+    let simulator = Simulator::new(settings).unwrap();
+    let mut writer = Writer::new(Vec::new(), &simulator.header()).unwrap();
+    for entry in simulator {
+        writer.write(&entry).unwrap();
+    }
+    writer.into_inner().unwrap()
+}
+
+/// A daemon that plays a log, and is in the midst of a reload that waits for the header of the next.
+struct Reloading {
+    rig: Rig,
+    process: Process,
+    client: Client,
+    pipe: File,
+    log: PathBuf,
+}
+
+fn seq(att: &Value) -> u64 {
+    att["seq"].as_u64().unwrap()
+}
+
+fn reloading() -> Reloading {
+    let rig = Rig::new(1.0, "");
+    let log = rig.path("log.csv");
+    // It lasts longer than a test may.
+    fs::write(&log, self::log(10.0)).unwrap();
+    let more = format!("kind = \"replay\"\nlog = {log:?}\n");
+    rig.configure(1.0, &rig.path("store"), &more);
+    let (process, mut client) = rig.watched();
+    client.find("ATT", |att| seq(att) > 20);
+
+    let fifo = rig.path("fifo");
+    let made = Command::new("mkfifo").arg(&fifo).status();
+    assert!(made.unwrap().success());
+    // Open for both, so that neither end waits for the other.
+    let pipe = File::options().read(true).write(true).open(&fifo).unwrap();
+    fs::rename(&fifo, &log).unwrap();
+    rig.configure(2.0, &rig.path("store"), &more);
+    process.signal("HUP");
+    until("the daemon to open the pipe", || {
+        let files = fs::read_dir(format!("/proc/{}/fd", process.id())).unwrap();
+        files
+            .filter_map(|file| fs::read_link(file.ok()?.path()).ok())
+            .any(|file| file == log)
+    });
+    Reloading {
+        rig,
+        process,
+        client,
+        pipe,
+        log,
+    }
+}
+
+#[test]
+fn clients_are_served_while_a_reload_waits_for_its_source() {
+    let Reloading {
+        rig,
+        mut process,
+        mut client,
+        mut pipe,
+        log,
+    } = reloading();
+    // Headings go on, more of them than had been sent before the reload began.
+    let first = seq(&client.find("ATT", |_| true));
+    client.find("ATT", |att| seq(att) > first + 200);
+    // So do whoever comes now, and the control socket.
+    rig.client().find("ATT", |att| seq(att) > first + 200);
+    let status = Link::new(&rig).told("status");
+    assert_eq!(status["source"], log.to_str().unwrap());
+    assert!(!process.said().contains("reloaded"), "{}", process.said());
+
+    pipe.write_all(&self::log(0.1)).unwrap();
+    let last = seq(&client.find("ATT", |_| true));
+    client.find("ATT", |att| seq(att) < last.min(20));
+    let said = process.said();
+    assert!(said.contains("reloaded: source.speed"), "{said}");
+
+    // By now the source waits for the rest of the pipe, and does not end by itself.
+    fs::remove_file(&log).unwrap();
+    fs::write(&log, self::log(10.0)).unwrap();
+    let more = format!("kind = \"replay\"\nlog = {log:?}\n");
+    rig.configure(1.0, &rig.path("store"), &more);
+    process.signal("HUP");
+    client.find("ATT", |att| seq(att) > 200);
+    let said = process.said();
+    assert_eq!(said.matches("reloaded: ").count(), 2, "{said}");
+    process.signal("TERM");
+    assert!(process.wait().success(), "{}", process.said());
+}
+
+#[test]
+fn a_stop_does_not_wait_for_a_reload() {
+    let Reloading {
+        rig,
+        mut process,
+        pipe: _pipe,
+        ..
+    } = reloading();
+    process.signal("TERM");
+    assert!(process.wait().success(), "{}", process.said());
+    assert!(!rig.path("heading.sock").exists());
+}
+
+#[test]
+fn of_two_reloads_the_second_follows_the_first() {
+    let Reloading {
+        rig,
+        process,
+        mut client,
+        mut pipe,
+        log,
+    } = reloading();
+    fs::remove_file(&log).unwrap();
+    fs::write(&log, self::log(10.0)).unwrap();
+    let more = format!("kind = \"replay\"\nlog = {log:?}\n");
+    rig.configure(4.0, &rig.path("store"), &more);
+    process.signal("HUP");
+    // The signal has come before the answer to this.
+    Link::new(&rig).told("status");
+    pipe.write_all(&self::log(0.1)).unwrap();
+    until("both", || {
+        process.said().matches("reloaded: source.speed").count() == 2
+    });
+    client.find("ATT", |att| seq(att) > 200);
+}
