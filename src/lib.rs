@@ -1,5 +1,6 @@
 //! headingd turns a cheap three-axis magnetometer into a compass that calibrates itself.
 
+pub mod advice;
 pub mod alignment;
 pub mod attitude;
 pub mod calibration;
@@ -20,6 +21,7 @@ pub mod pipeline;
 pub mod publish;
 pub mod reading;
 pub mod recording;
+pub mod report;
 pub mod sensor;
 pub mod service;
 pub mod store;

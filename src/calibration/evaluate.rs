@@ -129,7 +129,9 @@ impl<const D: usize> Work<'_, D> {
                 gyro_check::dip_spread_deg(&sightings)
             },
         };
-        verdict::judge(&measures, &self.request.limits)?;
+        let judged = verdict::judge(&measures, &self.request.limits);
+        outcome.measures = Some(measures);
+        judged?;
 
         let against_gyro = match gyro {
             Some(gyro) => format!("agrees with the gyro within {:.1} degrees", gyro.rms_deg),

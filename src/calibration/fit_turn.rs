@@ -182,6 +182,8 @@ impl<const D: usize> Work<'_, D> {
             iterations: swarm.found.iterations,
             stop: swarm.found.stop.word(),
             fit_value: swarm.found.fit_value,
+            fitness: swarm.found.fitness.clone(),
+            windows: windows.clone(),
             bias_mgauss: swarm.found.position[..D].to_vec(),
             scale: swarm.found.position[D..].to_vec(),
         });

@@ -1,10 +1,12 @@
 //! The outcome of a calibration: the object that `calibrate --json` prints and class `CALIBRATION` carries.
 
+use std::ops::Range;
+
 use serde::Serialize;
 
 use super::model::{Calibration, Mode, Model, Parameters};
 use super::request::Request;
-use super::verdict::Refusal;
+use super::verdict::{Measures, Refusal};
 
 /// What became of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -67,6 +69,9 @@ pub struct Outcome {
     pub swarm: Option<SwarmReport>,
     /// How long each step took, if the caller keeps a clock.
     pub elapsed_us: Elapsed,
+    /// What was judged, where it came to that.
+    #[serde(skip)]
+    pub measures: Option<Measures>,
     /// The calibration to put in force, if accepted.
     #[serde(skip)]
     pub calibration: Option<Calibration>,
@@ -100,6 +105,7 @@ impl Outcome {
             window: None,
             swarm: None,
             elapsed_us: Elapsed::default(),
+            measures: None,
             calibration: None,
         }
     }
@@ -153,6 +159,7 @@ impl Outcome {
             window: None,
             swarm: None,
             elapsed_us: Elapsed::default(),
+            measures: None,
             calibration: Some(calibration),
         }
     }
@@ -193,6 +200,12 @@ pub struct SwarmReport {
     pub stop: &'static str,
     /// Equation 8 at the global best, milligauss².
     pub fit_value: f64,
+    /// The same after each iteration.
+    #[serde(skip)]
+    pub fitness: Vec<f64>,
+    /// The samples that it saw: RIST's windows.
+    #[serde(skip)]
+    pub windows: Vec<Range<usize>>,
     /// The global best's bias, milligauss.
     pub bias_mgauss: Vec<f64>,
     /// The global best's scale factors.

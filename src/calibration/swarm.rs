@@ -130,7 +130,7 @@ pub struct SwarmParams {
 }
 
 /// What a swarm found.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Found<const P: usize> {
     /// The global best.
     pub position: ParameterVector<P>,
@@ -140,6 +140,8 @@ pub struct Found<const P: usize> {
     pub iterations: usize,
     /// What stopped it.
     pub stop: Stop,
+    /// Equation 8 at the global best after each iteration, milligauss².
+    pub fitness: Vec<f64>,
 }
 
 struct Particle<const P: usize> {
@@ -168,6 +170,7 @@ pub fn search<const D: usize, const P: usize>(
         fit_value: f64::INFINITY,
         iterations: 0,
         stop: Stop::Iterations,
+        fitness: Vec::new(),
     };
     let mut swarm: Vec<Particle<P>> = (0..params.particles.max(1))
         .map(|index| {
@@ -197,6 +200,7 @@ pub fn search<const D: usize, const P: usize>(
                 }
             }
         }
+        global.fitness.push(global.fit_value);
         if let Some(stop) = watch.iterated(&global.position, global.fit_value) {
             return Found {
                 iterations: watch.iterations(),

@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use super::control::{connect, unreachable};
 use super::{Failure, config_file};
+use crate::config::Config;
 
 /// No message is longer, bytes: that of a board with all its remarks is the longest.
 const LONGEST: u64 = 1 << 20;
@@ -41,14 +42,21 @@ impl HeadingTarget {
     /// The configuration that was named cannot be used.
     pub fn sockets(&self) -> Result<DaemonSockets, Failure> {
         let config = match self.socket {
-            Some(_) => Default::default(),
+            Some(_) => Config::default(),
             None => config_file::load_for_client(self.config.as_deref())?,
         };
-        let headings = self.socket.clone().unwrap_or(config.socket.socket);
-        Ok(DaemonSockets {
-            control: config.control.path(&headings),
-            headings,
-        })
+        let headings = self.socket.as_ref().unwrap_or(&config.socket.socket);
+        Ok(DaemonSockets::beside(headings, &config))
+    }
+}
+
+impl DaemonSockets {
+    /// With the control socket where the configuration has it, or else beside that for headings.
+    pub fn beside(headings: &Path, config: &Config) -> Self {
+        Self {
+            headings: headings.to_owned(),
+            control: config.control.path(headings),
+        }
     }
 }
 

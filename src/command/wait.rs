@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use super::advice::next_step;
 use super::control::{ControlTarget, exchange};
 use super::headings::Headings;
 use super::progress::Progress;
 use super::{Failure, print};
+use crate::advice::next_step;
 
 /// States and verdicts alone.
 const WATCH: &str = r#"{"enable":true,"json":false,"state":true,"calibration":true}"#;

@@ -13,6 +13,7 @@ use crate::pipeline::Event;
 use crate::publish::control::{Answer, ControlCall, ControlRequest, ForgetRequest};
 use crate::store::history::{self, Refusal};
 use crate::store::{Contents, Entry, FormatError, History, Made};
+use crate::true_north::Field;
 use crate::wall_clock;
 
 /// What came of a request: an answer, and whether something is to be kept before it is given.
@@ -238,6 +239,8 @@ impl Daemon {
                 "calibration",
                 history.in_force().map(|entry| described(entry, history)),
             )
+            .with("reference", self.reference())
+            .with("active", self.active())
             .with("heading_socket", self.socket.display().to_string())
             .with("source", session.source.name.as_str())
             .with("sensor", history.identity.sensor.as_str())
@@ -258,6 +261,25 @@ impl Daemon {
             )
             .with("store", store(session.store.state()))
             .with("version", env!("CARGO_PKG_VERSION"))
+    }
+
+    /// What corrects the field now: motion may have taught more than what is kept.
+    fn active(&self) -> Option<Value> {
+        let calibration = self.session.pipeline.calibration()?;
+        Some(json!({
+            "mode": calibration.parameters.mode(),
+            "strength_mgauss": rounded(calibration.strength_mgauss),
+        }))
+    }
+
+    /// The earth's field where the board is, if that is configured.
+    fn reference(&self) -> Option<Value> {
+        let position = self.session.config.true_north.position()?;
+        let field = Field::new(&position, wall_clock::now()?).ok()?;
+        Some(json!({
+            "strength_mgauss": rounded(field.strength_mgauss.value),
+            "dip_deg": rounded(field.dip_deg.value),
+        }))
     }
 }
 

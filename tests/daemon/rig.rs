@@ -40,13 +40,19 @@ pub fn start(folder: &Path, arguments: &[&str]) -> Process {
 
 /// The same for a command that starts the program.
 pub fn spawn(folder: &Path, command: &mut Command) -> Process {
+    let stdout = fs::File::create(folder.join("stdout")).unwrap();
+    spawn_on(folder, command, stdout)
+}
+
+/// The same with another standard output.
+pub fn spawn_on(folder: &Path, command: &mut Command, stdout: fs::File) -> Process {
     let temporary = folder.join("tmp");
     fs::create_dir_all(&temporary).unwrap();
     let stderr = tempfile::Builder::new().tempfile_in(folder).unwrap();
     let child = command
         .env("TMPDIR", temporary)
         .env_remove("RUST_LOG")
-        .stdout(fs::File::create(folder.join("stdout")).unwrap())
+        .stdout(stdout)
         .stderr(stderr.reopen().unwrap())
         .spawn()
         .unwrap();

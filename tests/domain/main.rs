@@ -12,6 +12,7 @@ mod manual;
 mod paper;
 mod pipeline;
 mod replay;
+mod report;
 mod silence;
 mod store;
 mod true_north;

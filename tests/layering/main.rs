@@ -39,6 +39,7 @@ const ROOMS: &[Room] = &[
     room("reading", 0, &[]),
     // Told times of day; it asks no clock.
     room("date", 0, &[]),
+    room("advice", 0, &[]),
     room("true_north", 0, &["date"]),
     room("frame", 0, &[]),
     room("outliers", 0, &["reading"]),
@@ -67,6 +68,8 @@ const ROOMS: &[Room] = &[
     room("publish", 2, &["heading", "condition", "calibration", "reading", "recording", "lock_file"]),
     // The mounting is kept with the calibration: the one holds only with the other.
     room("store", 2, &["calibration", "frame", "lock_file"]),
+    // The daemon's own pipeline, and pictures of what comes of it.
+    room("report", 2, &["advice", "reading", "frame", "calibration", "condition", "pipeline"]),
     // Sockets and stores are one process's at a time.
     room("lock_file", 2, &[]),
     room("logging", 2, &[]),
@@ -85,7 +88,7 @@ const ROOMS: &[Room] = &[
     room("command", 3, &[
         "reading", "date", "frame", "alignment", "attitude", "calibration", "true_north", "heading",
         "condition", "recording", "pipeline", "sensor", "publish", "store", "service", "logging", "config", "daemon",
-        "wall_clock",
+        "wall_clock", "advice", "report",
     ]),
     room("main", 3, &["command"]),
     // The table of contents: it declares the rooms and imports none.

@@ -135,6 +135,7 @@ fn calibration_is_the_outcome_with_its_class_before_it() {
         window: None,
         swarm: None,
         elapsed_us: Elapsed::default(),
+        measures: None,
         calibration: None,
     };
     let plain = serde_json::to_string(&outcome).unwrap();

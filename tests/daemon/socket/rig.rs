@@ -198,6 +198,7 @@ pub fn outcome() -> Outcome {
         window: None,
         swarm: None,
         elapsed_us: Elapsed::default(),
+        measures: None,
         calibration: None,
     }
 }

@@ -1,5 +1,6 @@
 //! The commands that show a running daemon, and those that wait for it.
 
+mod monitor;
 mod usual;
 mod wait;
 mod watch;

@@ -1,6 +1,6 @@
 //! What to do next, by the reason of a condition or of a calibration's verdict.
 
-/// Reasons, each with what helps, as `docs/socket.md` lists them.
+/// Reasons, each with what helps, as `docs/socket.md`, `docs/calibration.md` and `docs/serial.md` list them.
 #[rustfmt::skip]
 const ADVICE: &[(&[&str], &str)] = &[
     (

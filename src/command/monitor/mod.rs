@@ -1,0 +1,137 @@
+//! `headingd monitor`: the running daemon on a terminal.
+
+mod directions;
+mod feeds;
+mod palette;
+mod rose;
+mod scatter;
+mod screen;
+mod view;
+
+use std::io::{self, IsTerminal};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use serde_json::json;
+use signal_hook::consts::{SIGHUP, SIGTERM};
+use signal_hook::flag;
+
+use super::Failure;
+use super::headings::HeadingTarget;
+use feeds::Feeds;
+use palette::Palette;
+use view::View;
+
+/// The screen is drawn anew this often: a slow line carries it, since only what has changed is sent.
+const REDRAW: Duration = Duration::from_millis(200);
+
+/// Watch the running daemon on the terminal
+///
+/// Shows the heading with its uncertainty, the condition and what to do next, the field before and after its
+/// correction, and how good the calibration is. Needs a terminal of 80 columns and 24 lines; it works without colour
+/// (NO_COLOR) and over ssh. Keys: c calibrates on the next turn, x gives that up, l locks and unlocks the calibration,
+/// r rolls back to the one before, v tells that the board is level now, q ends.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// Which daemon is meant.
+    #[command(flatten)]
+    pub target: HeadingTarget,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// There is no terminal, or no daemon.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    if !io::stdout().is_terminal() || !io::stdin().is_terminal() {
+        let message = "monitor needs a terminal: for programs there is headingd watch";
+        return Err(Failure::new(Failure::USAGE, message));
+    }
+    let sockets = args.target.sockets()?;
+    let stop = stop_signals()?;
+    let feeds = Feeds::open(&sockets)?;
+    let mut view = View::new(sockets.headings.display().to_string());
+    let mut terminal = ratatui::try_init().map_err(failed)?;
+    let ended = show(&mut terminal, &mut view, &feeds, &stop);
+    ratatui::restore();
+    ended.map_err(failed)
+}
+
+fn failed(error: io::Error) -> Failure {
+    Failure::new(Failure::IO, format!("cannot use the terminal: {error}"))
+}
+
+/// Becomes true when somebody wants it to end: then the terminal is given back as it was.
+fn stop_signals() -> Result<Arc<AtomicBool>, Failure> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGTERM, SIGHUP] {
+        flag::register(signal, stop.clone()).map_err(|error| {
+            Failure::new(Failure::SYSTEM, format!("cannot catch signals: {error}"))
+        })?;
+    }
+    Ok(stop)
+}
+
+fn show(
+    terminal: &mut ratatui::DefaultTerminal,
+    view: &mut View,
+    feeds: &Feeds,
+    stop: &AtomicBool,
+) -> io::Result<()> {
+    let style = Palette::of_terminal();
+    while !stop.load(Ordering::Relaxed) {
+        feeds.drain(|news| view.take(news, Instant::now()));
+        terminal.draw(|frame| screen::draw(view, &style, Instant::now(), frame))?;
+        let until = Instant::now() + REDRAW;
+        while event::poll(until.saturating_duration_since(Instant::now()))? {
+            let event = event::read()?;
+            if let Event::Key(key) = event
+                && key.kind != KeyEventKind::Release
+                && press(key, view, feeds)
+            {
+                return Ok(());
+            }
+            // Another size: drawn at once.
+            if let Event::Resize(..) = event {
+                break;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Does what a key is for; whether that is to end.
+fn press(key: KeyEvent, view: &mut View, feeds: &Feeds) -> bool {
+    let control = key.modifiers.contains(KeyModifiers::CONTROL);
+    let asked = view.asking.take();
+    match key.code {
+        KeyCode::Char('c') if control => return true,
+        KeyCode::Char('q') | KeyCode::Esc => return true,
+        KeyCode::Char('c') => feeds.ask(json!({ "request": "start" })),
+        KeyCode::Char('x') => feeds.ask(json!({ "request": "cancel" })),
+        KeyCode::Char('l') if view.is_locked() => feeds.ask(json!({ "request": "unlock" })),
+        KeyCode::Char('l') => feeds.ask(json!({ "request": "lock" })),
+        KeyCode::Char('r') => {
+            let question = "roll back to the calibration before?";
+            view.asking = Some((question, json!({ "request": "rollback" })));
+        }
+        KeyCode::Char('v') => {
+            let question = "is the board level now?";
+            let request = json!({ "request": "mounting", "level": true });
+            view.asking = Some((question, request));
+        }
+        KeyCode::Char('y') => {
+            if let Some((_, request)) = asked {
+                feeds.ask(request);
+            }
+        }
+        _ => {}
+    }
+    false
+}
+
+#[cfg(test)]
+mod tests;

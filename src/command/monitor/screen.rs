@@ -1,0 +1,290 @@
+//! The screen as a whole, for 80 columns and 24 lines or more.
+
+use std::time::Instant;
+
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Paragraph, Wrap};
+use serde_json::Value;
+
+use super::super::status::span;
+use super::palette::Palette;
+use super::rose::Rose;
+use super::scatter::Scatter;
+use super::view::View;
+use crate::advice::next_step;
+
+const KEYS: &str = "c calibrate  x cancel  l lock/unlock  r roll back  v level  q quit";
+
+/// Width of what a line of the panel begins with.
+const NAME: usize = 12;
+
+/// Length of a bar, characters.
+const BAR: usize = 20;
+
+pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {
+    let [title, top, bottom, keys] = Layout::vertical([
+        Constraint::Length(1),
+        Constraint::Length(14),
+        Constraint::Min(5),
+        Constraint::Length(1),
+    ])
+    .areas(frame.area());
+    let [left, right] =
+        Layout::horizontal([Constraint::Length(28), Constraint::Min(20)]).areas(top);
+    let status = view.status.as_ref().unwrap_or(&Value::Null);
+    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let source = if status.is_null() {
+        String::new()
+    } else {
+        format!(
+            "{} on {}, clients {}, up {}",
+            text(&status["sensor"]),
+            text(&status["source"]),
+            status["clients"],
+            span(status["uptime_s"].as_u64().unwrap_or_default())
+        )
+    };
+    frame.render_widget(
+        Line::from(format!("{}  {source}", view.socket)).style(style.strong()),
+        title,
+    );
+    let att = view.att(now);
+    let rose = Rose {
+        heading: heading(att).map(|(degrees, _)| (degrees, att["heading_sd"].as_f64())),
+        raw_deg: att["raw_heading"].as_f64(),
+        directions: &view.directions,
+        style: *style,
+    };
+    let inside = Rect {
+        width: left.width.saturating_sub(2),
+        ..left
+    };
+    frame.render_widget(rose, inside);
+    let lines = panel(view, style, att);
+    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), right);
+    scatters(view, style, bottom, frame);
+    let said = match &view.asking {
+        Some((question, _)) => format!("{question} y: yes, any other key: no"),
+        None if view.said.is_empty() => KEYS.to_owned(),
+        None => format!("{}   (c x l r v q)", view.said),
+    };
+    frame.render_widget(Line::from(said).style(style.strong()), keys);
+}
+
+/// The heading that may be steered by, and which north it is from.
+fn heading(att: &Value) -> Option<(f64, &'static str)> {
+    let truly = att["heading"].as_f64().map(|degrees| (degrees, "true"));
+    truly.or(att["mheading"]
+        .as_f64()
+        .map(|degrees| (degrees, "magnetic")))
+}
+
+fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value) -> Vec<Line<'a>> {
+    let mut lines = Vec::new();
+    let shown = match heading(att) {
+        Some((degrees, north)) => {
+            let sd = att["heading_sd"].as_f64();
+            let sd = sd.map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
+            format!("{degrees:05.1}° {north}{sd}")
+        }
+        None => "none".to_owned(),
+    };
+    let raw = att["raw_heading"].as_f64();
+    let raw = raw.map_or(String::new(), |raw| format!("   (raw {raw:05.1}°)"));
+    lines.push(Line::from(vec![
+        Span::from(format!("{:NAME$}", "heading")),
+        Span::styled(shown, style.strong()),
+        Span::styled(raw, style.raw()),
+    ]));
+    state(view, style, &mut lines);
+    let mut add = |name: &str, value: String| {
+        lines.push(Line::from(format!("{name:NAME$}{value}")));
+    };
+    let status = view.status.as_ref().unwrap_or(&Value::Null);
+    add("field", field(att, status));
+    let [which, quality] = calibration(&status["calibration"]);
+    add("calibration", which);
+    if !quality.is_empty() {
+        add("", quality);
+    }
+    if let Some(verdict) = view.outcome["verdict"].as_str() {
+        let reason = view.outcome["reason"].as_str().unwrap_or_default();
+        add("last", format!("{verdict} ({reason})"));
+    }
+    let hz = |rate: Option<f64>| rate.map_or("-".to_owned(), |rate| format!("{rate:.0}"));
+    add(
+        "rates",
+        format!(
+            "field {}, gyro {}, headings {} a second",
+            hz(view.field_hz.hz()),
+            hz(view.gyro_hz.hz()),
+            hz(view.headings_hz.hz())
+        ),
+    );
+    match &view.status {
+        Err(why) => add("control", why.clone()),
+        Ok(status) if status.is_null() => {}
+        Ok(status) => {
+            let counts = &status["counts"];
+            let (faults, dropped) = (&counts["faults"], &counts["values_dropped"]);
+            add(
+                "errors",
+                format!("faults {faults}, dropped {dropped}, missed {}", view.missed),
+            );
+        }
+    }
+    lines
+}
+
+/// The condition, why, what to do, and how far that is.
+fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
+    if let Some(why) = &view.lost {
+        lines.push(Line::from(vec![
+            Span::from(format!("{:NAME$}", "state")),
+            Span::styled(" lost ", style.badge("lost")),
+        ]));
+        lines.push(Line::from(why.as_str()));
+        return;
+    }
+    let text = |key: &str| view.state[key].as_str().unwrap_or_default();
+    let (word, reason) = (text("cal_state"), text("reason"));
+    let status = view.status.as_ref().unwrap_or(&Value::Null);
+    let mut mode = format!(" {reason}");
+    if status["mode"].is_string() && status["mode"] != "on" {
+        mode += &format!(", mode {}", status["mode"].as_str().unwrap_or_default());
+    }
+    if status["armed"] == true {
+        mode += ", calibrates on the next turn";
+    }
+    lines.push(Line::from(vec![
+        Span::from(format!("{:NAME$}", "state")),
+        Span::styled(format!(" {word} "), style.badge(word)),
+        Span::from(mode),
+    ]));
+    lines.push(Line::from(text("message")));
+    if let Some(advice) = next_step(reason).filter(|_| reason != "good") {
+        lines.push(Line::styled(format!("-> {advice}"), style.strong()));
+    }
+    // While a heading is published, a turn goes on beside it.
+    let turned = status["progress"].as_f64().filter(|share| *share > 0.0);
+    if let Some(share) = view.state["progress"].as_f64().or(turned) {
+        lines.push(Line::from(format!(
+            "{:NAME$}{} {:3.0} %",
+            "progress",
+            bar(share),
+            100.0 * share
+        )));
+        let missing = view.directions.missing();
+        if !missing.is_empty() {
+            lines.push(Line::from(format!(
+                "{:NAME$}{}",
+                "missing",
+                missing.join(" ")
+            )));
+        }
+    }
+}
+
+fn bar(share: f64) -> String {
+    let done = ((share * BAR as f64) as usize).min(BAR);
+    format!("[{}{}]", "#".repeat(done), ".".repeat(BAR - done))
+}
+
+/// Strength and dip of the corrected field, against what they should be where that is known.
+fn field(att: &Value, status: &Value) -> String {
+    let Some(strength) = att["mag_len"].as_f64() else {
+        return "not known yet".to_owned();
+    };
+    let active = &status["active"];
+    // A planar calibration has the strength in its plane alone.
+    let comparable = (active["mode"] == "spatial") == att["mag_z"].is_number();
+    let expected = active["strength_mgauss"].as_f64();
+    let mut out = match expected.filter(|expected| comparable && *expected > 0.0) {
+        Some(expected) => {
+            let off = 100.0 * (strength / expected - 1.0);
+            format!("{strength:.0} of {expected:.0} mG ({off:+.0} %)")
+        }
+        None => format!("{strength:.0} mG"),
+    };
+    if let Some(dip) = att["dip"].as_f64() {
+        out += &format!(", dip {dip:.1}°");
+        if let Some(here) = status["reference"]["dip_deg"].as_f64() {
+            out += &format!(" of {here:.1}°");
+        }
+    }
+    out
+}
+
+/// Which calibration it is, and how good.
+fn calibration(found: &Value) -> [String; 2] {
+    if !found.is_object() {
+        return ["none".to_owned(), String::new()];
+    }
+    let text = |key: &str| found[key].as_str().unwrap_or_default();
+    let (number, mode, method) = (&found["number"], text("mode"), text("method"));
+    let mut which = format!("{number}, {mode} by {method}");
+    if let Some(age_s) = found["age_s"].as_u64() {
+        which += &format!(", {} old", span(age_s));
+    }
+    let known = [
+        ("residual", "residual_mgauss", " mG"),
+        ("heading", "heading_sd_deg", "°"),
+        ("gyro", "gyro_rms_deg", "°"),
+    ];
+    let parts = known.iter().filter_map(|(name, key, unit)| {
+        let value = found[*key].as_f64()?;
+        Some(format!("{name} {value:.1}{unit}"))
+    });
+    [which, parts.collect::<Vec<_>>().join(", ")]
+}
+
+fn scatters(view: &View, style: &Palette, area: Rect, frame: &mut Frame) {
+    let thirds = Layout::horizontal([Constraint::Ratio(1, 3); 3]).areas::<3>(area);
+    let planes = [
+        ([0, 1], "XY", ". raw"),
+        (
+            [0, 2],
+            "XZ",
+            if style.unicode {
+                "⠿ corrected"
+            } else {
+                "o corrected"
+            },
+        ),
+        ([1, 2], "YZ", ""),
+    ];
+    for ((axes, name, legend), area) in planes.into_iter().zip(thirds) {
+        let reach_mgauss = view.reach_mgauss(axes);
+        let title = format!("{name} ±{reach_mgauss:.0} mG {legend}");
+        let block = Block::bordered().title(title);
+        let block = if style.unicode {
+            block
+        } else {
+            block.border_set(ASCII)
+        };
+        let inside = block.inner(area);
+        frame.render_widget(block.border_style(style.faint()), area);
+        let scatter = Scatter {
+            axes,
+            reach_mgauss,
+            raw: &view.raw,
+            corrected: &view.corrected,
+            style: *style,
+        };
+        frame.render_widget(scatter, inside);
+    }
+}
+
+/// A border for terminals that know no others.
+const ASCII: ratatui::symbols::border::Set = ratatui::symbols::border::Set {
+    top_left: "+",
+    top_right: "+",
+    bottom_left: "+",
+    bottom_right: "+",
+    vertical_left: "|",
+    vertical_right: "|",
+    horizontal_top: "-",
+    horizontal_bottom: "-",
+};

@@ -1,0 +1,176 @@
+//! `headingd report`: a page with figures, of a log or of a running daemon.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use serde_json::json;
+
+use super::control::exchange;
+use super::headings::{DaemonSockets, Headings};
+use super::progress::Progress;
+use super::{Failure, config_file, print, tell_skips};
+use crate::calibration::model::Calibration;
+use crate::config::Config;
+use crate::publish::raw::{self, Object};
+use crate::recording::Header;
+use crate::report::{About, Analysis, ReportError, page};
+use crate::sensor::replay::Replay;
+use crate::store::Contents;
+
+/// Raw readings alone.
+const WATCH: &str = r#"{"enable":true,"json":false,"readings":true}"#;
+
+/// A daemon whose source is silent is not waited for without end.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// How many rows are read between two looks at the progress bar.
+const ROWS_A_LOOK: u64 = 4096;
+
+/// Write a page with figures on a log, or on what a running daemon reads
+///
+/// The page is one file of HTML without scripts, and needs no network. It shows headings and their uncertainty over time,
+/// the field of the turn before and after its calibration, what RIST and the swarm did, the deviation by heading, and each limit
+/// of the verdict with what was measured. With --socket, or without a log, it is made of what the daemon reads from now on.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example: headingd report turn.csv --out report.html")]
+pub struct Args {
+    /// The log; without one, the running daemon
+    #[arg(conflicts_with_all = ["socket", "duration"])]
+    pub log: Option<PathBuf>,
+    /// The socket for headings of the running daemon; without it, that of the configuration
+    #[arg(long, value_name = "PATH")]
+    pub socket: Option<PathBuf>,
+    /// How long to listen to the daemon, 1 to 86400 seconds
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = seconds)]
+    pub duration: f64,
+    /// The page to write; an existing one is replaced. "-" is standard output
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Configuration [default: /etc/headingd/headingd.toml, if there is one]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n| (1.0..=86_400.0).contains(n));
+    number.ok_or_else(|| "must be a number from 1 to 86400".to_owned())
+}
+
+impl From<ReportError> for Failure {
+    fn from(error: ReportError) -> Self {
+        Self::new(Self::DATA, error)
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// The log or the daemon cannot be read, there was no reading, or the page cannot be written.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let config = config_file::load(args.config.as_deref())?;
+    let (about, analysis) = match &args.log {
+        Some(log) => of_log(log, &config)?,
+        None => of_daemon(args, &config)?,
+    };
+    let page = page(&about, &analysis)?;
+    if args.out == Path::new("-") {
+        return print(&page);
+    }
+    std::fs::write(&args.out, page).map_err(|error| {
+        let out = args.out.display();
+        Failure::new(
+            Failure::CANNOT_CREATE,
+            format!("cannot write {out}: {error}"),
+        )
+    })
+}
+
+fn of_log(log: &Path, config: &Config) -> Result<(About, Analysis), Failure> {
+    let mut replay = Replay::open(log)?;
+    let about = about(&log.display().to_string(), replay.header());
+    let mut analysis = Analysis::new(config.setup(&replay.header().mountings), None);
+    let bar = Progress::new();
+    let mut rows = 0u64;
+    while let Some(entry) = replay.next() {
+        let entry = entry?;
+        if replay.begins_stretch() {
+            analysis.begin_stretch();
+        }
+        analysis.take(entry.reading);
+        rows += 1;
+        if rows.is_multiple_of(ROWS_A_LOOK) {
+            bar.set(replay.share_read());
+        }
+    }
+    bar.finish();
+    tell_skips(replay.skips())?;
+    Ok((about, analysis))
+}
+
+fn about(source: &str, header: &Header) -> About {
+    About {
+        source: source.to_owned(),
+        sensor: header.sensor.clone(),
+        recorded_from: header
+            .truth
+            .iter()
+            .find(|(key, _)| key == "recorded_from")
+            .map(|(_, time)| time.clone()),
+    }
+}
+
+fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure> {
+    let socket = args.socket.as_ref().unwrap_or(&config.socket.socket);
+    let sockets = DaemonSockets::beside(socket, config);
+    let mut headings = Headings::open(&sockets.headings, WATCH)?;
+    headings.set_patience(Some(PATIENCE))?;
+    let nothing = || {
+        let why = "the daemon has handed out no readings: headingd status says why";
+        Failure::new(Failure::UNAVAILABLE, why)
+    };
+    let bar = Progress::with_message();
+    bar.say(format!(
+        "listening for {:.0} s; Ctrl-C gives up",
+        args.duration
+    ));
+    let begun = Instant::now();
+    let mut found: Option<(About, Analysis)> = None;
+    loop {
+        let passed_s = begun.elapsed().as_secs_f64();
+        if passed_s >= args.duration {
+            break;
+        }
+        bar.set(passed_s / args.duration);
+        let Some(object) = headings.object_in_time()? else {
+            continue;
+        };
+        match serde_json::from_value(object) {
+            Ok(Object::Board { header }) => {
+                let header =
+                    raw::header(&header).map_err(|why| Failure::new(Failure::DATA, why))?;
+                let about = about(&sockets.headings.display().to_string(), &header);
+                let setup = config.setup(&header.mountings);
+                found = Some((about, Analysis::new(setup, active(&sockets))));
+            }
+            Ok(Object::Reading(row)) => {
+                if let Some((_, analysis)) = &mut found {
+                    analysis.take(row.reading());
+                }
+            }
+            _ => {}
+        }
+    }
+    bar.finish();
+    found
+        .filter(|(_, analysis)| analysis.has_readings())
+        .ok_or_else(nothing)
+}
+
+/// The daemon's calibration, where this user may ask for it.
+fn active(sockets: &DaemonSockets) -> Option<Calibration> {
+    let answer = exchange(&sockets.control, &json!({ "request": "export" })).ok()?;
+    let contents = Contents::from_value(answer["file"].clone()).ok()?;
+    let entry = *contents.sensors.first()?.in_force()?;
+    Some(entry.made.calibration)
+}

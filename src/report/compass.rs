@@ -1,0 +1,123 @@
+//! The field against the gyro, and the deviation by heading, before and after, as a compass adjuster's card has it.
+
+use super::field::mean;
+use super::plot::{AxisScale, Chart, Hue, Mark, ReportError, Series};
+use super::thin::some;
+use super::turn::{Headings3, Turned};
+use crate::frame::{wrap_360, wrap_pi};
+
+/// Points of a kind in a figure.
+const MOST: usize = 700;
+
+/// Headings of the card.
+const CARD: usize = 12;
+
+/// One sample held against the gyro, whose heading counts from the corrected field's mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Held {
+    pub(super) t_s: f64,
+    /// The heading by the gyro, degrees, [0, 360).
+    pub(super) heading_deg: f64,
+    /// How far the raw heading is off it, degrees.
+    pub(super) before_deg: f64,
+    /// How far the corrected one is.
+    pub(super) after_deg: f64,
+}
+
+/// Holds all samples with a pose against the gyro, each of its stretches by itself.
+pub(super) fn held(turned: &Turned) -> Vec<Held> {
+    let known: Vec<(f64, Headings3)> = turned
+        .samples
+        .iter()
+        .filter_map(|seen| Some((seen.t_s, seen.headings?)))
+        .collect();
+    known
+        .chunk_by(|a, b| a.1.stretch == b.1.stretch)
+        .flat_map(|stretch| {
+            let off = |of: fn(&Headings3) -> f64| {
+                stretch
+                    .iter()
+                    .map(move |(_, it)| (of(it) - it.gyro).to_radians())
+            };
+            let offset_rad = off(|it| it.corrected)
+                .map(f64::sin)
+                .sum::<f64>()
+                .atan2(off(|it| it.corrected).map(f64::cos).sum());
+            stretch.iter().map(move |(t_s, it)| {
+                let reference = it.gyro.to_radians() + offset_rad;
+                let from = |degrees: f64| wrap_pi(degrees.to_radians() - reference).to_degrees();
+                Held {
+                    t_s: *t_s,
+                    heading_deg: wrap_360(reference.to_degrees()),
+                    before_deg: from(it.raw),
+                    after_deg: from(it.corrected),
+                }
+            })
+        })
+        .collect()
+}
+
+/// The corrected field against the gyro, over time.
+///
+/// # Errors
+///
+/// The figure cannot be drawn.
+pub(super) fn against_gyro(held: &[Held]) -> Result<String, ReportError> {
+    let some = some(held, MOST);
+    let series = vec![Series {
+        hue: Hue::Corrected,
+        mark: Mark::Dots,
+        points: some.iter().map(|it| (it.t_s, it.after_deg)).collect(),
+    }];
+    let y = AxisScale::over(
+        "field less gyro, degrees",
+        some.iter().map(|it| it.after_deg).chain([-1.0, 1.0]),
+    );
+    let x = AxisScale::over("time, seconds", some.iter().map(|it| it.t_s));
+    Chart::wide(x, y, series).svg()
+}
+
+/// The deviation by heading, before and after.
+///
+/// # Errors
+///
+/// The figure cannot be drawn.
+pub(super) fn deviation(held: &[Held]) -> Result<String, ReportError> {
+    let some = some(held, MOST);
+    let dots = |hue, of: fn(&Held) -> f64| Series {
+        hue,
+        mark: Mark::Dots,
+        points: some.iter().map(|it| (it.heading_deg, of(it))).collect(),
+    };
+    let series = vec![
+        dots(Hue::Raw, |it| it.before_deg),
+        dots(Hue::Corrected, |it| it.after_deg),
+    ];
+    let all = some.iter().flat_map(|it| [it.before_deg, it.after_deg]);
+    let y = AxisScale::over("deviation, degrees", all);
+    Chart::wide(AxisScale::from("heading, degrees", 0.0..360.0), y, series).svg()
+}
+
+/// The card: a heading, and the mean deviation about it before and after, where it was seen.
+pub(super) fn card(held: &[Held]) -> Vec<(f64, Option<(f64, f64)>)> {
+    let width = 360.0 / CARD as f64;
+    (0..CARD)
+        .map(|index| {
+            let heading_deg = index as f64 * width;
+            let near: Vec<&Held> = held
+                .iter()
+                .filter(|it| {
+                    wrap_pi((it.heading_deg - heading_deg).to_radians()).abs()
+                        < (0.5 * width).to_radians()
+                })
+                .collect();
+            let deviations = (!near.is_empty()).then(|| {
+                (
+                    mean(near.iter().map(|it| it.before_deg)),
+                    mean(near.iter().map(|it| it.after_deg)),
+                )
+            });
+            (heading_deg, deviations)
+        })
+        .collect()
+}

@@ -1,0 +1,136 @@
+//! Figures of the field during the turn: its circles, its strength, and the window that RIST chose.
+
+use std::f64::consts::TAU;
+
+use super::analysis::Judged;
+use super::plot::{AxisScale, Band, Chart, Hue, Mark, ReportError, Series};
+use super::thin::some;
+use super::turn::{Seen, Turned};
+
+/// Points of a kind in a figure.
+const MOST: usize = 700;
+
+/// Points of a circle.
+const CIRCLE: u32 = 120;
+
+/// Raw and corrected field, a figure for each pair of axes (the paper's Figure 6c).
+///
+/// # Errors
+///
+/// A figure cannot be drawn.
+pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
+    let pairs: &[[usize; 2]] = if turned.axes.len() == 2 {
+        &[[0, 1]]
+    } else {
+        &[[0, 1], [0, 2], [1, 2]]
+    };
+    let samples: Vec<&Seen> = some(&turned.samples.iter().collect::<Vec<_>>(), MOST);
+    let strength = mean(
+        turned
+            .samples
+            .iter()
+            .map(|seen| norm(&seen.corrected_mgauss)),
+    );
+    let mut svg = String::new();
+    for [a, b] in pairs {
+        let dots = |hue, of: fn(&Seen) -> &[f64]| Series {
+            hue,
+            mark: Mark::Dots,
+            points: samples
+                .iter()
+                .map(|seen| (of(seen)[*a], of(seen)[*b]))
+                .collect(),
+        };
+        let circle = (0..=CIRCLE).map(|step| {
+            let (sin, cos) = (TAU * f64::from(step) / f64::from(CIRCLE)).sin_cos();
+            (strength * cos, strength * sin)
+        });
+        let series = vec![
+            Series {
+                hue: Hue::Ink,
+                mark: Mark::Line,
+                points: circle.collect(),
+            },
+            dots(Hue::Raw, |seen| &seen.raw_mgauss),
+            dots(Hue::Corrected, |seen| &seen.corrected_mgauss),
+        ];
+        let names = [*a, *b].map(|axis| format!("{}, milligauss", turned.axes[axis]));
+        svg += &Chart::square([&names[0], &names[1]], series).svg()?;
+    }
+    Ok(svg)
+}
+
+/// Strength of the field before and after (Figure 6b).
+///
+/// # Errors
+///
+/// The figure cannot be drawn.
+pub(super) fn strength(turned: &Turned) -> Result<String, ReportError> {
+    let samples: Vec<&Seen> = some(&turned.samples.iter().collect::<Vec<_>>(), MOST);
+    let line = |hue, of: fn(&Seen) -> &[f64]| Series {
+        hue,
+        mark: Mark::Line,
+        points: samples
+            .iter()
+            .map(|seen| (seen.t_s, norm(of(seen))))
+            .collect(),
+    };
+    let series = vec![
+        line(Hue::Raw, |seen| &seen.raw_mgauss),
+        line(Hue::Corrected, |seen| &seen.corrected_mgauss),
+    ];
+    let of_all = series.iter().flat_map(|series| series.points.iter());
+    let y = AxisScale::over("field, milligauss", of_all.map(|point| point.1));
+    let x = AxisScale::over("time, seconds", samples.iter().map(|seen| seen.t_s));
+    Chart::wide(x, y, series).svg()
+}
+
+/// The raw signals, and the window in them that RIST chose (Figure 3).
+///
+/// # Errors
+///
+/// The figure cannot be drawn.
+pub(super) fn window(judged: &Judged) -> Result<String, ReportError> {
+    let samples = some(&judged.request.samples, MOST);
+    let axes = [Hue::Raw, Hue::Corrected, Hue::Other];
+    let series: Vec<Series> = axes
+        .into_iter()
+        .enumerate()
+        .map(|(axis, hue)| Series {
+            hue,
+            mark: Mark::Line,
+            points: samples
+                .iter()
+                .map(|sample| (sample.t_s, sample.field_mgauss[axis]))
+                .collect(),
+        })
+        .collect();
+    let of_all = series.iter().flat_map(|series| series.points.iter());
+    let y = AxisScale::over("raw field, milligauss", of_all.map(|point| point.1));
+    let x = AxisScale::over("time, seconds", samples.iter().map(|sample| sample.t_s));
+    let mut chart = Chart::wide(x, y, series);
+    let time = |index: usize| judged.request.samples.get(index).map(|sample| sample.t_s);
+    let swarm = judged.outcome.swarm.as_ref();
+    for window in swarm
+        .map(|swarm| swarm.windows.as_slice())
+        .unwrap_or_default()
+    {
+        if let (Some(from), Some(to)) = (time(window.start), time(window.end.saturating_sub(1))) {
+            chart.bands.push(Band {
+                from,
+                to,
+                hue: Hue::Good,
+            });
+        }
+    }
+    chart.svg()
+}
+
+fn norm(field: &[f64]) -> f64 {
+    field.iter().map(|part| part * part).sum::<f64>().sqrt()
+}
+
+pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    sum / f64::max(count, 1.0)
+}

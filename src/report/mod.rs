@@ -1,0 +1,17 @@
+//! A report on a log: one page with figures, which needs neither network nor scripts.
+//!
+//! [`Analysis`] takes the readings through the same pipeline as the daemon, and [`page`] shows what came of them.
+
+mod analysis;
+mod compass;
+mod field;
+mod page;
+mod plot;
+mod search;
+mod thin;
+mod timeline;
+mod turn;
+
+pub use analysis::Analysis;
+pub use page::{About, page};
+pub use plot::ReportError;

@@ -1,0 +1,439 @@
+//! The page: text, tables and figures in one file, light or dark as the reader has it.
+
+use std::fmt::Write;
+
+use super::analysis::{Analysis, Judged};
+use super::plot::{Hue, ReportError};
+use super::search::Search;
+use super::turn::Turned;
+use super::{compass, field, timeline};
+use crate::advice::next_step;
+use crate::calibration::model::Mode;
+use crate::calibration::outcome::Verdict;
+use crate::calibration::verdict::{Limits, Measures};
+
+/// Where the readings come from.
+#[derive(Clone, Debug)]
+pub struct About {
+    /// The log, or the socket.
+    pub source: String,
+    /// The magnetometer, where it has a name.
+    pub sensor: Option<String>,
+    /// When the first reading was taken, if that is known.
+    pub recorded_from: Option<String>,
+}
+
+/// Verdicts listed on the page; the newest come first.
+const LISTED: usize = 50;
+
+const STYLE: &str = include_str!("style.css");
+
+/// The page as HTML.
+///
+/// # Errors
+///
+/// A figure cannot be drawn.
+pub fn page(about: &About, analysis: &Analysis) -> Result<String, ReportError> {
+    let mut out = String::with_capacity(1 << 18);
+    let title = format!("headingd: {}", escaped(&about.source));
+    out += "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">";
+    out += "<meta name=\"viewport\" content=\"width=device-width\">";
+    out += &format!(
+        "<title>{title}</title><style>{STYLE}{}</style></head><body><main>\n",
+        hues()
+    );
+    out += &format!("<h1>{title}</h1>\n");
+    out += &summary(about, analysis);
+    out += "<h2>Headings</h2>\n";
+    let bands = "Bands: <b class=good>good</b>, <b class=middling>degraded or disturbed</b>, \
+                 <b class=quiet>not calibrated yet</b>, <b class=bad>stale or fault</b>.";
+    out += &figure(
+        &timeline::headings(analysis)?,
+        &format!(
+            "Magnetic heading: <b class=raw>raw</b>, and <b class=corrected>published</b>. {bands}"
+        ),
+    );
+    out += &figure(
+        &timeline::uncertainty(analysis)?,
+        "Uncertainty of the published heading, one standard deviation.",
+    );
+    out += &conditions(analysis);
+    match &analysis.turn {
+        Some(judged) => out += &turn(judged)?,
+        None => {
+            out += "<h2>Calibration by a full turn</h2>\n<p>The board made no full turn that was calibrated on.</p>\n"
+        }
+    }
+    out += &verdicts(analysis);
+    out += &format!(
+        "<footer>headingd {}</footer>\n</main></body></html>\n",
+        env!("CARGO_PKG_VERSION")
+    );
+    Ok(out)
+}
+
+/// What comes first: how it ended.
+fn summary(about: &About, analysis: &Analysis) -> String {
+    let first_s = analysis.first_s.unwrap_or(0.0);
+    let mut rows = vec![
+        (
+            "magnetometer",
+            about.sensor.clone().unwrap_or_else(|| "unknown".to_owned()),
+        ),
+        (
+            "length",
+            format!(
+                "{:.1} s, {} readings, {} headings published",
+                analysis.now_s - first_s,
+                analysis.readings,
+                analysis.headings
+            ),
+        ),
+        ("full turns", analysis.turns.to_string()),
+    ];
+    if let Some(from) = &about.recorded_from {
+        rows.insert(1, ("recorded from", from.clone()));
+    }
+    if analysis.dropped() > 0 {
+        rows.push((
+            "values dropped",
+            format!("{}, which no sensor can have taken", analysis.dropped()),
+        ));
+    }
+    if let Some(last) = &analysis.last {
+        rows.push((
+            "at the end",
+            format!(
+                "{} ({}): {}",
+                last.condition.word(),
+                last.reason,
+                last.message
+            ),
+        ));
+        if let Some(advice) = next_step(last.reason).filter(|_| last.reason != "good") {
+            rows.push(("what to do", advice.to_owned()));
+        }
+    }
+    if let Some(calibration) = analysis.calibration() {
+        rows.push((
+            "calibration",
+            format!(
+                "{} by {}, residual {:.1} mG, headings certain to {:.2}°",
+                calibration.parameters.mode().word(),
+                calibration.method(),
+                calibration.residual_mgauss,
+                calibration.heading_sd_deg
+            ),
+        ));
+    }
+    let cells = rows
+        .iter()
+        .map(|(name, value)| format!("<tr><th>{name}</th><td>{}</td></tr>\n", escaped(value)));
+    format!("<table>\n{}</table>\n", cells.collect::<String>())
+}
+
+/// The changes of condition as a table.
+fn conditions(analysis: &Analysis) -> String {
+    let mut out = String::from(
+        "<details><summary>Conditions</summary><table>\n<tr><th>from, s</th><th>condition</th><th>reason</th><th>what to do</th></tr>\n",
+    );
+    for span in &analysis.spans {
+        // Writing to a String never fails.
+        let _ = writeln!(
+            out,
+            "<tr><td>{:.1}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            span.from_s.max(analysis.first_s.unwrap_or(0.0)),
+            span.word,
+            span.reason,
+            next_step(span.reason).map(escaped).unwrap_or_default()
+        );
+    }
+    out + "</table></details>\n"
+}
+
+/// Everything about the turn that was judged.
+fn turn(judged: &Judged) -> Result<String, ReportError> {
+    let outcome = &judged.outcome;
+    let verdict = match outcome.verdict {
+        Verdict::Accepted => "accepted",
+        Verdict::Kept => "not needed: what was known is more certain",
+        Verdict::Rejected => "rejected",
+    };
+    let class = if outcome.verdict == Verdict::Rejected {
+        "bad"
+    } else {
+        "good"
+    };
+    let mut out = format!(
+        "<h2>Calibration by a full turn</h2>\n<p><b class={class}>{verdict}</b> ({}): {}</p>\n",
+        outcome.reason,
+        escaped(&outcome.message)
+    );
+    if outcome.verdict == Verdict::Rejected
+        && let Some(advice) = next_step(outcome.reason)
+    {
+        out += &format!("<p>What to do: {}.</p>\n", escaped(advice));
+    }
+    if let Some(measures) = &outcome.measures {
+        out += &limits(measures, &judged.request.limits);
+    }
+    let Some(turned) = Turned::of(judged) else {
+        out += "<p>Nothing was fitted, so that there is nothing to draw.</p>\n";
+        return Ok(out);
+    };
+    out += &figure(
+        &field::circles(&turned)?,
+        "Field of the turn: <b class=raw>raw</b>, and <b class=corrected>corrected</b>, on a circle about the origin of the corrected field's mean strength.",
+    );
+    let what = match outcome.mode {
+        Some(Mode::Planar) => "in the plane of the turn",
+        _ => "in space",
+    };
+    out += &figure(
+        &field::strength(&turned)?,
+        &format!(
+            "Strength of the field {what}: <b class=raw>raw</b>, and <b class=corrected>corrected</b>."
+        ),
+    );
+    out += &figure(
+        &field::window(judged)?,
+        "Raw field along the chip's axes <b class=raw>X</b>, <b class=corrected>Y</b> and <b class=other>Z</b>, and the <b class=good>windows</b> that RIST chose for the swarm.",
+    );
+    out += &search(judged)?;
+    let held = compass::held(&turned);
+    if held.is_empty() {
+        out += "<p>The gyro did not follow the turn, so that there is nothing to hold the field against.</p>\n";
+        return Ok(out);
+    }
+    out += &figure(
+        &compass::against_gyro(&held)?,
+        "Corrected heading less the heading by the gyro.",
+    );
+    out += &figure(
+        &compass::deviation(&held)?,
+        "Deviation by heading: <b class=raw>before</b>, and <b class=corrected>after</b>.",
+    );
+    out += &card(&held);
+    Ok(out)
+}
+
+fn search(judged: &Judged) -> Result<String, ReportError> {
+    let samples = &judged.outcome.samples;
+    let search = Search::on(judged);
+    let number = |count: Option<usize>| count.map_or("none".to_owned(), |count| count.to_string());
+    let [basic, mpsot] = search.iterations().map(number);
+    let mut out = figure(
+        &search.fitness()?,
+        &format!(
+            "Fitness of the global best of the paper's swarm by iteration: <b class=raw>basic</b>, {basic} iterations, and stopped by <b class=corrected>MPSOT</b>, {mpsot}."
+        ),
+    );
+    let most = samples.total.max(1) as f64;
+    out += "<table><tr><th>samples</th><th></th><th></th></tr>\n";
+    for (name, count) in [
+        ("all", samples.total),
+        ("turn", samples.turn),
+        ("RIST's windows", samples.window),
+    ] {
+        out += &format!(
+            "<tr><th>{name}</th><td>{count}</td><td><meter value={:.4}></meter></td></tr>\n",
+            count as f64 / most
+        );
+    }
+    Ok(out + "</table>\n")
+}
+
+/// Each limit and what was measured of it.
+fn limits(m: &Measures, limits: &Limits) -> String {
+    let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);
+    let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
+    let jump_limit = if m.coverage_deg.is_some() {
+        limits.jump_planar
+    } else {
+        limits.jump_spatial
+    };
+    let percent = |share: f64| 100.0 * share;
+    // Name, unit, measured, limit, and whether that is the most or the least.
+    let mut rows: Vec<(&str, &str, Option<f64>, f64, bool)> = vec![
+        (
+            "coverage of the circle",
+            "°",
+            m.coverage_deg,
+            limits.coverage_deg,
+            false,
+        ),
+        (
+            "spread of the field's directions",
+            "",
+            m.direction_spread,
+            limits.direction_spread,
+            false,
+        ),
+        (
+            "outliers",
+            "%",
+            Some(percent(m.outlier_share)),
+            percent(limits.outlier_share),
+            true,
+        ),
+        (
+            "residual, of the field",
+            "%",
+            Some(percent(m.residual_share)),
+            percent(limits.residual_share),
+            true,
+        ),
+        (
+            "ratio of the axes' scale factors",
+            "",
+            Some(largest / smallest),
+            limits.axis_ratio,
+            true,
+        ),
+        (
+            "predicted heading uncertainty",
+            "°",
+            Some(m.heading_sd_deg),
+            limits.heading_sd_deg,
+            true,
+        ),
+        (
+            "angle turned, field against gyro",
+            "%",
+            m.gyro.map(|gyro| percent(gyro.drift_share)),
+            percent(limits.gyro_angle_share),
+            true,
+        ),
+        (
+            "heading against gyro, RMS",
+            "°",
+            m.gyro.map(|gyro| gyro.rms_deg),
+            limits.gyro_rms_deg,
+            true,
+        ),
+        (
+            "largest jump, times the usual",
+            "",
+            m.jump.map(|jump| jump.times_usual),
+            jump_limit,
+            true,
+        ),
+        (
+            "change of dip with attitude",
+            "°",
+            m.dip_spread_deg,
+            limits.dip_spread_deg,
+            true,
+        ),
+    ];
+    if m.reference_given {
+        rows.push((
+            "smallest scale factor",
+            "",
+            Some(smallest),
+            limits.scale_min,
+            false,
+        ));
+        rows.push((
+            "largest scale factor",
+            "",
+            Some(largest),
+            limits.scale_max,
+            true,
+        ));
+    }
+    let mut out = String::from(
+        "<table><tr><th>limit</th><th>measured</th><th></th><th>limit</th><th></th></tr>\n",
+    );
+    for (name, unit, measured, limit, at_most) in rows {
+        let Some(measured) = measured else { continue };
+        let passed = if at_most {
+            measured <= limit
+        } else {
+            measured >= limit
+        };
+        let (relation, class, word) = match (at_most, passed) {
+            (true, true) => ("at most", "good", "kept"),
+            (false, true) => ("at least", "good", "kept"),
+            (true, false) => ("at most", "bad", "broken"),
+            (false, false) => ("at least", "bad", "broken"),
+        };
+        let digits = if limit < 0.1 { 4 } else { 2 };
+        out += &format!(
+            "<tr><th>{name}</th><td>{measured:.digits$} {unit}</td><td>{relation}</td><td>{limit:.digits$} {unit}</td><td><b class={class}>{word}</b></td></tr>\n"
+        );
+    }
+    let centre = if m.centre_inside {
+        "<b class=good>kept</b>"
+    } else {
+        "<b class=bad>broken</b>"
+    };
+    out + &format!(
+        "<tr><th>centre within the samples</th><td></td><td></td><td></td><td>{centre}</td></tr>\n</table>\n"
+    )
+}
+
+fn card(held: &[compass::Held]) -> String {
+    let mut rows = [String::new(), String::new(), String::new()];
+    for (heading_deg, deviations) in compass::card(held) {
+        rows[0] += &format!("<th>{heading_deg:03.0}°</th>");
+        let [before, after] = match deviations {
+            Some((before, after)) => [before, after].map(|deviation| format!("{deviation:+.1}")),
+            None => [String::new(), String::new()],
+        };
+        rows[1] += &format!("<td>{before}</td>");
+        rows[2] += &format!("<td>{after}</td>");
+    }
+    let [head, before, after] = rows;
+    format!(
+        "<table class=card><caption>Deviation card, degrees</caption><tr><th>heading</th>{head}</tr>\n\
+         <tr><th>before</th>{before}</tr>\n<tr><th>after</th>{after}</tr></table>\n"
+    )
+}
+
+fn verdicts(analysis: &Analysis) -> String {
+    if analysis.verdicts.is_empty() {
+        return String::new();
+    }
+    let mut out = String::from(
+        "<h2>All verdicts</h2>\n<table><tr><th>at, s</th><th>by</th><th>verdict</th><th>reason</th><th></th></tr>\n",
+    );
+    for (t_s, verdict, reason, message, method) in analysis.verdicts.iter().rev().take(LISTED) {
+        out += &format!(
+            "<tr><td>{t_s:.1}</td><td>{method}</td><td>{verdict}</td><td>{reason}</td><td>{}</td></tr>\n",
+            escaped(message)
+        );
+    }
+    out + "</table>\n"
+}
+
+fn figure(svg: &str, caption: &str) -> String {
+    format!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n")
+}
+
+/// The colours of the figures, by their codes in the SVG, and of words in the text.
+fn hues() -> String {
+    let mut out = String::new();
+    for (hue, name) in Hue::ALL {
+        let code = hue.code();
+        out += &format!(
+            "[fill=\"{code}\"]{{fill:var(--{name})}}[stroke=\"{code}\"]{{stroke:var(--{name})}}b.{name}{{color:var(--{name})}}"
+        );
+    }
+    out
+}
+
+/// Text that may stand in HTML.
+fn escaped(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => out += "&amp;",
+            '<' => out += "&lt;",
+            '>' => out += "&gt;",
+            '"' => out += "&quot;",
+            other => out.push(other),
+        }
+    }
+    out
+}

@@ -1,0 +1,223 @@
+//! One figure as SVG. Its colours are names in disguise, which the page's style sheet turns into light ones or dark ones.
+
+use std::ops::Range;
+
+use plotters::prelude::*;
+use plotters::style::FontTransform;
+
+/// A figure could not be drawn.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot draw a figure: {0}")]
+pub struct ReportError(String);
+
+/// What a colour is for; the page knows which it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Hue {
+    Ink,
+    Grid,
+    Raw,
+    Corrected,
+    Other,
+    Good,
+    Middling,
+    Bad,
+    Quiet,
+}
+
+impl Hue {
+    /// All of them, with their names in the style sheet.
+    pub(super) const ALL: [(Self, &'static str); 9] = [
+        (Self::Ink, "ink"),
+        (Self::Grid, "grid"),
+        (Self::Raw, "raw"),
+        (Self::Corrected, "corrected"),
+        (Self::Other, "other"),
+        (Self::Good, "good"),
+        (Self::Middling, "middling"),
+        (Self::Bad, "bad"),
+        (Self::Quiet, "quiet"),
+    ];
+
+    /// The colour that stands for it in the SVG.
+    fn rgb(self) -> RGBColor {
+        RGBColor(1, 2, 1 + self as u8)
+    }
+
+    /// The same as it is written there.
+    pub(super) fn code(self) -> String {
+        let RGBColor(r, g, b) = self.rgb();
+        format!("#{r:02X}{g:02X}{b:02X}")
+    }
+}
+
+/// How points are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Mark {
+    Line,
+    Dots,
+}
+
+/// Points of one kind.
+#[derive(Clone, Debug)]
+pub(super) struct Series {
+    pub(super) hue: Hue,
+    pub(super) mark: Mark,
+    pub(super) points: Vec<(f64, f64)>,
+}
+
+/// A stretch of the x axis, from the bottom to the top.
+#[derive(Clone, Debug)]
+pub(super) struct Band {
+    pub(super) from: f64,
+    pub(super) to: f64,
+    pub(super) hue: Hue,
+}
+
+/// An axis with its name and unit.
+#[derive(Clone, Debug)]
+pub(super) struct AxisScale {
+    pub(super) name: String,
+    pub(super) range: Range<f64>,
+    /// The numbers are powers of ten.
+    pub(super) logarithmic: bool,
+}
+
+impl AxisScale {
+    /// From the least to the most, with a little room.
+    pub(super) fn over(name: &str, values: impl Iterator<Item = f64>) -> Self {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for value in values.filter(|value| value.is_finite()) {
+            (low, high) = (low.min(value), high.max(value));
+        }
+        if low > high {
+            (low, high) = (0.0, 1.0);
+        }
+        let room = (0.04 * (high - low)).max(1e-6);
+        Self::from(name, low - room..high + room)
+    }
+
+    /// With this range.
+    pub(super) fn from(name: &str, range: Range<f64>) -> Self {
+        Self {
+            name: name.to_owned(),
+            range,
+            logarithmic: false,
+        }
+    }
+}
+
+/// A figure.
+#[derive(Clone, Debug)]
+pub(super) struct Chart {
+    pub(super) size: (u32, u32),
+    pub(super) x: AxisScale,
+    pub(super) y: AxisScale,
+    pub(super) bands: Vec<Band>,
+    pub(super) series: Vec<Series>,
+}
+
+impl Chart {
+    /// A wide figure.
+    pub(super) fn wide(x: AxisScale, y: AxisScale, series: Vec<Series>) -> Self {
+        Self {
+            size: (860, 320),
+            x,
+            y,
+            bands: Vec::new(),
+            series,
+        }
+    }
+
+    /// A square one, whose axes have the same scale and hold all points.
+    pub(super) fn square(names: [&str; 2], series: Vec<Series>) -> Self {
+        let points = || series.iter().flat_map(|series| &series.points);
+        let middle = |range: Range<f64>| 0.5 * (range.start + range.end);
+        let x = AxisScale::over(names[0], points().map(|point| point.0));
+        let y = AxisScale::over(names[1], points().map(|point| point.1));
+        let half = 0.5 * (x.range.end - x.range.start).max(y.range.end - y.range.start);
+        let about = |centre: f64| centre - half..centre + half;
+        Self {
+            size: (430, 420),
+            x: AxisScale::from(names[0], about(middle(x.range))),
+            y: AxisScale::from(names[1], about(middle(y.range))),
+            bands: Vec::new(),
+            series,
+        }
+    }
+
+    /// As SVG.
+    ///
+    /// # Errors
+    ///
+    /// The library cannot draw it.
+    pub(super) fn svg(&self) -> Result<String, ReportError> {
+        let mut svg = String::new();
+        draw(self, &mut svg).map_err(|error| ReportError(error.to_string()))?;
+        Ok(svg)
+    }
+}
+
+fn draw(chart: &Chart, svg: &mut String) -> Result<(), Box<dyn std::error::Error>> {
+    let root = SVGBackend::with_string(svg, chart.size).into_drawing_area();
+    let mut on = ChartBuilder::on(&root)
+        .margin(8)
+        .margin_right(16)
+        .x_label_area_size(46)
+        .y_label_area_size(70)
+        .build_cartesian_2d(chart.x.range.clone(), chart.y.range.clone())?;
+    let bottom_to_top = (chart.y.range.start, chart.y.range.end);
+    for band in &chart.bands {
+        let corners = [(band.from, bottom_to_top.0), (band.to, bottom_to_top.1)];
+        on.draw_series([Rectangle::new(corners, band.hue.rgb().mix(0.25).filled())])?;
+    }
+    let font = |size: u32| ("sans-serif", size).into_font();
+    let ink = Hue::Ink.rgb();
+    let (x_step, y_step) = (step(&chart.x), step(&chart.y));
+    on.configure_mesh()
+        .axis_style(ink)
+        .bold_line_style(Hue::Grid.rgb())
+        .light_line_style(TRANSPARENT)
+        .label_style(font(13).color(&ink))
+        .axis_desc_style(font(14).transform(FontTransform::None).color(&ink))
+        .x_desc(chart.x.name.as_str())
+        .y_desc(chart.y.name.as_str())
+        .x_label_formatter(&|value| label(&chart.x, *value, x_step))
+        .y_label_formatter(&|value| label(&chart.y, *value, y_step))
+        .draw()?;
+    for series in &chart.series {
+        let hue = series.hue.rgb();
+        match series.mark {
+            Mark::Line => {
+                on.draw_series(LineSeries::new(
+                    series.points.iter().copied(),
+                    hue.stroke_width(2),
+                ))?;
+            }
+            Mark::Dots => {
+                let dots = series.points.iter();
+                on.draw_series(dots.map(|point| Circle::new(*point, 2, hue.mix(0.8).filled())))?;
+            }
+        }
+    }
+    root.present()?;
+    Ok(())
+}
+
+/// How far labels are apart, about.
+fn step(axis: &AxisScale) -> f64 {
+    (axis.range.end - axis.range.start) / 10.0
+}
+
+/// A number of an axis, with as many digits as tell it from its neighbours.
+fn label(axis: &AxisScale, value: f64, step: f64) -> String {
+    if axis.logarithmic {
+        let number = 10f64.powf(value);
+        return if (0.01..100_000.0).contains(&number) {
+            format!("{}", (1000.0 * number).round() / 1000.0)
+        } else {
+            format!("{number:.0e}")
+        };
+    }
+    let decimals = (-step.log10()).ceil().clamp(0.0, 6.0) as usize;
+    format!("{:.decimals$}", value + 0.0)
+}

@@ -1,0 +1,95 @@
+//! Heading and uncertainty over time, on bands of the daemon's condition.
+
+use super::analysis::{Analysis, Point};
+use super::plot::{AxisScale, Band, Chart, Hue, Mark, ReportError, Series};
+use super::thin::some;
+
+/// Points of a line.
+const MOST: usize = 1500;
+
+/// A heading that goes on by more than this has gone over north, and the line is broken there.
+const OVER_NORTH_DEG: f64 = 180.0;
+
+/// The band of a condition.
+pub(super) fn hue(word: &str) -> Hue {
+    match word {
+        "good" => Hue::Good,
+        "degraded" | "disturbed" => Hue::Middling,
+        "stale" | "fault" => Hue::Bad,
+        _ => Hue::Quiet,
+    }
+}
+
+/// The heading, published and raw.
+///
+/// # Errors
+///
+/// The figure cannot be drawn.
+pub(super) fn headings(analysis: &Analysis) -> Result<String, ReportError> {
+    let points = some(analysis.points.items(), MOST);
+    let mut series = lines(&points, Hue::Raw, |point| point.raw_deg);
+    series.extend(lines(&points, Hue::Corrected, |point| point.heading_deg));
+    let y = AxisScale::from("heading, degrees", 0.0..360.0);
+    let mut chart = Chart::wide(times(&points), y, series);
+    chart.bands = bands(analysis);
+    chart.svg()
+}
+
+/// What the daemon says of its heading: one standard deviation.
+///
+/// # Errors
+///
+/// The figure cannot be drawn.
+pub(super) fn uncertainty(analysis: &Analysis) -> Result<String, ReportError> {
+    let points = some(analysis.points.items(), MOST);
+    let series = lines(&points, Hue::Corrected, |point| point.sd_deg);
+    let most = points
+        .iter()
+        .filter_map(|point| point.sd_deg)
+        .fold(1.0, f64::max);
+    let y = AxisScale::from("uncertainty, degrees", 0.0..1.05 * most);
+    let mut chart = Chart::wide(times(&points), y, series);
+    chart.size.1 = 200;
+    chart.bands = bands(analysis);
+    chart.svg()
+}
+
+fn times(points: &[Point]) -> AxisScale {
+    AxisScale::over("time, seconds", points.iter().map(|point| point.t_s))
+}
+
+fn bands(analysis: &Analysis) -> Vec<Band> {
+    let first_s = analysis.first_s.unwrap_or(0.0);
+    let ends = analysis.spans.iter().skip(1).map(|span| span.from_s);
+    let ends = ends.chain([analysis.now_s]);
+    let bands = analysis.spans.iter().zip(ends).map(|(span, to)| Band {
+        from: span.from_s.max(first_s),
+        to: to.max(first_s),
+        hue: hue(span.word),
+    });
+    bands.collect()
+}
+
+/// Lines through what is known; they break where it is not, and over north.
+fn lines(points: &[Point], hue: Hue, of: fn(&Point) -> Option<f64>) -> Vec<Series> {
+    let mut lines: Vec<Series> = Vec::new();
+    let mut last: Option<f64> = None;
+    for point in points {
+        let value = of(point);
+        if let Some(value) = value {
+            let goes_on = last.is_some_and(|last| (value - last).abs() < OVER_NORTH_DEG);
+            if !goes_on {
+                lines.push(Series {
+                    hue,
+                    mark: Mark::Line,
+                    points: Vec::new(),
+                });
+            }
+            if let Some(line) = lines.last_mut() {
+                line.points.push((point.t_s, value));
+            }
+        }
+        last = value;
+    }
+    lines
+}

@@ -1,0 +1,112 @@
+//! The samples of the turn that was judged, raw and corrected, whatever the verdict was.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::analysis::Judged;
+use crate::calibration::FieldSample;
+use crate::calibration::model::Mode;
+use crate::frame::heading_deg;
+
+/// One sample, along the axes that were calibrated: two in the plane of a turn, three in space.
+#[derive(Clone, Debug)]
+pub(super) struct Seen {
+    pub(super) t_s: f64,
+    pub(super) raw_mgauss: Vec<f64>,
+    pub(super) corrected_mgauss: Vec<f64>,
+    /// Where the gyro knew the board's attitude.
+    pub(super) headings: Option<Headings3>,
+}
+
+/// Headings of one sample, degrees.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Headings3 {
+    /// By the gyro, from wherever it began.
+    pub(super) gyro: f64,
+    /// By the field as it was read.
+    pub(super) raw: f64,
+    /// By the corrected field.
+    pub(super) corrected: f64,
+    /// A hole in the gyro's account begins another stretch.
+    pub(super) stretch: u32,
+}
+
+/// The samples of a turn.
+pub(super) struct Turned {
+    pub(super) samples: Vec<Seen>,
+    /// How the axes are called.
+    pub(super) axes: Vec<String>,
+}
+
+/// Steeper than this, body X has no heading worth the name: cosine of 60 degrees to the horizontal.
+const LEVEL: f64 = 0.5;
+
+impl Turned {
+    /// Corrects the samples with what was found; `None` if nothing was.
+    pub(super) fn of(judged: &Judged) -> Option<Self> {
+        let outcome = &judged.outcome;
+        let bias = outcome.bias_mgauss.as_ref()?;
+        let scale = outcome.scale.as_ref()?;
+        let basis: Vec<Vector3<f64>> = match (outcome.mode?, outcome.basis) {
+            (Mode::Planar, Some(basis)) => basis.map(Vector3::from).into(),
+            _ => vec![Vector3::x(), Vector3::y(), Vector3::z()],
+        };
+        let inverse = match outcome.matrix {
+            Some(rows) => Matrix3::from_row_slice(&rows).try_inverse()?,
+            None => Matrix3::from_diagonal(&Vector3::from_fn(|axis, _| {
+                scale.get(axis).map_or(1.0, |scale| 1.0 / scale)
+            })),
+        };
+        let axes = basis.iter().enumerate().map(|(index, axis)| {
+            match axis.iter().position(|part| part.abs() > 0.999) {
+                Some(axis) => format!("chip axis {}", ["X", "Y", "Z"][axis]),
+                None => format!("axis {} of the turn's plane", index + 1),
+            }
+        });
+        let stretch = judged.request.turns.iter().fold(None, |all, turn| {
+            let (start, end) = all.unwrap_or((turn.samples.start, turn.samples.end));
+            Some((start.min(turn.samples.start), end.max(turn.samples.end)))
+        });
+        let (start, end) = stretch.unwrap_or((0, judged.request.samples.len()));
+        let samples = judged.request.samples.get(start..end)?;
+        let seen = samples.iter().map(|sample| {
+            let raw: Vec<f64> = basis
+                .iter()
+                .map(|axis| axis.dot(&sample.field_mgauss))
+                .collect();
+            let away = Vector3::from_fn(|axis, _| {
+                raw.get(axis)
+                    .map_or(0.0, |raw| raw - bias.get(axis).unwrap_or(&0.0))
+            });
+            let corrected: Vec<f64> = (inverse * away).iter().copied().take(basis.len()).collect();
+            let parts = basis.iter().zip(&corrected);
+            let field: Vector3<f64> = parts.map(|(axis, part)| axis * *part).sum();
+            Seen {
+                t_s: sample.t_s,
+                headings: headings(judged, sample, field),
+                raw_mgauss: raw,
+                corrected_mgauss: corrected,
+            }
+        });
+        Some(Self {
+            samples: seen.collect(),
+            axes: axes.collect(),
+        })
+    }
+}
+
+fn headings(judged: &Judged, sample: &FieldSample, corrected: Vector3<f64>) -> Option<Headings3> {
+    let pose = sample.pose?;
+    let forward = pose.orientation * Vector3::x();
+    if forward.z.abs() > LEVEL {
+        return None;
+    }
+    // The frame's Z points up, so that it counts counter-clockwise.
+    let down = pose.orientation.inverse_transform_vector(&-Vector3::z());
+    let mounting = &judged.request.mounting;
+    Some(Headings3 {
+        gyro: -forward.y.atan2(forward.x).to_degrees(),
+        raw: heading_deg(&mounting.to_body(sample.field_mgauss), &down)?,
+        corrected: heading_deg(&mounting.to_body(corrected), &down)?,
+        stretch: pose.stretch,
+    })
+}

@@ -1,0 +1,199 @@
+//! `headingd monitor` on a terminal of its own, and `headingd report` of a running daemon.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
+use std::process::Command;
+use std::sync::mpsc::{Receiver, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::fs::{Mode, OFlags};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
+use serde_json::json;
+
+use super::headingd;
+use crate::control::link::Link;
+use crate::rig::{FAST, PATIENCE, Process, Rig, spawn};
+
+/// A screen that draws nothing for so long has drawn all: it is drawn five times a second.
+const SETTLED: Duration = Duration::from_millis(50);
+
+const ENDLESS: &str = "[simulator]\nscenario = \"endless\"\n";
+
+/// A terminal with the program on it.
+struct Screen {
+    master: File,
+    shown: Receiver<Vec<u8>>,
+    seen: String,
+    columns: u16,
+    process: Process,
+}
+
+impl Screen {
+    fn monitor(rig: &Rig) -> Self {
+        let pty = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+        grantpt(&pty).unwrap();
+        unlockpt(&pty).unwrap();
+        let name = ptsname(&pty, Vec::new()).unwrap();
+        let open = || {
+            let node = rustix::fs::open(&name, OFlags::RDWR | OFlags::NOCTTY, Mode::empty());
+            File::from(node.unwrap())
+        };
+        let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
+        command.args([
+            "monitor",
+            "--socket",
+            rig.path("heading.sock").to_str().unwrap(),
+        ]);
+        command
+            .env("TERM", "xterm")
+            .env("LC_ALL", "C.UTF-8")
+            .env("NO_COLOR", "1");
+        command.stdin(open());
+        let output = open();
+        tcsetwinsize(
+            &pty,
+            Winsize {
+                ws_row: 24,
+                ws_col: 80,
+                ws_xpixel: 0,
+                ws_ypixel: 0,
+            },
+        )
+        .unwrap();
+        let process = crate::rig::spawn_on(rig.folder.path(), &mut command, output);
+        let master = File::from(pty);
+        let (sender, shown) = channel();
+        let mut reader = master.try_clone().unwrap();
+        thread::spawn(move || {
+            let mut bytes = [0; 4096];
+            loop {
+                match reader.read(&mut bytes) {
+                    Ok(0) => break,
+                    Ok(count) if sender.send(bytes[..count].to_vec()).is_ok() => {}
+                    Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                    // The other end is closed.
+                    _ => break,
+                }
+            }
+        });
+        Self {
+            master,
+            shown,
+            seen: String::new(),
+            columns: 80,
+            process,
+        }
+    }
+
+    /// Waits until this is on the screen. Only what has changed is drawn, so the screen is made wider or narrower again and
+    /// again: then all of it is.
+    fn shows(&mut self, part: &str) {
+        let begun = Instant::now();
+        self.seen.clear();
+        while !self.seen.contains(part) {
+            assert!(
+                begun.elapsed() < PATIENCE,
+                "{part} is not shown: {}",
+                self.seen
+            );
+            self.resize();
+            while let Ok(bytes) = self.shown.recv_timeout(SETTLED) {
+                self.seen += &String::from_utf8_lossy(&bytes);
+            }
+        }
+    }
+
+    fn resize(&mut self) {
+        self.columns = if self.columns == 80 { 81 } else { 80 };
+        let size = Winsize {
+            ws_row: 24,
+            ws_col: self.columns,
+            ws_xpixel: 0,
+            ws_ypixel: 0,
+        };
+        tcsetwinsize(&self.master, size).unwrap();
+    }
+
+    fn press(&mut self, key: &str) {
+        self.master.write_all(key.as_bytes()).unwrap();
+    }
+}
+
+#[test]
+fn the_screen_shows_the_daemon_and_keys_reach_it() {
+    let rig = Rig::new(FAST, ENDLESS);
+    let (mut process, mut client) = rig.watched();
+    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    let mut link = Link::new(&rig);
+    let mut screen = Screen::monitor(&rig);
+    screen.shows("hmc5843");
+    screen.press("l");
+    link.status("the lock", |status| status["mode"] == "locked");
+    screen.shows("locked");
+    screen.press("l");
+    link.status("the end of it", |status| status["mode"] == "on");
+    screen.press("c");
+    screen.shows("turn the board once");
+    // A key that changes much is asked about, and any other key is a no.
+    screen.press("r");
+    screen.shows("y: yes");
+    screen.press("n");
+    link.ask(&json!({"request": "status"}));
+    // Without colour there is none, and it is no reason to hide the daemon's end.
+    process.signal("TERM");
+    assert!(process.wait().success());
+    screen.shows("lost");
+    screen.press("q");
+    assert!(screen.process.wait().success());
+    // The terminal is as it was.
+    let modes = tcgetattr(&screen.master).unwrap().local_modes;
+    assert!(modes.contains(LocalModes::ICANON | LocalModes::ECHO));
+}
+
+#[test]
+fn a_signal_ends_it_and_gives_the_terminal_back() {
+    let rig = Rig::new(1.0, ENDLESS);
+    let (_process, _client) = rig.watched();
+    let mut screen = Screen::monitor(&rig);
+    screen.shows("heading");
+    screen.process.signal("TERM");
+    assert!(screen.process.wait().success());
+    let modes = tcgetattr(&screen.master).unwrap().local_modes;
+    assert!(modes.contains(LocalModes::ICANON | LocalModes::ECHO));
+}
+
+#[test]
+fn without_a_terminal_or_a_daemon_it_says_so() {
+    let (status, _, err) = headingd(&[], &["monitor"]);
+    assert_eq!(status, 2);
+    assert!(err.contains("headingd watch"), "{err}");
+}
+
+#[test]
+fn a_running_daemon_is_reported_on() {
+    let rig = Rig::new(FAST, ENDLESS);
+    let (_process, mut client) = rig.watched();
+    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    let (socket, out) = (rig.path("heading.sock"), rig.path("report.html"));
+    let (status, _, err) = headingd(
+        &[],
+        &[
+            "report",
+            "--socket",
+            socket.to_str().unwrap(),
+            "--duration",
+            "3",
+            "--out",
+            out.to_str().unwrap(),
+        ],
+    );
+    assert_eq!(status, 0, "{err}");
+    let page = std::fs::read_to_string(out).unwrap();
+    assert!(page.contains("hmc5843") && page.contains("<figure>"));
+    let mut other = Command::new(env!("CARGO_BIN_EXE_headingd"));
+    other.args(["report", "--socket", "/none.sock", "--out", "-"]);
+    let mut process = spawn(rig.folder.path(), &mut other);
+    assert_eq!(process.wait().code(), Some(69), "{}", process.said());
+}

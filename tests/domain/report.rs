@@ -1,0 +1,120 @@
+//! `headingd report`: one page with every figure, that needs nothing else.
+
+use std::fs;
+
+use crate::common::{Folder, headingd};
+use headingd::sensor::simulator::{Scenario, Settings};
+
+/// Runs the command on a simulated board, and gives back the page.
+fn page(settings: Settings, config: &str) -> String {
+    let folder = Folder::new();
+    let (log, out) = (
+        folder.log("turn.csv", &settings),
+        folder.path("report.html"),
+    );
+    let config = folder.file("a.toml", config);
+    let ran = headingd(&["report", &log, "--out", &out, "--config", &config]);
+    assert_eq!((ran.status, ran.out.as_str()), (0, ""), "{}", ran.err);
+    fs::read_to_string(out).unwrap()
+}
+
+/// It loads nothing, runs nothing, and has no number that is none.
+fn assert_self_contained(page: &str) {
+    let bare = page.replace("http://www.w3.org/2000/svg", "");
+    for strange in [
+        "http", "<script", "src=", "url(", "@import", "NaN", "inf\"", ">inf<",
+    ] {
+        assert!(!bare.contains(strange), "{strange} is in the page");
+    }
+    for tag in ["figure", "table", "svg", "main", "details"] {
+        let count = |text: &str| page.matches(text).count();
+        assert_eq!(
+            count(&format!("<{tag}>")) + count(&format!("<{tag} ")),
+            count(&format!("</{tag}>")),
+            "{tag}"
+        );
+    }
+    assert!(page.contains("prefers-color-scheme:dark"));
+}
+
+#[test]
+fn an_accepted_turn_has_every_figure() {
+    let page = page(
+        Settings {
+            scenario: Scenario::Demo,
+            ..Settings::default()
+        },
+        "",
+    );
+    assert_self_contained(&page);
+    assert_eq!(page.matches("<figure>").count(), 8, "planar: one circle");
+    for part in [
+        "heading, degrees",
+        "uncertainty, degrees",
+        "time, seconds",
+        "chip axis X, milligauss",
+        "raw field, milligauss",
+        "fitness, milligauss squared",
+        "field less gyro, degrees",
+        "deviation, degrees",
+        "<b class=good>accepted</b>",
+        "Deviation card, degrees",
+        "coverage of the circle",
+        "RIST's windows",
+        "1000 iterations",
+    ] {
+        assert!(page.contains(part), "{part} is missing");
+    }
+    // The card: what was off by tens of degrees is right within one.
+    let row = |name: &str| -> Vec<f64> {
+        let row = page.split_once(&format!("<tr><th>{name}</th>")).unwrap().1;
+        let row = row.split_once("</tr>").unwrap().0;
+        let cells = row
+            .split("<td>")
+            .filter_map(|cell| cell.split("</td>").next()?.parse().ok());
+        cells.collect()
+    };
+    let most = |row: &[f64]| row.iter().fold(0.0, |most: f64, cell| most.max(cell.abs()));
+    let (before, after) = (row("before"), row("after"));
+    assert_eq!((before.len(), after.len()), (12, 12));
+    assert!(
+        most(&before) > 20.0 && most(&after) < 1.0,
+        "{before:?} {after:?}"
+    );
+}
+
+#[test]
+fn a_refused_turn_says_what_broke_which_limit_and_what_to_do() {
+    let page = page(Settings::default(), "[verdict]\nresidual_share = 0.001\n");
+    assert_self_contained(&page);
+    for part in [
+        "<b class=bad>rejected</b> (residual)",
+        "What to do: turn on the spot, away from iron",
+        "<th>residual, of the field</th>",
+        "<b class=bad>broken</b>",
+    ] {
+        assert!(page.contains(part), "{part} is missing");
+    }
+    // What was fitted is shown all the same.
+    assert_eq!(page.matches("<figure>").count(), 8);
+}
+
+#[test]
+fn space_has_three_circles_and_motion_none() {
+    let spatial = Settings {
+        scenario: Scenario::Spatial,
+        ..Settings::default()
+    };
+    let found = page(spatial, "");
+    assert_self_contained(&found);
+    assert_eq!(found.matches("<svg").count(), 10);
+    assert!(found.contains("spread of the field"));
+    let still = Settings {
+        turns: 0.0,
+        ..Settings::default()
+    };
+    let found = page(still, "");
+    assert_self_contained(&found);
+    assert_eq!(found.matches("<figure>").count(), 2);
+    assert!(found.contains("no full turn that was calibrated on"));
+}
