@@ -262,9 +262,9 @@ fn rows_with_a_header_are_those_of_a_log() {
 }
 
 #[test]
-fn the_sketch_of_the_readme_is_understood() {
-    let readme = include_str!("../../../README.md");
-    let sketch = readme.split_once("Serial.print(F(\"").unwrap().1;
+fn the_sketch_of_the_manual_is_understood() {
+    let manual = include_str!("../../../docs/serial.md");
+    let sketch = manual.split_once("Serial.print(F(\"").unwrap().1;
     let header = sketch.split_once("\"))").unwrap().0.replace("\\n", "\n");
     let stream = format!("{header}0.0200,130.000,,13.000,14.375,0.000,-1.000\n");
     let reading = readings(&of_rows(Mountings::default(), &[stream.as_bytes()]))[0];
