@@ -100,6 +100,10 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 /// Runs the command.
+///
+/// # Errors
+///
+/// The log or the configuration cannot be used, the calibration is refused, or a file cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = settings(args)?;
     if args.plane != Plane::Gyro && config.calibration.mode == ModeChoice::Spatial {

@@ -108,6 +108,10 @@ impl CalibrationAction {
 }
 
 /// Runs the command.
+///
+/// # Errors
+///
+/// The daemon cannot be reached or refuses, or a file cannot be read or written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     if let CalibrationAction::Start { wait: true } = args.action {
         return start_and_wait(&args.target, args.json);

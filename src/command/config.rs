@@ -37,6 +37,10 @@ pub enum ConfigAction {
 }
 
 /// Runs the command.
+///
+/// # Errors
+///
+/// The configuration cannot be read, or is wrong.
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.action {
         ConfigAction::Check { file } => {

@@ -43,7 +43,11 @@ impl ControlTarget {
         Ok(config.control.path(&config.socket.socket))
     }
 
-    /// Asks the daemon, and gives back its answer if that is yes. One that is no is printed too, if `json` is wanted.
+    /// Sends a request; gives the answer. With `json` a refusal is printed, too.
+    ///
+    /// # Errors
+    ///
+    /// The daemon cannot be reached, or refuses.
     pub fn ask(&self, request: &Value, json: bool) -> Result<Value, Failure> {
         let answer = exchange(&self.path()?, request);
         let Err((failure, Some(answer))) = answer else {
@@ -56,8 +60,7 @@ impl ControlTarget {
     }
 }
 
-/// Asks the daemon whose control socket this is, and gives back its answer if that is yes; with a failure the answer
-/// that said no.
+/// Sends a request to the daemon with this control socket. A refusal becomes a `Failure`, beside the answer.
 pub(super) fn exchange(path: &Path, request: &Value) -> Result<Value, (Failure, Option<Value>)> {
     let line = exchange_lines(path, request).map_err(|error| (unreachable(path, &error), None))?;
     let answer: Value = serde_json::from_str(&line).unwrap_or_default();

@@ -56,6 +56,10 @@ fn speed(text: &str) -> Result<f64, String> {
 }
 
 /// Runs the command.
+///
+/// # Errors
+///
+/// The simulated board cannot be made, or the demo has failed.
 pub fn run(args: &Args) -> Result<(), Failure> {
     Log::start("error");
     runtime()?.block_on(demo(args))

@@ -96,6 +96,10 @@ impl std::error::Error for Failure {}
 const LONGEST_CONFIG: u64 = 1 << 20;
 
 /// The configuration in a file.
+///
+/// # Errors
+///
+/// The file cannot be read, or is no configuration.
 pub fn load_config(path: &Path) -> Result<Config, Failure> {
     let name = path.display();
     let mut bytes = Vec::new();
@@ -180,6 +184,10 @@ pub fn print(text: &str) -> Result<(), Failure> {
 }
 
 /// Says on standard error that rows of a log were skipped, if some were; that most were is a failure.
+///
+/// # Errors
+///
+/// Most rows of the log were skipped.
 pub fn tell_skips(skips: &Skips) -> Result<(), Failure> {
     let Some(summary) = skips.summary() else {
         return Ok(());

@@ -36,6 +36,10 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 /// Runs the command.
+///
+/// # Errors
+///
+/// The configuration or the source cannot be used, no reading came, or the log cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
     Log::start(&config.log.filter);

@@ -52,6 +52,10 @@ pub struct Args {
 }
 
 /// Runs the command.
+///
+/// # Errors
+///
+/// The log, the configuration or the calibration cannot be used, or the output cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let mut config = config_file::load(args.config.as_deref())?;
     if let Some(seed) = args.seed {

@@ -110,6 +110,10 @@ impl From<SimulateError> for Failure {
 }
 
 /// Runs the command.
+///
+/// # Errors
+///
+/// The options contradict each other, or the log cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     simulate(args).map_err(Failure::from)
 }

@@ -22,6 +22,10 @@ pub struct Args {
 }
 
 /// Runs the command.
+///
+/// # Errors
+///
+/// The daemon cannot be reached.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let answer = args
         .target

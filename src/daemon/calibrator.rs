@@ -27,7 +27,7 @@ impl Calibrator {
         let (sender, outcome) = oneshot::channel();
         let failed = Outcome {
             reason: "internal",
-            message: "the calibration failed in itself; please report this, with a log of the turn"
+            message: "internal error during calibration: please report it with a log of the turn"
                 .to_owned(),
             ..Outcome::begun(&request)
         };

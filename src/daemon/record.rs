@@ -28,6 +28,10 @@ impl Recording {
     /// Finds the readings: those of the service on the configuration's socket, or else of the configuration's source.
     /// Then headings are served meanwhile, as by the daemon; where there can be no socket it says so and records all
     /// the same. Without a source a service must be there.
+    ///
+    /// # Errors
+    ///
+    /// Neither a service nor a source hands out readings, or the system refuses.
     pub async fn open(config: &Config) -> Result<Self, DaemonError> {
         // One recording is enough.
         let config = Config {

@@ -140,7 +140,7 @@ impl Session {
         self.state == SourceState::Over && !self.calibrator.is_busy()
     }
 
-    /// Stops the source, and waits until everything that was to be kept is on disk, up to a deadline.
+    /// Stops the session, flushing pending writes up to a deadline.
     pub(super) async fn close(mut self) {
         self.source.stop().await;
         let recorded = async {

@@ -16,6 +16,10 @@ impl Signals {
     ///
     /// Each has a task of its own, so that whoever waits for a reading as well, a hundred times a second, looks into one
     /// queue and not after every signal.
+    ///
+    /// # Errors
+    ///
+    /// The system does not let them be caught.
     pub fn catch(kinds: &[SignalKind]) -> io::Result<Self> {
         let (sender, caught) = mpsc::channel(kinds.len().max(1));
         for &kind in kinds {

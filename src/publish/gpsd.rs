@@ -1,7 +1,7 @@
 //! The objects of the gpsd dialect, as text. Pure: no I/O and no clock.
 //!
 //! What gpsd's own clients need (tested with version 3.22): compact JSON, `class` first, and nothing but
-//! flat scalars in `ATT`. What is not known is left out: never 0, never null. None of these functions ends
+//! flat scalars in `ATT`. Unknown values are omitted, never 0 or null. None of these functions ends
 //! its object with a newline.
 
 use serde::Serialize;

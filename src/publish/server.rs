@@ -108,6 +108,10 @@ impl Server {
     /// answers, or a file that is no socket, is left alone. Needs no runtime yet.
     ///
     /// A heading whose sample is older than `stale` when it is its turn is sent to nobody.
+    ///
+    /// # Errors
+    ///
+    /// The settings are wrong, somebody else has the socket, or the system refuses.
     pub fn bind(
         settings: &Settings,
         nmea: &nmea::Settings,
@@ -136,6 +140,10 @@ impl Server {
 
     /// Serves on a socket that somebody else has made, and will remove. Its path and mode are not those of the
     /// settings.
+    ///
+    /// # Errors
+    ///
+    /// It is not a socket that can be listened to.
     pub fn inherit(
         listener: StdListener,
         settings: &Settings,
@@ -182,7 +190,9 @@ impl Server {
     /// Serves clients until `shutdown` is ready. Then the socket is removed, and within 100 ms every client
     /// has been sent what was published before, as far as it takes it, and is closed.
     ///
-    /// An error means that the socket could not be handed to the runtime; nothing that a client does ends it.
+    /// # Errors
+    ///
+    /// The socket cannot be handed to the runtime; nothing that a client does ends it.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> io::Result<()> {
         let door = Door {
             listener: self.listener,

@@ -29,6 +29,10 @@ pub struct Args {
 }
 
 /// Runs the command.
+///
+/// # Errors
+///
+/// The configuration cannot be used, or a chip is not well.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let path = config_file::path(args.config.as_deref());
     let config = load_config(&path)?;

@@ -29,6 +29,10 @@ pub struct Args {
 }
 
 /// Runs the command.
+///
+/// # Errors
+///
+/// A test of the paper cannot be made again, or a log cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let busy = Progress::spinner("running the paper's tests, some seconds");
     let trials = trial::trials(args.seed)

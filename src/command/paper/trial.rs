@@ -81,6 +81,10 @@ fn share(part: Option<u64>, whole: Option<u64>) -> Option<f64> {
 }
 
 /// All tests of the paper with this seed, planar ones first. Says why if one cannot be calibrated.
+///
+/// # Errors
+///
+/// A calibration of one of them fails.
 pub fn trials(seed: u64) -> Result<Vec<Trial>, String> {
     let planar = PLANAR.iter().map(|test| (Mode::Planar, test));
     let spatial = SPATIAL.iter().map(|test| (Mode::Spatial, test));
@@ -91,6 +95,10 @@ pub fn trials(seed: u64) -> Result<Vec<Trial>, String> {
 }
 
 /// Runs one test.
+///
+/// # Errors
+///
+/// A calibration of it fails.
 pub fn trial(mode: Mode, published: &Published, seed: u64) -> Result<Trial, String> {
     let run = |profile, window, stop| {
         let settings = Settings {

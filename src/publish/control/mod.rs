@@ -92,6 +92,10 @@ pub struct Control {
 
 impl Control {
     /// Claims the socket, as that for headings is. `heading_socket` is beside it unless the settings say otherwise.
+    ///
+    /// # Errors
+    ///
+    /// The settings are wrong, somebody else has the socket, or the system refuses.
     pub fn bind(settings: &Settings, heading_socket: &Path) -> Result<Self, BindError> {
         let path = settings.path(heading_socket);
         let mode = mode_bits(&settings.mode, MOST_OPEN).ok_or_else(|| BindError::Settings {
@@ -106,6 +110,10 @@ impl Control {
     }
 
     /// Goes on with a socket that another process has opened, and will remove.
+    ///
+    /// # Errors
+    ///
+    /// It is not a socket that can be listened to.
     pub fn inherit(
         listener: UnixListener,
         settings: &Settings,
@@ -119,6 +127,10 @@ impl Control {
     }
 
     /// Hands requests to `orders` and answers to those who asked, until `shutdown` is ready. Then the socket is gone.
+    ///
+    /// # Errors
+    ///
+    /// The socket cannot be handed to the runtime; nothing that a client does ends it.
     pub async fn run(
         self,
         orders: mpsc::Sender<ControlCall>,

@@ -72,6 +72,10 @@ const QUOTED: usize = 60;
 
 impl ControlRequest {
     /// Reads one line; the error is the answer.
+    ///
+    /// # Errors
+    ///
+    /// The refusal that answers a line that is no request.
     pub fn parse(line: &[u8]) -> Result<Self, Answer> {
         let malformed = |message: String| Answer::refused("malformed", message);
         let value: Value = serde_json::from_slice(line).map_err(|error| {
