@@ -42,6 +42,29 @@ pub struct Heading {
 }
 
 impl Heading {
+    /// A heading of which nothing else is known.
+    pub fn unknown(seq: u64, t_s: f64, condition: Condition) -> Self {
+        Self {
+            seq,
+            t_s,
+            condition,
+            fused_deg: None,
+            instantaneous_deg: None,
+            raw_deg: None,
+            sd_deg: None,
+            declination_deg: None,
+            pitch_deg: None,
+            roll_deg: None,
+            turn_deg_min: None,
+            rate_deg_s: None,
+            specific_force_m_s2: None,
+            dip_deg: None,
+            field_mgauss: None,
+            strength_mgauss: None,
+            mag_status: MagStatus::Normal,
+        }
+    }
+
     /// The magnetic heading that may be steered by: the fused one, or else that of this reading alone.
     pub fn magnetic_deg(&self) -> Option<f64> {
         let known = |angle: Option<f64>| angle.filter(|degrees| degrees.is_finite());

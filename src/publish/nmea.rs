@@ -111,27 +111,14 @@ mod tests {
 
     use super::*;
     use crate::condition::Condition;
-    use crate::heading::MagStatus;
 
     fn heading() -> Heading {
         Heading {
-            seq: 1,
-            t_s: 0.0,
-            condition: Condition::Good,
             fused_deg: Some(98.3),
             instantaneous_deg: Some(99.0),
             raw_deg: Some(12.0),
             sd_deg: Some(1.0),
-            declination_deg: None,
-            pitch_deg: None,
-            roll_deg: None,
-            turn_deg_min: None,
-            rate_deg_s: None,
-            specific_force_m_s2: None,
-            dip_deg: None,
-            field_mgauss: None,
-            strength_mgauss: None,
-            mag_status: MagStatus::Normal,
+            ..Heading::unknown(1, 0.0, Condition::Good)
         }
     }
 

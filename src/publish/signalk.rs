@@ -62,28 +62,13 @@ fn rounded(number: f64) -> Option<Value> {
 mod tests {
     use super::*;
     use crate::condition::Condition;
-    use crate::heading::MagStatus;
 
     #[test]
     fn what_is_known_is_in_the_delta_and_nothing_without_a_heading() {
         let mut one = Heading {
-            seq: 1,
-            t_s: 0.0,
-            condition: Condition::Good,
             fused_deg: Some(180.0),
-            instantaneous_deg: None,
-            raw_deg: None,
-            sd_deg: None,
-            declination_deg: None,
-            pitch_deg: None,
             roll_deg: Some(1.0),
-            turn_deg_min: None,
-            rate_deg_s: None,
-            specific_force_m_s2: None,
-            dip_deg: None,
-            field_mgauss: None,
-            strength_mgauss: None,
-            mag_status: MagStatus::Normal,
+            ..Heading::unknown(1, 0.0, Condition::Good)
         };
         assert_eq!(
             delta(&one, None),

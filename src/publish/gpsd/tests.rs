@@ -6,9 +6,6 @@ use serde_json::Value;
 
 fn heading(condition: Condition) -> Heading {
     Heading {
-        seq: 7,
-        t_s: 12.3456785,
-        condition,
         fused_deg: Some(359.996),
         instantaneous_deg: Some(359.994),
         raw_deg: Some(12.0),
@@ -22,7 +19,7 @@ fn heading(condition: Condition) -> Heading {
         dip_deg: Some(72.818),
         field_mgauss: Some([Some(160.04), Some(-20.06), None]),
         strength_mgauss: Some(f64::NAN),
-        mag_status: MagStatus::Normal,
+        ..Heading::unknown(7, 12.3456785, condition)
     }
 }
 

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use headingd::calibration::outcome::{Elapsed, Outcome, Samples, Verdict};
 use headingd::condition::{Condition, Report};
-use headingd::heading::{Heading, MagStatus};
+use headingd::heading::Heading;
 use headingd::publish::gpsd::Device;
 use headingd::publish::nmea;
 use headingd::publish::server::{Publisher, Server, Settings};
@@ -145,14 +145,10 @@ pub async fn until(what: &str, mut condition: impl FnMut() -> bool) {
 
 pub fn heading(seq: u64) -> Heading {
     Heading {
-        seq,
-        t_s: seq as f64 * 0.02,
-        condition: Condition::Good,
         fused_deg: Some(123.456),
         instantaneous_deg: Some(123.0),
         raw_deg: Some(150.0),
         sd_deg: Some(1.0),
-        declination_deg: None,
         pitch_deg: Some(2.0),
         roll_deg: Some(-3.0),
         turn_deg_min: Some(-30.0),
@@ -161,7 +157,7 @@ pub fn heading(seq: u64) -> Heading {
         dip_deg: Some(72.5),
         field_mgauss: Some([Some(160.0), Some(-20.0), Some(500.0)]),
         strength_mgauss: Some(525.4),
-        mag_status: MagStatus::Normal,
+        ..Heading::unknown(seq, seq as f64 * 0.02, Condition::Good)
     }
 }
 
