@@ -12,7 +12,7 @@ use super::recorder::Recorder;
 use crate::publish::raw::{self, Object, Row};
 use crate::recording::Header;
 
-/// A service that has not answered by then is none.
+/// How long to wait for the service's answer.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// No service sends a longer line, bytes. The longest is a header with all its remarks.
@@ -39,7 +39,7 @@ pub(super) struct Listener {
     /// Number of the last reading.
     seq: Option<u64>,
     lost: u64,
-    /// The source's trouble that was told.
+    /// The fault of the source that was logged last.
     told: Option<String>,
 }
 
@@ -100,7 +100,7 @@ impl Listener {
         }
     }
 
-    /// Says how many readings were lost on the way, if any were.
+    /// Logs how many readings were lost, if any.
     pub(super) fn conclude(&self) {
         if self.lost > 0 {
             tracing::warn!(
@@ -111,7 +111,7 @@ impl Listener {
     }
 
     fn count(&mut self, row: &Row) {
-        // The service may be anybody: no number that it sends may be taken for granted.
+        // The service is not trusted: it may send any number.
         let lost = match self.seq {
             Some(last) => row.seq.saturating_sub(last.saturating_add(1)),
             None => 0,
@@ -126,7 +126,7 @@ impl Listener {
         self.seq = Some(row.seq);
     }
 
-    /// Says what is wrong with the source, once, and when it is over.
+    /// Logs a fault of the source once, and its end.
     fn tell(&mut self, cal_state: &str, message: String) {
         let trouble = (cal_state == "fault").then_some(message);
         if trouble == self.told {

@@ -57,7 +57,7 @@ use session::Session;
 use source_task::SourceTask;
 use stats::Stats;
 
-/// How many orders wait for the pipeline; then whoever asks waits.
+/// How many control requests wait for the pipeline; then their clients wait.
 const WAITING_ORDERS: usize = 8;
 
 /// Why the daemon cannot start or go on.
@@ -126,13 +126,13 @@ pub enum Ended {
     Told,
 }
 
-/// What a running daemon is told.
+/// A request to a running daemon.
 pub enum Notice {
-    /// To end.
+    /// Stop.
     Stop,
-    /// To go on with this configuration; if it cannot be had, the daemon says why and goes on as before.
+    /// Go on with this configuration; if that is impossible, log why and go on as before.
     Reload(LoadConfig),
-    /// To log how it is.
+    /// Log a summary.
     Summary,
 }
 
@@ -152,7 +152,7 @@ pub struct Daemon {
     inactivity: Inactivity,
     stats: Stats,
     reported: Option<Report>,
-    /// Kept for its room.
+    /// Empty between events; kept for its capacity.
     actions: Vec<Action>,
 }
 

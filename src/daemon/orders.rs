@@ -1,4 +1,4 @@
-//! What is asked at the control socket, carried out.
+//! Carries out the requests of the control socket.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use crate::store::{Contents, Entry, FormatError, History, Made};
 use crate::true_north::Field;
 use crate::wall_clock;
 
-/// What came of a request: an answer, and whether something is to be kept before it is given.
+/// The result of a request: an answer, and whether something is saved before it is sent.
 pub(super) struct Done {
     answer: Answer,
     changed: bool,
@@ -29,7 +29,7 @@ impl From<Refusal> for Answer {
 }
 
 impl Daemon {
-    /// Carries an order out. What changes something is answered once it is on disk.
+    /// Carries out a request. A change is answered once it is on disk.
     pub(super) fn order(&mut self, order: ControlCall) {
         let ControlCall { request, answer } = order;
         let done = self.carry_out_order(request).unwrap_or_else(told);
@@ -313,7 +313,7 @@ fn mode_answer(mode: Policy) -> Answer {
     Answer::done(message).with("mode", mode.word())
 }
 
-/// A calibration as list, show and status tell of it.
+/// A calibration as `list`, `show` and `status` describe it.
 fn described(entry: &Entry, history: &History) -> Map<String, Value> {
     let Made {
         saved_unix_s,

@@ -1,4 +1,4 @@
-//! A recording by itself: the daemon with another place for its readings, a running service's, or the source alone.
+//! Recording into one log: the readings of a running service, of a daemon of its own, or of the source alone.
 
 use std::fmt;
 use std::future::Future;
@@ -53,7 +53,7 @@ impl Recording {
                     path,
                 }
             }
-            // Two that read the same chips would spoil both.
+            // Two readers of the same chips would disturb each other.
             Err(DaemonError::Bind(error)) if !matches!(error, BindError::Unsure { .. }) => {
                 tracing::warn!("{error}; recording without a socket");
                 ReadingsFrom::Source(Box::new(SourceTask::open(&config)?))
@@ -100,7 +100,7 @@ impl Recording {
             Some(end) => end,
             None => ending.await,
         };
-        // An error means that the thread panicked, which has been said.
+        // An error means that the thread panicked, which has been logged.
         let (written, end) = end.unwrap_or((0, Ok(())));
         (written, end.map_err(DaemonError::Record).and(heard))
     }

@@ -18,10 +18,10 @@ use crate::wall_clock;
 
 /// Readings that may wait for the disk: some ten seconds of them.
 const QUEUE: usize = 4096;
-/// What was read goes to the disk this often, so that a power cut costs no more.
+/// Interval at which readings are flushed to disk: a power cut loses no more.
 const FLUSH: Duration = Duration::from_secs(1);
 
-/// Why there is no recording any more.
+/// Why a recording ended.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot {attempt} recording {}: {source}", path.display())]
 pub struct RecordError {
@@ -83,7 +83,7 @@ impl Recorder {
         let thread = Thread::start("recorder", move || {
             let mut written = 0;
             let end = match record(&target, &header, &readings, &mut written) {
-                // Whoever read it has seen enough: `| head`.
+                // The reader has closed the pipe: `| head`.
                 Err(error) if error.source.kind() == ErrorKind::BrokenPipe => Ok(()),
                 end => end,
             };
@@ -96,7 +96,7 @@ impl Recorder {
         })
     }
 
-    /// A recording into a ring, if one is wanted. That it cannot go on is said once.
+    /// Starts to record into a ring of files, if the settings say so. A failure is logged once.
     ///
     /// # Errors
     ///
@@ -147,7 +147,7 @@ impl Recorder {
     }
 }
 
-/// A file that knows how long it is.
+/// A file that counts the bytes written.
 struct Counted {
     file: File,
     bytes: u64,
@@ -215,7 +215,7 @@ impl Destination {
 }
 
 impl Blank {
-    /// Writes the header. A board's readings are of now; a log that is played again says itself when it was taken.
+    /// Writes the header, with the present time unless it has that of a replayed log.
     fn begin(self, header: &Header) -> Result<OpenLog, RecordError> {
         let Self { path, file } = self;
         let mut header = header.clone();
@@ -256,7 +256,7 @@ fn record(
 }
 
 impl OpenLog {
-    /// Writes readings until there are no more, or it is so long.
+    /// Writes readings until there are no more, or the file has its full size.
     fn fill(
         &mut self,
         first: Reading,

@@ -14,7 +14,7 @@ use crate::config::Config;
 use crate::pipeline::Event;
 use crate::store::History;
 
-/// Reads the wanted configuration; may take its time.
+/// Reads the wanted configuration; may block.
 pub type LoadConfig = Box<dyn FnOnce() -> Result<Config, String> + Send>;
 
 /// The reload under way, and what follows it.
@@ -24,7 +24,7 @@ pub(super) struct Reload {
     next: Option<LoadConfig>,
 }
 
-/// What has become of a reload.
+/// A reload that has been prepared.
 pub(super) struct Prepared {
     config: Config,
     /// The keys that change.
@@ -140,7 +140,7 @@ impl Daemon {
     }
 }
 
-/// Opens the session that is wanted, as far as what runs is not as wanted.
+/// Opens the wanted session, if it differs from the running one.
 fn prepare(
     load: LoadConfig,
     running: &Config,

@@ -1,5 +1,5 @@
-//! Log files that follow one another, of which the oldest go: `record-000001.csv`, `record-000002.csv` and so
-//! on. They are counted, since a board without a clock of its own starts each day in 1970.
+//! A ring of log files, of which the oldest are removed: `record-000001.csv`, `record-000002.csv` and so
+//! on. They are numbered, since a board without a clock of its own starts each day in 1970.
 
 use std::fs::{self, File};
 use std::io;

@@ -12,10 +12,10 @@ pub struct Signals {
 }
 
 impl Signals {
-    /// Catches these signals, to which the system's own answer would be to kill the process. Needs a runtime.
+    /// Catches these signals, which would end the process otherwise. Needs a runtime.
     ///
-    /// Each has a task of its own, so that whoever waits for a reading as well, a hundred times a second, looks into one
-    /// queue and not after every signal.
+    /// Each signal has a task that feeds one queue: the main loop, which wakes a hundred times a second, polls the queue
+    /// instead of every signal.
     ///
     /// # Errors
     ///

@@ -26,7 +26,7 @@ use crate::sensor::simulator::Simulator;
 /// How many messages wait for the pipeline; then the source waits.
 const WAITING_MESSAGES: usize = 64;
 
-/// A source that hangs in a read is waited for this long, and then left to the end of the process.
+/// How long to wait for a source that hangs in a read; then it is left to the end of the process.
 const PATIENCE: Duration = Duration::from_millis(200);
 
 /// Readings of the magnetometer are handed on this much apart, seconds, or two at once. Up to 40 Hz none waits; at 50 Hz
@@ -37,7 +37,7 @@ const APART_S: f64 = 0.0225;
 /// so nothing is later for it.
 const WAITING_S: f64 = 0.05;
 
-/// Room for what comes together at the usual rates.
+/// Capacity of a batch at the usual rates.
 const TOGETHER: usize = 8;
 
 /// Events in order. Each message wakes the daemon.
@@ -175,7 +175,7 @@ impl SourceTask {
     }
 }
 
-/// Sends all that the source has to say, until it is told to stop, or nobody listens any more.
+/// Sends the source's events until it is stopped, or nobody listens.
 fn run(source: Source, speed: f64, sender: mpsc::Sender<Events>, stop: Arc<AtomicBool>) {
     let mut clock = SystemClock::new(stop.clone());
     let mut at_once = |event| send(&sender, vec![event]);
@@ -200,7 +200,7 @@ fn run(source: Source, speed: f64, sender: mpsc::Sender<Events>, stop: Arc<Atomi
     }
 }
 
-/// Whether anybody still listens. To wait for room takes far more code than to see that there is some.
+/// Sends events; false if nobody listens. First without blocking, which takes far more code.
 fn send(out: &mpsc::Sender<Events>, events: Events) -> bool {
     match out.try_send(events) {
         Err(TrySendError::Full(events)) => out.blocking_send(events).is_ok(),

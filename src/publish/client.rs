@@ -20,10 +20,10 @@ use super::raw;
 use super::request::{ClientRequest, WatchRequest};
 use crate::reading::Reading;
 
-/// So much is sent together.
+/// Bytes that are sent together.
 const MOST_BYTES: usize = 4096;
 
-/// So many requests are answered before others have their turn: some 50 µs.
+/// Requests answered in a row before other clients have their turn: some 50 µs.
 const MOST_ANSWERS: usize = 16;
 
 /// Why a client was let go.
@@ -73,7 +73,7 @@ pub(super) async fn serve(
                 if inbox.is_over() {
                     return Ok(());
                 }
-                // Whoever asks without end has its turns between those of the others.
+                // A client that asks without end takes turns with the others.
                 yield_now().await;
             }
             message = next(&mut client.ring) => {
@@ -176,7 +176,7 @@ impl Client<'_> {
         } = self.policy;
         self.att_pace = RateLimit::new(rate_hz);
         self.nmea_pace = RateLimit::new(rate_hz.or(Some(self.feed.nmea_rate_hz())));
-        // Before the answer: whatever is published after a client has read it reaches that client.
+        // Before the answer: what is published after a client has read the answer must reach it.
         if !(enable && (json || nmea || calibration || state)) {
             self.ring = None;
         } else if self.ring.is_none() {
@@ -196,7 +196,7 @@ impl Client<'_> {
         if self.ring.is_none() {
             return;
         }
-        // Whoever turns events on is told at once how things stand, even if it has been told before.
+        // A client that turns events on gets the latest at once, even if it has had it before.
         if state && !(before.enable && before.state) {
             self.state_seen = 0;
         }

@@ -114,7 +114,7 @@ pub(super) struct Feed {
     ring: broadcast::Sender<Broadcast>,
     /// Raw readings with their numbers; made for the first client that asks.
     readings: OnceLock<broadcast::Sender<(u64, Reading)>>,
-    /// How many readings there were.
+    /// Counts the readings.
     read: AtomicU64,
     latest: Mutex<Latest>,
     /// Each without its age, which is added when it is written to a client.
@@ -167,8 +167,7 @@ pub(super) enum Broadcast {
     Calibration(NumberedLine),
 }
 
-/// A line with its number. The numbers tell a client that fell behind what it has missed. Number 0 is the
-/// event before the first, of which there is nothing to tell.
+/// A line with its number, by which a client that fell behind knows what it has missed. Number 0 stands for no line.
 #[derive(Clone, Debug, Default)]
 pub(super) struct NumberedLine {
     pub(super) number: u64,
