@@ -100,7 +100,7 @@ pub struct Report {
 
 /// What is wrong with the source.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Trouble {
+pub struct SourceFault {
     /// As a code that a program can read (`no_answer`, `unplugged` …).
     pub code: &'static str,
     /// As a sentence for a person: what was attempted, on which device, what was found, what helps.
@@ -113,7 +113,7 @@ pub struct Evidence<'a> {
     /// The source's clock, seconds.
     pub t_s: f64,
     /// What is wrong with the source, if it is known to be.
-    pub fault: Option<&'a Trouble>,
+    pub fault: Option<&'a SourceFault>,
     /// Seconds since the last whole magnetometer sample; infinite if there was none.
     pub silent_s: f64,
     /// Whether what came in the meantime had an axis beyond its range.
@@ -312,7 +312,7 @@ mod tests {
         let cases: [(&str, &str, Spoil); 18] = [
             ("good", "good", |_| ()),
             ("fault", "unplugged", |e| {
-                static UNPLUGGED: LazyLock<Trouble> = LazyLock::new(|| Trouble {
+                static UNPLUGGED: LazyLock<SourceFault> = LazyLock::new(|| SourceFault {
                     code: "unplugged",
                     message: "the port is gone".to_owned(),
                 });

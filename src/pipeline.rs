@@ -24,7 +24,7 @@ use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::{self, FieldSample, Request, verdict};
-use crate::condition::{self, Condition, Evidence, Report, Trouble};
+use crate::condition::{self, Condition, Evidence, Report, SourceFault};
 use crate::estimate::{Estimate, Fix, GyroFault, Sample};
 use crate::frame::{Mountings, dip_deg, heading_deg};
 use crate::frozen::FrozenWatch;
@@ -76,7 +76,7 @@ pub enum Event {
     /// It is this late on the source's clock, seconds, and nothing was read.
     Silence(f64),
     /// The source is broken, and this is what is wrong; `None` when it works again.
-    Fault(Option<Trouble>),
+    Fault(Option<SourceFault>),
     /// A calibration is done.
     Calibrated(Box<Outcome>),
     /// Calibrate by itself, or not, or never again.
@@ -115,7 +115,7 @@ pub struct Pipeline {
     outliers: Outliers,
     frozen_watch: FrozenWatch,
     /// A sensor that says the same again and again while the board moves.
-    frozen: Option<Trouble>,
+    frozen: Option<SourceFault>,
     attitude: Attitude,
     late: attitude::Lateness,
     turns: TurnDetector,
@@ -136,7 +136,7 @@ pub struct Pipeline {
     /// The next motion is to be calibrated on.
     armed: bool,
     refused: Option<(&'static str, String)>,
-    fault: Option<Trouble>,
+    fault: Option<SourceFault>,
     report: Option<Report>,
     now_s: f64,
     /// Time of the first reading and of the last.

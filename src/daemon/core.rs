@@ -6,7 +6,7 @@ use super::Daemon;
 use super::session::SourceState;
 use super::source_task::Events;
 use crate::calibration::outcome::{Outcome, Verdict};
-use crate::condition::{Condition, Report, Trouble};
+use crate::condition::{Condition, Report, SourceFault};
 use crate::date;
 use crate::pipeline::{Action, Event};
 use crate::reading::Reading;
@@ -102,7 +102,7 @@ impl Daemon {
         history.last_number
     }
 
-    fn fault(&mut self, fault: Option<Trouble>) {
+    fn fault(&mut self, fault: Option<SourceFault>) {
         self.stats.faults += u64::from(fault.is_some());
         self.handle(Event::Fault(fault));
     }
@@ -230,8 +230,8 @@ impl Daemon {
     }
 }
 
-fn panicked() -> Trouble {
-    Trouble {
+fn panicked() -> SourceFault {
+    SourceFault {
         code: "internal",
         message: "the thread of the source panicked".to_owned(),
     }

@@ -10,7 +10,7 @@ use tokio::sync::mpsc::error::TrySendError;
 
 use super::DaemonError;
 use super::thread::Thread;
-use crate::condition::Trouble;
+use crate::condition::SourceFault;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::reading::Reading;
@@ -256,7 +256,7 @@ fn play(
             None => return Some(SourceEvent::End(None)),
             Some(Ok(entry)) => entry,
             Some(Err(error)) => {
-                return Some(SourceEvent::Broken(Trouble {
+                return Some(SourceEvent::Broken(SourceFault {
                     code: "log",
                     message: error.to_string(),
                 }));

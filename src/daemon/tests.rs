@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::time::timeout;
 
 use super::*;
-use crate::condition::Trouble;
+use crate::condition::SourceFault;
 use crate::config::source::Kind;
 use crate::reading::Reading;
 use crate::sensor::SourceEvent;
@@ -68,7 +68,7 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
         assert!(alive <= 1, "{hung:?}");
 
         // It has been silent for five times the watchdog's patience: systemd would have ended it by now.
-        let fault = Trouble {
+        let fault = SourceFault {
             code: "no_bus",
             message: "there is no such bus".to_owned(),
         };

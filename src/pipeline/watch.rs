@@ -1,7 +1,7 @@
 //! Sensors that say the same again and again while the board moves.
 
 use super::Pipeline;
-use crate::condition::Trouble;
+use crate::condition::SourceFault;
 use crate::frozen::Frozen;
 use crate::reading::Reading;
 
@@ -15,7 +15,7 @@ impl Pipeline {
     pub(super) fn watch(&mut self, reading: &Reading) {
         let found = self.frozen_watch.take(reading);
         if found.map(Frozen::code) != self.frozen.as_ref().map(|frozen| frozen.code) {
-            self.frozen = found.map(|frozen| Trouble {
+            self.frozen = found.map(|frozen| SourceFault {
                 code: frozen.code(),
                 message: frozen.message().to_owned(),
             });

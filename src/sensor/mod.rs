@@ -11,7 +11,7 @@ pub mod simulator;
 
 use std::time::Instant;
 
-use crate::condition::Trouble;
+use crate::condition::SourceFault;
 use crate::reading::Reading;
 
 /// What a source sends.
@@ -22,9 +22,9 @@ pub enum SourceEvent {
     /// The times of the readings that follow have nothing to do with those before.
     NewStretch,
     /// The source has a fault and keeps trying; `None` when it works again.
-    Fault(Option<Trouble>),
+    Fault(Option<SourceFault>),
     /// There are no more readings; if most of what there was could not be used, why.
     End(Option<String>),
     /// The source has failed for good.
-    Broken(Trouble),
+    Broken(SourceFault),
 }

@@ -1,6 +1,6 @@
 //! Tracks the faults of a chip; reinitialises it with exponential back-off.
 
-use crate::condition::Trouble;
+use crate::condition::SourceFault;
 use crate::sensor::chip::ChipError;
 
 /// The chip is reinitialised after so many failures in a row.
@@ -28,7 +28,7 @@ struct Faults {
     count: u64,
     /// The codes that were logged.
     told: Vec<&'static str>,
-    newest: Trouble,
+    newest: SourceFault,
 }
 
 impl Health {
@@ -56,7 +56,7 @@ impl Health {
 
     /// Takes a fault; true if the chip must be reinitialised.
     pub(super) fn failed(&mut self, now_s: f64, error: &ChipError) -> bool {
-        let newest = Trouble {
+        let newest = SourceFault {
             code: error.code(),
             message: format!("{}: {error}", self.what),
         };
@@ -102,7 +102,7 @@ impl Health {
     }
 
     /// The newest fault, while there are some.
-    pub(super) fn trouble(&self) -> Option<&Trouble> {
+    pub(super) fn trouble(&self) -> Option<&SourceFault> {
         self.faults.as_ref().map(|faults| &faults.newest)
     }
 }

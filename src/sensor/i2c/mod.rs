@@ -16,7 +16,7 @@ use super::board::Companions;
 use super::bus::Bus;
 use super::chip::{ChipError, drivers};
 use super::clock::Clock;
-use crate::condition::Trouble;
+use crate::condition::SourceFault;
 use crate::reading::Reading;
 use companion::CompanionPoller;
 use health::Health;
@@ -82,7 +82,7 @@ impl Chips {
     }
 
     /// The newest fault of each chip that has some.
-    pub fn troubles(&self) -> impl Iterator<Item = &Trouble> {
+    pub fn troubles(&self) -> impl Iterator<Item = &SourceFault> {
         let companions = [&self.gyro, &self.accel].into_iter().flatten();
         let healths = companions.map(|companion| &companion.health);
         [&self.health]

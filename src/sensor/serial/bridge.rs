@@ -13,7 +13,7 @@ use tokio_serial::SerialStream;
 use super::port;
 use super::session::PortSession;
 use super::settings::{Protocol, Settings};
-use crate::condition::Trouble;
+use crate::condition::SourceFault;
 use crate::frame::Mountings;
 use crate::sensor::SourceEvent;
 
@@ -88,7 +88,7 @@ impl Bridge {
             Err(error) => {
                 let message = format!("cannot wait for a serial port: {error}");
                 let code = "internal";
-                out(SourceEvent::Broken(Trouble { code, message }));
+                out(SourceEvent::Broken(SourceFault { code, message }));
             }
         }
     }
@@ -198,7 +198,7 @@ impl Bridge {
                 pause: PAUSES.0,
             };
         }
-        let unplugged = gone.map(|why| Trouble {
+        let unplugged = gone.map(|why| SourceFault {
             code: "unplugged",
             message: format!(
                 "the serial port {} is gone ({why}); plug the device in again",
@@ -210,7 +210,7 @@ impl Bridge {
         }
     }
 
-    fn complain(&mut self, trouble: Trouble) {
+    fn complain(&mut self, trouble: SourceFault) {
         if self.trouble != Some(trouble.code) {
             self.trouble = Some(trouble.code);
             self.waiting.push_back(SourceEvent::Fault(Some(trouble)));

@@ -2,7 +2,7 @@
 
 use super::item::Item;
 use super::settings::{Protocol, Settings};
-use crate::condition::Trouble;
+use crate::condition::SourceFault;
 
 /// A text has hardly any byte that is no character; wrong speeds and binary numbers have many.
 const ODD_SHARE: f64 = 0.1;
@@ -39,7 +39,7 @@ impl Diagnosis {
     }
 
     /// What is wrong, and what helps.
-    pub(super) fn trouble(&self, settings: &Settings, protocol: Protocol) -> Trouble {
+    pub(super) fn trouble(&self, settings: &Settings, protocol: Protocol) -> SourceFault {
         let baud = settings.baud;
         let speaks = protocol.name();
         let odd = self.odd as f64 / self.bytes.max(1) as f64;
@@ -89,7 +89,7 @@ impl Diagnosis {
                 ),
             )
         };
-        Trouble {
+        SourceFault {
             code,
             message: format!("no readings from {}: {what}", settings.port.display()),
         }

@@ -7,13 +7,13 @@ use std::os::unix::fs::FileTypeExt;
 use tokio_serial::{ClearBuffer, SerialPort, SerialPortBuilderExt, SerialStream};
 
 use super::settings::Settings;
-use crate::condition::Trouble;
+use crate::condition::SourceFault;
 
 /// Opens the port for this process alone: 8 data bits, no parity, 1 stop bit, no flow control. Most boards
 /// take that as a reset, since the system raises DTR. Needs a runtime.
-pub(super) fn open(settings: &Settings) -> Result<SerialStream, Trouble> {
+pub(super) fn open(settings: &Settings) -> Result<SerialStream, SourceFault> {
     let path = settings.port.display();
-    let fail = |code, what: String| Trouble {
+    let fail = |code, what: String| SourceFault {
         code,
         message: format!("cannot open serial port {path}: {what}"),
     };

@@ -7,7 +7,7 @@ use super::item::Item;
 use super::settings::{Protocol, Settings};
 use super::start::Start;
 use super::steady_clock::SteadyClock;
-use crate::condition::Trouble;
+use crate::condition::SourceFault;
 use crate::frame::Mountings;
 use crate::reading::Reading;
 
@@ -29,7 +29,7 @@ pub(super) struct Orders {
     /// To be sent to the device.
     pub(super) send: Option<&'static [u8]>,
     /// To be told, once.
-    pub(super) trouble: Option<Trouble>,
+    pub(super) trouble: Option<SourceFault>,
     /// The port is to be closed and opened again.
     pub(super) reopen: bool,
 }

@@ -3,7 +3,7 @@
 use headingd::calibration::model::Parameters;
 use headingd::calibration::outcome::Verdict;
 use headingd::calibration::policy::{Policy, Reason};
-use headingd::condition::Trouble;
+use headingd::condition::SourceFault;
 use headingd::pipeline::Event;
 
 use super::board::{Board, planar, spatial};
@@ -36,7 +36,7 @@ fn how_far_a_turn_is_is_not_known_while_nothing_comes() {
     let mut board = Board::rested(None);
     board.turn(100.0);
     assert!(board.pipeline.progress().unwrap() > 0.2);
-    board.tell(Event::Fault(Some(Trouble {
+    board.tell(Event::Fault(Some(SourceFault {
         code: "unplugged",
         message: "the port is gone".to_owned(),
     })));

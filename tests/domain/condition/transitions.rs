@@ -1,7 +1,7 @@
 //! The table of transitions in src/condition.rs, row by row.
 
 use headingd::calibration::policy::Policy;
-use headingd::condition::Trouble;
+use headingd::condition::SourceFault;
 use headingd::pipeline::{Event, Settings};
 use nalgebra::{Rotation3, Vector3};
 
@@ -11,7 +11,7 @@ use super::board::{Board, planar, spatial};
 type Scenario = (&'static str, fn() -> Board, fn(&mut Board));
 
 fn trouble() -> Event {
-    Event::Fault(Some(Trouble {
+    Event::Fault(Some(SourceFault {
         code: "unplugged",
         message: "the port is gone".to_owned(),
     }))
