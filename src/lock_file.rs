@@ -45,6 +45,10 @@ static SHARED: Mutex<Vec<Weak<LockFile>>> = Mutex::new(Vec::new());
 
 impl LockFile {
     /// Takes the lock, or says who has it.
+    ///
+    /// # Errors
+    ///
+    /// Another has it, or the system refuses.
     pub fn take(path: &Path) -> Result<Self, LockError> {
         for _ in 0..ATTEMPTS {
             let (mut file, writable) = open(path).map_err(LockError::System)?;
@@ -77,6 +81,10 @@ impl LockFile {
     }
 
     /// The same, but where this process has it already, that one.
+    ///
+    /// # Errors
+    ///
+    /// Another process has it, or the system refuses.
     pub fn share(path: &Path) -> Result<Arc<Self>, LockError> {
         let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
         shared.retain(|lock| lock.strong_count() > 0);

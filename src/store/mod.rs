@@ -169,18 +169,6 @@ impl Store {
         Ok(store)
     }
 
-    /// Checks that no other process has the folder. Other reasons why it cannot be used do not matter here.
-    ///
-    /// # Errors
-    ///
-    /// When another process has the folder.
-    pub fn check_free(directory: &Path) -> Result<(), StoreError> {
-        match Self::lock(directory) {
-            Err(error @ StoreError::InUse { .. }) => Err(error),
-            _ => Ok(()),
-        }
-    }
-
     fn lock(directory: &Path) -> Result<Arc<LockFile>, StoreError> {
         let directory = directory.to_owned();
         LockFile::share(&directory.join(LOCK_NAME)).map_err(|error| match error {
