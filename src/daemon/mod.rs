@@ -20,8 +20,6 @@ pub mod signals;
 mod source_task;
 mod stats;
 mod store_writer;
-#[cfg(test)]
-mod tests;
 mod thread;
 
 use std::future::Future;
@@ -354,3 +352,6 @@ fn control(config: &Config, service: &mut Service) -> Option<Control> {
         })
         .ok()
 }
+
+#[cfg(test)]
+mod tests;

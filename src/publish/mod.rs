@@ -12,7 +12,6 @@ mod inbox;
 mod json;
 pub mod nmea;
 pub mod outputs;
-mod place;
 mod places;
 mod rate_limit;
 pub mod raw;

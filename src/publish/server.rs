@@ -19,9 +19,8 @@ use super::feed::Feed;
 pub use super::feed::Publisher;
 use super::gpsd::{self, Device, LINE_END};
 use super::nmea;
-use super::place::{check_mode, check_path, mode_bits};
 pub use super::socket_file::BindError;
-use super::socket_file::{SocketFile, claim, inherited};
+use super::socket_file::{SocketFile, check_mode, check_path, claim, inherited, mode_bits};
 use crate::check::{Check, Fault, within};
 
 /// Headings are no secret, and nothing can be changed here.

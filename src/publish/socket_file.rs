@@ -1,7 +1,9 @@
-//! The socket in the file system: claimed without taking it from a living daemon, and removed again.
+//! The socket in the file system: where it may be and who may connect; claimed without taking it from a living daemon,
+//! and removed again.
 
 use std::fs::{self, Permissions};
 use std::io::{self, ErrorKind};
+use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
@@ -11,7 +13,11 @@ use rustix::net::sockopt::socket_peercred;
 use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, socket_with};
 use thiserror::Error;
 
+use crate::check::Fault;
 use crate::lock_file::{LockError, LockFile};
+
+/// The longest path of a socket, bytes: the system takes 107, and the name under which it is made needs some.
+const LONGEST_PATH: usize = 100;
 
 /// Why the socket cannot be served on.
 #[derive(Debug, Error)]
@@ -263,4 +269,39 @@ impl Drop for SocketFile {
             tracing::warn!("cannot remove the socket {}: {error}", self.path.display());
         }
     }
+}
+
+/// Finds what is wrong with the path of a socket.
+pub(super) fn check_path(faults: &mut Vec<Fault>, key: &str, path: &Path) {
+    let length = path.as_os_str().as_bytes().len();
+    if !path.is_absolute() || path.file_name().is_none() || length > LONGEST_PATH {
+        faults.push(Fault {
+            key: key.into(),
+            found: format!("{path:?} ({length} bytes)"),
+            right: format!("an absolute path of up to {LONGEST_PATH} bytes"),
+        });
+    }
+}
+
+/// Finds what is wrong with permissions that are at most `most`.
+pub(super) fn check_mode(faults: &mut Vec<Fault>, key: &str, mode: &str, most: u32) {
+    if mode_bits(mode, most).is_none() {
+        faults.push(Fault {
+            key: key.into(),
+            found: format!("{mode:?}"),
+            right: format!(
+                "octal permissions in quotes, from \"0600\" to \"{most:04o}\", without execution"
+            ),
+        });
+    }
+}
+
+/// Permissions as a number, if they are ones that a socket may have.
+pub(super) fn mode_bits(mode: &str, most: u32) -> Option<u32> {
+    // A sign is no part of a mode, but would be of a number.
+    let octal = mode.bytes().all(|b| matches!(b, b'0'..=b'7'));
+    u32::from_str_radix(mode, 8)
+        .ok()
+        .filter(|_| octal)
+        .filter(|bits| bits & !most == 0 && bits & 0o600 == 0o600)
 }

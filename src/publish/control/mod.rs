@@ -17,8 +17,9 @@ use serde::{Deserialize, Serialize};
 use tokio::sync::{mpsc, oneshot};
 
 use super::clients::{Door, serve_clients};
-use super::place::{check_mode, check_path, mode_bits};
-use super::socket_file::{BindError, SocketFile, claim, inherited};
+use super::socket_file::{
+    BindError, SocketFile, check_mode, check_path, claim, inherited, mode_bits,
+};
 use crate::check::{Check, Fault};
 pub use answer::Answer;
 pub use request::{ControlRequest, ForgetRequest, Mount};
