@@ -83,9 +83,9 @@ fn clients_are_served_while_a_reload_waits_for_its_source() {
     } = reloading();
     // Headings go on, more of them than had been sent before the reload began.
     let first = seq(&client.find("ATT", |_| true));
-    client.find("ATT", |att| seq(att) > first + 200);
+    client.find("ATT", |att| seq(att) > 2 * first);
     // So do whoever comes now, and the control socket.
-    rig.client().find("ATT", |att| seq(att) > first + 200);
+    rig.client().find("ATT", |att| seq(att) > 2 * first);
     let status = Link::new(&rig).told("status");
     assert_eq!(status["source"], log.to_str().unwrap());
     assert!(!process.said().contains("reloaded"), "{}", process.said());
@@ -102,9 +102,10 @@ fn clients_are_served_while_a_reload_waits_for_its_source() {
     let more = format!("kind = \"replay\"\nlog = {log:?}\n");
     rig.configure(1.0, &rig.path("store"), &more);
     process.signal("HUP");
-    client.find("ATT", |att| seq(att) > 200);
-    let said = process.said();
-    assert_eq!(said.matches("reloaded: ").count(), 2, "{said}");
+    until("the second reload", || {
+        process.said().matches("reloaded: ").count() == 2
+    });
+    rig.client().find("ATT", |_| true);
     process.signal("TERM");
     assert!(process.wait().success(), "{}", process.said());
 }
@@ -127,9 +128,9 @@ fn of_two_reloads_the_second_follows_the_first() {
     let Reloading {
         rig,
         process,
-        mut client,
         mut pipe,
         log,
+        ..
     } = reloading();
     fs::remove_file(&log).unwrap();
     fs::write(&log, self::log(10.0)).unwrap();
@@ -142,5 +143,5 @@ fn of_two_reloads_the_second_follows_the_first() {
     until("both", || {
         process.said().matches("reloaded: source.speed").count() == 2
     });
-    client.find("ATT", |att| seq(att) > 200);
+    rig.client().find("ATT", |_| true);
 }
