@@ -179,12 +179,10 @@ impl SourceTask {
 fn run(source: Source, speed: f64, sender: mpsc::Sender<Events>, stop: Arc<AtomicBool>) {
     let mut clock = SystemClock::new(stop.clone());
     let mut at_once = |event| send(&sender, vec![event]);
-    match source {
+    let end = match source {
         Source::Simulator(mut simulator) => {
             let next = || simulator.next().map(|entry| Ok((entry.reading, false)));
-            if let Some(end) = play(next, speed, &mut clock, &mut at_once) {
-                at_once(end);
-            }
+            play(next, speed, &mut clock, &mut at_once)
         }
         Source::Replay(replay) => replay_log(*replay, speed, &mut clock, &mut at_once),
         Source::I2c(settings) => {
@@ -195,8 +193,16 @@ fn run(source: Source, speed: f64, sender: mpsc::Sender<Events>, stop: Arc<Atomi
                 None => true,
             };
             Chips::new(&settings).run(&mut bus, &mut clock, &mut in_batches);
+            None
         }
-        Source::Serial(bridge) => bridge.run(&stop, &mut at_once),
+        Source::Serial(bridge) => {
+            bridge.run(&stop, &mut at_once);
+            None
+        }
+    };
+    if let Some(end) = end {
+        // If nobody listens any more, the daemon is about to end.
+        let _ = send(&sender, vec![end]);
     }
 }
 
@@ -208,13 +214,13 @@ fn send(out: &mpsc::Sender<Events>, events: Events) -> bool {
     }
 }
 
-/// Plays a log, and logs which of its rows are skipped.
+/// Plays a log like [`play`], and logs which of its rows are skipped.
 fn replay_log(
     mut replay: Replay,
     speed: f64,
     clock: &mut SystemClock,
     out: &mut dyn FnMut(SourceEvent) -> bool,
-) {
+) -> Option<SourceEvent> {
     let mut told = false;
     let next = || {
         let entry = replay.next();
@@ -231,14 +237,8 @@ fn replay_log(
         tracing::warn!("skipped rows that cannot be used: {count} in all; the first: {first}");
     }
     match end {
-        None => {}
-        Some(SourceEvent::End(_)) => {
-            let unusable = skips.are_most().then(|| skips.summary()).flatten();
-            out(SourceEvent::End(unusable));
-        }
-        Some(broken) => {
-            out(broken);
-        }
+        Some(SourceEvent::End(_)) if skips.are_most() => Some(SourceEvent::End(skips.summary())),
+        end => end,
     }
 }
 
