@@ -10,8 +10,8 @@ use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
 use crate::date;
 use crate::pipeline::Event;
-use crate::publish::control::{Answer, ControlCall, ControlRequest, ForgetRequest};
-use crate::store::history::{self, Refusal};
+use crate::publish::control::{Answer, ControlCall, ControlRequest};
+use crate::store::history::{Forget, Refusal};
 use crate::store::{Contents, Entry, FormatError, History, Made};
 use crate::true_north::Field;
 use crate::wall_clock;
@@ -120,12 +120,7 @@ impl Daemon {
         Ok(changed(mode_answer(mode)))
     }
 
-    fn forget(&mut self, what: ForgetRequest) -> Result<Done, Answer> {
-        let what = match what {
-            ForgetRequest::InForce => history::Forget::InForce,
-            ForgetRequest::Number(number) => history::Forget::Number(number),
-            ForgetRequest::All => history::Forget::All,
-        };
+    fn forget(&mut self, what: Forget) -> Result<Done, Answer> {
         let history = self.session.store.history_mut();
         let was_in_force = history.in_force.is_some();
         let count = history.forget(what)?;

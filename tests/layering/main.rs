@@ -65,7 +65,8 @@ const ROOMS: &[Room] = &[
     // The simulator distorts a field with the model that a calibration inverts; a live source says its troubles.
     room("sensor", 2, &["reading", "frame", "recording", "calibration::model", "condition"]),
     // Raw readings go out with the header and in the columns of a log.
-    room("publish", 2, &["heading", "condition", "calibration", "reading", "recording", "lock_file"]),
+    // A control request says which of the kept calibrations it means.
+    room("publish", 2, &["heading", "condition", "calibration", "reading", "recording", "lock_file", "store::history"]),
     // The mounting is kept with the calibration: the one holds only with the other.
     room("store", 2, &["calibration", "frame", "lock_file"]),
     // The daemon's own pipeline, and pictures of what comes of it.

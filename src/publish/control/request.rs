@@ -6,6 +6,7 @@ use serde_json::{Map, Value};
 
 use super::Answer;
 use crate::calibration::policy::Policy;
+use crate::store::history::Forget;
 
 /// One request.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,7 +24,7 @@ pub enum ControlRequest {
     /// Put an earlier calibration in force: this one, or the one before.
     Rollback(Option<u64>),
     /// Forget calibrations.
-    Forget(ForgetRequest),
+    Forget(Forget),
     /// One calibration as a file, or that in force.
     Export(Option<u64>),
     /// Put the calibration in this file in force.
@@ -50,17 +51,6 @@ pub enum Mount {
     },
     /// It is mounted as the configuration says.
     Reset,
-}
-
-/// Which calibrations are to be forgotten.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ForgetRequest {
-    /// That in force.
-    InForce,
-    /// This one.
-    Number(u64),
-    /// All of this sensor.
-    All,
 }
 
 /// All names, as a refusal lists them.
@@ -152,9 +142,9 @@ impl fmt::Display for ControlRequest {
             Self::Lock => ("lock", None),
             Self::Unlock => ("unlock", None),
             Self::Rollback(number) => ("rollback", *number),
-            Self::Forget(ForgetRequest::InForce) => ("forget", None),
-            Self::Forget(ForgetRequest::Number(number)) => ("forget", Some(*number)),
-            Self::Forget(ForgetRequest::All) => ("forget all", None),
+            Self::Forget(Forget::InForce) => ("forget", None),
+            Self::Forget(Forget::Number(number)) => ("forget", Some(*number)),
+            Self::Forget(Forget::All) => ("forget all", None),
             Self::Export(number) => ("export", *number),
             Self::Import(_) => ("import", None),
             Self::Start => ("start", None),
@@ -192,18 +182,18 @@ fn number(keys: &mut Map<String, Value>) -> Result<Option<u64>, Answer> {
         .ok_or_else(|| Answer::refused("malformed", wrong("number", &value, right)))
 }
 
-fn forget(keys: &mut Map<String, Value>) -> Result<ForgetRequest, Answer> {
+fn forget(keys: &mut Map<String, Value>) -> Result<Forget, Answer> {
     let number = number(keys)?;
     match (number, flag(keys, "all")?) {
-        (None, true) => Ok(ForgetRequest::All),
+        (None, true) => Ok(Forget::All),
         (Some(number), true) => Err(Answer::refused(
             "malformed",
             format!(
                 "either number {number} or all can be forgotten: leave out one of the two keys"
             ),
         )),
-        (Some(number), false) => Ok(ForgetRequest::Number(number)),
-        (None, false) => Ok(ForgetRequest::InForce),
+        (Some(number), false) => Ok(Forget::Number(number)),
+        (None, false) => Ok(Forget::InForce),
     }
 }
 
@@ -284,17 +274,17 @@ mod tests {
             ),
             (
                 r#"{"request":"forget"}"#,
-                ControlRequest::Forget(ForgetRequest::InForce),
+                ControlRequest::Forget(Forget::InForce),
                 "forget",
             ),
             (
                 r#"{"request":"forget","all":true}"#,
-                ControlRequest::Forget(ForgetRequest::All),
+                ControlRequest::Forget(Forget::All),
                 "forget all",
             ),
             (
                 r#"{"request":"forget","number":2,"all":false}"#,
-                ControlRequest::Forget(ForgetRequest::Number(2)),
+                ControlRequest::Forget(Forget::Number(2)),
                 "forget 2",
             ),
             (
