@@ -18,6 +18,7 @@ mod lock_file;
 pub mod logging;
 pub mod outliers;
 pub mod pipeline;
+pub mod position;
 pub mod publish;
 pub mod reading;
 pub mod recording;

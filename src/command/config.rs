@@ -9,6 +9,7 @@ use super::{Failure, config_file, load_config, print};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
 use crate::daemon::open_files::{self, Shortage};
+use crate::position::Gpsd;
 use crate::service::network;
 use crate::true_north::TrueNorth;
 use crate::wall_clock;
@@ -75,14 +76,15 @@ fn warnings(config: &Config) -> Vec<String> {
     }
     let short = Shortage::of(config.socket.max_clients, open_files::limit());
     warnings.extend(short.map(|short| short.to_string()));
-    let mut north = TrueNorth::new(config.true_north);
+    let mut north = TrueNorth::new(&config.true_north);
     if config.source.kind != Some(Kind::Replay) {
         north.declination_deg(wall_clock::now());
         warnings.extend(north.news());
     }
-    let outside = config.udp.to().or(config.tcp.listen()).is_some();
+    let gpsd = matches!(Gpsd::parse(&config.true_north.gpsd), Some(Gpsd::Tcp(_)));
+    let outside = gpsd || config.udp.to().or(config.tcp.listen()).is_some();
     if outside && network::is_closed(Path::new("/")) {
-        let warning = "[udp] and [tcp] have no effect in the service: its unit closes the network; see \
+        let warning = "[udp], [tcp] and a gpsd on a port have no effect in the service: its unit closes the network; see \
                        /usr/share/doc/headingd/network.conf";
         warnings.push(warning.to_owned());
     }

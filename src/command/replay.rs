@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         device: args.log.display().to_string(),
         sensor: header.sensor.clone(),
         time: TimeOfDay::new(header),
-        true_north: TrueNorth::new(config.true_north),
+        true_north: TrueNorth::new(&config.true_north),
         out: BufWriter::with_capacity(1 << 16, io::stdout().lock()),
         line: String::new(),
     };

@@ -18,6 +18,7 @@ mod words;
 use serde::Serialize;
 
 use crate::check::Fault;
+use crate::position::Gpsd;
 use crate::publish::outputs::{pty, tcp, udp};
 use crate::publish::{control, nmea, server};
 use crate::sensor::{i2c, serial, simulator};
@@ -166,6 +167,14 @@ impl Config {
                 key: "serial.port".to_owned(),
                 found: "empty".to_owned(),
                 right: "the path of the serial port, best one in /dev/serial/by-id".to_owned(),
+            });
+        }
+        let gpsd = &self.true_north.gpsd;
+        if !gpsd.is_empty() && Gpsd::parse(gpsd).is_none() {
+            faults.push(Fault {
+                key: "true_north.gpsd".to_owned(),
+                found: format!("{gpsd:?}"),
+                right: "an address in numbers with a port, as \"127.0.0.1:2947\", an absolute path, or empty".to_owned(),
             });
         }
         if self.control.path(&self.socket.socket) == self.socket.socket {

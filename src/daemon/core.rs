@@ -126,10 +126,7 @@ impl Daemon {
                     Some(log) => log.at(heading.t_s),
                     None => wall_clock::at(taken),
                 };
-                heading.declination_deg = session.true_north.declination_deg(time);
-                if let Some(news) = session.true_north.news() {
-                    tracing::warn!("{news}");
-                }
+                heading.declination_deg = session.north.declination_deg(time);
                 let time = time.map(date::rfc3339);
                 session.heading_deg = heading.magnetic_deg();
                 self.stats.headings += u64::from(heading.fused_deg.is_some());

@@ -9,6 +9,7 @@ mod core;
 mod inactivity;
 mod listener;
 mod mounting;
+mod north;
 pub mod open_files;
 mod orders;
 pub mod record;

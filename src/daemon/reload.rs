@@ -5,6 +5,7 @@ use std::sync::Weak;
 
 use tokio::sync::oneshot;
 
+use super::north::North;
 use super::session::Session;
 use super::source_task::SourceTask;
 use super::store_writer::Disk;
@@ -101,6 +102,10 @@ impl Daemon {
                         tracing::info!("reloaded: {}; headings go on as before", keys.join(", "));
                     }
                 }
+                if keys.iter().any(|key| is_north(key)) {
+                    self.session.north = North::new(&config);
+                    self.session.north.start();
+                }
                 self.session.config = config;
                 self.service.ready();
             }
@@ -140,6 +145,11 @@ impl Daemon {
     }
 }
 
+/// Whether this key says where true north is: that changes while the session goes on.
+fn is_north(key: &str) -> bool {
+    key.starts_with("true_north.")
+}
+
 /// Opens the wanted session, if it differs from the running one.
 fn prepare(
     load: LoadConfig,
@@ -157,7 +167,8 @@ fn prepare(
     }
     let config = change.config;
     // The log has its new filter already.
-    let session = if change.now.iter().all(|key| key.starts_with("log.")) {
+    let running_on = |key: &String| key.starts_with("log.") || is_north(key);
+    let session = if change.now.iter().all(running_on) {
         None
     } else {
         let opened = SourceTask::open(&config)

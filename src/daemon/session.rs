@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::DaemonError;
 use super::calibrator::Calibrator;
+use super::north::North;
 use super::recorder::Recorder;
 use super::source_task::SourceTask;
 use super::store_writer::{Disk, StoreWriter};
@@ -14,7 +15,6 @@ use crate::frame::Mounting;
 use crate::pipeline::Pipeline;
 use crate::recording::TimeOfDay;
 use crate::store::{History, Identity};
-use crate::true_north::TrueNorth;
 
 /// A sensor that a log does not name is kept under this name.
 const UNNAMED_SENSOR: &str = "unknown";
@@ -32,7 +32,7 @@ pub(super) struct Session {
     pub(super) recorder: Option<Recorder>,
     /// Of a log: else readings are of the time of day at which they are handed out.
     pub(super) log_time: Option<TimeOfDay>,
-    pub(super) true_north: TrueNorth,
+    pub(super) north: North,
     /// The last reading's time on the source's clock, and when it was handed out.
     pub(super) last: (f64, Instant),
     /// The magnetic heading published last with the board mounted as it is now, degrees.
@@ -88,7 +88,7 @@ impl Session {
             pipeline: pipeline(&config, &source, &store),
             calibrator: Calibrator::default(),
             log_time: is_log.then(|| TimeOfDay::new(header)),
-            true_north: TrueNorth::new(config.true_north),
+            north: North::new(&config),
             last: (0.0, Instant::now()),
             heading_deg: None,
             state: SourceState::Good,
@@ -106,7 +106,7 @@ impl Session {
         self.pipeline = pipeline(&self.config, &self.source, &self.store);
     }
 
-    /// Starts the source, and logs how the board is mounted.
+    /// Starts the source and the search for the position, and logs how the board is mounted. Needs a runtime.
     ///
     /// # Errors
     ///
@@ -124,6 +124,7 @@ impl Session {
                 "[mounting] has changed: what headingd mounting told of the board before is not used any more"
             );
         }
+        self.north.start();
         self.source.start(self.config.source.pace())
     }
 

@@ -10,8 +10,11 @@ use crate::check::{Check, Fault, within};
 
 pub use model::{Field, Known, ModelError, Position, Zone};
 
+/// The declination is the same within this, degrees north and east: it changes by some hundredths of a degree.
+const NEAR_DEG: f64 = 0.02;
+
 /// Where the declination comes from. Without a position and without a declination there are no true headings.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// Where the compass is, degrees north: -90 to 90. None by default.
@@ -26,6 +29,9 @@ pub struct Settings {
     /// default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub declination_deg: Option<f64>,
+    /// A gpsd that says where the compass is: an address in numbers with a port, or the absolute path of a Unix socket.
+    /// Empty, as it is by default: none.
+    pub gpsd: String,
 }
 
 impl Settings {
@@ -77,33 +83,51 @@ impl Check for Settings {
 /// The declination, as long as it is known.
 #[derive(Debug)]
 pub struct TrueNorth {
-    settings: Settings,
+    declination_by_hand_deg: Option<f64>,
+    position: Option<Position>,
     /// The day of the last answer; none before the first, and [`None`] in it where no date was known.
     day: Option<Option<u64>>,
+    /// Whether the position is another one since then.
+    moved: bool,
     declination_deg: Option<f64>,
     news: Option<String>,
 }
 
 impl TrueNorth {
     /// By these settings.
-    pub fn new(settings: Settings) -> Self {
+    pub fn new(settings: &Settings) -> Self {
         Self {
-            settings,
+            declination_by_hand_deg: settings.declination_deg,
+            position: settings.position(),
             day: None,
+            moved: false,
             declination_deg: None,
             news: None,
         }
     }
 
+    /// The compass is there now.
+    pub fn put_position(&mut self, position: Position) {
+        let near = |there: &Position| {
+            let north = (there.latitude_deg - position.latitude_deg).abs();
+            let east = (there.longitude_deg - position.longitude_deg).abs();
+            north.max(east) < NEAR_DEG
+        };
+        if !self.position.as_ref().is_some_and(near) {
+            self.position = Some(position);
+            self.moved = true;
+        }
+    }
+
     /// How far magnetic north is east of true north at this time of day, degrees; `None` where that is not known. It is
-    /// computed once a day.
+    /// computed once a day, and where the compass has moved.
     pub fn declination_deg(&mut self, since_1970: Option<Duration>) -> Option<f64> {
-        if let Some(declination_deg) = self.settings.declination_deg {
+        if let Some(declination_deg) = self.declination_by_hand_deg {
             return Some(declination_deg);
         }
-        let position = self.settings.position()?;
+        let position = self.position?;
         let day = since_1970.map(|since| since.as_secs() / 86_400);
-        if self.day != Some(day) {
+        if std::mem::take(&mut self.moved) || self.day != Some(day) {
             let (declination_deg, warning) = answer(&position, since_1970);
             // What holds from day to day is told on the first.
             if self.day.is_none() || self.declination_deg.is_some() != declination_deg.is_some() {
@@ -176,7 +200,7 @@ mod tests {
             latitude_deg: Some(51.08),
             longitude_deg: Some(-114.13),
             altitude_m: 1100.0,
-            declination_deg: None,
+            ..Settings::default()
         }
     }
 
@@ -186,15 +210,30 @@ mod tests {
 
     #[test]
     fn a_position_gives_the_declination_of_the_day_and_nothing_gives_none() {
-        let mut north = TrueNorth::new(calgary());
+        let mut north = TrueNorth::new(&calgary());
         let found = north.declination_deg(day("2026-11-21")).unwrap();
         assert!((found - 13.304).abs() < 0.002, "{found}");
         let later = north.declination_deg(day("2028-11-21")).unwrap();
         assert!((found - later).abs() > 0.05, "{later}");
         assert_eq!(north.news(), None);
-        let mut none = TrueNorth::new(Settings::default());
+        let mut none = TrueNorth::new(&Settings::default());
         assert_eq!(none.declination_deg(day("2026-11-21")), None);
         assert_eq!(none.news(), None);
+    }
+
+    #[test]
+    fn a_compass_that_moves_has_another_declination() {
+        let mut north = TrueNorth::new(&Settings::default());
+        let mut there = calgary().position().unwrap();
+        north.put_position(there);
+        let before = north.declination_deg(day("2026-11-21")).unwrap();
+        there.latitude_deg += 0.9 * NEAR_DEG;
+        north.put_position(there);
+        assert_eq!(north.declination_deg(day("2026-11-21")), Some(before));
+        there.longitude_deg = 0.0;
+        north.put_position(there);
+        let london = north.declination_deg(day("2026-11-21")).unwrap();
+        assert!((london - before).abs() > 10.0, "{london}");
     }
 
     #[test]
@@ -203,12 +242,12 @@ mod tests {
             declination_deg: Some(-3.5),
             ..calgary()
         };
-        assert_eq!(TrueNorth::new(by_hand).declination_deg(None), Some(-3.5));
+        assert_eq!(TrueNorth::new(&by_hand).declination_deg(None), Some(-3.5));
     }
 
     #[test]
     fn what_stands_in_the_way_is_told_once_and_again_when_it_changes() {
-        let mut north = TrueNorth::new(calgary());
+        let mut north = TrueNorth::new(&calgary());
         for _ in 0..2 {
             assert_eq!(north.declination_deg(None), None);
         }
@@ -228,7 +267,7 @@ mod tests {
             longitude_deg: Some(139.0),
             ..calgary()
         };
-        let mut north = TrueNorth::new(at_the_pole);
+        let mut north = TrueNorth::new(&at_the_pole);
         assert_eq!(north.declination_deg(day("2026-11-21")), None);
         assert!(north.news().unwrap().contains("no compass"));
     }
@@ -249,6 +288,7 @@ mod tests {
             longitude_deg: Some(f64::NAN),
             altitude_m: 1e9,
             declination_deg: Some(-181.0),
+            gpsd: String::new(),
         };
         let keys: Vec<String> = wrong.check().into_iter().map(|fault| fault.key).collect();
         assert_eq!(

@@ -6,6 +6,7 @@ mod disk;
 #[path = "../domain/effort.rs"]
 mod effort;
 mod i2c;
+mod north;
 mod record;
 mod reload;
 mod rig;

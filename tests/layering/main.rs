@@ -67,6 +67,8 @@ const ROOMS: &[Room] = &[
     // Raw readings go out with the header and in the columns of a log.
     // A control request says which of the kept calibrations it means.
     room("publish", 2, &["heading", "condition", "calibration", "reading", "recording", "lock_file", "store::history"]),
+    // Reads where the compass is from a gpsd.
+    room("position", 2, &["true_north", "date"]),
     // The mounting is kept with the calibration: the one holds only with the other.
     room("store", 2, &["calibration", "frame", "lock_file"]),
     // The daemon's own pipeline, and pictures of what comes of it.
@@ -79,16 +81,17 @@ const ROOMS: &[Room] = &[
     room("service", 2, &["condition"]),
     // One table for each room that has settings.
     room("config", 2, &[
-        "frame", "attitude", "turn", "calibration", "true_north", "pipeline", "sensor", "publish", "store",
+        "frame", "attitude", "turn", "calibration", "true_north", "pipeline", "position", "sensor", "publish",
+        "store",
     ]),
 
     room("daemon", 3, &[
         "reading", "date", "frame", "attitude", "turn", "calibration", "true_north", "heading", "condition",
-        "recording", "pipeline", "sensor", "publish", "store", "service", "config", "wall_clock",
+        "recording", "pipeline", "position", "sensor", "publish", "store", "service", "config", "wall_clock",
     ]),
     room("command", 3, &[
         "reading", "date", "frame", "alignment", "attitude", "calibration", "true_north", "heading",
-        "condition", "recording", "pipeline", "sensor", "publish", "store", "service", "logging", "config", "daemon",
+        "condition", "recording", "pipeline", "position", "sensor", "publish", "store", "service", "logging", "config", "daemon",
         "wall_clock", "advice", "report",
     ]),
     room("main", 3, &["command"]),

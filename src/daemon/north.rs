@@ -1,0 +1,48 @@
+//! True north while the daemon runs: by the configuration, and by a gpsd that says where the compass is.
+
+use std::time::Duration;
+
+use crate::config::Config;
+use crate::config::source::Kind;
+use crate::position::{Follower, GpsFix, Gpsd};
+use crate::true_north::TrueNorth;
+
+/// From magnetic to true north.
+pub(super) struct North {
+    true_north: TrueNorth,
+    gpsd: Option<Gpsd>,
+    follower: Option<Follower>,
+    fix: Option<GpsFix>,
+}
+
+impl North {
+    /// A gpsd says where a log is replayed, and not where it was recorded: it is not asked.
+    pub(super) fn new(config: &Config) -> Self {
+        let gpsd = Gpsd::parse(&config.true_north.gpsd);
+        Self {
+            true_north: TrueNorth::new(&config.true_north),
+            gpsd: gpsd.filter(|_| config.source.kind != Some(Kind::Replay)),
+            follower: None,
+            fix: None,
+        }
+    }
+
+    /// Begins to ask the gpsd, if there is one. Needs a runtime.
+    pub(super) fn start(&mut self) {
+        self.follower = self.gpsd.take().map(Follower::start);
+    }
+
+    /// The declination at this time of day, or else by the receiver's clock. What is new about it is logged.
+    pub(super) fn declination_deg(&mut self, since_1970: Option<Duration>) -> Option<f64> {
+        if let Some(fix) = self.follower.as_mut().and_then(Follower::news) {
+            self.true_north.put_position(fix.position);
+            self.fix = Some(fix);
+        }
+        let since_1970 = since_1970.or_else(|| self.fix?.now());
+        let declination_deg = self.true_north.declination_deg(since_1970);
+        if let Some(news) = self.true_north.news() {
+            tracing::warn!("{news}");
+        }
+        declination_deg
+    }
+}

@@ -1,0 +1,210 @@
+//! Where the compass is, by a gpsd: a client that reads its `TPV` objects, and connects again whenever it has to.
+
+mod tpv;
+
+use std::fmt;
+use std::io;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, BufReader};
+use tokio::net::{TcpStream, UnixStream};
+use tokio::sync::watch;
+use tokio::time::{sleep, timeout};
+
+use crate::true_north::Position;
+
+/// What a gpsd is asked for.
+const WATCH: &[u8] = b"?WATCH={\"enable\":true,\"json\":true};\n";
+
+/// Longer lines are passed over, bytes: gpsd's longest have 10 KiB.
+const LONGEST: usize = 16 * 1024;
+
+/// A gpsd takes a connection at once, or is not there.
+const CONNECT_PATIENCE: Duration = Duration::from_secs(10);
+
+/// A gpsd that says nothing for so long may have gone without a word.
+const SILENCE: Duration = Duration::from_secs(300);
+
+/// Pauses before it is tried again: the first, doubled each time up to the last.
+const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
+
+/// Where a gpsd listens.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Gpsd {
+    /// On a port.
+    Tcp(SocketAddr),
+    /// On a Unix socket.
+    Unix(PathBuf),
+}
+
+impl Gpsd {
+    /// An address in numbers with a port, or an absolute path.
+    pub fn parse(text: &str) -> Option<Self> {
+        if text.starts_with('/') {
+            return Some(Self::Unix(text.into()));
+        }
+        let address: SocketAddr = text.parse().ok()?;
+        (address.port() != 0).then_some(Self::Tcp(address))
+    }
+}
+
+impl fmt::Display for Gpsd {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Tcp(address) => address.fmt(f),
+            Self::Unix(path) => path.display().fmt(f),
+        }
+    }
+}
+
+/// Where the compass is, and when that was.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GpsFix {
+    /// Where.
+    pub position: Position,
+    /// The time of day by the receiver, if it knows it.
+    pub since_1970: Option<Duration>,
+    /// When that was.
+    pub taken: Instant,
+}
+
+impl GpsFix {
+    /// The time of day by the receiver's clock.
+    pub fn now(&self) -> Option<Duration> {
+        Some(self.since_1970? + self.taken.elapsed())
+    }
+}
+
+/// A client at work until it is dropped.
+#[derive(Debug)]
+pub struct Follower {
+    fixes: watch::Receiver<Option<GpsFix>>,
+    task: tokio::task::JoinHandle<()>,
+}
+
+impl Follower {
+    /// Follows this gpsd. Needs a runtime.
+    pub fn start(gpsd: Gpsd) -> Self {
+        let (sender, fixes) = watch::channel(None);
+        Self {
+            fixes,
+            task: tokio::spawn(follow(gpsd, sender)),
+        }
+    }
+
+    /// The latest position, the first time it is asked for.
+    pub fn news(&mut self) -> Option<GpsFix> {
+        // An error means that the task has failed, and that nothing new comes.
+        if !self.fixes.has_changed().unwrap_or(false) {
+            return None;
+        }
+        *self.fixes.borrow_and_update()
+    }
+}
+
+impl Drop for Follower {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}
+
+/// Reads until nobody wants to know any more.
+async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
+    let mut pause = PAUSES.0;
+    let mut told = false;
+    loop {
+        let before = *fixes.borrow();
+        let ended = read(&gpsd, &fixes).await;
+        if *fixes.borrow() != before {
+            (pause, told) = (PAUSES.0, false);
+        }
+        // Once an episode: a gpsd may be away for months.
+        if !std::mem::replace(&mut told, true) {
+            let why = ended.err().map_or_else(
+                || "it has closed the connection".to_owned(),
+                |error| error.to_string(),
+            );
+            tracing::warn!("no position from the gpsd at {gpsd}, will try again: {why}");
+        }
+        sleep(pause).await;
+        pause = (2 * pause).min(PAUSES.1);
+    }
+}
+
+/// Connects, and reads to the end.
+async fn read(gpsd: &Gpsd, fixes: &watch::Sender<Option<GpsFix>>) -> io::Result<()> {
+    let late = |_| io::Error::from(io::ErrorKind::TimedOut);
+    match gpsd {
+        Gpsd::Tcp(address) => {
+            let stream = timeout(CONNECT_PATIENCE, TcpStream::connect(address));
+            read_from(stream.await.map_err(late)??, gpsd, fixes).await
+        }
+        Gpsd::Unix(path) => {
+            let stream = timeout(CONNECT_PATIENCE, UnixStream::connect(path));
+            read_from(stream.await.map_err(late)??, gpsd, fixes).await
+        }
+    }
+}
+
+async fn read_from(
+    mut stream: impl AsyncRead + AsyncWrite + Unpin,
+    gpsd: &Gpsd,
+    fixes: &watch::Sender<Option<GpsFix>>,
+) -> io::Result<()> {
+    let late = |_| io::Error::from(io::ErrorKind::TimedOut);
+    timeout(CONNECT_PATIENCE, stream.write_all(WATCH))
+        .await
+        .map_err(late)??;
+    let mut reader = BufReader::new(stream);
+    let mut line = Vec::new();
+    // Of a line that is too long nothing is used, up to its end.
+    let mut too_long = false;
+    loop {
+        line.clear();
+        let mut limited = (&mut reader).take(LONGEST as u64);
+        let read = timeout(SILENCE, limited.read_until(b'\n', &mut line));
+        if read.await.map_err(late)?? == 0 {
+            return Ok(());
+        }
+        let whole = line.ends_with(b"\n");
+        if !std::mem::replace(&mut too_long, !whole) && whole {
+            take(&line, gpsd, fixes);
+        }
+    }
+}
+
+fn take(line: &[u8], gpsd: &Gpsd, fixes: &watch::Sender<Option<GpsFix>>) {
+    let Some((position, since_1970)) = tpv::read(line) else {
+        return;
+    };
+    let first = fixes.borrow().is_none();
+    if first {
+        tracing::info!(
+            latitude_deg = position.latitude_deg,
+            longitude_deg = position.longitude_deg,
+            "position from the gpsd at {gpsd}"
+        );
+    }
+    fixes.send_replace(Some(GpsFix {
+        position,
+        since_1970,
+        taken: Instant::now(),
+    }));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gpsd_is_named_by_a_number_and_a_port_or_by_a_path() {
+        for good in ["127.0.0.1:2947", "[::1]:2947", "/run/gps.sock"] {
+            assert_eq!(Gpsd::parse(good).unwrap().to_string(), good);
+        }
+        for wrong in ["", "localhost:2947", "127.0.0.1", "127.0.0.1:0", "gps.sock"] {
+            assert_eq!(Gpsd::parse(wrong), None, "{wrong}");
+        }
+    }
+}
