@@ -116,7 +116,7 @@ pub fn without_spikes<const D: usize>(points: &[[f64; D]]) -> Vec<[f64; D]> {
         .collect()
 }
 
-/// Runs the swarm over points, as the settings say. `None` if the points span no box. F = 2·D + 1.
+/// Runs the swarm over points with these settings. `None` if the points span no box. F = 2·D + 1.
 pub fn swarm<const D: usize, const P: usize, const F: usize>(
     points: &[[f64; D]],
     reference_mgauss: Option<f64>,

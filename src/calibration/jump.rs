@@ -31,10 +31,10 @@ pub struct Jump {
     pub times_usual: f64,
 }
 
-/// The largest jump of the corrected field, turned into the gyro's frame, where it should stand still.
+/// The largest jump of the corrected field, turned into the gyro's frame, where it should be constant.
 /// `None` where the gyro followed too few samples, or these are too far apart.
 pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
-    // Bursts make the mean of the steps tell more than their median does, once gaps are left out.
+    // With bursts, the mean of the steps is a better period than their median, once gaps are left out.
     let steps = sightings.windows(2).map(|pair| pair[1].t_s - pair[0].t_s);
     let (count, sum_s) = steps
         .filter(|step_s| (0.0..GAP_S).contains(step_s))
@@ -74,7 +74,7 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
 
 /// The largest change of the medians over `apart` samples, and what is usual while the board turns.
 fn changes(sightings: &[Sighting], middles: &[Vector3<f64>], apart: usize) -> Option<(f64, f64)> {
-    // Half the cosine's angle: a quaternion turns by half of what it stands for.
+    // The components of a quaternion have half the angle of its rotation.
     let turned = (0.5 * TURNING_RAD).cos();
     let mut largest = 0.0f64;
     let mut turning = Vec::with_capacity(sightings.len());

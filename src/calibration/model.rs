@@ -38,7 +38,7 @@ pub enum Model {
 /// The parameters of Equation 1.
 ///
 /// Everything is in magnetometer chip axes and milligauss. Scale factors have a mean of 1 where no
-/// reference field was given: then they say how the axes compare, which is all that a heading needs.
+/// reference field was given: then only the ratio of the axes is known, which is all that a heading needs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "mode", rename_all = "lowercase")]
 pub enum Parameters {

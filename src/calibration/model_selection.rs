@@ -6,18 +6,18 @@ use super::refine::Refined;
 use super::settings::ModelChoice;
 use super::uncertainty::correlation;
 
-/// Where the three cross terms make a bias this many times less certain, the motion cannot tell them from it.
+/// Where the three cross terms make a bias this many times less certain, the motion cannot separate them from it.
 /// Turns about two clearly different axes make it 2 times; rolls at one heading, which show the cross terms by
 /// the wobble of a hand alone, 11.
 const UNSEEN: f64 = 5.0;
 
-/// What the samples say of the entries of A beside its diagonal.
+/// The entries of A beside its diagonal, by the samples.
 pub enum SoftIron {
     /// They are there, or were asked for.
     Found(Box<Fitted<3, 9>>),
-    /// They would have been seen, and are not there; or nobody asked.
+    /// They would have been seen, and are not there; or the model is given as diagonal.
     None,
-    /// This motion cannot tell them from the biases.
+    /// This motion cannot separate them from the biases.
     Unseen,
 }
 

@@ -60,7 +60,7 @@ impl<const P: usize> ConvergenceMonitor<P> {
         }
     }
 
-    /// Takes one iteration's global best; says whether to stop, and why.
+    /// Takes one iteration's global best; returns the reason to stop, if there is one.
     pub fn iterated(&mut self, parameters: &[f64; P], fit_value: f64) -> Option<Stop> {
         let converged = self.converged(parameters);
         let window = self.limits.window.max(1);

@@ -121,7 +121,7 @@ impl Outcome {
         }
     }
 
-    /// Of what the running estimate has learnt; `measured` says which axes' bias is known.
+    /// The outcome of the running estimate; `measured` are the axes whose bias is known.
     pub fn of_motion(calibration: Calibration, measured: [bool; 3]) -> Self {
         let spatial = match &calibration.parameters {
             Parameters::Spatial(spatial) => Some(spatial),

@@ -19,7 +19,7 @@ pub struct Plan {
     pub stretch: Range<usize>,
 }
 
-/// Chooses mode, plane and samples. `None` if a plane is needed and nothing tells which.
+/// Chooses mode, plane and samples. `None` if a plane is needed and the gyro shows none.
 pub fn plan(request: &Request) -> Option<Plan> {
     let turns = &request.turns;
     let all = 0..request.samples.len();

@@ -11,7 +11,7 @@ pub enum Policy {
     /// On every turn that is seen.
     #[default]
     On,
-    /// Only when it is told to.
+    /// Only on request.
     Off,
     /// Never, while there is a calibration in force: that one is not replaced.
     Locked,

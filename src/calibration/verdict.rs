@@ -50,7 +50,7 @@ pub struct Measures {
     pub heading_sd_deg: f64,
     /// GyroAgreement with the gyro, cross-validated, where there is a gyro.
     pub gyro: Option<GyroAgreement>,
-    /// The largest jump of the field, where the gyro tells.
+    /// The largest jump of the field, where there is a gyro.
     pub jump: Option<Jump>,
     /// Spatial: change of the dip with attitude, where the vertical is known.
     pub dip_spread_deg: Option<f64>,

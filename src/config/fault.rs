@@ -1,4 +1,4 @@
-//! What is wrong with a configuration, and how it is said.
+//! The faults of a configuration, as values and as sentences.
 
 use std::fmt;
 

@@ -1,4 +1,4 @@
-//! Table `[log]`: what the daemon says about itself.
+//! Table `[log]`: the daemon's own log.
 
 use serde::{Deserialize, Serialize};
 use tracing_subscriber::EnvFilter;

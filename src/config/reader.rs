@@ -277,7 +277,7 @@ impl<'i> TableReader<'i> {
         }]
     }
 
-    /// The faults that settings find in themselves, each with its line if the key stands in the file.
+    /// The faults that settings find in themselves, each with its line if the key is in the file.
     fn check<T: Check>(
         &self,
         settings: &T,
@@ -301,7 +301,7 @@ impl<'i> TableReader<'i> {
             .collect()
     }
 
-    /// A value as it stands in the file, cut to a part of one line.
+    /// A value as written in the file, cut to a part of one line.
     fn snippet(&self, span: &Range<usize>) -> String {
         const LONGEST: usize = 60;
         let whole = self.text.get(span.clone()).unwrap_or_default().trim();
@@ -325,7 +325,7 @@ pub(super) fn keys<T: Settings>() -> Vec<String> {
     }
 }
 
-/// Reads settings from a table in which nothing but `value` stands, under the nested keys `path`.
+/// Reads settings from a table that has only `value`, under the nested keys `path`.
 fn deserialize<T: DeserializeOwned>(
     path: &[Key<'_>],
     value: &Value<'_>,
@@ -363,7 +363,7 @@ fn find<'t, 'i>(table: &'t DeTable<'i>, name: &str) -> Option<(&'t Key<'i>, &'t 
     table.iter().find(|(key, _)| key.get_ref() == name)
 }
 
-/// Where the key stands in the text; of a dotted key, as much of it as stands there.
+/// The place of the key in the text; of a dotted key, as much of it as is there.
 fn position(table: &DeTable<'_>, dotted: &str) -> Option<usize> {
     let (first, rest) = dotted.split_once('.').unwrap_or((dotted, ""));
     let (key, value) = find(table, first)?;

@@ -1,4 +1,4 @@
-//! Keys of earlier versions that no longer exist: a file that still has them is good, and is told what to do instead.
+//! Keys of earlier versions that no longer exist: a file that still has them is good, and a warning says what to do instead.
 
 /// Table, key, and what is in its place.
 const RETIRED: &[(&str, &str, &str)] = &[

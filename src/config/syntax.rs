@@ -36,7 +36,7 @@ pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
     }
 }
 
-/// What stands at the beginning, up to the end of a value.
+/// The beginning of the text, up to the end of a value.
 fn word(text: &str) -> &str {
     let end = text.find(|c: char| c.is_whitespace() || matches!(c, ',' | ']' | '}' | '#'));
     &text[..end.unwrap_or(text.len())]

@@ -85,7 +85,7 @@ const GYRO: usize = 4;
 const ACCEL: usize = 7;
 const HEADING: usize = 10;
 
-/// What the `#` lines of a log say of its board. Units are not here: readings are always in ours.
+/// The `#` lines of a log. Units are not here: readings are always in ours.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Header {
     /// The magnetometer's name: `hmc5843`.
@@ -99,7 +99,7 @@ pub struct Header {
 /// One row of a log.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Entry {
-    /// What the sensors said.
+    /// The reading.
     pub reading: Reading,
     /// True heading of body X at that time, if the log knows it: radians in [0, 2π), clockwise from
     /// magnetic north.
@@ -126,12 +126,12 @@ pub enum RecordingError {
         log: String,
         /// The last line that was read, from 1; 0 if none was.
         line: u64,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
 }
 
-/// One row that cannot be used. The reader goes on behind it.
+/// One row that cannot be used. The reader continues behind it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("log {log}, line {line}{}: {what}", column.map(|c| format!(", column {} ({})", c.0, c.1)).unwrap_or_default())]
 pub struct RowError {

@@ -52,7 +52,7 @@ impl<R: BufRead> Reader<R> {
         })
     }
 
-    /// What the `#` lines said.
+    /// The header.
     pub fn header(&self) -> &Header {
         self.rows.header()
     }

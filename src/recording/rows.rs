@@ -27,7 +27,7 @@ pub(super) struct Layout {
     pub(super) rules: [Rule; COLUMNS.len()],
 }
 
-/// How a log's rows are to be read, and what its header said.
+/// How to read a log's rows, and its header.
 #[derive(Clone, Debug)]
 pub struct Rows {
     header: Header,
@@ -42,7 +42,7 @@ impl Rows {
         Self { header, layout }
     }
 
-    /// What the `#` lines said.
+    /// The header.
     pub fn header(&self) -> &Header {
         &self.header
     }

@@ -18,7 +18,7 @@ const NEAR_S: f64 = 1.0;
 /// Longest hole in a stretch, seconds.
 const HOLE_S: f64 = 60.0;
 
-/// What the time of a row says.
+/// What a row's time means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TimeOrder {
     /// It follows the last one.
@@ -29,7 +29,7 @@ pub(super) enum TimeOrder {
     Jump,
 }
 
-/// What can be said before the next row is known. `last_s` is the last time used, if there is one.
+/// The order, if it is known without the next row. `last_s` is the last time used, if there is one.
 pub(super) fn at_once(last_s: Option<f64>, t_s: f64) -> Option<TimeOrder> {
     let Some(last_s) = last_s else {
         return Some(TimeOrder::Follows);
@@ -41,13 +41,13 @@ pub(super) fn at_once(last_s: Option<f64>, t_s: f64) -> Option<TimeOrder> {
     }
 }
 
-/// What is to be said where that is nothing, with the next row's time, if there is a next row.
+/// The order where it depends on the time of the next row, if there is one.
 pub(super) fn before(last_s: f64, t_s: f64, next_s: Option<f64>) -> TimeOrder {
     let goes_on = |from_s: f64, to_s: f64| (0.0..=HOLE_S).contains(&(to_s - from_s));
     match next_s {
         Some(next_s) if goes_on(last_s, next_s) && (t_s < last_s || next_s < t_s) => TimeOrder::Odd,
         _ if goes_on(last_s, t_s) => TimeOrder::Follows,
-        // A time that is said again and again does not go on.
+        // A repeated time does not go on.
         Some(next_s) if next_s > t_s && goes_on(t_s, next_s) => TimeOrder::Jump,
         _ => TimeOrder::Odd,
     }

@@ -20,7 +20,7 @@ pub enum Board {
     /// GY-271: a magnetometer alone. The keys of `custom` are for a gyro beside it.
     #[serde(rename = "gy-271")]
     Gy271,
-    /// Any other: table `[mounting]` says how its chips lie.
+    /// Any other: table `[mounting]` has the mounting of its chips.
     #[default]
     Custom,
 }

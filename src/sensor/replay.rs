@@ -27,7 +27,7 @@ pub enum ReplayError {
     Unreadable {
         /// The path as given.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: io::Error,
     },
     /// It is a named pipe without the other end.
@@ -48,7 +48,7 @@ pub enum ReplayError {
 #[derive(Debug)]
 pub struct Replay {
     path: PathBuf,
-    /// The same open file as the reader's: it tells how far that has come.
+    /// The open file that the reader reads, for its position.
     file: File,
     bytes: u64,
     reader: Reader<BufReader<File>>,
@@ -92,12 +92,12 @@ impl Replay {
         })
     }
 
-    /// What the log says of its board.
+    /// The log's header.
     pub fn header(&self) -> &Header {
         self.reader.header()
     }
 
-    /// How much of the file has been read, 0 to 1; 0 where that cannot be told, as of a pipe.
+    /// How much of the file has been read, 0 to 1; 0 where that is not known, as of a pipe.
     pub fn share_read(&self) -> f64 {
         let position = (&self.file).stream_position().unwrap_or(0);
         (position as f64 / self.bytes.max(1) as f64).min(1.0)

@@ -28,8 +28,8 @@ pub(super) fn replace(path: &Path, text: &str) -> io::Result<()> {
     sync_folder(directory)
 }
 
-/// A temporary file with this content, safe on disk; dropped, it is removed. Its errors do not name it: nobody has
-/// heard of it.
+/// A temporary file with this content, safe on disk; dropped, it is removed. Its errors do not name it, since nobody
+/// knows its name.
 pub(super) fn written(
     directory: &Path,
     name: &str,

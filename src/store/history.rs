@@ -49,7 +49,7 @@ pub struct Made {
 }
 
 impl Made {
-    /// A calibration with what its outcome says of it.
+    /// A calibration from its outcome.
     pub fn of(
         outcome: &Outcome,
         calibration: Calibration,
@@ -69,7 +69,7 @@ impl Made {
 /// One calibration of a history.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
-    /// Counts what was saved for this sensor, from 1: the order is this, whatever the clock said.
+    /// Counts what was saved for this sensor, from 1: this is the order, whatever the clock was.
     pub number: u64,
     /// The calibration.
     #[serde(flatten)]

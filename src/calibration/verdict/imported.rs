@@ -1,4 +1,4 @@
-//! Whether a calibration that comes from outside could have been made here, as far as its numbers tell.
+//! Judges an imported calibration by its numbers: could it have been accepted here?
 
 use nalgebra::Vector2;
 
@@ -40,7 +40,7 @@ pub fn check(calibration: &Calibration, limits: &Limits) -> Result<(), Refusal> 
             ),
         ));
     }
-    // With a covariance it says itself how far to trust it, and is learnt on from there.
+    // A covariance states how far to trust it, and the estimate starts from it.
     if calibration.covariance.is_none() && calibration.heading_sd_deg > limits.heading_sd_deg {
         return Err(Refusal::new(
             "heading_uncertainty",

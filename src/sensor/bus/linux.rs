@@ -125,7 +125,7 @@ fn opening(error: &LinuxI2CError, number: u8, address: u8) -> Cause {
 /// What a failed transfer means, as `Documentation/i2c/fault-codes.rst` of the kernel has it.
 fn transfer(error: &LinuxI2CError) -> Cause {
     match errno(error) {
-        // A chip that is not there is ENXIO; BCM2835 says EREMOTEIO, some say ENODEV.
+        // No acknowledge is ENXIO; BCM2835 returns EREMOTEIO, some adapters ENODEV.
         Some(ENXIO | EREMOTEIO | ENODEV) => Cause::NoAnswer,
         Some(ETIMEDOUT) => Cause::Timeout,
         Some(EAGAIN) => Cause::ArbitrationLost,

@@ -109,7 +109,7 @@ fn other(bus: &mut dyn Bus, clock: &mut dyn Clock, wanted: &'static str) -> Opti
     })
 }
 
-/// The name of the chip that answers at an address, as far as it can be told.
+/// The name of the chip that answers at an address, or "unknown".
 pub fn name(bus: &mut dyn Bus, address: u8) -> &'static str {
     let magnetometer = MAGNETOMETERS
         .iter()

@@ -62,7 +62,7 @@ impl DataSheet {
 /// When a chip measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeasuringMode {
-    /// When it is told to.
+    /// On each trigger.
     Single,
     /// By itself, with this rate code.
     Continuous(u8),
@@ -108,7 +108,7 @@ impl Measurement {
     }
 }
 
-/// A magnetometer. The chip has all the state: [`ChipSetup`] says how it is set up.
+/// A magnetometer. The chip has all the state: [`ChipSetup`] is how it is set up.
 pub trait Magnetometer: Sync {
     /// Its numbers.
     fn sheet(&self) -> &'static DataSheet;

@@ -35,9 +35,9 @@ pub enum ChipError {
         address: u8,
         /// The identification register.
         register: u8,
-        /// What it says.
+        /// What it holds.
         found: Vec<u8>,
-        /// What it should say.
+        /// What it should hold.
         right: &'static str,
     },
     /// A register does not hold what was written to it.
@@ -242,8 +242,7 @@ fn write_all(bus: &mut dyn Bus, address: u8, settings: &[(u8, u8)]) -> Result<()
     Ok(())
 }
 
-/// Asks the register at `place`, which is an address and a number, whether this is the `chip`; `right` tells people
-/// what it should say.
+/// Identifies a `chip` by the register at `place`, an address and a number; `right` is its right value, for people.
 fn must_be(
     bus: &mut dyn Bus,
     chip: &'static str,

@@ -30,7 +30,7 @@ impl Decoder {
         }
     }
 
-    /// What the device speaks; [`Protocol::Auto`] while that is not known.
+    /// The device's protocol; [`Protocol::Auto`] while that is not known.
     pub(super) fn protocol(&self) -> Protocol {
         match self {
             Self::Listening(_) => Protocol::Auto,

@@ -1,8 +1,8 @@
-//! What a codec makes of a device's bytes.
+//! The items that a codec decodes from a device's bytes.
 
 use crate::reading::Reading;
 
-/// One thing that a device said.
+/// One item from a device.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Item {
     /// The sensors at the device's next tick. The device sends no time: `t_s` is 0.
@@ -11,7 +11,7 @@ pub enum Item {
     Timed(Reading),
     /// The answer to a request for synchronisation, with the two bytes that were asked for.
     Synch([u8; 2]),
-    /// The device speaks, but what it says is of no use here: it is in this mode.
+    /// The device sends, but in this mode, which is of no use here.
     OtherMode(&'static str),
     /// A remark, or a part of a header: nothing is wrong.
     Remark,

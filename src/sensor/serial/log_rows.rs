@@ -112,7 +112,7 @@ impl Wire {
             _ => {
                 // A row where the header should go on: its column names were lost.
                 self.header = None;
-                // The beginning of the first line was not heard, and what is left may look whole.
+                // The beginning of the first line was lost, and what is left may look whole.
                 if !first {
                     found(self.row(line).map_or_else(bad, Item::Timed));
                 }

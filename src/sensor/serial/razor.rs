@@ -15,11 +15,11 @@ const ACCEL_MOST: f64 = 4096.0;
 const GYRO_COUNTS_PER_DEG_S: f64 = 14.375;
 /// Its largest count: 16 bits.
 const GYRO_MOST: f64 = 32768.0;
-/// HMC5843 and HMC5883L: 12 bits. An axis that overflowed says -4096.
+/// HMC5843 and HMC5883L: 12 bits. An axis that overflowed reads -4096.
 const MAG_MOST: f64 = 2048.0;
 const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
-/// Three axes in counts; `None` is an axis that told no number.
+/// Three axes in counts; `None` is an axis without a number.
 pub(super) type RazorCounts = [Option<f64>; 3];
 
 /// One of the Razor's sensors, in the order in which it sends them.
@@ -30,7 +30,7 @@ pub(super) enum Sensor {
     Gyro,
 }
 
-/// RazorCounts of all three sensors, where they were told.
+/// Counts of the sensors that were read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Frame {
     pub(super) accel: Option<RazorCounts>,

@@ -3,7 +3,7 @@
 //!
 //! Frames have neither a beginning nor a checksum, so they are counted from the answer to `#s01`, and
 //! believed only while they hold what raw counts can be: whole numbers within 16 bits. Error lines would
-//! stand among the frames, so error output is off, and a failed read shows only in numbers that stand still.
+//! mix with the frames, so error output is off, and a failed read shows only in repeated numbers.
 
 use super::item::Item;
 use super::razor::{Frame, RazorCounts};
@@ -107,7 +107,7 @@ impl RazorBinary {
         if self.pending.ends_with(b"#SYNCH00") {
             found(Item::Synch(*b"00"));
         }
-        // Another mode's lines say which it is.
+        // Lines of another mode identify it.
         if self.pending.ends_with(b"#YPR") {
             found(Item::OtherMode("angles (#ot)"));
         }

@@ -36,7 +36,7 @@ pub struct RazorText {
 #[derive(Clone, Debug, Default)]
 struct Pending {
     frame: Frame,
-    /// Sensors that could not be read: what they say is old.
+    /// Sensors that could not be read: their numbers are old.
     failed: [bool; 3],
 }
 

@@ -70,7 +70,7 @@ impl PortSession {
         }
     }
 
-    /// What the device speaks; [`Protocol::Auto`] while that is not known.
+    /// The device's protocol; [`Protocol::Auto`] while that is not known.
     pub(super) fn protocol(&self) -> Protocol {
         self.decoder.protocol()
     }

@@ -15,7 +15,7 @@ settings! {
         baud: u32 = 57600, 300..=4_000_000, "baud";
         /// The protocol of the device.
         protocol: Protocol = Protocol::default();
-        /// The magnetometer: it says what the Razor's counts are worth, and names the calibration that is kept.
+        /// The magnetometer: it determines the scale of the Razor's counts, and names the calibration that is kept.
         chip: Chip = Chip::default();
     }
     also Settings::check_port;
@@ -37,7 +37,7 @@ impl Settings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Protocol {
-    /// Listen, then ask, and say what was found.
+    /// Listen, then ask, and log what was found.
     #[default]
     Auto,
     /// The Razor AHRS firmware, raw readings as text.

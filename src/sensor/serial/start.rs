@@ -1,4 +1,4 @@
-//! How the Razor is started: asked until it answers, then told what to send.
+//! Starts the Razor: asks until it answers, then selects its output.
 //!
 //! Opening the port resets the board, which is deaf for a second or two and then sends angles. As its
 //! authors' own client does (`C++/RazorAHRS.cpp`), `#s00` is repeated until `#SYNCH00` comes back.
@@ -13,7 +13,7 @@ const LATER_PACE_S: f64 = 1.0;
 const ASK: &[u8] = b"#s00";
 /// Raw text; stream on; error lines on, since a sensor that cannot be read repeats its old numbers.
 const TEXT: &[u8] = b"#osrt#o1#oe1#s01";
-/// Raw binary; stream on; error lines off, since they would stand among the frames.
+/// Raw binary; stream on; error lines off, since they would mix with the frames.
 const BINARY: &[u8] = b"#osrb#o1#oe0#s01";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,7 +23,7 @@ enum Stage {
     Done,
 }
 
-/// Where the start stands.
+/// The step of the start.
 #[derive(Clone, Debug)]
 pub(super) struct Start {
     stage: Stage,
@@ -73,7 +73,7 @@ impl Start {
         }
     }
 
-    /// The device sends something else than it was told to: it was reset.
+    /// The device sends another output than the selected one: it was reset.
     pub(super) fn order_again(&mut self) {
         if self.stage == Stage::Done {
             self.stage = Stage::Ordering;
