@@ -212,10 +212,11 @@ fn step(axis: &AxisScale) -> f64 {
 fn label(axis: &AxisScale, value: f64, step: f64) -> String {
     if axis.logarithmic {
         let number = 10f64.powf(value);
-        return if (0.01..100_000.0).contains(&number) {
-            format!("{}", (1000.0 * number).round() / 1000.0)
-        } else {
-            format!("{number:.0e}")
+        // Three digits at most: a longer number would run into the axis' name.
+        return match number {
+            10.0..1e4 => format!("{number:.0}"),
+            0.1..10.0 => format!("{number:.1}"),
+            _ => format!("{number:.1e}"),
         };
     }
     let decimals = (-step.log10()).ceil().clamp(0.0, 6.0) as usize;
