@@ -197,6 +197,9 @@ pub fn judge(evidence: &Evidence) -> Report {
             let message =
                 "no gyro speaks, so no turn can be seen: give a calibration, or connect the gyro";
             e.report(Condition::Uncalibrated, "no_gyro", message)
+        } else if !e.tilt_known {
+            let message = "no accelerometer speaks, so headings hold for a board that stays level: keep it level, and turn it once all the way round";
+            e.report(Condition::Uncalibrated, "no_accelerometer", message)
         } else {
             let message = "turn the board once all the way round, or move it about, away from iron";
             e.report(Condition::Uncalibrated, "no_calibration", message)
@@ -309,7 +312,7 @@ mod tests {
     #[test]
     fn every_condition_has_its_evidence() {
         type Spoil = fn(&mut Evidence<'static>);
-        let cases: [(&str, &str, Spoil); 18] = [
+        let cases: [(&str, &str, Spoil); 19] = [
             ("good", "good", |_| ()),
             ("fault", "unplugged", |e| {
                 static UNPLUGGED: LazyLock<SourceFault> = LazyLock::new(|| SourceFault {
@@ -334,6 +337,9 @@ mod tests {
             }),
             ("uncalibrated", "no_gyro", |e| {
                 (e.calibrated, e.gyro_speaks) = (false, false)
+            }),
+            ("uncalibrated", "no_accelerometer", |e| {
+                (e.calibrated, e.tilt_known) = (false, false)
             }),
             ("disturbed", "field_strength", |e| {
                 (e.disturbed, e.strength_deviation) = (true, -0.2)

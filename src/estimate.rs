@@ -12,36 +12,33 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::attitude::Pose;
 use crate::calibration::model::Calibration;
-use crate::frame::{Mounting, heading_deg, wrap_360};
+use crate::frame::Mounting;
 
 mod covariance;
 mod filter;
+mod fix;
 mod gyro_check;
 mod kept;
 mod learnt;
+mod level;
 mod prior;
 
 use filter::{Filter, Input};
 use gyro_check::GyroCheck;
 pub use gyro_check::GyroFault;
+use level::Level;
 use prior::{Measured, Prior};
 
 /// Two filters are told apart when one explains the samples better by so much log-likelihood: e¹² to 1, since samples
 /// beside each other share their errors.
 const DECIDED: f64 = 12.0;
+/// No sample says more than this: one that came late or was disturbed fits the less certain filter better, whichever is right.
+const MOST_A_SAMPLE: f64 = 0.5;
 /// A rival that has explained nothing better after this much motion is dropped, seconds.
 const RIVAL_LASTS_S: f64 = 30.0;
 /// Strength of a disturbance, as a share of the field, for this long in motion, after which iron on the board is tried as its cause.
 const IRON_TRIED_FROM: f64 = 0.08;
 const IRON_TRIED_AFTER_S: f64 = 1.0;
-/// Without an accelerometer a board is taken for level within this, radians (3°).
-const LEVEL_SD_RAD: f64 = 0.052;
-/// Over this time boards are level on average, seconds.
-const LEVEL_TAU_S: f64 = 60.0;
-/// Tilt error of a still board: its accelerometer's bias, radians.
-const TILT_SD_RAD: f64 = 0.01;
-/// Body X this near the vertical (sine of 10°) has no heading.
-const NO_HEADING: f64 = 0.17;
 /// An axis whose bias is known less well than this share of the field is not measured.
 const MEASURED: f64 = 0.15;
 
@@ -94,7 +91,9 @@ enum Origin {
 struct Rival {
     filter: Filter,
     origin: Origin,
-    /// Log-likelihood of the rival less that of the active one, when it began.
+    /// Log-likelihood of the rival less that of the active one, at the sample before.
+    ahead: f64,
+    /// How much better it has explained the samples since it began.
     lead: f64,
     moved_s: f64,
 }
@@ -113,8 +112,7 @@ pub struct Estimate {
     disturbed_s: f64,
     replaced: bool,
     lost: bool,
-    /// Mean direction of body Z in the frame: down, where no accelerometer tells.
-    level: Vector3<f64>,
+    level: Level,
 }
 
 impl Estimate {
@@ -136,7 +134,7 @@ impl Estimate {
             disturbed_s: 0.0,
             replaced: false,
             lost: false,
-            level: Vector3::zeros(),
+            level: Level::default(),
         }
     }
 
@@ -171,10 +169,7 @@ impl Estimate {
             }
         }
         let down = sample.pose.orientation * Vector3::z();
-        if lost {
-            self.level = down;
-        }
-        self.level += (down - self.level) * (period_s / (period_s + LEVEL_TAU_S));
+        self.level.take(down, lost, period_s);
         self.gyro.take(&input, &self.active);
         if !sample.still {
             self.compare(period_s);
@@ -218,7 +213,10 @@ impl Estimate {
             return;
         };
         rival.moved_s += period_s;
-        let lead = rival.filter.log_likelihood() - self.active.log_likelihood() - rival.lead;
+        let ahead = rival.filter.log_likelihood() - self.active.log_likelihood();
+        rival.lead += (ahead - rival.ahead).clamp(-MOST_A_SAMPLE, MOST_A_SAMPLE);
+        rival.ahead = ahead;
+        let lead = rival.lead;
         if lead > DECIDED {
             self.origin = rival.origin;
             self.active = rival.filter.clone();
@@ -251,7 +249,8 @@ impl Estimate {
 
     fn start_rival(&mut self, filter: Filter, origin: Origin) {
         self.rival = Some(Rival {
-            lead: filter.log_likelihood() - self.active.log_likelihood(),
+            ahead: filter.log_likelihood() - self.active.log_likelihood(),
+            lead: 0.0,
             filter,
             origin,
             moved_s: 0.0,
@@ -283,83 +282,6 @@ impl Estimate {
             self.start_rival(turned, Origin::Turn);
         }
         better
-    }
-
-    /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` where X is vertical, or
-    /// before the estimate has begun. Its deviation has the field's, the place's and the tilt's in it.
-    pub fn fix(&self, pose: &Pose) -> Option<Fix> {
-        if !self.active.begun() {
-            return None;
-        }
-        let field = self.active.field();
-        if !pose.vertical_known {
-            let seen = pose.orientation.inverse_transform_vector(&field);
-            return self.level_fix(pose, &seen);
-        }
-        let told = pose.orientation * Vector3::x();
-        let nose = told - self.active.tilt_rad().cross(&told);
-        let level2 = nose.xy().norm_squared();
-        if level2 < NO_HEADING * NO_HEADING {
-            return None;
-        }
-        let heading = nose.x.atan2(nose.y) - field.x.atan2(field.y);
-        let by_nose = Vector3::new(nose.y, -nose.x, 0.0) / level2;
-        let by_tilt = told.cross_matrix().transpose() * by_nose;
-        let variance = self.active.variance(&by_field(&field), &by_tilt).max(0.0);
-        // Innovations larger than expected: what is known is known less well than it seems.
-        let variance = variance * self.active.consistency().max(1.0);
-        Some(Fix {
-            heading_deg: wrap_360(heading.to_degrees()),
-            sd_deg: variance.sqrt().to_degrees().min(180.0),
-        })
-    }
-
-    /// Without an accelerometer the board is taken for level on average; the further it is from that, the less
-    /// certain is its heading.
-    fn level_fix(&self, pose: &Pose, seen: &Vector3<f64>) -> Option<Fix> {
-        let down = self.level.try_normalize(1e-6)?;
-        let down = pose.orientation.inverse_transform_vector(&down);
-        let vertical = seen.dot(&down);
-        let horizontal = (seen - down * vertical).norm().max(1.0);
-        let own = self.active.field_covariance().trace() / 3.0;
-        let tilted = down.z.clamp(-1.0, 1.0).acos();
-        let tilt = (LEVEL_SD_RAD + 0.5 * tilted) * vertical;
-        let sd = (own + tilt * tilt).sqrt() / horizontal;
-        Some(Fix {
-            heading_deg: heading_deg(seen, &down)?,
-            sd_deg: sd.to_degrees().min(180.0),
-        })
-    }
-
-    /// The heading from one sample alone: what is left where the gyro is not to be trusted. Down is a unit vector of body
-    /// axes with its standard deviation, radians; the rate, rad/s, is that of a board whose field lags behind.
-    pub fn instantaneous(
-        &self,
-        field_mgauss: &Vector3<f64>,
-        down: Option<(Vector3<f64>, f64)>,
-        rate_rad_s: f64,
-    ) -> Option<Fix> {
-        let corrected = self.corrected(field_mgauss)?;
-        if let Some(kept) = self.kept_alone() {
-            return kept::fix(kept, &self.mounting, &corrected, down);
-        }
-        let (axis, tilt_sd) = match down {
-            Some((down, sd)) => (down, TILT_SD_RAD.hypot(sd)),
-            None => (Vector3::z(), LEVEL_SD_RAD),
-        };
-        let heading = heading_deg(&corrected, &axis)?;
-        let vertical = corrected.dot(&axis);
-        let horizontal = (corrected - axis * vertical).norm().max(1.0);
-        let east = axis.cross(&corrected) / horizontal;
-        let covariance = self.active.sample_covariance(&corrected);
-        let own = (east.transpose() * covariance * east)[0];
-        let tilt = tilt_sd * vertical;
-        let sd = (own + tilt * tilt).sqrt() / horizontal;
-        let sd = sd.hypot(rate_rad_s * self.active.lag_s());
-        Some(Fix {
-            heading_deg: heading,
-            sd_deg: sd.to_degrees().min(180.0),
-        })
     }
 
     /// A sample with iron and chip taken out, body axes, milligauss (Equation 3).

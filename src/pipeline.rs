@@ -354,6 +354,11 @@ impl Pipeline {
         if levelling || self.attitude.clipping() || self.frozen.is_some() {
             return None;
         }
+        // Noise makes each sample differ: the same again is the last one, held by a source that reads faster than the chip
+        // measures, and tells where the field was some time ago.
+        if self.sample.is_some_and(|last| last.field_mgauss == *raw) {
+            return Some(pose);
+        }
         let sample = Sample {
             t_s,
             field_mgauss: *raw,
@@ -378,13 +383,6 @@ impl Pipeline {
         }
         self.sample = Some(sample);
         Some(pose)
-    }
-
-    fn gyro_is_right(&self) -> bool {
-        !matches!(
-            self.estimate.gyro_fault(),
-            Some(GyroFault::Dead | GyroFault::Sign)
-        )
     }
 
     fn update_condition(&mut self, actions: &mut Vec<Action>) -> Condition {

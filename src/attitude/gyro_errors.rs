@@ -55,9 +55,9 @@ const SHRINKS_S: f64 = 60.0;
 const LASTS: f64 = 0.5;
 const LASTS_S: std::ops::RangeInclusive<f64> = 0.1..=30.0;
 /// Walk of the gyro's frame, rad/√s (0.03 °/√s, six times the noise density of an ITG-3200's data sheet), and for each
-/// radian turned.
+/// radian turned: readings come up to 2 ms early or late.
 const ANGLE_WALK_RAD: f64 = 0.000_5;
-const TURN_WALK_RAD: f64 = 0.001;
+const TURN_WALK_RAD: f64 = 0.003;
 /// Walk of the gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
 const BIAS_WALK_RAD_S: f64 = 0.000_087;
 /// Walk of the velocity by an accelerometer's noise, m/s per √s.
@@ -418,8 +418,9 @@ mod tests {
         assert!(bias_off < 0.003, "{bias_off}");
         assert!(matrix_off < 0.35, "{matrix_off}");
         let claimed = errors.bias_sd_rad_s();
+        // The claim allows for jitter of the times, which there is none of here.
         assert!(
-            (0.2..2.5).contains(&(bias_off / (claimed * 3f64.sqrt()))),
+            (0.05..2.5).contains(&(bias_off / (claimed * 3f64.sqrt()))),
             "{claimed}"
         );
     }

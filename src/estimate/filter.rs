@@ -58,7 +58,7 @@ const BIAS_WALK_RAD_S: f64 = 0.000_087;
 /// A gyro at rest reads its bias within this over one second, rad/s (0.3°/s).
 const REST_RATE_RAD_S: f64 = 0.0052;
 /// Jitter of the times of samples, seconds.
-const JITTER_S: f64 = 0.001;
+const JITTER_S: f64 = 0.002;
 /// White noise of a sample at first, and at least, milligauss; in between it is measured.
 const NOISE_MGAUSS: f64 = 7.0;
 const LEAST_NOISE_MGAUSS: f64 = 1.5;
@@ -631,6 +631,11 @@ impl Filter {
         self.vector(H)
     }
 
+    /// The field in the frame with what disturbs it here, milligauss.
+    pub(super) fn field_here(&self) -> Vector3<f64> {
+        self.vector(H) + self.vector(M)
+    }
+
     /// The frame's tilt error, a rotation vector in the frame, radians.
     pub(super) fn tilt_rad(&self) -> Vector3<f64> {
         Vector3::new(self.x[E], self.x[E + 1], 0.0)
@@ -706,6 +711,11 @@ impl Filter {
         self.jumped
             || self.vector(M).norm() > 4.0 * USUAL_UNEVENNESS * self.strength_mgauss
             || (!self.still && self.unevenness2 > (3.0 * USUAL_UNEVENNESS).powi(2))
+    }
+
+    /// Whether that shows while the board moves, so that the gyro may be to blame as well.
+    pub(super) fn disturbed_in_motion(&self) -> bool {
+        !self.still && self.disturbed()
     }
 
     /// The disturbance here, as a share of the field.

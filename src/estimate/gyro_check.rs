@@ -41,9 +41,9 @@ const MOVED: f64 = 0.1;
 const SILENT: f64 = 0.3;
 const EXPLAINS_AGAIN: f64 = 0.8;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, are no measurement if the field
-/// changes by so much meanwhile (squares summed: a turn of 15°).
+/// changes by so much meanwhile (squares summed: a level turn of 30° at a dip of 65°).
 const CONSTANT_S: f64 = 0.5;
-const CONSTANT_ENOUGH: f64 = 0.06;
+const CONSTANT_ENOUGH: f64 = 0.04;
 /// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
 const CONSTANT_CHANGES: u32 = 3;
 
@@ -189,7 +189,9 @@ impl GyroCheck {
                 self.turned_rad = 0.0;
             }
         }
-        if filter.begun() && filter.iron_known_within(filter.strength_mgauss()) {
+        // What a gyro that reads nothing predicts depends on no iron.
+        let known = constant || filter.iron_known_within(filter.strength_mgauss());
+        if filter.begun() && known {
             let matrix = filter.matrix();
             let Some(inverse) = matrix.try_inverse() else {
                 return;

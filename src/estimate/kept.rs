@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::filter::FIELD_MGAUSS;
-use super::{Fix, LEVEL_SD_RAD, TILT_SD_RAD};
+use super::{Fix, level};
 use crate::calibration::model::{Calibration, Parameters};
 use crate::frame::{Mounting, heading_deg};
 
@@ -29,8 +29,8 @@ pub(super) fn fix(
     down: Option<(Vector3<f64>, f64)>,
 ) -> Option<Fix> {
     let (axis, tilt_sd) = match down {
-        Some((down, sd)) => (down, TILT_SD_RAD.hypot(sd)),
-        None => (Vector3::z(), LEVEL_SD_RAD),
+        Some((down, sd)) => (down, level::KNOWN_SD_RAD.hypot(sd)),
+        None => (Vector3::z(), level::SD_RAD),
     };
     let heading = heading_deg(corrected, &axis)?;
     let (vertical, unseen) = match &calibration.parameters {

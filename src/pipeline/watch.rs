@@ -1,7 +1,8 @@
-//! Sensors that say the same again and again while the board moves.
+//! Sensors that are not to be believed.
 
 use super::Pipeline;
 use crate::condition::SourceFault;
+use crate::estimate::GyroFault;
 use crate::frozen::Frozen;
 use crate::reading::Reading;
 
@@ -20,5 +21,13 @@ impl Pipeline {
                 message: frozen.message().to_owned(),
             });
         }
+    }
+
+    /// Whether the gyro turns the way that field and gravity do.
+    pub(super) fn gyro_is_right(&self) -> bool {
+        !matches!(
+            self.estimate.gyro_fault(),
+            Some(GyroFault::Dead | GyroFault::Sign)
+        )
     }
 }

@@ -431,3 +431,43 @@ fn a_magnetometer_that_hangs_in_a_turn_is_a_fault_until_it_goes_on() {
     let last = &states[states.len() - 1];
     assert!(["good", "learning"].contains(&last.1), "{last:?}");
 }
+
+/// A logger that is faster than its magnetometer writes each sample down again and again.
+#[test]
+fn a_sample_that_is_held_for_a_tenth_of_a_second_turns_no_heading() {
+    let settings = Settings::default();
+    let sound = readings(&settings);
+    let mut held = None;
+    let mut faulty = sound.clone();
+    let fields = faulty.iter_mut().filter_map(|r| r.field_mgauss.as_mut());
+    for (count, field) in fields.enumerate() {
+        if count % 5 == 0 {
+            held = Some(*field);
+        }
+        *field = held.unwrap();
+    }
+    let (steered, worst_deg) = apart_deg(&faulty, &sound, shifted(&settings, 0.0));
+    assert!(
+        steered > 500 && worst_deg < 2.0,
+        "{worst_deg}° in {steered}"
+    );
+}
+
+#[test]
+fn a_gyro_that_dies_in_a_level_turn_is_named_within_three_seconds() {
+    let settings = Settings::default();
+    let mut pipeline = Pipeline::new(Setup::default(), Some(shifted(&settings, 0.0)));
+    let mut named_s = None;
+    for mut reading in readings(&settings) {
+        if reading.t_s > 8.0 && reading.rate_rad_s.is_some() {
+            reading.rate_rad_s = Some(Vector3::zeros());
+        }
+        pipeline.handle(Event::Reading(reading), &mut Vec::new());
+        let reason = pipeline.report().map_or("", |report| report.reason);
+        if reason == "gyro_dead" {
+            named_s.get_or_insert(reading.t_s);
+        }
+    }
+    let named_s = named_s.unwrap();
+    assert!((8.5..11.0).contains(&named_s), "{named_s}");
+}

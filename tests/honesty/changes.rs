@@ -190,6 +190,6 @@ pub fn no_accelerometer(rng: &mut Rng, score: &mut Score) {
     let (mut scene, _) = taught(rng, score, lesson);
     scene.board.force.silent = true;
     score.faults = vec![(0.0, f64::INFINITY)];
-    score.watch(None, |shown| reason::NO_FORCE.contains(&shown.reason));
+    score.watch(Some(0.0), |shown| reason::NO_FORCE.contains(&shown.reason));
     run(scene, rng, score);
 }

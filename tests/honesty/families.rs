@@ -124,6 +124,7 @@ pub const ALL: &[Family] = &[
     family("change_gyro_clipped", 500, CHANGE, changes::clipped_gyro),
     family("change_gyro_1_hz", 500, CHANGE, changes::slow_gyro),
     family("no_accelerometer", 500, CHANGE, changes::no_accelerometer),
+    family("no_accelerometer_level", 500, VEHICLE, vehicles::blind_robot),
     family("fault_gyro_zero", 200, FAULT, faults::gyro_zero),
     family("fault_gyro_bias", 200, FAULT, faults::gyro_bias),
     family("fault_gyro_constant", 200, FAULT, faults::gyro_constant),

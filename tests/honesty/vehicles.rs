@@ -124,11 +124,24 @@ pub fn drone(rng: &mut Rng, score: &mut Score) {
 
 /// A floor whose iron makes the field differ by 5 % from metre to metre, 10 minutes.
 pub fn robot(rng: &mut Rng, score: &mut Score) {
+    let scene = on_floor(rng, score);
+    run(scene, rng, score);
+}
+
+/// The same without an accelerometer, on a board that stays level.
+pub fn blind_robot(rng: &mut Rng, score: &mut Score) {
+    let mut scene = on_floor(rng, score);
+    scene.board.force.silent = true;
+    score.faults = vec![(0.0, f64::INFINITY)];
+    run(scene, rng, score);
+}
+
+fn on_floor(rng: &mut Rng, score: &mut Score) -> Scene {
     const HALF: f64 = 4.0;
     score.starts_s = WAIT_S;
     score.learnt_by_s = 120.0;
     let motion = Robot::new(HALF, WAIT_S, rng);
     let mut scene = vehicle(rng, motion, 600.0);
     scene.world.reinforce(rng, 0.05, HALF);
-    run(scene, rng, score);
+    scene
 }

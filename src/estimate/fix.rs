@@ -1,0 +1,104 @@
+//! Headings and their deviations, from what the estimate knows.
+
+use nalgebra::Vector3;
+
+use super::{Estimate, Fix, by_field, kept, level};
+use crate::attitude::Pose;
+use crate::frame::{heading_deg, wrap_360};
+
+/// Share by which a moving board's heading is as uncertain as field and gyro differ, while the field is disturbed: either may
+/// be right, and four deviations hold both.
+const DOUBT: f64 = 0.3;
+/// Body X this near the vertical (sine of 10°) has no heading.
+const NO_HEADING: f64 = 0.17;
+
+impl Estimate {
+    /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` where X is vertical, or
+    /// before the estimate has begun. Its deviation has the field's, the place's and the tilt's in it.
+    pub fn fix(&self, pose: &Pose) -> Option<Fix> {
+        if !self.active.begun() {
+            return None;
+        }
+        let field = self.active.field();
+        if !pose.vertical_known {
+            let seen = pose.orientation.inverse_transform_vector(&field);
+            return self.level_fix(pose, &seen);
+        }
+        let told = pose.orientation * Vector3::x();
+        let nose = told - self.active.tilt_rad().cross(&told);
+        let level2 = nose.xy().norm_squared();
+        if level2 < NO_HEADING * NO_HEADING {
+            return None;
+        }
+        let heading = nose.x.atan2(nose.y) - field.x.atan2(field.y);
+        let by_nose = Vector3::new(nose.y, -nose.x, 0.0) / level2;
+        let by_tilt = told.cross_matrix().transpose() * by_nose;
+        let variance = self.active.variance(&by_field(&field), &by_tilt).max(0.0);
+        // Innovations larger than expected: what is known is known less well than it seems.
+        let variance = variance * self.active.consistency().max(1.0);
+        let sd = variance.sqrt().hypot(self.doubt_rad());
+        Some(Fix {
+            heading_deg: wrap_360(heading.to_degrees()),
+            sd_deg: sd.to_degrees().min(180.0),
+        })
+    }
+
+    /// What the heading of a moving board may be off because the gyro is wrong and the disturbed field right, radians.
+    fn doubt_rad(&self) -> f64 {
+        if !self.active.disturbed_in_motion() {
+            return 0.0;
+        }
+        let (field, here) = (self.active.field(), self.active.field_here());
+        DOUBT * field.xy().angle(&here.xy())
+    }
+
+    /// Without an accelerometer the board is taken for level on average; the further it is from that, the less
+    /// certain is its heading.
+    fn level_fix(&self, pose: &Pose, seen: &Vector3<f64>) -> Option<Fix> {
+        let (down, leaning_rad) = self.level.down()?;
+        let down = pose.orientation.inverse_transform_vector(&down);
+        let vertical = seen.dot(&down);
+        let horizontal = (seen - down * vertical).norm().max(1.0);
+        let own = self.active.field_covariance().trace() / 3.0;
+        let tilted = down.z.clamp(-1.0, 1.0).acos();
+        let tilt = (level::SD_RAD + 0.5 * tilted) * vertical;
+        // A board that leans has its vertical anywhere.
+        let tilt2 = tilt * tilt + (leaning_rad * seen.norm()).powi(2);
+        let sd = (own + tilt2).sqrt() / horizontal;
+        Some(Fix {
+            heading_deg: heading_deg(seen, &down)?,
+            sd_deg: sd.to_degrees().min(180.0),
+        })
+    }
+
+    /// The heading from one sample alone: what is left where the gyro is not to be trusted. Down is a unit vector of body
+    /// axes with its standard deviation, radians; the rate, rad/s, is that of a board whose field lags behind.
+    pub fn instantaneous(
+        &self,
+        field_mgauss: &Vector3<f64>,
+        down: Option<(Vector3<f64>, f64)>,
+        rate_rad_s: f64,
+    ) -> Option<Fix> {
+        let corrected = self.corrected(field_mgauss)?;
+        if let Some(kept) = self.kept_alone() {
+            return kept::fix(kept, &self.mounting, &corrected, down);
+        }
+        let (axis, tilt_sd) = match down {
+            Some((down, sd)) => (down, level::KNOWN_SD_RAD.hypot(sd)),
+            None => (Vector3::z(), level::SD_RAD),
+        };
+        let heading = heading_deg(&corrected, &axis)?;
+        let vertical = corrected.dot(&axis);
+        let horizontal = (corrected - axis * vertical).norm().max(1.0);
+        let east = axis.cross(&corrected) / horizontal;
+        let covariance = self.active.sample_covariance(&corrected);
+        let own = (east.transpose() * covariance * east)[0];
+        let tilt = tilt_sd * vertical;
+        let sd = (own + tilt * tilt).sqrt() / horizontal;
+        let sd = sd.hypot(rate_rad_s * self.active.lag_s());
+        Some(Fix {
+            heading_deg: heading,
+            sd_deg: sd.to_degrees().min(180.0),
+        })
+    }
+}
