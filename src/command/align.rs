@@ -18,7 +18,7 @@ const CERTAIN: f64 = 3.0;
 
 /// Find how the chips of a board are mounted, from a log of it in motion
 ///
-/// Prints [mounting] for the configuration: which of each chip's axes point along the board's, and the small rotation
+/// Prints the table `[mounting]` for the configuration: which of each chip's axes point along the board's, and the small rotation
 /// beside that. Turn the board by 90 degrees and back about each of its three axes, for half a minute. Which way is
 /// ahead no motion tells: turn all chips alike with board_axes. Where down is, the accelerometer says, as the board lay
 /// when the log began. The axes that the log itself names are not used.
