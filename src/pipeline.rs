@@ -40,12 +40,14 @@ pub use survey::{Survey, Surveyed};
 /// Share of each sample in the smoothed strength of the field: over half a second at 20 Hz.
 const STRENGTH_GAIN: f64 = 0.05 / (0.05 + 0.5);
 
+/// No magnetometer in use measures less often, seconds: the same for longer is a board at rest.
+const HELD_S: f64 = 0.2;
+
 /// A field that was disturbed is called so until it has been calm for this long, seconds.
 const CALM_S: f64 = 3.0;
 
 /// Progress is news when it has changed by this share of a turn …
 const PROGRESS_STEP: f64 = 0.05;
-
 /// … and this much later than the last news of it, seconds.
 const PROGRESS_EVERY_S: f64 = 0.25;
 
@@ -356,7 +358,8 @@ impl Pipeline {
         }
         // Noise makes each sample differ: the same again is the last one, held by a source that reads faster than the chip
         // measures, and tells where the field was some time ago.
-        if self.sample.is_some_and(|last| last.field_mgauss == *raw) {
+        let held = |last: Sample| last.field_mgauss == *raw && t_s - last.t_s < HELD_S;
+        if self.sample.is_some_and(held) {
             return Some(pose);
         }
         let sample = Sample {
