@@ -5,6 +5,10 @@ use serde_json::Value;
 use super::headingd;
 use crate::rig::{FAST, LONG, Rig, start};
 
+fn start_and_wait(socket: &str) -> [&str; 5] {
+    ["calibration", "start", "--wait", "--socket", socket]
+}
+
 #[test]
 fn it_waits_for_the_verdict_on_a_turn() {
     let rig = Rig::new(FAST, LONG);
@@ -12,13 +16,7 @@ fn it_waits_for_the_verdict_on_a_turn() {
     // What was accepted before is not what it waits for.
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
     let socket = rig.path("control.sock");
-    let wait = [
-        "calibration",
-        "start",
-        "--wait",
-        "--socket",
-        socket.to_str().unwrap(),
-    ];
+    let wait = start_and_wait(socket.to_str().unwrap());
     let (status, out, err) = headingd(&[], &wait);
     assert_eq!(status, 0, "{err}");
     assert!(
@@ -51,13 +49,7 @@ fn a_refusal_has_its_status_its_reason_and_what_to_do() {
     let (_process, mut client) = rig.watched();
     client.find("STATE", |_| true);
     let socket = rig.path("control.sock");
-    let wait = [
-        "calibration",
-        "start",
-        "--wait",
-        "--socket",
-        socket.to_str().unwrap(),
-    ];
+    let wait = start_and_wait(socket.to_str().unwrap());
     let (status, out, err) = headingd(&[], &wait);
     assert_eq!(status, 3, "{out}{err}");
     assert!(out.starts_with("rejected (residual): "), "{out}");
@@ -76,10 +68,7 @@ fn it_ends_when_somebody_else_cancels() {
     client.find("ATT", |_| true);
     let socket = rig.path("control.sock");
     let socket = socket.to_str().unwrap();
-    let mut waiting = start(
-        rig.folder.path(),
-        &["calibration", "start", "--wait", "--socket", socket],
-    );
+    let mut waiting = start(rig.folder.path(), &start_and_wait(socket));
     crate::rig::until("the start", || {
         waiting.said().contains("turn the board once")
     });
