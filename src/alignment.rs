@@ -13,8 +13,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::frame::{Mounting, Mountings};
 use crate::reading::Reading;
-use carried::{Carried, Knot, Linear, Pair, pairs};
-use solve::{Evidence, Refined, axes, cost, refine};
+use carried::{Carried, Knot, KnotPair, Linear, pairs};
+use solve::{RefinedAxes, SensorData, axes, cost, refine};
 
 /// Fewer pairs of attitudes 30° apart tell nothing.
 const FEWEST_PAIRS: usize = 8;
@@ -29,7 +29,7 @@ const UPRIGHT_S: f64 = 1.0;
 
 /// One chip beside the gyro.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Chip {
+pub struct ChipAlignment {
     /// Its signed axes along the body's.
     pub axes: Mounting,
     /// The same with the small rotation in it.
@@ -46,9 +46,9 @@ pub struct Alignment {
     /// The gyro's signed axes; the others are found against it.
     pub gyro: Mounting,
     /// The magnetometer, if the log has one.
-    pub mag: Option<Chip>,
+    pub mag: Option<ChipAlignment>,
     /// The accelerometer, if the log has one: it says where down was at the beginning.
-    pub accel: Option<Chip>,
+    pub accel: Option<ChipAlignment>,
     /// What the accelerometer reads.
     pub sign: Sign,
 }
@@ -66,7 +66,7 @@ pub enum Sign {
 
 /// Why nothing was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
+pub enum AlignmentError {
     /// There is no gyro, or nothing beside it.
     NoSensors,
     /// The board has hardly turned.
@@ -79,7 +79,7 @@ pub enum Refusal {
     Ambiguous(&'static str),
 }
 
-impl Refusal {
+impl AlignmentError {
     /// A code for programs.
     pub fn code(self) -> &'static str {
         match self {
@@ -92,7 +92,7 @@ impl Refusal {
     }
 }
 
-impl fmt::Display for Refusal {
+impl fmt::Display for AlignmentError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSensors => f.write_str(
@@ -123,16 +123,16 @@ impl fmt::Display for Refusal {
 /// # Errors
 ///
 /// What is missing, or wrong with the chips.
-pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Refusal> {
+pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, AlignmentError> {
     let field = samples(readings, Reading::whole_field_mgauss);
     let force = samples(readings, |reading| reading.specific_force_m_s2);
     let gyro = readings.iter().any(|reading| reading.rate_rad_s.is_some());
     if !gyro || field.is_empty() && force.is_empty() {
-        return Err(Refusal::NoSensors);
+        return Err(AlignmentError::NoSensors);
     }
     // A field has hard iron of any size; hands shake a board, which the mean over two seconds hardly feels.
-    let mag = Sensor::new("magnetometer", field, 1000.0, 0.05);
-    let accel = Sensor::new("accelerometer", force, 0.5, 1.0);
+    let mag = VectorSensor::new("magnetometer", field, 1000.0, 0.05);
+    let accel = VectorSensor::new("accelerometer", force, 0.5, 1.0);
     let mut bias = Vector3::zeros();
     let mut mag_found = mag.find(readings)?;
     let mut accel_found = accel.find(readings)?;
@@ -149,7 +149,7 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Refusal
         }
     }
     let carried = Carried::new(readings, &bias, 1.0);
-    let vectors = |sensor: &Sensor, found: &Option<Found>| match found {
+    let vectors = |sensor: &VectorSensor, found: &Option<FoundAxes>| match found {
         Some(found) => sensor.vectors(&carried, found),
         None => Vec::new(),
     };
@@ -168,11 +168,11 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Refusal
         .map(|(_, force)| force * upward)
         .sum();
     let body = upright(&up);
-    let chip = |found: Option<Found>, sign: f64| {
-        let Found { axes, refined } = found?;
+    let chip = |found: Option<FoundAxes>, sign: f64| {
+        let FoundAxes { axes, refined } = found?;
         let refined = refined?;
         let mounting = |matrix: Matrix3<f64>| Mounting::from_matrix(matrix * sign);
-        Some(Chip {
+        Some(ChipAlignment {
             axes: mounting(body * axes)?,
             exact: mounting(body * refined.rotation)?,
             turn_deg: (body * refined.turn_rad).map(f64::to_degrees).into(),
@@ -192,7 +192,8 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Refusal
 impl Alignment {
     /// The chips' signed axes; those of a chip that is not there are the body's.
     pub fn mountings(&self) -> Mountings {
-        let axes = |chip: Option<Chip>| chip.map_or_else(Mounting::default, |chip| chip.axes);
+        let axes =
+            |chip: Option<ChipAlignment>| chip.map_or_else(Mounting::default, |chip| chip.axes);
         Mountings {
             mag: axes(self.mag),
             gyro: self.gyro,
@@ -202,7 +203,7 @@ impl Alignment {
 }
 
 /// A sensor that reads a vector which stands still in the world.
-struct Sensor {
+struct VectorSensor {
     name: &'static str,
     samples: Vec<(f64, Vector3<f64>)>,
     offset_sd: f64,
@@ -210,12 +211,12 @@ struct Sensor {
 }
 
 /// Its axes in the gyro's, and what is beside them.
-struct Found {
+struct FoundAxes {
     axes: Matrix3<f64>,
-    refined: Option<Refined>,
+    refined: Option<RefinedAxes>,
 }
 
-impl Sensor {
+impl VectorSensor {
     fn new(
         name: &'static str,
         samples: Vec<(f64, Vector3<f64>)>,
@@ -230,11 +231,11 @@ impl Sensor {
         }
     }
 
-    fn with<T>(&self, carried: &Carried, work: impl FnOnce(&Evidence<'_>) -> T) -> T {
+    fn with<T>(&self, carried: &Carried, work: impl FnOnce(&SensorData<'_>) -> T) -> T {
         let knots: Vec<Knot> = carried.knots();
         let means: Vec<Option<Linear>> = carried.means(&knots, &self.samples, self.half_window_s);
-        let pairs: Vec<Pair> = pairs(&knots, &means, 2.0 * self.half_window_s);
-        work(&Evidence {
+        let pairs: Vec<KnotPair> = pairs(&knots, &means, 2.0 * self.half_window_s);
+        work(&SensorData {
             knots: &knots,
             means: &means,
             pairs: &pairs,
@@ -243,61 +244,61 @@ impl Sensor {
     }
 
     /// The best of all axes; `None` without samples.
-    fn find(&self, readings: &[Reading]) -> Result<Option<Found>, Refusal> {
+    fn find(&self, readings: &[Reading]) -> Result<Option<FoundAxes>, AlignmentError> {
         if self.samples.is_empty() {
             return Ok(None);
         }
         let candidates = axes();
         let costs = [1.0, -1.0].map(|sense| {
             let carried = Carried::new(readings, &Vector3::zeros(), sense);
-            self.with(&carried, |evidence| {
-                let of = |axes: &Matrix3<f64>| cost(evidence, axes);
+            self.with(&carried, |data| {
+                let of = |axes: &Matrix3<f64>| cost(data, axes);
                 let costs: Vec<f64> = candidates.iter().map(of).collect();
-                (evidence.pairs.len(), costs)
+                (data.pairs.len(), costs)
             })
         });
         let [(count, costs), (_, mirrored)] = costs;
         if count < FEWEST_PAIRS {
-            return Err(Refusal::LittleMotion);
+            return Err(AlignmentError::LittleMotion);
         }
         let mut order: Vec<usize> = (0..candidates.len()).collect();
         order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]));
         let (best, second) = (costs[order[0]], costs[order[1]]);
         let mirrored = mirrored.into_iter().fold(f64::INFINITY, f64::min);
         if mirrored < CLEAR * best {
-            return Err(Refusal::GyroMirrored);
+            return Err(AlignmentError::GyroMirrored);
         }
         if best > UNRELATED {
-            return Err(Refusal::Unrelated(self.name));
+            return Err(AlignmentError::Unrelated(self.name));
         }
         if best > CLEAR * second {
-            return Err(Refusal::Ambiguous(self.name));
+            return Err(AlignmentError::Ambiguous(self.name));
         }
-        Ok(Some(Found {
+        Ok(Some(FoundAxes {
             axes: candidates[order[0]],
             refined: None,
         }))
     }
 
-    fn refine(&self, carried: &Carried, found: &Found) -> Result<Found, Refusal> {
+    fn refine(&self, carried: &Carried, found: &FoundAxes) -> Result<FoundAxes, AlignmentError> {
         let start = found.refined.as_ref().map(|r| (r.matrix, r.offset));
-        let refined = self.with(carried, |evidence| refine(evidence, &found.axes, start));
-        Ok(Found {
+        let refined = self.with(carried, |data| refine(data, &found.axes, start));
+        Ok(FoundAxes {
             axes: found.axes,
-            refined: Some(refined.ok_or(Refusal::Ambiguous(self.name))?),
+            refined: Some(refined.ok_or(AlignmentError::Ambiguous(self.name))?),
         })
     }
 
     /// The vector at each knot with its time, gyro axes.
-    fn vectors(&self, carried: &Carried, found: &Found) -> Vec<Option<(f64, Vector3<f64>)>> {
+    fn vectors(&self, carried: &Carried, found: &FoundAxes) -> Vec<Option<(f64, Vector3<f64>)>> {
         let refined = found.refined.as_ref();
         let (matrix, offset) =
             refined.map_or((found.axes, Vector3::zeros()), |r| (r.matrix, r.offset));
-        self.with(carried, |evidence| {
+        self.with(carried, |data| {
             let at = |(knot, mean): (&Knot, &Option<Linear>)| {
                 Some((knot.t_s, mean.as_ref()?.at(&matrix, &offset)))
             };
-            evidence.knots.iter().zip(evidence.means).map(at).collect()
+            data.knots.iter().zip(data.means).map(at).collect()
         })
     }
 }

@@ -21,8 +21,8 @@ mod stillness;
 #[cfg(test)]
 mod tests;
 
-use clock::{ClipWatch, EvenClock, Step};
-use filter::Filter;
+use clock::{ClipWatch, ClockStep, EvenClock};
+use filter::AttitudeFilter;
 pub use gravity::GRAVITY_M_S2;
 pub use lateness::Lateness;
 
@@ -134,7 +134,7 @@ pub struct Attitude {
     constant: Option<(Vector3<f64>, f64)>,
     newest_s: f64,
     late: Lateness,
-    filter: Filter,
+    filter: AttitudeFilter,
 }
 
 impl Attitude {
@@ -147,7 +147,7 @@ impl Attitude {
             constant: None,
             newest_s: 0.0,
             late: Lateness::default(),
-            filter: Filter::new(settings.gyro_bias_limit_deg_s),
+            filter: AttitudeFilter::new(settings.gyro_bias_limit_deg_s),
         }
     }
 
@@ -181,10 +181,10 @@ impl Attitude {
             let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
                 on_tick(&filter.tick(end_s, mean_rate));
             });
-            if step == Step::Restarted {
+            if step == ClockStep::Restarted {
                 self.filter.resume_after_hole();
             }
-            if step != Step::Ignored && self.clip.take(&chip) {
+            if step != ClockStep::Ignored && self.clip.take(&chip) {
                 // Nobody knows how far it has turned meanwhile, and so where down is.
                 self.filter.resume_after_hole();
             }

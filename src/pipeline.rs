@@ -4,12 +4,12 @@
 //! goes out as an action. A calibration is an action whose outcome comes back as an event: live, when
 //! the worker has finished; in a replay, before the next reading.
 
+mod active;
 mod blank;
-mod force;
+mod collector;
 mod learn;
 mod motion;
 mod mounting;
-mod occasion;
 mod settings;
 mod stretch;
 mod survey;
@@ -87,8 +87,8 @@ pub enum Event {
     Start,
     /// Give up what was started, and a calibration that is under way.
     Cancel,
-    /// Another calibration is in force from now on, or none.
-    InForce(Option<Box<Calibration>>),
+    /// Another calibration is active from now on, or none.
+    Activate(Option<Box<Calibration>>),
     /// The chips are mounted so from now on: the whole board was turned, or it is told better how it is.
     Mounted(Box<Mountings>),
 }
@@ -126,7 +126,7 @@ pub struct Pipeline {
     /// The newest sample that the estimate has taken.
     sample: Option<Sample>,
     buffer: VecDeque<FieldSample>,
-    made: VecDeque<Turn>,
+    completed: VecDeque<Turn>,
     /// Turns found while a calibration was under way wait for its end.
     waiting: bool,
     calibrating: bool,
@@ -168,7 +168,7 @@ impl Pipeline {
             sample: None,
             setup,
             buffer: VecDeque::new(),
-            made: VecDeque::new(),
+            completed: VecDeque::new(),
             waiting: false,
             calibrating: false,
             asked: Reason::Turn,
@@ -209,7 +209,7 @@ impl Pipeline {
             Event::Policy(policy) => self.set_policy(policy, actions),
             Event::Start => self.start(actions),
             Event::Cancel => self.cancel(actions),
-            Event::InForce(calibration) => self.put_in_force(calibration.map(|one| *one), actions),
+            Event::Activate(calibration) => self.activate(calibration.map(|one| *one), actions),
             Event::Mounted(mountings) => self.mount(*mountings),
         }
     }
@@ -232,7 +232,7 @@ impl Pipeline {
         self.calibrating
     }
 
-    /// How much of a full turn has been made, 0 to 1; not known while the source or the magnetometer is silent.
+    /// How much of a full turn is completed, 0 to 1; not known while the source or the magnetometer is silent.
     pub fn progress(&self) -> Option<f64> {
         let condition = self.report.as_ref()?.condition;
         let silent = matches!(condition, Condition::Stale | Condition::Fault);
@@ -258,14 +258,14 @@ impl Pipeline {
         if reading.rate_rad_s.is_some() {
             self.rate_s = reading.t_s;
         }
-        let mut made = None;
+        let mut turn = None;
         let turns = &mut self.turns;
         self.attitude
-            .take(reading, |tick| made = turns.tick(tick).or(made.take()));
+            .take(reading, |tick| turn = turns.tick(tick).or(turn.take()));
         if let Some(field) = reading.whole_field_mgauss() {
             self.buffer_sample(reading.t_s, field);
         }
-        if let Some(turn) = made {
+        if let Some(turn) = turn {
             self.turned(turn, actions);
         }
         if reading.field_mgauss.is_none() {

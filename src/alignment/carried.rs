@@ -32,11 +32,11 @@ impl Linear {
 
 /// The gyro's account of a motion, with this bias taken out, gyro axes.
 pub(super) struct Carried {
-    ticks: Vec<Tick>,
+    ticks: Vec<GyroState>,
 }
 
 #[derive(Clone, Copy)]
-struct Tick {
+struct GyroState {
     t_s: f64,
     segment: u32,
     /// Turns gyro axes into the frame, and the same summed up over time.
@@ -58,7 +58,7 @@ pub(super) struct Knot {
 
 /// Two knots between which the board has turned.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pair {
+pub(super) struct KnotPair {
     pub(super) first: usize,
     pub(super) second: usize,
     /// Takes vectors of the first knot's gyro axes into the second's.
@@ -70,7 +70,7 @@ pub(super) struct Pair {
 impl Carried {
     /// `sense` is −1 for a gyro that counts every rotation the other way round.
     pub(super) fn new(readings: &[Reading], bias_rad_s: &Vector3<f64>, sense: f64) -> Self {
-        let mut ticks: Vec<Tick> = Vec::new();
+        let mut ticks: Vec<GyroState> = Vec::new();
         let mut last_rate = Vector3::zeros();
         for reading in readings {
             let Some(rate) = reading.rate_rad_s else {
@@ -83,7 +83,7 @@ impl Carried {
                     let step_s = t_s - last.t_s;
                     let mean = 0.5 * (rate + last_rate);
                     let half = last.to_frame * Rotation3::new(mean * (0.5 * step_s));
-                    Tick {
+                    GyroState {
                         t_s,
                         segment: last.segment,
                         to_frame: last.to_frame * Rotation3::new(mean * step_s),
@@ -92,7 +92,7 @@ impl Carried {
                     }
                 }
                 Some(last) if t_s == last.t_s => continue,
-                last => Tick {
+                last => GyroState {
                     t_s,
                     segment: last.map_or(0, |last| last.segment + 1),
                     to_frame: Rotation3::identity(),
@@ -177,7 +177,7 @@ impl Carried {
 }
 
 /// One pair after the other, of knots at which there is something to compare. They are so far apart that they share no sample.
-pub(super) fn pairs(knots: &[Knot], known: &[Option<Linear>], apart_s: f64) -> Vec<Pair> {
+pub(super) fn pairs(knots: &[Knot], known: &[Option<Linear>], apart_s: f64) -> Vec<KnotPair> {
     let mut pairs = Vec::new();
     let usable: Vec<usize> = (0..knots.len()).filter(|&k| known[k].is_some()).collect();
     let mut begin = 0;
@@ -199,7 +199,7 @@ pub(super) fn pairs(knots: &[Knot], known: &[Option<Linear>], apart_s: f64) -> V
         let second = usable[begin + steps];
         let to = &knots[second];
         let back = to.to_frame.inverse();
-        pairs.push(Pair {
+        pairs.push(KnotPair {
             first,
             second,
             carry: (back * from.to_frame).into_inner(),

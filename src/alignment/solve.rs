@@ -9,7 +9,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::carried::{Knot, Linear, Pair};
+use super::carried::{Knot, KnotPair, Linear};
 
 /// Deviation of M from three signed axes, entry by entry: 6° of rotation, 10 % of scale and soft iron.
 const ENTRY: f64 = 0.1;
@@ -34,10 +34,10 @@ const G: usize = 12;
 const T: usize = 15;
 
 /// What is known of one sensor.
-pub(super) struct Evidence<'a> {
+pub(super) struct SensorData<'a> {
     pub(super) knots: &'a [Knot],
     pub(super) means: &'a [Option<Linear>],
-    pub(super) pairs: &'a [Pair],
+    pub(super) pairs: &'a [KnotPair],
     /// Standard deviation of the offset to expect, in the sensor's unit.
     pub(super) offset_sd: f64,
 }
@@ -68,15 +68,15 @@ pub(super) fn axes() -> Vec<Matrix3<f64>> {
 
 /// How well these axes explain the pairs, with the best small rotation, scale, offset, gyro bias and lag beside them: what is
 /// left of the vector, as a share of it.
-pub(super) fn cost(evidence: &Evidence<'_>, axes: &Matrix3<f64>) -> f64 {
-    let rows = Rows::all(evidence, axes, axes, &Vector3::zeros());
+pub(super) fn cost(data: &SensorData<'_>, axes: &Matrix3<f64>) -> f64 {
+    let rows = PairEquations::all(data, axes, axes, &Vector3::zeros());
     // However much evidence there is, it must not turn these axes into others.
-    let sd = EXPECTED * size(evidence) * (rows.len() as f64).sqrt();
-    let Some(solution) = Solution::of(evidence, axes, sd, rows.iter()) else {
+    let sd = EXPECTED * size(data) * (rows.len() as f64).sqrt();
+    let Some(solution) = Solution::of(data, axes, sd, rows.iter()) else {
         return f64::INFINITY;
     };
     let (matrix, offset) = (solution.matrix(axes), solution.offset());
-    let means = evidence.means.iter().flatten();
+    let means = data.means.iter().flatten();
     let squares = means.map(|mean| mean.at(&matrix, &offset).norm_squared());
     let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| {
         (sum + square, count + 1.0)
@@ -85,7 +85,7 @@ pub(super) fn cost(evidence: &Evidence<'_>, axes: &Matrix3<f64>) -> f64 {
 }
 
 /// What M and the offset are refined to.
-pub(super) struct Refined {
+pub(super) struct RefinedAxes {
     /// Chip to gyro axes: three signed axes with the small rotation.
     pub(super) rotation: Matrix3<f64>,
     /// That small rotation, gyro axes, radians, and its standard deviation.
@@ -100,26 +100,26 @@ pub(super) struct Refined {
 
 /// The small rotation beside these axes, by least squares. `start` are matrix and offset to start from.
 pub(super) fn refine(
-    evidence: &Evidence<'_>,
+    data: &SensorData<'_>,
     axes: &Matrix3<f64>,
     start: Option<(Matrix3<f64>, Vector3<f64>)>,
-) -> Option<Refined> {
+) -> Option<RefinedAxes> {
     let (mut matrix, mut offset) = start.unwrap_or((*axes, Vector3::zeros()));
-    let mut sd = EXPECTED * size(evidence);
+    let mut sd = EXPECTED * size(data);
     let mut kept: Option<(Solution, f64)> = None;
     for _ in 0..ROUNDS {
-        let rows = Rows::all(evidence, axes, &matrix, &offset);
-        let near = |row: &&Rows| match &kept {
+        let rows = PairEquations::all(data, axes, &matrix, &offset);
+        let near = |row: &&PairEquations| match &kept {
             Some((solution, limit)) => row.left(&solution.found) <= *limit,
             None => true,
         };
-        let solution = Solution::of(evidence, axes, sd, rows.iter().filter(near))?;
+        let solution = Solution::of(data, axes, sd, rows.iter().filter(near))?;
         (matrix, offset) = (solution.matrix(axes), solution.offset());
         let mut left: Vec<f64> = rows.iter().map(|row| row.left(&solution.found)).collect();
         left.sort_by(f64::total_cmp);
         let median = *left.get(left.len() / 2)?;
         // The median length of three components is 1.54 deviations of one.
-        sd = (median / 1.54).max(LEAST * size(evidence));
+        sd = (median / 1.54).max(LEAST * size(data));
         kept = Some((solution, OUTLIER * median));
     }
     let (solution, _) = kept?;
@@ -141,7 +141,7 @@ pub(super) fn refine(
     }
     let own = solution.inverse.fixed_view::<9, 9>(0, 0) * (sd * DOUBT).powi(2);
     let variance = (by_entries * own * by_entries.transpose()).diagonal();
-    Some(Refined {
+    Some(RefinedAxes {
         rotation,
         turn_rad: turn(&(rotation * axes.transpose())),
         turn_sd_rad: variance.map(|v| v.max(0.0).sqrt()),
@@ -152,25 +152,24 @@ pub(super) fn refine(
 }
 
 /// What the second knot's vector differs by from the first's, carried there: `by · unknown − told`.
-struct Rows {
+struct PairEquations {
     by: SMatrix<f64, 3, UNKNOWN>,
     told: Vector3<f64>,
 }
 
-impl Rows {
+impl PairEquations {
     /// Of all pairs, with vectors about as this matrix and offset make them. M is the axes and the unknown entries.
     fn all(
-        evidence: &Evidence<'_>,
+        data: &SensorData<'_>,
         axes: &Matrix3<f64>,
         matrix: &Matrix3<f64>,
         offset: &Vector3<f64>,
     ) -> Vec<Self> {
-        let of = |pair: &Pair| {
-            let [first, second] =
-                [pair.first, pair.second].map(|knot| evidence.means[knot].as_ref());
+        let of = |pair: &KnotPair| {
+            let [first, second] = [pair.first, pair.second].map(|knot| data.means[knot].as_ref());
             let (first, second) = (first?, second?);
             let [rate, later_rate] =
-                [pair.first, pair.second].map(|knot| evidence.knots[knot].rate_rad_s);
+                [pair.first, pair.second].map(|knot| data.knots[knot].rate_rad_s);
             let (vector, later) = (first.at(matrix, offset), second.at(matrix, offset));
             let carried = pair.carry * vector;
             let by_matrix = second.by_matrix - pair.carry * first.by_matrix;
@@ -188,7 +187,7 @@ impl Rows {
                 told: -by_matrix * rows(axes),
             })
         };
-        evidence.pairs.iter().filter_map(of).collect()
+        data.pairs.iter().filter_map(of).collect()
     }
 
     fn left(&self, found: &SVector<f64, UNKNOWN>) -> f64 {
@@ -206,10 +205,10 @@ struct Solution {
 
 impl Solution {
     fn of<'a>(
-        evidence: &Evidence<'_>,
+        data: &SensorData<'_>,
         axes: &Matrix3<f64>,
         sd: f64,
-        all: impl Iterator<Item = &'a Rows>,
+        all: impl Iterator<Item = &'a PairEquations>,
     ) -> Option<Self> {
         let mut normal = SMatrix::<f64, UNKNOWN, UNKNOWN>::zeros();
         let mut right = SVector::<f64, UNKNOWN>::zeros();
@@ -227,7 +226,7 @@ impl Solution {
         for index in 0..UNKNOWN {
             let expected = match index {
                 0..C => ENTRY,
-                C..G => evidence.offset_sd,
+                C..G => data.offset_sd,
                 G..T => BIAS_RAD_S,
                 _ => LAG_S,
             };
@@ -252,8 +251,8 @@ impl Solution {
 }
 
 /// How long the vector is, about, with its offset in it.
-fn size(evidence: &Evidence<'_>) -> f64 {
-    let means = evidence.means.iter().flatten();
+fn size(data: &SensorData<'_>) -> f64 {
+    let means = data.means.iter().flatten();
     let lengths = means.map(|mean| mean.at(&Matrix3::identity(), &Vector3::zeros()).norm());
     let (sum, count) = lengths.fold((0.0, 0.0), |(sum, count), length| {
         (sum + length, count + 1.0)

@@ -7,7 +7,7 @@ pub(super) const PERIOD_S: f64 = 0.01;
 
 /// What a reading did to the clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Step {
+pub(super) enum ClockStep {
     /// It continues the account (or started the first one).
     Continued,
     /// It came after a hole: the clock runs anew from here.
@@ -43,18 +43,18 @@ impl EvenClock {
         t_s: f64,
         rate: Vector3<f64>,
         mut on_tick: impl FnMut(f64, Vector3<f64>),
-    ) -> Step {
+    ) -> ClockStep {
         let Some((mut from_s, mut from_rate)) = self.newest else {
             self.start(t_s, rate);
-            return Step::Continued;
+            return ClockStep::Continued;
         };
         let span_s = t_s - from_s;
         if span_s.abs() > self.gap_s {
             self.start(t_s, rate);
-            return Step::Restarted;
+            return ClockStep::Restarted;
         }
         if span_s <= 0.0 {
-            return Step::Ignored;
+            return ClockStep::Ignored;
         }
         let slope = (rate - from_rate) / span_s;
         loop {
@@ -72,7 +72,7 @@ impl EvenClock {
         }
         self.open_rad += (from_rate + rate) * (0.5 * (t_s - from_s));
         self.newest = Some((t_s, rate));
-        Step::Continued
+        ClockStep::Continued
     }
 
     fn start(&mut self, t_s: f64, rate: Vector3<f64>) {
@@ -194,11 +194,11 @@ mod tests {
         let mut clock = EvenClock::new(0.5);
         let rate = Vector3::x();
         let mut ticks = 0;
-        let steps: Vec<Step> = [0.0, 0.2, 0.2, 0.1, 1.0, 1.05, 0.3]
+        let steps: Vec<ClockStep> = [0.0, 0.2, 0.2, 0.1, 1.0, 1.05, 0.3]
             .into_iter()
             .map(|t| clock.take(t, rate, |_, _| ticks += 1))
             .collect();
-        use Step::*;
+        use ClockStep::*;
         assert_eq!(
             steps,
             [

@@ -31,7 +31,7 @@ const TAU_STEP: f64 = 1.25;
 /// Without a magnetometer, a rate that differs by more from the bias learnt so far is motion, rad/s.
 const BLIND_REST_RAD_S: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
-pub(super) struct Filter {
+pub(super) struct AttitudeFilter {
     vqf: VQF,
     errors: GyroErrors,
     pub(super) gravity: Gravity,
@@ -49,7 +49,7 @@ pub(super) struct Filter {
     rate_rad_s: Vector3<f64>,
 }
 
-impl Filter {
+impl AttitudeFilter {
     pub(super) fn new(bias_limit_deg_s: f64) -> Self {
         let params = Params {
             // It is told the bias.

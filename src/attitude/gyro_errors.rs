@@ -27,7 +27,7 @@ const B: usize = 6;
 const M: usize = 9;
 const A: usize = 18;
 const N: usize = 21;
-type Covariance = SMatrix<f64, N, N>;
+type ErrorCovariance = SMatrix<f64, N, N>;
 
 /// Length of a window, seconds.
 const WINDOW_S: f64 = 0.1;
@@ -88,7 +88,7 @@ pub(super) struct GyroErrors {
     /// Mean squares of velocity and acceleration on an axis.
     speed2: f64,
     acceleration2: f64,
-    p: Covariance,
+    p: ErrorCovariance,
     window: Window,
     /// Mean rates with the bias, one a window of rest, that are not believed yet, rad/s.
     resting: VecDeque<Vector3<f64>>,
@@ -111,7 +111,7 @@ struct Window {
 
 impl GyroErrors {
     pub(super) fn new(bias_limit_rad_s: f64) -> Self {
-        let mut p = Covariance::zeros();
+        let mut p = ErrorCovariance::zeros();
         let expected = [
             (B, 3, BIAS * bias_limit_rad_s),
             (M, 9, MATRIX),

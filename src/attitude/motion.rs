@@ -8,7 +8,7 @@ use crate::reading::Reading;
 pub(crate) const EARTH_FIELD: Vector3<f64> = Vector3::new(0.0, 180.0, -424.0);
 
 /// A board in motion, chip axes along the body's.
-pub(crate) struct Board {
+pub(crate) struct TestBoard {
     pub(crate) t_s: f64,
     /// Body to earth; starts level, heading north.
     pub(crate) attitude: UnitQuaternion<f64>,
@@ -25,7 +25,7 @@ pub(crate) struct Board {
     pub(crate) seed: u64,
 }
 
-impl Default for Board {
+impl Default for TestBoard {
     fn default() -> Self {
         let level = Matrix3::new(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0);
         Self {
@@ -46,7 +46,7 @@ impl Default for Board {
     }
 }
 
-impl Board {
+impl TestBoard {
     /// Moves at the body rates (rad/s) that `rate` gives for the seconds since the start of this motion.
     pub(crate) fn go(&mut self, seconds: f64, rate: impl Fn(&Self, f64) -> Vector3<f64>) {
         let start = self.t_s;

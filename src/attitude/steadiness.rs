@@ -22,10 +22,10 @@ const SILENT_S: f64 = 1.0;
 /// A fast and a slow low-pass of the raw field, which part while the board turns.
 #[derive(Default)]
 pub(super) struct Steadiness {
-    run: Option<Run>,
+    filters: Option<LowPasses>,
 }
 
-struct Run {
+struct LowPasses {
     since_s: f64,
     newest_s: f64,
     newest: Vector3<f64>,
@@ -42,9 +42,9 @@ struct Run {
 impl Steadiness {
     /// Takes a whole field, milligauss.
     pub(super) fn take(&mut self, t_s: f64, field: Vector3<f64>) {
-        let silent = |run: &Run| !(0.0..=SILENT_S).contains(&(t_s - run.newest_s));
-        if self.run.as_ref().is_none_or(silent) {
-            self.run = Some(Run {
+        let silent = |filters: &LowPasses| !(0.0..=SILENT_S).contains(&(t_s - filters.newest_s));
+        if self.filters.as_ref().is_none_or(silent) {
+            self.filters = Some(LowPasses {
                 since_s: t_s,
                 newest_s: t_s,
                 newest: field,
@@ -56,22 +56,22 @@ impl Steadiness {
                 step_s: 0.0,
                 moving: false,
             });
-        } else if let Some(run) = &mut self.run {
-            run.take(t_s, field);
+        } else if let Some(filters) = &mut self.filters {
+            filters.take(t_s, field);
         }
     }
 
     /// Whether the field moves; `None` if the magnetometer is silent.
     pub(super) fn moving(&self, t_s: f64) -> Option<bool> {
-        let run = self.run.as_ref()?;
-        if (t_s - run.newest_s).abs() > SILENT_S {
+        let filters = self.filters.as_ref()?;
+        if (t_s - filters.newest_s).abs() > SILENT_S {
             return None;
         }
-        Some(run.moving || run.newest_s - run.since_s < WARM_UP_S)
+        Some(filters.moving || filters.newest_s - filters.since_s < WARM_UP_S)
     }
 }
 
-impl Run {
+impl LowPasses {
     fn take(&mut self, t_s: f64, field: Vector3<f64>) {
         let dt_s = t_s - self.newest_s;
         let gain = |tau_s: f64| 1.0 - (-dt_s / tau_s).exp();

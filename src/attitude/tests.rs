@@ -1,11 +1,11 @@
-use super::motion::Board;
+use super::motion::TestBoard;
 use super::*;
 
-fn run(board: &Board) -> (Attitude, Vec<Tick>) {
+fn run(board: &TestBoard) -> (Attitude, Vec<Tick>) {
     run_with(board, &Settings::default())
 }
 
-fn run_with(board: &Board, settings: &Settings) -> (Attitude, Vec<Tick>) {
+fn run_with(board: &TestBoard, settings: &Settings) -> (Attitude, Vec<Tick>) {
     let mut attitude = Attitude::new(settings, &Mountings::default());
     let mut ticks = Vec::new();
     for reading in &board.readings {
@@ -25,10 +25,10 @@ fn stretches(ticks: &[Tick]) -> u32 {
 #[test]
 fn a_bias_of_5_deg_s_is_learnt_at_rest_within_seconds() {
     for accel in [true, false] {
-        let mut board = Board {
+        let mut board = TestBoard {
             gyro_bias_deg_s: Vector3::new(5.0, -4.5, 5.0),
             accel,
-            ..Board::default()
+            ..TestBoard::default()
         };
         board.rest(6.0);
         let (attitude, _) = run(&board);
@@ -44,9 +44,9 @@ fn a_slow_steady_turn_is_motion_not_bias() {
     for (accel, deg_s) in [(true, 3.0), (false, 3.0), (true, 6.0)] {
         // From rest with a bias already learnt, with a sudden and with a gentle start, and from power-on.
         for start in ["sudden", "gentle", "power-on"] {
-            let mut board = Board {
+            let mut board = TestBoard {
                 accel,
-                ..Board::default()
+                ..TestBoard::default()
             };
             if start != "power-on" {
                 board.rest(12.0);
@@ -69,7 +69,7 @@ fn a_slow_steady_turn_is_motion_not_bias() {
 
 #[test]
 fn pose_and_tilt_follow_the_truth() {
-    let mut board = Board::default();
+    let mut board = TestBoard::default();
     let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
     let level = Vector3::z();
     board.rest(5.0);
@@ -109,14 +109,14 @@ fn tilt_signs_are_nose_up_and_right_wing_down() {
 
 #[test]
 fn the_accelerometer_may_come_late_and_go() {
-    let mut board = Board {
+    let mut board = TestBoard {
         accel: false,
-        ..Board::default()
+        ..TestBoard::default()
     };
     board.turn(Vector3::x(), 50.0, 25.0);
     let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
     let mut done = 0;
-    let mut play = |attitude: &mut Attitude, board: &Board| {
+    let mut play = |attitude: &mut Attitude, board: &TestBoard| {
         for reading in &board.readings[done..] {
             attitude.take(reading, |_| {});
         }
@@ -155,9 +155,9 @@ fn the_accelerometer_may_come_late_and_go() {
 
 #[test]
 fn without_a_gyro_there_is_tilt_but_neither_pose_nor_tick() {
-    let mut board = Board {
+    let mut board = TestBoard {
         gyro: false,
-        ..Board::default()
+        ..TestBoard::default()
     };
     board.turn(Vector3::x(), 30.0, 30.0);
     board.rest(1.0);
@@ -171,7 +171,7 @@ fn without_a_gyro_there_is_tilt_but_neither_pose_nor_tick() {
 #[test]
 fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
     for (hole_s, holes) in [(0.4, 0), (0.8, 1)] {
-        let mut board = Board::default();
+        let mut board = TestBoard::default();
         board.rest(3.0);
         board.gyro = false;
         board.turn(Vector3::z(), 30.0 * hole_s, 30.0);
@@ -190,7 +190,7 @@ fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
 
 #[test]
 fn clipped_rates_begin_a_new_stretch_when_they_end() {
-    let mut board = Board::default();
+    let mut board = TestBoard::default();
     board.rest(2.0);
     board.turn(Vector3::z(), 300.0, 300.0);
     board.rest(1.0);
@@ -210,7 +210,7 @@ fn clipped_rates_begin_a_new_stretch_when_they_end() {
 
 #[test]
 fn nonsense_is_passed_over() {
-    let mut board = Board::default();
+    let mut board = TestBoard::default();
     board.rest(3.0);
     let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
     let mut finite = true;

@@ -8,7 +8,7 @@ use super::mpsot::Stop;
 use super::objective::{Factored, Normal, direct};
 use super::refine::{Refined, median, refine};
 use super::settings::{Profile, Settings};
-use super::swarm::{Bounds, Found, search};
+use super::swarm::{Bounds, SwarmResult, search};
 
 /// What a fit found.
 #[derive(Clone, Debug)]
@@ -16,7 +16,7 @@ pub struct Fit<const D: usize, const P: usize> {
     /// Hm that the scale factors refer to: the one given, or one taken from the data.
     pub reference_mgauss: f64,
     /// The swarm's global best.
-    pub found: Found<P>,
+    pub found: SwarmResult<P>,
     /// The swarm's box.
     pub bounds: Bounds<D>,
 }

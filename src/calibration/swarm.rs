@@ -131,7 +131,7 @@ pub struct SwarmParams {
 
 /// What a swarm found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Found<const P: usize> {
+pub struct SwarmResult<const P: usize> {
     /// The global best.
     pub position: ParameterVector<P>,
     /// Equation 8 there, milligauss².
@@ -160,12 +160,12 @@ pub fn search<const D: usize, const P: usize>(
     start: Option<ParameterVector<P>>,
     seed: u64,
     fit_value: impl Fn(&ParameterVector<P>) -> f64,
-) -> Found<P> {
+) -> SwarmResult<P> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let limit = bounds
         .width()
         .map(|width: f64| width * params.velocity_limit);
-    let mut global = Found {
+    let mut global = SwarmResult {
         position: bounds.random(&mut rng),
         fit_value: f64::INFINITY,
         iterations: 0,
@@ -202,7 +202,7 @@ pub fn search<const D: usize, const P: usize>(
         }
         global.fitness.push(global.fit_value);
         if let Some(stop) = watch.iterated(&global.position, global.fit_value) {
-            return Found {
+            return SwarmResult {
                 iterations: watch.iterations(),
                 stop,
                 ..global

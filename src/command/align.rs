@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde_json::{Map, Value, json};
 
 use super::{Failure, print, tell_skips};
-use crate::alignment::{Alignment, Chip, Sign, align};
+use crate::alignment::{Alignment, ChipAlignment, Sign, align};
 use crate::frame::Mounting;
 use crate::sensor::replay::Replay;
 
@@ -72,7 +72,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 fn as_text(found: &Alignment) -> String {
     let mut text = "[mounting]\n".to_owned();
-    let mut add = |name: &str, chip: Option<&Chip>| {
+    let mut add = |name: &str, chip: Option<&ChipAlignment>| {
         let Some(chip) = chip else { return };
         text += &format!("{name} = \"{}\"\n", chip.axes);
         let [x, y, z] = chip.turn_deg;
@@ -108,7 +108,7 @@ fn as_text(found: &Alignment) -> String {
 fn as_json(found: &Alignment) -> Value {
     let tenths = |degrees: [f64; 3]| degrees.map(|one| (100.0 * one).round() / 100.0);
     let mut all = Map::new();
-    let mut add = |name: &str, axes: &Mounting, chip: Option<&Chip>| {
+    let mut add = |name: &str, axes: &Mounting, chip: Option<&ChipAlignment>| {
         let mut entry = json!({ "axes": axes.to_string() });
         if let Some(chip) = chip {
             entry["exact"] = json!(rounded(&chip.exact).to_string());

@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::{Failure, print};
 use crate::date;
-use crate::true_north::{Field, Known, Position};
+use crate::true_north::{EarthField, Known, Position};
 use crate::wall_clock;
 
 /// Print the earth's field at a place: declination, dip and strength
@@ -61,8 +61,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let message = "the system's clock was never set: name the day with --date";
         Failure::new(Failure::UNAVAILABLE, message)
     })?;
-    let field =
-        Field::new(&position, since_1970).map_err(|error| Failure::new(Failure::REFUSED, error))?;
+    let field = EarthField::new(&position, since_1970)
+        .map_err(|error| Failure::new(Failure::REFUSED, error))?;
     let day = date::date(since_1970).to_string();
     if args.json {
         return print(&format!("{}\n", as_json(&position, &day, &field)));
@@ -73,7 +73,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     print(&as_text(&position, &day, &field))
 }
 
-fn as_text(position: &Position, day: &str, field: &Field) -> String {
+fn as_text(position: &Position, day: &str, field: &EarthField) -> String {
     let sided = |value: f64, plus, minus| {
         let side = if value < 0.0 { minus } else { plus };
         format!("{}° {side}", value.abs())
@@ -105,7 +105,7 @@ fn as_text(position: &Position, day: &str, field: &Field) -> String {
     text
 }
 
-fn as_json(position: &Position, day: &str, field: &Field) -> serde_json::Value {
+fn as_json(position: &Position, day: &str, field: &EarthField) -> serde_json::Value {
     let hundredths = |value: f64| (100.0 * value).round() / 100.0;
     json!({
         "latitude_deg": position.latitude_deg,

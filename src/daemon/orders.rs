@@ -11,9 +11,9 @@ use crate::calibration::verdict::imported;
 use crate::date;
 use crate::pipeline::Event;
 use crate::publish::control::{Answer, ControlCall, ControlRequest};
-use crate::store::history::{Forget, Refusal};
-use crate::store::{Contents, Entry, FormatError, History, Made};
-use crate::true_north::Field;
+use crate::store::history::{Forget, HistoryError};
+use crate::store::{Contents, FormatError, History, KeptCalibration, Made};
+use crate::true_north::EarthField;
 use crate::wall_clock;
 
 /// The result of a request: an answer, and whether something is saved before it is sent.
@@ -22,8 +22,8 @@ pub(super) struct Done {
     changed: bool,
 }
 
-impl From<Refusal> for Answer {
-    fn from(refusal: Refusal) -> Self {
+impl From<HistoryError> for Answer {
+    fn from(refusal: HistoryError) -> Self {
         Self::refused(refusal.code(), refusal.to_string())
     }
 }
@@ -71,7 +71,7 @@ impl Daemon {
             ControlRequest::Import(file) => self.import(file),
             ControlRequest::Rollback(number) => {
                 let entry = *self.session.store.history_mut().roll_back(number)?;
-                self.handle(Event::InForce(Some(Box::new(entry.made.calibration))));
+                self.handle(Event::Activate(Some(Box::new(entry.made.calibration))));
                 Ok(changed(
                     Answer::done(format!("calibration {} is in force", entry.number))
                         .with("number", entry.number),
@@ -92,7 +92,7 @@ impl Daemon {
             }
             ControlRequest::Start => {
                 if self.session.store.history().is_locked() {
-                    return Err(Refusal::Locked.into());
+                    return Err(HistoryError::Locked.into());
                 }
                 self.handle(Event::Start);
                 Ok(told(Answer::done(
@@ -132,7 +132,7 @@ impl Daemon {
             (false, false) => format!("none is in force: {remedy}, or roll back"),
         };
         if was_in_force && !goes_on {
-            self.handle(Event::InForce(None));
+            self.handle(Event::Activate(None));
         }
         Ok(changed(
             Answer::done(format!("forgot {count} of the calibrations; {rest}"))
@@ -171,14 +171,14 @@ impl Daemon {
             },
         )?;
         if history.is_locked() {
-            return Err(Refusal::Locked.into());
+            return Err(HistoryError::Locked.into());
         }
         let made = Made {
             reason: Some(Reason::Import),
             ..entry.made
         };
         let number = self.keep(made);
-        self.handle(Event::InForce(Some(Box::new(made.calibration))));
+        self.handle(Event::Activate(Some(Box::new(made.calibration))));
         Ok(changed(
             Answer::done(format!("calibration {number} is in force")).with("number", number),
         ))
@@ -270,7 +270,7 @@ impl Daemon {
     /// The earth's field where the board is, if that is configured.
     fn reference(&self) -> Option<Value> {
         let position = self.session.config.true_north.position()?;
-        let field = Field::new(&position, wall_clock::now()?).ok()?;
+        let field = EarthField::new(&position, wall_clock::now()?).ok()?;
         Some(json!({
             "strength_mgauss": rounded(field.strength_mgauss.value),
             "dip_deg": rounded(field.dip_deg.value),
@@ -309,7 +309,7 @@ fn mode_answer(mode: Policy) -> Answer {
 }
 
 /// A calibration as `list`, `show` and `status` describe it.
-fn described(entry: &Entry, history: &History) -> Map<String, Value> {
+fn described(entry: &KeptCalibration, history: &History) -> Map<String, Value> {
     let Made {
         saved_unix_s,
         reason,
@@ -339,7 +339,7 @@ fn described(entry: &Entry, history: &History) -> Map<String, Value> {
     known.map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
-fn sentence(entry: &Entry) -> String {
+fn sentence(entry: &KeptCalibration) -> String {
     let calibration = &entry.made.calibration;
     let mode = calibration.parameters.mode().word();
     format!(

@@ -3,7 +3,19 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::filter::{B, Covariance, D, E, G, H, M, N, T};
+// Where each part of the state begins; its table is in `filter`.
+pub(super) const H: usize = 0;
+pub(super) const E: usize = 3;
+pub(super) const B: usize = 5;
+pub(super) const M: usize = 8;
+pub(super) const D: usize = 11;
+pub(super) const T: usize = 20;
+pub(super) const G: usize = 21;
+pub(super) const S: usize = 24;
+/// Length of the state.
+pub(super) const N: usize = 27;
+
+pub(super) type Covariance = SMatrix<f64, N, N>;
 
 /// The states that move by themselves: the field, the tilt error and the unevenness.
 const MOVING: [usize; 8] = [H, H + 1, H + 2, E, E + 1, M, M + 1, M + 2];

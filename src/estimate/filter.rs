@@ -22,25 +22,11 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
 
-use super::covariance::{Sensitivity, Step, subtract};
-use super::prior::{Measured, Prior};
-
-pub(super) const H: usize = 0;
-pub(super) const E: usize = 3;
-pub(super) const B: usize = 5;
-pub(super) const M: usize = 8;
-pub(super) const D: usize = 11;
-pub(super) const T: usize = 20;
-pub(super) const G: usize = 21;
-const S: usize = 24;
-/// Length of the state.
-pub(super) const N: usize = 27;
+use super::covariance::{B, Covariance, D, E, G, H, M, N, S, Sensitivity, Step, T, subtract};
+use super::prior::{FIELD_MGAUSS, Measured, Prior};
 
 type State = SVector<f64, N>;
-pub(super) type Covariance = SMatrix<f64, N, N>;
 
-/// The middle of what the earth's field is anywhere (220 to 670 mG): where nothing else is known.
-pub(super) const FIELD_MGAUSS: f64 = 500.0;
 /// The strongest field anywhere: an iron that is not known yet makes it no stronger.
 const STRONGEST_MGAUSS: f64 = 670.0;
 /// Bias to expect of a gyro after its filter has had its say, rad/s: data sheets allow ±5 to ±40°/s before it.

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::filter::FIELD_MGAUSS;
+use super::prior::FIELD_MGAUSS;
 use super::{Fix, level};
 use crate::calibration::model::{Calibration, Parameters};
 use crate::frame::{Mounting, heading_deg};

@@ -2,10 +2,11 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::filter::FIELD_MGAUSS;
 use crate::calibration::model::{Calibration, Model, Parameters};
 use crate::frame::Mounting;
 
+/// The middle of what the earth's field is anywhere (220 to 670 mG): where nothing else is known.
+pub(super) const FIELD_MGAUSS: f64 = 500.0;
 /// Hard iron to expect, on an axis, as a share of the field.
 const IRON: f64 = 3.0;
 /// Deviation of D's diagonal, scale factors and soft iron, and of the entries beside it, which hold the rotation

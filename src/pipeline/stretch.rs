@@ -11,7 +11,7 @@ impl Pipeline {
         self.attitude = Attitude::new(&self.setup.attitude, &self.setup.mountings);
         self.turns = TurnDetector::new(&self.setup.turn);
         self.buffer.clear();
-        self.made.clear();
+        self.completed.clear();
         self.waiting = false;
         self.sample = None;
         self.estimate.lose_frame();

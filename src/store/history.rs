@@ -68,7 +68,7 @@ impl Made {
 
 /// One calibration of a history.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Entry {
+pub struct KeptCalibration {
     /// Counts what was saved for this sensor, from 1: this is the order, whatever the clock was.
     pub number: u64,
     /// The calibration.
@@ -95,12 +95,12 @@ pub struct History {
     pub last_number: u64,
     /// The calibrations, in the order of their numbers.
     #[serde(rename = "history")]
-    pub entries: Vec<Entry>,
+    pub entries: Vec<KeptCalibration>,
 }
 
 /// Why something could not be done with a history.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
+pub enum HistoryError {
     /// There is no calibration with this number.
     NoSuchNumber(u64),
     /// Nothing was kept before the calibration in force.
@@ -111,7 +111,7 @@ pub enum Refusal {
     Locked,
 }
 
-impl Refusal {
+impl HistoryError {
     /// A code for programs.
     pub fn code(self) -> &'static str {
         match self {
@@ -123,7 +123,7 @@ impl Refusal {
     }
 }
 
-impl fmt::Display for Refusal {
+impl fmt::Display for HistoryError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSuchNumber(number) => write!(
@@ -183,12 +183,12 @@ impl History {
     }
 
     /// The calibration in force.
-    pub fn in_force(&self) -> Option<&Entry> {
+    pub fn in_force(&self) -> Option<&KeptCalibration> {
         self.entry(self.in_force?)
     }
 
     /// The calibration with this number.
-    pub fn entry(&self, number: u64) -> Option<&Entry> {
+    pub fn entry(&self, number: u64) -> Option<&KeptCalibration> {
         self.entries.iter().find(|entry| entry.number == number)
     }
 
@@ -197,10 +197,10 @@ impl History {
     /// # Errors
     ///
     /// When there is no such calibration.
-    pub fn find(&self, number: Option<u64>) -> Result<&Entry, Refusal> {
+    pub fn find(&self, number: Option<u64>) -> Result<&KeptCalibration, HistoryError> {
         match number {
-            Some(number) => self.entry(number).ok_or(Refusal::NoSuchNumber(number)),
-            None => self.in_force().ok_or(Refusal::NoneInForce(self.mode)),
+            Some(number) => self.entry(number).ok_or(HistoryError::NoSuchNumber(number)),
+            None => self.in_force().ok_or(HistoryError::NoneInForce(self.mode)),
         }
     }
 
@@ -213,7 +213,7 @@ impl History {
     pub fn keep(&mut self, made: Made, most: usize) {
         self.last_number += 1;
         self.in_force = Some(self.last_number);
-        self.entries.push(Entry {
+        self.entries.push(KeptCalibration {
             number: self.last_number,
             made,
         });
@@ -226,22 +226,22 @@ impl History {
     /// # Errors
     ///
     /// When there is no such calibration, or when the active one is locked.
-    pub fn roll_back(&mut self, number: Option<u64>) -> Result<&Entry, Refusal> {
+    pub fn roll_back(&mut self, number: Option<u64>) -> Result<&KeptCalibration, HistoryError> {
         if self.is_locked() {
-            return Err(Refusal::Locked);
+            return Err(HistoryError::Locked);
         }
         let index = match number {
             Some(number) => self
                 .entries
                 .iter()
                 .position(|entry| entry.number == number)
-                .ok_or(Refusal::NoSuchNumber(number))?,
+                .ok_or(HistoryError::NoSuchNumber(number))?,
             None => {
                 let before = self.in_force.unwrap_or(u64::MAX);
                 self.entries
                     .iter()
                     .rposition(|entry| entry.number < before)
-                    .ok_or(Refusal::NothingBefore)?
+                    .ok_or(HistoryError::NothingBefore)?
             }
         };
         let entry = &self.entries[index];
@@ -254,15 +254,15 @@ impl History {
     /// # Errors
     ///
     /// When there is no such calibration, or when the active one is locked.
-    pub fn forget(&mut self, what: Forget) -> Result<usize, Refusal> {
+    pub fn forget(&mut self, what: Forget) -> Result<usize, HistoryError> {
         let number = match what {
-            Forget::InForce => Some(self.in_force.ok_or(Refusal::NoneInForce(self.mode))?),
+            Forget::InForce => Some(self.in_force.ok_or(HistoryError::NoneInForce(self.mode))?),
             Forget::Number(number) => Some(self.find(Some(number))?.number),
             Forget::All => None,
         };
-        let goes = |entry: &Entry| number.is_none_or(|number| entry.number == number);
+        let goes = |entry: &KeptCalibration| number.is_none_or(|number| entry.number == number);
         if self.is_locked() && self.in_force().is_some_and(goes) {
-            return Err(Refusal::Locked);
+            return Err(HistoryError::Locked);
         }
         let before = self.entries.len();
         self.entries.retain(|entry| !goes(entry));
@@ -277,9 +277,9 @@ impl History {
     /// # Errors
     ///
     /// When a lock is asked for and no calibration is active.
-    pub fn set_mode(&mut self, mode: Policy) -> Result<(), Refusal> {
+    pub fn set_mode(&mut self, mode: Policy) -> Result<(), HistoryError> {
         if mode == Policy::Locked && self.in_force.is_none() {
-            return Err(Refusal::NoneInForce(self.mode));
+            return Err(HistoryError::NoneInForce(self.mode));
         }
         self.mode = mode;
         Ok(())

@@ -18,7 +18,7 @@ use std::sync::Arc;
 use crate::check::{Fault, settings};
 use crate::lock_file::{LockError, LockFile};
 pub use format::{Contents, FormatError};
-pub use history::{Entry, History, Identity, Made};
+pub use history::{History, Identity, KeptCalibration, Made};
 pub use mounting::BoardMounting;
 
 const FILE_NAME: &str = "calibration.json";

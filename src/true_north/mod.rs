@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::{Check, Fault, within};
 
-pub use model::{Field, Known, ModelError, Position, Zone};
+pub use model::{EarthField, Known, ModelError, Position, Zone};
 
 /// The declination is the same within this, degrees north and east: it changes by some hundredths of a degree.
 const NEAR_DEG: f64 = 0.02;
@@ -153,7 +153,7 @@ fn answer(position: &Position, since_1970: Option<Duration>) -> (Option<f64>, Op
             "the date is not known: the system's clock was never set, or the log does not say it";
         return (None, Some(format!("no true headings: {why}; {REMEDY}")));
     };
-    match Field::new(position, since_1970) {
+    match EarthField::new(position, since_1970) {
         Err(error) => (
             None,
             Some(format!(
@@ -175,7 +175,7 @@ fn answer(position: &Position, since_1970: Option<Duration>) -> (Option<f64>, Op
 
 impl Zone {
     /// What a user should know there.
-    pub fn warning(self, field: &Field) -> String {
+    pub fn warning(self, field: &EarthField) -> String {
         let horizontal = field.horizontal_mgauss.value;
         match self {
             Self::Caution => format!(

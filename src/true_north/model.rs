@@ -36,7 +36,7 @@ pub struct Known {
 
 /// The field at a place and on a day.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Field {
+pub struct EarthField {
     /// How far magnetic north is east of true north, degrees.
     pub declination_deg: Known,
     /// How far the field points below the horizontal, degrees.
@@ -78,7 +78,7 @@ pub enum ModelError {
     Place(Error),
 }
 
-impl Field {
+impl EarthField {
     /// The field there and then.
     ///
     /// # Errors
@@ -176,7 +176,7 @@ mod tests {
                 longitude_deg: (longitude_deg + 180.0).rem_euclid(360.0) - 180.0,
                 altitude_m: 1000.0 * km,
             };
-            let field = Field::new(&position, moment).unwrap();
+            let field = EarthField::new(&position, moment).unwrap();
             let near = |found: Known, right: f64, by: f64| {
                 assert!((found.value - right).abs() <= by, "{found:?}, not {right}");
                 assert!(found.sd > 0.0);
@@ -197,13 +197,13 @@ mod tests {
             altitude_m: 0.0,
         };
         let now = moment("2026-11-21T00:00:00Z");
-        let late = Field::new(&at(51.0, -114.0), moment("2030-01-01T00:00:00Z")).unwrap_err();
+        let late = EarthField::new(&at(51.0, -114.0), moment("2030-01-01T00:00:00Z")).unwrap_err();
         assert_eq!(
             late.to_string(),
             "the World Magnetic Model of this headingd holds from 2020-01-01 to 2029-12-31, and the date is 2030-01-01"
         );
         for nowhere in [at(91.0, 0.0), at(0.0, 181.0), at(f64::NAN, 0.0)] {
-            let error = Field::new(&nowhere, now).unwrap_err();
+            let error = EarthField::new(&nowhere, now).unwrap_err();
             assert!(matches!(error, ModelError::Place(_)), "{error}");
         }
         for (place, zone) in [
@@ -212,7 +212,7 @@ mod tests {
             (at(86.0, 139.0), Some(Zone::Blackout)),
             (at(-64.0, 136.0), Some(Zone::Blackout)),
         ] {
-            let field = Field::new(&place, now).unwrap();
+            let field = EarthField::new(&place, now).unwrap();
             assert_eq!(field.zone, zone, "{place:?}: {field:?}");
         }
     }

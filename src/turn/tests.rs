@@ -1,10 +1,10 @@
 use super::*;
-use crate::attitude::motion::Board;
+use crate::attitude::motion::TestBoard;
 use crate::attitude::{Attitude, Settings as AttitudeSettings};
 use crate::check::Check;
 use crate::frame::Mountings;
 
-fn turns_with(board: &Board, settings: &Settings) -> Vec<Turn> {
+fn turns_with(board: &TestBoard, settings: &Settings) -> Vec<Turn> {
     let mut attitude = Attitude::new(&AttitudeSettings::default(), &Mountings::default());
     let mut detector = TurnDetector::new(settings);
     let mut turns = Vec::new();
@@ -15,21 +15,21 @@ fn turns_with(board: &Board, settings: &Settings) -> Vec<Turn> {
     turns
 }
 
-fn turns(board: &Board) -> Vec<Turn> {
+fn turns(board: &TestBoard) -> Vec<Turn> {
     turns_with(board, &Settings::default())
 }
 
 /// A board that has rested, its bias learnt.
-fn rested() -> Board {
-    let mut board = Board::default();
+fn rested() -> TestBoard {
+    let mut board = TestBoard::default();
     board.rest(5.0);
     board
 }
 
-fn blind() -> Board {
-    let mut board = Board {
+fn blind() -> TestBoard {
+    let mut board = TestBoard {
         accel: false,
-        ..Board::default()
+        ..TestBoard::default()
     };
     board.rest(5.0);
     board
@@ -107,9 +107,9 @@ fn stops_on_the_way_do_not_matter() {
 
 #[test]
 fn uneven_events_make_no_difference() {
-    let mut board = Board {
+    let mut board = TestBoard {
         steps_s: vec![0.002, 0.003, 0.002, 0.06, 0.004, 0.001, 0.25],
-        ..Board::default()
+        ..TestBoard::default()
     };
     board.rest(6.0);
     board.turn(Vector3::z(), 365.0, 45.0);
@@ -151,10 +151,10 @@ fn clipped_rotation_counts_for_what_it_shows() {
 fn a_large_gyro_bias_makes_no_turn_and_costs_none() {
     let bias = Vector3::new(5.0, -4.0, 5.0);
     for accel in [true, false] {
-        let mut board = Board {
+        let mut board = TestBoard {
             gyro_bias_deg_s: bias,
             accel,
-            ..Board::default()
+            ..TestBoard::default()
         };
         board.rest(150.0);
         assert!(turns(&board).is_empty());
@@ -196,9 +196,9 @@ fn a_roll_about_body_x_is_a_turn_across_the_vertical() {
 #[test]
 fn a_slow_turn_counts() {
     for accel in [true, false] {
-        let mut board = Board {
+        let mut board = TestBoard {
             accel,
-            ..Board::default()
+            ..TestBoard::default()
         };
         board.rest(12.0);
         board.turn(Vector3::z(), 358.0, 3.1);

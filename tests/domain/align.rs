@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use headingd::alignment::{Refusal, Sign, align};
+use headingd::alignment::{AlignmentError, Sign, align};
 use headingd::frame::{Mounting, Mountings};
 use headingd::reading::Reading;
 use headingd::recording::{Entry, Header};
@@ -194,22 +194,34 @@ fn a_mirrored_gyro_a_turn_about_one_axis_and_rest_are_refused() {
             },
             ..Board::default()
         };
-        assert_eq!(align(&readings(&board), true), Err(Refusal::GyroMirrored));
+        assert_eq!(
+            align(&readings(&board), true),
+            Err(AlignmentError::GyroMirrored)
+        );
     }
     let vertical = Board {
         tumbles: false,
         ..Board::default()
     };
     let refusal = align(&readings(&vertical), true).unwrap_err();
-    assert!(matches!(refusal, Refusal::Ambiguous(_)), "{refusal:?}");
+    assert!(
+        matches!(refusal, AlignmentError::Ambiguous(_)),
+        "{refusal:?}"
+    );
     let tumbling = readings(&Board::default());
-    assert_eq!(align(&tumbling[..100], true), Err(Refusal::LittleMotion));
+    assert_eq!(
+        align(&tumbling[..100], true),
+        Err(AlignmentError::LittleMotion)
+    );
     let without = |change: &dyn Fn(&mut Reading)| {
         let mut readings = tumbling.clone();
         readings.iter_mut().for_each(change);
         align(&readings, true)
     };
-    assert_eq!(without(&|r| r.rate_rad_s = None), Err(Refusal::NoSensors));
+    assert_eq!(
+        without(&|r| r.rate_rad_s = None),
+        Err(AlignmentError::NoSensors)
+    );
     // Without one of the others, that one alone is not found.
     let found = without(&|r| r.specific_force_m_s2 = None).unwrap();
     assert!(found.accel.is_none() && found.mag.is_some());
@@ -217,7 +229,10 @@ fn a_mirrored_gyro_a_turn_about_one_axis_and_rest_are_refused() {
     let dead =
         without(&|r| r.field_mgauss = r.field_mgauss.map(|_| [Some(100.0 + r.t_s.sin()); 3]));
     assert!(
-        matches!(dead, Err(Refusal::Unrelated(_) | Refusal::Ambiguous(_))),
+        matches!(
+            dead,
+            Err(AlignmentError::Unrelated(_) | AlignmentError::Ambiguous(_))
+        ),
         "{dead:?}"
     );
 }

@@ -10,7 +10,7 @@ use headingd::calibration::model::{
     Calibration, Model, PackedCovariance, Parameters, Planar, Spatial,
 };
 use headingd::calibration::policy::{Policy, Reason};
-use headingd::store::history::{Forget, Refusal};
+use headingd::store::history::{Forget, HistoryError};
 use headingd::store::{Contents, History, Identity, Loaded, Made, Store, StoreError};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -261,8 +261,11 @@ fn the_oldest_goes_by_number_whatever_the_clock_said() {
     assert_eq!(kept, [(3, None), (4, Some(100)), (5, Some(200))]);
     assert_eq!(history.roll_back(None).unwrap().number, 4);
     assert_eq!(history.roll_back(None).unwrap().number, 3);
-    assert_eq!(history.roll_back(None), Err(Refusal::NothingBefore));
-    assert_eq!(history.roll_back(Some(1)), Err(Refusal::NoSuchNumber(1)));
+    assert_eq!(history.roll_back(None), Err(HistoryError::NothingBefore));
+    assert_eq!(
+        history.roll_back(Some(1)),
+        Err(HistoryError::NoSuchNumber(1))
+    );
     assert_eq!(history.in_force, Some(3));
     // What is saved next is the newest, and no number is given twice.
     assert_eq!(history.forget(Forget::Number(5)), Ok(1));
@@ -271,7 +274,7 @@ fn the_oldest_goes_by_number_whatever_the_clock_said() {
     assert_eq!(history.forget(Forget::InForce), Ok(1));
     assert_eq!(history.in_force(), None);
     let refusal = history.forget(Forget::InForce).unwrap_err();
-    assert_eq!(refusal, Refusal::NoneInForce(Policy::On));
+    assert_eq!(refusal, HistoryError::NoneInForce(Policy::On));
     assert!(refusal.to_string().ends_with("turn the board once"));
     history.set_mode(Policy::Off).unwrap();
     let refusal = history.find(None).unwrap_err().to_string();
@@ -284,7 +287,7 @@ fn the_oldest_goes_by_number_whatever_the_clock_said() {
 #[test]
 fn a_locked_calibration_neither_goes_nor_is_rolled_back() {
     let mut history = History::new(identity());
-    let refusal = Refusal::NoneInForce(Policy::On);
+    let refusal = HistoryError::NoneInForce(Policy::On);
     assert_eq!(history.set_mode(Policy::Locked), Err(refusal));
     history.keep(made(planar()), 10);
     history.keep(made(diagonal()), 10);
@@ -296,7 +299,7 @@ fn a_locked_calibration_neither_goes_nor_is_rolled_back() {
         history.forget(Forget::Number(2)).map(|_| ()),
         history.forget(Forget::All).map(|_| ()),
     ] {
-        assert_eq!(refused, Err(Refusal::Locked));
+        assert_eq!(refused, Err(HistoryError::Locked));
     }
     assert_eq!(history, locked);
     assert_eq!(history.forget(Forget::Number(1)), Ok(1));

@@ -8,33 +8,6 @@ use crate::{assert_none, program};
 /// Each room has settings, and each command arguments.
 const IN_EVERY_ROOM: &[&str] = &["Settings", "Args"];
 
-/// Names that still have two meanings. None is to be added.
-const STILL_TWICE: &[&str] = &[
-    "Board",
-    "Chip",
-    "Covariance",
-    "Entry",
-    "Evidence",
-    "Field",
-    "Filter",
-    "Found",
-    "Numbers",
-    "Pair",
-    "Refined",
-    "Refusal",
-    "Rows",
-    "Run",
-    "Sensor",
-    "Step",
-    "Tick",
-];
-
-/// Files that still import each other. None is to be added.
-const STILL_CIRCULAR: &[(&str, &str)] = &[
-    ("estimate::covariance", "estimate::filter"),
-    ("estimate::prior", "estimate::filter"),
-];
-
 /// A file as a module: `src/a/b.rs` and `src/a/b/mod.rs` are both `a::b`.
 fn module(file: &str) -> Vec<String> {
     let path = file.strip_prefix("src/").unwrap_or(file);
@@ -102,18 +75,8 @@ fn way(imports: &BTreeMap<String, BTreeSet<String>>, from: &str, to: &str) -> Op
 #[test]
 fn no_two_files_import_each_other() {
     let files: Vec<_> = program().collect();
-    let mut imports = imports(&files);
+    let imports = imports(&files);
     let mut breaches = Vec::new();
-    for (one, other) in STILL_CIRCULAR {
-        if !imports
-            .get_mut(*one)
-            .is_some_and(|list| list.remove(*other))
-        {
-            breaches.push(format!(
-                "{one} imports {other} no more: take it off the list"
-            ));
-        }
-    }
     for from in imports.keys() {
         if let Some(way) = way(&imports, from, from) {
             breaches.push(format!("a circle: {}", way.join(" imports ")));
@@ -155,15 +118,10 @@ fn a_types_name_means_one_thing() {
     }
     let mut breaches = Vec::new();
     for (name, files) in &files {
-        let known = IN_EVERY_ROOM.contains(&name.as_str()) || STILL_TWICE.contains(&name.as_str());
+        let known = IN_EVERY_ROOM.contains(&name.as_str());
         if files.len() > 1 && !known {
             let files: Vec<&str> = files.iter().map(String::as_str).collect();
             breaches.push(format!("{name} is defined in {}", files.join(" and ")));
-        }
-    }
-    for name in STILL_TWICE {
-        if files.get(*name).is_none_or(|files| files.len() < 2) {
-            breaches.push(format!("{name} has one meaning now: take it off the list"));
         }
     }
     assert_none(&breaches);

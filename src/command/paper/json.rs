@@ -36,14 +36,14 @@ struct Test<'a> {
 /// The paper's four columns.
 #[derive(Serialize)]
 struct Paper {
-    all: Numbers,
-    rist: Numbers,
-    pso: Numbers,
-    mpsot: Numbers,
+    all: PublishedColumn,
+    rist: PublishedColumn,
+    pso: PublishedColumn,
+    mpsot: PublishedColumn,
 }
 
 #[derive(Serialize)]
-struct Numbers {
+struct PublishedColumn {
     scale: Vec<f64>,
     bias_mgauss: Vec<f64>,
 }
@@ -64,7 +64,7 @@ pub fn json(trials: &[Trial], seed: u64) -> serde_json::Result<String> {
 }
 
 fn test(trial: &Trial) -> Test<'_> {
-    let numbers = |column: &Column| Numbers {
+    let numbers = |column: &Column| PublishedColumn {
         scale: column.scale[..trial.axes()].to_vec(),
         bias_mgauss: column.bias_mgauss[..trial.axes()].to_vec(),
     };

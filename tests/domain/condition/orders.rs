@@ -86,7 +86,7 @@ fn a_calibration_that_nobody_wants_any_more_changes_nothing() {
         Event::Start,
         Event::Policy(Policy::Locked),
         Event::Policy(Policy::Off),
-        Event::InForce(Some(Box::new(planar(20.0)))),
+        Event::Activate(Some(Box::new(planar(20.0)))),
     ];
     for order in orders {
         let mut board = Board::rested(Some(planar(30.0)));

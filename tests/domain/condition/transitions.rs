@@ -102,7 +102,7 @@ const SCENARIOS: &[Scenario] = &[
         board
     }, Board::finish),
     ("rollback or import", || Board::rested(None), |b| {
-        b.tell(Event::InForce(Some(Box::new(planar(0.0)))));
+        b.tell(Event::Activate(Some(Box::new(planar(0.0)))));
         b.rest(1.0);
     }),
     ("the board is moved about", degraded, |b| {
@@ -110,7 +110,7 @@ const SCENARIOS: &[Scenario] = &[
         b.tumble();
         assert!(b.error_deg().unwrap().abs() < 5.0);
     }),
-    ("forget", good, |b| b.tell(Event::InForce(None))),
+    ("forget", good, |b| b.tell(Event::Activate(None))),
     ("the field is too weak or too strong", good, |b| {
         b.earth_mgauss *= 1.4;
         b.rest(2.0);

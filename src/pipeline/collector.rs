@@ -40,17 +40,17 @@ impl Pipeline {
             self.buffer.pop_front();
         }
         while self
-            .made
+            .completed
             .front()
             .is_some_and(|turn| turn.start_s < oldest_s)
         {
-            self.made.pop_front();
+            self.completed.pop_front();
         }
     }
 
     /// Takes note of a full turn.
     pub(super) fn turned(&mut self, turn: Turn, actions: &mut Vec<Action>) {
-        self.made.push_back(turn);
+        self.completed.push_back(turn);
         actions.push(Action::Turned(turn));
         if self.calibrating {
             self.waiting = true;
@@ -59,7 +59,7 @@ impl Pipeline {
         }
     }
 
-    /// Asks for a calibration on the turns just made, if they allow one.
+    /// Asks for a calibration on the turns just completed, if they allow one.
     pub(super) fn ask_for_calibration(&mut self, actions: &mut Vec<Action>) {
         let Some(reason) = self.wanted() else {
             return;
@@ -73,8 +73,12 @@ impl Pipeline {
     }
 
     fn request(&self) -> Option<Request> {
-        let last = self.made.back()?;
-        let all: Vec<CompletedTurn> = self.made.iter().map(|turn| self.samples_of(turn)).collect();
+        let last = self.completed.back()?;
+        let all: Vec<CompletedTurn> = self
+            .completed
+            .iter()
+            .map(|turn| self.samples_of(turn))
+            .collect();
         let settings = &self.setup.calibration;
         let spatial = settings.mode != ModeChoice::Planar
             && calibration::plane::axes_apart_deg(&all) >= settings.axes_apart_deg;
@@ -86,7 +90,7 @@ impl Pipeline {
                 pair.1.start_s - pair.0.end_s < TURNS_FOLLOW_S
                     && pair.0.axis_body.dot(&pair.1.axis_body).abs() > tolerance
             };
-            let turns: Vec<&Turn> = self.made.iter().collect();
+            let turns: Vec<&Turn> = self.completed.iter().collect();
             let count = turns
                 .windows(2)
                 .rev()

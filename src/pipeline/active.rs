@@ -1,4 +1,4 @@
-//! Which calibration is in force, and whether another is wanted: outcomes, and what people order.
+//! Which calibration is active, and whether another is wanted: outcomes, and what people order.
 
 use super::learn::Learning;
 use super::{Action, Pipeline};
@@ -50,12 +50,8 @@ impl Pipeline {
         self.refresh(actions);
     }
 
-    /// Puts another calibration in force, or none: without one, only what is turned from now on counts.
-    pub(super) fn put_in_force(
-        &mut self,
-        calibration: Option<Calibration>,
-        actions: &mut Vec<Action>,
-    ) {
+    /// Makes another calibration the active one, or none: without one, only what is turned from now on counts.
+    pub(super) fn activate(&mut self, calibration: Option<Calibration>, actions: &mut Vec<Action>) {
         self.forget_estimate(calibration);
         if calibration.is_none() {
             self.forget_motion();
@@ -67,7 +63,7 @@ impl Pipeline {
 
     fn forget_motion(&mut self) {
         self.turns.reset();
-        self.made.clear();
+        self.completed.clear();
         self.buffer.clear();
         self.waiting = false;
         self.unwanted |= self.calibrating;
