@@ -167,7 +167,7 @@ impl Spatial {
     }
 }
 
-/// A calibration as it is kept and put in force: parameters, and how good they were found to be.
+/// A calibration as it is kept and used: parameters, and how good they were found to be.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     /// What corrects a sample.

@@ -12,9 +12,9 @@ use super::verdict::{Measures, Refusal};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// Good, and in force from now on.
+    /// Good, and active from now on.
     Accepted,
-    /// Not better than the calibration in force, which stays.
+    /// Not better than the active calibration, which stays.
     Kept,
     /// Not to be trusted.
     Rejected,
@@ -72,7 +72,7 @@ pub struct Outcome {
     /// What was judged, where it came to that.
     #[serde(skip)]
     pub measures: Option<Measures>,
-    /// The calibration to put in force, if accepted.
+    /// The calibration to make active, if accepted.
     #[serde(skip)]
     pub calibration: Option<Calibration>,
 }

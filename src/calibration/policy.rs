@@ -13,7 +13,7 @@ pub enum Policy {
     On,
     /// Only on request.
     Off,
-    /// Never, while there is a calibration in force: that one is not replaced.
+    /// Never, while there is an active calibration: that one is not replaced.
     Locked,
 }
 
@@ -30,7 +30,7 @@ impl Policy {
         }
     }
 
-    /// For people: what helps where no calibration is in force.
+    /// For people: what helps where no calibration is active.
     pub fn remedy(self) -> &'static str {
         match self {
             Self::On | Self::Locked => "turn the board once",

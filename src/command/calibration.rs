@@ -34,21 +34,21 @@ pub enum CalibrationAction {
     List,
     /// Show a calibration with its parameters
     Show {
-        /// Its number; without it, the one in force
+        /// Its number; without it, the active one
         number: Option<u64>,
     },
-    /// Lock the calibration in force: nothing replaces it, until it is unlocked
+    /// Lock the active calibration: nothing replaces it, until it is unlocked
     Lock,
     /// Unlock it: every turn is calibrated on again. In mode off nothing is locked, and it stays off
     Unlock,
-    /// Put an earlier calibration in force
+    /// Make an earlier calibration the active one
     Rollback {
-        /// Its number; without it, the one saved before that in force
+        /// Its number; without it, the one saved before the active one
         number: Option<u64>,
     },
-    /// Forget the calibration in force, or another one
+    /// Forget the active calibration, or another one
     Forget {
-        /// Its number; without it, the one in force
+        /// Its number; without it, the active one
         number: Option<u64>,
         /// All of this sensor
         #[arg(long, conflicts_with = "number")]
@@ -56,13 +56,13 @@ pub enum CalibrationAction {
     },
     /// Write a calibration to a file, or to standard output
     Export {
-        /// Its number; without it, the one in force
+        /// Its number; without it, the active one
         number: Option<u64>,
         /// The file; an existing one is replaced. "-" is standard output, as it is without this
         #[arg(long, value_name = "FILE")]
         out: Option<PathBuf>,
     },
-    /// Put the calibration in a file in force: one that export or "headingd calibrate --out" wrote
+    /// Make the calibration in a file the active one: one that export or "headingd calibrate --out" wrote
     Import {
         /// The file
         file: PathBuf,

@@ -234,10 +234,10 @@ impl Keep {
                 self.history.identity
             ),
         }
-        Ok(self.history.in_force().map(|entry| entry.made.calibration))
+        Ok(self.history.active().map(|entry| entry.made.calibration))
     }
 
-    /// The calibration in force in a file: that of the log's sensor, or else the only one.
+    /// The active calibration of a file: that of the log's sensor, or else the only one.
     fn in_file(&self, path: &Path) -> Result<Calibration, Failure> {
         let contents = Store::read_file(path)?;
         let found = contents.find(&self.history.identity);
@@ -262,8 +262,8 @@ impl Keep {
                 return Err(Failure::new(Failure::DATA, message));
             }
         };
-        let entry = history.in_force().ok_or_else(|| {
-            let message = format!("no calibration in {} is in force", path.display());
+        let entry = history.active().ok_or_else(|| {
+            let message = format!("no calibration in {} is active", path.display());
             Failure::new(Failure::DATA, message)
         })?;
         Ok(entry.made.calibration)

@@ -171,6 +171,6 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
 fn active(sockets: &DaemonSockets) -> Option<Calibration> {
     let answer = exchange(&sockets.control, &json!({ "request": "export" })).ok()?;
     let contents = Contents::from_value(answer["file"].clone()).ok()?;
-    let entry = *contents.sensors.first()?.in_force()?;
+    let entry = *contents.sensors.first()?.active()?;
     Some(entry.made.calibration)
 }

@@ -50,7 +50,7 @@ fn written(status: &Value) -> String {
     add(
         "calibration",
         match &status["calibration"] {
-            Value::Null => "none in force".to_owned(),
+            Value::Null => "none active".to_owned(),
             calibration => match calibration["age_s"].as_u64() {
                 Some(age_s) => format!("{}, {} old", line(calibration).trim_start(), span(age_s)),
                 None => line(calibration).trim_start().to_owned(),

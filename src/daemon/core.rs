@@ -249,7 +249,7 @@ fn log_outcome(outcome: &Outcome) {
             residual_mgauss = outcome.residual_mgauss.map(rounded),
             "calibration accepted: {message}"
         ),
-        Verdict::Kept => tracing::info!(reason, "calibration in force kept: {message}"),
+        Verdict::Kept => tracing::info!(reason, "active calibration kept: {message}"),
         Verdict::Rejected => tracing::warn!(reason, "calibration rejected: {message}"),
     }
 }

@@ -73,7 +73,7 @@ impl Daemon {
                 let entry = *self.session.store.history_mut().roll_back(number)?;
                 self.handle(Event::Activate(Some(Box::new(entry.made.calibration))));
                 Ok(changed(
-                    Answer::done(format!("calibration {} is in force", entry.number))
+                    Answer::done(format!("calibration {} is active", entry.number))
                         .with("number", entry.number),
                 ))
             }
@@ -108,7 +108,7 @@ impl Daemon {
                     ));
                 }
                 self.handle(Event::Cancel);
-                Ok(told(Answer::done("given up: what is in force stays")))
+                Ok(told(Answer::done("given up: the active calibration stays")))
             }
             ControlRequest::Mounting(change) => self.mount(change),
         }
@@ -122,16 +122,16 @@ impl Daemon {
 
     fn forget(&mut self, what: Forget) -> Result<Done, Answer> {
         let history = self.session.store.history_mut();
-        let was_in_force = history.in_force.is_some();
+        let was_active = history.active.is_some();
         let count = history.forget(what)?;
-        let goes_on = history.in_force.is_some();
+        let goes_on = history.active.is_some();
         let remedy = history.mode.remedy();
         let rest = match (goes_on, history.entries.is_empty()) {
-            (true, _) => "that in force stays".to_owned(),
-            (false, true) => format!("none is in force: {remedy}"),
-            (false, false) => format!("none is in force: {remedy}, or roll back"),
+            (true, _) => "the active one stays".to_owned(),
+            (false, true) => format!("none is active: {remedy}"),
+            (false, false) => format!("none is active: {remedy}, or roll back"),
         };
-        if was_in_force && !goes_on {
+        if was_active && !goes_on {
             self.handle(Event::Activate(None));
         }
         Ok(changed(
@@ -160,8 +160,8 @@ impl Daemon {
         let history = self.session.store.history();
         let found = contents.find(&history.identity);
         let found = found.ok_or_else(|| other_sensor(&contents, history))?;
-        let entry = found.in_force().ok_or_else(|| {
-            let message = "no calibration in this file is in force: export writes one that is";
+        let entry = found.active().ok_or_else(|| {
+            let message = "no calibration in this file is active: export writes one that is";
             Answer::refused("no_calibration", message)
         })?;
         imported::check(&entry.made.calibration, &self.session.config.verdict).map_err(
@@ -180,7 +180,7 @@ impl Daemon {
         let number = self.keep(made);
         self.handle(Event::Activate(Some(Box::new(made.calibration))));
         Ok(changed(
-            Answer::done(format!("calibration {number} is in force")).with("number", number),
+            Answer::done(format!("calibration {number} is active")).with("number", number),
         ))
     }
 
@@ -191,16 +191,16 @@ impl Daemon {
             .iter()
             .map(|entry| described(entry, history).into())
             .collect();
-        let message = match (entries.len(), history.in_force) {
+        let message = match (entries.len(), history.active) {
             (0, _) => format!("no calibration of {} is kept", history.identity),
-            (count, Some(number)) => format!("{count} kept; {number} is in force"),
-            (count, None) => format!("{count} kept; none is in force"),
+            (count, Some(number)) => format!("{count} kept; {number} is active"),
+            (count, None) => format!("{count} kept; none is active"),
         };
         Answer::done(message)
             .with("sensor", history.identity.sensor.as_str())
             .with("mag_axes", history.identity.mag_axes.to_string())
             .with("mode", history.mode.word())
-            .with("in_force", history.in_force)
+            .with("in_force", history.active)
             .with("calibrations", entries)
     }
 
@@ -232,7 +232,7 @@ impl Daemon {
             .with("progress", progress)
             .with(
                 "calibration",
-                history.in_force().map(|entry| described(entry, history)),
+                history.active().map(|entry| described(entry, history)),
             )
             .with("reference", self.reference())
             .with("active", self.active())
@@ -303,7 +303,7 @@ fn mode_answer(mode: Policy) -> Answer {
         Policy::Off => {
             "mode off: nothing is calibrated unless headingd calibration start asks for it"
         }
-        Policy::Locked => "mode locked: nothing takes the place of the calibration in force",
+        Policy::Locked => "mode locked: nothing takes the place of the active calibration",
     };
     Answer::done(message).with("mode", mode.word())
 }
@@ -320,7 +320,7 @@ fn described(entry: &KeptCalibration, history: &History) -> Map<String, Value> {
     let age_s = saved_unix_s.and_then(|saved| wall_clock::unix_now_s()?.checked_sub(saved));
     let pairs = [
         ("number", json!(entry.number)),
-        ("in_force", json!(history.in_force == Some(entry.number))),
+        ("in_force", json!(history.active == Some(entry.number))),
         ("saved_unix_s", json!(saved_unix_s)),
         (
             "time",

@@ -155,7 +155,7 @@ impl Session {
 
 fn pipeline(config: &Config, source: &SourceTask, store: &StoreWriter) -> Pipeline {
     let history = store.history();
-    let calibration = history.in_force().map(|entry| entry.made.calibration);
+    let calibration = history.active().map(|entry| entry.made.calibration);
     let mountings = &source.header.mountings;
     let mut setup = config.setup(mountings);
     setup.mountings = mountings.on(&history.board(&config.mounting.board()));

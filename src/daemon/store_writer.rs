@@ -219,7 +219,7 @@ fn load(store: &Store, identity: &Identity) -> Result<Option<History>, StoreErro
     let path = path.display();
     match store.load(identity)? {
         Loaded::Found(history) => {
-            match history.in_force() {
+            match history.active() {
                 Some(entry) => tracing::info!(
                     number = entry.number,
                     saved_unix_s = entry.made.saved_unix_s,
@@ -228,7 +228,7 @@ fn load(store: &Store, identity: &Identity) -> Result<Option<History>, StoreErro
                     entry.made.calibration.parameters.mode().word()
                 ),
                 None => tracing::info!(
-                    "no calibration of {path} is in force: {}",
+                    "no calibration of {path} is active: {}",
                     history.mode.remedy()
                 ),
             }
@@ -339,7 +339,7 @@ impl DiskWriter {
                 let message = with_remedy(&error);
                 if !told {
                     tracing::error!(
-                        "{message}; what is in force stays in force, but is lost when the daemon stops: make room \
+                        "{message}; the active calibration stays active, but is lost when the daemon stops: make room \
                          on the disk, or see to the folder's permissions; it is tried again"
                     );
                 }

@@ -7,7 +7,7 @@
 //!       "calibration": { "mode": "planar", … } } ] } ] }
 //! ```
 //!
-//! Version 1 had one sensor, and the calibration in force alone. Version 3 has the `mounting` of a board; where there is
+//! Version 1 had one sensor, and the active calibration alone. Version 3 has the `mounting` of a board; where there is
 //! none, version 2 is written. Keys that a version does not know are ignored. A change that an older program must not
 //! ignore needs a new version: one that ignored a mounting would publish headings of another direction.
 

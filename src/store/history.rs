@@ -1,4 +1,4 @@
-//! What is kept for one sensor: its calibrations in the order in which they were saved, and which is in force. Pure.
+//! What is kept for one sensor: its calibrations in the order in which they were saved, and which is active. Pure.
 
 use std::fmt;
 
@@ -88,9 +88,9 @@ pub struct History {
     /// How the board is mounted, if the daemon was told that while it ran.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mounting: Option<Box<BoardMounting>>,
-    /// The number of the calibration in force, if one is.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub in_force: Option<u64>,
+    /// The number of the active calibration, if there is one.
+    #[serde(rename = "in_force", default, skip_serializing_if = "Option::is_none")]
+    pub active: Option<u64>,
     /// The number given last: none is given twice.
     pub last_number: u64,
     /// The calibrations, in the order of their numbers.
@@ -103,11 +103,11 @@ pub struct History {
 pub enum HistoryError {
     /// There is no calibration with this number.
     NoSuchNumber(u64),
-    /// Nothing was kept before the calibration in force.
+    /// Nothing was kept before the active calibration.
     NothingBefore,
-    /// No calibration is in force, in this mode.
-    NoneInForce(Policy),
-    /// The one in force is locked.
+    /// No calibration is active, in this mode.
+    NoneActive(Policy),
+    /// The active one is locked.
     Locked,
 }
 
@@ -117,7 +117,7 @@ impl HistoryError {
         match self {
             Self::NoSuchNumber(_) => "no_such_number",
             Self::NothingBefore => "nothing_before",
-            Self::NoneInForce(_) => "no_calibration",
+            Self::NoneActive(_) => "no_calibration",
             Self::Locked => "locked",
         }
     }
@@ -133,11 +133,11 @@ impl fmt::Display for HistoryError {
             Self::NothingBefore => f.write_str(
                 "there is no earlier calibration to go back to: headingd calibration list shows which there are",
             ),
-            Self::NoneInForce(mode) => {
-                write!(f, "no calibration is in force: {}", mode.remedy())
+            Self::NoneActive(mode) => {
+                write!(f, "no calibration is active: {}", mode.remedy())
             }
             Self::Locked => f.write_str(
-                "the calibration in force is locked: headingd calibration unlock lets it go",
+                "the active calibration is locked: headingd calibration unlock lets it go",
             ),
         }
     }
@@ -146,8 +146,8 @@ impl fmt::Display for HistoryError {
 /// What is to be forgotten.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Forget {
-    /// The calibration in force.
-    InForce,
+    /// The active calibration.
+    Active,
     /// This one.
     Number(u64),
     /// All of this sensor.
@@ -161,13 +161,13 @@ impl History {
             identity,
             mode: Policy::default(),
             mounting: None,
-            in_force: None,
+            active: None,
             last_number: 0,
             entries: Vec::new(),
         }
     }
 
-    /// With one calibration, which is in force.
+    /// With one calibration, which is active.
     pub fn of(identity: Identity, made: Made) -> Self {
         let mut history = Self::new(identity);
         history.keep(made, 1);
@@ -182,9 +182,9 @@ impl History {
         }
     }
 
-    /// The calibration in force.
-    pub fn in_force(&self) -> Option<&KeptCalibration> {
-        self.entry(self.in_force?)
+    /// The active calibration.
+    pub fn active(&self) -> Option<&KeptCalibration> {
+        self.entry(self.active?)
     }
 
     /// The calibration with this number.
@@ -192,7 +192,7 @@ impl History {
         self.entries.iter().find(|entry| entry.number == number)
     }
 
-    /// The calibration with this number, or the one in force.
+    /// The calibration with this number, or the active one.
     ///
     /// # Errors
     ///
@@ -200,19 +200,19 @@ impl History {
     pub fn find(&self, number: Option<u64>) -> Result<&KeptCalibration, HistoryError> {
         match number {
             Some(number) => self.entry(number).ok_or(HistoryError::NoSuchNumber(number)),
-            None => self.in_force().ok_or(HistoryError::NoneInForce(self.mode)),
+            None => self.active().ok_or(HistoryError::NoneActive(self.mode)),
         }
     }
 
-    /// Whether the calibration in force must not be replaced.
+    /// Whether the active calibration must not be replaced.
     pub fn is_locked(&self) -> bool {
-        self.mode == Policy::Locked && self.in_force.is_some()
+        self.mode == Policy::Locked && self.active.is_some()
     }
 
-    /// Puts a calibration in force, and lets go of the oldest ones beyond `most`.
+    /// Makes a calibration the active one, and lets go of the oldest ones beyond `most`.
     pub fn keep(&mut self, made: Made, most: usize) {
         self.last_number += 1;
-        self.in_force = Some(self.last_number);
+        self.active = Some(self.last_number);
         self.entries.push(KeptCalibration {
             number: self.last_number,
             made,
@@ -221,7 +221,7 @@ impl History {
         self.entries.drain(..beyond);
     }
 
-    /// Puts an earlier calibration in force: that with this number, or the one saved before.
+    /// Makes an earlier calibration the active one: that with this number, or the one saved before.
     ///
     /// # Errors
     ///
@@ -237,7 +237,7 @@ impl History {
                 .position(|entry| entry.number == number)
                 .ok_or(HistoryError::NoSuchNumber(number))?,
             None => {
-                let before = self.in_force.unwrap_or(u64::MAX);
+                let before = self.active.unwrap_or(u64::MAX);
                 self.entries
                     .iter()
                     .rposition(|entry| entry.number < before)
@@ -245,41 +245,41 @@ impl History {
             }
         };
         let entry = &self.entries[index];
-        self.in_force = Some(entry.number);
+        self.active = Some(entry.number);
         Ok(entry)
     }
 
-    /// Forgets calibrations; how many. If that in force is among them, none is in force any more.
+    /// Forgets calibrations; how many. If the active one is among them, none is active any more.
     ///
     /// # Errors
     ///
     /// When there is no such calibration, or when the active one is locked.
     pub fn forget(&mut self, what: Forget) -> Result<usize, HistoryError> {
         let number = match what {
-            Forget::InForce => Some(self.in_force.ok_or(HistoryError::NoneInForce(self.mode))?),
+            Forget::Active => Some(self.active.ok_or(HistoryError::NoneActive(self.mode))?),
             Forget::Number(number) => Some(self.find(Some(number))?.number),
             Forget::All => None,
         };
         let goes = |entry: &KeptCalibration| number.is_none_or(|number| entry.number == number);
-        if self.is_locked() && self.in_force().is_some_and(goes) {
+        if self.is_locked() && self.active().is_some_and(goes) {
             return Err(HistoryError::Locked);
         }
         let before = self.entries.len();
         self.entries.retain(|entry| !goes(entry));
-        if self.in_force().is_none() {
-            self.in_force = None;
+        if self.active().is_none() {
+            self.active = None;
         }
         Ok(before - self.entries.len())
     }
 
-    /// Locks the calibration in force, or sets another mode.
+    /// Locks the active calibration, or sets another mode.
     ///
     /// # Errors
     ///
     /// When a lock is asked for and no calibration is active.
     pub fn set_mode(&mut self, mode: Policy) -> Result<(), HistoryError> {
-        if mode == Policy::Locked && self.in_force.is_none() {
-            return Err(HistoryError::NoneInForce(self.mode));
+        if mode == Policy::Locked && self.active.is_none() {
+            return Err(HistoryError::NoneActive(self.mode));
         }
         self.mode = mode;
         Ok(())
@@ -316,7 +316,7 @@ impl History {
                 self.last_number
             ));
         }
-        match self.in_force {
+        match self.active {
             Some(number) if self.entry(number).is_none() => Some(format!(
                 "in_force is {number}, but the history has no such number"
             )),

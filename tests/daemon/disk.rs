@@ -222,7 +222,7 @@ fn kill_again_and_again(seed: usize, kills: usize) -> usize {
             newest == told || newest == told + 1,
             "seed {seed}, kill {kill}: {newest} in the file, {told} was told"
         );
-        assert_eq!(history.in_force, Some(newest));
+        assert_eq!(history.active, Some(newest));
         for entry in &history.entries {
             assert_eq!(entry.made, made(entry.number), "seed {seed}, kill {kill}");
         }

@@ -115,7 +115,7 @@ fn a_socket_that_was_handed_over_is_served_on_and_left_behind() {
 }
 
 #[test]
-fn a_reload_keeps_clients_and_the_calibration_in_force() {
+fn a_reload_keeps_clients_and_the_active_calibration() {
     let rig = Rig::new(FAST, LONG);
     // Nothing but the daemon itself keeps the calibration.
     rig.configure(FAST, Path::new(""), LONG);

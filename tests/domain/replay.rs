@@ -385,7 +385,7 @@ fn a_store_is_touched_only_if_it_is_named() {
     );
     assert_eq!(before, after);
 
-    // One log's calibration file and one store cannot both be in force.
+    // One log's calibration file and one store cannot both be active.
     let both = replay(&log, &["--store", &store, "--calibration", &store]);
     assert_eq!(both.status, 2);
 }

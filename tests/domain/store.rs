@@ -39,7 +39,7 @@ fn made(parameters: Parameters) -> Made {
     }
 }
 
-/// With one calibration, in force.
+/// With one calibration, active.
 fn history(parameters: Parameters) -> History {
     History::of(identity(), made(parameters))
 }
@@ -49,7 +49,7 @@ fn only(contents: &Contents) -> Made {
     let [history] = contents.sensors.as_slice() else {
         panic!("{contents:?}");
     };
-    history.in_force().unwrap().made
+    history.active().unwrap().made
 }
 
 fn planar() -> Parameters {
@@ -209,7 +209,7 @@ fn old_files_load() {
         panic!("{found:?}");
     };
     assert_eq!(stick.identity, identity());
-    assert_eq!((stick.mode, stick.in_force), (Policy::Locked, Some(3)));
+    assert_eq!((stick.mode, stick.active), (Policy::Locked, Some(3)));
     let numbers: Vec<u64> = stick.entries.iter().map(|entry| entry.number).collect();
     assert_eq!((numbers, stick.last_number), (vec![1, 3, 4], 4));
     let [first, third, _] = stick.entries.as_slice() else {
@@ -222,7 +222,7 @@ fn old_files_load() {
         (third.made.gyro_rms_deg, third.made.samples),
         (Some(0.75), Some(560))
     );
-    assert_eq!((razor.mode, razor.in_force()), (Policy::Off, None));
+    assert_eq!((razor.mode, razor.active()), (Policy::Off, None));
 }
 
 /// A store of version 1 that a new calibration was saved to.
@@ -266,28 +266,28 @@ fn the_oldest_goes_by_number_whatever_the_clock_said() {
         history.roll_back(Some(1)),
         Err(HistoryError::NoSuchNumber(1))
     );
-    assert_eq!(history.in_force, Some(3));
+    assert_eq!(history.active, Some(3));
     // What is saved next is the newest, and no number is given twice.
     assert_eq!(history.forget(Forget::Number(5)), Ok(1));
     history.keep(made(planar()), 3);
-    assert_eq!((history.in_force, history.entries.len()), (Some(6), 3));
-    assert_eq!(history.forget(Forget::InForce), Ok(1));
-    assert_eq!(history.in_force(), None);
-    let refusal = history.forget(Forget::InForce).unwrap_err();
-    assert_eq!(refusal, HistoryError::NoneInForce(Policy::On));
+    assert_eq!((history.active, history.entries.len()), (Some(6), 3));
+    assert_eq!(history.forget(Forget::Active), Ok(1));
+    assert_eq!(history.active(), None);
+    let refusal = history.forget(Forget::Active).unwrap_err();
+    assert_eq!(refusal, HistoryError::NoneActive(Policy::On));
     assert!(refusal.to_string().ends_with("turn the board once"));
     history.set_mode(Policy::Off).unwrap();
     let refusal = history.find(None).unwrap_err().to_string();
     assert!(refusal.contains("headingd calibration start"), "{refusal}");
     assert_eq!(history.roll_back(None).unwrap().number, 4);
     assert_eq!(history.forget(Forget::All), Ok(2));
-    assert_eq!((history.in_force, history.last_number), (None, 6));
+    assert_eq!((history.active, history.last_number), (None, 6));
 }
 
 #[test]
 fn a_locked_calibration_neither_goes_nor_is_rolled_back() {
     let mut history = History::new(identity());
-    let refusal = HistoryError::NoneInForce(Policy::On);
+    let refusal = HistoryError::NoneActive(Policy::On);
     assert_eq!(history.set_mode(Policy::Locked), Err(refusal));
     history.keep(made(planar()), 10);
     history.keep(made(diagonal()), 10);
@@ -295,7 +295,7 @@ fn a_locked_calibration_neither_goes_nor_is_rolled_back() {
     let locked = history.clone();
     for refused in [
         history.roll_back(None).map(|_| ()),
-        history.forget(Forget::InForce).map(|_| ()),
+        history.forget(Forget::Active).map(|_| ()),
         history.forget(Forget::Number(2)).map(|_| ()),
         history.forget(Forget::All).map(|_| ()),
     ] {

@@ -130,7 +130,7 @@ impl Daemon {
         shown
     }
 
-    /// The calibration in force.
+    /// The active calibration.
     pub fn calibration(&self) -> Option<Calibration> {
         self.pipeline.calibration()
     }

@@ -20,7 +20,7 @@ const STALE_MS: u64 = 500;
 pub struct Seen {
     /// Headings.
     pub headings: AtomicU64,
-    /// A calibration is in force.
+    /// A calibration is active.
     pub calibrated: AtomicBool,
 }
 

@@ -135,7 +135,7 @@ async fn carry_out(request: ControlRequest, orders: &mpsc::Sender<ControlCall>) 
         Ok(answer) => answer.unwrap_or_else(|_| ending()),
         Err(_) => Answer::refused(
             "timeout",
-            "it is in force, but the disk hangs: whether it is kept will show in headingd status",
+            "it is active, but the disk hangs: whether it is kept will show in headingd status",
         ),
     }
 }

@@ -24,7 +24,7 @@ use crate::check::{Check, Fault};
 pub use answer::Answer;
 pub use request::{ControlRequest, Mount};
 
-/// Calibrations can be put in force here: the rest of the world stays out.
+/// Calibrations can be replaced here: the rest of the world stays out.
 const MOST_OPEN: u32 = 0o660;
 
 /// How many clients are served at a time; four of one user.

@@ -15,19 +15,19 @@ pub enum ControlRequest {
     Status,
     /// All calibrations kept of this sensor.
     List,
-    /// One of them, or that in force.
+    /// One of them, or the active one.
     Show(Option<u64>),
-    /// Lock the calibration in force.
+    /// Lock the active calibration.
     Lock,
     /// Unlock it.
     Unlock,
-    /// Put an earlier calibration in force: this one, or the one before.
+    /// Make an earlier calibration the active one: this one, or the one before.
     Rollback(Option<u64>),
     /// Forget calibrations.
     Forget(Forget),
-    /// One calibration as a file, or that in force.
+    /// One calibration as a file, or the active one.
     Export(Option<u64>),
-    /// Put the calibration in this file in force.
+    /// Make the calibration in this file the active one.
     Import(Value),
     /// Calibrate on the next motion.
     Start,
@@ -142,7 +142,7 @@ impl fmt::Display for ControlRequest {
             Self::Lock => ("lock", None),
             Self::Unlock => ("unlock", None),
             Self::Rollback(number) => ("rollback", *number),
-            Self::Forget(Forget::InForce) => ("forget", None),
+            Self::Forget(Forget::Active) => ("forget", None),
             Self::Forget(Forget::Number(number)) => ("forget", Some(*number)),
             Self::Forget(Forget::All) => ("forget all", None),
             Self::Export(number) => ("export", *number),
@@ -193,7 +193,7 @@ fn forget(keys: &mut Map<String, Value>) -> Result<Forget, Answer> {
             ),
         )),
         (Some(number), false) => Ok(Forget::Number(number)),
-        (None, false) => Ok(Forget::InForce),
+        (None, false) => Ok(Forget::Active),
     }
 }
 
@@ -274,7 +274,7 @@ mod tests {
             ),
             (
                 r#"{"request":"forget"}"#,
-                ControlRequest::Forget(Forget::InForce),
+                ControlRequest::Forget(Forget::Active),
                 "forget",
             ),
             (

@@ -104,14 +104,14 @@ fn every_command_does_what_it_says() {
     let next = number + 1;
     assert_eq!(
         run(&["import", text(&file)]),
-        format!("calibration {next} is in force\n")
+        format!("calibration {next} is active\n")
     );
     assert!(run(&["show"]).contains("\"bias_mgauss\""));
     assert_eq!(
         run(&["rollback"]),
-        format!("calibration {number} is in force\n")
+        format!("calibration {number} is active\n")
     );
-    assert!(run(&["forget", &next.to_string()]).contains("that in force stays"));
+    assert!(run(&["forget", &next.to_string()]).contains("the active one stays"));
     assert!(run(&["start"]).contains("turn the board"));
     run(&["cancel"]);
     run(&["lock"]);
@@ -163,7 +163,7 @@ fn every_command_does_what_it_says() {
     let said = run(&["forget", "--all"]);
     let remedy = "headingd calibration start, and then turn the board once";
     assert!(
-        said.ends_with(&format!("none is in force: {remedy}\n")),
+        said.ends_with(&format!("none is active: {remedy}\n")),
         "{said}"
     );
     for action in ["show", "export", "forget"] {

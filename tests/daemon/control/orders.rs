@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::link::Link;
 use crate::rig::{Client, FAST, LONG, Process, Rig};
 
-/// A daemon that has calibrated, and does so no more by itself; the number of the calibration in force.
+/// A daemon that has calibrated, and does so no more by itself; the number of the active calibration.
 fn calibrated(rig: &Rig) -> (Process, Client, Link, u64) {
     let (process, mut client) = rig.watched();
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
@@ -18,7 +18,7 @@ fn calibrated(rig: &Rig) -> (Process, Client, Link, u64) {
     (process, client, link, number)
 }
 
-fn in_force(link: &mut Link) -> Value {
+fn active(link: &mut Link) -> Value {
     link.told("list")["in_force"].clone()
 }
 
@@ -48,7 +48,7 @@ fn a_calibration_is_exported_imported_rolled_back_and_forgotten() {
     *bias = json!(bias.as_f64().unwrap() + 1.0);
     let imported = link.ask(&json!({"request": "import", "file": file}));
     assert_eq!(imported["number"], first + 1, "{imported}");
-    assert_eq!(in_force(&mut link), first + 1);
+    assert_eq!(active(&mut link), first + 1);
     let shown = link.told("show");
     assert_eq!(shown["calibration"]["reason"], "import");
     assert_eq!(
@@ -117,7 +117,7 @@ fn what_is_not_of_this_board_or_cannot_be_is_not_imported() {
         (
             &|s| s["in_force"] = Value::Null,
             "no_calibration",
-            "in force",
+            "is active",
         ),
         (
             &|s| s["history"][0]["calibration"]["scale"][0] = json!(-1),
@@ -137,7 +137,7 @@ fn what_is_not_of_this_board_or_cannot_be_is_not_imported() {
     ] {
         let message = link.refused(with(change), code);
         assert!(message.contains(sentence), "{message}");
-        assert_eq!(in_force(&mut link), number);
+        assert_eq!(active(&mut link), number);
     }
     // Version 1, of this sensor.
     let old = json!({"headingd_store": 1, "sensor": "hmc5843", "mag_axes": "+x +y +z", "saved_unix_s": 1_760_000_000,
@@ -183,7 +183,7 @@ fn locked_means_never_replaced_not_even_over_a_restart() {
     crate::rig::until("two turns", || {
         process.said().matches("full turn").count() > 1
     });
-    assert_eq!(in_force(&mut link), number);
+    assert_eq!(active(&mut link), number);
     link.told("unlock");
     client.find("CALIBRATION", |_| true);
     process.signal("TERM");
@@ -198,7 +198,7 @@ fn mode_off_calibrates_only_when_told_to() {
     crate::rig::until("two more turns", || {
         process.said().matches("full turn").count() > seen + 1
     });
-    let before = process.said().matches("calibration in force kept").count();
+    let before = process.said().matches("active calibration kept").count();
     // What has come of an earlier turn is not what comes of this order.
     link.told("forget");
     client.find("STATE", |state| state["reason"] == "mode_off");
@@ -213,7 +213,7 @@ fn mode_off_calibrates_only_when_told_to() {
     link.told("cancel");
     assert_eq!(link.told("status")["armed"], false);
     assert_eq!(
-        process.said().matches("calibration in force kept").count(),
+        process.said().matches("active calibration kept").count(),
         before
     );
 }

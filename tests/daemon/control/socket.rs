@@ -58,7 +58,7 @@ fn whatever_is_not_understood_gets_a_code_and_a_sentence_and_the_daemon_goes_on(
         "{said}"
     );
     assert!(
-        said.contains("asked for lock: no calibration is in force"),
+        said.contains("asked for lock: no calibration is active"),
         "{said}"
     );
     assert!(!said.contains("asked for status"), "{said}");
