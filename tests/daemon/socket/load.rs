@@ -4,6 +4,7 @@ use std::fs;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
+use rustix::io::ioctl_fionread;
 use tokio::io::AsyncWriteExt;
 use tokio::task::yield_now;
 
@@ -109,6 +110,19 @@ async fn a_client_that_takes_nothing_is_let_go() {
         rig.publisher.clients() == 0
     })
     .await;
+}
+
+#[tokio::test]
+async fn little_is_kept_for_a_client_that_takes_nothing() {
+    let rig = rig(|_| {});
+    let sleeper = rig.watcher("{\"enable\":true}").await;
+    let mut reader = rig.watcher("{\"enable\":true}").await;
+    for seq in 1..=1000 {
+        rig.heading(seq);
+        assert_eq!(reader.next().await["seq"], seq);
+    }
+    let kept = ioctl_fionread(sleeper.writer.as_ref()).unwrap();
+    assert!((1..=64 << 10).contains(&kept), "{kept} bytes");
 }
 
 #[tokio::test]
