@@ -7,7 +7,7 @@ use super::swarm::{CONSTRICTION, Coefficients, PAPER, SwarmParams};
 use crate::check::settings;
 
 /// Which parameters to look for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ModeChoice {
     /// Three axes where turns about two clearly different axes allow it, else the plane of the turn.
@@ -20,7 +20,7 @@ pub enum ModeChoice {
 }
 
 /// The shape of A in space.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ModelChoice {
     /// Symmetric where the evidence asks for it, else diagonal.
@@ -33,7 +33,7 @@ pub enum ModelChoice {
 }
 
 /// A set of swarm coefficients.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Profile {
     /// Constriction, one particle started at the linear conic fit, the objective through its
@@ -45,7 +45,7 @@ pub enum Profile {
 }
 
 /// Which samples the swarm sees.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum WindowChoice {
     /// RIST's range of interest inside the first full turn.
@@ -58,7 +58,7 @@ pub enum WindowChoice {
 }
 
 /// When the swarm stops.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum StopChoice {
     /// MPSOT's three levels.

@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::ValueEnum;
 
 use super::progress::Progress;
-use super::{Failure, config_file, print, tell_skips};
+use super::{Failure, config_file, print, tell_skips, word};
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
@@ -31,23 +31,23 @@ pub struct Args {
     /// The log (`headingd simulate` writes one)
     pub log: PathBuf,
     /// The plane of the turn, all three axes, or whichever the turns allow
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = word::<ModeChoice>(&["auto", "planar", "spatial"]))]
     pub mode: Option<ModeChoice>,
     /// The shape of the scale factor matrix in space: `symmetric` takes in soft iron and cross-coupling,
     /// `auto` chooses it where the samples ask for it
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = word::<ModelChoice>(&["auto", "diagonal", "symmetric"]))]
     pub model: Option<ModelChoice>,
     /// The plane: from the gyro, or two chip axes, and then no turn is looked for
     #[arg(long, value_enum, default_value = "gyro")]
     pub plane: Plane,
     /// The swarm's coefficients: `standard` converges, `paper` is as published
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = word::<Profile>(&["standard", "paper"]))]
     pub profile: Option<Profile>,
     /// The samples that the swarm sees: RIST's window, the turns, or all (and then all are fitted)
-    #[arg(long, value_enum)]
+    #[arg(long, value_parser = word::<WindowChoice>(&["rist", "turn", "all"]))]
     pub window: Option<WindowChoice>,
-    /// The swarm's stopping rule
-    #[arg(long, value_enum)]
+    /// The swarm's stopping rule: MPSOT's three levels, or the maximum number of iterations and the minimum error alone
+    #[arg(long, value_parser = word::<StopChoice>(&["mpsot", "basic"]))]
     pub stop: Option<StopChoice>,
     /// Strength of the field, milligauss: of its horizontal part for a planar calibration, of all of it
     /// for a spatial one. Without it, and without a full turn, the scale factors are brought to a mean of 1

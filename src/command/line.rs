@@ -67,3 +67,45 @@ impl Cli {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn every_word_that_help_offers_is_understood() {
+        let all = Cli::command();
+        let mut tried = 0;
+        for line in [
+            &["calibrate", "log"][..],
+            &["simulate", "--out=log"],
+            &["calibration", "mode"],
+        ] {
+            let command = line
+                .iter()
+                .try_fold(&all, |of, name| of.find_subcommand(name).ok_or(of));
+            let (Ok(command) | Err(command)) = command;
+            for option in command
+                .get_arguments()
+                .filter(|option| option.get_action().takes_values())
+            {
+                for word in option.get_possible_values() {
+                    let word = word.get_name();
+                    let word = option
+                        .get_long()
+                        .map_or(word.to_owned(), |name| format!("--{name}={word}"));
+                    let words = ["headingd"]
+                        .iter()
+                        .chain(line)
+                        .copied()
+                        .chain([word.as_str()]);
+                    assert!(Cli::try_parse_from(words).is_ok(), "{line:?} {word}");
+                    tried += 1;
+                }
+            }
+        }
+        assert_eq!(tried, 24);
+    }
+}

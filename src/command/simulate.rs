@@ -6,7 +6,7 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use crate::check::Fault;
-use crate::command::Failure;
+use crate::command::{Failure, word};
 use crate::recording::Writer;
 use crate::sensor::simulator::{Scenario, Settings, Simulator};
 
@@ -21,8 +21,9 @@ pub struct Args {
     #[arg(long, value_name = "LOG")]
     pub out: PathBuf,
 
-    /// How the board moves
-    #[arg(long, value_enum, default_value_t)]
+    /// How the board moves: level turns; rolls after them (spatial); tumbling that shows the field from all sides (free);
+    /// small changes of heading and tilt after level turns (demo)
+    #[arg(long, value_parser = word::<Scenario>(&["planar", "spatial", "free", "demo"]), default_value = "planar")]
     pub scenario: Scenario,
 
     /// Number that fixes all noise; another one gives another log of the same motion

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::check::settings;
 
 /// What the simulated board does.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Scenario {
     /// Rest, level turns about the vertical, rest.
@@ -18,7 +18,6 @@ pub enum Scenario {
     /// Rest, level turns, then small changes of heading and tilt.
     Demo,
     /// That of `demo`, again and again.
-    #[value(skip)]
     Endless,
 }
 
