@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::control::ControlTarget;
 use super::wait::start_and_wait;
-use super::{Failure, print};
+use super::{Failure, print, word};
+use crate::calibration::policy::Policy;
+use crate::publish::control::ControlRequest;
 use crate::store::{Contents, Store};
 
 /// Look after the calibration of the running daemon
@@ -78,31 +80,25 @@ pub enum CalibrationAction {
     /// Calibrate on every turn (on), only when told to (off), or never (locked); without a word, tell which
     Mode {
         /// The mode
-        #[arg(value_parser = ["on", "off", "locked"])]
-        mode: Option<String>,
+        #[arg(value_parser = word::<Policy>(&["on", "off", "locked"]))]
+        mode: Option<Policy>,
     },
 }
 
 impl CalibrationAction {
-    fn request(&self) -> Result<Value, Failure> {
-        let numbered = |request: &str, number: &Option<u64>| match number {
-            Some(number) => json!({ "request": request, "number": number }),
-            None => json!({ "request": request }),
-        };
-        Ok(match self {
-            Self::List => json!({ "request": "list" }),
-            Self::Show { number } => numbered("show", number),
-            Self::Lock => json!({ "request": "lock" }),
-            Self::Unlock => json!({ "request": "unlock" }),
-            Self::Rollback { number } => numbered("rollback", number),
-            Self::Forget { all: true, .. } => json!({ "request": "forget", "all": true }),
-            Self::Forget { number, .. } => numbered("forget", number),
-            Self::Export { number, .. } => numbered("export", number),
-            Self::Import { file } => json!({ "request": "import", "file": read(file)? }),
-            Self::Start { .. } => json!({ "request": "start" }),
-            Self::Cancel => json!({ "request": "cancel" }),
-            Self::Mode { mode: Some(mode) } => json!({ "request": "mode", "mode": mode }),
-            Self::Mode { mode: None } => json!({ "request": "mode" }),
+    fn request(&self) -> Result<ControlRequest, Failure> {
+        Ok(match *self {
+            Self::List => ControlRequest::List {},
+            Self::Show { number } => ControlRequest::Show { number },
+            Self::Lock => ControlRequest::Lock {},
+            Self::Unlock => ControlRequest::Unlock {},
+            Self::Rollback { number } => ControlRequest::Rollback { number },
+            Self::Forget { number, all } => ControlRequest::Forget { number, all },
+            Self::Export { number, .. } => ControlRequest::Export { number },
+            Self::Import { ref file } => ControlRequest::Import { file: read(file)? },
+            Self::Start { .. } => ControlRequest::Start {},
+            Self::Cancel => ControlRequest::Cancel {},
+            Self::Mode { mode } => ControlRequest::Mode { mode },
         })
     }
 }

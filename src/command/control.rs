@@ -12,6 +12,7 @@ use serde_json::Value;
 
 use super::{Failure, config_file, print};
 use crate::config::Config;
+use crate::publish::control::ControlRequest;
 
 /// A little longer than the daemon waits for a disk.
 const PATIENCE: Duration = Duration::from_secs(15);
@@ -48,7 +49,7 @@ impl ControlTarget {
     /// # Errors
     ///
     /// The daemon cannot be reached, or refuses.
-    pub fn ask(&self, request: &Value, json: bool) -> Result<Value, Failure> {
+    pub fn ask(&self, request: &ControlRequest, json: bool) -> Result<Value, Failure> {
         let answer = exchange(&self.path()?, request);
         let Err((failure, Some(answer))) = answer else {
             return answer.map_err(|(failure, _)| failure);
@@ -61,7 +62,10 @@ impl ControlTarget {
 }
 
 /// Sends a request to the daemon with this control socket. A refusal becomes a `Failure`, beside the answer.
-pub(super) fn exchange(path: &Path, request: &Value) -> Result<Value, (Failure, Option<Value>)> {
+pub(super) fn exchange(
+    path: &Path,
+    request: &ControlRequest,
+) -> Result<Value, (Failure, Option<Value>)> {
     let line = exchange_lines(path, request).map_err(|error| (unreachable(path, &error), None))?;
     let answer: Value = serde_json::from_str(&line).unwrap_or_default();
     let text = |key: &str| answer[key].as_str();
@@ -87,7 +91,8 @@ fn status(code: &str) -> u8 {
     }
 }
 
-fn exchange_lines(path: &Path, request: &Value) -> io::Result<String> {
+fn exchange_lines(path: &Path, request: &ControlRequest) -> io::Result<String> {
+    let request = serde_json::to_string(request)?;
     let mut stream = connect(path)?;
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;

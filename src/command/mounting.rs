@@ -1,9 +1,8 @@
 //! `headingd mounting`: how the board of a running daemon is mounted.
 
-use serde_json::json;
-
 use super::control::ControlTarget;
 use super::{Failure, print};
+use crate::publish::control::ControlRequest;
 
 /// Tell the running daemon how the board is mounted, or show it
 ///
@@ -35,16 +34,11 @@ pub struct Args {
 ///
 /// The daemon cannot be reached, or refuses.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let mut request = json!({ "request": "mounting" });
-    if args.level {
-        request["level"] = json!(true);
-    }
-    if let Some(heading_deg) = args.heading {
-        request["heading_deg"] = json!(heading_deg);
-    }
-    if args.reset {
-        request["reset"] = json!(true);
-    }
+    let request = ControlRequest::Mounting {
+        level: args.level,
+        heading_deg: args.heading,
+        reset: args.reset,
+    };
     let answer = args.target.ask(&request, args.json)?;
     if args.json {
         return print(&format!("{answer}\n"));

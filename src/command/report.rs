@@ -3,14 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use serde_json::json;
-
 use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
 use super::{Failure, config_file, print, tell_skips};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
+use crate::publish::control::ControlRequest;
 use crate::publish::raw::{self, Object};
 use crate::recording::Header;
 use crate::report::{About, Analysis, ReportError, page};
@@ -169,7 +168,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
 
 /// The daemon's calibration, where this user may ask for it.
 fn active(sockets: &DaemonSockets) -> Option<Calibration> {
-    let answer = exchange(&sockets.control, &json!({ "request": "export" })).ok()?;
+    let answer = exchange(&sockets.control, &ControlRequest::Export { number: None }).ok()?;
     let contents = Contents::from_value(answer["file"].clone()).ok()?;
     let entry = *contents.sensors.first()?.active()?;
     Some(entry.made.calibration)

@@ -1,10 +1,11 @@
 //! `headingd status`: how the running daemon does.
 
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::calibration::line;
 use super::control::ControlTarget;
 use super::{Failure, print};
+use crate::publish::control::ControlRequest;
 
 /// Show how the running daemon does
 ///
@@ -27,9 +28,7 @@ pub struct Args {
 ///
 /// The daemon cannot be reached.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let answer = args
-        .target
-        .ask(&json!({ "request": "status" }), args.json)?;
+    let answer = args.target.ask(&ControlRequest::Status {}, args.json)?;
     if args.json {
         print(&format!("{answer}\n"))
     } else {
@@ -119,6 +118,8 @@ pub(super) fn span(seconds: u64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     #[test]

@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::control::{ControlTarget, exchange};
 use super::headings::Headings;
 use super::progress::Progress;
 use super::{Failure, print};
 use crate::advice::next_step;
+use crate::publish::control::ControlRequest;
 
 /// States and verdicts alone.
 const WATCH: &str = r#"{"enable":true,"json":false,"state":true,"calibration":true}"#;
@@ -27,8 +28,8 @@ const STEP: f64 = 0.25;
 /// The daemon cannot be reached, does not start, or refuses the calibration: then with status [`Failure::REFUSED`].
 pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure> {
     let control = target.path()?;
-    let ask = |name: &str| exchange(&control, &json!({ "request": name })).map_err(|(why, _)| why);
-    let status = ask("status")?;
+    let ask_status = || exchange(&control, &ControlRequest::Status {}).map_err(|(why, _)| why);
+    let status = ask_status()?;
     let Some(socket) = status["heading_socket"].as_str() else {
         let message =
             "the daemon is older than this headingd, and does not tell where its headings are";
@@ -38,7 +39,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
     // What has been judged before is of no interest.
     headings.pass_over()?;
     headings.set_patience(Some(LOOK))?;
-    let started = target.ask(&json!({ "request": "start" }), json)?;
+    let started = target.ask(&ControlRequest::Start {}, json)?;
     eprintln!(
         "headingd: {}",
         started["message"].as_str().unwrap_or_default()
@@ -59,7 +60,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
         }
         if looked.elapsed() > LOOK {
             looked = Instant::now();
-            let status = ask("status")?;
+            let status = ask_status()?;
             let over = status["armed"] != true && status["calibrating"] != true;
             // The verdict may be on its way: a second look decides.
             if over && given_up {

@@ -4,37 +4,44 @@ use super::Daemon;
 use super::orders::{Done, changed, told};
 use crate::frame::{Mounting, wrap_pi};
 use crate::pipeline::Event;
-use crate::publish::control::{Answer, Mount};
+use crate::publish::control::Answer;
 use crate::store::BoardMounting;
 
 /// A board that turns faster is not held level, rad/s (6° a second): a boat at its berth rolls more slowly.
 const HELD_RAD_S: f64 = 0.1;
 
 impl Daemon {
-    /// Tells how the board is mounted, after a change if there is one.
-    pub(super) fn mount(&mut self, change: Option<Mount>) -> Result<Done, Answer> {
+    /// Tells how the board is mounted, after a change if there is one: it is level now, its heading is this now, or it is as the
+    /// configuration says.
+    pub(super) fn mount(
+        &mut self,
+        level: bool,
+        heading_deg: Option<f64>,
+        reset: bool,
+    ) -> Result<Done, Answer> {
+        if !(level || reset || heading_deg.is_some()) {
+            return Ok(told(self.mounted()));
+        }
         let session = &self.session;
         let (configured, chips) = (
             session.config.mounting.board(),
             session.source.header.mountings,
         );
         let before = session.store.history().board(&configured);
-        let board = match change {
-            None => return Ok(told(self.mounted())),
-            Some(Mount::Reset) => configured,
-            Some(Mount::Set { level, heading_deg }) => {
-                // Levelling turns no heading, so that the two may come in any order.
-                let levelled = if level {
-                    self.levelling()?.after(&before)
-                } else {
-                    before
-                };
-                let turn = heading_deg
-                    .map(|heading_deg| self.turning(heading_deg))
-                    .transpose()?;
-                turn.map_or(levelled, |turn| turn.after(&levelled))
-                    .rounded()
-            }
+        let board = if reset {
+            configured
+        } else {
+            // Levelling turns no heading, so that the two may come in any order.
+            let levelled = if level {
+                self.levelling()?.after(&before)
+            } else {
+                before
+            };
+            let turn = heading_deg
+                .map(|heading_deg| self.turning(heading_deg))
+                .transpose()?;
+            turn.map_or(levelled, |turn| turn.after(&levelled))
+                .rounded()
         };
         let told = BoardMounting {
             board_axes: board,

@@ -56,9 +56,9 @@ impl Daemon {
 
     fn carry_out_order(&mut self, request: ControlRequest) -> Result<Done, Answer> {
         match request {
-            ControlRequest::Status => Ok(told(self.status())),
-            ControlRequest::List => Ok(told(self.list())),
-            ControlRequest::Show(number) => {
+            ControlRequest::Status {} => Ok(told(self.status())),
+            ControlRequest::List {} => Ok(told(self.list())),
+            ControlRequest::Show { number } => {
                 let history = self.session.store.history();
                 let entry = history.find(number)?;
                 let shown = described(entry, history);
@@ -67,9 +67,9 @@ impl Daemon {
                     answer.with("parameters", as_value(&entry.made.calibration)?),
                 ))
             }
-            ControlRequest::Export(number) => self.export(number).map(told),
-            ControlRequest::Import(file) => self.import(file),
-            ControlRequest::Rollback(number) => {
+            ControlRequest::Export { number } => self.export(number).map(told),
+            ControlRequest::Import { file } => self.import(file),
+            ControlRequest::Rollback { number } => {
                 let entry = *self.session.store.history_mut().roll_back(number)?;
                 self.handle(Event::Activate(Some(Box::new(entry.made.calibration))));
                 Ok(changed(
@@ -77,20 +77,24 @@ impl Daemon {
                         .with("number", entry.number),
                 ))
             }
-            ControlRequest::Forget(what) => self.forget(what),
-            ControlRequest::Lock => self.set_mode(Policy::Locked),
-            ControlRequest::Unlock if self.session.store.history().mode != Policy::Locked => {
+            ControlRequest::Forget { number, all } => self.forget(match number {
+                _ if all => Forget::All,
+                Some(number) => Forget::Number(number),
+                None => Forget::Active,
+            }),
+            ControlRequest::Lock {} => self.set_mode(Policy::Locked),
+            ControlRequest::Unlock {} if self.session.store.history().mode != Policy::Locked => {
                 let mode = self.session.store.history().mode.word();
                 let message = format!("nothing was locked: mode {mode} stays");
                 Ok(told(Answer::done(message).with("mode", mode)))
             }
-            ControlRequest::Unlock => self.set_mode(Policy::On),
-            ControlRequest::Mode(Some(mode)) => self.set_mode(mode),
-            ControlRequest::Mode(None) => {
+            ControlRequest::Unlock {} => self.set_mode(Policy::On),
+            ControlRequest::Mode { mode: Some(mode) } => self.set_mode(mode),
+            ControlRequest::Mode { mode: None } => {
                 let mode = self.session.store.history().mode;
                 Ok(told(mode_answer(mode)))
             }
-            ControlRequest::Start => {
+            ControlRequest::Start {} => {
                 if self.session.store.history().is_locked() {
                     return Err(HistoryError::Locked.into());
                 }
@@ -99,7 +103,7 @@ impl Daemon {
                     "turn the board once all the way round, level and away from iron: that turn is calibrated on",
                 )))
             }
-            ControlRequest::Cancel => {
+            ControlRequest::Cancel {} => {
                 let started = self.session.pipeline.wanted() == Some(Reason::Start);
                 if !started && !self.session.pipeline.is_calibrating() {
                     return Err(Answer::refused(
@@ -110,7 +114,11 @@ impl Daemon {
                 self.handle(Event::Cancel);
                 Ok(told(Answer::done("given up: the active calibration stays")))
             }
-            ControlRequest::Mounting(change) => self.mount(change),
+            ControlRequest::Mounting {
+                level,
+                heading_deg,
+                reset,
+            } => self.mount(level, heading_deg, reset),
         }
     }
 

@@ -4,11 +4,12 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender, SyncSender};
 use std::thread;
 use std::time::Duration;
 
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::super::Failure;
 use super::super::control::exchange;
 use super::super::headings::{DaemonSockets, Headings};
+use crate::publish::control::ControlRequest;
 
 /// Everything that the screen shows.
 const WATCH: &str =
@@ -36,7 +37,7 @@ pub(super) enum News {
 /// The threads' other end.
 pub(super) struct Feeds {
     news: Receiver<News>,
-    orders: Sender<Value>,
+    orders: Sender<ControlRequest>,
 }
 
 impl Feeds {
@@ -64,7 +65,7 @@ impl Feeds {
     }
 
     /// Sends a request to the daemon; its answer is among the news.
-    pub(super) fn ask(&self, request: Value) {
+    pub(super) fn ask(&self, request: ControlRequest) {
         // The thread goes on for as long as this lives.
         let _ = self.orders.send(request);
     }
@@ -95,13 +96,19 @@ fn listen(sockets: &DaemonSockets, first: Headings, screen: &SyncSender<News>) {
     }
 }
 
-fn look_after(sockets: &DaemonSockets, ordered: &Receiver<Value>, screen: &SyncSender<News>) {
-    let status = json!({ "request": "status" });
-    let ask = |request: &Value| {
+fn look_after(
+    sockets: &DaemonSockets,
+    ordered: &Receiver<ControlRequest>,
+    screen: &SyncSender<News>,
+) {
+    let ask = |request: &ControlRequest| {
         exchange(&sockets.control, request).map_err(|(failure, _)| failure.message)
     };
     loop {
-        if screen.send(News::Status(ask(&status))).is_err() {
+        if screen
+            .send(News::Status(ask(&ControlRequest::Status {})))
+            .is_err()
+        {
             return;
         }
         match ordered.recv_timeout(LOOK) {

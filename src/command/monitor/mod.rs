@@ -14,12 +14,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
-use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGTERM};
 use signal_hook::flag;
 
 use super::Failure;
 use super::headings::HeadingTarget;
+use crate::publish::control::ControlRequest;
 use feeds::Feeds;
 use palette::Palette;
 use view::View;
@@ -110,17 +110,21 @@ fn press(key: KeyEvent, view: &mut View, feeds: &Feeds) -> bool {
     match key.code {
         KeyCode::Char('c') if control => return true,
         KeyCode::Char('q') | KeyCode::Esc => return true,
-        KeyCode::Char('c') => feeds.ask(json!({ "request": "start" })),
-        KeyCode::Char('x') => feeds.ask(json!({ "request": "cancel" })),
-        KeyCode::Char('l') if view.is_locked() => feeds.ask(json!({ "request": "unlock" })),
-        KeyCode::Char('l') => feeds.ask(json!({ "request": "lock" })),
+        KeyCode::Char('c') => feeds.ask(ControlRequest::Start {}),
+        KeyCode::Char('x') => feeds.ask(ControlRequest::Cancel {}),
+        KeyCode::Char('l') if view.is_locked() => feeds.ask(ControlRequest::Unlock {}),
+        KeyCode::Char('l') => feeds.ask(ControlRequest::Lock {}),
         KeyCode::Char('r') => {
             let question = "roll back to the calibration before?";
-            view.asking = Some((question, json!({ "request": "rollback" })));
+            view.asking = Some((question, ControlRequest::Rollback { number: None }));
         }
         KeyCode::Char('v') => {
             let question = "is the board level now?";
-            let request = json!({ "request": "mounting", "level": true });
+            let request = ControlRequest::Mounting {
+                level: true,
+                heading_deg: None,
+                reset: false,
+            };
             view.asking = Some((question, request));
         }
         KeyCode::Char('y') => {

@@ -9,6 +9,7 @@ use super::directions::Directions;
 use super::feeds::News;
 use super::scatter::FieldTrail;
 use crate::frame::Mounting;
+use crate::publish::control::ControlRequest;
 use crate::publish::raw::{self, Object};
 
 /// How many samples of the field are shown.
@@ -35,7 +36,7 @@ pub(super) struct View {
     /// What the last key came to.
     pub(super) said: String,
     /// What the user is asked to confirm, and the request that it is.
-    pub(super) asking: Option<(&'static str, Value)>,
+    pub(super) asking: Option<(&'static str, ControlRequest)>,
     mounting: Mounting,
     pub(super) raw: FieldTrail,
     pub(super) corrected: FieldTrail,

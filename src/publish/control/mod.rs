@@ -22,7 +22,7 @@ use super::socket_file::{
 };
 use crate::check::{Check, Fault};
 pub use answer::Answer;
-pub use request::{ControlRequest, Mount};
+pub use request::ControlRequest;
 
 /// Calibrations can be replaced here: the rest of the world stays out.
 const MOST_OPEN: u32 = 0o660;

@@ -1,64 +1,115 @@
-//! What may be asked at the control socket. Pure.
+//! What may be asked at the control socket, as the commands write it and the daemon reads it. Pure.
 
 use std::fmt;
 
-use serde_json::{Map, Value};
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
+use serde_json::Value;
 
 use super::Answer;
 use crate::calibration::policy::Policy;
-use crate::store::history::Forget;
 
-/// One request.
-#[derive(Clone, Debug, PartialEq)]
+/// One request: `{"request":"rollback","number":3}`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "request", rename_all = "lowercase", deny_unknown_fields)]
 pub enum ControlRequest {
     /// How everything stands.
-    Status,
+    Status {},
     /// All calibrations kept of this sensor.
-    List,
+    List {},
     /// One of them, or the active one.
-    Show(Option<u64>),
-    /// Lock the active calibration.
-    Lock,
-    /// Unlock it.
-    Unlock,
-    /// Make an earlier calibration the active one: this one, or the one before.
-    Rollback(Option<u64>),
-    /// Forget calibrations.
-    Forget(Forget),
-    /// One calibration as a file, or the active one.
-    Export(Option<u64>),
-    /// Make the calibration in this file the active one.
-    Import(Value),
-    /// Calibrate on the next motion.
-    Start,
-    /// Give that up.
-    Cancel,
-    /// Calibrate by itself or not from now on; or tell which.
-    Mode(Option<Policy>),
-    /// Change how the board is mounted, or tell how it is.
-    Mounting(Option<Mount>),
-}
-
-/// A change of how the board is mounted.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Mount {
-    /// It is level now, or its magnetic heading is this now, degrees; at least one of both.
-    Set {
-        /// Whether it is level.
-        level: bool,
-        /// Its heading.
-        heading_deg: Option<f64>,
+    Show {
+        /// Its number.
+        #[serde(
+            default,
+            deserialize_with = "number",
+            skip_serializing_if = "Option::is_none"
+        )]
+        number: Option<u64>,
     },
-    /// It is mounted as the configuration says.
-    Reset,
+    /// Lock the active calibration.
+    Lock {},
+    /// Unlock it.
+    Unlock {},
+    /// Make an earlier calibration the active one: this one, or the one before.
+    Rollback {
+        /// Its number.
+        #[serde(
+            default,
+            deserialize_with = "number",
+            skip_serializing_if = "Option::is_none"
+        )]
+        number: Option<u64>,
+    },
+    /// Forget a calibration, or the active one, or all.
+    Forget {
+        /// Its number.
+        #[serde(
+            default,
+            deserialize_with = "number",
+            skip_serializing_if = "Option::is_none"
+        )]
+        number: Option<u64>,
+        /// All of this sensor; then without a number.
+        #[serde(default)]
+        all: bool,
+    },
+    /// One calibration as a file, or the active one.
+    Export {
+        /// Its number.
+        #[serde(
+            default,
+            deserialize_with = "number",
+            skip_serializing_if = "Option::is_none"
+        )]
+        number: Option<u64>,
+    },
+    /// Make the calibration in this file the active one.
+    Import {
+        /// What export gave.
+        file: Value,
+    },
+    /// Calibrate on the next motion.
+    Start {},
+    /// Give that up.
+    Cancel {},
+    /// Calibrate by itself or not from now on; or tell which.
+    Mode {
+        /// The new mode.
+        #[serde(
+            default,
+            deserialize_with = "mode",
+            skip_serializing_if = "Option::is_none"
+        )]
+        mode: Option<Policy>,
+    },
+    /// Change how the board is mounted, or tell how it is.
+    Mounting {
+        /// It is level now.
+        #[serde(default)]
+        level: bool,
+        /// Its magnetic heading is this now, degrees.
+        #[serde(
+            default,
+            deserialize_with = "heading",
+            skip_serializing_if = "Option::is_none"
+        )]
+        heading_deg: Option<f64>,
+        /// It is mounted as the configuration says; then without the other keys.
+        #[serde(default)]
+        reset: bool,
+    },
 }
 
-/// All names, as a refusal lists them.
-const NAMES: &str = "status, list, show, lock, unlock, rollback, forget, export, import, start, cancel, mode, \
-     mounting";
+/// All names.
+const NAMES: [&str; 13] = [
+    "status", "list", "show", "lock", "unlock", "rollback", "forget", "export", "import", "start",
+    "cancel", "mode", "mounting",
+];
 
 /// How much of what is not understood is repeated, characters.
 const QUOTED: usize = 60;
+/// The longest sentence about a request that is not understood, characters.
+const LONGEST_SENTENCE: usize = 240;
 
 impl ControlRequest {
     /// Reads one line; the error is the answer.
@@ -67,54 +118,47 @@ impl ControlRequest {
     ///
     /// The refusal that answers a line that is no request.
     pub fn parse(line: &[u8]) -> Result<Self, Answer> {
-        let malformed = |message: String| Answer::refused("malformed", message);
+        let malformed = |message: String| {
+            Answer::refused(
+                "malformed",
+                message.chars().take(LONGEST_SENTENCE).collect::<String>(),
+            )
+        };
         let value: Value = serde_json::from_slice(line).map_err(|error| {
             malformed(format!(
                 "not a line of JSON: {error}; send, for instance, {{\"request\":\"status\"}}"
             ))
         })?;
-        let Value::Object(mut keys) = value else {
+        let Some(name) = value["request"].as_str().map(str::to_owned) else {
             return Err(malformed(
-                "a request is an object, as {\"request\":\"status\"}".to_owned(),
+                "a request is an object with its name, as {\"request\":\"status\"}".to_owned(),
             ));
         };
-        let name = match keys.remove("request") {
-            Some(Value::String(name)) => name,
-            Some(other) => {
-                return Err(malformed(wrong("request", &other, "a name in quotes")));
-            }
-            None => return Err(malformed("the key \"request\" is missing".to_owned())),
-        };
-        let request = match name.as_str() {
-            "status" => Self::Status,
-            "list" => Self::List,
-            "show" => Self::Show(number(&mut keys)?),
-            "lock" => Self::Lock,
-            "unlock" => Self::Unlock,
-            "rollback" => Self::Rollback(number(&mut keys)?),
-            "forget" => Self::Forget(forget(&mut keys)?),
-            "export" => Self::Export(number(&mut keys)?),
-            "import" => Self::Import(keys.remove("file").ok_or_else(|| {
-                malformed("the key \"file\" is missing: what export gave".to_owned())
-            })?),
-            "start" => Self::Start,
-            "cancel" => Self::Cancel,
-            "mode" => Self::Mode(mode(&mut keys)?),
-            "mounting" => Self::Mounting(mount(&mut keys)?),
-            other => {
-                let other: String = other.chars().take(QUOTED).collect();
-                return Err(Answer::refused(
-                    "unknown_request",
-                    format!("there is no request {other:?}; there are {NAMES}"),
-                ));
-            }
-        };
-        match keys.keys().next() {
-            None => Ok(request),
-            Some(key) => {
-                let key: String = key.chars().take(QUOTED).collect();
-                Err(malformed(format!("{name} takes no key {key:?}")))
-            }
+        if !NAMES.contains(&name.as_str()) {
+            let name: String = name.chars().take(QUOTED).collect();
+            let message = format!(
+                "there is no request {name:?}; there are {}",
+                NAMES.join(", ")
+            );
+            return Err(Answer::refused("unknown_request", message));
+        }
+        let request =
+            serde_json::from_value(value).map_err(|error| malformed(format!("{name}: {error}")))?;
+        match request {
+            Self::Forget {
+                number: Some(number),
+                all: true,
+            } => Err(malformed(format!(
+                "either number {number} or all can be forgotten: leave out one of the two keys"
+            ))),
+            Self::Mounting {
+                level,
+                heading_deg,
+                reset: true,
+            } if level || heading_deg.is_some() => Err(malformed(
+                "reset leaves nothing to be level or ahead: send it alone".to_owned(),
+            )),
+            request => Ok(request),
         }
     }
 
@@ -122,12 +166,16 @@ impl ControlRequest {
     pub fn changes(&self) -> bool {
         !matches!(
             self,
-            Self::Status
-                | Self::List
-                | Self::Show(_)
-                | Self::Export(_)
-                | Self::Mode(None)
-                | Self::Mounting(None)
+            Self::Status {}
+                | Self::List {}
+                | Self::Show { .. }
+                | Self::Export { .. }
+                | Self::Mode { mode: None }
+                | Self::Mounting {
+                    level: false,
+                    heading_deg: None,
+                    reset: false
+                }
         )
     }
 }
@@ -135,115 +183,57 @@ impl ControlRequest {
 /// In words of the protocol: `rollback 3`, `mode locked`. What is imported is too long.
 impl fmt::Display for ControlRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (name, number) = match self {
-            Self::Status => ("status", None),
-            Self::List => ("list", None),
-            Self::Show(number) => ("show", *number),
-            Self::Lock => ("lock", None),
-            Self::Unlock => ("unlock", None),
-            Self::Rollback(number) => ("rollback", *number),
-            Self::Forget(Forget::Active) => ("forget", None),
-            Self::Forget(Forget::Number(number)) => ("forget", Some(*number)),
-            Self::Forget(Forget::All) => ("forget all", None),
-            Self::Export(number) => ("export", *number),
-            Self::Import(_) => ("import", None),
-            Self::Start => ("start", None),
-            Self::Cancel => ("cancel", None),
-            Self::Mode(None) => ("mode", None),
-            Self::Mode(Some(mode)) => return write!(f, "mode {}", mode.word()),
-            Self::Mounting(None) => ("mounting", None),
-            Self::Mounting(Some(Mount::Reset)) => ("mounting reset", None),
-            Self::Mounting(Some(Mount::Set { level, heading_deg })) => {
-                f.write_str("mounting")?;
-                if *level {
-                    f.write_str(" level")?;
-                }
-                return match heading_deg {
-                    Some(heading_deg) => write!(f, " heading {heading_deg}"),
-                    None => Ok(()),
-                };
+        let keys = serde_json::to_value(self).unwrap_or_default();
+        f.write_str(keys["request"].as_str().unwrap_or_default())?;
+        for (key, value) in keys.as_object().into_iter().flatten() {
+            match (key.as_str(), value) {
+                ("request" | "file", _) | (_, Value::Bool(false)) => {}
+                (key, Value::Bool(true)) => write!(f, " {key}")?,
+                ("heading_deg", _) => write!(f, " heading {}", value.as_f64().unwrap_or_default())?,
+                (_, value) => write!(
+                    f,
+                    " {}",
+                    value.as_str().map_or(value.to_string(), str::to_owned)
+                )?,
             }
-        };
-        match number {
-            Some(number) => write!(f, "{name} {number}"),
-            None => f.write_str(name),
         }
+        Ok(())
     }
 }
 
-fn number(keys: &mut Map<String, Value>) -> Result<Option<u64>, Answer> {
-    let Some(value) = keys.remove("number") else {
-        return Ok(None);
-    };
+fn number<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error> {
     let right = "the number of a calibration, as list shows them";
-    let number = value.as_u64().filter(|&number| number > 0);
-    number
-        .map(Some)
-        .ok_or_else(|| Answer::refused("malformed", wrong("number", &value, right)))
-}
-
-fn forget(keys: &mut Map<String, Value>) -> Result<Forget, Answer> {
-    let number = number(keys)?;
-    match (number, flag(keys, "all")?) {
-        (None, true) => Ok(Forget::All),
-        (Some(number), true) => Err(Answer::refused(
-            "malformed",
-            format!(
-                "either number {number} or all can be forgotten: leave out one of the two keys"
-            ),
-        )),
-        (Some(number), false) => Ok(Forget::Number(number)),
-        (None, false) => Ok(Forget::Active),
-    }
-}
-
-fn flag(keys: &mut Map<String, Value>, key: &str) -> Result<bool, Answer> {
-    match keys.remove(key) {
-        None => Ok(false),
-        Some(Value::Bool(flag)) => Ok(flag),
-        Some(other) => {
-            let message = wrong(key, &other, "true or false");
-            Err(Answer::refused("malformed", message))
-        }
-    }
-}
-
-fn mount(keys: &mut Map<String, Value>) -> Result<Option<Mount>, Answer> {
-    let (level, reset) = (flag(keys, "level")?, flag(keys, "reset")?);
-    let heading = keys.remove("heading_deg");
-    let heading_deg = heading.map(|value| {
-        let degrees = value
-            .as_f64()
-            .filter(|degrees| (0.0..=360.0).contains(degrees));
-        let right = "the magnetic heading of now, 0 to 360 degrees";
-        degrees.ok_or_else(|| Answer::refused("malformed", wrong("heading_deg", &value, right)))
-    });
-    match (reset, level, heading_deg.transpose()?) {
-        (true, false, None) => Ok(Some(Mount::Reset)),
-        (true, ..) => Err(Answer::refused(
-            "malformed",
-            "reset leaves nothing to be level or ahead: send it alone",
-        )),
-        (false, false, None) => Ok(None),
-        (false, level, heading_deg) => Ok(Some(Mount::Set { level, heading_deg })),
-    }
-}
-
-fn mode(keys: &mut Map<String, Value>) -> Result<Option<Policy>, Answer> {
-    let Some(value) = keys.remove("mode") else {
-        return Ok(None);
-    };
-    let known = |word: &str| Policy::ALL.into_iter().find(|mode| mode.word() == word);
-    let mode = value.as_str().and_then(known);
-    mode.map(Some).ok_or_else(|| {
-        let right = "\"on\", \"off\" or \"locked\"";
-        Answer::refused("malformed", wrong("mode", &value, right))
+    told(from, "number", right, |value| {
+        value.as_u64().filter(|&number| number > 0)
     })
 }
 
-fn wrong(key: &str, found: &Value, right: &str) -> String {
-    let found: String = found.to_string().chars().take(QUOTED).collect();
-    format!("{key} is {found}, but must be {right}")
+fn mode<'de, D: Deserializer<'de>>(from: D) -> Result<Option<Policy>, D::Error> {
+    let right = "\"on\", \"off\" or \"locked\"";
+    told(from, "mode", right, |value| Policy::deserialize(value).ok())
+}
+
+fn heading<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    let right = "the magnetic heading of now, 0 to 360 degrees";
+    let within = |degrees: &f64| (0.0..=360.0).contains(degrees);
+    told(from, "heading_deg", right, |value| {
+        value.as_f64().filter(within)
+    })
+}
+
+/// A key that is there, and has to be right.
+fn told<'de, D: Deserializer<'de>, T>(
+    from: D,
+    key: &str,
+    right: &str,
+    read: impl FnOnce(&Value) -> Option<T>,
+) -> Result<Option<T>, D::Error> {
+    let found = Value::deserialize(from)?;
+    let value = read(&found).ok_or_else(|| {
+        let found: String = found.to_string().chars().take(QUOTED).collect();
+        D::Error::custom(format!("{key} is {found}, but must be {right}"))
+    })?;
+    Ok(Some(value))
 }
 
 #[cfg(test)]
@@ -257,61 +247,79 @@ mod tests {
 
     #[test]
     fn every_request_is_known() {
-        for name in NAMES.split(", ").filter(|name| *name != "import") {
+        for name in NAMES.iter().filter(|name| **name != "import") {
             let request = parse(&format!("{{\"request\":{name:?}}}")).unwrap();
-            assert_eq!(request.to_string(), name);
+            assert_eq!(request.to_string(), *name);
         }
         for (text, request, words) in [
             (
                 r#"{"request":"show","number":3}"#,
-                ControlRequest::Show(Some(3)),
+                ControlRequest::Show { number: Some(3) },
                 "show 3",
             ),
             (
                 r#"{"number":3,"request":"rollback"}"#,
-                ControlRequest::Rollback(Some(3)),
+                ControlRequest::Rollback { number: Some(3) },
                 "rollback 3",
             ),
             (
                 r#"{"request":"forget"}"#,
-                ControlRequest::Forget(Forget::Active),
+                ControlRequest::Forget {
+                    number: None,
+                    all: false,
+                },
                 "forget",
             ),
             (
                 r#"{"request":"forget","all":true}"#,
-                ControlRequest::Forget(Forget::All),
+                ControlRequest::Forget {
+                    number: None,
+                    all: true,
+                },
                 "forget all",
             ),
             (
                 r#"{"request":"forget","number":2,"all":false}"#,
-                ControlRequest::Forget(Forget::Number(2)),
+                ControlRequest::Forget {
+                    number: Some(2),
+                    all: false,
+                },
                 "forget 2",
             ),
             (
                 r#"{"request":"mode","mode":"off"}"#,
-                ControlRequest::Mode(Some(Policy::Off)),
+                ControlRequest::Mode {
+                    mode: Some(Policy::Off),
+                },
                 "mode off",
             ),
             (
                 r#"{"request":"mounting","level":true,"heading_deg":90}"#,
-                ControlRequest::Mounting(Some(Mount::Set {
+                ControlRequest::Mounting {
                     level: true,
                     heading_deg: Some(90.0),
-                })),
-                "mounting level heading 90",
+                    reset: false,
+                },
+                "mounting heading 90 level",
             ),
             (
                 r#"{"request":"mounting","reset":true}"#,
-                ControlRequest::Mounting(Some(Mount::Reset)),
+                ControlRequest::Mounting {
+                    level: false,
+                    heading_deg: None,
+                    reset: true,
+                },
                 "mounting reset",
             ),
             (
                 r#"{"request":"import","file":7}"#,
-                ControlRequest::Import(7.into()),
+                ControlRequest::Import { file: 7.into() },
                 "import",
             ),
         ] {
             assert_eq!(request.to_string(), words);
+            let written = serde_json::to_string(&request).unwrap();
+            assert_eq!(parse(&written), Ok(request.clone()), "{written}");
             assert_eq!(parse(text), Ok(request));
         }
     }
@@ -321,12 +329,12 @@ mod tests {
         for (text, code, sentence) in [
             ("", "malformed", "not a line of JSON"),
             ("status", "malformed", "{\"request\":\"status\"}"),
-            ("[]", "malformed", "a request is an object"),
-            ("{}", "malformed", "\"request\" is missing"),
+            ("[]", "malformed", "a request is an object with its name"),
+            ("{}", "malformed", "a request is an object with its name"),
             (
                 r#"{"request":1}"#,
                 "malformed",
-                "request is 1, but must be a name",
+                "a request is an object with its name",
             ),
             (
                 r#"{"request":"stat"}"#,
@@ -346,7 +354,7 @@ mod tests {
             (
                 r#"{"request":"lock","number":1}"#,
                 "malformed",
-                "lock takes no key \"number\"",
+                "lock: unknown field `number`",
             ),
             (
                 r#"{"request":"forget","number":1,"all":true}"#,
@@ -356,7 +364,7 @@ mod tests {
             (
                 r#"{"request":"forget","all":"yes"}"#,
                 "malformed",
-                "all is \"yes\", but must be true or false",
+                "forget: invalid type: string \"yes\", expected a boolean",
             ),
             (
                 r#"{"request":"mode","mode":"of"}"#,
@@ -376,7 +384,7 @@ mod tests {
             (
                 r#"{"request":"import"}"#,
                 "malformed",
-                "\"file\" is missing",
+                "missing field `file`",
             ),
         ] {
             let answer = parse(text).unwrap_err();
