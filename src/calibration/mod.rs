@@ -39,7 +39,7 @@ use std::time::Duration;
 use outcome::{Outcome, Verdict};
 use stopwatch::Stopwatch;
 
-pub use request::{CompletedTurn, FieldSample, Request};
+pub use request::{CompletedTurn, FieldSample, Request, during};
 
 /// Calibrates. `clock` returns the time since any origin, for the outcome's `elapsed_us`; `None` leaves those
 /// unknown, as a replay must.

@@ -32,7 +32,10 @@ pub fn plan(request: &Request) -> Option<Plan> {
         ModeChoice::Planar => Mode::Planar,
         ModeChoice::Spatial => Mode::Spatial,
         ModeChoice::Auto if request.plane.is_some() => Mode::Planar,
-        ModeChoice::Auto if axes_apart_deg(turns) >= request.settings.axes_apart_deg => {
+        ModeChoice::Auto
+            if axes_apart_deg(turns.iter().map(|turn| turn.axis_body))
+                >= request.settings.axes_apart_deg =>
+        {
             Mode::Spatial
         }
         ModeChoice::Auto => Mode::Planar,
@@ -103,11 +106,11 @@ fn from_known_tilt(request: &Request, stretch: Range<usize>) -> Range<usize> {
 }
 
 /// The largest angle between two turns' axes, 0 to 90 degrees.
-pub fn axes_apart_deg(turns: &[CompletedTurn]) -> f64 {
+pub fn axes_apart_deg(axes: impl Iterator<Item = Vector3<f64>> + Clone) -> f64 {
     let mut largest = 0.0f64;
-    for (i, a) in turns.iter().enumerate() {
-        for b in &turns[i + 1..] {
-            let cosine = a.axis_body.dot(&b.axis_body).abs().min(1.0);
+    for (i, a) in axes.clone().enumerate() {
+        for b in axes.clone().skip(i + 1) {
+            let cosine = a.dot(&b).abs().min(1.0);
             largest = largest.max(cosine.acos().to_degrees());
         }
     }

@@ -8,6 +8,7 @@ use super::settings::Settings;
 use super::verdict::Limits;
 use crate::attitude::Pose;
 use crate::frame::Mounting;
+use crate::turn::Turn;
 
 /// One magnetometer sample, as a calibration sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,4 +48,43 @@ pub struct Request {
     pub settings: Settings,
     /// What to ask of the result.
     pub limits: Limits,
+}
+
+impl CompletedTurn {
+    /// A turn whose samples are among these, which are in order of time.
+    pub fn among(samples: &[FieldSample], turn: &Turn) -> Self {
+        Self {
+            samples: during(samples, turn.start_s, turn.end_s),
+            axis_body: turn.axis_body,
+        }
+    }
+}
+
+impl Request {
+    /// A calibration on all of these samples.
+    pub fn new(
+        samples: Vec<FieldSample>,
+        turns: Vec<CompletedTurn>,
+        mounting: Mounting,
+        settings: Settings,
+        limits: Limits,
+    ) -> Self {
+        Self {
+            moving: 0..samples.len(),
+            samples,
+            turns,
+            plane: None,
+            mounting,
+            settings,
+            limits,
+        }
+    }
+}
+
+/// Those of these samples, in order of time, that were taken from one moment to another. Both moments belong to it: between
+/// a sample at the beginning and one at the end the board has turned all the way.
+pub fn during(samples: &[FieldSample], from_s: f64, to_s: f64) -> Range<usize> {
+    let start = samples.partition_point(|sample| sample.t_s < from_s);
+    let end = samples.partition_point(|sample| sample.t_s <= to_s);
+    start..end
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::model::Mode;
 use super::plane::{Plan, axes_apart_deg};
-use super::request::{CompletedTurn, FieldSample, Request};
+use super::request::{FieldSample, Request};
 use super::rist;
 use super::settings::WindowChoice;
 
@@ -54,8 +54,8 @@ pub fn windows<const D: usize>(
         }
     }
     let one_axis = |chosen: &[usize]| {
-        let made: Vec<CompletedTurn> = chosen.iter().map(|&turn| turns[turn].clone()).collect();
-        axes_apart_deg(&made) < request.settings.axes_apart_deg
+        let axes = chosen.iter().map(|&turn| turns[turn].axis_body);
+        axes_apart_deg(axes) < request.settings.axes_apart_deg
     };
     for index in 0..turns.len() {
         if one_axis(&chosen) && !one_axis(&[chosen[0], index]) {

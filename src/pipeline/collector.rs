@@ -3,8 +3,9 @@
 use nalgebra::Vector3;
 
 use super::{Action, Pipeline};
+use crate::calibration::plane::axes_apart_deg;
 use crate::calibration::settings::ModeChoice;
-use crate::calibration::{self, CompletedTurn, FieldSample, Request};
+use crate::calibration::{CompletedTurn, FieldSample, Request};
 use crate::turn::Turn;
 
 /// No magnetometer on a board this size is faster; more samples than this a second of buffer are dropped.
@@ -74,14 +75,10 @@ impl Pipeline {
 
     fn request(&self) -> Option<Request> {
         let last = self.completed.back()?;
-        let all: Vec<CompletedTurn> = self
-            .completed
-            .iter()
-            .map(|turn| self.samples_of(turn))
-            .collect();
         let settings = &self.setup.calibration;
-        let spatial = settings.mode != ModeChoice::Planar
-            && calibration::plane::axes_apart_deg(&all) >= settings.axes_apart_deg;
+        let axes = self.completed.iter().map(|turn| turn.axis_body);
+        let spatial =
+            settings.mode != ModeChoice::Planar && axes_apart_deg(axes) >= settings.axes_apart_deg;
         let first = if spatial {
             0
         } else {
@@ -105,35 +102,24 @@ impl Pipeline {
             }
             turns.len() - 1 - count
         };
-        let turns = &all[first..];
-        let (start, end) = (turns.first()?.samples.start, turns.last()?.samples.end);
-        Some(Request {
-            moving: 0..end - start,
-            samples: self.buffer.range(start..end).copied().collect(),
-            turns: turns
-                .iter()
-                .map(|turn| CompletedTurn {
-                    samples: turn.samples.start - start..turn.samples.end - start,
-                    axis_body: turn.axis_body,
-                })
-                .collect(),
-            plane: None,
-            mounting: self.setup.mountings.mag,
-            settings: settings.clone(),
-            limits: self.setup.verdict.clone(),
-        })
-    }
-
-    fn samples_of(&self, turn: &Turn) -> CompletedTurn {
-        let start = self
+        let turns = self.completed.range(first..);
+        let window = turns.clone().next()?.start_s..=last.end_s;
+        let from = self
             .buffer
-            .partition_point(|sample| sample.t_s < turn.start_s);
-        let end = self
-            .buffer
-            .partition_point(|sample| sample.t_s <= turn.end_s);
-        CompletedTurn {
-            samples: start..end,
-            axis_body: turn.axis_body,
-        }
+            .partition_point(|sample| sample.t_s < *window.start());
+        let samples: Vec<_> = (self.buffer.range(from..))
+            .take_while(|sample| window.contains(&sample.t_s))
+            .copied()
+            .collect();
+        let turns = turns
+            .map(|turn| CompletedTurn::among(&samples, turn))
+            .collect();
+        Some(Request::new(
+            samples,
+            turns,
+            self.setup.mountings.mag,
+            settings.clone(),
+            self.setup.verdict.clone(),
+        ))
     }
 }

@@ -7,7 +7,7 @@ use crate::attitude::Attitude;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::settings::{ModeChoice, WindowChoice};
 use crate::calibration::thinning::Thinned;
-use crate::calibration::{CompletedTurn, FieldSample, Request};
+use crate::calibration::{CompletedTurn, FieldSample, Request, during};
 use crate::outliers::Outliers;
 use crate::reading::{Field, Reading};
 use crate::turn::{Turn, TurnDetector};
@@ -132,30 +132,28 @@ impl Survey {
             return Surveyed::Learnt(Box::new(outcome));
         }
         let samples = self.samples.into_samples();
-        let index = |t_s: f64| samples.partition_point(|sample| sample.t_s < t_s);
-        let moving = match self.rotation_s {
-            Some((first, last)) => index(first)..index(last),
-            None => 0..samples.len(),
-        };
         let turns = match self.plane {
             Some(_) => &[],
             None => self.turns.as_slice(),
         };
-        let turns = turns.iter().map(|turn| CompletedTurn {
-            samples: index(turn.start_s)..index(turn.end_s),
-            axis_body: turn.axis_body,
-        });
-        Surveyed::Request(Box::new(Request {
-            moving,
-            turns: turns.collect(),
+        let turns = turns
+            .iter()
+            .map(|turn| CompletedTurn::among(&samples, turn))
+            .collect();
+        let mut request = Request::new(
             samples,
-            plane: self
-                .plane
-                .map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0))),
-            mounting: self.setup.mountings.mag,
+            turns,
+            self.setup.mountings.mag,
             settings,
-            limits: self.setup.verdict,
-        }))
+            self.setup.verdict,
+        );
+        if let Some((first_s, last_s)) = self.rotation_s {
+            request.moving = during(&request.samples, first_s, last_s);
+        }
+        request.plane = self
+            .plane
+            .map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0)));
+        Surveyed::Request(Box::new(request))
     }
 }
 

@@ -5,7 +5,7 @@ use headingd::calibration::model::{Calibration, Parameters, Planar};
 use headingd::calibration::outcome::{Outcome, Verdict};
 use headingd::condition::Condition;
 use headingd::heading::Heading;
-use headingd::pipeline::{Action, Event, Pipeline, Setup};
+use headingd::pipeline::{Action, Event, Pipeline, Setup, Survey, Surveyed};
 use headingd::reading::Reading;
 use headingd::sensor::simulator::{Settings, Simulator};
 use nalgebra::{Vector2, Vector3};
@@ -470,4 +470,54 @@ fn a_gyro_that_dies_in_a_level_turn_is_named_within_three_seconds() {
     }
     let named_s = named_s.unwrap();
     assert!((8.5..11.0).contains(&named_s), "{named_s}");
+}
+
+#[test]
+fn a_turn_has_the_sample_at_its_beginning_and_that_at_its_end_live_as_of_a_log() {
+    // A sample at each tick of the even clock: one is taken just as the turn is complete.
+    let reading = |index: u32| {
+        let rate_rad_s = if (200..1000).contains(&index) {
+            1.0
+        } else {
+            0.0
+        };
+        let turned = 0.01 * f64::from(index.clamp(200, 1000) - 200);
+        Reading {
+            t_s: 0.01 * f64::from(index),
+            field_mgauss: Some([
+                Some(180.0 * turned.cos()),
+                Some(-180.0 * turned.sin()),
+                Some(424.0),
+            ]),
+            rate_rad_s: Some(Vector3::z() * rate_rad_s),
+            specific_force_m_s2: Some(Vector3::z() * -9.81),
+        }
+    };
+    let (mut pipeline, mut survey) = (
+        Pipeline::new(Setup::default(), None),
+        Survey::new(Setup::default(), None),
+    );
+    let (mut turn, mut live, mut actions) = (None, None, Vec::new());
+    for reading in (0..1200).map(reading) {
+        survey.take(&reading, false);
+        pipeline.handle(Event::Reading(reading), &mut actions);
+        for action in actions.drain(..) {
+            match action {
+                Action::Turned(found) => turn = Some(found),
+                Action::Calibrate(request) => live = Some(request),
+                _ => {}
+            }
+        }
+    }
+    let (turn, live) = (turn.unwrap(), live.unwrap());
+    let Surveyed::Request(offline) = survey.conclude() else {
+        panic!("the turn was not found");
+    };
+    let rotation = &offline.samples[offline.moving.clone()];
+    assert_eq!(rotation.last().unwrap().t_s, 10.0);
+    for request in [live, offline] {
+        let samples = &request.samples[request.turns[0].samples.clone()];
+        let ends = [samples[0].t_s, samples.last().unwrap().t_s];
+        assert_eq!(ends, [turn.start_s, turn.end_s]);
+    }
 }

@@ -82,21 +82,21 @@ pub fn request(mode: Mode, truth: &Column, seed: u64, settings: &Settings) -> Re
         total_mgauss: Some(TOTAL_MGAUSS),
         ..settings.clone()
     };
+    let turns = turns.iter().zip(&axes);
+    let turns = turns.map(|(samples, axis)| CompletedTurn {
+        samples: samples.clone(),
+        axis_body: axis.into_inner(),
+    });
+    let limits = verdict::Limits::default();
     Request {
-        samples,
         moving: REST..end,
-        turns: turns
-            .iter()
-            .zip(&axes)
-            .map(|(samples, axis)| CompletedTurn {
-                samples: samples.clone(),
-                axis_body: axis.into_inner(),
-            })
-            .collect(),
-        plane: None,
-        mounting: Mounting::default(),
-        settings,
-        limits: verdict::Limits::default(),
+        ..Request::new(
+            samples,
+            turns.collect(),
+            Mounting::default(),
+            settings,
+            limits,
+        )
     }
 }
 

@@ -251,27 +251,22 @@ impl Case {
             })
             .collect();
         let reference = Some(self.reference_mgauss());
-        let request = Request {
-            moving: 0..samples.len(),
-            samples,
-            turns,
-            plane: match self.mode {
-                Mode::Planar => Some([Vector3::x(), Vector3::y()]),
-                Mode::Spatial => None,
-            },
-            mounting: Mounting::default(),
-            settings: Settings {
-                mode: match self.mode {
-                    Mode::Planar => ModeChoice::Planar,
-                    Mode::Spatial => ModeChoice::Spatial,
-                },
-                horizontal_mgauss: reference,
-                total_mgauss: reference,
-                seed,
-                ..Settings::default()
-            },
-            limits: Limits::default(),
+        let mode = match self.mode {
+            Mode::Planar => ModeChoice::Planar,
+            Mode::Spatial => ModeChoice::Spatial,
         };
+        let settings = Settings {
+            mode,
+            horizontal_mgauss: reference,
+            total_mgauss: reference,
+            seed,
+            ..Settings::default()
+        };
+        let mounting = Mounting::default();
+        let mut request = Request::new(samples, turns, mounting, settings, Limits::default());
+        if self.mode == Mode::Planar {
+            request.plane = Some([Vector3::x(), Vector3::y()]);
+        }
         Log {
             request,
             truth,
