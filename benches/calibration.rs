@@ -16,8 +16,15 @@ use headingd::calibration::objective::{Factored, Normal, direct};
 use headingd::calibration::outcome::Verdict;
 use headingd::calibration::settings::{Profile, Settings, StopChoice};
 use headingd::calibration::{Request, calibrate};
-use headingd::command::paper::log::request;
-use headingd::command::paper::published::{HORIZONTAL_MGAUSS, PLANAR};
+
+#[path = "../examples/paper/log.rs"]
+mod log;
+#[path = "../examples/paper/published.rs"]
+#[allow(dead_code, reason = "one of its tests is enough here")]
+mod published;
+
+use log::request;
+use published::{HORIZONTAL_MGAUSS, PLANAR};
 
 /// The direct sum as argmin wants it.
 struct Sum<'a>(&'a [[f64; 2]]);

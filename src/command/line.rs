@@ -33,7 +33,6 @@ enum Command {
     Check(super::check::Args),
     Field(super::field::Args),
     Config(super::config::Args),
-    Paper(super::paper::Args),
 }
 
 impl Cli {
@@ -56,7 +55,6 @@ impl Cli {
             Command::Check(args) => super::check::run(&args),
             Command::Field(args) => super::field::run(&args),
             Command::Config(args) => super::config::run(&args),
-            Command::Paper(args) => super::paper::run(&args),
         };
         match result {
             Ok(()) => ExitCode::SUCCESS,

@@ -28,7 +28,6 @@ mod headings;
 pub mod line;
 pub mod monitor;
 pub mod mounting;
-pub mod paper;
 mod progress;
 pub mod record;
 pub mod replay;

@@ -4,12 +4,18 @@
 use std::sync::LazyLock;
 
 use headingd::calibration::model::Mode;
-use headingd::command::paper::published::{
-    Column, ITERATIONS_SHARE, MPSOT_TIME_SHARE, RIST_TIME_SHARE, TEST1_SAMPLES,
-};
-use headingd::command::paper::trial::{Trial, TrialRun, trials};
+use published::{Column, ITERATIONS_SHARE, MPSOT_TIME_SHARE, RIST_TIME_SHARE, TEST1_SAMPLES};
+use trial::{Trial, TrialRun, trials};
 
 use crate::effort::times;
+
+#[path = "../../examples/paper/log.rs"]
+mod log;
+#[path = "../../examples/paper/published.rs"]
+mod published;
+#[path = "../../examples/paper/trial.rs"]
+#[allow(dead_code, reason = "times are for the tables of the example")]
+mod trial;
 
 /// All tests with a seed, or with five.
 static TRIALS: LazyLock<Vec<Trial>> = LazyLock::new(|| {

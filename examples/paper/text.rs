@@ -6,7 +6,7 @@ use super::published::{
     Column, ITERATIONS_SHARE, MPSOT_TIME_SHARE, RIST_TIME_SHARE, TEST1_SAMPLES,
 };
 use super::trial::{Trial, TrialRun};
-use crate::calibration::model::Mode;
+use headingd::calibration::model::Mode;
 
 /// A column of the paper, and our run that answers it.
 type Pair<'a> = (
@@ -130,7 +130,7 @@ fn counts(
             text,
             "{:9} {:>7} {:>6} {:>7}   {:>7} {:>7} {:>7}   {:>9} {:>10}   {:>8}",
             trial.name,
-            trial.all.samples,
+            trial.total,
             trial.rist.samples,
             percent(trial.rist_time_share()),
             trial.rist.iterations,

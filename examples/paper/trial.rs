@@ -2,19 +2,17 @@
 
 use std::time::Instant;
 
-use serde::Serialize;
-
 use super::log::request;
 use super::published::{PLANAR, Published, SPATIAL};
-use crate::calibration::calibrate;
-use crate::calibration::model::Mode;
-use crate::calibration::outcome::Outcome;
-use crate::calibration::settings::{
+use headingd::calibration::calibrate;
+use headingd::calibration::model::Mode;
+use headingd::calibration::outcome::Outcome;
+use headingd::calibration::settings::{
     ModeChoice, ModelChoice, Profile, Settings, StopChoice, WindowChoice,
 };
 
 /// What one run came to.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct TrialRun {
     /// Samples that the swarm saw.
     pub samples: usize,
@@ -35,7 +33,7 @@ pub struct TrialRun {
 }
 
 /// One test.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
 pub struct Trial {
     /// As the paper calls it.
     pub name: &'static str,
@@ -52,7 +50,6 @@ pub struct Trial {
     /// Profile `standard`, with its refinement.
     pub standard: TrialRun,
     /// The paper's own columns.
-    #[serde(skip)]
     pub published: Published,
 }
 

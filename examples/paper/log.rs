@@ -12,11 +12,11 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::published::{Column, HORIZONTAL_MGAUSS, TOTAL_MGAUSS};
-use crate::attitude::Pose;
-use crate::calibration::model::Mode;
-use crate::calibration::settings::Settings;
-use crate::calibration::{CompletedTurn, FieldSample, Request, verdict};
-use crate::frame::Mounting;
+use headingd::attitude::Pose;
+use headingd::calibration::model::Mode;
+use headingd::calibration::settings::Settings;
+use headingd::calibration::{CompletedTurn, FieldSample, Request, verdict};
+use headingd::frame::Mounting;
 
 const RATE_HZ: f64 = 40.0;
 /// Samples in one turn: 7 s.
