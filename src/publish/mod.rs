@@ -6,7 +6,7 @@ mod clients;
 mod connection;
 pub mod control;
 mod feed;
-mod framing;
+pub mod framing;
 pub mod gpsd;
 mod inbox;
 mod json;
