@@ -3,9 +3,8 @@
 //! Gyro and accelerometer give tilt, gyro bias and orientation on an even clock. Pure: time comes with the readings.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
 
-use crate::check::{Check, Fault, within};
+use crate::check::settings;
 use crate::frame::Mountings;
 use crate::reading::Reading;
 
@@ -77,51 +76,18 @@ impl Tilt {
     }
 }
 
-/// Settings of the attitude.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// Largest gyro bias to expect on an axis, degrees per second, 1 to 60.
-    pub gyro_bias_limit_deg_s: f64,
-    /// A gyro silent for longer has left a hole, seconds, 0.05 to 2.
-    pub gap_s: f64,
-    /// The gyro's full scale, degrees per second, 50 to 10000; left out, 250, 500, 1000 and 2000 are
-    /// watched for until the gyro says more.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub gyro_range_deg_s: Option<f64>,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            gyro_bias_limit_deg_s: 10.0,
-            gap_s: 0.5,
-            gyro_range_deg_s: None,
-        }
-    }
-}
-
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        within(
-            &mut faults,
-            "gyro_bias_limit_deg_s",
-            self.gyro_bias_limit_deg_s,
-            1.0..=60.0,
-            "degrees per second",
-        );
-        within(&mut faults, "gap_s", self.gap_s, 0.05..=2.0, "seconds");
-        if let Some(range) = self.gyro_range_deg_s {
-            within(
-                &mut faults,
-                "gyro_range_deg_s",
-                range,
-                50.0..=10_000.0,
-                "degrees per second",
-            );
-        }
-        faults
+settings! {
+    /// Settings of the attitude.
+    #[derive(Copy)]
+    pub struct Settings {
+        /// Largest gyro bias to expect on an axis, degrees per second.
+        gyro_bias_limit_deg_s: f64 = 10.0, 1.0..=60.0, "degrees per second";
+        /// A gyro silent for longer has left a hole, seconds.
+        gap_s: f64 = 0.5, 0.05..=2.0, "seconds";
+        /// The gyro's full scale, degrees per second; left out, 250, 500, 1000 and 2000 are
+        /// watched for until the gyro says more.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        gyro_range_deg_s: Option<f64> = None, 50.0..=10_000.0, "degrees per second";
     }
 }
 

@@ -1,5 +1,6 @@
 use super::motion::TestBoard;
 use super::*;
+use crate::check::Check;
 
 fn run(board: &TestBoard) -> (Attitude, Vec<Tick>) {
     run_with(board, &Settings::default())

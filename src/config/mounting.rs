@@ -1,24 +1,24 @@
 //! Table `[mounting]`: how the chips are mounted on the board, and the board on what it steers.
 
-use serde::{Deserialize, Serialize};
-
-use crate::check::{Check, Fault, within};
+use crate::check::{Fault, settings};
 use crate::frame::{Mounting, Mountings};
 
-/// How chips and board are mounted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// Magnetometer chip axes along the board's X, Y, Z.
-    pub mag_axes: Mounting,
-    /// Gyro chip axes along the board's X, Y, Z.
-    pub gyro_axes: Mounting,
-    /// Accelerometer chip axes along the board's X, Y, Z.
-    pub accel_axes: Mounting,
-    /// Board axes along body X, Y, Z.
-    pub board_axes: Mounting,
-    /// Added to every heading after that: -180 to 180 degrees.
-    pub heading_offset_deg: f64,
+settings! {
+    /// How chips and board are mounted.
+    #[derive(Copy)]
+    pub struct Settings {
+        /// Magnetometer chip axes along the board's X, Y, Z.
+        mag_axes: Mounting = Mounting::default();
+        /// Gyro chip axes along the board's X, Y, Z.
+        gyro_axes: Mounting = Mounting::default();
+        /// Accelerometer chip axes along the board's X, Y, Z.
+        accel_axes: Mounting = Mounting::default();
+        /// Board axes along body X, Y, Z.
+        board_axes: Mounting = Mounting::default();
+        /// Added to every heading after that.
+        heading_offset_deg: f64 = 0.0, -180.0..=180.0, "degrees";
+    }
+    also Settings::check_board;
 }
 
 impl Settings {
@@ -35,11 +35,8 @@ impl Settings {
     pub fn board(&self) -> Mounting {
         Mounting::adding_to_heading(self.heading_offset_deg).after(&self.board_axes)
     }
-}
 
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
+    fn check_board(&self, faults: &mut Vec<Fault>) {
         if self.board_axes.is_mirrored() {
             faults.push(Fault {
                 key: "board_axes".to_owned(),
@@ -47,14 +44,5 @@ impl Check for Settings {
                 right: "a rotation: turn one sign round, or exchange two axes".to_owned(),
             });
         }
-        let offset_deg = self.heading_offset_deg;
-        within(
-            &mut faults,
-            "heading_offset_deg",
-            offset_deg,
-            -180.0..=180.0,
-            "degrees",
-        );
-        faults
     }
 }

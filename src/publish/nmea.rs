@@ -4,35 +4,24 @@
 
 use std::fmt::{Arguments, Write};
 
-use serde::{Deserialize, Serialize};
-
 use super::json::tenths;
-use crate::check::{Check, Fault, within};
+use crate::check::{Fault, settings};
 use crate::heading::Heading;
 
-/// Settings of the sentences.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Settings {
-    /// The talker, two capital letters. Default `"HC"`, a magnetic compass.
-    pub talker: String,
-    /// How many headings a second go out as sentences, 0.1 to 1000, to clients that do not ask for another rate. Default
-    /// 10. There are never more than readings.
-    pub rate_hz: f64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            talker: "HC".into(),
-            rate_hz: 10.0,
-        }
+settings! {
+    /// Settings of the sentences.
+    pub struct Settings {
+        /// The talker, two capital letters: `"HC"` is a magnetic compass.
+        talker: String = "HC".into();
+        /// How many headings a second go out as sentences, to clients that do not ask for another rate. There are never
+        /// more than readings.
+        rate_hz: f64 = 10.0, 0.1..=1000.0, "a second";
     }
+    also Settings::check_talker;
 }
 
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
+impl Settings {
+    fn check_talker(&self, faults: &mut Vec<Fault>) {
         let letters = self.talker.bytes().all(|byte| byte.is_ascii_uppercase());
         if self.talker.len() != 2 || !letters {
             faults.push(Fault {
@@ -41,14 +30,6 @@ impl Check for Settings {
                 right: "two capital letters, as \"HC\"".into(),
             });
         }
-        within(
-            &mut faults,
-            "rate_hz",
-            self.rate_hz,
-            0.1..=1000.0,
-            "a second",
-        );
-        faults
     }
 }
 
@@ -110,6 +91,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::check::Check;
     use crate::condition::Condition;
 
     fn heading() -> Heading {
@@ -188,7 +170,7 @@ mod tests {
                 .into_iter()
                 .map(|fault| fault.key)
                 .collect();
-            assert_eq!(keys, ["talker", "rate_hz"], "{talker:?}");
+            assert_eq!(keys, ["rate_hz", "talker"], "{talker:?}");
         }
     }
 

@@ -11,8 +11,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use super::client::serve;
 use super::clients::{Door, serve_clients};
 use super::feed::Feed;
@@ -21,74 +19,38 @@ use super::gpsd::{self, Device, LINE_END};
 use super::nmea;
 pub use super::socket_file::BindError;
 use super::socket_file::{SocketFile, check_mode, check_path, claim, inherited, mode_bits};
-use crate::check::{Check, Fault, within};
+use crate::check::{Check, Fault, settings};
 
 /// Headings are no secret, and nothing can be changed here.
 const MOST_OPEN: u32 = 0o666;
 
-/// Settings of the socket.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Settings {
-    /// Path of the socket, absolute, up to 100 bytes. Default `/run/headingd/heading.sock`.
-    pub socket: PathBuf,
-    /// Permissions of the socket, octal, `"0600"` to `"0666"`. Default `"0666"`: any local user may read
-    /// headings, as any may read positions from gpsd. They are no secret, and nothing can be changed here. Set `"0660"`
-    /// to let only the daemon's group in.
-    pub mode: String,
-    /// How many clients are served at a time, 1 to 1024. Default 32. One user may have all but four of them (below
-    /// eight, all but half); the rest is for other users. Root and the daemon's own user may have all.
-    /// Where the process may not have enough files open, it serves fewer, and says so.
-    pub max_clients: usize,
-    /// The longest request, bytes, 128 to 65536. Default 1024.
-    pub request_limit_bytes: usize,
-    /// How many messages a client may fall behind before it loses headings, 8 to 4096. Default 64.
-    pub backlog: usize,
-    /// How long a client may take nothing of what is sent to it, seconds, 0.1 to 60. Default 5.
-    pub write_timeout_s: f64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            socket: "/run/headingd/heading.sock".into(),
-            mode: "0666".into(),
-            max_clients: 32,
-            request_limit_bytes: 1024,
-            backlog: 64,
-            write_timeout_s: 5.0,
-        }
+settings! {
+    /// Settings of the socket.
+    pub struct Settings {
+        /// Path of the socket, absolute, up to 100 bytes.
+        socket: PathBuf = "/run/headingd/heading.sock".into();
+        /// Permissions of the socket, octal, `"0600"` to `"0666"`. By default any local user may read
+        /// headings, as any may read positions from gpsd. They are no secret, and nothing can be changed here. Set `"0660"`
+        /// to let only the daemon's group in.
+        mode: String = "0666".into();
+        /// How many clients are served at a time. One user may have all but four of them (below
+        /// eight, all but half); the rest is for other users. Root and the daemon's own user may have all.
+        /// Where the process may not have enough files open, it serves fewer, and says so.
+        max_clients: usize = 32, 1..=1024, "clients";
+        /// The longest request.
+        request_limit_bytes: usize = 1024, 128..=65536, "bytes";
+        /// How many messages a client may fall behind before it loses headings.
+        backlog: usize = 64, 8..=4096, "messages";
+        /// How long a client may take nothing of what is sent to it.
+        write_timeout_s: f64 = 5.0, 0.1..=60.0, "seconds";
     }
+    also Settings::check_socket;
 }
 
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        check_path(&mut faults, "socket", &self.socket);
-        check_mode(&mut faults, "mode", &self.mode, MOST_OPEN);
-        within(
-            &mut faults,
-            "max_clients",
-            self.max_clients,
-            1..=1024,
-            "clients",
-        );
-        within(
-            &mut faults,
-            "request_limit_bytes",
-            self.request_limit_bytes,
-            128..=65536,
-            "bytes",
-        );
-        within(&mut faults, "backlog", self.backlog, 8..=4096, "messages");
-        within(
-            &mut faults,
-            "write_timeout_s",
-            self.write_timeout_s,
-            0.1..=60.0,
-            "seconds",
-        );
-        faults
+impl Settings {
+    fn check_socket(&self, faults: &mut Vec<Fault>) {
+        check_path(faults, "socket", &self.socket);
+        check_mode(faults, "mode", &self.mode, MOST_OPEN);
     }
 }
 
@@ -235,12 +197,12 @@ mod tests {
         assert_eq!(
             keys,
             [
-                "socket",
-                "mode",
                 "max_clients",
                 "request_limit_bytes",
                 "backlog",
                 "write_timeout_s",
+                "socket",
+                "mode",
             ]
         );
         for mode in ["", "+0666", "0o666", "rw", "0066", "660 "] {

@@ -4,34 +4,32 @@ mod model;
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
-use crate::check::{Check, Fault, within};
+use crate::check::{Fault, settings};
 
 pub use model::{EarthField, Known, ModelError, Position, Zone};
 
 /// The declination is the same within this, degrees north and east: it changes by some hundredths of a degree.
 const NEAR_DEG: f64 = 0.02;
 
-/// Where the declination comes from. Without a position and without a declination there are no true headings.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Settings {
-    /// Where the compass is, degrees north: -90 to 90. None by default.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub latitude_deg: Option<f64>,
-    /// The same, degrees east: -180 to 180. None by default.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub longitude_deg: Option<f64>,
-    /// Its height above the ellipsoid of WGS 84, metres: -1000 to 850000. Default 0; a kilometre changes little.
-    pub altitude_m: f64,
-    /// How far magnetic north is east of true north, degrees: -180 to 180, in place of the model's answer. None by
-    /// default.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub declination_deg: Option<f64>,
-    /// A gpsd that says where the compass is: an address in numbers with a port, or the absolute path of a Unix socket.
-    /// Empty, as it is by default: none.
-    pub gpsd: String,
+settings! {
+    /// Where the declination comes from. Without a position and without a declination there are no true headings.
+    pub struct Settings {
+        /// Where the compass is, north.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        latitude_deg: Option<f64> = None, -90.0..=90.0, "degrees";
+        /// The same, east.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        longitude_deg: Option<f64> = None, -180.0..=180.0, "degrees";
+        /// Its height above the ellipsoid of WGS 84; a kilometre changes little.
+        altitude_m: f64 = 0.0, -1000.0..=850_000.0, "metres";
+        /// How far magnetic north is east of true north, in place of the model's answer.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        declination_deg: Option<f64> = None, -180.0..=180.0, "degrees";
+        /// A gpsd that says where the compass is: an address in numbers with a port, or the absolute path of a Unix socket.
+        /// Empty: none.
+        gpsd: String = String::new();
+    }
+    also Settings::check_position;
 }
 
 impl Settings {
@@ -43,26 +41,8 @@ impl Settings {
             altitude_m: self.altitude_m,
         })
     }
-}
 
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let mut optional = |key: &str, value: Option<f64>, most: f64| {
-            if let Some(value) = value {
-                within(&mut faults, key, value, -most..=most, "degrees");
-            }
-        };
-        optional("latitude_deg", self.latitude_deg, 90.0);
-        optional("longitude_deg", self.longitude_deg, 180.0);
-        optional("declination_deg", self.declination_deg, 180.0);
-        within(
-            &mut faults,
-            "altitude_m",
-            self.altitude_m,
-            -1000.0..=850_000.0,
-            "metres",
-        );
+    fn check_position(&self, faults: &mut Vec<Fault>) {
         let (latitude, longitude) = (self.latitude_deg, self.longitude_deg);
         if latitude.is_some() != longitude.is_some() {
             let (has, lacks) = if latitude.is_some() {
@@ -76,7 +56,6 @@ impl Check for Settings {
                 right: format!("set together with {lacks}"),
             });
         }
-        faults
     }
 }
 
@@ -193,6 +172,7 @@ impl Zone {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::Check;
     use crate::date::parse_rfc3339;
 
     fn calgary() -> Settings {
@@ -296,8 +276,8 @@ mod tests {
             [
                 "latitude_deg",
                 "longitude_deg",
-                "declination_deg",
-                "altitude_m"
+                "altitude_m",
+                "declination_deg"
             ]
         );
     }

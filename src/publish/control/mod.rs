@@ -13,14 +13,13 @@ use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicUsize;
 
-use serde::{Deserialize, Serialize};
 use tokio::sync::{mpsc, oneshot};
 
 use super::clients::{Door, serve_clients};
 use super::socket_file::{
     BindError, SocketFile, check_mode, check_path, claim, inherited, mode_bits,
 };
-use crate::check::{Check, Fault};
+use crate::check::{Fault, settings};
 pub use answer::Answer;
 pub use request::ControlRequest;
 
@@ -33,23 +32,16 @@ const MOST_CLIENTS: usize = 8;
 /// The name of the socket where the configuration names none.
 const FILE_NAME: &str = "control.sock";
 
-/// Settings of the control socket.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Settings {
-    /// Path of the socket, absolute, up to 100 bytes. Empty: `control.sock` in the folder of the heading socket.
-    pub socket: PathBuf,
-    /// Permissions of the socket, octal, `"0600"` to `"0660"`. Default `"0660"`: the daemon's user and its group.
-    pub mode: String,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            socket: PathBuf::new(),
-            mode: "0660".into(),
-        }
+settings! {
+    /// Settings of the control socket.
+    #[derive(Eq)]
+    pub struct Settings {
+        /// Path of the socket, absolute, up to 100 bytes. Empty: `control.sock` in the folder of the heading socket.
+        socket: PathBuf = PathBuf::new();
+        /// Permissions of the socket, octal, `"0600"` to `"0660"`: the daemon's user and its group.
+        mode: String = "0660".into();
     }
+    also Settings::check_socket;
 }
 
 impl Settings {
@@ -61,16 +53,12 @@ impl Settings {
             self.socket.clone()
         }
     }
-}
 
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
+    fn check_socket(&self, faults: &mut Vec<Fault>) {
         if !self.socket.as_os_str().is_empty() {
-            check_path(&mut faults, "socket", &self.socket);
+            check_path(faults, "socket", &self.socket);
         }
-        check_mode(&mut faults, "mode", &self.mode, MOST_OPEN);
-        faults
+        check_mode(faults, "mode", &self.mode, MOST_OPEN);
     }
 }
 
@@ -156,6 +144,7 @@ impl Control {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::Check;
 
     #[test]
     fn the_socket_is_beside_that_for_headings_unless_it_is_named() {

@@ -5,7 +5,6 @@ use std::net::{SocketAddr, TcpListener as StdListener};
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
@@ -13,7 +12,7 @@ use tokio::time::{sleep, timeout};
 
 use super::lines::HeadingLines;
 use super::{Format, address, check_address};
-use crate::check::{Check, Fault};
+use crate::check::{Fault, settings};
 use crate::publish::feed::Feed;
 
 /// So many clients are served at a time.
@@ -25,15 +24,17 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Pause after an accept that failed: there may be no files left.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// Where clients connect.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Settings {
-    /// An address of this machine in numbers, with a port: `"127.0.0.1:10110"` for its own programs, `"0.0.0.0:10110"` for
-    /// the whole network. Empty, as it is by default: none.
-    pub listen: String,
-    /// `"nmea"`, the default, or `"signalk"`.
-    pub format: Format,
+settings! {
+    /// Where clients connect.
+    #[derive(Eq)]
+    pub struct Settings {
+        /// An address of this machine in numbers, with a port: `"127.0.0.1:10110"` for its own programs, `"0.0.0.0:10110"` for
+        /// the whole network. Empty: none.
+        listen: String = String::new();
+        /// `"nmea"` or `"signalk"`.
+        format: Format = Format::Nmea;
+    }
+    also Settings::check_address;
 }
 
 impl Settings {
@@ -41,11 +42,9 @@ impl Settings {
     pub fn listen(&self) -> Option<SocketAddr> {
         address(&self.listen)
     }
-}
 
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        check_address("listen", &self.listen)
+    fn check_address(&self, faults: &mut Vec<Fault>) {
+        faults.extend(check_address("listen", &self.listen));
     }
 }
 

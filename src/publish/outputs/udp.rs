@@ -3,22 +3,23 @@
 use std::io;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket as StdSocket};
 
-use serde::{Deserialize, Serialize};
 use tokio::net::UdpSocket;
 
 use super::lines::HeadingLines;
 use super::{Format, address, check_address};
-use crate::check::{Check, Fault};
+use crate::check::{Fault, settings};
 
-/// Where datagrams go.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Settings {
-    /// An address in numbers with a port, of one receiver or a broadcast: `"127.0.0.1:10110"`, `"192.168.1.255:10110"`.
-    /// Empty, as it is by default: none.
-    pub to: String,
-    /// `"nmea"`, the default, or `"signalk"`.
-    pub format: Format,
+settings! {
+    /// Where datagrams go.
+    #[derive(Eq)]
+    pub struct Settings {
+        /// An address in numbers with a port, of one receiver or a broadcast: `"127.0.0.1:10110"`, `"192.168.1.255:10110"`.
+        /// Empty: none.
+        to: String = String::new();
+        /// `"nmea"` or `"signalk"`.
+        format: Format = Format::Nmea;
+    }
+    also Settings::check_address;
 }
 
 impl Settings {
@@ -26,11 +27,9 @@ impl Settings {
     pub fn to(&self) -> Option<SocketAddr> {
         address(&self.to)
     }
-}
 
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        check_address("to", &self.to)
+    fn check_address(&self, faults: &mut Vec<Fault>) {
+        faults.extend(check_address("to", &self.to));
     }
 }
 
