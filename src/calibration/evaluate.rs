@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
+use super::Stopwatch;
 use super::coverage::{centre_inside, coverage_deg, direction_spread};
 use super::cross_validation::without_each_part;
 use super::curve::{Curve, Distance, symmetric};
@@ -13,7 +14,6 @@ use super::gyro_check::{self, GyroAgreement, Sighting};
 use super::jump::largest_jump;
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::outcome::Outcome;
-use super::stopwatch::Stopwatch;
 use super::uncertainty::{correlation, heading_sd_deg};
 use super::verdict::{self, Measures, Refusal};
 

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 
+use super::Stopwatch;
 use super::curve::ParameterVector;
 use super::curve::{Diagonal, Symmetric};
 use super::fit::{self, Fit, Fitted, Normalised};
@@ -14,7 +15,6 @@ use super::outcome::{Outcome, SwarmReport, WindowReport};
 use super::plane::{self, Plan};
 use super::request::{FieldSample, Request};
 use super::rist;
-use super::stopwatch::Stopwatch;
 use super::verdict::Refusal;
 use super::windows::windows;
 use super::{coverage, levelling};

@@ -30,14 +30,12 @@ mod levelling;
 mod medians;
 mod model_selection;
 mod request;
-mod stopwatch;
 mod uncertainty;
 mod windows;
 
 use std::time::Duration;
 
 use outcome::{Outcome, Verdict};
-use stopwatch::Stopwatch;
 
 pub use request::{CompletedTurn, FieldSample, Request, during};
 
@@ -55,4 +53,24 @@ pub fn calibrate(request: &Request, clock: &dyn Fn() -> Option<Duration>) -> Out
     }
     outcome.elapsed_us.total = started.elapsed_us();
     outcome
+}
+
+/// A stopwatch over a clock that may not know the time.
+struct Stopwatch<'a> {
+    clock: &'a dyn Fn() -> Option<Duration>,
+    start: Option<Duration>,
+}
+
+impl<'a> Stopwatch<'a> {
+    fn start(clock: &'a dyn Fn() -> Option<Duration>) -> Self {
+        Self {
+            clock,
+            start: clock(),
+        }
+    }
+
+    fn elapsed_us(&self) -> Option<u64> {
+        let elapsed = (self.clock)()?.checked_sub(self.start?)?;
+        Some(u64::try_from(elapsed.as_micros()).unwrap_or(u64::MAX))
+    }
 }

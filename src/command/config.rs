@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
 
-use super::{Failure, config_file, load_config, print};
+use super::{Failure, config_file, print};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
 use crate::daemon::open_files::{self, Shortage};
@@ -46,7 +46,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.action {
         ConfigAction::Check { file } => {
             let file = config_file::path(file.as_deref());
-            let config = load_config(&file)?;
+            let config = config_file::read(&file)?;
             for warning in warnings(&config) {
                 eprintln!("headingd: {}: warning: {warning}", file.display());
             }

@@ -1,9 +1,12 @@
 //! Where a command finds its configuration: the file that `--config` names, or else the same one for all commands.
 
 use std::env;
+use std::fs::File;
+use std::io::{self, Read};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
-use super::{Failure, load_config};
+use super::Failure;
 use crate::config::Config;
 
 /// The configuration of the service, and of every command that is told of no other.
@@ -36,7 +39,7 @@ pub fn load(named: Option<&Path>) -> Result<Config, Failure> {
     if !chosen && !path.exists() {
         return Ok(Config::default());
     }
-    load_config(&path)
+    read(&path)
 }
 
 /// The configuration of a command that only has to find a running daemon, which may have started before somebody made a
@@ -53,4 +56,53 @@ pub fn load_for_client(named: Option<&Path>) -> Result<Config, Failure> {
         }
         loaded => loaded,
     }
+}
+
+/// The longest configuration that is read, bytes: one with every key has a hundredth of it.
+const LONGEST_CONFIG: u64 = 1 << 20;
+
+/// The configuration in a file.
+///
+/// # Errors
+///
+/// The file cannot be read, or is no configuration.
+pub fn read(path: &Path) -> Result<Config, Failure> {
+    let name = path.display();
+    let mut bytes = Vec::new();
+    open_regular(path)
+        .and_then(|file| file.take(LONGEST_CONFIG + 1).read_to_end(&mut bytes))
+        .map_err(|error| {
+            Failure::new(
+                Failure::NO_INPUT,
+                format!("cannot read configuration {name}: {error}"),
+            )
+        })?;
+    if bytes.len() as u64 > LONGEST_CONFIG {
+        return Err(Failure::new(
+            Failure::CONFIG,
+            format!("{name}: longer than 1 MiB, so it is no configuration of headingd"),
+        ));
+    }
+    let text = String::from_utf8(bytes).map_err(|error| {
+        Failure::new(
+            Failure::CONFIG,
+            format!("{name}: not a text in UTF-8: {}", error.utf8_error()),
+        )
+    })?;
+    Config::parse(&name.to_string(), &text).map_err(|error| Failure::new(Failure::CONFIG, error))
+}
+
+/// Opens a regular file. A pipe may have nobody who writes to it, and a device may have no end.
+fn open_regular(path: &Path) -> io::Result<File> {
+    let mut options = File::options();
+    let file = options
+        .read(true)
+        .custom_flags(libc::O_NONBLOCK)
+        .open(path)?;
+    let found = file.metadata()?;
+    if found.is_file() || found.is_dir() {
+        return Ok(file);
+    }
+    let what = "it is no regular file, but a pipe, a device or a socket";
+    Err(io::Error::new(io::ErrorKind::InvalidInput, what))
 }

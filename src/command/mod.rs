@@ -1,15 +1,11 @@
 //! The commands, one file each, the line they stand in, and how they fail.
 
 use std::fmt;
-use std::fs::File;
-use std::io::{self, Read, Write};
-use std::os::unix::fs::OpenOptionsExt;
-use std::path::Path;
+use std::io::{self, Write};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::de::DeserializeOwned;
 
-use crate::config::Config;
 use crate::logging;
 use crate::recording::Skips;
 use crate::sensor::replay::ReplayError;
@@ -93,55 +89,6 @@ impl fmt::Display for Failure {
 }
 
 impl std::error::Error for Failure {}
-
-/// The longest configuration that is read, bytes: one with every key has a hundredth of it.
-const LONGEST_CONFIG: u64 = 1 << 20;
-
-/// The configuration in a file.
-///
-/// # Errors
-///
-/// The file cannot be read, or is no configuration.
-pub fn load_config(path: &Path) -> Result<Config, Failure> {
-    let name = path.display();
-    let mut bytes = Vec::new();
-    open_regular(path)
-        .and_then(|file| file.take(LONGEST_CONFIG + 1).read_to_end(&mut bytes))
-        .map_err(|error| {
-            Failure::new(
-                Failure::NO_INPUT,
-                format!("cannot read configuration {name}: {error}"),
-            )
-        })?;
-    if bytes.len() as u64 > LONGEST_CONFIG {
-        return Err(Failure::new(
-            Failure::CONFIG,
-            format!("{name}: longer than 1 MiB, so it is no configuration of headingd"),
-        ));
-    }
-    let text = String::from_utf8(bytes).map_err(|error| {
-        Failure::new(
-            Failure::CONFIG,
-            format!("{name}: not a text in UTF-8: {}", error.utf8_error()),
-        )
-    })?;
-    Config::parse(&name.to_string(), &text).map_err(|error| Failure::new(Failure::CONFIG, error))
-}
-
-/// Opens a regular file. A pipe may have nobody who writes to it, and a device may have no end.
-fn open_regular(path: &Path) -> io::Result<File> {
-    let mut options = File::options();
-    let file = options
-        .read(true)
-        .custom_flags(libc::O_NONBLOCK)
-        .open(path)?;
-    let found = file.metadata()?;
-    if found.is_file() || found.is_dir() {
-        return Ok(file);
-    }
-    let what = "it is no regular file, but a pipe, a device or a socket";
-    Err(io::Error::new(io::ErrorKind::InvalidInput, what))
-}
 
 /// Why a command stops in the middle of its output.
 enum Halt {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use tokio::runtime::{Builder, Runtime};
 use tokio::signal::unix::SignalKind;
 
-use super::{Failure, config_file, load_config};
+use super::{Failure, config_file};
 use crate::config::Config;
 use crate::daemon::signals::Signals;
 use crate::daemon::{Daemon, DaemonError, Ended, Notice};
@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 fn serve(args: &Args) -> Result<(), Failure> {
     let path = config_file::path(args.config.as_deref());
-    let config = load_config(&path)?;
+    let config = config_file::read(&path)?;
     let log = Log::start(&config.log.filter);
     tell_retired(&path, &config);
     // Before there is a thread.
@@ -91,7 +91,7 @@ fn serve(args: &Args) -> Result<(), Failure> {
             } else {
                 let (path, log) = (path.clone(), log.clone());
                 Notice::Reload(Box::new(move || {
-                    let config = load_config(&path).map_err(|failure| failure.message)?;
+                    let config = config_file::read(&path).map_err(|failure| failure.message)?;
                     log.set(&config.log.filter);
                     tell_retired(&path, &config);
                     Ok(config)

@@ -7,7 +7,6 @@ mod change;
 mod fault;
 pub mod log;
 pub mod mounting;
-mod places;
 mod reader;
 pub mod record;
 mod retired;

@@ -8,9 +8,9 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
 use super::fault::{ConfigFault, Problem};
-use super::places::{LineIndex, column};
 use super::retired;
 use super::syntax;
+use super::syntax::{LineIndex, column};
 use super::words::{choices, explain, suggest};
 use crate::check::Check;
 

@@ -1,8 +1,9 @@
 //! The examination, over a bus of simulated chips.
 
-use super::super::text::written;
 use super::*;
+use crate::sensor::bus::Cause;
 use crate::sensor::bus::fake::{FakeBus, World};
+use crate::sensor::clock::Clock;
 
 const CONFIG: &str = "[source]\nkind = \"i2c\"\n[i2c]\nboard = \"sparkfun-9dof-stick\"\nmagnetometer = \"hmc5843\"\n";
 
@@ -66,7 +67,7 @@ fn examined(bus: &FakeBus, config: &str) -> CheckReport {
         bus: bus.clone(),
         now_s: 0.0,
     };
-    let report = examine(&config, &mut bus.clone(), &mut clock);
+    let report = examine(&expected(&config), &mut bus.clone(), &mut clock);
     assert!(clock.now_s < 10.0);
     report
 }

@@ -5,6 +5,7 @@
 
 mod auto_range;
 mod companion;
+pub(crate) mod examine;
 mod health;
 mod magnetometer;
 mod settings;

@@ -1,6 +1,6 @@
 //! The codec that a device asks for, or all of them until one understands it.
 
-use super::item::Item;
+use super::Item;
 use super::log_rows::LogRows;
 use super::razor_binary::RazorBinary;
 use super::razor_text::RazorText;

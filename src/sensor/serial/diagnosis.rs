@@ -1,6 +1,6 @@
 //! Why there are no readings, from what came in their place.
 
-use super::item::Item;
+use super::Item;
 use super::settings::{Protocol, Settings};
 use crate::condition::SourceFault;
 

@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::item::Item;
+use super::Item;
 use super::lines::{SerialLine, SerialLines};
 use super::shown;
 use crate::frame::{Mounting, Mountings};

@@ -8,7 +8,6 @@ mod decoder;
 mod device_clock;
 mod diagnosis;
 mod envelope;
-mod item;
 mod lateness;
 mod lines;
 mod log_rows;
@@ -23,10 +22,29 @@ mod steady_clock;
 
 pub use bridge::Bridge;
 pub use device_clock::DeviceClock;
-pub use item::Item;
 pub use log_rows::LogRows;
 pub use razor_binary::RazorBinary;
 pub use razor_text::RazorText;
 pub use steady_clock::SteadyClock;
 
+use crate::reading::Reading;
 use crate::recording::shown;
+
+/// One item from a device.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Item {
+    /// The sensors at the device's next tick. The device sends no time: `t_s` is 0.
+    Frame(Reading),
+    /// The sensors at a time of the device's own clock.
+    Timed(Reading),
+    /// The answer to a request for synchronisation, with the two bytes that were asked for.
+    Synch([u8; 2]),
+    /// The device sends, but in this mode, which is of no use here.
+    OtherMode(&'static str),
+    /// A remark, or a part of a header: nothing is wrong.
+    Remark,
+    /// Bytes that cannot be used, and why.
+    Bad(String),
+    /// A line that does not end.
+    TooLong,
+}

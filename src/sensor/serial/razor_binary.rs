@@ -5,7 +5,7 @@
 //! believed only while they hold what raw counts can be: whole numbers within 16 bits. Error lines would
 //! mix with the frames, so error output is off, and a failed read shows only in repeated numbers.
 
-use super::item::Item;
+use super::Item;
 use super::razor::{Frame, RazorCounts};
 
 /// Bytes of a frame.

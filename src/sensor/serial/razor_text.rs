@@ -3,7 +3,7 @@
 //! A sensor that could not be read repeats its last numbers; a line `!ERR: reading …` comes before them,
 //! if error output is on (`#oe1`).
 
-use super::item::Item;
+use super::Item;
 use super::lines::{SerialLine, SerialLines};
 use super::razor::{Frame, RazorCounts, Sensor};
 use super::shown;

@@ -1,9 +1,9 @@
 //! One opened port: from its bytes to timed readings, what to send to the device, and what is wrong. Pure.
 
+use super::Item;
 use super::decoder::Decoder;
 use super::device_clock::DeviceClock;
 use super::diagnosis::Diagnosis;
-use super::item::Item;
 use super::settings::{Protocol, Settings};
 use super::start::Start;
 use super::steady_clock::SteadyClock;

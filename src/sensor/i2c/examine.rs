@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use crate::config::Config;
+use super::{Chips, Settings};
 use crate::frame::Mountings;
 use crate::sensor::SourceEvent;
 use crate::sensor::bus::{Bus, BusError, Cause, read_byte};
@@ -11,7 +11,6 @@ use crate::sensor::chip::magnetometer::AxisTest;
 use crate::sensor::chip::mpu6050::Mpu6050;
 use crate::sensor::chip::{ChipError, Companion, drivers};
 use crate::sensor::clock::Clock;
-use crate::sensor::i2c::Chips;
 
 /// The chips are read for this long, seconds, after a second for setting them up.
 const READING_S: f64 = 2.0;
@@ -27,53 +26,53 @@ const RATE_SHARE: f64 = 0.9;
 
 /// What was found.
 #[derive(Clone, Debug, Default, Serialize)]
-pub(super) struct CheckReport {
-    pub(super) bus: String,
-    pub(super) chips: Vec<FoundChip>,
-    pub(super) magnetometer: Option<FoundMagnetometer>,
-    pub(super) self_test: Vec<Axis>,
+pub(crate) struct CheckReport {
+    pub(crate) bus: String,
+    pub(crate) chips: Vec<FoundChip>,
+    pub(crate) magnetometer: Option<FoundMagnetometer>,
+    pub(crate) self_test: Vec<Axis>,
     /// Strength of the raw field, milligauss.
-    pub(super) field_mgauss: Option<f64>,
-    pub(super) mag_rate_hz: Option<f64>,
+    pub(crate) field_mgauss: Option<f64>,
+    pub(crate) mag_rate_hz: Option<f64>,
     /// Mean of the gyro at rest, body axes, and the largest noise of an axis.
-    pub(super) gyro_deg_s: Option<[f64; 3]>,
-    pub(super) gyro_noise_deg_s: Option<f64>,
-    pub(super) gyro_rate_hz: Option<f64>,
+    pub(crate) gyro_deg_s: Option<[f64; 3]>,
+    pub(crate) gyro_noise_deg_s: Option<f64>,
+    pub(crate) gyro_rate_hz: Option<f64>,
     /// Mean of the accelerometer at rest, body axes.
-    pub(super) accel_m_s2: Option<[f64; 3]>,
-    pub(super) problems: Vec<FoundProblem>,
+    pub(crate) accel_m_s2: Option<[f64; 3]>,
+    pub(crate) problems: Vec<FoundProblem>,
 }
 
 /// A chip that answers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct FoundChip {
-    pub(super) address: u8,
-    pub(super) chip: &'static str,
+pub(crate) struct FoundChip {
+    pub(crate) address: u8,
+    pub(crate) chip: &'static str,
 }
 
 /// Which magnetometer it is, and why.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct FoundMagnetometer {
-    pub(super) kind: &'static str,
-    pub(super) sure: bool,
-    pub(super) why: &'static str,
+pub(crate) struct FoundMagnetometer {
+    pub(crate) kind: &'static str,
+    pub(crate) sure: bool,
+    pub(crate) why: &'static str,
 }
 
 /// One axis of the self-test, counts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Axis {
-    pub(super) axis: &'static str,
-    pub(super) expected: f64,
-    pub(super) limits: (f64, f64),
-    pub(super) measured: Option<f64>,
-    pub(super) passed: bool,
+pub(crate) struct Axis {
+    pub(crate) axis: &'static str,
+    pub(crate) expected: f64,
+    pub(crate) limits: (f64, f64),
+    pub(crate) measured: Option<f64>,
+    pub(crate) passed: bool,
 }
 
 /// Something that is not well.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct FoundProblem {
-    pub(super) code: &'static str,
-    pub(super) message: String,
+pub(crate) struct FoundProblem {
+    pub(crate) code: &'static str,
+    pub(crate) message: String,
 }
 
 impl CheckReport {
@@ -93,17 +92,28 @@ impl CheckReport {
     }
 }
 
-/// Examines the chips of a configuration.
-pub(super) fn examine(config: &Config, bus: &mut dyn Bus, clock: &mut dyn Clock) -> CheckReport {
+/// What the chips are held against.
+pub(crate) struct Expected<'a> {
+    pub(crate) i2c: &'a Settings,
+    pub(crate) mountings: Mountings,
+    pub(crate) gyro_bias_limit_deg_s: f64,
+}
+
+/// Examines the chips on a bus.
+pub(crate) fn examine(
+    expected: &Expected<'_>,
+    bus: &mut dyn Bus,
+    clock: &mut dyn Clock,
+) -> CheckReport {
     let mut report = CheckReport {
-        bus: config.i2c.path().display().to_string(),
+        bus: expected.i2c.path().display().to_string(),
         ..CheckReport::default()
     };
     if !call_the_roll(&mut report, bus, clock) {
         return report;
     }
-    test_the_magnetometer(config, &mut report, bus, clock);
-    read_all(config, &mut report, bus, clock);
+    test_the_magnetometer(expected, &mut report, bus, clock);
+    read_all(expected, &mut report, bus, clock);
     report
 }
 
@@ -141,12 +151,12 @@ fn call_the_roll(report: &mut CheckReport, bus: &mut dyn Bus, clock: &mut dyn Cl
 }
 
 fn test_the_magnetometer(
-    config: &Config,
+    expected: &Expected<'_>,
     report: &mut CheckReport,
     bus: &mut dyn Bus,
     clock: &mut dyn Clock,
 ) {
-    let found = match drivers::identify(bus, clock, config.i2c.magnetometer.named()) {
+    let found = match drivers::identify(bus, clock, expected.i2c.magnetometer.named()) {
         Ok(found) => found,
         Err(error) => return report.failed(&error),
     };
@@ -211,11 +221,16 @@ struct Observed {
 }
 
 /// Reads all chips as the daemon does.
-fn read_all(config: &Config, report: &mut CheckReport, bus: &mut dyn Bus, clock: &mut dyn Clock) {
+fn read_all(
+    expected: &Expected<'_>,
+    report: &mut CheckReport,
+    bus: &mut dyn Bus,
+    clock: &mut dyn Clock,
+) {
     let mut heard = Observed::default();
     let begin_s = clock.now_s() + SETTLING_S;
     let end_s = begin_s + READING_S;
-    let mut chips = Chips::new(&config.i2c);
+    let mut chips = Chips::new(expected.i2c);
     let mut last_s = begin_s;
     let mut listen = |said| {
         let SourceEvent::Reading(reading, _) = said else {
@@ -242,7 +257,7 @@ fn read_all(config: &Config, report: &mut CheckReport, bus: &mut dyn Bus, clock:
     for trouble in chips.troubles() {
         report.problem(trouble.code, trouble.message.clone());
     }
-    judge(config, report, &heard);
+    judge(expected, report, &heard);
 }
 
 /// A clock that says stop at a time of its own, even if no chip says anything.
@@ -261,13 +276,12 @@ impl Clock for Until<'_> {
     }
 }
 
-fn judge(config: &Config, report: &mut CheckReport, heard: &Observed) {
-    let chips = config.i2c.mountings(&config.mounting.chips());
-    let mountings = chips.on(&config.mounting.board());
-    judge_field(config, report, heard);
-    judge_gyro(config, report, heard, &mountings);
+fn judge(expected: &Expected<'_>, report: &mut CheckReport, heard: &Observed) {
+    judge_field(expected, report, heard);
+    judge_gyro(expected, report, heard);
     if heard.forces > 0 {
-        let force = mountings
+        let force = expected
+            .mountings
             .accel
             .to_body(heard.force_sum_m_s2 / f64::from(heard.forces));
         report.accel_m_s2 = Some(force.into());
@@ -294,7 +308,7 @@ fn judge(config: &Config, report: &mut CheckReport, heard: &Observed) {
     }
 }
 
-fn judge_field(config: &Config, report: &mut CheckReport, heard: &Observed) {
+fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, heard: &Observed) {
     if heard.overflows > heard.fields {
         report.problem(
             "overflow",
@@ -319,13 +333,13 @@ fn judge_field(config: &Config, report: &mut CheckReport, heard: &Observed) {
     let rate_hz = f64::from(heard.fields + heard.overflows) / READING_S;
     report.mag_rate_hz = Some(rate_hz);
     // A chip may have a slower rate than was asked for as its fastest.
-    let wanted_hz = config.i2c.rate_hz.min(50.0);
+    let wanted_hz = expected.i2c.rate_hz.min(50.0);
     if rate_hz < RATE_SHARE * wanted_hz - 1.0 / READING_S {
         report.problem("rate", slow("magnetometer", rate_hz, wanted_hz));
     }
 }
 
-fn judge_gyro(config: &Config, report: &mut CheckReport, heard: &Observed, mountings: &Mountings) {
+fn judge_gyro(expected: &Expected<'_>, report: &mut CheckReport, heard: &Observed) {
     let count = heard.rates.len() as f64;
     if count == 0.0 {
         return;
@@ -334,12 +348,12 @@ fn judge_gyro(config: &Config, report: &mut CheckReport, heard: &Observed, mount
     let square = |rate: &Vector3<f64>| (rate - mean).component_mul(&(rate - mean));
     let variance = heard.rates.iter().map(square).sum::<Vector3<f64>>() / count;
     let noise_deg_s = variance.max().sqrt().to_degrees();
-    let mean_deg_s = mountings.gyro.to_body(mean).map(f64::to_degrees);
+    let mean_deg_s = expected.mountings.gyro.to_body(mean).map(f64::to_degrees);
     report.gyro_deg_s = Some(mean_deg_s.into());
     report.gyro_noise_deg_s = Some(noise_deg_s);
     let rate_hz = count / READING_S;
     report.gyro_rate_hz = Some(rate_hz);
-    let limit_deg_s = config.attitude.gyro_bias_limit_deg_s;
+    let limit_deg_s = expected.gyro_bias_limit_deg_s;
     if noise_deg_s > STILL_DEG_S {
         report.problem(
             "not_still",
@@ -355,8 +369,8 @@ fn judge_gyro(config: &Config, report: &mut CheckReport, heard: &Observed, mount
             ),
         );
     }
-    if rate_hz < RATE_SHARE * config.i2c.gyro_rate_hz {
-        report.problem("rate", slow("gyro", rate_hz, config.i2c.gyro_rate_hz));
+    if rate_hz < RATE_SHARE * expected.i2c.gyro_rate_hz {
+        report.problem("rate", slow("gyro", rate_hz, expected.i2c.gyro_rate_hz));
     }
 }
 
@@ -366,7 +380,3 @@ fn slow(what: &str, rate_hz: f64, wanted_hz: f64) -> String {
          machine do less"
     )
 }
-
-#[cfg(test)]
-#[path = "tests.rs"]
-mod tests;

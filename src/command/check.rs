@@ -1,0 +1,141 @@
+//! `headingd check`: tries the chips, and says what is wrong with them and what helps.
+
+#[cfg(test)]
+mod tests;
+
+use std::fmt::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use super::progress::Progress;
+use super::{Failure, config_file, print};
+use crate::config::Config;
+use crate::config::source::Kind;
+use crate::sensor::bus::LinuxBus;
+use crate::sensor::clock::SystemClock;
+use crate::sensor::i2c::examine::{CheckReport, Expected, examine};
+
+/// Try the chips on an I2C bus: which answer, what they are, and whether they are well
+///
+/// Runs the magnetometer's self-test, and then reads all chips for two seconds: let the board lie still and level
+/// meanwhile. Stop the daemon first. The status is 0 only when all is well, 3 when something is not.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The configuration file; its tables i2c and mounting say what to try [default: /etc/headingd/headingd.toml]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+///
+/// The configuration cannot be used, or a chip is not well.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let path = config_file::path(args.config.as_deref());
+    let config = config_file::read(&path)?;
+    if config.source.kind != Some(Kind::I2c) {
+        return Err(Failure::new(
+            Failure::CONFIG,
+            format!(
+                "{}: source.kind must be \"i2c\": there are no chips to check",
+                path.display()
+            ),
+        ));
+    }
+    let mut bus = LinuxBus::new(config.i2c.bus);
+    let mut clock = SystemClock::new(Arc::new(AtomicBool::new(false)));
+    let busy =
+        Progress::spinner("trying the chips, some seconds: let the board lie still and level");
+    let report = examine(&expected(&config), &mut bus, &mut clock);
+    drop(busy);
+    if args.json {
+        let json = serde_json::to_string(&report);
+        let json = json.map_err(|error| Failure::new(Failure::IO, error))?;
+        print(&format!("{json}\n"))?;
+    } else {
+        print(&written(&report))?;
+    }
+    if report.problems.is_empty() {
+        Ok(())
+    } else {
+        Err(Failure::new(Failure::REFUSED, ""))
+    }
+}
+
+fn expected(config: &Config) -> Expected<'_> {
+    let chips = config.i2c.mountings(&config.mounting.chips());
+    Expected {
+        i2c: &config.i2c,
+        mountings: chips.on(&config.mounting.board()),
+        gyro_bias_limit_deg_s: config.attitude.gyro_bias_limit_deg_s,
+    }
+}
+
+/// The report, line by line.
+fn written(report: &CheckReport) -> String {
+    let mut text = String::new();
+    // Writing to a String never fails.
+    let _ = write(report, &mut text);
+    text
+}
+
+fn write(report: &CheckReport, out: &mut String) -> std::fmt::Result {
+    writeln!(out, "{}", report.bus)?;
+    for found in &report.chips {
+        writeln!(out, "  0x{:02x}  {}", found.address, found.chip)?;
+    }
+    if let Some(found) = &report.magnetometer {
+        let probably = if found.sure { "" } else { "probably " };
+        writeln!(
+            out,
+            "magnetometer: {probably}{} ({})",
+            found.kind, found.why
+        )?;
+    }
+    for axis in &report.self_test {
+        let measured = axis
+            .measured
+            .map_or("overflow".to_owned(), |counts| format!("{counts:.0}"));
+        let passed = if axis.passed { "good" } else { "NOT GOOD" };
+        let (low, high) = axis.limits;
+        writeln!(
+            out,
+            "  self-test {}: {measured} counts, expected {:.0} ({low:.0} to {high:.0}): {passed}",
+            axis.axis, axis.expected
+        )?;
+    }
+    if let (Some(field), Some(rate_hz)) = (report.field_mgauss, report.mag_rate_hz) {
+        writeln!(
+            out,
+            "  field: {field:.0} mG, {rate_hz:.1} readings a second (the Earth's: 220 to 670 mG)"
+        )?;
+    }
+    if let (Some([x, y, z]), Some(noise), Some(rate_hz)) = (
+        report.gyro_deg_s,
+        report.gyro_noise_deg_s,
+        report.gyro_rate_hz,
+    ) {
+        writeln!(
+            out,
+            "gyro at rest: {x:+.2} {y:+.2} {z:+.2} deg/s on body X, Y, Z, noise {noise:.2} deg/s, {rate_hz:.1} readings a second"
+        )?;
+    }
+    if let Some([x, y, z]) = report.accel_m_s2 {
+        writeln!(
+            out,
+            "accelerometer at rest: {x:+.2} {y:+.2} {z:+.2} m/s2 on body X, Y, Z (level: 0 0 -9.8)"
+        )?;
+    }
+    for problem in &report.problems {
+        writeln!(out, "PROBLEM ({}): {}", problem.code, problem.message)?;
+    }
+    if report.problems.is_empty() {
+        writeln!(out, "all is well")?;
+    }
+    Ok(())
+}
