@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 use clap::Subcommand;
 use serde_json::Value;
 
-use super::control::ControlTarget;
+use super::control::{self, ControlTarget};
 use super::wait::start_and_wait;
 use super::{Failure, print, word};
+use crate::calibration::model::Mode;
 use crate::calibration::policy::Policy;
 use crate::publish::control::ControlRequest;
+use crate::publish::control::status::CalibrationSummary;
 use crate::store::{Contents, Store};
 
 /// Look after the calibration of the running daemon
@@ -121,10 +123,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let message = answer["message"].as_str().unwrap_or_default();
     match &args.action {
-        CalibrationAction::List => print(&format!("{}{message}\n", table(&answer))),
+        CalibrationAction::List => {
+            let calibrations: Vec<_> = control::read(answer["calibrations"].clone())?;
+            print(&format!("{}{message}\n", table(&calibrations)))
+        }
         CalibrationAction::Show { .. } => print(&format!(
             "{message}\n{}\n{}\n",
-            line(&answer["calibration"]),
+            line(&control::read(answer["calibration"].clone())?),
             answer["parameters"]
         )),
         _ => print(&format!("{message}\n")),
@@ -153,47 +158,45 @@ fn export(answer: &Value, out: Option<&Path>) -> Result<(), Failure> {
     }
 }
 
-fn table(answer: &Value) -> String {
-    let calibrations = answer["calibrations"].as_array();
-    let lines = calibrations.into_iter().flatten().map(|calibration| {
-        let mark = if calibration["in_force"] == true {
-            '*'
-        } else {
-            ' '
-        };
+fn table(calibrations: &[CalibrationSummary]) -> String {
+    let lines = calibrations.iter().map(|calibration| {
+        let mark = if calibration.in_force { '*' } else { ' ' };
         format!("{mark} {}\n", line(calibration))
     });
     lines.collect()
 }
 
 /// One calibration, as list, show and status print it.
-pub(super) fn line(calibration: &Value) -> String {
-    let text = |key: &str| calibration[key].as_str();
-    let number = |key: &str| calibration[key].as_f64();
+pub(super) fn line(calibration: &CalibrationSummary) -> String {
     let mut line = format!(
         "{:>3}  {}  {:8}",
-        calibration["number"],
-        text("time").unwrap_or("at an unknown time      "),
-        text("mode").unwrap_or_default(),
+        calibration.number,
+        calibration
+            .time
+            .as_deref()
+            .unwrap_or("at an unknown time      "),
+        calibration.mode.map(Mode::word).unwrap_or_default(),
     );
-    let mut add = |what: &str, value: Option<String>| {
+    let known = [
+        ("by", calibration.reason.map(|reason| reason.to_string())),
+        (
+            "residual",
+            calibration.residual_mgauss.map(|n| format!("{n:.1} mG")),
+        ),
+        (
+            "heading",
+            calibration.heading_sd_deg.map(|n| format!("{n:.2} deg")),
+        ),
+        (
+            "gyro",
+            calibration.gyro_rms_deg.map(|n| format!("{n:.1} deg")),
+        ),
+        ("samples", calibration.samples.map(|n| n.to_string())),
+    ];
+    for (what, value) in known {
         if let Some(value) = value {
             line += &format!("  {what} {value}");
         }
-    };
-    add("by", text("reason").map(str::to_owned));
-    add(
-        "residual",
-        number("residual_mgauss").map(|n| format!("{n:.1} mG")),
-    );
-    add(
-        "heading",
-        number("heading_sd_deg").map(|n| format!("{n:.2} deg")),
-    );
-    add(
-        "gyro",
-        number("gyro_rms_deg").map(|n| format!("{n:.1} deg")),
-    );
-    add("samples", number("samples").map(|n| n.to_string()));
+    }
     line
 }

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use rustix::net::sockopt::{Timeout, set_socket_timeout};
 use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, socket_with};
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::{Failure, config_file, print};
@@ -79,6 +80,14 @@ pub(super) fn exchange(
     }
     let failure = Failure::new(status(code), format!("{message} ({code})"));
     Err((failure, Some(answer)))
+}
+
+/// The answer as the command reads it.
+pub(super) fn read<T: DeserializeOwned>(answer: Value) -> Result<T, Failure> {
+    serde_json::from_value(answer).map_err(|error| {
+        let message = format!("the daemon and this headingd are of different versions: {error}");
+        Failure::new(Failure::DATA, message)
+    })
 }
 
 /// The exit status for a refusal with this code.

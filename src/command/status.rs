@@ -1,11 +1,10 @@
 //! `headingd status`: how the running daemon does.
 
-use serde_json::Value;
-
 use super::calibration::line;
-use super::control::ControlTarget;
+use super::control::{self, ControlTarget};
 use super::{Failure, print};
 use crate::publish::control::ControlRequest;
+use crate::publish::control::status::DaemonStatus;
 
 /// Show how the running daemon does
 ///
@@ -32,76 +31,70 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         print(&format!("{answer}\n"))
     } else {
-        print(&written(&answer))
+        print(&written(&control::read(answer)?))
     }
 }
 
-fn written(status: &Value) -> String {
-    let text = |value: &Value| value.as_str().unwrap_or("unknown").to_owned();
+fn written(status: &DaemonStatus) -> String {
+    let starting = || "starting".to_owned();
     let mut out = heading(status);
     out += &format!(
         "{} ({}): {}\n",
-        status["cal_state"].as_str().unwrap_or("starting"),
-        status["reason"].as_str().unwrap_or("starting"),
-        text(&status["message"])
+        status.cal_state.clone().unwrap_or_else(starting),
+        status.reason.clone().unwrap_or_else(starting),
+        status.message
     );
     let mut add = |name: &str, value: String| out += &format!("{name:<12} {value}\n");
     add(
         "calibration",
-        match &status["calibration"] {
-            Value::Null => "none active".to_owned(),
-            calibration => match calibration["age_s"].as_u64() {
+        match &status.calibration {
+            None => "none active".to_owned(),
+            Some(calibration) => match calibration.age_s {
                 Some(age_s) => format!("{}, {} old", line(calibration).trim_start(), span(age_s)),
                 None => line(calibration).trim_start().to_owned(),
             },
         },
     );
-    let mut mode = text(&status["mode"]);
-    if status["armed"] == true {
+    let mut mode = status.mode.word().to_owned();
+    if status.armed {
         mode += "; the next turn is calibrated on";
     }
-    if status["calibrating"] == true {
+    if status.calibrating {
         mode += "; a calibration is under way";
     }
     add("mode", mode);
-    if let Some(progress) = status["progress"].as_f64().filter(|&p| p > 0.0) {
+    if let Some(progress) = status.progress.filter(|&p| p > 0.0) {
         add("turn", format!("{:.0} %", 100.0 * progress));
     }
-    let mounting = text(&status["mag_axes"]);
-    add(
-        "source",
-        format!(
-            "{}, {} mounted {mounting}",
-            text(&status["source"]),
-            text(&status["sensor"])
-        ),
-    );
-    let store = &status["store"];
+    let (source, sensor, axes) = (&status.source, &status.sensor, &status.mag_axes);
+    add("source", format!("{source}, {sensor} mounted {axes}"));
+    let store = &status.store;
+    let text = |text: &Option<String>| text.clone().unwrap_or_default();
     add(
         "store",
-        match store["state"].as_str() {
-            Some("good") => format!("good, in {}", text(&store["directory"])),
-            Some("off") => "off: calibrations are lost when the daemon stops".to_owned(),
-            _ => format!("failing: {}", text(&store["message"])),
+        match store.state.as_str() {
+            "good" => format!("good, in {}", text(&store.directory)),
+            "off" => "off: calibrations are lost when the daemon stops".to_owned(),
+            _ => format!("failing: {}", text(&store.message)),
         },
     );
-    let up_s = status["uptime_s"].as_u64().unwrap_or_default();
     add(
         "up",
-        format!("{}, clients {}", span(up_s), status["clients"]),
+        format!("{}, clients {}", span(status.uptime_s), status.clients),
     );
     out
 }
 
 /// The heading and its uncertainty, one standard deviation: true where that is known.
-pub(super) fn heading(status: &Value) -> String {
-    let number = |key: &str| status[key].as_f64();
-    let (degrees, north) = match (number("heading"), number("mheading")) {
+fn heading(status: &DaemonStatus) -> String {
+    let (degrees, north) = match (status.heading, status.mheading) {
         (Some(degrees), _) => (degrees, "true"),
         (None, Some(degrees)) => (degrees, "magnetic"),
         (None, None) => return "no heading\n".to_owned(),
     };
-    let sd = number("heading_sd").map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
+    let sd = status
+        .heading_sd
+        .map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
     format!("heading {degrees:05.1}° {north}{sd}\n")
 }
 
@@ -136,23 +129,24 @@ mod tests {
 
     #[test]
     fn every_trouble_is_shown() {
-        let text = written(&json!({
+        let read = |status| control::read::<DaemonStatus>(status).unwrap();
+        let text = written(&read(json!({
             "heading": 7.26, "mheading": 350.0, "heading_sd": 4.04,
             "message": "none speaks", "cal_state": "degraded", "reason": "no_gyro", "mode": "off", "armed": true,
             "calibrating": true, "progress": 0.42, "source": "/dev/i2c-1", "sensor": "hmc5843",
             "mag_axes": "+x +y +z", "uptime_s": 61, "clients": 2,
             "store": { "state": "failing", "directory": "/a", "message": "no room" },
             "calibration": { "number": 3, "mode": "planar", "age_s": 60, "residual_mgauss": 2.04 }
-        }));
+        })));
         assert!(
             text.starts_with("heading 007.3° true ± 4.0°\ndegraded (no_gyro): none speaks\n"),
             "{text}"
         );
         assert_eq!(
-            heading(&json!({ "mheading": 350.0 })),
+            heading(&read(json!({ "mheading": 350.0 }))),
             "heading 350.0° magnetic\n"
         );
-        assert_eq!(heading(&json!({})), "no heading\n");
+        assert_eq!(heading(&DaemonStatus::default()), "no heading\n");
         for part in [
             "off; the next turn is calibrated on; a calibration is under way\n",
             "42 %",

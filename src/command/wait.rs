@@ -5,12 +5,13 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use super::control::{ControlTarget, exchange};
+use super::control::{self, ControlTarget, exchange};
 use super::headings::Headings;
 use super::progress::Progress;
 use super::{Failure, print};
 use crate::advice::next_step;
 use crate::publish::control::ControlRequest;
+use crate::publish::control::status::DaemonStatus;
 
 /// States and verdicts alone.
 const WATCH: &str = r#"{"enable":true,"json":false,"state":true,"calibration":true}"#;
@@ -27,10 +28,13 @@ const STEP: f64 = 0.25;
 ///
 /// The daemon cannot be reached, does not start, or refuses the calibration: then with status [`Failure::REFUSED`].
 pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure> {
-    let control = target.path()?;
-    let ask_status = || exchange(&control, &ControlRequest::Status {}).map_err(|(why, _)| why);
+    let path = target.path()?;
+    let ask_status = || -> Result<DaemonStatus, Failure> {
+        let answer = exchange(&path, &ControlRequest::Status {});
+        control::read(answer.map_err(|(why, _)| why)?)
+    };
     let status = ask_status()?;
-    let Some(socket) = status["heading_socket"].as_str() else {
+    let Some(socket) = &status.heading_socket else {
         let message =
             "the daemon is older than this headingd, and does not tell where its headings are";
         return Err(Failure::new(Failure::UNAVAILABLE, message));
@@ -61,7 +65,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
         if looked.elapsed() > LOOK {
             looked = Instant::now();
             let status = ask_status()?;
-            let over = status["armed"] != true && status["calibrating"] != true;
+            let over = !status.armed && !status.calibrating;
             // The verdict may be on its way: a second look decides.
             if over && given_up {
                 let message = "given up: somebody has cancelled it, or locked the calibration";

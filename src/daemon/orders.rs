@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::Daemon;
 use super::store_writer::StoreState;
@@ -10,6 +10,9 @@ use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
 use crate::date;
 use crate::pipeline::Event;
+use crate::publish::control::status::{
+    ActiveSummary, CalibrationSummary, DaemonStatus, ReferenceSummary, StatusCounts, StoreSummary,
+};
 use crate::publish::control::{Answer, ControlCall, ControlRequest};
 use crate::store::history::{Forget, HistoryError};
 use crate::store::{Contents, FormatError, History, KeptCalibration, Made};
@@ -61,10 +64,11 @@ impl Daemon {
             ControlRequest::Show { number } => {
                 let history = self.session.store.history();
                 let entry = history.find(number)?;
-                let shown = described(entry, history);
-                let answer = Answer::done(sentence(entry)).with("calibration", shown);
+                let shown = as_value(&entry.made.calibration)?;
                 Ok(told(
-                    answer.with("parameters", as_value(&entry.made.calibration)?),
+                    Answer::done(sentence(entry))
+                        .with_all(&json!({ "calibration": described(entry, history) }))
+                        .with("parameters", shown),
                 ))
             }
             ControlRequest::Export { number } => self.export(number).map(told),
@@ -194,11 +198,8 @@ impl Daemon {
 
     fn list(&self) -> Answer {
         let history = self.session.store.history();
-        let entries: Vec<Value> = history
-            .entries
-            .iter()
-            .map(|entry| described(entry, history).into())
-            .collect();
+        let described = |entry| described(entry, history);
+        let entries: Vec<_> = history.entries.iter().map(described).collect();
         let message = match (entries.len(), history.active) {
             (0, _) => format!("no calibration of {} is kept", history.identity),
             (count, Some(number)) => format!("{count} kept; {number} is active"),
@@ -209,7 +210,7 @@ impl Daemon {
             .with("mag_axes", history.identity.mag_axes.to_string())
             .with("mode", history.mode.word())
             .with("in_force", history.active)
-            .with("calibrations", entries)
+            .with_all(&json!({ "calibrations": entries }))
     }
 
     /// How everything stands, with word, reason and sentence of the `STATE` published last.
@@ -222,67 +223,64 @@ impl Daemon {
             None => Answer::done("the daemon has just started: no reading has come yet"),
         };
         let session = &self.session;
-        let progress = session.pipeline.progress().map(rounded);
-        let reason = session.pipeline.wanted();
         let stats = &self.stats;
         let latest = self.publisher.latest();
         let latest = latest
             .as_ref()
             .filter(|heading| heading.magnetic_deg().is_some());
         let degrees = |angle: Option<f64>| angle.map(|angle| rounded(angle).rem_euclid(360.0));
-        answer
-            .with("heading", latest.and_then(|it| degrees(it.true_deg())))
-            .with("mheading", latest.and_then(|it| degrees(it.magnetic_deg())))
-            .with("heading_sd", latest.and_then(|it| it.sd_deg.map(rounded)))
-            .with("mode", history.mode.word())
-            .with("armed", reason == Some(Reason::Start))
-            .with("calibrating", self.session.pipeline.is_calibrating())
-            .with("progress", progress)
-            .with(
-                "calibration",
-                history.active().map(|entry| described(entry, history)),
-            )
-            .with("reference", self.reference())
-            .with("active", self.active())
-            .with("heading_socket", self.socket.display().to_string())
-            .with("source", session.source.name.as_str())
-            .with("sensor", history.identity.sensor.as_str())
-            .with("mag_axes", history.identity.mag_axes.to_string())
-            .with("uptime_s", stats.begun.elapsed().as_secs())
-            .with("clients", self.publisher.clients())
-            .with(
-                "counts",
-                json!({
-                    "readings": stats.readings,
-                    "headings": stats.headings,
-                    "turns": stats.turns,
-                    "calibrations_accepted": stats.accepted,
-                    "calibrations_refused": stats.refused,
-                    "values_dropped": session.pipeline.dropped(),
-                    "faults": stats.faults,
-                }),
-            )
-            .with("store", store(session.store.state()))
-            .with("version", env!("CARGO_PKG_VERSION"))
+        answer.with_all(&DaemonStatus {
+            heading: latest.and_then(|it| degrees(it.true_deg())),
+            mheading: latest.and_then(|it| degrees(it.magnetic_deg())),
+            heading_sd: latest.and_then(|it| it.sd_deg.map(rounded)),
+            mode: history.mode,
+            armed: session.pipeline.wanted() == Some(Reason::Start),
+            calibrating: session.pipeline.is_calibrating(),
+            progress: session.pipeline.progress().map(rounded),
+            calibration: history.active().map(|entry| described(entry, history)),
+            reference: self.reference(),
+            active: self.active(),
+            heading_socket: Some(self.socket.display().to_string()),
+            source: session.source.name.clone(),
+            sensor: history.identity.sensor.clone(),
+            mag_axes: history.identity.mag_axes.to_string(),
+            uptime_s: stats.begun.elapsed().as_secs(),
+            clients: self.publisher.clients(),
+            counts: StatusCounts {
+                readings: stats.readings,
+                headings: stats.headings,
+                turns: stats.turns,
+                calibrations_accepted: stats.accepted,
+                calibrations_refused: stats.refused,
+                values_dropped: session.pipeline.dropped(),
+                faults: stats.faults,
+            },
+            store: store(session.store.state()),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            // In the answer already.
+            cal_state: None,
+            reason: None,
+            message: String::new(),
+        })
     }
 
     /// What corrects the field now: motion may have taught more than what is kept.
-    fn active(&self) -> Option<Value> {
+    fn active(&self) -> Option<ActiveSummary> {
         let calibration = self.session.pipeline.calibration()?;
-        Some(json!({
-            "mode": calibration.parameters.mode(),
-            "strength_mgauss": rounded(calibration.strength_mgauss),
-        }))
+        Some(ActiveSummary {
+            mode: Some(calibration.parameters.mode()),
+            strength_mgauss: rounded(calibration.strength_mgauss),
+        })
     }
 
     /// The earth's field where the board is, if that is configured.
-    fn reference(&self) -> Option<Value> {
+    fn reference(&self) -> Option<ReferenceSummary> {
         let position = self.session.config.true_north.position()?;
         let field = EarthField::new(&position, wall_clock::now()?).ok()?;
-        Some(json!({
-            "strength_mgauss": rounded(field.strength_mgauss.value),
-            "dip_deg": rounded(field.dip_deg.value),
-        }))
+        Some(ReferenceSummary {
+            strength_mgauss: rounded(field.strength_mgauss.value),
+            dip_deg: rounded(field.dip_deg.value),
+        })
     }
 }
 
@@ -317,7 +315,7 @@ fn mode_answer(mode: Policy) -> Answer {
 }
 
 /// A calibration as `list`, `show` and `status` describe it.
-fn described(entry: &KeptCalibration, history: &History) -> Map<String, Value> {
+fn described(entry: &KeptCalibration, history: &History) -> CalibrationSummary {
     let Made {
         saved_unix_s,
         reason,
@@ -325,26 +323,20 @@ fn described(entry: &KeptCalibration, history: &History) -> Map<String, Value> {
         samples,
         calibration,
     } = entry.made;
-    let age_s = saved_unix_s.and_then(|saved| wall_clock::unix_now_s()?.checked_sub(saved));
-    let pairs = [
-        ("number", json!(entry.number)),
-        ("in_force", json!(history.active == Some(entry.number))),
-        ("saved_unix_s", json!(saved_unix_s)),
-        (
-            "time",
-            json!(saved_unix_s.map(|unix_s| date::rfc3339(Duration::from_secs(unix_s)))),
-        ),
-        ("age_s", json!(age_s)),
-        ("reason", json!(reason)),
-        ("mode", json!(calibration.parameters.mode())),
-        ("method", json!(calibration.method())),
-        ("residual_mgauss", json!(calibration.residual_mgauss)),
-        ("heading_sd_deg", json!(calibration.heading_sd_deg)),
-        ("gyro_rms_deg", json!(gyro_rms_deg)),
-        ("samples", json!(samples)),
-    ];
-    let known = pairs.into_iter().filter(|(_, value)| !value.is_null());
-    known.map(|(key, value)| (key.to_owned(), value)).collect()
+    CalibrationSummary {
+        number: entry.number,
+        in_force: history.active == Some(entry.number),
+        saved_unix_s,
+        time: saved_unix_s.map(|unix_s| date::rfc3339(Duration::from_secs(unix_s))),
+        age_s: saved_unix_s.and_then(|saved| wall_clock::unix_now_s()?.checked_sub(saved)),
+        reason,
+        mode: Some(calibration.parameters.mode()),
+        method: Some(calibration.method().to_owned()),
+        residual_mgauss: Some(calibration.residual_mgauss),
+        heading_sd_deg: Some(calibration.heading_sd_deg),
+        gyro_rms_deg,
+        samples,
+    }
 }
 
 fn sentence(entry: &KeptCalibration) -> String {
@@ -386,13 +378,16 @@ fn other_sensor(contents: &Contents, history: &History) -> Answer {
     Answer::refused(code, message)
 }
 
-fn store(state: StoreState) -> Value {
-    match state {
-        StoreState::Off => json!({ "state": "off" }),
-        StoreState::Good(directory) => json!({ "state": "good", "directory": directory }),
-        StoreState::Failing(directory, message) => {
-            json!({ "state": "failing", "directory": directory, "message": message })
-        }
+fn store(state: StoreState) -> StoreSummary {
+    let (state, directory, message) = match state {
+        StoreState::Off => ("off", None, None),
+        StoreState::Good(directory) => ("good", Some(directory), None),
+        StoreState::Failing(directory, message) => ("failing", Some(directory), Some(message)),
+    };
+    StoreSummary {
+        state: state.to_owned(),
+        directory: directory.map(|directory| directory.display().to_string()),
+        message,
     }
 }
 

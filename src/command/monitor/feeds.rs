@@ -7,9 +7,10 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::super::Failure;
-use super::super::control::exchange;
+use super::super::control::{self, exchange};
 use super::super::headings::{DaemonSockets, Headings};
 use crate::publish::control::ControlRequest;
+use crate::publish::control::status::DaemonStatus;
 
 /// Everything that the screen shows.
 const WATCH: &str =
@@ -29,7 +30,7 @@ pub(super) enum News {
     /// That socket is lost, and why; it is tried again.
     Lost(String),
     /// The answer to `status`, or why there is none.
-    Status(Result<Value, String>),
+    Status(Result<Box<DaemonStatus>, String>),
     /// The answer to what the user has ordered.
     Answer(String),
 }
@@ -105,10 +106,9 @@ fn look_after(
         exchange(&sockets.control, request).map_err(|(failure, _)| failure.message)
     };
     loop {
-        if screen
-            .send(News::Status(ask(&ControlRequest::Status {})))
-            .is_err()
-        {
+        let status = ask(&ControlRequest::Status {})
+            .and_then(|answer| control::read(answer).map_err(|failure| failure.message));
+        if screen.send(News::Status(status)).is_err() {
             return;
         }
         match ordered.recv_timeout(LOOK) {

@@ -14,6 +14,9 @@ use super::rose::Rose;
 use super::scatter::Scatter;
 use super::view::View;
 use crate::advice::next_step;
+use crate::calibration::model::Mode;
+use crate::calibration::policy::Policy;
+use crate::publish::control::status::{CalibrationSummary, DaemonStatus};
 
 const KEYS: &str = "c calibrate  x cancel  l lock/unlock  r roll back  v level  q quit";
 
@@ -33,19 +36,11 @@ pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame
     .areas(frame.area());
     let [left, right] =
         Layout::horizontal([Constraint::Length(28), Constraint::Min(20)]).areas(top);
-    let status = view.status.as_ref().unwrap_or(&Value::Null);
-    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
-    let source = if status.is_null() {
-        String::new()
-    } else {
-        format!(
-            "{} on {}, clients {}, up {}",
-            text(&status["sensor"]),
-            text(&status["source"]),
-            status["clients"],
-            span(status["uptime_s"].as_u64().unwrap_or_default())
-        )
-    };
+    let source = view.answered().map_or(String::new(), |status| {
+        let (sensor, source) = (&status.sensor, &status.source);
+        let (clients, up) = (status.clients, span(status.uptime_s));
+        format!("{sensor} on {source}, clients {clients}, up {up}")
+    });
     frame.render_widget(
         Line::from(format!("{}  {source}", view.socket)).style(style.strong()),
         title,
@@ -102,9 +97,9 @@ fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value) -> Vec<Line<'a>> {
     let mut add = |name: &str, value: String| {
         lines.push(Line::from(format!("{name:NAME$}{value}")));
     };
-    let status = view.status.as_ref().unwrap_or(&Value::Null);
+    let status = view.answered();
     add("field", field(att, status));
-    let [which, quality] = calibration(&status["calibration"]);
+    let [which, quality] = calibration(status.and_then(|status| status.calibration.as_ref()));
     add("calibration", which);
     if !quality.is_empty() {
         add("", quality);
@@ -125,10 +120,9 @@ fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value) -> Vec<Line<'a>> {
     );
     match &view.status {
         Err(why) => add("control", why.clone()),
-        Ok(status) if status.is_null() => {}
-        Ok(status) => {
-            let counts = &status["counts"];
-            let (faults, dropped) = (&counts["faults"], &counts["values_dropped"]);
+        Ok(None) => {}
+        Ok(Some(status)) => {
+            let (faults, dropped) = (status.counts.faults, status.counts.values_dropped);
             add(
                 "errors",
                 format!("faults {faults}, dropped {dropped}, missed {}", view.missed),
@@ -150,12 +144,12 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
     }
     let text = |key: &str| view.state[key].as_str().unwrap_or_default();
     let (word, reason) = (text("cal_state"), text("reason"));
-    let status = view.status.as_ref().unwrap_or(&Value::Null);
+    let status = view.answered();
     let mut mode = format!(" {reason}");
-    if status["mode"].is_string() && status["mode"] != "on" {
-        mode += &format!(", mode {}", status["mode"].as_str().unwrap_or_default());
+    if let Some(status) = status.filter(|status| status.mode != Policy::On) {
+        mode += &format!(", mode {}", status.mode.word());
     }
-    if status["armed"] == true {
+    if status.is_some_and(|status| status.armed) {
         mode += ", calibrates on the next turn";
     }
     lines.push(Line::from(vec![
@@ -168,7 +162,9 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
         lines.push(Line::styled(format!("-> {advice}"), style.strong()));
     }
     // While a heading is published, a turn goes on beside it.
-    let turned = status["progress"].as_f64().filter(|share| *share > 0.0);
+    let turned = status
+        .and_then(|status| status.progress)
+        .filter(|share| *share > 0.0);
     if let Some(share) = view.state["progress"].as_f64().or(turned) {
         lines.push(Line::from(format!(
             "{:NAME$}{} {:3.0} %",
@@ -193,15 +189,16 @@ fn bar(share: f64) -> String {
 }
 
 /// Strength and dip of the corrected field, against what they should be where that is known.
-fn field(att: &Value, status: &Value) -> String {
+fn field(att: &Value, status: Option<&DaemonStatus>) -> String {
     let Some(strength) = att["mag_len"].as_f64() else {
         return "not known yet".to_owned();
     };
-    let active = &status["active"];
+    let active = status.and_then(|status| status.active.as_ref());
     // A planar calibration has the strength in its plane alone.
-    let comparable = (active["mode"] == "spatial") == att["mag_z"].is_number();
-    let expected = active["strength_mgauss"].as_f64();
-    let mut out = match expected.filter(|expected| comparable && *expected > 0.0) {
+    let spatial = att["mag_z"].is_number();
+    let comparable = active.filter(|active| (active.mode == Some(Mode::Spatial)) == spatial);
+    let expected = comparable.map(|active| active.strength_mgauss);
+    let mut out = match expected.filter(|expected| *expected > 0.0) {
         Some(expected) => {
             let off = 100.0 * (strength / expected - 1.0);
             format!("{strength:.0} of {expected:.0} mG ({off:+.0} %)")
@@ -210,31 +207,31 @@ fn field(att: &Value, status: &Value) -> String {
     };
     if let Some(dip) = att["dip"].as_f64() {
         out += &format!(", dip {dip:.1}°");
-        if let Some(here) = status["reference"]["dip_deg"].as_f64() {
-            out += &format!(" of {here:.1}°");
+        if let Some(here) = status.and_then(|status| status.reference.as_ref()) {
+            out += &format!(" of {:.1}°", here.dip_deg);
         }
     }
     out
 }
 
 /// Which calibration it is, and how good.
-fn calibration(found: &Value) -> [String; 2] {
-    if !found.is_object() {
+fn calibration(found: Option<&CalibrationSummary>) -> [String; 2] {
+    let Some(found) = found else {
         return ["none".to_owned(), String::new()];
-    }
-    let text = |key: &str| found[key].as_str().unwrap_or_default();
-    let (number, mode, method) = (&found["number"], text("mode"), text("method"));
-    let mut which = format!("{number}, {mode} by {method}");
-    if let Some(age_s) = found["age_s"].as_u64() {
+    };
+    let mode = found.mode.map(Mode::word).unwrap_or_default();
+    let method = found.method.as_deref().unwrap_or_default();
+    let mut which = format!("{}, {mode} by {method}", found.number);
+    if let Some(age_s) = found.age_s {
         which += &format!(", {} old", span(age_s));
     }
     let known = [
-        ("residual", "residual_mgauss", " mG"),
-        ("heading", "heading_sd_deg", "°"),
-        ("gyro", "gyro_rms_deg", "°"),
+        ("residual", found.residual_mgauss, " mG"),
+        ("heading", found.heading_sd_deg, "°"),
+        ("gyro", found.gyro_rms_deg, "°"),
     ];
-    let parts = known.iter().filter_map(|(name, key, unit)| {
-        let value = found[*key].as_f64()?;
+    let parts = known.iter().filter_map(|(name, value, unit)| {
+        let value = (*value)?;
         Some(format!("{name} {value:.1}{unit}"))
     });
     [which, parts.collect::<Vec<_>>().join(", ")]

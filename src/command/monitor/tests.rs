@@ -115,7 +115,10 @@ fn a_good_board_shows_its_heading_field_and_calibration() {
         "reference": {"dip_deg": 72.9, "strength_mgauss": 551.0},
         "counts": {"faults": 1, "values_dropped": 3}
     });
-    view.take(News::Status(Ok(status)), now);
+    view.take(
+        News::Status(Ok(Box::new(serde_json::from_value(status).unwrap()))),
+        now,
+    );
     let terminal = drawn(&view, &PLAIN, now, 80, 24);
     let all = lines(&terminal).join("\n");
     for part in [

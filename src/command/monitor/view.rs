@@ -8,8 +8,10 @@ use serde_json::Value;
 use super::directions::Directions;
 use super::feeds::News;
 use super::scatter::FieldTrail;
+use crate::calibration::policy::Policy;
 use crate::frame::Mounting;
 use crate::publish::control::ControlRequest;
+use crate::publish::control::status::DaemonStatus;
 use crate::publish::raw::{self, Object};
 
 /// How many samples of the field are shown.
@@ -32,7 +34,7 @@ pub(super) struct View {
     /// The latest `CALIBRATION`.
     pub(super) outcome: Value,
     /// The latest answer to `status`, or why there is none.
-    pub(super) status: Result<Value, String>,
+    pub(super) status: Result<Option<Box<DaemonStatus>>, String>,
     /// What the last key came to.
     pub(super) said: String,
     /// What the user is asked to confirm, and the request that it is.
@@ -57,7 +59,7 @@ impl View {
             att: None,
             state: Value::Null,
             outcome: Value::Null,
-            status: Ok(Value::Null),
+            status: Ok(None),
             said: String::new(),
             asking: None,
             mounting: Mounting::default(),
@@ -83,7 +85,7 @@ impl View {
                 self.att = None;
                 self.last_reading = 0;
             }
-            News::Status(status) => self.status = status,
+            News::Status(status) => self.status = status.map(Some),
             News::Answer(said) => self.said = said,
         }
     }
@@ -165,11 +167,15 @@ impl View {
         }
     }
 
+    /// The latest answer to `status`.
+    pub(super) fn answered(&self) -> Option<&DaemonStatus> {
+        self.status.as_ref().ok()?.as_deref()
+    }
+
     /// Whether nothing may take the place of the calibration.
     pub(super) fn is_locked(&self) -> bool {
-        self.status
-            .as_ref()
-            .is_ok_and(|status| status["mode"] == "locked")
+        self.answered()
+            .is_some_and(|status| status.mode == Policy::Locked)
     }
 
     /// The field at the edge of a plane, milligauss: all that is shown in it fits, in steps of 100.

@@ -47,11 +47,35 @@ impl Answer {
         self
     }
 
+    /// With all that is known of this.
+    pub(crate) fn with_all(mut self, what: &impl Serialize) -> Self {
+        if let Ok(Value::Object(mut keys)) = serde_json::to_value(what) {
+            leave_out_null(&mut keys);
+            self.more.append(&mut keys);
+        }
+        self
+    }
+
     /// As one line.
     pub(super) fn line(&self) -> String {
         // A map with text for keys can always be written.
         let mut line = serde_json::to_string(self).unwrap_or_default();
         line.push('\n');
         line
+    }
+}
+
+fn leave_out_null(keys: &mut Map<String, Value>) {
+    keys.retain(|_, value| !value.is_null());
+    for value in keys.values_mut() {
+        match value {
+            Value::Object(inner) => leave_out_null(inner),
+            Value::Array(all) => {
+                for inner in all.iter_mut().filter_map(Value::as_object_mut) {
+                    leave_out_null(inner);
+                }
+            }
+            _ => {}
+        }
     }
 }

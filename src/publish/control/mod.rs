@@ -6,6 +6,7 @@
 mod answer;
 mod client;
 mod request;
+pub(crate) mod status;
 
 use std::future::Future;
 use std::io;

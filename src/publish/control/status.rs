@@ -1,0 +1,95 @@
+//! The answers that commands read again: how everything stands, and the calibrations kept.
+//!
+//! Each key may be missing, as an older daemon does not send it or it is not known.
+
+use serde::{Deserialize, Serialize};
+
+use crate::calibration::model::Mode;
+use crate::calibration::policy::{Policy, Reason};
+
+/// The answer to `status`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct DaemonStatus {
+    /// The sentence of the answer.
+    #[serde(skip_serializing)]
+    pub(crate) message: String,
+    pub(crate) cal_state: Option<String>,
+    pub(crate) reason: Option<String>,
+    pub(crate) heading: Option<f64>,
+    pub(crate) mheading: Option<f64>,
+    pub(crate) heading_sd: Option<f64>,
+    pub(crate) mode: Policy,
+    pub(crate) armed: bool,
+    pub(crate) calibrating: bool,
+    pub(crate) progress: Option<f64>,
+    pub(crate) calibration: Option<CalibrationSummary>,
+    /// What corrects the field now: motion may have taught more than what is kept.
+    pub(crate) active: Option<ActiveSummary>,
+    /// The earth's field where the board is.
+    pub(crate) reference: Option<ReferenceSummary>,
+    pub(crate) heading_socket: Option<String>,
+    pub(crate) source: String,
+    pub(crate) sensor: String,
+    pub(crate) mag_axes: String,
+    pub(crate) uptime_s: u64,
+    pub(crate) clients: usize,
+    pub(crate) counts: StatusCounts,
+    pub(crate) store: StoreSummary,
+    pub(crate) version: String,
+}
+
+/// A calibration as `list`, `show` and `status` describe it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct CalibrationSummary {
+    pub(crate) number: u64,
+    pub(crate) in_force: bool,
+    pub(crate) saved_unix_s: Option<u64>,
+    pub(crate) time: Option<String>,
+    pub(crate) age_s: Option<u64>,
+    pub(crate) reason: Option<Reason>,
+    pub(crate) mode: Option<Mode>,
+    pub(crate) method: Option<String>,
+    pub(crate) residual_mgauss: Option<f64>,
+    pub(crate) heading_sd_deg: Option<f64>,
+    pub(crate) gyro_rms_deg: Option<f64>,
+    pub(crate) samples: Option<usize>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct ActiveSummary {
+    pub(crate) mode: Option<Mode>,
+    pub(crate) strength_mgauss: f64,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct ReferenceSummary {
+    pub(crate) strength_mgauss: f64,
+    pub(crate) dip_deg: f64,
+}
+
+/// Since the daemon has begun.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct StatusCounts {
+    pub(crate) readings: u64,
+    pub(crate) headings: u64,
+    pub(crate) turns: u64,
+    pub(crate) calibrations_accepted: u64,
+    pub(crate) calibrations_refused: u64,
+    pub(crate) values_dropped: u64,
+    pub(crate) faults: u64,
+}
+
+/// Whether calibrations are kept.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct StoreSummary {
+    /// `good`, `off` or `failing`.
+    pub(crate) state: String,
+    pub(crate) directory: Option<String>,
+    pub(crate) message: Option<String>,
+}
