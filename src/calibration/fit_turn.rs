@@ -119,7 +119,7 @@ impl<const D: usize> Work<'_, D> {
         }
     }
 
-    /// WindowReport, swarm and refinement under the diagonal model.
+    /// Window, swarm and refinement under the diagonal model.
     fn fit<const P: usize, const F: usize>(
         &self,
         clock: &dyn Fn() -> Option<Duration>,

@@ -111,7 +111,7 @@ pub struct NormalEquations<const P: usize> {
     used: usize,
 }
 
-/// NormalEquations over the samples nearer than the cutoff; `weight` is that of a distance in cutoffs.
+/// The normal equations over the samples nearer than the cutoff; `weight` is that of a distance in cutoffs.
 pub fn accumulate<const P: usize>(
     distances: &[Distance<P>],
     sigma: f64,

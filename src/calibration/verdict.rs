@@ -48,7 +48,7 @@ pub struct Measures {
     pub centre_inside: bool,
     /// Predicted uncertainty of a heading, degrees.
     pub heading_sd_deg: f64,
-    /// GyroAgreement with the gyro, cross-validated, where there is a gyro.
+    /// Agreement with the gyro, cross-validated, where there is a gyro.
     pub gyro: Option<GyroAgreement>,
     /// The largest jump of the field, where there is a gyro.
     pub jump: Option<Jump>,

@@ -169,7 +169,7 @@ fn table(calibrations: &[CalibrationSummary]) -> String {
 /// One calibration, as list, show and status print it.
 pub(super) fn line(calibration: &CalibrationSummary) -> String {
     let mut line = format!(
-        "{:>3}  {}  {:8}",
+        "{}  {}  {:8}",
         calibration.number,
         calibration
             .time

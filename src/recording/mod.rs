@@ -114,7 +114,7 @@ pub enum RecordingError {
     Header {
         /// The log's name.
         log: String,
-        /// LogLine number, from 1.
+        /// Line number, from 1.
         line: u64,
         /// What was found and what would be right.
         what: String,
@@ -137,7 +137,7 @@ pub enum RecordingError {
 pub struct RowError {
     /// The log's name.
     pub log: String,
-    /// LogLine number, from 1.
+    /// Line number, from 1.
     pub line: u64,
     /// Number of the column, from 1, and its name, if one cell is to blame.
     pub column: Option<(usize, &'static str)>,

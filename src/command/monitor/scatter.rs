@@ -11,7 +11,7 @@ use super::palette::Palette;
 /// The dots of a Braille character, by column and row.
 const DOTS: [[u32; 4]; 2] = [[0x01, 0x02, 0x04, 0x40], [0x08, 0x10, 0x20, 0x80]];
 
-/// FieldTrail of the field, the oldest first; an axis that is not known is NaN.
+/// Samples of the field, the oldest first; an axis that is not known is NaN.
 pub(super) type FieldTrail = VecDeque<[f64; 3]>;
 
 /// One plane.

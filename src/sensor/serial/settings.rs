@@ -80,7 +80,7 @@ impl Chip {
         }
     }
 
-    /// RazorCounts per gauss at the gain after power-on, which the Razor never changes (data sheets, register
+    /// Counts per gauss at the gain after power-on, which the Razor never changes (data sheets, register
     /// 0x01, CRB).
     pub fn counts_per_gauss(self) -> f64 {
         match self {
