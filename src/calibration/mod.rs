@@ -42,7 +42,7 @@ pub use request::{CompletedTurn, FieldSample, Request, during};
 /// Calibrates. `clock` returns the time since any origin, for the outcome's `elapsed_us`; `None` leaves those
 /// unknown, as a replay must.
 pub fn calibrate(request: &Request, clock: &dyn Fn() -> Option<Duration>) -> Outcome {
-    let mut outcome = Outcome::begun(request);
+    let mut outcome = Outcome::begun(request.settings.seed, request.samples.len());
     let started = Stopwatch::start(clock);
     match fit_turn::calibrate(request, clock, &mut outcome) {
         Ok(message) => {

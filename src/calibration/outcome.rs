@@ -5,7 +5,6 @@ use std::ops::Range;
 use serde::Serialize;
 
 use super::model::{Calibration, Mode, Model, Parameters};
-use super::request::Request;
 use super::verdict::{Measures, Refusal};
 
 /// What became of a candidate.
@@ -78,8 +77,8 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Of a calibration that has only begun: rejected until it is found to be good.
-    pub fn begun(request: &Request) -> Self {
+    /// Of a calibration that has only begun, with this seed and so many samples: rejected until it is found to be good.
+    pub fn begun(seed: u64, samples: usize) -> Self {
         Self {
             verdict: Verdict::Rejected,
             reason: "",
@@ -91,7 +90,7 @@ impl Outcome {
             residual_mgauss: None,
             heading_sd_deg: None,
             gyro_rms_deg: None,
-            seed: request.settings.seed,
+            seed,
             basis: None,
             bias_mgauss: None,
             scale: None,
@@ -99,7 +98,7 @@ impl Outcome {
             alignment_deg: None,
             unobserved: &[],
             samples: Samples {
-                total: request.samples.len(),
+                total: samples,
                 ..Samples::default()
             },
             window: None,

@@ -29,7 +29,7 @@ impl Calibrator {
             reason: "internal",
             message: "internal error during calibration: please report it with a log of the turn"
                 .to_owned(),
-            ..Outcome::begun(&request)
+            ..Outcome::begun(request.settings.seed, request.samples.len())
         };
         let work = move || {
             let begun = Instant::now();

@@ -1,5 +1,5 @@
 use super::*;
-use crate::calibration::outcome::{Elapsed, Samples, Verdict};
+use crate::calibration::outcome::Verdict;
 use crate::condition::Condition;
 use proptest::prelude::*;
 use serde_json::Value;
@@ -113,27 +113,9 @@ fn calibration_is_the_outcome_with_its_class_before_it() {
     let outcome = Outcome {
         verdict: Verdict::Accepted,
         reason: "accepted",
-        message: "good".into(),
-        method: "turn",
-        mode: None,
-        model: None,
-        reference_mgauss: None,
         residual_mgauss: Some(1.5),
-        heading_sd_deg: None,
-        gyro_rms_deg: None,
-        seed: 1,
-        basis: None,
         bias_mgauss: Some(vec![1.0, 2.0]),
-        scale: None,
-        matrix: None,
-        alignment_deg: None,
-        unobserved: &[],
-        samples: Samples::default(),
-        window: None,
-        swarm: None,
-        elapsed_us: Elapsed::default(),
-        measures: None,
-        calibration: None,
+        ..Outcome::begun(1, 0)
     };
     let plain = serde_json::to_string(&outcome).unwrap();
     assert_eq!(

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use headingd::calibration::outcome::{Elapsed, Outcome, Samples, Verdict};
+use headingd::calibration::outcome::{Outcome, Verdict};
 use headingd::condition::{Condition, Report};
 use headingd::heading::Heading;
 use headingd::publish::gpsd::Device;
@@ -176,25 +176,8 @@ pub fn outcome() -> Outcome {
         verdict: Verdict::Accepted,
         reason: "accepted",
         message: "good".into(),
-        method: "turn",
-        mode: None,
-        model: None,
-        reference_mgauss: None,
-        residual_mgauss: None,
         heading_sd_deg: Some(0.8),
-        gyro_rms_deg: None,
-        seed: 1,
-        basis: None,
         bias_mgauss: Some(vec![10.0, 20.0]),
-        scale: None,
-        matrix: None,
-        alignment_deg: None,
-        unobserved: &[],
-        samples: Samples::default(),
-        window: None,
-        swarm: None,
-        elapsed_us: Elapsed::default(),
-        measures: None,
-        calibration: None,
+        ..Outcome::begun(1, 0)
     }
 }
