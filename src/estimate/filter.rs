@@ -57,10 +57,11 @@ const FIRST_UNEVENNESS: f64 = 0.035;
 const LEAST_UNEVENNESS: f64 = 0.004;
 /// Unevenness of usual places: more than that, while the board turns, is iron that came to stay on the board.
 const USUAL_UNEVENNESS: f64 = 0.015;
-/// Unevenness is forgotten by turning this far, radians, by moving this long, or by resting this long, seconds.
+/// Unevenness is forgotten by turning this far, radians, by moving this long, or by resting this long, seconds: people, doors
+/// and lifts near a board at rest.
 const FORGET_RAD: f64 = 0.52;
 const FORGET_MOVING_S: f64 = 1.0;
-const FORGET_RESTING_S: f64 = 1500.0;
+const FORGET_RESTING_S: f64 = 60.0;
 /// Its size is measured over so many of those lengths: quickly when it grows, slowly when it shrinks.
 const LENGTHS_UP: f64 = 3.0;
 const LENGTHS_DOWN: f64 = 4.0;
@@ -83,6 +84,8 @@ const MATRIX_TURN: f64 = 0.001;
 /// How much of unusual unevenness is taken for a change of the hard iron, and of the field, while the board turns.
 const IRON_SHARE: f64 = 1.0;
 const FIELD_SHARE: f64 = 0.003;
+/// A still board that has turned by so much, 6°, swings.
+const SWING_RAD: f64 = 0.1;
 /// A normalised innovation squared beyond this is no chance (3 degrees of freedom: 0.1 %).
 const GATE: f64 = 16.0;
 /// Before the board has turned this far, the field does not tell iron from north, radians.
@@ -117,6 +120,18 @@ pub(super) struct Input {
     pub(super) still: bool,
 }
 
+impl Input {
+    /// How the board turns, body axes, rad/s. What the gyro of a still board reads is noise, and the same noise is in the
+    /// frame: a lag would be learnt from it.
+    fn turning(&self) -> Vector3<f64> {
+        if self.still {
+            Vector3::zeros()
+        } else {
+            self.rate_rad_s
+        }
+    }
+}
+
 /// The filter's state and covariance.
 #[derive(Clone)]
 pub(super) struct Filter {
@@ -139,6 +154,8 @@ pub(super) struct Filter {
     odd: Option<Vector3<f64>>,
     jumped: bool,
     still: bool,
+    /// How the board lay when it last moved or swung.
+    lay: Matrix3<f64>,
     /// Sum of the log-likelihoods of the samples taken.
     log_likelihood: f64,
     /// Mean normalised innovation squared for each degree of freedom, over 2 s.
@@ -196,6 +213,7 @@ impl Filter {
             odd: None,
             jumped: false,
             still: false,
+            lay: Matrix3::identity(),
             log_likelihood: 0.0,
             consistency: 1.0,
         }
@@ -234,7 +252,7 @@ impl Filter {
         let Some(inverse) = self.matrix().try_inverse() else {
             return;
         };
-        let rate = input.rate_rad_s.cross_matrix();
+        let rate = input.turning().cross_matrix();
         let lag = self.x[T] + input.late_s;
         let turn = input.to_frame * (Matrix3::identity() - rate * lag);
         let map = turn * inverse;
@@ -390,7 +408,6 @@ impl Filter {
     fn predict(&mut self, input: &Input) -> f64 {
         let Input {
             to_frame: r,
-            rate_rad_s: w,
             period_s: dt,
             still,
             ..
@@ -398,7 +415,9 @@ impl Filter {
         let h = self.vector(H);
         let strength2 = h.norm_squared() + self.trace(H, 3);
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
+        let w = input.turning();
         let rate = w.norm();
+        let turned_rad = self.turned_rad(input);
         // The turn that the gyro's errors add to the frame; its tilt is the accelerometer's, if there is one.
         let mut turn = r * (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
         let mut by_errors = SMatrix::<f64, 3, 6>::zeros();
@@ -410,7 +429,7 @@ impl Filter {
             (turn.x, turn.y) = (0.0, 0.0);
             by_errors.fixed_rows_mut::<2>(0).fill(0.0);
         }
-        let length = rate * dt / FORGET_RAD
+        let length = turned_rad / FORGET_RAD
             + dt / if still {
                 FORGET_RESTING_S
             } else {
@@ -432,7 +451,7 @@ impl Filter {
 
         // Process noise. The frame's walk turns h, which is itself uncertain: second order.
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if still { 0.1 } else { 1.0 }
-            + 2.0 * GYRO_CROSS.powi(2) * rate * dt;
+            + 2.0 * GYRO_CROSS.powi(2) * turned_rad;
         let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
         let axes = if input.vertical_known { 2..3 } else { 0..3 };
         let uncertain: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
@@ -460,7 +479,7 @@ impl Filter {
         } else {
             IRON_WALK_MGAUSS.powi(2) * dt
         } + IRON_SHARE * moved_iron
-            + IRON_TURN.powi(2) * strength2 * rate * dt;
+            + IRON_TURN.powi(2) * strength2 * turned_rad;
         for axis in 0..3 {
             self.p[(H + axis, H + axis)] += field;
             self.p[(B + axis, B + axis)] += iron;
@@ -476,7 +495,7 @@ impl Filter {
                     (false, true) => -third,
                     (false, false) => continue,
                 };
-                self.p[(D + entry, D + other)] += held * MATRIX_TURN.powi(2) * rate * dt;
+                self.p[(D + entry, D + other)] += held * MATRIX_TURN.powi(2) * turned_rad;
             }
         }
         for axis in 0..2 {
@@ -492,15 +511,31 @@ impl Filter {
         1.0 - kept
     }
 
+    /// How far the board has turned since the sample before, radians. A still board that swings turns in steps: all else that
+    /// its gyro reads is noise, which would add up.
+    fn turned_rad(&mut self, input: &Input) -> f64 {
+        if !input.still {
+            self.lay = input.to_frame;
+            return input.rate_rad_s.norm() * input.period_s;
+        }
+        let cosine = 0.5 * (self.lay.component_mul(&input.to_frame).sum() - 1.0);
+        let turned_rad = cosine.clamp(-1.0, 1.0).acos();
+        if turned_rad < SWING_RAD {
+            return 0.0;
+        }
+        self.lay = input.to_frame;
+        turned_rad
+    }
+
     /// Takes the sample in.
     fn correct(&mut self, input: &Input, frozen: bool) {
         let Input {
             to_frame: r,
-            rate_rad_s: w,
             field_mgauss: y,
             period_s: dt,
             ..
         } = *input;
+        let w = input.turning();
         let tilt = Vector3::new(self.x[E], self.x[E + 1], 0.0);
         let lag = self.x[T] + input.late_s;
         let here = self.vector(H) + self.vector(M);
@@ -571,13 +606,30 @@ impl Filter {
             let rows: SVector<f64, 9> = self.x.fixed_rows::<9>(D).into();
             (bias, rows, self.parameter_covariance())
         });
+        let before = self.vector(H);
         self.x += gain * innovation;
+        if input.still {
+            self.keep_strength_and_dip(&before);
+        }
         subtract(&mut self.p, &gain, &cross);
         if let Some((bias, rows, covariance)) = kept {
             self.x.fixed_rows_mut::<3>(B).copy_from(&bias);
             self.x.fixed_rows_mut::<9>(D).copy_from(&rows);
             self.put_parameter_covariance(&covariance);
         }
+    }
+
+    /// A board at rest does not see how strong or how steep the field is, only how the frame drifts. Its attitude's noise is in the
+    /// innovation and in its sensitivity; their product does not average out, and would bend h by a tenth in some hours.
+    fn keep_strength_and_dip(&mut self, before: &Vector3<f64>) {
+        let field = self.vector(H);
+        let kept = if self.vertical_known {
+            let level = field.xy() * (before.xy().norm() / field.xy().norm().max(1.0));
+            Vector3::new(level.x, level.y, before.z)
+        } else {
+            field * (before.norm() / field.norm().max(1.0))
+        };
+        self.x.fixed_rows_mut::<3>(H).copy_from(&kept);
     }
 
     /// The steps from innovation to innovation are noise, whatever else is wrong.

@@ -246,7 +246,7 @@ pub fn each(seeds: &[u64], scores: &[Score]) {
     for (seed, score) in seeds.iter().zip(scores) {
         let square = score.squares / score.errors.max(1) as f64;
         eprintln!(
-            "  seed {seed}: first {:.1?} s, RMS {:.2}, nerr {:.2?}, false-sure {:.1} s, good {:.0} of {:.0} s, told {:.1?}",
+            "  seed {seed}: first {:.1?} s, RMS {:.2}, nerr {:.2?}, false-sure {:.1} s, good {:.0} of {:.0} s, told {:.1?}, drift {:.1}",
             score.first_s,
             square.sqrt(),
             score.nerr(),
@@ -254,6 +254,7 @@ pub fn each(seeds: &[u64], scores: &[Score]) {
             score.is_good_s,
             score.should_be_good_s,
             score.watch.as_ref().and_then(|watch| watch.after_s),
+            score.drift_deg,
         );
     }
 }

@@ -7,6 +7,7 @@ use headingd::condition::SourceFault;
 use headingd::pipeline::Event;
 
 use super::board::{Board, planar, spatial};
+use crate::common::apart_deg;
 
 /// More than a full turn, less than two.
 const A_TURN_DEG: f64 = 365.0;
@@ -186,6 +187,22 @@ fn iron_in_one_place_is_not_taken_for_the_boards_own() {
     assert_eq!(board.state().0, "good");
     let error = board.error_deg().unwrap();
     assert!(error.abs() < 4.0, "{error}");
+}
+
+#[test]
+fn an_hour_of_rest_teaches_nothing_and_costs_nothing() {
+    let mut board = Board::rested(Some(spatial(0.0)));
+    board.tumble();
+    board.tumble();
+    board.rest(60.0);
+    let before = board.heading.clone().unwrap();
+    board.rest(3600.0);
+    let after = board.heading.clone().unwrap();
+    assert_eq!(board.state(), ("good", "good"));
+    let moved = apart_deg(before.fused_deg.unwrap(), after.fused_deg.unwrap());
+    assert!(moved < 1.0, "the heading has moved by {moved}");
+    let (before, after) = (before.sd_deg.unwrap(), after.sd_deg.unwrap());
+    assert!(after < 1.1 * before, "{before} has become {after}");
 }
 
 #[test]
