@@ -203,6 +203,12 @@ pub fn wrap_pi(angle_rad: f64) -> f64 {
     PI - (PI - angle_rad).rem_euclid(TAU)
 }
 
+/// Length of (x, y). The C library's `hypot` rounds differently from one processor to another, and a replay shall give the same
+/// bytes on all of them.
+pub fn hypot(x: f64, y: f64) -> f64 {
+    (x * x + y * y).sqrt()
+}
+
 /// An angle in degrees brought into [0, 360).
 pub fn wrap_360(angle_deg: f64) -> f64 {
     let wrapped = angle_deg.rem_euclid(360.0);
@@ -215,7 +221,7 @@ pub fn wrap_360(angle_deg: f64) -> f64 {
 pub fn heading_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> Option<f64> {
     let (forward, right) = horizontal(down)?;
     let (north, east) = (field_body.dot(&forward), -field_body.dot(&right));
-    (north.hypot(east) > 1e-9).then(|| wrap_360(east.atan2(north).to_degrees()))
+    (hypot(north, east) > 1e-9).then(|| wrap_360(east.atan2(north).to_degrees()))
 }
 
 /// Unit vectors over a horizontal plane with this `down`: where body X points, and right of it. `None` where it is vertical.

@@ -10,6 +10,7 @@ use super::gyro_errors::GyroErrors;
 use super::steadiness::Steadiness;
 use super::stillness::Stillness;
 use super::{Pose, Tick, unit};
+use crate::frame::hypot;
 
 /// So long must the accelerometer have had its part before the vertical is called known.
 const LEVELLING_S: f64 = 1.0;
@@ -140,7 +141,7 @@ impl AttitudeFilter {
 
     /// What the tilt is off by now, one standard deviation, radians.
     pub(super) fn tilt_sd_rad(&self) -> f64 {
-        TILT_RAD.hypot(PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2)
+        hypot(TILT_RAD, PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2)
     }
 
     /// Time constant of the tilt, seconds.

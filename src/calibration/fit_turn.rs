@@ -19,6 +19,7 @@ use super::verdict::Refusal;
 use super::windows::windows;
 use super::{coverage, levelling};
 use crate::attitude::Pose;
+use crate::frame::hypot;
 
 /// A field that swings less than this has not turned, milligauss: the weakest horizontal field that a compass is
 /// of use in swings by twice its strength of 30.
@@ -206,7 +207,7 @@ impl<const D: usize> Work<'_, D> {
         let swing = coverage::swing(points);
         (0..3).find(|&axis| {
             let [e1, e2] = self.plan.basis;
-            let in_plane = e1[axis].hypot(e2[axis]) > 0.7;
+            let in_plane = hypot(e1[axis], e2[axis]) > 0.7;
             let mut from = 0;
             in_plane
                 && samples

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 
 use crate::attitude::Pose;
-use crate::frame::wrap_pi;
+use crate::frame::{hypot, wrap_pi};
 
 /// How well the corrected field and the gyro agree.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,7 +126,7 @@ pub fn mean_dip_rad(sightings: &[Sighting]) -> Option<f64> {
 
 fn dip_rad(sighting: &Sighting) -> f64 {
     let earth = sighting.pose.orientation * sighting.field_body;
-    (-earth.z).atan2(earth.x.hypot(earth.y))
+    (-earth.z).atan2(hypot(earth.x, earth.y))
 }
 
 /// A direction in a plane, followed from sample to sample.

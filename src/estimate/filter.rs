@@ -24,6 +24,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
 
 use super::covariance::{B, Covariance, D, E, G, H, M, N, S, Sensitivity, Step, T, subtract};
 use super::prior::{FIELD_MGAUSS, Measured, Prior};
+use crate::frame::hypot;
 
 type State = SVector<f64, N>;
 
@@ -736,7 +737,7 @@ impl Filter {
 
     /// How far the magnetometer may lag behind the gyro, seconds.
     pub(super) fn lag_s(&self) -> f64 {
-        self.x[T].hypot(self.p[(T, T)].max(0.0).sqrt())
+        hypot(self.x[T], self.p[(T, T)].max(0.0).sqrt())
     }
 
     /// White noise of a sample, one standard deviation, milligauss.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::{Estimate, Fix, by_field, kept, level};
 use crate::attitude::Pose;
-use crate::frame::{heading_deg, wrap_360};
+use crate::frame::{heading_deg, hypot, wrap_360};
 
 /// Share by which a moving board's heading is as uncertain as field and gyro differ, while the field is disturbed: either may
 /// be right, and four deviations hold both.
@@ -36,7 +36,7 @@ impl Estimate {
         let variance = self.active.variance(&by_field(&field), &by_tilt).max(0.0);
         // Innovations larger than expected: what is known is known less well than it seems.
         let variance = variance * self.active.consistency().max(1.0);
-        let sd = variance.sqrt().hypot(self.doubt_rad());
+        let sd = hypot(variance.sqrt(), self.doubt_rad());
         Some(Fix {
             heading_deg: wrap_360(heading.to_degrees()),
             sd_deg: sd.to_degrees().min(180.0),
@@ -84,7 +84,7 @@ impl Estimate {
             return kept::fix(kept, &self.mounting, &corrected, down);
         }
         let (axis, tilt_sd) = match down {
-            Some((down, sd)) => (down, level::KNOWN_SD_RAD.hypot(sd)),
+            Some((down, sd)) => (down, hypot(level::KNOWN_SD_RAD, sd)),
             None => (Vector3::z(), level::SD_RAD),
         };
         let heading = heading_deg(&corrected, &axis)?;
@@ -95,7 +95,7 @@ impl Estimate {
         let own = (east.transpose() * covariance * east)[0];
         let tilt = tilt_sd * vertical;
         let sd = (own + tilt * tilt).sqrt() / horizontal;
-        let sd = sd.hypot(rate_rad_s * self.active.lag_s());
+        let sd = hypot(sd, rate_rad_s * self.active.lag_s());
         Some(Fix {
             heading_deg: heading,
             sd_deg: sd.to_degrees().min(180.0),

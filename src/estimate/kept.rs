@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::prior::FIELD_MGAUSS;
 use super::{Fix, level};
 use crate::calibration::model::{Calibration, Parameters};
-use crate::frame::{Mounting, heading_deg};
+use crate::frame::{Mounting, heading_deg, hypot};
 
 /// What a place is off from that of the calibration, as a share of the field: rooms are uneven by 1 to 2 %.
 const PLACE: f64 = 0.02;
@@ -29,7 +29,7 @@ pub(super) fn fix(
     down: Option<(Vector3<f64>, f64)>,
 ) -> Option<Fix> {
     let (axis, tilt_sd) = match down {
-        Some((down, sd)) => (down, level::KNOWN_SD_RAD.hypot(sd)),
+        Some((down, sd)) => (down, hypot(level::KNOWN_SD_RAD, sd)),
         None => (Vector3::z(), level::SD_RAD),
     };
     let heading = heading_deg(corrected, &axis)?;
@@ -38,7 +38,7 @@ pub(super) fn fix(
         // The field across the plane is not known, and comes into the heading as far as the plane is not level.
         Parameters::Planar(planar) => {
             let down = planar.basis.map(|basis| mounting.to_body(basis).dot(&axis));
-            let off = (down[0] - planar.level.x).hypot(down[1] - planar.level.y);
+            let off = hypot(down[0] - planar.level.x, down[1] - planar.level.y);
             (FIELD_MGAUSS, off * FIELD_MGAUSS)
         }
     };

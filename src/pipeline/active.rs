@@ -6,6 +6,7 @@ use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::{Policy, Reason};
 use crate::estimate::Estimate;
+use crate::frame::hypot;
 
 /// How much of the disagreement with the gyro is the fit's: the rest is the gyro's own and noise.
 const GYRO_SHARE: f64 = 0.7;
@@ -103,7 +104,7 @@ impl Pipeline {
         // A fit that the gyro contradicts is off by as much, however small its residuals are.
         let gyro_deg = GYRO_SHARE * outcome.gyro_rms_deg.unwrap_or(0.0);
         let doubted = Calibration {
-            heading_sd_deg: calibration.heading_sd_deg.hypot(gyro_deg),
+            heading_sd_deg: hypot(calibration.heading_sd_deg, gyro_deg),
             ..*calibration
         };
         if self.estimate.adopt_turn(&doubted, self.sample.as_ref()) {

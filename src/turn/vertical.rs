@@ -7,7 +7,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Settings, Turn, from_vertical_deg};
 use crate::attitude::Tick;
-use crate::frame::wrap_pi;
+use crate::frame::{hypot, wrap_pi};
 
 /// Time between two notes, seconds.
 const NOTE_S: f64 = 0.1;
@@ -251,7 +251,7 @@ impl Vertical {
         for note in self.notes.range(start..).chain([now]) {
             let since = note.orientation * first;
             // The cosine of half the angle by which the body's up has tipped.
-            let upright = since.w.hypot(since.k);
+            let upright = hypot(since.w, since.k);
             if upright < (0.5 * TIPPED_RAD).cos() {
                 return None;
             }

@@ -709,7 +709,7 @@ fn every_way_to_calibrate_a_named_plane_finds_the_truth() {
 #[test]
 fn every_way_to_calibrate_three_axes_finds_the_truth() {
     let folder = Folder::new();
-    let total = 162.8f64.hypot(526.7).to_string();
+    let total = headingd::frame::hypot(162.8, 526.7).to_string();
     for (scenario, modes) in [
         (Scenario::Spatial, &["auto", "spatial"][..]),
         (Scenario::Free, &["spatial"]),

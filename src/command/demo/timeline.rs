@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::score::{Score, Truth};
 use crate::command::Failure;
 use crate::config::Config;
+use crate::frame::hypot;
 use crate::sensor::simulator::{self, Simulator};
 
 /// Headings further from the truth than this, RMS, are not what was promised.
@@ -117,7 +118,7 @@ impl Timeline {
         self.raw_after.count(raw, truth_deg);
         self.published.count(Some(heading_deg), truth_deg);
         let tilt = number("pitch").zip(number("roll"));
-        let level = tilt.is_some_and(|(pitch, roll)| pitch.hypot(roll) < LEVEL_DEG);
+        let level = tilt.is_some_and(|(pitch, roll)| hypot(pitch, roll) < LEVEL_DEG);
         let score = if level {
             &mut self.level
         } else {

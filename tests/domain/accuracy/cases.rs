@@ -292,7 +292,7 @@ impl Case {
 
     /// Noise and the rounding to counts, one standard deviation, milligauss.
     pub fn whole_sigma(&self) -> f64 {
-        self.sigma.hypot(1.0 / COUNTS_PER_MGAUSS / 12f64.sqrt())
+        headingd::frame::hypot(self.sigma, 1.0 / COUNTS_PER_MGAUSS / 12f64.sqrt())
     }
 }
 
