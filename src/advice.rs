@@ -157,6 +157,10 @@ const ADVICE: &[(&[&str], &str)] = &[
         "turn again: a magnet was attached or taken away in mid-turn",
     ),
     (
+        &["rest"],
+        "turn again where the board has rested, with motors and currents as they will be: the field came with the turn",
+    ),
+    (
         &["stuck_axis"],
         "check the chip and its range: an axis reads the same number all the time",
     ),

@@ -14,6 +14,7 @@ use super::gyro_check::{self, GyroAgreement, Sighting};
 use super::jump::largest_jump;
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::outcome::Outcome;
+use super::plane::level_rest;
 use super::uncertainty::{correlation, heading_sd_deg};
 use super::verdict::{self, Measures, Refusal};
 
@@ -23,6 +24,9 @@ const FOLDS: usize = 4;
 /// Dip assumed for the predicted uncertainty of a heading where the vertical is not known, degrees:
 /// between those of Rome and of Oslo.
 const USUAL_DIP_DEG: f64 = 68.0;
+
+/// The vertical field over the horizontal where a compass is still of use: a dip of 75°.
+const STEEPEST: f64 = 3.7;
 
 impl<const D: usize> Work<'_, D> {
     /// Judges, and notes how long that took.
@@ -123,6 +127,7 @@ impl<const D: usize> Work<'_, D> {
             heading_sd_deg,
             gyro,
             jump: largest_jump(&self.sightings(points, |_| &curve, |_| true)),
+            rest_share: self.rest_share(points, &curve, *reference_mgauss),
             dip_spread_deg: if planar {
                 None
             } else {
@@ -170,13 +175,7 @@ impl<const D: usize> Work<'_, D> {
         wanted: impl Fn(usize) -> bool,
     ) -> Vec<Sighting> {
         let samples = &self.request.samples[self.plan.stretch.clone()];
-        let chip_axes = match self.plan.mode {
-            Mode::Planar => [self.plan.basis[0], self.plan.basis[1], Vector3::zeros()],
-            Mode::Spatial => [Vector3::x(), Vector3::y(), Vector3::z()],
-        };
-        let axes_body = SMatrix::<f64, 3, D>::from_fn(|row, column| {
-            self.request.mounting.to_body(chip_axes[column])[row]
-        });
+        let axes_body = self.axes_body();
         let mut sightings = Vec::with_capacity(points.len());
         for (index, (sample, point)) in samples.iter().zip(points).enumerate() {
             let Some(pose) = sample.pose.filter(|_| wanted(index)) else {
@@ -189,6 +188,43 @@ impl<const D: usize> Work<'_, D> {
             });
         }
         sightings
+    }
+
+    /// How far the field at rest before the turn is from that of its first quarter, in the gyro's frame, over this strength,
+    /// less what the vertical field makes of a rest that was not quite level.
+    /// `None` where nothing was seen at rest, or the gyro was lost between.
+    fn rest_share<C: Curve<D, P>, const P: usize>(
+        &self,
+        points: &[[f64; D]],
+        curve: &C,
+        strength_mgauss: f64,
+    ) -> Option<f64> {
+        let (rest, lean_rad) = match self.plan.mode {
+            Mode::Planar => level_rest(self.request)?,
+            Mode::Spatial => (self.request.rest?, 0.0),
+        };
+        let pose = rest.pose?;
+        let begins = self.sightings(points, |_| curve, |index| index < points.len() / 4);
+        let turned: Vec<Vector3<f64>> = begins
+            .iter()
+            .filter(|sighting| sighting.pose.stretch == pose.stretch)
+            .map(|sighting| sighting.pose.orientation * sighting.field_body)
+            .collect();
+        let sum: Vector3<f64> = turned.iter().sum();
+        let point = (self.project)(&rest);
+        let rested = pose.orientation * (self.axes_body() * SVector::from(curve.correct(&point)));
+        let apart = (sum / turned.len() as f64 - rested).norm();
+        let by_lean = STEEPEST * lean_rad;
+        (!turned.is_empty()).then(|| (apart / strength_mgauss - by_lean).max(0.0))
+    }
+
+    /// The calibrated axes, body axes.
+    fn axes_body(&self) -> SMatrix<f64, 3, D> {
+        let chip_axes = match self.plan.mode {
+            Mode::Planar => [self.plan.basis[0], self.plan.basis[1], Vector3::zeros()],
+            Mode::Spatial => [Vector3::x(), Vector3::y(), Vector3::z()],
+        };
+        SMatrix::from_fn(|row, column| self.request.mounting.to_body(chip_axes[column])[row])
     }
 
     fn agreement(&self, sightings: &[Sighting]) -> Option<GyroAgreement> {

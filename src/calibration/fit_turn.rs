@@ -54,7 +54,7 @@ pub fn calibrate(
             && s.field_mgauss.iter().all(|b| b.abs() < 1e6)
             && s.pose.as_ref().is_none_or(finite)
     };
-    if !request.samples.iter().all(usable) {
+    if !request.samples.iter().chain(&request.rest).all(usable) {
         return Err(Refusal::new(
             "bad_samples",
             "a sample is not a finite number of milligauss, or its time or pose is none",

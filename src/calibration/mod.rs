@@ -37,7 +37,7 @@ use std::time::Duration;
 
 use outcome::{Outcome, Verdict};
 
-pub use request::{CompletedTurn, FieldSample, Request, during};
+pub use request::{CompletedTurn, FieldSample, Request, during, last_rest};
 
 /// Calibrates. `clock` returns the time since any origin, for the outcome's `elapsed_us`; `None` leaves those
 /// unknown, as a replay must.

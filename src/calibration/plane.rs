@@ -8,6 +8,9 @@ use super::model::Mode;
 use super::request::{CompletedTurn, FieldSample, Request};
 use super::settings::{ModeChoice, WindowChoice};
 
+/// A rest that leans by this much more, 2.5°, is not compared with the turns.
+const LEVEL_RAD: f64 = 0.044;
+
 /// The plan of one calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -93,6 +96,17 @@ fn while_level(request: &Request, stretch: Range<usize>) -> Range<usize> {
     let before = request.samples[stretch.start..start].iter().rev();
     let after = request.samples[end..stretch.end].iter();
     start - before.take_while(level).count()..end + after.take_while(level).count()
+}
+
+/// What was seen at rest before the turns, and by how much less level it was than they are on average, radians. `None` where
+/// that is too much to compare them.
+pub fn level_rest(request: &Request) -> Option<(FieldSample, f64)> {
+    let axis = main_axis(&request.turns)?;
+    let leaning = |sample: &FieldSample| sample.pose.map(|pose| pose.orientation * axis);
+    let turned = &request.samples[request.moving.clone()];
+    let mean: Vector3<f64> = turned.iter().filter_map(leaning).sum();
+    let lean_rad = leaning(&request.rest?)?.angle(&mean);
+    Some((request.rest?, lean_rad)).filter(|_| lean_rad < LEVEL_RAD)
 }
 
 /// Leaves out the first samples of a log, of which the tilt is not known yet, unless they are many or no tilt

@@ -10,6 +10,12 @@ use crate::attitude::Pose;
 use crate::frame::Mounting;
 use crate::turn::Turn;
 
+/// A board that turns by less than this, 0.6°, in this time rests, seconds: a turn of a minute makes 3°.
+const RESTING_RAD: f64 = 0.01;
+const REST_S: f64 = 0.5;
+/// Those last seconds: the gyro has hardly drifted since.
+const REST_BEFORE_S: f64 = 5.0;
+
 /// One magnetometer sample, as a calibration sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldSample {
@@ -38,6 +44,8 @@ pub struct Request {
     /// The samples from the start of the first rotation to the end of the last; those at rest before and
     /// after repeat each other. A live request is all of this.
     pub moving: Range<usize>,
+    /// What was seen at rest not long before the first rotation: a motor that runs only in the turn shows between them.
+    pub rest: Option<FieldSample>,
     /// The full turns among them, in order.
     pub turns: Vec<CompletedTurn>,
     /// Two perpendicular unit vectors, chip axes, if the plane is given and not to be taken from the gyro.
@@ -71,6 +79,7 @@ impl Request {
     ) -> Self {
         Self {
             moving: 0..samples.len(),
+            rest: None,
             samples,
             turns,
             plane: None,
@@ -79,6 +88,37 @@ impl Request {
             limits,
         }
     }
+}
+
+/// The earliest sample at rest of the last seconds among these, which are in order of time and end where a turn begins. A turn
+/// begins gently, so that the last sample at rest may be one of the turn.
+pub fn last_rest<'a>(
+    samples: impl DoubleEndedIterator<Item = &'a FieldSample> + Clone,
+) -> Option<FieldSample> {
+    let ends_s = samples.clone().next_back()?.t_s;
+    let mut earlier = samples.clone().rev();
+    let lasts = samples
+        .rev()
+        .take_while(|sample| ends_s - sample.t_s < REST_BEFORE_S);
+    // Both go back in time, one ahead of the other.
+    let mut first = earlier.next()?;
+    let mut rest = None;
+    for last in lasts {
+        while last.t_s - first.t_s < REST_S {
+            match earlier.next() {
+                Some(sample) => first = sample,
+                None => return rest,
+            }
+        }
+        let (Some(now), Some(then)) = (last.pose, first.pose) else {
+            continue;
+        };
+        let turned_rad = now.orientation.angle_to(&then.orientation);
+        if now.stretch == then.stretch && turned_rad < RESTING_RAD {
+            rest = Some(*first);
+        }
+    }
+    rest
 }
 
 /// Those of these samples, in order of time, that were taken from one moment to another. Both moments belong to it: between

@@ -52,6 +52,8 @@ pub struct Measures {
     pub gyro: Option<GyroAgreement>,
     /// The largest jump of the field, where there is a gyro.
     pub jump: Option<Jump>,
+    /// How far the field at rest before the turn is from that of the turn, over its strength.
+    pub rest_share: Option<f64>,
     /// Spatial: change of the dip with attitude, where the vertical is known.
     pub dip_spread_deg: Option<f64>,
 }
@@ -62,6 +64,10 @@ const MOST_AT_THE_END: f64 = 0.5;
 
 /// A jump by a smaller share of the field is none, however still the field is otherwise.
 const LEAST_JUMP_SHARE: f64 = 0.02;
+
+/// Field and fit at rest may differ by this share, 11° of heading: the gyro has drifted by 4° at most, a swaying turn tilts
+/// the fit by as much, the place differs by 2°.
+pub const MOST_AT_REST: f64 = 0.2;
 
 /// The first objection to a candidate, the most telling first; `Ok` if there is none.
 ///
@@ -189,6 +195,16 @@ pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
             ),
         ));
     }
+    if let Some(share) = m.rest_share.filter(|&share| share > MOST_AT_REST) {
+        return Err(Refusal::new(
+            "rest",
+            format!(
+                "at rest before the turn the field was {:.0} % off what the fit makes of it (at most {:.0} % may): something magnetic came with the turn, as of a motor that runs",
+                100.0 * share,
+                100.0 * MOST_AT_REST
+            ),
+        ));
+    }
     if let Some(spread) = m.dip_spread_deg.filter(|&s| s > limits.dip_spread_deg) {
         return Err(Refusal::new(
             "dip",
@@ -224,6 +240,7 @@ mod tests {
                 share: 0.1,
                 times_usual: 2.0,
             }),
+            rest_share: Some(0.05),
             dip_spread_deg: Some(1.0),
         }
     }
@@ -236,7 +253,7 @@ mod tests {
     #[test]
     fn every_refusal_has_its_code_and_a_sentence() {
         type Spoil = fn(&mut Measures);
-        let cases: [(&str, Spoil); 13] = [
+        let cases: [(&str, Spoil); 14] = [
             ("coverage", |m| m.coverage_deg = Some(239.0)),
             ("coverage", |m| m.direction_spread = Some(0.0)),
             ("outliers", |m| m.outlier_share = 0.3),
@@ -264,6 +281,7 @@ mod tests {
                     drift_share: 0.0,
                 })
             }),
+            ("rest", |m| m.rest_share = Some(0.3)),
             ("dip", |m| m.dip_spread_deg = Some(7.0)),
         ];
         for (reason, spoil) in cases {

@@ -10,6 +10,8 @@ use crate::frame::hypot;
 
 /// How much of the disagreement with the gyro is the fit's: the rest is the gyro's own and noise.
 const GYRO_SHARE: f64 = 0.7;
+/// What the field at rest is off is a bias in one direction: all the way round the heading's error is this share of it, RMS.
+const REST_SHARE: f64 = 0.7;
 
 impl Pipeline {
     /// Why a motion would be calibrated on now; `None` if none would.
@@ -103,8 +105,13 @@ impl Pipeline {
     fn adopt(&mut self, outcome: &mut Outcome, calibration: &Calibration) {
         // A fit that the gyro contradicts is off by as much, however small its residuals are.
         let gyro_deg = GYRO_SHARE * outcome.gyro_rms_deg.unwrap_or(0.0);
+        let rest = outcome
+            .measures
+            .as_ref()
+            .and_then(|measures| measures.rest_share);
+        let rest_deg = REST_SHARE * rest.unwrap_or(0.0).to_degrees();
         let doubted = Calibration {
-            heading_sd_deg: hypot(calibration.heading_sd_deg, gyro_deg),
+            heading_sd_deg: hypot(calibration.heading_sd_deg, hypot(gyro_deg, rest_deg)),
             ..*calibration
         };
         if self.estimate.adopt_turn(&doubted, self.sample.as_ref()) {

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::{Action, Pipeline};
 use crate::calibration::plane::axes_apart_deg;
 use crate::calibration::settings::ModeChoice;
-use crate::calibration::{CompletedTurn, FieldSample, Request};
+use crate::calibration::{CompletedTurn, FieldSample, Request, last_rest};
 use crate::turn::Turn;
 
 /// No magnetometer on a board this size is faster; more samples than this a second of buffer are dropped.
@@ -114,12 +114,15 @@ impl Pipeline {
         let turns = turns
             .map(|turn| CompletedTurn::among(&samples, turn))
             .collect();
-        Some(Request::new(
-            samples,
-            turns,
-            self.setup.mountings.mag,
-            settings.clone(),
-            self.setup.verdict.clone(),
-        ))
+        Some(Request {
+            rest: last_rest(self.buffer.range(..from)),
+            ..Request::new(
+                samples,
+                turns,
+                self.setup.mountings.mag,
+                settings.clone(),
+                self.setup.verdict.clone(),
+            )
+        })
     }
 }

@@ -7,7 +7,7 @@ use crate::attitude::Attitude;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::settings::{ModeChoice, WindowChoice};
 use crate::calibration::thinning::Thinned;
-use crate::calibration::{CompletedTurn, FieldSample, Request, during};
+use crate::calibration::{CompletedTurn, FieldSample, Request, during, last_rest};
 use crate::outliers::Outliers;
 use crate::reading::{Field, Reading};
 use crate::turn::{Turn, TurnDetector};
@@ -149,6 +149,7 @@ impl Survey {
         );
         if let Some((first_s, last_s)) = self.rotation_s {
             request.moving = during(&request.samples, first_s, last_s);
+            request.rest = last_rest(request.samples[..request.moving.start].iter());
         }
         request.plane = self
             .plane

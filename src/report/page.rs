@@ -10,7 +10,7 @@ use super::{compass, field, timeline};
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
 use crate::calibration::outcome::Verdict;
-use crate::calibration::verdict::{Limits, Measures};
+use crate::calibration::verdict::{Limits, MOST_AT_REST, Measures};
 
 /// Where the readings come from.
 #[derive(Clone, Debug)]
@@ -316,6 +316,13 @@ fn limits(m: &Measures, limits: &Limits) -> String {
             "",
             m.jump.map(|jump| jump.times_usual),
             jump_limit,
+            true,
+        ),
+        (
+            "field at rest before the turn against the fit",
+            "",
+            m.rest_share,
+            MOST_AT_REST,
             true,
         ),
         (

@@ -5,6 +5,7 @@ use headingd::calibration::outcome::Verdict;
 use headingd::calibration::policy::{Policy, Reason};
 use headingd::condition::SourceFault;
 use headingd::pipeline::Event;
+use nalgebra::Vector3;
 
 use super::board::{Board, planar, spatial};
 use crate::common::apart_deg;
@@ -187,6 +188,18 @@ fn iron_in_one_place_is_not_taken_for_the_boards_own() {
     assert_eq!(board.state().0, "good");
     let error = board.error_deg().unwrap();
     assert!(error.abs() < 4.0, "{error}");
+}
+
+#[test]
+fn a_motor_that_runs_only_in_the_turn_is_betrayed_by_the_rest_before_it() {
+    let mut board = Board::rested(None);
+    board.bias_mgauss += Vector3::new(50.0, 50.0, 0.0);
+    board.turn(A_TURN_DEG);
+    assert_eq!(board.verdict(), ("rejected".to_owned(), "rest"));
+    // With the motor still running there is no such contradiction.
+    board.rest(5.0);
+    board.turn_anew();
+    assert_ne!(board.verdict().0, "rejected");
 }
 
 #[test]
