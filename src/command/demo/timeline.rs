@@ -207,7 +207,7 @@ impl Timeline {
                 add(&line);
             }
             if first {
-                add("from now on the heading is published");
+                add("from now on this calibration corrects the field");
             }
             self.accepted = true;
         }
