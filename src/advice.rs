@@ -154,7 +154,7 @@ const ADVICE: &[(&[&str], &str)] = &[
     ),
     (
         &["jump"],
-        "turn again: a magnet was attached or taken away in mid-turn",
+        "turn again, level: a magnet was attached or taken away in mid-turn, or the board tilted",
     ),
     (
         &["rest"],

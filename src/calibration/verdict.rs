@@ -188,7 +188,7 @@ pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
         return Err(Refusal::new(
             "jump",
             format!(
-                "the field jumped by {:.0} % within a second, {:.1} times what is usual in this turn (at most {:.1}): something magnetic came or went",
+                "the field jumped by {:.0} % within a second, {:.1} times what is usual in this turn (at most {:.1}): something magnetic came or went, or the board tilted",
                 100.0 * jump.share,
                 jump.times_usual,
                 largest_jump
