@@ -74,7 +74,14 @@ pub fn read(path: &Path) -> Result<Config, Failure> {
         .map_err(|error| {
             Failure::new(
                 Failure::NO_INPUT,
-                format!("cannot read configuration {name}: {error}"),
+                format!(
+                    "cannot read configuration {name}: {error}{}",
+                    if path == Path::new(USUAL) && error.kind() == io::ErrorKind::NotFound {
+                        "; the package installs it, and --config names another: config/simulator.toml needs no hardware"
+                    } else {
+                        ""
+                    }
+                ),
             )
         })?;
     if bytes.len() as u64 > LONGEST_CONFIG {

@@ -403,7 +403,7 @@ fn verdicts(analysis: &Analysis) -> String {
         return String::new();
     }
     let mut out = String::from(
-        "<h2>All verdicts</h2>\n<table><tr><th>at, s</th><th>by</th><th>verdict</th><th>reason</th><th></th></tr>\n",
+        "<h2>All verdicts, newest first</h2>\n<table><tr><th>at, s</th><th>by</th><th>verdict</th><th>reason</th><th></th></tr>\n",
     );
     for (t_s, verdict, reason, message, method) in analysis.verdicts.iter().rev().take(LISTED) {
         out += &format!(
