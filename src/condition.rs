@@ -311,8 +311,8 @@ mod tests {
 
     #[test]
     fn every_condition_has_its_evidence() {
-        type Spoil = fn(&mut Evidence<'static>);
-        let cases: [(&str, &str, Spoil); 19] = [
+        type SpoilEvidence = fn(&mut Evidence<'static>);
+        let cases: [(&str, &str, SpoilEvidence); 19] = [
             ("good", "good", |_| ()),
             ("fault", "unplugged", |e| {
                 static UNPLUGGED: LazyLock<SourceFault> = LazyLock::new(|| SourceFault {

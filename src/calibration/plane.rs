@@ -81,10 +81,10 @@ fn while_level(request: &Request, stretch: Range<usize>) -> Range<usize> {
     if start == stretch.start && end == stretch.end {
         return stretch;
     }
-    let leaning = |sample: &FieldSample| sample.pose.map(|pose| pose.orientation * axis);
+    let leaning = leaning(axis);
     let turned: Vec<Vector3<f64>> = request.samples[start..end]
         .iter()
-        .filter_map(leaning)
+        .filter_map(&leaning)
         .collect();
     let mean: Vector3<f64> = turned.iter().sum();
     let most = turned
@@ -98,13 +98,18 @@ fn while_level(request: &Request, stretch: Range<usize>) -> Range<usize> {
     start - before.take_while(level).count()..end + after.take_while(level).count()
 }
 
+/// Where a body axis points in the gyro's frame, of each sample with a pose.
+fn leaning(axis: Vector3<f64>) -> impl Fn(&FieldSample) -> Option<Vector3<f64>> {
+    move |sample| sample.pose.map(|pose| pose.orientation * axis)
+}
+
 /// What was seen at rest before the turns, and by how much less level it was than they are on average, radians. `None` where
 /// that is too much to compare them.
 pub fn level_rest(request: &Request) -> Option<(FieldSample, f64)> {
     let axis = main_axis(&request.turns)?;
-    let leaning = |sample: &FieldSample| sample.pose.map(|pose| pose.orientation * axis);
+    let leaning = leaning(axis);
     let turned = &request.samples[request.moving.clone()];
-    let mean: Vector3<f64> = turned.iter().filter_map(leaning).sum();
+    let mean: Vector3<f64> = turned.iter().filter_map(&leaning).sum();
     let lean_rad = leaning(&request.rest?)?.angle(&mean);
     Some((request.rest?, lean_rad)).filter(|_| lean_rad < LEVEL_RAD)
 }

@@ -252,8 +252,8 @@ mod tests {
 
     #[test]
     fn every_refusal_has_its_code_and_a_sentence() {
-        type Spoil = fn(&mut Measures);
-        let cases: [(&str, Spoil); 14] = [
+        type SpoilMeasures = fn(&mut Measures);
+        let cases: [(&str, SpoilMeasures); 14] = [
             ("coverage", |m| m.coverage_deg = Some(239.0)),
             ("coverage", |m| m.direction_spread = Some(0.0)),
             ("outliers", |m| m.outlier_share = 0.3),

@@ -189,7 +189,7 @@ mod tests {
     use crate::sensor::replay::Replay;
 
     #[derive(Parser)]
-    struct Cli {
+    struct SimulateCli {
         #[command(flatten)]
         args: Args,
     }
@@ -199,7 +199,7 @@ mod tests {
         let words = ["simulate", "--out", out]
             .into_iter()
             .chain(more.iter().copied());
-        Cli::try_parse_from(words).map(|cli| cli.args)
+        SimulateCli::try_parse_from(words).map(|cli| cli.args)
     }
 
     #[test]

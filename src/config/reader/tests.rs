@@ -60,12 +60,12 @@ thread_local! {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-struct Counted {
+struct CountedSettings {
     count: u32,
     inner: Inner,
 }
 
-impl Default for Counted {
+impl Default for CountedSettings {
     fn default() -> Self {
         MADE.set(MADE.get() + 1);
         Self {
@@ -75,7 +75,7 @@ impl Default for Counted {
     }
 }
 
-impl Check for Counted {
+impl Check for CountedSettings {
     fn check(&self) -> Vec<Fault> {
         Vec::new()
     }
@@ -92,7 +92,7 @@ fn many_unknown_keys_are_little_work() {
         let text = format!("[{table}]\n{keys}");
         MADE.set(0);
         let mut reader = TableReader::new(&text).unwrap();
-        reader.table::<Counted>("counted");
+        reader.table::<CountedSettings>("counted");
         let faults = reader.into_faults();
         assert!(faults.len() >= least, "{table}: {}", faults.len());
         assert!(MADE.get() < 1000, "{table}: {}", MADE.get());
