@@ -9,8 +9,9 @@ use std::os::fd::AsFd;
 use std::os::unix::fs::MetadataExt;
 
 use tracing_journald::{Priority, PriorityMappings};
+use tracing_subscriber::filter::{LevelFilter, ParseError, Targets};
 use tracing_subscriber::prelude::*;
-use tracing_subscriber::{EnvFilter, Layer, Registry, fmt, reload};
+use tracing_subscriber::{Layer, Registry, fmt, reload};
 
 use repeats::Repeats;
 
@@ -21,7 +22,7 @@ const FILTER_VARIABLE: &str = "RUST_LOG";
 #[derive(Clone, Debug)]
 pub struct Log {
     /// None if the environment has a filter of its own, which stays.
-    filter: Option<reload::Handle<EnvFilter, Registry>>,
+    filter: Option<reload::Handle<Targets, Registry>>,
 }
 
 impl Log {
@@ -30,11 +31,11 @@ impl Log {
         let wanted = env::var(FILTER_VARIABLE)
             .ok()
             .filter(|text| !text.is_empty());
-        let parsed = wanted.map(|text| EnvFilter::try_new(&text).map_err(|error| (text, error)));
+        let parsed = wanted.map(|text| text.parse().map_err(|error: ParseError| (text, error)));
         let (chosen, own, wrong) = match parsed {
             Some(Ok(chosen)) => (chosen, true, None),
-            Some(Err(wrong)) => (EnvFilter::new(filter), false, Some(wrong)),
-            None => (EnvFilter::new(filter), false, None),
+            Some(Err(wrong)) => (targets(filter), false, Some(wrong)),
+            None => (targets(filter), false, None),
         };
         let (chosen, handle) = reload::Layer::new(chosen);
         tracing_subscriber::registry()
@@ -54,11 +55,17 @@ impl Log {
     /// Takes another filter from the configuration.
     pub fn set(&self, filter: &str) {
         if let Some(handle) = &self.filter
-            && let Err(error) = handle.reload(EnvFilter::new(filter))
+            && let Err(error) = handle.reload(targets(filter))
         {
             tracing::error!("cannot change the log's filter to {filter:?}: {error}");
         }
     }
+}
+
+/// The filter of the configuration, which has been checked. What cannot be read after all hides nothing of importance.
+fn targets(filter: &str) -> Targets {
+    let all = Targets::new().with_default(LevelFilter::INFO);
+    filter.parse().unwrap_or(all)
 }
 
 /// Whether standard error goes to the journal: `JOURNAL_STREAM` has its device and inode, as in systemd.exec(5).
@@ -98,4 +105,4 @@ fn output() -> Box<dyn Layer<Filtered> + Send + Sync> {
         .boxed()
 }
 
-type Filtered = tracing_subscriber::layer::Layered<reload::Layer<EnvFilter, Registry>, Registry>;
+type Filtered = tracing_subscriber::layer::Layered<reload::Layer<Targets, Registry>, Registry>;

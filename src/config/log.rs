@@ -1,6 +1,6 @@
 //! Table `[log]`: the daemon's own log.
 
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::Targets;
 
 use crate::check::{Fault, settings};
 
@@ -19,12 +19,11 @@ impl Settings {
     fn check_filter(&self, faults: &mut Vec<Fault>) {
         const LEVELS: [&str; 6] = ["off", "error", "warn", "info", "debug", "trace"];
         // The parser takes a misspelt level for the name of a target, and then shows nothing else.
-        let misspelt = !self.filter.contains('[')
-            && self.filter.split(',').any(|part| {
-                let part = part.trim();
-                !part.contains('=') && !LEVELS.iter().any(|level| level.eq_ignore_ascii_case(part))
-            });
-        if !misspelt && EnvFilter::try_new(&self.filter).is_ok() {
+        let misspelt = self.filter.split(',').any(|part| {
+            let part = part.trim();
+            !part.contains('=') && !LEVELS.iter().any(|level| level.eq_ignore_ascii_case(part))
+        });
+        if !misspelt && self.filter.parse::<Targets>().is_ok() {
             return;
         }
         faults.push(Fault {
