@@ -12,7 +12,7 @@ use super::retired;
 use super::syntax;
 use super::syntax::{LineIndex, column};
 use super::words::{choices, explain, suggest};
-use crate::check::Check;
+use crate::check::{Check, Fault};
 
 /// What a table of the configuration is read into.
 pub trait Settings: Default + Serialize + DeserializeOwned + Check {}
@@ -24,6 +24,29 @@ const MOST_NESTED: usize = 100;
 
 type Key<'i> = Spanned<DeString<'i>>;
 type Value<'i> = Spanned<DeValue<'i>>;
+
+/// The settings that a table is read into, without their type: the search for wrong keys is then compiled once, and not
+/// for each of 20 tables.
+struct Target<'t, 'i> {
+    name: &'t str,
+    keys: Vec<String>,
+    defaults: toml::Table,
+    /// Reads the settings from a table that has only the value, under the nested keys; the deserialiser's message if
+    /// it cannot.
+    attempt: fn(&[Key<'i>], &Value<'i>) -> Result<(), String>,
+}
+
+impl Target<'_, '_> {
+    /// The default of a key whose value is a row of numbers.
+    fn default_numbers(&self, path: &[Key<'_>]) -> Option<&Vec<toml::Value>> {
+        let (first, rest) = path.split_first()?;
+        let mut value = self.defaults.get(first.get_ref().as_ref())?;
+        for key in rest {
+            value = value.get(key.get_ref().as_ref())?;
+        }
+        value.as_array()
+    }
+}
 
 /// A document being read.
 pub(super) struct TableReader<'i> {
@@ -105,7 +128,7 @@ impl<'i> TableReader<'i> {
     pub(super) fn table<T: Settings>(&mut self, name: &str) -> T {
         let Some((name_key, value)) = find(&self.root, name) else {
             let settings = T::default();
-            let faults = self.check(&settings, name, &DeTable::new(), None);
+            let faults = self.check(settings.check(), name, &DeTable::new(), None);
             self.faults.extend(faults);
             return settings;
         };
@@ -124,36 +147,20 @@ impl<'i> TableReader<'i> {
             return T::default();
         };
 
-        // Key by key, since a deserialiser stops at its first error.
-        let mut usable = DeTable::new();
-        let mut faults = Vec::new();
-        let mut gone = Vec::new();
-        let known = keys::<T>();
-        for (key, value) in table {
-            if let Some(instead) = retired::instead(name, key.get_ref()) {
-                let at = key.span().start;
-                let sentence = format!(
-                    "line {}: {name}.{} no longer exists and has no effect: {instead}",
-                    self.places.line(at),
-                    key.get_ref()
-                );
-                gone.push((at, sentence));
-                continue;
-            }
-            if !known.is_empty() && !known.iter().any(|known| known == key.get_ref()) {
-                faults.push(self.unknown(name, key, &known));
-                continue;
-            }
-            let wrong = self.probe::<T>(name, std::slice::from_ref(key), value);
-            if wrong.is_empty() {
-                usable.insert(key.clone(), value.clone());
-            }
-            faults.extend(wrong);
-        }
+        let target = Target {
+            name,
+            keys: keys::<T>(),
+            defaults: toml::Table::try_from(T::default()).unwrap_or_default(),
+            attempt: |path, value| match deserialize::<T>(path, value) {
+                Ok(_) => Ok(()),
+                Err(error) => Err(error.message().to_owned()),
+            },
+        };
+        let (usable, mut faults, gone) = self.usable_keys(table, &target);
         let settings =
             match deserialize::<T>(&[], &Spanned::new(span.clone(), DeValue::Table(usable))) {
                 Ok(settings) => {
-                    faults.extend(self.check(&settings, name, table, Some(span.start)));
+                    faults.extend(self.check(settings.check(), name, table, Some(span.start)));
                     settings
                 }
                 Err(error) => {
@@ -171,6 +178,42 @@ impl<'i> TableReader<'i> {
         settings
     }
 
+    /// The keys of a table that can be used, the faults of the others, and the keys that no longer exist, with their
+    /// offsets. Key by key, since a deserialiser stops at its first error.
+    fn usable_keys(
+        &self,
+        table: &DeTable<'i>,
+        target: &Target<'_, 'i>,
+    ) -> (DeTable<'i>, Vec<ConfigFault>, Vec<(usize, String)>) {
+        let name = target.name;
+        let mut usable = DeTable::new();
+        let mut faults = Vec::new();
+        let mut gone = Vec::new();
+        for (key, value) in table {
+            if let Some(instead) = retired::instead(name, key.get_ref()) {
+                let at = key.span().start;
+                let sentence = format!(
+                    "line {}: {name}.{} no longer exists and has no effect: {instead}",
+                    self.places.line(at),
+                    key.get_ref()
+                );
+                gone.push((at, sentence));
+                continue;
+            }
+            let known = &target.keys;
+            if !known.is_empty() && !known.iter().any(|known| known == key.get_ref()) {
+                faults.push(self.unknown(name, key, known));
+                continue;
+            }
+            let wrong = self.probe(target, std::slice::from_ref(key), value);
+            if wrong.is_empty() {
+                usable.insert(key.clone(), value.clone());
+            }
+            faults.extend(wrong);
+        }
+        (usable, faults, gone)
+    }
+
     /// The keys that no longer exist, as sentences in the order of the lines.
     pub(super) fn take_retired(&mut self) -> Vec<String> {
         self.retired.sort();
@@ -179,7 +222,7 @@ impl<'i> TableReader<'i> {
     }
 
     /// Collects faults that concern more than one table; their keys are `table.key`.
-    pub(super) fn across(&mut self, faults: Vec<crate::check::Fault>) {
+    pub(super) fn across(&mut self, faults: Vec<Fault>) {
         for fault in faults {
             let at = position(&self.root, &fault.key);
             self.faults.push(ConfigFault {
@@ -217,22 +260,22 @@ impl<'i> TableReader<'i> {
     }
 
     /// The faults of one key alone, all others at their defaults. `path` leads from the table to the key.
-    fn probe<T: Settings>(
+    fn probe(
         &self,
-        table: &str,
+        target: &Target<'_, 'i>,
         path: &[Key<'i>],
         value: &Value<'i>,
     ) -> Vec<ConfigFault> {
-        let numbers = default_numbers::<T>(path);
+        let numbers = target.default_numbers(path);
         // The deserialiser passes over numbers that are too many.
         let too_many = match (value.get_ref(), &numbers) {
             (DeValue::Array(found), Some(numbers)) => found.len() > numbers.len(),
             _ => false,
         };
-        let mut message = match deserialize::<T>(path, value) {
-            Ok(_) if too_many => String::new(),
-            Ok(_) => return Vec::new(),
-            Err(error) => error.message().to_owned(),
+        let mut message = match (target.attempt)(path, value) {
+            Ok(()) if too_many => String::new(),
+            Ok(()) => return Vec::new(),
+            Err(message) => message,
         };
         // In a table within the table the same holds: look for every wrong key.
         if let DeValue::Table(inner) = value.get_ref() {
@@ -241,7 +284,7 @@ impl<'i> TableReader<'i> {
                 .take(MOST_NESTED)
                 .flat_map(|(key, value)| {
                     let path: Vec<Key<'i>> = path.iter().chain([key]).cloned().collect();
-                    self.probe::<T>(table, &path, value)
+                    self.probe(target, &path, value)
                 })
                 .collect();
             if !faults.is_empty() {
@@ -250,9 +293,9 @@ impl<'i> TableReader<'i> {
         }
         // The parser refuses a choice that is no string before it looks at the choices.
         if message == WANTED_CHOICE
-            && let Err(error) = deserialize::<T>(path, &text_value(value.span()))
+            && let Err(refused) = (target.attempt)(path, &text_value(value.span()))
         {
-            message = error.message().to_owned();
+            message = refused;
         }
         let names: Vec<&str> = path.iter().map(|key| key.get_ref().as_ref()).collect();
         let at = match path.last() {
@@ -262,14 +305,14 @@ impl<'i> TableReader<'i> {
         vec![ConfigFault {
             line: Some(self.places.line(at)),
             column: None,
-            key: format!("{table}.{}", names.join(".")),
+            key: format!("{}.{}", target.name, names.join(".")),
             problem: match numbers {
                 Some(numbers) => Problem::Unusable {
                     found: self.snippet(&value.span()),
                     right: format!(
                         "{} numbers, as the default is: {}",
                         numbers.len(),
-                        toml::Value::Array(numbers)
+                        toml::Value::Array(numbers.clone())
                     ),
                 },
                 None => explain(&message, self.snippet(&value.span())),
@@ -277,17 +320,16 @@ impl<'i> TableReader<'i> {
         }]
     }
 
-    /// The faults that settings find in themselves, each with its line if the key is in the file.
-    fn check<T: Check>(
+    /// The faults that settings found in themselves, each with its line if the key is in the file.
+    fn check(
         &self,
-        settings: &T,
+        faults: Vec<Fault>,
         name: &str,
         table: &DeTable<'i>,
         fallback: Option<usize>,
     ) -> Vec<ConfigFault> {
         let locate = |key: &str| position(table, key).or(fallback);
-        settings
-            .check()
+        faults
             .into_iter()
             .map(|fault| ConfigFault {
                 line: locate(&fault.key).map(|at| self.places.line(at)),
@@ -338,19 +380,6 @@ fn deserialize<T: DeserializeOwned>(
         value = Spanned::new(span, DeValue::Table(table));
     }
     T::deserialize(ValueDeserializer::from(value))
-}
-
-/// The default of a key whose value is a row of numbers.
-fn default_numbers<T: Settings>(path: &[Key<'_>]) -> Option<Vec<toml::Value>> {
-    let defaults = toml::Table::try_from(T::default()).ok()?;
-    let mut value = toml::Value::Table(defaults);
-    for key in path {
-        value = value.get(key.get_ref().as_ref())?.clone();
-    }
-    match value {
-        toml::Value::Array(numbers) => Some(numbers),
-        _ => None,
-    }
 }
 
 const WANTED_CHOICE: &str = "wanted string or table";
