@@ -19,6 +19,17 @@ pub enum Verdict {
     Rejected,
 }
 
+impl Verdict {
+    /// The word as published.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Accepted => "accepted",
+            Self::Kept => "kept",
+            Self::Rejected => "rejected",
+        }
+    }
+}
+
 /// Everything that is known about one calibration. Unknown is `None`, and null in JSON. Flat keys come
 /// first: some clients stop reading an object at its first array.
 #[derive(Clone, Debug, PartialEq, Serialize)]

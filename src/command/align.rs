@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value, json};
 
-use super::{Failure, print, tell_skips};
+use super::{Failure, print, print_json, tell_skips};
 use crate::alignment::{Alignment, ChipAlignment, Sign, align};
 use crate::frame::Mounting;
 use crate::sensor::replay::Replay;
@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Failure::new(Failure::REFUSED, format!("{refusal} ({})", refusal.code()))
     })?;
     if args.json {
-        print(&format!("{}\n", as_json(&found)))
+        print_json(&as_json(&found))
     } else {
         print(&as_text(&found))
     }

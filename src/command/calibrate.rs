@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::ValueEnum;
 
 use super::progress::Progress;
-use super::{Failure, config_file, print, tell_skips, word};
+use super::{Failure, config_file, number, print, print_json, tell_skips, word};
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
@@ -51,7 +51,7 @@ pub struct Args {
     pub stop: Option<StopChoice>,
     /// Strength of the field, milligauss: of its horizontal part for a planar calibration, of all of it
     /// for a spatial one. Without it, and without a full turn, the scale factors are brought to a mean of 1
-    #[arg(long, value_name = "N", value_parser = positive)]
+    #[arg(long, value_name = "N", value_parser = number("a number of milligauss", 10.0..=1000.0))]
     pub reference_mgauss: Option<f64>,
     /// Seed of the swarm
     #[arg(long, value_name = "N")]
@@ -92,13 +92,6 @@ impl Plane {
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if (10.0..=1000.0).contains(&value) => Ok(value),
-        _ => Err("a number of milligauss from 10 to 1000 is needed".to_owned()),
-    }
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -119,13 +112,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Store::write_file(path, &Contents::of(history))?;
     }
     if args.json {
-        let json = serde_json::to_string(&outcome).map_err(|error| {
-            Failure::new(
-                Failure::IO,
-                format!("cannot write the outcome as JSON: {error}"),
-            )
-        })?;
-        print(&(json + "\n"))?;
+        print_json(&outcome)?;
     } else {
         print(&summary(&outcome))?;
     }
@@ -152,26 +139,16 @@ fn settings(args: &Args) -> Result<Config, Failure> {
     Ok(config)
 }
 
-/// How many rows are read between two looks at the progress bar.
-const ROWS_A_LOOK: u64 = 8192;
-
 /// The log's sensor, and what comes of a calibration on all of it.
 fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failure> {
     let mut replay = Replay::open(&args.log)?;
     let header = replay.header();
-    let sensor = header.sensor.as_deref().unwrap_or("unknown");
-    let identity = Identity {
-        sensor: sensor.to_owned(),
-        mag_axes: header.mountings.mag,
-    };
+    let identity = Identity::new(header.sensor_name(), header.mountings.mag);
     let mut survey = Survey::new(config.setup(&header.mountings), args.plane.axes());
-    let (bar, mut rows) = (Progress::new(), 0u64);
+    let mut bar = Progress::new();
     while let Some(entry) = replay.next() {
         survey.take(&entry?.reading, replay.begins_stretch());
-        rows += 1;
-        if rows.is_multiple_of(ROWS_A_LOOK) {
-            bar.set(replay.share_read());
-        }
+        bar.follow(&replay);
     }
     bar.finish();
     tell_skips(replay.skips())?;
@@ -180,14 +157,12 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
         Surveyed::Request(request) => request,
         Surveyed::Learnt(outcome) => return Ok((identity, *outcome)),
         Surveyed::NoPlane => {
-            return Err(Failure::new(
-                Failure::USAGE,
-                format!(
-                    "{} has no gyro readings, so nothing tells the plane of a turn: add --mode spatial, or name the \
-                     plane with --plane xy, xz or yz",
-                    args.log.display()
-                ),
-            ));
+            let message = format!(
+                "{} has no gyro readings, so nothing tells the plane of a turn: add --mode spatial, or name the plane \
+                 with --plane xy, xz or yz",
+                args.log.display()
+            );
+            return Err(Failure::new(Failure::USAGE, message));
         }
     };
     if let Some(samples) = thinned_to {
@@ -218,12 +193,10 @@ fn summary(outcome: &Outcome) -> String {
         }
         None => "unknown".to_owned(),
     };
-    let verdict = match outcome.verdict {
-        Verdict::Accepted => "accepted",
-        Verdict::Kept => "kept",
-        Verdict::Rejected => "rejected",
-    };
-    let mut text = format!("{verdict} ({}): {}\n", outcome.reason, outcome.message);
+    let Outcome {
+        reason, message, ..
+    } = outcome;
+    let mut text = format!("{} ({reason}): {message}\n", outcome.verdict.word());
     if outcome.bias_mgauss.is_some() {
         let unit = match (outcome.reference_mgauss, outcome.method) {
             (Some(_), _) => "",

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::control::{self, ControlTarget};
 use super::wait::start_and_wait;
-use super::{Failure, print, word};
+use super::{Failure, print, print_json, text, word};
 use crate::calibration::model::Mode;
 use crate::calibration::policy::Policy;
 use crate::publish::control::ControlRequest;
@@ -119,9 +119,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return export(&answer, out.as_deref());
     }
     if args.json {
-        return print(&format!("{answer}\n"));
+        return print_json(&answer);
     }
-    let message = answer["message"].as_str().unwrap_or_default();
+    let message = text(&answer, "message");
     match &args.action {
         CalibrationAction::List => {
             let calibrations: Vec<_> = control::read(answer["calibrations"].clone())?;

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::progress::Progress;
-use super::{Failure, config_file, print};
+use super::{Failure, config_file, print, print_json};
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::sensor::bus::LinuxBus;
@@ -39,13 +39,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let path = config_file::path(args.config.as_deref());
     let config = config_file::read(&path)?;
     if config.source.kind != Some(Kind::I2c) {
-        return Err(Failure::new(
-            Failure::CONFIG,
-            format!(
-                "{}: source.kind must be \"i2c\": there are no chips to check",
-                path.display()
-            ),
-        ));
+        let why = "source.kind must be \"i2c\": there are no chips to check";
+        let message = format!("{}: {why}", path.display());
+        return Err(Failure::new(Failure::CONFIG, message));
     }
     let mut bus = LinuxBus::new(config.i2c.bus);
     let mut clock = SystemClock::new(Arc::new(AtomicBool::new(false)));
@@ -54,9 +50,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let report = examine(&expected(&config), &mut bus, &mut clock);
     drop(busy);
     if args.json {
-        let json = serde_json::to_string(&report);
-        let json = json.map_err(|error| Failure::new(Failure::IO, error))?;
-        print(&format!("{json}\n"))?;
+        print_json(&report)?;
     } else {
         print(&written(&report))?;
     }

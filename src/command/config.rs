@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
 
-use super::{Failure, config_file, print};
+use super::{Failure, OrFail, config_file, print};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
 use crate::daemon::open_files::{self, Shortage};
@@ -109,12 +109,7 @@ fn warnings(config: &Config) -> Vec<String> {
 }
 
 fn shown(config: &Config) -> Result<String, Failure> {
-    toml::to_string(config).map_err(|error| {
-        Failure::new(
-            Failure::CONFIG,
-            format!("cannot write the settings as TOML: {error}"),
-        )
-    })
+    toml::to_string(config).or_fail(Failure::CONFIG, "cannot write the settings as TOML")
 }
 
 #[cfg(test)]

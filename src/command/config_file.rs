@@ -6,11 +6,14 @@ use std::io::{self, Read};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
-use super::Failure;
+use super::{Failure, OrFail};
 use crate::config::Config;
 
 /// The configuration of the service, and of every command that is told of no other.
 const USUAL: &str = "/etc/headingd/headingd.toml";
+
+/// What helps where that is missing.
+const INSTALL: &str = "; the package installs it, and --config names another: config/simulator.toml needs no hardware";
 
 /// The environment variable that names another file in its place.
 const VARIABLE: &str = "HEADINGD_CONFIG";
@@ -72,30 +75,17 @@ pub fn read(path: &Path) -> Result<Config, Failure> {
     open_regular(path)
         .and_then(|file| file.take(LONGEST_CONFIG + 1).read_to_end(&mut bytes))
         .map_err(|error| {
-            Failure::new(
-                Failure::NO_INPUT,
-                format!(
-                    "cannot read configuration {name}: {error}{}",
-                    if path == Path::new(USUAL) && error.kind() == io::ErrorKind::NotFound {
-                        "; the package installs it, and --config names another: config/simulator.toml needs no hardware"
-                    } else {
-                        ""
-                    }
-                ),
-            )
+            let missing = path == Path::new(USUAL) && error.kind() == io::ErrorKind::NotFound;
+            let remedy = if missing { INSTALL } else { "" };
+            let message = format!("cannot read configuration {name}: {error}{remedy}");
+            Failure::new(Failure::NO_INPUT, message)
         })?;
     if bytes.len() as u64 > LONGEST_CONFIG {
-        return Err(Failure::new(
-            Failure::CONFIG,
-            format!("{name}: longer than 1 MiB, so it is no configuration of headingd"),
-        ));
+        let message = format!("{name}: longer than 1 MiB, so it is no configuration of headingd");
+        return Err(Failure::new(Failure::CONFIG, message));
     }
-    let text = String::from_utf8(bytes).map_err(|error| {
-        Failure::new(
-            Failure::CONFIG,
-            format!("{name}: not a text in UTF-8: {}", error.utf8_error()),
-        )
-    })?;
+    let not_text = format!("{name}: not a text in UTF-8");
+    let text = String::from_utf8(bytes).or_fail(Failure::CONFIG, not_text)?;
     Config::parse(&name.to_string(), &text).map_err(|error| Failure::new(Failure::CONFIG, error))
 }
 

@@ -11,7 +11,7 @@ use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::{Failure, config_file, print};
+use super::{Failure, OrFail, config_file, print_json};
 use crate::config::Config;
 use crate::publish::control::ControlRequest;
 
@@ -56,7 +56,7 @@ impl ControlTarget {
             return answer.map_err(|(failure, _)| failure);
         };
         if json {
-            print(&format!("{answer}\n"))?;
+            print_json(&answer)?;
         }
         Err(failure)
     }
@@ -84,10 +84,8 @@ pub(super) fn exchange(
 
 /// The answer as the command reads it.
 pub(super) fn read<T: DeserializeOwned>(answer: Value) -> Result<T, Failure> {
-    serde_json::from_value(answer).map_err(|error| {
-        let message = format!("the daemon and this headingd are of different versions: {error}");
-        Failure::new(Failure::DATA, message)
-    })
+    let what = "the daemon and this headingd are of different versions";
+    serde_json::from_value(answer).or_fail(Failure::DATA, what)
 }
 
 /// The exit status for a refusal with this code.
@@ -145,6 +143,7 @@ fn stranger(path: &Path, answer: &Value) -> Failure {
     Failure::new(Failure::DATA, message)
 }
 
+/// Why the daemon with this socket cannot be reached, and what helps.
 pub(super) fn unreachable(path: &Path, error: &io::Error) -> Failure {
     let name = path.display();
     match error.kind() {

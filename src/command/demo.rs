@@ -12,7 +12,7 @@ use tokio::net::UnixStream;
 use tokio::signal::unix::SignalKind;
 
 use super::run::{catch, runtime};
-use super::{Failure, print};
+use super::{Failure, OrFail, number, print};
 use crate::config::{Config, source};
 use crate::daemon::{Daemon, DaemonError};
 use crate::logging::Log;
@@ -20,7 +20,7 @@ use crate::publish::server;
 use crate::sensor::simulator::{self, Scenario, Simulator};
 use crate::service::Service;
 use crate::store;
-use timeline::Timeline;
+use timeline::{Timeline, opening};
 
 /// The client asks for everything.
 const WATCH: &[u8] =
@@ -38,7 +38,7 @@ const BACKLOG: usize = 4096;
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// How fast time goes, 0.1 to 1000 times real time
-    #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = speed)]
+    #[arg(long, value_name = "N", default_value_t = 1.0, value_parser = number("a number", 0.1..=1000.0))]
     pub speed: f64,
 
     /// Number that fixes all noise
@@ -48,11 +48,6 @@ pub struct Args {
     /// Where to put the socket; by default into a temporary folder
     #[arg(long, value_name = "PATH")]
     pub socket: Option<PathBuf>,
-}
-
-fn speed(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|n| (0.1..=1000.0).contains(n));
-    number.ok_or_else(|| "must be a number from 0.1 to 1000".to_owned())
 }
 
 /// Runs the command.
@@ -72,26 +67,29 @@ async fn demo(args: &Args) -> Result<(), Failure> {
         SignalKind::terminate(),
         SignalKind::hangup(),
     ])?;
-    let folder = match args.socket {
-        Some(_) => None,
-        None => Some(tempfile::Builder::new().prefix("headingd-").tempdir().map_err(
-            |error| Failure::new(Failure::CANNOT_CREATE, format!("cannot make a folder for the socket: {error}; choose a place with --socket")),
-        )?),
-    };
-    let socket = match (&args.socket, &folder) {
-        (Some(path), _) => std::path::absolute(path).unwrap_or_else(|_| path.clone()),
-        (None, Some(folder)) => folder.path().join("heading.sock"),
-        (None, None) => PathBuf::new(),
+    // The folder is removed when this function ends.
+    let (socket, _folder) = match &args.socket {
+        Some(path) => (
+            std::path::absolute(path).unwrap_or_else(|_| path.clone()),
+            None,
+        ),
+        None => {
+            let made = tempfile::Builder::new().prefix("headingd-").tempdir();
+            let what = "cannot make a folder for the socket (choose a place with --socket)";
+            let folder = made.or_fail(Failure::CANNOT_CREATE, what)?;
+            (folder.path().join("heading.sock"), Some(folder))
+        }
     };
     let config = config(args, &socket);
     let simulator = Simulator::new(config.simulator.clone()).map_err(DaemonError::Simulator)?;
+    let opening = opening(&config, simulator.duration_s());
     let mut timeline = Timeline::new(&config, simulator);
 
     let daemon = Daemon::open(&config, Service::default())?;
-    let client = UnixStream::connect(&socket)
-        .await
-        .map_err(|error| lost(&socket, &error))?;
-    print(&timeline.opening())?;
+    let lost = format!("cannot read from socket {}", socket.display());
+    let client = UnixStream::connect(&socket).await;
+    let client = client.or_fail(Failure::IO, &lost)?;
+    print(&opening)?;
     let mut caught = None;
     let told = async {
         caught = Some(signals.received().await);
@@ -104,16 +102,9 @@ async fn demo(args: &Args) -> Result<(), Failure> {
         let status = u8::try_from(128 + signal.as_raw_value()).unwrap_or(Failure::SYSTEM);
         return Err(Failure::new(status, "stopped; nothing is left behind"));
     }
-    watched.map_err(|error| lost(&socket, &error))??;
+    watched.or_fail(Failure::IO, &lost)??;
     print(&timeline.closing())?;
     timeline.judge()
-}
-
-fn lost(socket: &Path, error: &io::Error) -> Failure {
-    Failure::new(
-        Failure::IO,
-        format!("cannot read from socket {}: {error}", socket.display()),
-    )
 }
 
 fn config(args: &Args, socket: &Path) -> Config {

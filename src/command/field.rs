@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Failure, print};
+use super::{Failure, print, print_json};
 use crate::date;
 use crate::true_north::{EarthField, Known, Position};
 use crate::wall_clock;
@@ -65,7 +65,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .map_err(|error| Failure::new(Failure::REFUSED, error))?;
     let day = date::date(since_1970).to_string();
     if args.json {
-        return print(&format!("{}\n", as_json(&position, &day, &field)));
+        return print_json(&as_json(&position, &day, &field));
     }
     if let Some(zone) = field.zone {
         eprintln!("headingd: {}", zone.warning(&field));

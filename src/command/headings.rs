@@ -60,6 +60,20 @@ impl DaemonSockets {
     }
 }
 
+/// A heading to steer by, as text: the true one where it is known, with its uncertainty, one standard deviation.
+pub(super) fn heading_text(
+    true_deg: Option<f64>,
+    magnetic_deg: Option<f64>,
+    sd_deg: Option<f64>,
+) -> Option<String> {
+    let (degrees, north) = match true_deg {
+        Some(degrees) => (degrees, "true"),
+        None => (magnetic_deg?, "magnetic"),
+    };
+    let sd = sd_deg.map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
+    Some(format!("{degrees:05.1}° {north}{sd}"))
+}
+
 /// A connection to the socket for headings.
 #[derive(Debug)]
 pub struct Headings {
@@ -150,13 +164,13 @@ impl Headings {
             .take(LONGEST)
             .read_until(b'\n', &mut self.bytes);
         match read {
-            Ok(0) => Err(Failure::new(
-                Failure::UNAVAILABLE,
-                format!(
-                    "headingd has closed {}: it has stopped, or its source is at its end",
-                    self.path.display()
-                ),
-            )),
+            Ok(0) => {
+                let path = self.path.display();
+                let message = format!(
+                    "headingd has closed {path}: it has stopped, or its source is at its end"
+                );
+                Err(Failure::new(Failure::UNAVAILABLE, message))
+            }
             Ok(_) => {
                 self.line = String::from_utf8_lossy(&self.bytes).into_owned();
                 // A longer line than any of the daemon's is passed over in pieces.
@@ -199,12 +213,9 @@ impl Headings {
                 continue;
             };
             if object["class"] == "ERROR" {
-                let message = object["message"].as_str().unwrap_or("an error");
-                let path = self.path.display();
-                return Err(Failure::new(
-                    Failure::UNAVAILABLE,
-                    format!("headingd at {path} refuses: {message}"),
-                ));
+                let why = object["message"].as_str().unwrap_or("an error");
+                let message = format!("headingd at {} refuses: {why}", self.path.display());
+                return Err(Failure::new(Failure::UNAVAILABLE, message));
             }
             return Ok(Some(object));
         }

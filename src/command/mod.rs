@@ -2,9 +2,12 @@
 
 use std::fmt;
 use std::io::{self, Write};
+use std::ops::RangeInclusive;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 use crate::logging;
 use crate::recording::Skips;
@@ -90,6 +93,18 @@ impl fmt::Display for Failure {
 
 impl std::error::Error for Failure {}
 
+/// Turns an error into a [`Failure`] that says what was being done.
+trait OrFail<T> {
+    /// The error becomes `what: error`, with this exit status.
+    fn or_fail(self, status: u8, what: impl fmt::Display) -> Result<T, Failure>;
+}
+
+impl<T, E: fmt::Display> OrFail<T> for Result<T, E> {
+    fn or_fail(self, status: u8, what: impl fmt::Display) -> Result<T, Failure> {
+        self.map_err(|error| Failure::new(status, format!("{what}: {error}")))
+    }
+}
+
 /// Why a command stops in the middle of its output.
 enum Halt {
     Output(io::Error),
@@ -112,10 +127,9 @@ impl From<Failure> for Halt {
 fn printed(result: Result<(), Halt>) -> Result<(), Failure> {
     match result {
         Err(Halt::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        Err(Halt::Output(error)) => Err(Failure::new(
-            Failure::IO,
-            format!("cannot write to standard output: {error}"),
-        )),
+        Err(Halt::Output(error)) => {
+            Err(error).or_fail(Failure::IO, "cannot write to standard output")
+        }
         Err(Halt::Failure(failure)) => Err(failure),
         Ok(()) => Ok(()),
     }
@@ -130,6 +144,33 @@ pub fn print(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
     printed(written.map_err(Halt::Output))
+}
+
+/// Writes a value to standard output, as one line of JSON.
+///
+/// # Errors
+///
+/// It cannot be written, and somebody would read it.
+pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
+    let json = serde_json::to_string(value).or_fail(Failure::IO, "cannot write JSON")?;
+    print(&(json + "\n"))
+}
+
+/// A text of an object that the daemon sent; empty where it has none.
+fn text<'a>(object: &'a Value, key: &str) -> &'a str {
+    object[key].as_str().unwrap_or_default()
+}
+
+/// Reads an option that is a number within a range; `what` says of what: "a number of seconds".
+fn number(
+    what: &'static str,
+    range: RangeInclusive<f64>,
+) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        let (least, most) = range.clone().into_inner();
+        number.ok_or_else(|| format!("must be {what} from {least} to {most}"))
+    }
 }
 
 /// Reads an option whose words are those of the configuration.

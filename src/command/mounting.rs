@@ -1,7 +1,7 @@
 //! `headingd mounting`: how the board of a running daemon is mounted.
 
 use super::control::ControlTarget;
-use super::{Failure, print};
+use super::{Failure, print, print_json, text};
 use crate::publish::control::ControlRequest;
 
 /// Tell the running daemon how the board is mounted, or show it
@@ -41,8 +41,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let answer = args.target.ask(&request, args.json)?;
     if args.json {
-        return print(&format!("{answer}\n"));
+        return print_json(&answer);
     }
-    let message = answer["message"].as_str().unwrap_or_default();
-    print(&format!("{message}\n"))
+    print(&format!("{}\n", text(&answer, "message")))
 }

@@ -5,13 +5,19 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::sensor::replay::Replay;
+
 /// Parts into which all of the work is divided.
 const PARTS: u64 = 1000;
+
+/// How many rows of a log are read between two looks at how far that is.
+const ROWS_A_LOOK: u64 = 8192;
 
 /// A bar, from nothing to all of the work. It is removed with the command, or by [`Progress::finish`].
 #[derive(Debug)]
 pub struct Progress {
     bar: ProgressBar,
+    rows: u64,
 }
 
 impl Progress {
@@ -26,28 +32,24 @@ impl Progress {
     }
 
     fn with(template: &str) -> Self {
-        if !io::stderr().is_terminal() {
-            return Self {
-                bar: ProgressBar::hidden(),
-            };
-        }
         let style = ProgressStyle::with_template(template);
         let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-        Self {
-            bar: ProgressBar::new(PARTS).with_style(style.progress_chars("#>.")),
-        }
+        Self::on_terminal(|| ProgressBar::new(PARTS).with_style(style.progress_chars("#>.")))
+    }
+
+    fn on_terminal(bar: impl FnOnce() -> ProgressBar) -> Self {
+        let shown = io::stderr().is_terminal();
+        let bar = if shown { bar() } else { ProgressBar::hidden() };
+        Self { bar, rows: 0 }
     }
 
     /// A sign of life where nobody knows how far the work is.
     pub fn spinner(message: &'static str) -> Self {
-        if !io::stderr().is_terminal() {
-            return Self {
-                bar: ProgressBar::hidden(),
-            };
-        }
-        let bar = ProgressBar::new_spinner().with_message(message);
-        bar.enable_steady_tick(Duration::from_millis(200));
-        Self { bar }
+        Self::on_terminal(|| {
+            let bar = ProgressBar::new_spinner().with_message(message);
+            bar.enable_steady_tick(Duration::from_millis(200));
+            bar
+        })
     }
 
     /// Whether somebody sees it.
@@ -63,6 +65,14 @@ impl Progress {
     /// Sets how much is done, 0 to 1.
     pub fn set(&self, share: f64) {
         self.bar.set_position((PARTS as f64 * share) as u64);
+    }
+
+    /// Sets how much of a log has been read. To be called for each row.
+    pub fn follow(&mut self, log: &Replay) {
+        self.rows += 1;
+        if self.rows.is_multiple_of(ROWS_A_LOOK) {
+            self.set(log.share_read());
+        }
     }
 
     /// Removes the bar.

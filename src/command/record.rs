@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use tokio::signal::unix::SignalKind;
 
 use super::run::{catch, runtime};
-use super::{Failure, config_file};
+use super::{Failure, config_file, number};
 use crate::daemon::record::Recording;
 use crate::logging::Log;
 
@@ -26,13 +26,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Stop after so many seconds, 0.1 to 10000000
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = number("a number of seconds", 0.1..=1e7))]
     pub duration: Option<f64>,
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|n| (0.1..=1e7).contains(n));
-    number.ok_or_else(|| "must be a number from 0.1 to 10000000".to_owned())
 }
 
 /// Runs the command.

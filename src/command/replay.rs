@@ -19,9 +19,6 @@ use crate::store::{History, Identity, Loaded, Made, Store, StoreError};
 use crate::true_north::TrueNorth;
 use crate::wall_clock::unix_now_s;
 
-/// How many rows are read between two looks at the progress bar.
-const ROWS_A_LOOK: u64 = 8192;
-
 /// Replay a recorded log, as fast as it goes
 ///
 /// Prints the JSON lines that a client of the socket with every stream enabled gets: ATT for each
@@ -63,16 +60,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let replay = Replay::open(&args.log)?;
     let header = replay.header();
-    let identity = Identity {
-        sensor: header
-            .sensor
-            .clone()
-            .unwrap_or_else(|| "unknown".to_owned()),
-        mag_axes: header.mountings.mag,
-    };
     let mut keep = Keep {
         store: None,
-        history: History::new(identity),
+        history: History::new(Identity::new(header.sensor_name(), header.mountings.mag)),
         most: config.store.history,
     };
     let calibration = keep.open(args)?;
@@ -97,10 +87,9 @@ fn play<W: Write>(
     mut lines: JsonLines<W>,
     keep: &mut Keep,
 ) -> Result<(), Halt> {
-    let bar = Progress::new();
+    let mut bar = Progress::new();
     lines.greet()?;
     let mut actions = Vec::new();
-    let mut rows = 0u64;
     while let Some(entry) = replay.next() {
         let entry = entry.map_err(Failure::from)?;
         if replay.begins_stretch() {
@@ -134,10 +123,7 @@ fn play<W: Write>(
                 pipeline.handle(Event::Calibrated(Box::new(outcome)), &mut actions);
             }
         }
-        rows += 1;
-        if rows.is_multiple_of(ROWS_A_LOOK) {
-            bar.set(replay.share_read());
-        }
+        bar.follow(&replay);
     }
     lines.out.flush()?;
     bar.finish();

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
-use super::{Failure, config_file, print, tell_skips};
+use super::{Failure, OrFail, config_file, number, print, tell_skips};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
 use crate::publish::control::ControlRequest;
@@ -21,9 +21,6 @@ const WATCH: &str = r#"{"enable":true,"json":false,"readings":true}"#;
 
 /// A daemon whose source is silent is not waited for without end.
 const PATIENCE: Duration = Duration::from_secs(1);
-
-/// How many rows are read between two looks at the progress bar.
-const ROWS_A_LOOK: u64 = 4096;
 
 /// Write a page with figures on a log, or on what a running daemon reads
 ///
@@ -40,7 +37,7 @@ pub struct Args {
     #[arg(long, value_name = "PATH")]
     pub socket: Option<PathBuf>,
     /// How long to listen to the daemon, 1 to 86400 seconds
-    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = seconds)]
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = number("a number of seconds", 1.0..=86_400.0))]
     pub duration: f64,
     /// The page to write; an existing one is replaced. "-" is standard output
     #[arg(long, value_name = "FILE")]
@@ -48,11 +45,6 @@ pub struct Args {
     /// Configuration [default: /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|n| (1.0..=86_400.0).contains(n));
-    number.ok_or_else(|| "must be a number from 1 to 86400".to_owned())
 }
 
 impl From<ReportError> for Failure {
@@ -76,31 +68,22 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.out == Path::new("-") {
         return print(&page);
     }
-    std::fs::write(&args.out, page).map_err(|error| {
-        let out = args.out.display();
-        Failure::new(
-            Failure::CANNOT_CREATE,
-            format!("cannot write {out}: {error}"),
-        )
-    })
+    let what = format!("cannot write {}", args.out.display());
+    std::fs::write(&args.out, page).or_fail(Failure::CANNOT_CREATE, what)
 }
 
 fn of_log(log: &Path, config: &Config) -> Result<(About, Analysis), Failure> {
     let mut replay = Replay::open(log)?;
     let about = about(&log.display().to_string(), replay.header());
     let mut analysis = Analysis::new(config.setup(&replay.header().mountings), None);
-    let bar = Progress::new();
-    let mut rows = 0u64;
+    let mut bar = Progress::new();
     while let Some(entry) = replay.next() {
         let entry = entry?;
         if replay.begins_stretch() {
             analysis.begin_stretch();
         }
         analysis.take(entry.reading);
-        rows += 1;
-        if rows.is_multiple_of(ROWS_A_LOOK) {
-            bar.set(replay.share_read());
-        }
+        bar.follow(&replay);
     }
     bar.finish();
     tell_skips(replay.skips())?;
@@ -111,11 +94,7 @@ fn about(source: &str, header: &Header) -> About {
     About {
         source: source.to_owned(),
         sensor: header.sensor.clone(),
-        recorded_from: header
-            .truth
-            .iter()
-            .find(|(key, _)| key == "recorded_from")
-            .map(|(_, time)| time.clone()),
+        recorded_from: header.recorded_from().map(str::to_owned),
     }
 }
 

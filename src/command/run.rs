@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use tokio::runtime::{Builder, Runtime};
 use tokio::signal::unix::SignalKind;
 
-use super::{Failure, config_file};
+use super::{Failure, OrFail, config_file};
 use crate::config::Config;
 use crate::daemon::signals::Signals;
 use crate::daemon::{Daemon, DaemonError, Ended, Notice};
@@ -116,11 +116,10 @@ fn tell_retired(path: &Path, config: &Config) {
 /// The daemon's runtime: one thread for everything that waits.
 pub(super) fn runtime() -> Result<Runtime, Failure> {
     let built = Builder::new_current_thread().enable_all().build();
-    built.map_err(|error| Failure::new(Failure::SYSTEM, format!("cannot start: {error}")))
+    built.or_fail(Failure::SYSTEM, "cannot start")
 }
 
 /// Catches these signals.
 pub(super) fn catch(kinds: &[SignalKind]) -> Result<Signals, Failure> {
-    Signals::catch(kinds)
-        .map_err(|error| Failure::new(Failure::SYSTEM, format!("cannot catch signals: {error}")))
+    Signals::catch(kinds).or_fail(Failure::SYSTEM, "cannot catch signals")
 }

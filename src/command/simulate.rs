@@ -1,14 +1,13 @@
 //! `headingd simulate`: writes the log of a simulated board.
 
-use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
-use std::os::unix::fs::OpenOptionsExt;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use crate::check::Fault;
-use crate::command::{Failure, word};
+use crate::command::{Failure, OrFail, word};
 use crate::recording::Writer;
 use crate::sensor::simulator::{Scenario, Settings, Simulator};
+use crate::store::replace_file;
 
 /// Write the log of a simulated compass board
 ///
@@ -59,37 +58,14 @@ pub struct Args {
     pub no_accel: bool,
 }
 
-/// Why no log was written.
-#[derive(Debug, thiserror::Error)]
-pub enum SimulateError {
-    /// Options that do not go.
-    #[error("cannot simulate: {}", options(.0))]
-    Options(Vec<Fault>),
-    /// The log could not be created or written.
-    #[error("cannot write log {}: {source}", path.display())]
-    Write {
-        /// The path as given; `-` is standard output.
-        path: PathBuf,
-        /// What the system said.
-        #[source]
-        source: io::Error,
-    },
-}
-
 /// Faults as the user wrote them: `--noise-mgauss`, not `noise_mgauss`.
 fn options(faults: &[Fault]) -> String {
-    let lines: Vec<String> = faults
-        .iter()
-        .map(|fault| {
-            let option = format!("--{}", fault.key.replace('_', "-"));
-            Fault {
-                key: option,
-                ..fault.clone()
-            }
-            .to_string()
-        })
-        .collect();
-    lines.join("; ")
+    let as_options = faults.iter().map(|fault| {
+        let key = format!("--{}", fault.key.replace('_', "-"));
+        let fault = fault.clone();
+        Fault { key, ..fault }.to_string()
+    });
+    as_options.collect::<Vec<_>>().join("; ")
 }
 
 fn three(text: &str) -> Result<[f64; 3], String> {
@@ -100,26 +76,12 @@ fn three(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| "three numbers are needed, with commas and no spaces: 1,0.9,1.1".to_owned())
 }
 
-impl From<SimulateError> for Failure {
-    fn from(error: SimulateError) -> Self {
-        let status = match error {
-            SimulateError::Options(_) => Self::USAGE,
-            SimulateError::Write { .. } => Self::CANNOT_CREATE,
-        };
-        Self::new(status, error)
-    }
-}
-
 /// Runs the command.
 ///
 /// # Errors
 ///
 /// The options contradict each other, or the log cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    simulate(args).map_err(Failure::from)
-}
-
-fn simulate(args: &Args) -> Result<(), SimulateError> {
     let simulator = Simulator::new(Settings {
         scenario: args.scenario,
         seed: args.seed,
@@ -132,57 +94,34 @@ fn simulate(args: &Args) -> Result<(), SimulateError> {
         with_accel: !args.no_accel,
         ..Settings::default()
     })
-    .map_err(SimulateError::Options)?;
-    let written = if args.out == Path::new("-") {
-        match write(simulator, io::stdout().lock()) {
-            // The reader has seen enough: `| head`.
-            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-            written => written,
-        }
-    } else {
-        write_file(simulator, &args.out)
-    };
-    written.map_err(|source| SimulateError::Write {
-        path: args.out.clone(),
-        source,
-    })
+    .map_err(|faults| options(&faults))
+    .or_fail(Failure::USAGE, "cannot simulate")?;
+    write(simulator, &args.out).or_fail(
+        Failure::CANNOT_CREATE,
+        format!("cannot write log {}", args.out.display()),
+    )
 }
 
-fn write(simulator: Simulator, output: impl Write) -> io::Result<()> {
-    let mut writer = Writer::new(BufWriter::new(output), &simulator.header())?;
+fn write(simulator: Simulator, out: &Path) -> io::Result<()> {
+    let mut writer = Writer::new(Vec::new(), &simulator.header())?;
     for entry in simulator {
         writer.write(&entry)?;
     }
-    writer.into_inner()?.flush()
-}
-
-/// Writes beside the target and renames, so that there is never half a log under its name.
-fn write_file(simulator: Simulator, path: &Path) -> io::Result<()> {
-    // A link stays a link: what it points to is replaced.
-    let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    if fs::metadata(&target).is_ok_and(|found| !found.is_file()) {
-        // A device or a pipe is written to, not replaced; a directory fails here.
-        let file = File::options().write(true).open(&target)?;
-        return write(simulator, file);
+    let log = writer.into_inner()?;
+    if out != Path::new("-") {
+        return replace_file(out, &log);
     }
-    let folder = match target.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    let mut options = File::options();
-    // A log is nobody's secret; the umask still has its say.
-    options.write(true).create_new(true).mode(0o666);
-    // Errors of this and of the file below do not name it: the user has not.
-    let file = tempfile::Builder::new()
-        .prefix(".headingd-")
-        .make_in(folder, |path| options.open(path))?;
-    write(simulator, file.as_file())?;
-    file.persist(&target).map_err(|error| error.error)?;
-    Ok(())
+    match io::stdout().write_all(&log) {
+        // The reader has seen enough: `| head`.
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        written => written,
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use clap::Parser;
 
     use super::*;

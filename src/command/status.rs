@@ -2,7 +2,8 @@
 
 use super::calibration::line;
 use super::control::{self, ControlTarget};
-use super::{Failure, print};
+use super::headings::heading_text;
+use super::{Failure, print, print_json};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 
@@ -29,7 +30,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let answer = args.target.ask(&ControlRequest::Status {}, args.json)?;
     if args.json {
-        print(&format!("{answer}\n"))
+        print_json(&answer)
     } else {
         print(&written(&control::read(answer)?))
     }
@@ -85,17 +86,11 @@ fn written(status: &DaemonStatus) -> String {
     out
 }
 
-/// The heading and its uncertainty, one standard deviation: true where that is known.
 fn heading(status: &DaemonStatus) -> String {
-    let (degrees, north) = match (status.heading, status.mheading) {
-        (Some(degrees), _) => (degrees, "true"),
-        (None, Some(degrees)) => (degrees, "magnetic"),
-        (None, None) => return "no heading\n".to_owned(),
-    };
-    let sd = status
-        .heading_sd
-        .map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
-    format!("heading {degrees:05.1}° {north}{sd}\n")
+    match heading_text(status.heading, status.mheading, status.heading_sd) {
+        Some(heading) => format!("heading {heading}\n"),
+        None => "no heading\n".to_owned(),
+    }
 }
 
 /// A time span in two units.

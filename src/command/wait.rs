@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::control::{self, ControlTarget, exchange};
 use super::headings::Headings;
 use super::progress::Progress;
-use super::{Failure, print};
+use super::{Failure, print, text};
 use crate::advice::next_step;
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
@@ -44,10 +44,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
     headings.pass_over()?;
     headings.set_patience(Some(LOOK))?;
     let started = target.ask(&ControlRequest::Start {}, json)?;
-    eprintln!(
-        "headingd: {}",
-        started["message"].as_str().unwrap_or_default()
-    );
+    eprintln!("headingd: {}", text(&started, "message"));
     let mut show = Show::new();
     let mut looked = Instant::now();
     let mut given_up = false;
@@ -76,13 +73,12 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
     }
 }
 
-fn conclude(outcome: &Value, text: &str, json: bool) -> Result<(), Failure> {
-    let word = |key: &str| outcome[key].as_str().unwrap_or_default();
+fn conclude(outcome: &Value, line: &str, json: bool) -> Result<(), Failure> {
+    let [verdict, reason, message] = ["verdict", "reason", "message"].map(|key| text(outcome, key));
     if json {
-        print(&format!("{text}\n"))?;
+        print(&format!("{line}\n"))?;
     } else {
-        let (verdict, reason) = (word("verdict"), word("reason"));
-        let mut said = format!("{verdict} ({reason}): {}\n", word("message"));
+        let mut said = format!("{verdict} ({reason}): {message}\n");
         if verdict == "rejected"
             && let Some(advice) = next_step(reason)
         {
@@ -90,7 +86,7 @@ fn conclude(outcome: &Value, text: &str, json: bool) -> Result<(), Failure> {
         }
         print(&said)?;
     }
-    match word("verdict") {
+    match verdict {
         "rejected" => Err(Failure::new(Failure::REFUSED, "")),
         _ => Ok(()),
     }
@@ -113,25 +109,20 @@ impl Show {
     }
 
     fn state(&mut self, state: &Value) {
-        let text = |key: &str| state[key].as_str().unwrap_or_default();
+        let [word, reason, message] =
+            ["cal_state", "reason", "message"].map(|key| text(state, key));
         let share = state["progress"].as_f64().unwrap_or_default();
-        let changed = text("reason") != self.reason;
+        let changed = reason != self.reason;
         if changed {
-            text("reason").clone_into(&mut self.reason);
+            reason.clone_into(&mut self.reason);
             self.share = 0.0;
         }
         if self.bar.is_shown() {
             self.bar.set(share);
-            self.bar
-                .say(format!("{}: {}", text("cal_state"), text("message")));
+            self.bar.say(format!("{word}: {message}"));
         } else if changed || share >= self.share + STEP {
             self.share = share;
-            eprintln!(
-                "headingd: {:3.0} %  {}: {}",
-                100.0 * share,
-                text("cal_state"),
-                text("message")
-            );
+            eprintln!("headingd: {:3.0} %  {word}: {message}", 100.0 * share);
         }
     }
 }

@@ -4,8 +4,8 @@ use std::io::{self, Write};
 
 use serde_json::{Value, json};
 
-use super::headings::{HeadingTarget, Headings};
-use super::{Failure, Halt, printed};
+use super::headings::{HeadingTarget, Headings, heading_text};
+use super::{Failure, Halt, number, printed, text};
 
 /// Headings as text are for people, who read one a second.
 const TEXT_RATE_HZ: f64 = 1.0;
@@ -28,16 +28,11 @@ pub struct Args {
     #[arg(long)]
     pub nmea: bool,
     /// So many headings a second at most, 0.1 to 1000; without it one as text, all as JSON, and as many as are set as NMEA
-    #[arg(long, value_name = "HZ", value_parser = rate)]
+    #[arg(long, value_name = "HZ", value_parser = number("a number", 0.1..=1000.0))]
     pub rate: Option<f64>,
     /// Stop after so many headings
     #[arg(long, value_name = "N")]
     pub count: Option<u64>,
-}
-
-fn rate(text: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|n| (0.1..=1000.0).contains(n));
-    number.ok_or_else(|| "must be a number from 0.1 to 1000".to_owned())
 }
 
 impl Args {
@@ -76,17 +71,17 @@ fn print(args: &Args, headings: &mut Headings, out: &mut impl Write) -> Result<(
             }
         } else {
             let object = headings.object()?;
-            let class = object["class"].as_str().unwrap_or_default();
+            let class = text(&object, "class");
             let steerable = class == "ATT" && object["mheading"].as_f64().is_some();
             if args.json && (class == "ATT" || class == "STATE") {
                 writeln!(out, "{}", headings.text())?;
             } else if steerable {
                 writeln!(out, "{}", line(&object))?;
             } else if class == "STATE" {
-                let text = why(&object);
-                if text != state {
-                    writeln!(out, "{text}")?;
-                    state = text;
+                let why = why(&object);
+                if why != state {
+                    writeln!(out, "{why}")?;
+                    state = why;
                 }
             }
             printed += u64::from(steerable);
@@ -104,24 +99,18 @@ fn line(att: &Value) -> String {
         (None, Some(t_s)) => format!("{t_s:10.3} s"),
         (None, None) => String::new(),
     };
-    let (degrees, north) = match number("heading") {
-        Some(degrees) => (degrees, "true"),
-        None => (number("mheading").unwrap_or_default(), "magnetic"),
-    };
-    let sd = number("heading_sd").map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
-    let word = att["cal_state"].as_str().unwrap_or_default();
-    format!("{time}  {degrees:05.1}° {north}{sd}  {word}")
+    let heading = heading_text(number("heading"), number("mheading"), number("heading_sd"));
+    format!(
+        "{time}  {}  {}",
+        heading.unwrap_or_default(),
+        text(att, "cal_state")
+    )
 }
 
 /// A condition as text: progress is none of it, so that it is printed once.
 fn why(state: &Value) -> String {
-    let text = |key: &str| state[key].as_str().unwrap_or_default();
-    format!(
-        "{} ({}): {}",
-        text("cal_state"),
-        text("reason"),
-        text("message")
-    )
+    let [word, reason, message] = ["cal_state", "reason", "message"].map(|key| text(state, key));
+    format!("{word} ({reason}): {message}")
 }
 
 #[cfg(test)]

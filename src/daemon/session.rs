@@ -16,9 +16,6 @@ use crate::pipeline::Pipeline;
 use crate::recording::TimeOfDay;
 use crate::store::{History, Identity};
 
-/// A sensor that a log does not name is kept under this name.
-const UNNAMED_SENSOR: &str = "unknown";
-
 /// What is still to be written is waited for this long: a stop takes less than a second.
 const DISK_PATIENCE: Duration = Duration::from_millis(600);
 
@@ -69,11 +66,8 @@ impl Session {
     ) -> Result<Self, DaemonError> {
         // A log and the simulated board say themselves how their chips are mounted.
         let header = &source.header;
-        let sensor = header.sensor.as_deref().unwrap_or(UNNAMED_SENSOR);
-        let identity = Identity {
-            sensor: sensor.to_owned(),
-            mag_axes: header.mountings.mag,
-        };
+        let sensor = header.sensor_name();
+        let identity = Identity::new(sensor, header.mountings.mag);
         let name = &source.name;
         if config.source.is_live() {
             tracing::info!("{sensor} from {name}");

@@ -96,6 +96,20 @@ pub struct Header {
     pub truth: Vec<(String, String)>,
 }
 
+impl Header {
+    /// The magnetometer's name, or "unknown".
+    pub fn sensor_name(&self) -> &str {
+        self.sensor.as_deref().unwrap_or("unknown")
+    }
+
+    /// The time of day of the first reading as the log has it, RFC 3339.
+    pub fn recorded_from(&self) -> Option<&str> {
+        let mut lines = self.truth.iter();
+        let (_, time) = lines.rfind(|(key, _)| key == RECORDED_FROM)?;
+        Some(time)
+    }
+}
+
 /// One row of a log.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Entry {

@@ -18,13 +18,8 @@ pub struct TimeOfDay {
 impl TimeOfDay {
     /// Of a log with this header.
     pub fn new(header: &Header) -> Self {
-        let text = header
-            .truth
-            .iter()
-            .rfind(|(key, _)| key == RECORDED_FROM)
-            .map(|(_, text)| text.as_str());
         Self {
-            begun: text.and_then(parse_rfc3339),
+            begun: header.recorded_from().and_then(parse_rfc3339),
             first_s: None,
         }
     }

@@ -169,14 +169,9 @@ impl Analysis {
             }
             Action::Turned(_) => self.turns += 1,
             Action::Conclude(outcome) if self.verdicts.len() < MOST_EVENTS => {
-                let verdict = match outcome.verdict {
-                    Verdict::Accepted => "accepted",
-                    Verdict::Kept => "kept",
-                    Verdict::Rejected => "rejected",
-                };
                 self.verdicts.push((
                     self.now_s,
-                    verdict,
+                    outcome.verdict.word(),
                     outcome.reason,
                     outcome.message.clone(),
                     outcome.method,

@@ -1,7 +1,7 @@
 //! The field against the gyro, and the deviation by heading, before and after, as a compass adjuster's card has it.
 
 use super::field::mean;
-use super::plot::{AxisScale, Chart, Hue, Mark, ReportError, Series};
+use super::plot::{AxisScale, Chart, Hue, ReportError, Series};
 use super::thin::some;
 use super::turn::{Headings3, Turned};
 use crate::frame::{wrap_360, wrap_pi};
@@ -26,9 +26,8 @@ pub(super) struct Held {
 
 /// Holds all samples with a pose against the gyro, each of its stretches by itself.
 pub(super) fn held(turned: &Turned) -> Vec<Held> {
-    let known: Vec<(f64, Headings3)> = turned
-        .samples
-        .iter()
+    let samples = turned.samples.iter();
+    let known: Vec<(f64, Headings3)> = samples
         .filter_map(|seen| Some((seen.t_s, seen.headings?)))
         .collect();
     known
@@ -64,11 +63,8 @@ pub(super) fn held(turned: &Turned) -> Vec<Held> {
 /// The figure cannot be drawn.
 pub(super) fn against_gyro(held: &[Held]) -> Result<String, ReportError> {
     let some = some(held, MOST);
-    let series = vec![Series {
-        hue: Hue::Corrected,
-        mark: Mark::Dots,
-        points: some.iter().map(|it| (it.t_s, it.after_deg)).collect(),
-    }];
+    let points = some.iter().map(|it| (it.t_s, it.after_deg));
+    let series = vec![Series::dots(Hue::Corrected, points)];
     let y = AxisScale::over(
         "field less gyro, degrees",
         some.iter().map(|it| it.after_deg).chain([-1.0, 1.0]),
@@ -84,17 +80,14 @@ pub(super) fn against_gyro(held: &[Held]) -> Result<String, ReportError> {
 /// The figure cannot be drawn.
 pub(super) fn deviation(held: &[Held]) -> Result<String, ReportError> {
     let some = some(held, MOST);
-    let dots = |hue, of: fn(&Held) -> f64| Series {
-        hue,
-        mark: Mark::Dots,
-        points: some.iter().map(|it| (it.heading_deg, of(it))).collect(),
+    let dots = |hue, of: fn(&Held) -> f64| {
+        Series::dots(hue, some.iter().map(|it| (it.heading_deg, of(it))))
     };
     let series = vec![
         dots(Hue::Raw, |it| it.before_deg),
         dots(Hue::Corrected, |it| it.after_deg),
     ];
-    let all = some.iter().flat_map(|it| [it.before_deg, it.after_deg]);
-    let y = AxisScale::over("deviation, degrees", all);
+    let y = AxisScale::over_y("deviation, degrees", &series);
     Chart::wide(AxisScale::from("heading, degrees", 0.0..360.0), y, series).svg()
 }
 
@@ -104,19 +97,13 @@ pub(super) fn card(held: &[Held]) -> Vec<(f64, Option<(f64, f64)>)> {
     (0..CARD)
         .map(|index| {
             let heading_deg = index as f64 * width;
-            let near: Vec<&Held> = held
-                .iter()
-                .filter(|it| {
-                    wrap_pi((it.heading_deg - heading_deg).to_radians()).abs()
-                        < (0.5 * width).to_radians()
-                })
-                .collect();
-            let deviations = (!near.is_empty()).then(|| {
-                (
-                    mean(near.iter().map(|it| it.before_deg)),
-                    mean(near.iter().map(|it| it.after_deg)),
-                )
-            });
+            let off_rad = |it: &Held| wrap_pi((it.heading_deg - heading_deg).to_radians()).abs();
+            let half_rad = (0.5 * width).to_radians();
+            let near = || held.iter().filter(|it| off_rad(it) < half_rad);
+            let mean_of = |of: fn(&Held) -> f64| mean(near().map(of));
+            let seen = near().next().is_some();
+            let deviations =
+                seen.then(|| (mean_of(|it| it.before_deg), mean_of(|it| it.after_deg)));
             (heading_deg, deviations)
         })
         .collect()

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use super::analysis::Judged;
-use super::plot::{AxisScale, Band, Chart, Hue, Mark, ReportError, Series};
+use super::plot::{AxisScale, Band, Chart, Hue, ReportError, Series};
 use super::thin::some;
 use super::turn::{Seen, Turned};
 
@@ -24,7 +24,7 @@ pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
     } else {
         &[[0, 1], [0, 2], [1, 2]]
     };
-    let samples: Vec<&Seen> = some(&turned.samples.iter().collect::<Vec<_>>(), MOST);
+    let samples = seen(turned);
     let strength = mean(
         turned
             .samples
@@ -33,24 +33,16 @@ pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
     );
     let mut svg = String::new();
     for [a, b] in pairs {
-        let dots = |hue, of: fn(&Seen) -> &[f64]| Series {
-            hue,
-            mark: Mark::Dots,
-            points: samples
-                .iter()
-                .map(|seen| (of(seen)[*a], of(seen)[*b]))
-                .collect(),
+        let dots = |hue, of: fn(&Seen) -> &[f64]| {
+            let points = samples.iter().map(|seen| (of(seen)[*a], of(seen)[*b]));
+            Series::dots(hue, points)
         };
         let circle = (0..=CIRCLE).map(|step| {
             let (sin, cos) = (TAU * f64::from(step) / f64::from(CIRCLE)).sin_cos();
             (strength * cos, strength * sin)
         });
         let series = vec![
-            Series {
-                hue: Hue::Ink,
-                mark: Mark::Line,
-                points: circle.collect(),
-            },
+            Series::line(Hue::Ink, circle),
             dots(Hue::Raw, |seen| &seen.raw_mgauss),
             dots(Hue::Corrected, |seen| &seen.corrected_mgauss),
         ];
@@ -66,21 +58,15 @@ pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
 ///
 /// The figure cannot be drawn.
 pub(super) fn strength(turned: &Turned) -> Result<String, ReportError> {
-    let samples: Vec<&Seen> = some(&turned.samples.iter().collect::<Vec<_>>(), MOST);
-    let line = |hue, of: fn(&Seen) -> &[f64]| Series {
-        hue,
-        mark: Mark::Line,
-        points: samples
-            .iter()
-            .map(|seen| (seen.t_s, norm(of(seen))))
-            .collect(),
+    let samples = seen(turned);
+    let line = |hue, of: fn(&Seen) -> &[f64]| {
+        Series::line(hue, samples.iter().map(|seen| (seen.t_s, norm(of(seen)))))
     };
     let series = vec![
         line(Hue::Raw, |seen| &seen.raw_mgauss),
         line(Hue::Corrected, |seen| &seen.corrected_mgauss),
     ];
-    let of_all = series.iter().flat_map(|series| series.points.iter());
-    let y = AxisScale::over("field, milligauss", of_all.map(|point| point.1));
+    let y = AxisScale::over_y("field, milligauss", &series);
     let x = AxisScale::over("time, seconds", samples.iter().map(|seen| seen.t_s));
     Chart::wide(x, y, series).svg()
 }
@@ -92,29 +78,21 @@ pub(super) fn strength(turned: &Turned) -> Result<String, ReportError> {
 /// The figure cannot be drawn.
 pub(super) fn window(judged: &Judged) -> Result<String, ReportError> {
     let samples = some(&judged.request.samples, MOST);
-    let axes = [Hue::Raw, Hue::Corrected, Hue::Other];
-    let series: Vec<Series> = axes
-        .into_iter()
-        .enumerate()
-        .map(|(axis, hue)| Series {
+    let line = |(axis, hue)| {
+        let points = samples.iter();
+        Series::line(
             hue,
-            mark: Mark::Line,
-            points: samples
-                .iter()
-                .map(|sample| (sample.t_s, sample.field_mgauss[axis]))
-                .collect(),
-        })
-        .collect();
-    let of_all = series.iter().flat_map(|series| series.points.iter());
-    let y = AxisScale::over("raw field, milligauss", of_all.map(|point| point.1));
+            points.map(|sample| (sample.t_s, sample.field_mgauss[axis])),
+        )
+    };
+    let axes = [Hue::Raw, Hue::Corrected, Hue::Other];
+    let series: Vec<Series> = axes.into_iter().enumerate().map(line).collect();
+    let y = AxisScale::over_y("raw field, milligauss", &series);
     let x = AxisScale::over("time, seconds", samples.iter().map(|sample| sample.t_s));
     let mut chart = Chart::wide(x, y, series);
     let time = |index: usize| judged.request.samples.get(index).map(|sample| sample.t_s);
-    let swarm = judged.outcome.swarm.as_ref();
-    for window in swarm
-        .map(|swarm| swarm.windows.as_slice())
-        .unwrap_or_default()
-    {
+    let swarm = judged.outcome.swarm.iter();
+    for window in swarm.flat_map(|swarm| &swarm.windows) {
         if let (Some(from), Some(to)) = (time(window.start), time(window.end.saturating_sub(1))) {
             chart.bands.push(Band {
                 from,
@@ -124,6 +102,11 @@ pub(super) fn window(judged: &Judged) -> Result<String, ReportError> {
         }
     }
     chart.svg()
+}
+
+/// As many samples as a figure shows.
+fn seen(turned: &Turned) -> Vec<&Seen> {
+    some(&turned.samples.iter().collect::<Vec<_>>(), MOST)
 }
 
 fn norm(field: &[f64]) -> f64 {

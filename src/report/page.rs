@@ -243,8 +243,16 @@ fn search(judged: &Judged) -> Result<String, ReportError> {
     Ok(out + "</table>\n")
 }
 
+/// The most or the least that a measure may be.
+#[derive(Clone, Copy)]
+enum Bound {
+    AtMost(f64),
+    AtLeast(f64),
+}
+
 /// Each limit and what was measured of it.
 fn limits(m: &Measures, limits: &Limits) -> String {
+    use Bound::{AtLeast, AtMost};
     let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);
     let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
     let jump_limit = if m.coverage_deg.is_some() {
@@ -253,131 +261,56 @@ fn limits(m: &Measures, limits: &Limits) -> String {
         limits.jump_spatial
     };
     let percent = |share: f64| 100.0 * share;
-    // Name, unit, measured, limit, and whether that is the most or the least.
-    let mut rows: Vec<(&str, &str, Option<f64>, f64, bool)> = vec![
-        (
-            "coverage of the circle",
-            "°",
-            m.coverage_deg,
-            limits.coverage_deg,
-            false,
-        ),
-        (
-            "spread of the field's directions",
-            "",
-            m.direction_spread,
-            limits.direction_spread,
-            false,
-        ),
-        (
-            "outliers",
-            "%",
-            Some(percent(m.outlier_share)),
-            percent(limits.outlier_share),
-            true,
-        ),
-        (
-            "residual, of the field",
-            "%",
-            Some(percent(m.residual_share)),
-            percent(limits.residual_share),
-            true,
-        ),
-        (
-            "ratio of the axes' scale factors",
-            "",
-            Some(largest / smallest),
-            limits.axis_ratio,
-            true,
-        ),
-        (
-            "predicted heading uncertainty",
-            "°",
-            Some(m.heading_sd_deg),
-            limits.heading_sd_deg,
-            true,
-        ),
-        (
-            "angle turned, field against gyro",
-            "%",
-            m.gyro.map(|gyro| percent(gyro.drift_share)),
-            percent(limits.gyro_angle_share),
-            true,
-        ),
-        (
-            "heading against gyro, RMS",
-            "°",
-            m.gyro.map(|gyro| gyro.rms_deg),
-            limits.gyro_rms_deg,
-            true,
-        ),
-        (
-            "largest jump, times the usual",
-            "",
-            m.jump.map(|jump| jump.times_usual),
-            jump_limit,
-            true,
-        ),
-        (
-            "field at rest before the turn against the fit",
-            "",
-            m.rest_share,
-            MOST_AT_REST,
-            true,
-        ),
-        (
-            "change of dip with attitude",
-            "°",
-            m.dip_spread_deg,
-            limits.dip_spread_deg,
-            true,
-        ),
+    let rms_deg = m.gyro.map(|gyro| gyro.rms_deg);
+    let turned = m.gyro.map(|gyro| percent(gyro.drift_share));
+    let jump = m.jump.map(|jump| jump.times_usual);
+    let [smallest_given, largest_given] =
+        [smallest, largest].map(|scale| m.reference_given.then_some(scale));
+    // Name, unit, measured, and limit.
+    #[rustfmt::skip]
+    let rows = [
+        ("coverage of the circle", "°", m.coverage_deg, AtLeast(limits.coverage_deg)),
+        ("spread of the field's directions", "", m.direction_spread, AtLeast(limits.direction_spread)),
+        ("outliers", "%", Some(percent(m.outlier_share)), AtMost(percent(limits.outlier_share))),
+        ("residual, of the field", "%", Some(percent(m.residual_share)), AtMost(percent(limits.residual_share))),
+        ("ratio of the axes' scale factors", "", Some(largest / smallest), AtMost(limits.axis_ratio)),
+        ("predicted heading uncertainty", "°", Some(m.heading_sd_deg), AtMost(limits.heading_sd_deg)),
+        ("angle turned, field against gyro", "%", turned, AtMost(percent(limits.gyro_angle_share))),
+        ("heading against gyro, RMS", "°", rms_deg, AtMost(limits.gyro_rms_deg)),
+        ("largest jump, times the usual", "", jump, AtMost(jump_limit)),
+        ("field at rest before the turn against the fit", "", m.rest_share, AtMost(MOST_AT_REST)),
+        ("change of dip with attitude", "°", m.dip_spread_deg, AtMost(limits.dip_spread_deg)),
+        ("smallest scale factor", "", smallest_given, AtLeast(limits.scale_min)),
+        ("largest scale factor", "", largest_given, AtMost(limits.scale_max)),
     ];
-    if m.reference_given {
-        rows.push((
-            "smallest scale factor",
-            "",
-            Some(smallest),
-            limits.scale_min,
-            false,
-        ));
-        rows.push((
-            "largest scale factor",
-            "",
-            Some(largest),
-            limits.scale_max,
-            true,
-        ));
-    }
     let mut out = String::from(
         "<table><tr><th>limit</th><th>measured</th><th></th><th>limit</th><th></th></tr>\n",
     );
-    for (name, unit, measured, limit, at_most) in rows {
+    for (name, unit, measured, bound) in rows {
         let Some(measured) = measured else { continue };
-        let passed = if at_most {
-            measured <= limit
-        } else {
-            measured >= limit
-        };
-        let (relation, class, word) = match (at_most, passed) {
-            (true, true) => ("at most", "good", "kept"),
-            (false, true) => ("at least", "good", "kept"),
-            (true, false) => ("at most", "bad", "broken"),
-            (false, false) => ("at least", "bad", "broken"),
+        let (relation, limit, kept) = match bound {
+            AtMost(limit) => ("at most", limit, measured <= limit),
+            AtLeast(limit) => ("at least", limit, measured >= limit),
         };
         let digits = if limit < 0.1 { 4 } else { 2 };
         out += &format!(
-            "<tr><th>{name}</th><td>{measured:.digits$} {unit}</td><td>{relation}</td><td>{limit:.digits$} {unit}</td><td><b class={class}>{word}</b></td></tr>\n"
+            "<tr><th>{name}</th><td>{measured:.digits$} {unit}</td><td>{relation}</td><td>{limit:.digits$} {unit}</td><td>{}</td></tr>\n",
+            badge(kept)
         );
     }
-    let centre = if m.centre_inside {
+    out + &format!(
+        "<tr><th>centre within the samples</th><td></td><td></td><td></td><td>{}</td></tr>\n</table>\n",
+        badge(m.centre_inside)
+    )
+}
+
+/// Whether a limit was kept.
+fn badge(kept: bool) -> &'static str {
+    if kept {
         "<b class=good>kept</b>"
     } else {
         "<b class=bad>broken</b>"
-    };
-    out + &format!(
-        "<tr><th>centre within the samples</th><td></td><td></td><td></td><td>{centre}</td></tr>\n</table>\n"
-    )
+    }
 }
 
 fn card(held: &[compass::Held]) -> String {

@@ -65,6 +65,23 @@ pub(super) struct Series {
     pub(super) points: Vec<(f64, f64)>,
 }
 
+impl Series {
+    pub(super) fn line(hue: Hue, points: impl Iterator<Item = (f64, f64)>) -> Self {
+        Self {
+            hue,
+            mark: Mark::Line,
+            points: points.collect(),
+        }
+    }
+
+    pub(super) fn dots(hue: Hue, points: impl Iterator<Item = (f64, f64)>) -> Self {
+        Self {
+            mark: Mark::Dots,
+            ..Self::line(hue, points)
+        }
+    }
+}
+
 /// A stretch of the x axis, from the bottom to the top.
 #[derive(Clone, Debug)]
 pub(super) struct Band {
@@ -94,6 +111,12 @@ impl AxisScale {
         }
         let room = (0.04 * (high - low)).max(1e-6);
         Self::from(name, low - room..high + room)
+    }
+
+    /// The same over the y of all points of these series.
+    pub(super) fn over_y(name: &str, series: &[Series]) -> Self {
+        let points = series.iter().flat_map(|series| &series.points);
+        Self::over(name, points.map(|point| point.1))
     }
 
     /// With this range.

@@ -1,7 +1,7 @@
 //! Figures of the swarm: how its fitness falls, with and without MPSOT, and how many samples it saw.
 
 use super::analysis::Judged;
-use super::plot::{AxisScale, Chart, Hue, Mark, ReportError, Series};
+use super::plot::{AxisScale, Chart, Hue, ReportError, Series};
 use super::thin::some;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::settings::{Profile, StopChoice};
@@ -46,19 +46,15 @@ impl Search {
             let points: Vec<(f64, f64)> = points
                 .map(|(index, fit)| ((1.0 + index as f64).log10(), fit.log10()))
                 .collect();
-            Series {
-                hue,
-                mark: Mark::Line,
-                points: some(&points, MOST),
-            }
+            Series::line(hue, some(&points, MOST).into_iter())
         };
         let series = vec![
             line(&self.basic, Hue::Raw),
             line(&self.mpsot, Hue::Corrected),
         ];
-        let points = || series.iter().flat_map(|series| series.points.iter());
-        let mut x = AxisScale::over("iteration", points().map(|point| point.0));
-        let mut y = AxisScale::over("fitness, milligauss squared", points().map(|point| point.1));
+        let points = series.iter().flat_map(|series| series.points.iter());
+        let mut x = AxisScale::over("iteration", points.map(|point| point.0));
+        let mut y = AxisScale::over_y("fitness, milligauss squared", &series);
         (x.logarithmic, y.logarithmic) = (true, true);
         Chart::wide(x, y, series).svg()
     }

@@ -1,7 +1,7 @@
 //! Heading and uncertainty over time, on bands of the daemon's condition.
 
 use super::analysis::{Analysis, Point};
-use super::plot::{AxisScale, Band, Chart, Hue, Mark, ReportError, Series};
+use super::plot::{AxisScale, Band, Chart, Hue, ReportError, Series};
 use super::thin::some;
 
 /// Points of a line.
@@ -79,11 +79,7 @@ fn lines(points: &[Point], hue: Hue, of: fn(&Point) -> Option<f64>) -> Vec<Serie
         if let Some(value) = value {
             let goes_on = last.is_some_and(|last| (value - last).abs() < OVER_NORTH_DEG);
             if !goes_on {
-                lines.push(Series {
-                    hue,
-                    mark: Mark::Line,
-                    points: Vec::new(),
-                });
+                lines.push(Series::line(hue, std::iter::empty()));
             }
             if let Some(line) = lines.last_mut() {
                 line.points.push((point.t_s, value));

@@ -8,7 +8,11 @@ use std::path::{Path, PathBuf};
 const TEMPORARY_SUFFIX: &str = ".tmp";
 
 /// Replaces a file's content as a whole.
-pub(super) fn replace(path: &Path, text: &str) -> io::Result<()> {
+///
+/// # Errors
+///
+/// The file cannot be written; it is as it was, if it is a regular one.
+pub fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     // A link keeps pointing where it did, and a device or pipe is written to, not replaced.
     let path = match fs::canonicalize(path) {
         Ok(path) => path,
@@ -17,14 +21,14 @@ pub(super) fn replace(path: &Path, text: &str) -> io::Result<()> {
     };
     if path.exists() && !path.is_file() {
         let mut device = OpenOptions::new().write(true).open(&path)?;
-        return device.write_all(text.as_bytes());
+        return device.write_all(bytes);
     }
     let directory = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    written(directory, &name, text)?.persist(&path)?;
+    written(directory, &name, bytes)?.persist(&path)?;
     sync_folder(directory)
 }
 
@@ -33,16 +37,16 @@ pub(super) fn replace(path: &Path, text: &str) -> io::Result<()> {
 pub(super) fn written(
     directory: &Path,
     name: &str,
-    text: &str,
+    bytes: &[u8],
 ) -> io::Result<tempfile::NamedTempFile> {
     let mut options = OpenOptions::new();
-    // A calibration is no secret; the umask still applies.
+    // Neither a calibration nor a log is a secret; the umask still applies.
     options.write(true).create_new(true).mode(0o644);
     let mut file = tempfile::Builder::new()
         .prefix(&temporary_prefix(name))
         .suffix(TEMPORARY_SUFFIX)
         .make_in(directory, |path| options.open(path))?;
-    file.as_file_mut().write_all(text.as_bytes())?;
+    file.as_file_mut().write_all(bytes)?;
     file.as_file().sync_all()?;
     Ok(file)
 }

@@ -1,10 +1,10 @@
-//! What is kept for one sensor: its calibrations in the order in which they were saved, and which is active. Pure.
+//! What is kept for one sensor: its calibrations in the order in which they were saved, which is active, and how the board
+//! is mounted. Pure.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::mounting::BoardMounting;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
@@ -13,6 +13,9 @@ use crate::frame::Mounting;
 /// The largest number that a file may hold: far above what any daemon saves in its life, and far enough below the
 /// end of `u64`, and of what every JSON program counts exactly, that saving goes on behind it.
 const LARGEST_NUMBER: u64 = 1_000_000_000_000;
+
+/// Two mountings that differ by less, in any of the nine numbers, are the same: libraries differ in the last digit of a sine.
+const SAME: f64 = 1e-9;
 
 /// Which sensor a calibration holds for, and how it is mounted.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,9 +26,42 @@ pub struct Identity {
     pub mag_axes: Mounting,
 }
 
+impl Identity {
+    /// The sensor with this name, mounted like this.
+    pub fn new(sensor: &str, mag_axes: Mounting) -> Self {
+        Self {
+            sensor: sensor.to_owned(),
+            mag_axes,
+        }
+    }
+}
+
 impl fmt::Display for Identity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} mounted {}", self.sensor, self.mag_axes)
+    }
+}
+
+/// How the board is mounted, and what the configuration said of that at the time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BoardMounting {
+    /// Board axes along body X, Y, Z.
+    pub board_axes: Mounting,
+    /// The same by the configuration, in place of which it was told.
+    pub configured: Mounting,
+}
+
+impl BoardMounting {
+    /// Whether it still holds: a configuration that says something else since then was the last to be changed.
+    pub fn holds(&self, configured: &Mounting) -> bool {
+        let difference = self.configured.rotation() - configured.rotation();
+        difference.amax() < SAME
+    }
+
+    /// What is wrong in itself.
+    pub(super) fn fault(&self) -> Option<String> {
+        let mirrored = self.board_axes.is_mirrored();
+        mirrored.then(|| "mounting.board_axes is mirrored, but must be a rotation".to_owned())
     }
 }
 

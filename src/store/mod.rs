@@ -7,7 +7,6 @@
 mod disk;
 mod format;
 pub mod history;
-mod mounting;
 mod plausible;
 
 use std::fs::{self, File};
@@ -17,9 +16,9 @@ use std::sync::Arc;
 
 use crate::check::{Fault, settings};
 use crate::lock_file::{LockError, LockFile};
+pub use disk::replace_file;
 pub use format::{Contents, FormatError};
-pub use history::{History, Identity, KeptCalibration, Made};
-pub use mounting::BoardMounting;
+pub use history::{BoardMounting, History, Identity, KeptCalibration, Made};
 
 const FILE_NAME: &str = "calibration.json";
 
@@ -164,7 +163,7 @@ impl Store {
             _lock: Some(Self::lock(directory)?),
         };
         disk::remove_leftovers(directory, FILE_NAME).map_err(fail)?;
-        let probe = disk::written(directory, FILE_NAME, "probe").map_err(fail)?;
+        let probe = disk::written(directory, FILE_NAME, b"probe").map_err(fail)?;
         probe.close().map_err(fail)?;
         Ok(store)
     }
@@ -228,7 +227,7 @@ impl Store {
         contents.put(history.clone());
         let text = text(&path, &contents)?;
         // Only with the new file safe on disk is anything changed.
-        let new = disk::written(&self.directory, FILE_NAME, &text).map_err(fail)?;
+        let new = disk::written(&self.directory, FILE_NAME, text.as_bytes()).map_err(fail)?;
         let aside = reason.map(|reason| disk::set_aside(&path, reason));
         let aside = aside.transpose().map_err(fail)?;
         new.persist(&path).map_err(|error| fail(error.error))?;
@@ -288,7 +287,7 @@ impl Store {
     /// When the file cannot be written.
     pub fn write_file(path: &Path, contents: &Contents) -> Result<(), StoreError> {
         let text = text(path, contents)?;
-        disk::replace(path, &text).map_err(|source| StoreError::Write {
+        replace_file(path, text.as_bytes()).map_err(|source| StoreError::Write {
             path: path.to_owned(),
             source,
         })

@@ -1,9 +1,8 @@
 //! How far headings are from the truth.
 
-use std::collections::HashMap;
 use std::fmt;
 
-use crate::sensor::simulator::Simulator;
+use crate::frame::wrap_pi;
 
 /// Angles between headings and the truth.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -17,7 +16,7 @@ impl Score {
     /// Counts a heading, if there is one.
     pub(super) fn count(&mut self, heading_deg: Option<f64>, truth_deg: f64) {
         if let Some(heading_deg) = heading_deg {
-            let error_deg = difference_deg(heading_deg, truth_deg);
+            let error_deg = wrap_pi((heading_deg - truth_deg).to_radians()).to_degrees();
             self.count += 1;
             self.sum_of_squares += error_deg * error_deg;
             self.worst_deg = self.worst_deg.max(error_deg.abs());
@@ -42,37 +41,6 @@ impl fmt::Display for Score {
             None => f.write_str("none was published"),
         }
     }
-}
-
-/// The way from one heading to another, −180 to 180 degrees.
-fn difference_deg(to_deg: f64, from_deg: f64) -> f64 {
-    (to_deg - from_deg + 540.0).rem_euclid(360.0) - 180.0
-}
-
-/// The true heading of every magnetometer reading.
-pub(super) struct Truth {
-    headings_deg: HashMap<i64, f64>,
-}
-
-impl Truth {
-    pub(super) fn of(simulator: Simulator) -> Self {
-        let known = simulator.filter_map(|entry| {
-            let truth_deg = entry.heading_truth_rad?.to_degrees();
-            Some((micros(entry.reading.t_s), truth_deg))
-        });
-        Self {
-            headings_deg: known.collect(),
-        }
-    }
-
-    pub(super) fn heading_deg(&self, t_s: f64) -> Option<f64> {
-        self.headings_deg.get(&micros(t_s)).copied()
-    }
-}
-
-/// The socket tells time to the microsecond.
-fn micros(t_s: f64) -> i64 {
-    (t_s * 1e6).round() as i64
 }
 
 #[cfg(test)]

@@ -3,9 +3,11 @@
 use std::fmt::Write;
 use std::io::{self, IsTerminal};
 
+use nalgebra::Vector3;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::score::{Score, Truth};
+use super::score::Score;
 use crate::command::Failure;
 use crate::config::Config;
 use crate::frame::hypot;
@@ -19,16 +21,16 @@ const LEVEL_DEG: f64 = 1.0;
 /// time that the second number has passed.
 const REWRITE_S: f64 = 0.2;
 const NEXT_LINE_S: f64 = 5.0;
+/// The socket tells time to the microsecond.
+const SAME_S: f64 = 1e-6;
 /// Lines that go on begin below the text of the first.
 const INDENT: &str = "           ";
 
 /// The demo so far.
 pub(super) struct Timeline {
-    truth: Truth,
+    /// What the board that the daemon reads does, once more.
+    simulator: Simulator,
     settings: simulator::Settings,
-    socket: String,
-    speed: f64,
-    duration_s: f64,
     basic_iterations: usize,
     terminal: bool,
     /// The last line on the terminal is one that will be rewritten.
@@ -49,11 +51,8 @@ pub(super) struct Timeline {
 impl Timeline {
     pub(super) fn new(config: &Config, simulator: Simulator) -> Self {
         Self {
-            duration_s: simulator.duration_s(),
-            truth: Truth::of(simulator),
+            simulator,
             settings: config.simulator.clone(),
-            socket: config.socket.socket.display().to_string(),
-            speed: config.source.speed,
             basic_iterations: config.calibration.max_iterations,
             terminal: io::stdout().is_terminal(),
             rewriting: false,
@@ -71,26 +70,6 @@ impl Timeline {
         }
     }
 
-    /// What comes first: what this is, and how to look into it.
-    pub(super) fn opening(&self) -> String {
-        let socket = &self.socket;
-        format!(
-            "headingd demo: a simulated HMC5843 with hard iron, a gyro and an accelerometer, seed {seed}.\n\
-             The board rests, makes {turns} level turns, and then moves about: {duration:.0} s, {speed} times real time.\n\
-             \n\
-             The daemon serves on {socket}\n\
-             To look into it from another terminal:\n\
-             \n  python3 -c 'import socket as s; c = s.socket(s.AF_UNIX); c.connect(\"{socket}\"); \
-             c.send(b\"?WATCH={{\\\"enable\\\":true,\\\"json\\\":true}};\\n\"); [print(l, end=\"\") for l in c.makefile()]'\n\
-             \nor, where there is an nc that knows -U:\n\
-             \n  (printf '?WATCH={{\"enable\":true}};\\n'; cat) | nc -U {socket}\n\n",
-            seed = self.settings.seed,
-            turns = self.settings.turns,
-            duration = self.duration_s,
-            speed = self.speed,
-        )
-    }
-
     /// Takes a message, and gives what there is to show of it.
     pub(super) fn take(&mut self, message: &Value) -> String {
         if let Some(t_s) = message["t_s"].as_f64() {
@@ -106,7 +85,7 @@ impl Timeline {
     }
 
     fn attitude(&mut self, att: &Value) -> String {
-        let Some(truth_deg) = self.truth.heading_deg(self.now_s) else {
+        let Some(truth_deg) = self.truth_deg() else {
             return String::new();
         };
         let number = |key: &str| att[key].as_f64();
@@ -140,6 +119,15 @@ impl Timeline {
             "heading {heading_deg:5.1}°, truth {truth_deg:5.1}°{raw}, {}",
             self.state
         ))
+    }
+
+    /// The true heading at the time of the newest reading.
+    fn truth_deg(&mut self) -> Option<f64> {
+        let from_s = self.now_s - SAME_S;
+        let entry = self
+            .simulator
+            .find(|entry| entry.reading.field_mgauss.is_some() && entry.reading.t_s > from_s)?;
+        entry.heading_truth_rad.map(f64::to_degrees)
     }
 
     fn state(&mut self, state: &Value) -> String {
@@ -281,56 +269,65 @@ impl Timeline {
     }
 }
 
+/// What comes first: what this is, and how to look into it.
+pub(super) fn opening(config: &Config, duration_s: f64) -> String {
+    let socket = config.socket.socket.display();
+    let simulator::Settings { seed, turns, .. } = config.simulator;
+    let speed = config.source.speed;
+    format!(
+        "headingd demo: a simulated HMC5843 with hard iron, a gyro and an accelerometer, seed {seed}.\n\
+         The board rests, makes {turns} level turns, and then moves about: {duration_s:.0} s, {speed} times real time.\n\
+         \n\
+         The daemon serves on {socket}\n\
+         To look into it from another terminal:\n\
+         \n  python3 -c 'import socket as s; c = s.socket(s.AF_UNIX); c.connect(\"{socket}\"); \
+         c.send(b\"?WATCH={{\\\"enable\\\":true,\\\"json\\\":true}};\\n\"); [print(l, end=\"\") for l in c.makefile()]'\n\
+         \nor, where there is an nc that knows -U:\n\
+         \n  (printf '?WATCH={{\"enable\":true}};\\n'; cat) | nc -U {socket}\n\n"
+    )
+}
+
 fn text<'a>(message: &'a Value, key: &str) -> &'a str {
     message[key].as_str().unwrap_or("unknown")
 }
 
 /// The parameters found beside the true ones, and how well they fit.
 fn found(outcome: &Value, truth: &simulator::Settings) -> Vec<String> {
-    let numbers = |value: &Value| -> Vec<f64> {
-        let values = value.as_array().map(Vec::as_slice).unwrap_or_default();
-        values.iter().filter_map(Value::as_f64).collect()
+    // Parameters are along the axes of the turn's plane; without one, along the chip's.
+    let axes: Vec<Vector3<f64>> = match list::<[f64; 3]>(outcome, "basis") {
+        basis if basis.is_empty() => vec![Vector3::x(), Vector3::y(), Vector3::z()],
+        basis => basis.into_iter().map(Vector3::from).collect(),
     };
-    // Parameters lie along the axes of the turn's plane; without one, along the chip's.
-    let axes: Vec<Vec<f64>> = match outcome["basis"].as_array() {
-        Some(basis) => basis.iter().map(numbers).collect(),
-        None => (0..3)
-            .map(|axis| (0..3).map(|i| f64::from(u8::from(i == axis))).collect())
-            .collect(),
-    };
-    let along = |axis: &[f64], weight: fn(f64) -> f64, values: [f64; 3]| -> f64 {
-        axis.iter().zip(values).map(|(a, v)| weight(*a) * v).sum()
-    };
-    let scales: Vec<f64> = axes
-        .iter()
-        .map(|axis| along(axis, |a| a * a, truth.scale))
-        .collect();
+    let [true_bias, true_scale] = [truth.bias_mgauss, truth.scale].map(Vector3::from);
+    let scale_along = |axis: &Vector3<f64>| axis.component_mul(axis).dot(&true_scale);
     // Without a reference field, the scale factors found have a mean of 1.
-    let mean = scales.iter().sum::<f64>() / scales.len().max(1) as f64;
-    let (bias, scale) = (numbers(&outcome["bias_mgauss"]), numbers(&outcome["scale"]));
-    let mut lines = Vec::new();
-    for (index, ((axis, bias), scale)) in axes.iter().zip(bias).zip(scale).enumerate() {
-        let nearest =
-            (0..3.min(axis.len())).max_by(|&i, &j| axis[i].abs().total_cmp(&axis[j].abs()));
-        let name = nearest.map_or('?', |i| ['x', 'y', 'z'][i]);
-        lines.push(format!(
-            "axis {name}  bias {bias:7.2} mG (truth {:7.2}), scale {scale:.4} (truth {:.4})",
-            along(axis, |a| a, truth.bias_mgauss),
-            scales[index] / mean,
-        ));
-    }
-    let quality: Vec<String> = [
+    let mean = axes.iter().map(scale_along).sum::<f64>() / axes.len() as f64;
+    let [bias, scale] = ["bias_mgauss", "scale"].map(|key| list::<f64>(outcome, key));
+    let parameters = axes.iter().zip(bias).zip(scale);
+    let mut lines: Vec<String> = parameters
+        .map(|((axis, bias), scale)| {
+            let name = ['x', 'y', 'z'][axis.iamax()];
+            let (true_bias, true_scale) = (axis.dot(&true_bias), scale_along(axis) / mean);
+            format!(
+                "axis {name}  bias {bias:7.2} mG (truth {true_bias:7.2}), \
+                 scale {scale:.4} (truth {true_scale:.4})"
+            )
+        })
+        .collect();
+    let quality = [
         ("residual", "residual_mgauss", " mG"),
         ("predicted heading uncertainty", "heading_sd_deg", "°"),
         ("against the gyro", "gyro_rms_deg", "° RMS"),
-    ]
-    .iter()
-    .filter_map(|(name, key, unit)| {
-        outcome[*key]
-            .as_f64()
-            .map(|number| format!("{name} {number:.2}{unit}"))
-    })
-    .collect();
-    lines.push(quality.join(", "));
+    ];
+    let quality = quality.iter().filter_map(|(name, key, unit)| {
+        let number = outcome[*key].as_f64()?;
+        Some(format!("{name} {number:.2}{unit}"))
+    });
+    lines.push(quality.collect::<Vec<_>>().join(", "));
     lines
+}
+
+/// The members of an array; none where it is not known.
+fn list<T: DeserializeOwned>(outcome: &Value, key: &str) -> Vec<T> {
+    serde_json::from_value(outcome[key].clone()).unwrap_or_default()
 }

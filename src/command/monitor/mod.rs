@@ -17,8 +17,8 @@ use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, Ke
 use signal_hook::consts::{SIGHUP, SIGTERM};
 use signal_hook::flag;
 
-use super::Failure;
 use super::headings::HeadingTarget;
+use super::{Failure, OrFail};
 use crate::publish::control::ControlRequest;
 use feeds::Feeds;
 use palette::Palette;
@@ -54,23 +54,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let stop = stop_signals()?;
     let feeds = Feeds::open(&sockets)?;
     let mut view = View::new(sockets.headings.display().to_string());
-    let mut terminal = ratatui::try_init().map_err(failed)?;
+    let mut terminal = ratatui::try_init().or_fail(Failure::IO, NO_TERMINAL)?;
     let ended = show(&mut terminal, &mut view, &feeds, &stop);
     ratatui::restore();
-    ended.map_err(failed)
+    ended.or_fail(Failure::IO, NO_TERMINAL)
 }
 
-fn failed(error: io::Error) -> Failure {
-    Failure::new(Failure::IO, format!("cannot use the terminal: {error}"))
-}
+const NO_TERMINAL: &str = "cannot use the terminal";
 
 /// Becomes true when somebody wants it to end: then the terminal is given back as it was.
 fn stop_signals() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGTERM, SIGHUP] {
-        flag::register(signal, stop.clone()).map_err(|error| {
-            Failure::new(Failure::SYSTEM, format!("cannot catch signals: {error}"))
-        })?;
+        let registered = flag::register(signal, stop.clone());
+        registered.or_fail(Failure::SYSTEM, "cannot catch signals")?;
     }
     Ok(stop)
 }

@@ -8,7 +8,9 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph, Wrap};
 use serde_json::Value;
 
+use super::super::headings::heading_text;
 use super::super::status::span;
+use super::super::text;
 use super::palette::Palette;
 use super::rose::Rose;
 use super::scatter::Scatter;
@@ -46,8 +48,9 @@ pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame
         title,
     );
     let att = view.att(now);
+    let heading_deg = att["heading"].as_f64().or(att["mheading"].as_f64());
     let rose = Rose {
-        heading: heading(att).map(|(degrees, _)| (degrees, att["heading_sd"].as_f64())),
+        heading: heading_deg.map(|degrees| (degrees, att["heading_sd"].as_f64())),
         raw_deg: att["raw_heading"].as_f64(),
         directions: &view.directions,
         style: *style,
@@ -68,24 +71,11 @@ pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame
     frame.render_widget(Line::from(said).style(style.strong()), keys);
 }
 
-/// The heading that may be steered by, and which north it is from.
-fn heading(att: &Value) -> Option<(f64, &'static str)> {
-    let truly = att["heading"].as_f64().map(|degrees| (degrees, "true"));
-    truly.or(att["mheading"]
-        .as_f64()
-        .map(|degrees| (degrees, "magnetic")))
-}
-
 fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value) -> Vec<Line<'a>> {
     let mut lines = Vec::new();
-    let shown = match heading(att) {
-        Some((degrees, north)) => {
-            let sd = att["heading_sd"].as_f64();
-            let sd = sd.map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
-            format!("{degrees:05.1}° {north}{sd}")
-        }
-        None => "none".to_owned(),
-    };
+    let [true_deg, magnetic_deg, sd_deg] =
+        ["heading", "mheading", "heading_sd"].map(|key| att[key].as_f64());
+    let shown = heading_text(true_deg, magnetic_deg, sd_deg).unwrap_or("none".to_owned());
     let raw = att["raw_heading"].as_f64();
     let raw = raw.map_or(String::new(), |raw| format!("   (raw {raw:05.1}°)"));
     lines.push(Line::from(vec![
@@ -105,7 +95,7 @@ fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value) -> Vec<Line<'a>> {
         add("", quality);
     }
     if let Some(verdict) = view.outcome["verdict"].as_str() {
-        let reason = view.outcome["reason"].as_str().unwrap_or_default();
+        let reason = text(&view.outcome, "reason");
         add("last", format!("{verdict} ({reason})"));
     }
     let hz = |rate: Option<f64>| rate.map_or("-".to_owned(), |rate| format!("{rate:.0}"));
@@ -142,8 +132,8 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
         lines.push(Line::from(why.as_str()));
         return;
     }
-    let text = |key: &str| view.state[key].as_str().unwrap_or_default();
-    let (word, reason) = (text("cal_state"), text("reason"));
+    let [word, reason, message] =
+        ["cal_state", "reason", "message"].map(|key| text(&view.state, key));
     let status = view.answered();
     let mut mode = format!(" {reason}");
     if let Some(status) = status.filter(|status| status.mode != Policy::On) {
@@ -157,7 +147,7 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
         Span::styled(format!(" {word} "), style.badge(word)),
         Span::from(mode),
     ]));
-    lines.push(Line::from(text("message")));
+    lines.push(Line::from(message));
     if let Some(advice) = next_step(reason).filter(|_| reason != "good") {
         lines.push(Line::styled(format!("-> {advice}"), style.strong()));
     }
