@@ -752,9 +752,9 @@ impl Filter {
             || (!self.still && self.unevenness2 > (3.0 * USUAL_UNEVENNESS).powi(2))
     }
 
-    /// Whether that shows while the board moves, so that the gyro may be to blame as well.
-    pub(super) fn disturbed_in_motion(&self) -> bool {
-        !self.still && self.disturbed()
+    /// Whether the board did not move at the last sample, by gyro and accelerometer.
+    pub(super) fn still(&self) -> bool {
+        self.still
     }
 
     /// The disturbance here, as a share of the field.

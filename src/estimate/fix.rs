@@ -6,9 +6,9 @@ use super::{Estimate, Fix, by_field, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
 
-/// Share by which a moving board's heading is as uncertain as field and gyro differ, while the field is disturbed: either may
-/// be right, and four deviations hold both.
-const DOUBT: f64 = 0.3;
+/// Share by which a moving board's heading is as uncertain as field and gyro differ: in one of five such contradictions the gyro
+/// is wrong, and the heading by as much; that is this deviation.
+const DOUBT: f64 = 0.45;
 /// Body X this near the vertical (sine of 10°) has no heading.
 const NO_HEADING: f64 = 0.17;
 
@@ -43,13 +43,20 @@ impl Estimate {
         })
     }
 
-    /// What the heading of a moving board may be off because the gyro is wrong and the disturbed field right, radians.
+    /// What the heading of a moving board may be off because the gyro is wrong and the field right, radians.
     fn doubt_rad(&self) -> f64 {
-        if !self.active.disturbed_in_motion() {
+        if self.active.still() {
             return 0.0;
         }
-        let (field, here) = (self.active.field(), self.active.field_here());
-        DOUBT * field.xy().angle(&here.xy())
+        let field = self.active.field();
+        let steepness = field.norm() / field.xy().norm().max(1.0);
+        let contradicted = self.gyro.contradicted_rad(steepness);
+        let differ = if self.active.disturbed() {
+            field.xy().angle(&self.active.field_here().xy())
+        } else {
+            0.0
+        };
+        DOUBT * hypot(contradicted, differ)
     }
 
     /// Without an accelerometer the board is taken for level on average; the further it is from that, the less

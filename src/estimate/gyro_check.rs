@@ -47,6 +47,19 @@ const CONSTANT_ENOUGH: f64 = 0.04;
 /// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
 const CONSTANT_CHANGES: u32 = 3;
 
+/// A change that the gyro misses by less than this is explained: places are uneven by 1.5 % and samples noisy by as much, each
+/// twice in a change. Times that scatter by this, seconds, add to it what the rate makes of them.
+const EXPLAINED: f64 = 0.06;
+const SCATTER_S: f64 = 0.005;
+/// One that it predicts but for this share of it is explained, too: a drone's throttle adds to the change that a turn makes.
+const MOSTLY: f64 = 0.6;
+/// Doubt about the gyro fades as it explains so much change again: two moments.
+const FADES: f64 = 0.3;
+/// A gyro that moves has noise. If it reads the same to the last bit for this long, seconds, the board turns unseen, as fast as it
+/// did over this time before, seconds.
+const HELD_S: f64 = 0.1;
+const RATE_TAU_S: f64 = 1.0;
+
 /// What is wrong with the gyro.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GyroFault {
@@ -81,6 +94,9 @@ pub(super) struct GyroCheck {
     together: u32,
     constant: bool,
     fault: Option<GyroFault>,
+    /// Mean rate while the gyro reads different values, rad/s, and how far the board has turned since it does not, radians.
+    rate_rad_s: f64,
+    unseen_rad: f64,
 }
 
 /// A vector that stands still in the world, as the board has seen it change and as the gyro predicts.
@@ -89,6 +105,9 @@ struct Witness {
     moment: Option<Moment>,
     quick: Sums,
     slow: Sums,
+    /// What of the changes lately the gyro does not explain: in moments that have ended, and in this one.
+    unexplained: f64,
+    unexplained_now: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -128,9 +147,15 @@ impl Sums {
 }
 
 impl Witness {
-    /// Takes the vector and the change that the gyro predicts since the sample before. When a moment ends, how much the
-    /// vector has changed in it.
-    fn take(&mut self, now: Vector3<f64>, change: Vector3<f64>, period_s: f64) -> Option<f64> {
+    /// Takes the vector and the change that the gyro predicts since the sample before, at this rate. When a moment ends, how
+    /// much the vector has changed in it.
+    fn take(
+        &mut self,
+        now: Vector3<f64>,
+        change: Vector3<f64>,
+        period_s: f64,
+        rate_rad_s: f64,
+    ) -> Option<f64> {
         let moment = self.moment.get_or_insert(Moment {
             age_s: 0.0,
             begun: now,
@@ -140,7 +165,9 @@ impl Witness {
         moment.predicted += change;
         let (seen, told) = (now - moment.begun, moment.predicted);
         let larger = seen.norm().max(told.norm());
-        if larger < CHANGE && moment.age_s < MOMENT_S {
+        let ended = larger >= CHANGE || moment.age_s >= MOMENT_S;
+        self.doubt((seen - told).norm(), larger, rate_rad_s, ended);
+        if !ended {
             return None;
         }
         self.moment = None;
@@ -150,6 +177,22 @@ impl Witness {
         self.quick.take(&seen, &told, QUICK);
         self.slow.take(&seen, &told, SLOW);
         Some(seen.norm())
+    }
+
+    /// Takes by how much the gyro misses a change of this size.
+    fn doubt(&mut self, missed: f64, change: f64, rate_rad_s: f64, ended: bool) {
+        let beyond = missed - EXPLAINED - rate_rad_s * SCATTER_S;
+        let unexplained = if change < JUMP && missed > MOSTLY * change {
+            beyond.max(0.0)
+        } else {
+            0.0
+        };
+        self.unexplained_now = if ended { 0.0 } else { unexplained };
+        if ended && unexplained > 0.0 {
+            self.unexplained += unexplained;
+        } else if ended && (NOISE..JUMP).contains(&change) {
+            self.unexplained *= (-change / FADES).exp();
+        }
     }
 
     /// Whether it has turned by enough to say something, and the gyro has not.
@@ -173,6 +216,7 @@ impl GyroCheck {
             self.gravity.quick = Sums::default();
         }
         let (rate, dt) = (input.rate_rad_s, input.period_s);
+        self.count_unseen(input);
         let field = input.field_mgauss / filter.strength_mgauss().max(1.0);
         let mut judge = false;
         if let Some(force) = input.force_m_s2 {
@@ -180,7 +224,8 @@ impl GyroCheck {
             self.turned_rad += rate.norm() * dt;
             if (up.norm() - 1.0).abs() > SHAKEN {
                 self.gravity.moment = None;
-            } else if let Some(seen) = self.gravity.take(up, up.cross(&rate) * dt, dt) {
+            } else if let Some(seen) = self.gravity.take(up, up.cross(&rate) * dt, dt, rate.norm())
+            {
                 judge = true;
                 self.compare(seen, &field);
             }
@@ -198,11 +243,28 @@ impl GyroCheck {
             };
             let corrected = inverse * (input.field_mgauss - filter.bias_mgauss());
             let change = matrix * corrected.cross(&rate) * (dt / filter.strength_mgauss());
-            judge |= self.field.take(field, change, dt).is_some();
+            judge |= self.field.take(field, change, dt, rate.norm()).is_some();
         }
         if judge {
             self.fault = self.judged();
         }
+    }
+
+    /// A gyro that reads the same again and again does not see how the board turns.
+    fn count_unseen(&mut self, input: &Input) {
+        if input.gyro_constant_s < HELD_S {
+            self.unseen_rad = 0.0;
+            let share = (input.period_s / RATE_TAU_S).min(1.0);
+            self.rate_rad_s += share * (input.rate_rad_s.norm() - self.rate_rad_s);
+        } else if !input.still {
+            self.unseen_rad = self.rate_rad_s * input.gyro_constant_s;
+        }
+    }
+
+    /// By how much a heading that the gyro carries along may be off, radians, if the gyro is wrong: what the field has turned
+    /// lately against it, and what it has not seen. `steepness` is the whole field over its horizontal part.
+    pub(super) fn contradicted_rad(&self, steepness: f64) -> f64 {
+        (self.field.unexplained + self.field.unexplained_now) * steepness + self.unseen_rad
     }
 
     /// Gravity has changed by `seen` in a moment.

@@ -472,6 +472,32 @@ fn a_gyro_that_dies_in_a_level_turn_is_named_within_three_seconds() {
     assert!((8.5..11.0).contains(&named_s), "{named_s}");
 }
 
+/// The heading goes wrong with the gyro, and its deviation says so before the gyro's fault has a name.
+#[test]
+fn a_heading_is_not_sure_while_the_gyro_contradicts_the_field_or_stops() {
+    let settings = Settings::default();
+    let sound = readings(&settings);
+    let calibration = shifted(&settings, 0.0);
+    let truth = play(&sound, Some(calibration), 0).headings;
+    for factor in [-1.0, 0.0] {
+        let mut faulty = sound.clone();
+        for reading in faulty.iter_mut().filter(|reading| reading.t_s > 8.0) {
+            reading.rate_rad_s = reading.rate_rad_s.map(|rate| rate.map(|w| w * factor));
+        }
+        let headings = play(&faulty, Some(calibration), 0).headings;
+        // A level board has to turn for a second until its field has changed beyond noise.
+        let both = headings.iter().zip(&truth).filter(|(h, _)| h.t_s > 9.0);
+        let sure = both.filter(|(faulty, sound)| {
+            let (Some(faulty_deg), Some(sound_deg)) = (faulty.fused_deg, sound.fused_deg) else {
+                return false;
+            };
+            let error = ((faulty_deg - sound_deg + 540.0).rem_euclid(360.0) - 180.0).abs();
+            error > 10.0 && error > 4.0 * faulty.sd_deg.unwrap_or_default()
+        });
+        assert_eq!(sure.count(), 0, "with rates times {factor}");
+    }
+}
+
 #[test]
 fn a_turn_has_the_sample_at_its_beginning_and_that_at_its_end_live_as_of_a_log() {
     // A sample at each tick of the even clock: one is taken just as the turn is complete.
