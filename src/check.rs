@@ -14,6 +14,17 @@ pub struct Fault {
     pub right: String,
 }
 
+impl Fault {
+    /// A fault of the setting `key`.
+    pub fn new(key: &str, found: impl Into<String>, right: impl Into<String>) -> Self {
+        Self {
+            key: key.to_owned(),
+            found: found.into(),
+            right: right.into(),
+        }
+    }
+}
+
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
@@ -41,11 +52,8 @@ where
         } else {
             format!(" {unit}")
         };
-        faults.push(Fault {
-            key: key.to_owned(),
-            found: value.to_string(),
-            right: format!("from {} to {}{unit}", range.start(), range.end()),
-        });
+        let right = format!("from {} to {}{unit}", range.start(), range.end());
+        faults.push(Fault::new(key, value.to_string(), right));
     }
 }
 

@@ -5,6 +5,9 @@
 
 use nalgebra::Vector3;
 
+/// Standard gravity, m/s².
+pub const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
+
 /// A magnetometer's three axes in milligauss, chip axes. `None` is an axis that overflowed: the chip
 /// answered, but this number is not a measurement.
 pub type Field = [Option<f64>; 3];

@@ -26,13 +26,8 @@ impl Settings {
         if !misspelt && self.filter.parse::<Targets>().is_ok() {
             return;
         }
-        faults.push(Fault {
-            key: "filter".to_owned(),
-            found: format!("{:?}", self.filter),
-            right: format!(
-                "one of {}, or target=level with commas between",
-                LEVELS.join(", ")
-            ),
-        });
+        let levels = LEVELS.join(", ");
+        let right = format!("one of {levels}, or target=level with commas between");
+        faults.push(Fault::new("filter", format!("{:?}", self.filter), right));
     }
 }

@@ -162,26 +162,18 @@ impl Config {
         let mut faults = Vec::new();
         if self.source.kind == Some(source::Kind::Serial) && self.serial.port.as_os_str().is_empty()
         {
-            faults.push(Fault {
-                key: "serial.port".to_owned(),
-                found: "empty".to_owned(),
-                right: "the path of the serial port, best one in /dev/serial/by-id".to_owned(),
-            });
+            let right = "the path of the serial port, best one in /dev/serial/by-id";
+            faults.push(Fault::new("serial.port", "empty", right));
         }
         let gpsd = &self.true_north.gpsd;
         if !gpsd.is_empty() && Gpsd::parse(gpsd).is_none() {
-            faults.push(Fault {
-                key: "true_north.gpsd".to_owned(),
-                found: format!("{gpsd:?}"),
-                right: "an address in numbers with a port, as \"127.0.0.1:2947\", an absolute path, or empty".to_owned(),
-            });
+            let right = "an address in numbers with a port, as \"127.0.0.1:2947\", an absolute path, or empty";
+            faults.push(Fault::new("true_north.gpsd", format!("{gpsd:?}"), right));
         }
         if self.control.path(&self.socket.socket) == self.socket.socket {
-            faults.push(Fault {
-                key: "control.socket".to_owned(),
-                found: format!("{:?}, as socket.socket is", self.socket.socket),
-                right: "another path than that of the socket for headings".to_owned(),
-            });
+            let found = format!("{:?}, as socket.socket is", self.socket.socket);
+            let right = "another path than that of the socket for headings";
+            faults.push(Fault::new("control.socket", found, right));
         }
         faults
     }

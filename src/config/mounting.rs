@@ -38,11 +38,9 @@ impl Settings {
 
     fn check_board(&self, faults: &mut Vec<Fault>) {
         if self.board_axes.is_mirrored() {
-            faults.push(Fault {
-                key: "board_axes".to_owned(),
-                found: format!("{:?}, which is mirrored", self.board_axes.to_string()),
-                right: "a rotation: turn one sign round, or exchange two axes".to_owned(),
-            });
+            let found = format!("{:?}, which is mirrored", self.board_axes.to_string());
+            let right = "a rotation: turn one sign round, or exchange two axes";
+            faults.push(Fault::new("board_axes", found, right));
         }
     }
 }

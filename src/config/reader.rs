@@ -115,12 +115,8 @@ impl<'i> TableReader<'i> {
                 };
                 format!("this key is outside any table: {help}")
             };
-            self.faults.push(ConfigFault {
-                line: Some(self.places.line(key.span().start)),
-                column: None,
-                key: name.to_owned(),
-                problem: Problem::Other(sentence),
-            });
+            let fault = self.other(key.span().start, name, sentence);
+            self.faults.push(fault);
         }
     }
 
@@ -134,15 +130,9 @@ impl<'i> TableReader<'i> {
         };
         let span = name_key.span();
         let DeValue::Table(table) = value.get_ref() else {
-            let fault = ConfigFault {
-                line: Some(self.places.line(span.start)),
-                column: None,
-                key: name.to_owned(),
-                problem: Problem::Unusable {
-                    found: self.snippet(&value.span()),
-                    right: format!("a table, [{name}]"),
-                },
-            };
+            let found = self.snippet(&value.span());
+            let fault = Fault::new(name, found, format!("a table, [{name}]"));
+            let fault = self.unusable(Some(span.start), fault);
             self.faults.push(fault);
             return T::default();
         };
@@ -164,12 +154,7 @@ impl<'i> TableReader<'i> {
                     settings
                 }
                 Err(error) => {
-                    faults.push(ConfigFault {
-                        line: Some(self.places.line(span.start)),
-                        column: None,
-                        key: name.to_owned(),
-                        problem: Problem::Other(error.message().to_owned()),
-                    });
+                    faults.push(self.other(span.start, name, error.message().to_owned()));
                     T::default()
                 }
             };
@@ -225,15 +210,7 @@ impl<'i> TableReader<'i> {
     pub(super) fn across(&mut self, faults: Vec<Fault>) {
         for fault in faults {
             let at = position(&self.root, &fault.key);
-            self.faults.push(ConfigFault {
-                line: at.map(|at| self.places.line(at)),
-                column: None,
-                key: fault.key,
-                problem: Problem::Unusable {
-                    found: fault.found,
-                    right: fault.right,
-                },
-            });
+            self.faults.push(self.unusable(at, fault));
         }
     }
 
@@ -249,14 +226,33 @@ impl<'i> TableReader<'i> {
         self.faults
     }
 
+    /// A fault in a value, at this place of the text.
+    fn unusable(&self, at: Option<usize>, fault: Fault) -> ConfigFault {
+        ConfigFault {
+            line: at.map(|at| self.places.line(at)),
+            column: None,
+            key: fault.key,
+            problem: Problem::Unusable {
+                found: fault.found,
+                right: fault.right,
+            },
+        }
+    }
+
+    /// Another fault, at this place of the text.
+    fn other(&self, at: usize, key: &str, sentence: String) -> ConfigFault {
+        ConfigFault {
+            line: Some(self.places.line(at)),
+            column: None,
+            key: key.to_owned(),
+            problem: Problem::Other(sentence),
+        }
+    }
+
     fn unknown(&self, table: &str, key: &Key<'i>, known: &[String]) -> ConfigFault {
         let name: &str = key.get_ref();
-        ConfigFault {
-            line: Some(self.places.line(key.span().start)),
-            column: None,
-            key: format!("{table}.{name}"),
-            problem: Problem::Other(format!("unknown key; {}", suggest(name, known))),
-        }
+        let sentence = format!("unknown key; {}", suggest(name, known));
+        self.other(key.span().start, &format!("{table}.{name}"), sentence)
     }
 
     /// The faults of one key alone, all others at their defaults. `path` leads from the table to the key.
@@ -328,19 +324,12 @@ impl<'i> TableReader<'i> {
         table: &DeTable<'i>,
         fallback: Option<usize>,
     ) -> Vec<ConfigFault> {
-        let locate = |key: &str| position(table, key).or(fallback);
-        faults
-            .into_iter()
-            .map(|fault| ConfigFault {
-                line: locate(&fault.key).map(|at| self.places.line(at)),
-                column: None,
-                key: format!("{name}.{}", fault.key),
-                problem: Problem::Unusable {
-                    found: fault.found,
-                    right: fault.right,
-                },
-            })
-            .collect()
+        let of_table = |fault: Fault| {
+            let at = position(table, &fault.key).or(fallback);
+            let key = format!("{name}.{}", fault.key);
+            self.unusable(at, Fault { key, ..fault })
+        };
+        faults.into_iter().map(of_table).collect()
     }
 
     /// A value as written in the file, cut to a part of one line.

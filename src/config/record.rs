@@ -21,11 +21,8 @@ settings! {
 impl Settings {
     fn check_directory(&self, faults: &mut Vec<Fault>) {
         if !self.directory.as_os_str().is_empty() && !self.directory.is_absolute() {
-            faults.push(Fault {
-                key: "directory".to_owned(),
-                found: format!("{:?}", self.directory),
-                right: "an absolute path, or empty".to_owned(),
-            });
+            let found = format!("{:?}", self.directory);
+            faults.push(Fault::new("directory", found, "an absolute path, or empty"));
         }
     }
 }

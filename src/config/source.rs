@@ -53,11 +53,8 @@ impl Settings {
 
     fn check_log(&self, faults: &mut Vec<Fault>) {
         if self.kind == Some(Kind::Replay) && self.log.as_os_str().is_empty() {
-            faults.push(Fault {
-                key: "log".to_owned(),
-                found: "empty".to_owned(),
-                right: "the path of the log to replay".to_owned(),
-            });
+            let right = "the path of the log to replay";
+            faults.push(Fault::new("log", "empty", right));
         }
     }
 }

@@ -24,11 +24,12 @@ impl Settings {
     fn check_talker(&self, faults: &mut Vec<Fault>) {
         let letters = self.talker.bytes().all(|byte| byte.is_ascii_uppercase());
         if self.talker.len() != 2 || !letters {
-            faults.push(Fault {
-                key: "talker".into(),
-                found: format!("{:?}", self.talker),
-                right: "two capital letters, as \"HC\"".into(),
-            });
+            let found = format!("{:?}", self.talker);
+            faults.push(Fault::new(
+                "talker",
+                found,
+                "two capital letters, as \"HC\"",
+            ));
         }
     }
 }

@@ -275,24 +275,18 @@ impl Drop for SocketFile {
 pub(super) fn check_path(faults: &mut Vec<Fault>, key: &str, path: &Path) {
     let length = path.as_os_str().as_bytes().len();
     if !path.is_absolute() || path.file_name().is_none() || length > LONGEST_PATH {
-        faults.push(Fault {
-            key: key.into(),
-            found: format!("{path:?} ({length} bytes)"),
-            right: format!("an absolute path of up to {LONGEST_PATH} bytes"),
-        });
+        let right = format!("an absolute path of up to {LONGEST_PATH} bytes");
+        faults.push(Fault::new(key, format!("{path:?} ({length} bytes)"), right));
     }
 }
 
 /// Finds what is wrong with permissions that are at most `most`.
 pub(super) fn check_mode(faults: &mut Vec<Fault>, key: &str, mode: &str, most: u32) {
     if mode_bits(mode, most).is_none() {
-        faults.push(Fault {
-            key: key.into(),
-            found: format!("{mode:?}"),
-            right: format!(
-                "octal permissions in quotes, from \"0600\" to \"{most:04o}\", without execution"
-            ),
-        });
+        let right = format!(
+            "octal permissions in quotes, from \"0600\" to \"{most:04o}\", without execution"
+        );
+        faults.push(Fault::new(key, format!("{mode:?}"), right));
     }
 }
 

@@ -5,10 +5,10 @@ use std::io::BufRead;
 use super::lines::{LogLine, LogLines};
 use super::rows::{Layout, Rows, Rule};
 use super::{ACCEL, COLUMNS, GYRO, HEADING, Header, MAG, MAGIC, RecordingError, VERSION, shown};
+use crate::reading::STANDARD_GRAVITY_M_S2;
 
 /// More `#` lines than this are no header.
 const MOST_LINES: u64 = 1000;
-const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
 /// Reads everything up to and with the line of column names.
 pub(super) fn read<R: BufRead>(log: &str, lines: &mut LogLines<R>) -> Result<Rows, RecordingError> {

@@ -50,11 +50,8 @@ impl Settings {
     fn check_directory(&self, faults: &mut Vec<Fault>) {
         // The folder that a daemon happens to be started in is no place to look for it next time.
         if let Some(directory) = self.directory().filter(|d| d.is_relative()) {
-            faults.push(Fault {
-                key: "directory".to_owned(),
-                found: format!("{directory:?}"),
-                right: "an absolute path, or empty to keep nothing".to_owned(),
-            });
+            let right = "an absolute path, or empty to keep nothing";
+            faults.push(Fault::new("directory", format!("{directory:?}"), right));
         }
     }
 }

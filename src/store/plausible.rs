@@ -50,23 +50,11 @@ pub(super) fn faults(calibration: &Calibration) -> Vec<Fault> {
     if let Some(reference) = calibration.reference_mgauss {
         check("calibration.reference_mgauss", reference, 0.1..=1e5);
     }
-    check(
-        "calibration.strength_mgauss",
-        calibration.strength_mgauss,
-        0.1..=1e5,
-    );
-    check(
-        "calibration.residual_mgauss",
-        calibration.residual_mgauss,
-        0.0..=1e5,
-    );
-    within(
-        &mut faults,
-        "calibration.heading_sd_deg",
-        calibration.heading_sd_deg,
-        0.0..=180.0,
-        "degrees",
-    );
+    let (strength, residual) = (calibration.strength_mgauss, calibration.residual_mgauss);
+    check("calibration.strength_mgauss", strength, 0.1..=1e5);
+    check("calibration.residual_mgauss", residual, 0.0..=1e5);
+    let (key, sd_deg) = ("calibration.heading_sd_deg", calibration.heading_sd_deg);
+    within(&mut faults, key, sd_deg, 0.0..=180.0, "degrees");
     if let Some(covariance) = &calibration.covariance {
         covariance_faults(&mut faults, calibration, covariance);
     }
@@ -89,11 +77,7 @@ fn covariance_faults(
             "of finite numbers, with no variance below 0 and no correlation beyond 1",
         ),
     };
-    faults.push(Fault {
-        key: "calibration.covariance".to_owned(),
-        found: found.to_owned(),
-        right: right.to_owned(),
-    });
+    faults.push(Fault::new("calibration.covariance", found, right));
 }
 
 fn planar_faults(faults: &mut Vec<Fault>, planar: &Planar) {
@@ -106,11 +90,9 @@ fn planar_faults(faults: &mut Vec<Fault>, planar: &Planar) {
     // Written so that NaN is off too.
     if !matches!(off.partial_cmp(&TOLERANCE), Some(order) if order.is_le()) {
         let text = |v: &Vector3<f64>| format!("[{}, {}, {}]", v.x, v.y, v.z);
-        faults.push(Fault {
-            key: "calibration.basis".to_owned(),
-            found: format!("[{}, {}]", text(first), text(second)),
-            right: "two perpendicular unit vectors".to_owned(),
-        });
+        let found = format!("[{}, {}]", text(first), text(second));
+        let right = "two perpendicular unit vectors";
+        faults.push(Fault::new("calibration.basis", found, right));
     }
     bias_faults(faults, planar.bias_mgauss.as_slice());
     for (index, scale) in planar.scale.iter().enumerate() {
@@ -119,11 +101,9 @@ fn planar_faults(faults: &mut Vec<Fault>, planar: &Planar) {
     }
     // The part of a unit vector's mean that lies in the plane.
     if !(0.0..=1.0 + TOLERANCE).contains(&planar.level.norm()) {
-        faults.push(Fault {
-            key: "calibration.level".to_owned(),
-            found: format!("[{}, {}]", planar.level.x, planar.level.y),
-            right: "a vector no longer than 1".to_owned(),
-        });
+        let found = format!("[{}, {}]", planar.level.x, planar.level.y);
+        let right = "a vector no longer than 1";
+        faults.push(Fault::new("calibration.level", found, right));
     }
 }
 
@@ -154,11 +134,8 @@ fn spatial_faults(faults: &mut Vec<Fault>, spatial: &Spatial) {
         }
     };
     let numbers: Vec<String> = matrix.iter().map(f64::to_string).collect();
-    faults.push(Fault {
-        key: "calibration.matrix".to_owned(),
-        found: format!("[{}]", numbers.join(", ")),
-        right: right.to_owned(),
-    });
+    let found = format!("[{}]", numbers.join(", "));
+    faults.push(Fault::new("calibration.matrix", found, right));
 }
 
 fn bias_faults(faults: &mut Vec<Fault>, bias_mgauss: &[f64]) {

@@ -50,11 +50,8 @@ impl Settings {
             } else {
                 ("longitude_deg", "latitude_deg")
             };
-            faults.push(Fault {
-                key: has.to_owned(),
-                found: "set alone".to_owned(),
-                right: format!("set together with {lacks}"),
-            });
+            let right = format!("set together with {lacks}");
+            faults.push(Fault::new(has, "set alone", right));
         }
     }
 }

@@ -19,11 +19,8 @@ pub enum ControlRequest {
     /// One of them, or the active one.
     Show {
         /// Its number.
-        #[serde(
-            default,
-            deserialize_with = "number",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "number")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
     },
     /// Lock the active calibration.
@@ -33,21 +30,15 @@ pub enum ControlRequest {
     /// Make an earlier calibration the active one: this one, or the one before.
     Rollback {
         /// Its number.
-        #[serde(
-            default,
-            deserialize_with = "number",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "number")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
     },
     /// Forget a calibration, or the active one, or all.
     Forget {
         /// Its number.
-        #[serde(
-            default,
-            deserialize_with = "number",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "number")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
         /// All of this sensor; then without a number.
         #[serde(default)]
@@ -56,11 +47,8 @@ pub enum ControlRequest {
     /// One calibration as a file, or the active one.
     Export {
         /// Its number.
-        #[serde(
-            default,
-            deserialize_with = "number",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "number")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
     },
     /// Make the calibration in this file the active one.
@@ -75,11 +63,8 @@ pub enum ControlRequest {
     /// Calibrate by itself or not from now on; or tell which.
     Mode {
         /// The new mode.
-        #[serde(
-            default,
-            deserialize_with = "mode",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "mode")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         mode: Option<Policy>,
     },
     /// Change how the board is mounted, or tell how it is.
@@ -88,11 +73,8 @@ pub enum ControlRequest {
         #[serde(default)]
         level: bool,
         /// Its magnetic heading is this now, degrees.
-        #[serde(
-            default,
-            deserialize_with = "heading",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "heading")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         heading_deg: Option<f64>,
         /// It is mounted as the configuration says; then without the other keys.
         #[serde(default)]

@@ -101,9 +101,8 @@ fn address(text: &str) -> Option<SocketAddr> {
 /// What is wrong with an address, if anything is.
 fn check_address(key: &str, text: &str) -> Option<Fault> {
     let right = text.is_empty() || address(text).is_some_and(|address| address.port() > 0);
-    (!right).then(|| Fault {
-        key: key.to_owned(),
-        found: format!("{text:?}"),
-        right: "an address in numbers with a port, as \"127.0.0.1:10110\", or empty".to_owned(),
+    (!right).then(|| {
+        let right = "an address in numbers with a port, as \"127.0.0.1:10110\", or empty";
+        Fault::new(key, format!("{text:?}"), right)
     })
 }

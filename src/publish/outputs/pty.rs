@@ -10,20 +10,21 @@ use rustix::fs::{Mode, OFlags, fcntl_setfl, open};
 use rustix::io::ioctl_fionread;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
-use serde::{Deserialize, Serialize};
 
 use super::lines::HeadingLines;
-use crate::check::{Check, Fault};
+use crate::check::{Fault, settings};
 
 /// Headings are no secret, and what is written to it is thrown away; programs open a port for both.
 const MODE: u32 = 0o666;
 
-/// Where the port is.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Settings {
-    /// Path of a link to the port, absolute: `"/run/headingd/nmea"`. Empty, as it is by default: none.
-    pub path: PathBuf,
+settings! {
+    /// Where the port is.
+    #[derive(Eq)]
+    pub struct Settings {
+        /// Path of a link to the port, absolute: `"/run/headingd/nmea"`. Empty, as it is by default: none.
+        path: PathBuf = PathBuf::new();
+    }
+    also Settings::check_path;
 }
 
 impl Settings {
@@ -31,17 +32,13 @@ impl Settings {
     pub fn path(&self) -> Option<&Path> {
         Some(self.path.as_path()).filter(|path| !path.as_os_str().is_empty())
     }
-}
 
-impl Check for Settings {
-    fn check(&self) -> Vec<Fault> {
-        match self.path() {
-            Some(path) if !path.is_absolute() || path.file_name().is_none() => vec![Fault {
-                key: "path".to_owned(),
-                found: format!("{path:?}"),
-                right: "an absolute path, as \"/run/headingd/nmea\", or empty".to_owned(),
-            }],
-            _ => Vec::new(),
+    fn check_path(&self, faults: &mut Vec<Fault>) {
+        if let Some(path) = self.path()
+            && (!path.is_absolute() || path.file_name().is_none())
+        {
+            let right = "an absolute path, as \"/run/headingd/nmea\", or empty";
+            faults.push(Fault::new("path", format!("{path:?}"), right));
         }
     }
 }

@@ -2,11 +2,12 @@
 
 use std::sync::LazyLock;
 
-use super::adxl345::Adxl345;
-use super::itg3200::Itg3200;
+use super::adxl345::ADXL345;
+use super::companion::Companion;
+use super::itg3200::ITG3200;
 use super::magnetometer::{Driver, Identified, Magnetometer};
-use super::mpu6050::Mpu6050;
-use super::{ChipError, Companion, hmc5843, qmc5883l};
+use super::mpu6050::MPU6050;
+use super::{ChipError, hmc5843, qmc5883l};
 use crate::sensor::board::Companions;
 use crate::sensor::bus::{Bus, read_byte};
 use crate::sensor::clock::Clock;
@@ -25,21 +26,16 @@ pub const AUTO: &str = "auto";
 /// Magnetometers that headingd cannot read, and where they answer.
 const UNSUPPORTED: &[(u8, &str)] = &[(0x2C, "QMC5883P")];
 
-/// Chips, one of which may be there.
-type Choices = Vec<Box<dyn Companion + Send>>;
-
 /// The gyros and the accelerometers that a board may have at these addresses.
-pub fn companions(which: Companions, gyro: u8, accel: u8) -> (Choices, Choices) {
-    let mpu = || Box::new(Mpu6050::new(gyro));
-    let itg = || Box::new(Itg3200::new(gyro));
-    let adxl = || Box::new(Adxl345::new(accel));
+pub fn companions(which: Companions, gyro: u8, accel: u8) -> (Vec<Companion>, Vec<Companion>) {
+    let (mpu, itg, adxl) = (MPU6050.at(gyro), ITG3200.at(gyro), ADXL345.at(accel));
     match which {
         // An MPU-6050 is an accelerometer as well, and has a bus behind it. Their identities tell the gyros apart.
-        Companions::Auto => (vec![mpu(), itg()], vec![adxl()]),
+        Companions::Auto => (vec![mpu, itg], vec![adxl]),
         Companions::None => (vec![], vec![]),
-        Companions::Itg3200 => (vec![itg()], vec![]),
-        Companions::Itg3200Adxl345 => (vec![itg()], vec![adxl()]),
-        Companions::Mpu6050 => (vec![mpu()], vec![]),
+        Companions::Itg3200 => (vec![itg], vec![]),
+        Companions::Itg3200Adxl345 => (vec![itg], vec![adxl]),
+        Companions::Mpu6050 => (vec![mpu], vec![]),
     }
 }
 

@@ -2,6 +2,7 @@
 //! line in the table of [`drivers`].
 
 pub mod adxl345;
+pub mod companion;
 pub mod drivers;
 pub mod hmc5843;
 pub mod itg3200;
@@ -9,13 +10,8 @@ pub mod magnetometer;
 pub mod mpu6050;
 pub mod qmc5883l;
 
-use nalgebra::Vector3;
-
 use super::bus::{Bus, BusError, Cause, LONGEST_BLOCK, read_byte};
 use super::clock::Clock;
-
-/// Standard gravity, m/s².
-pub(crate) const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
 /// Why a chip cannot be used, or not now.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -131,54 +127,6 @@ impl ChipError {
     }
 }
 
-/// A gyro, an accelerometer, or both in one.
-pub trait Companion {
-    /// The chip's name.
-    fn name(&self) -> &'static str;
-
-    /// Whether it is an accelerometer, or one as well.
-    fn measures_force(&self) -> bool;
-
-    /// Identifies the chip.
-    ///
-    /// # Errors
-    ///
-    /// When it does not answer, or when another chip does.
-    fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError>;
-
-    /// Identifies the chip and sets it up.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::identify`]; when a transfer fails; when the clock was told to stop.
-    fn start(&mut self, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<(), ChipError>;
-
-    /// Reads what it measures.
-    ///
-    /// # Errors
-    ///
-    /// When the transfer fails.
-    fn read(&mut self, bus: &mut dyn Bus) -> Result<InertialSample, ChipError>;
-
-    /// Reads back the registers that were set up.
-    ///
-    /// # Errors
-    ///
-    /// When the transfer fails, or when a register has lost its value.
-    fn verify(&mut self, bus: &mut dyn Bus) -> Result<(), ChipError>;
-}
-
-/// What a companion measured, chip axes.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct InertialSample {
-    /// The numbers of the chip, to see whether they change; 0 where it has none.
-    pub raw: [i16; 6],
-    /// Angular rate, rad/s.
-    pub rate_rad_s: Option<Vector3<f64>>,
-    /// Specific force, m/s².
-    pub specific_force_m_s2: Option<Vector3<f64>>,
-}
-
 /// Counts how often a chip has repeated a reading.
 ///
 /// The quietest of these parts at their coarsest range have a noise of about half a count an axis (an HMC5883L's
@@ -287,18 +235,14 @@ fn compare(
     Ok(())
 }
 
-/// Three numbers of 16 bits, high byte first.
-fn big_endian(bytes: &[u8; 6]) -> [i16; 3] {
+/// The first three numbers of 16 bits, high byte first.
+fn big_endian(bytes: &[u8]) -> [i16; 3] {
     [0, 2, 4].map(|at| i16::from_be_bytes([bytes[at], bytes[at + 1]]))
 }
 
-/// Three numbers of 16 bits, low byte first.
-fn little_endian(bytes: &[u8; 6]) -> [i16; 3] {
+/// The first three numbers of 16 bits, low byte first.
+fn little_endian(bytes: &[u8]) -> [i16; 3] {
     [0, 2, 4].map(|at| i16::from_le_bytes([bytes[at], bytes[at + 1]]))
-}
-
-fn scaled(counts: [i16; 3], unit: f64) -> Vector3<f64> {
-    Vector3::from(counts.map(f64::from)) * unit
 }
 
 #[cfg(test)]

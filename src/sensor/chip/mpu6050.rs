@@ -2,12 +2,8 @@
 //!
 //! A magnetometer on that bus answers only while the bypass is on, so this chip is set up before it.
 
-use super::{
-    ChipError, Companion, InertialSample, STANDARD_GRAVITY_M_S2, big_endian, compare, must_be,
-    pause, scaled, write_all,
-};
-use crate::sensor::bus::Bus;
-use crate::sensor::clock::Clock;
+use super::big_endian;
+use super::companion::{CompanionSheet, IdentityRegister};
 
 // Registers of the MPU-6050 (kernel's `inv_mpu_iio.h`).
 const SMPLRT_DIV: u8 = 0x19;
@@ -20,7 +16,6 @@ const USER_CTRL: u8 = 0x6A;
 const PWR_MGMT_1: u8 = 0x6B;
 const WHO_AM_I: u8 = 0x75;
 
-const IDENTITY: u8 = 0x68;
 /// PWR_MGMT_1: all registers to their defaults.
 const RESET: u8 = 0x80;
 /// PWR_MGMT_1: awake, the X gyro's oscillator drives the PLL.
@@ -37,84 +32,42 @@ const ACCEL_8_G: u8 = 0x10;
 const NO_MASTER: u8 = 0x00;
 /// … INT_PIN_CFG: and joins it to the one before it, so that the magnetometer there answers.
 const BYPASS: u8 = 0x02;
-const COUNTS_PER_DEG_S: f64 = 32.8;
-const COUNTS_PER_G: f64 = 4096.0;
-
-const NAME: &str = "MPU-6050";
-const RESET_S: f64 = 0.1;
-/// Until the gyros have settled on the new clock.
-const SETTLING_S: f64 = 0.05;
-
 /// An MPU-6050, at 0x68 or 0x69.
-#[derive(Clone, Debug)]
-pub struct Mpu6050 {
-    address: u8,
-}
-
-impl Mpu6050 {
-    /// The chip at this address.
-    pub fn new(address: u8) -> Self {
-        Self { address }
-    }
-}
-
-impl Companion for Mpu6050 {
-    fn name(&self) -> &'static str {
-        NAME
-    }
-
-    fn measures_force(&self) -> bool {
-        true
-    }
-
-    /// By register 0x75, WHO_AM_I.
-    fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
-        let place = (self.address, WHO_AM_I);
-        must_be(bus, NAME, place, "68", |found| found == IDENTITY)
-    }
-
-    fn start(&mut self, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<(), ChipError> {
-        self.identify(bus)?;
-        bus.write(self.address, PWR_MGMT_1, RESET)?;
-        pause(clock, RESET_S)?;
-        let settings = [
-            (PWR_MGMT_1, CLOCK_X),
-            (SMPLRT_DIV, DIVIDER),
-            (CONFIG, LOW_PASS_43_HZ),
-            (GYRO_CONFIG, GYRO_1000_DEG_S),
-            (ACCEL_CONFIG, ACCEL_8_G),
-            (USER_CTRL, NO_MASTER),
-            (INT_PIN_CFG, BYPASS),
-        ];
-        write_all(bus, self.address, &settings)?;
-        pause(clock, SETTLING_S)
-    }
-
-    /// Accelerometer, temperature and gyro, in one transfer.
-    fn read(&mut self, bus: &mut dyn Bus) -> Result<InertialSample, ChipError> {
-        let mut bytes = [0; 14];
-        bus.read(self.address, ACCEL_XOUT_H, &mut bytes)?;
-        let [a, b, c, d, e, f, _, _, gyro @ ..] = bytes;
-        let accel = big_endian(&[a, b, c, d, e, f]);
-        let gyro = big_endian(&gyro);
-        let [[gx, gy, gz], [ax, ay, az]] = [gyro, accel];
-        Ok(InertialSample {
-            raw: [gx, gy, gz, ax, ay, az],
-            rate_rad_s: Some(scaled(gyro, (1.0 / COUNTS_PER_DEG_S).to_radians())),
-            specific_force_m_s2: Some(scaled(accel, STANDARD_GRAVITY_M_S2 / COUNTS_PER_G)),
-        })
-    }
-
-    fn verify(&mut self, bus: &mut dyn Bus) -> Result<(), ChipError> {
-        let set = [
-            (SMPLRT_DIV, DIVIDER),
-            (CONFIG, LOW_PASS_43_HZ),
-            (GYRO_CONFIG, GYRO_1000_DEG_S),
-            (ACCEL_CONFIG, ACCEL_8_G),
-        ];
-        compare(bus, NAME, self.address, &set)
-    }
-}
+pub static MPU6050: CompanionSheet = CompanionSheet {
+    name: "MPU-6050",
+    identity: IdentityRegister {
+        register: WHO_AM_I,
+        mask: 0xFF,
+        value: 0x68,
+        right: "68",
+    },
+    reset: Some((PWR_MGMT_1, RESET, 0.1)),
+    setup: &[
+        (PWR_MGMT_1, CLOCK_X),
+        (SMPLRT_DIV, DIVIDER),
+        (CONFIG, LOW_PASS_43_HZ),
+        (GYRO_CONFIG, GYRO_1000_DEG_S),
+        (ACCEL_CONFIG, ACCEL_8_G),
+        (USER_CTRL, NO_MASTER),
+        (INT_PIN_CFG, BYPASS),
+    ],
+    // The gyros settle on the new clock.
+    settling_s: 0.05,
+    held: &[
+        (SMPLRT_DIV, DIVIDER),
+        (CONFIG, LOW_PASS_43_HZ),
+        (GYRO_CONFIG, GYRO_1000_DEG_S),
+        (ACCEL_CONFIG, ACCEL_8_G),
+    ],
+    // Accelerometer, temperature and gyro.
+    data: (ACCEL_XOUT_H, 14),
+    counts: |bytes| {
+        let [[ax, ay, az], [gx, gy, gz]] = [big_endian(bytes), big_endian(&bytes[8..])];
+        [gx, gy, gz, ax, ay, az]
+    },
+    counts_per_deg_s: Some(32.8),
+    counts_per_g: Some(4096.0),
+};
 
 #[cfg(test)]
 mod tests {
@@ -127,7 +80,7 @@ mod tests {
         let mut bus = FakeBus::default();
         bus.set(0x68, 0x75, &[0x68]);
         let mut clock = JumpingClock::default();
-        let mut chip = Mpu6050::new(0x68);
+        let chip = MPU6050.at(0x68);
         chip.start(&mut bus, &mut clock).unwrap();
         assert!(clock.now_s >= 0.15);
         let right = [
@@ -158,7 +111,7 @@ mod tests {
             0x10, 0x00, 0xF0, 0x00, 0x00, 0x00, 0x12, 0x34, 0x01, 0x48, 0xFE, 0xB8, 0x00, 0x00,
         ];
         bus.set(0x68, 0x3B, &bytes);
-        let motion = Mpu6050::new(0x68).read(&mut bus).unwrap();
+        let motion = MPU6050.at(0x68).read(&mut bus).unwrap();
         assert_eq!(bus.transfers(), [Read(0x68, 0x3B, 14)]);
         let rate = motion.rate_rad_s.unwrap().map(f64::to_degrees);
         let force = motion.specific_force_m_s2.unwrap();

@@ -2,7 +2,8 @@
 
 use super::health::Health;
 use crate::sensor::bus::Bus;
-use crate::sensor::chip::{ChipError, Companion, InertialSample, RepeatWatch};
+use crate::sensor::chip::companion::{Companion, InertialSample};
+use crate::sensor::chip::{ChipError, RepeatWatch};
 use crate::sensor::clock::Clock;
 
 /// How often a chip's configuration is read back, seconds.
@@ -12,7 +13,7 @@ const VERIFY_S: f64 = 1.0;
 pub(super) struct CompanionPoller {
     pub(super) health: Health,
     /// The chips that may be there, and the one that is.
-    choices: Vec<Box<dyn Companion + Send>>,
+    choices: Vec<Companion>,
     chosen: usize,
     told: Option<usize>,
     frozen: RepeatWatch<[i16; 6]>,
@@ -20,7 +21,7 @@ pub(super) struct CompanionPoller {
 }
 
 impl CompanionPoller {
-    pub(super) fn new(what: &'static str, choices: Vec<Box<dyn Companion + Send>>) -> Self {
+    pub(super) fn new(what: &'static str, choices: Vec<Companion>) -> Self {
         Self {
             health: Health::new(what),
             choices,
@@ -42,7 +43,7 @@ impl CompanionPoller {
             return Ok(());
         }
         let mut failed = None;
-        for (index, chip) in self.choices.iter_mut().enumerate() {
+        for (index, chip) in self.choices.iter().enumerate() {
             match chip.start(bus, clock) {
                 Ok(()) => {
                     self.chosen = index;
@@ -87,7 +88,7 @@ impl CompanionPoller {
     }
 
     fn try_read(&mut self, bus: &mut dyn Bus, now_s: f64) -> Result<InertialSample, ChipError> {
-        let chip = &mut self.choices[self.chosen];
+        let chip = &self.choices[self.chosen];
         if now_s >= self.verify_s {
             chip.verify(bus)?;
             self.verify_s = now_s + VERIFY_S;

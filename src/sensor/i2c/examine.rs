@@ -8,8 +8,8 @@ use crate::frame::Mountings;
 use crate::sensor::SourceEvent;
 use crate::sensor::bus::{Bus, BusError, Cause, read_byte};
 use crate::sensor::chip::magnetometer::AxisTest;
-use crate::sensor::chip::mpu6050::Mpu6050;
-use crate::sensor::chip::{ChipError, Companion, drivers};
+use crate::sensor::chip::mpu6050::MPU6050;
+use crate::sensor::chip::{ChipError, drivers};
 use crate::sensor::clock::Clock;
 
 /// The chips are read for this long, seconds, after a second for setting them up.
@@ -121,7 +121,7 @@ pub(crate) fn examine(
 fn call_the_roll(report: &mut CheckReport, bus: &mut dyn Bus, clock: &mut dyn Clock) -> bool {
     // A magnetometer behind an MPU-6050 answers once that has its bypass on.
     for address in drivers::GYRO_ADDRESSES {
-        let mut mpu = Mpu6050::new(address);
+        let mpu = MPU6050.at(address);
         if mpu.identify(bus).is_ok()
             && let Err(error) = mpu.start(bus, clock)
         {

@@ -98,11 +98,8 @@ impl Settings {
         }
         let mut one_of = |key: &str, found: u8, right: [u8; 2]| {
             if !right.contains(&found) {
-                faults.push(Fault {
-                    key: key.to_owned(),
-                    found: format!("0x{found:02x}"),
-                    right: format!("0x{:02x} or 0x{:02x}", right[0], right[1]),
-                });
+                let right = format!("0x{:02x} or 0x{:02x}", right[0], right[1]);
+                faults.push(Fault::new(key, format!("0x{found:02x}"), right));
             }
         };
         let [gyro, accel] = [drivers::GYRO_ADDRESSES, drivers::ACCEL_ADDRESSES];

@@ -5,7 +5,7 @@
 
 use nalgebra::Vector3;
 
-use crate::reading::{Field, Reading};
+use crate::reading::{Field, Reading, STANDARD_GRAVITY_M_S2};
 
 /// ADXL345 at full resolution (data sheet, register 0x31), counts per g.
 const ACCEL_COUNTS_PER_G: f64 = 256.0;
@@ -17,7 +17,6 @@ const GYRO_COUNTS_PER_DEG_S: f64 = 14.375;
 const GYRO_MOST: f64 = 32768.0;
 /// HMC5843 and HMC5883L: 12 bits. An axis that overflowed reads -4096.
 const MAG_MOST: f64 = 2048.0;
-const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
 /// Three axes in counts; `None` is an axis without a number.
 pub(super) type RazorCounts = [Option<f64>; 3];

@@ -24,11 +24,8 @@ settings! {
 impl Settings {
     fn check_port(&self, faults: &mut Vec<Fault>) {
         if !self.port.as_os_str().is_empty() && !self.port.is_absolute() {
-            faults.push(Fault {
-                key: "port".to_owned(),
-                found: format!("{:?}", self.port),
-                right: "an absolute path, as /dev/ttyUSB0 or one in /dev/serial/by-id".to_owned(),
-            });
+            let right = "an absolute path, as /dev/ttyUSB0 or one in /dev/serial/by-id";
+            faults.push(Fault::new("port", format!("{:?}", self.port), right));
         }
     }
 }

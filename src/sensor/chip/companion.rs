@@ -1,0 +1,145 @@
+//! A gyro, an accelerometer, or both in one: what all of them have in common. A chip's own file has its data sheet.
+
+use nalgebra::Vector3;
+
+use super::{ChipError, compare, must_be, pause, write_all};
+use crate::reading::STANDARD_GRAVITY_M_S2;
+use crate::sensor::bus::Bus;
+use crate::sensor::clock::Clock;
+
+/// The registers of a chip, and what its numbers mean.
+#[derive(Debug)]
+pub struct CompanionSheet {
+    /// The name that is printed on the chip.
+    pub name: &'static str,
+    /// What tells it apart.
+    pub identity: IdentityRegister,
+    /// Sets all registers to their defaults: register, value, and how long that takes, seconds.
+    pub reset: Option<(u8, u8, f64)>,
+    /// The registers that set it up, in the order in which they are written.
+    pub setup: &'static [(u8, u8)],
+    /// How long it settles after that, seconds.
+    pub settling_s: f64,
+    /// Those of them that are read back, without gaps between their addresses.
+    pub held: &'static [(u8, u8)],
+    /// The first register of a sample, and how many there are.
+    pub data: (u8, usize),
+    /// The numbers of a sample: gyro X, Y, Z, accelerometer X, Y, Z; 0 where it has none.
+    pub counts: fn(&[u8]) -> [i16; 6],
+    /// Counts for one degree a second, if it is a gyro.
+    pub counts_per_deg_s: Option<f64>,
+    /// Counts for one g, if it is an accelerometer.
+    pub counts_per_g: Option<f64>,
+}
+
+/// A register by which a chip identifies itself.
+#[derive(Debug)]
+pub struct IdentityRegister {
+    /// Its address.
+    pub register: u8,
+    /// Those of its bits that identify the chip.
+    pub mask: u8,
+    /// What they are.
+    pub value: u8,
+    /// What the register may hold, for people.
+    pub right: &'static str,
+}
+
+impl CompanionSheet {
+    /// A chip at this address.
+    pub fn at(&'static self, address: u8) -> Companion {
+        let sheet = self;
+        Companion { sheet, address }
+    }
+}
+
+/// A chip on the bus. The chip has all the state.
+#[derive(Clone, Copy, Debug)]
+pub struct Companion {
+    sheet: &'static CompanionSheet,
+    address: u8,
+}
+
+/// What a companion measured, chip axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct InertialSample {
+    /// The numbers of the chip, to see whether they change; 0 where it has none.
+    pub raw: [i16; 6],
+    /// Angular rate, rad/s.
+    pub rate_rad_s: Option<Vector3<f64>>,
+    /// Specific force, m/s².
+    pub specific_force_m_s2: Option<Vector3<f64>>,
+}
+
+impl Companion {
+    /// The chip's name.
+    pub fn name(&self) -> &'static str {
+        self.sheet.name
+    }
+
+    /// Whether it is an accelerometer, or one as well.
+    pub fn measures_force(&self) -> bool {
+        self.sheet.counts_per_g.is_some()
+    }
+
+    /// Identifies the chip.
+    ///
+    /// # Errors
+    ///
+    /// When it does not answer, or when another chip does.
+    pub fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
+        let identity = &self.sheet.identity;
+        let place = (self.address, identity.register);
+        must_be(bus, self.name(), place, identity.right, |found| {
+            found & identity.mask == identity.value
+        })
+    }
+
+    /// Identifies the chip and sets it up.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::identify`]; when a transfer fails; when the clock was told to stop.
+    pub fn start(&self, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<(), ChipError> {
+        self.identify(bus)?;
+        if let Some((register, value, takes_s)) = self.sheet.reset {
+            bus.write(self.address, register, value)?;
+            pause(clock, takes_s)?;
+        }
+        write_all(bus, self.address, self.sheet.setup)?;
+        pause(clock, self.sheet.settling_s)
+    }
+
+    /// Reads what it measures, in one transfer.
+    ///
+    /// # Errors
+    ///
+    /// When the transfer fails.
+    pub fn read(&self, bus: &mut dyn Bus) -> Result<InertialSample, ChipError> {
+        let (register, count) = self.sheet.data;
+        let mut bytes = [0; 14];
+        let bytes = &mut bytes[..count];
+        bus.read(self.address, register, bytes)?;
+        let raw = (self.sheet.counts)(bytes);
+        let [rate, force] = [0, 3].map(|at| Vector3::from_fn(|axis, _| f64::from(raw[at + axis])));
+        let rad_s = |counts: f64| (1.0 / counts).to_radians();
+        let m_s2 = |counts: f64| STANDARD_GRAVITY_M_S2 / counts;
+        Ok(InertialSample {
+            raw,
+            rate_rad_s: self
+                .sheet
+                .counts_per_deg_s
+                .map(|counts| rate * rad_s(counts)),
+            specific_force_m_s2: self.sheet.counts_per_g.map(|counts| force * m_s2(counts)),
+        })
+    }
+
+    /// Reads back the registers that were set up.
+    ///
+    /// # Errors
+    ///
+    /// When the transfer fails, or when a register has lost its value.
+    pub fn verify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
+        compare(bus, self.name(), self.address, self.sheet.held)
+    }
+}
