@@ -9,6 +9,7 @@ use crate::calibration::outcome::{Outcome, Verdict};
 use crate::condition::{Condition, Report, SourceFault};
 use crate::date;
 use crate::pipeline::{Action, Event};
+use crate::publish::control::status::StatusCounts;
 use crate::reading::Reading;
 use crate::sensor::SourceEvent;
 use crate::store::Made;
@@ -82,7 +83,7 @@ impl Daemon {
     fn read(&mut self, reading: Reading, taken: Instant) {
         let session = &mut self.session;
         session.last = (reading.t_s, taken);
-        self.stats.readings += 1;
+        self.counts.readings += 1;
         if let Some(recorder) = &mut session.recorder {
             recorder.take(reading);
         }
@@ -103,7 +104,7 @@ impl Daemon {
     }
 
     fn fault(&mut self, fault: Option<SourceFault>) {
-        self.stats.faults += u64::from(fault.is_some());
+        self.counts.faults += u64::from(fault.is_some());
         self.handle(Event::Fault(fault));
     }
 
@@ -129,7 +130,7 @@ impl Daemon {
                 heading.declination_deg = session.north.declination_deg(time);
                 let time = time.map(date::rfc3339);
                 session.heading_deg = heading.magnetic_deg();
-                self.stats.headings += u64::from(heading.fused_deg.is_some());
+                self.counts.headings += u64::from(heading.fused_deg.is_some());
                 self.service.heading(heading.fused_deg);
                 self.publisher.heading(heading, taken, time);
             }
@@ -139,7 +140,7 @@ impl Daemon {
                 self.log_report(report);
             }
             Action::Turned(turn) => {
-                self.stats.turns += 1;
+                self.counts.turns += 1;
                 tracing::info!(
                     from_s = rounded(turn.start_s),
                     to_s = rounded(turn.end_s),
@@ -152,8 +153,8 @@ impl Daemon {
                 log_outcome(&outcome);
                 self.publisher.calibration(&outcome);
                 match outcome.verdict {
-                    Verdict::Accepted => self.stats.accepted += 1,
-                    Verdict::Rejected => self.stats.refused += 1,
+                    Verdict::Accepted => self.counts.calibrations_accepted += 1,
+                    Verdict::Rejected => self.counts.calibrations_refused += 1,
                     Verdict::Kept => {}
                 }
                 if let (Verdict::Accepted, Some(calibration)) =
@@ -194,16 +195,18 @@ impl Daemon {
         }
     }
 
+    /// What has been counted since the start.
+    pub(super) fn counts(&self) -> StatusCounts {
+        StatusCounts {
+            values_dropped: self.session.pipeline.dropped(),
+            ..self.counts.clone()
+        }
+    }
+
     /// One line with all that is worth knowing.
     pub(super) fn log_summary(&self) {
-        let Self {
-            publisher,
-            stats,
-            reported,
-            session,
-            ..
-        } = self;
-        let calibration = session.pipeline.calibration();
+        let (counts, reported) = (self.counts(), &self.reported);
+        let calibration = self.session.pipeline.calibration();
         let mode = calibration.map(|calibration| calibration.parameters.mode().word());
         let (word, reason) = reported
             .as_ref()
@@ -213,15 +216,15 @@ impl Daemon {
         tracing::info!(
             reason,
             calibration = mode.unwrap_or("none"),
-            readings = stats.readings,
-            headings = self.stats.headings,
-            turns = stats.turns,
-            calibrations_accepted = stats.accepted,
-            calibrations_refused = stats.refused,
-            values_dropped = session.pipeline.dropped(),
-            faults = stats.faults,
-            clients = publisher.clients(),
-            uptime_s = stats.begun.elapsed().as_secs(),
+            readings = counts.readings,
+            headings = counts.headings,
+            turns = counts.turns,
+            calibrations_accepted = counts.calibrations_accepted,
+            calibrations_refused = counts.calibrations_refused,
+            values_dropped = counts.values_dropped,
+            faults = counts.faults,
+            clients = self.publisher.clients(),
+            uptime_s = self.begun.elapsed().as_secs(),
             "summary: {word}"
         );
     }

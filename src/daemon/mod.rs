@@ -19,7 +19,6 @@ mod ring;
 mod session;
 pub mod signals;
 mod source_task;
-mod stats;
 mod store_writer;
 mod thread;
 
@@ -38,6 +37,7 @@ use crate::condition::Report;
 use crate::config::Config;
 use crate::config::source::Settings;
 use crate::pipeline::{Action, Event};
+use crate::publish::control::status::StatusCounts;
 use crate::publish::control::{Control, ControlCall};
 use crate::publish::gpsd::Device;
 use crate::publish::outputs::Outputs;
@@ -54,7 +54,6 @@ pub use reload::LoadConfig;
 use reload::Reload;
 use session::Session;
 use source_task::SourceTask;
-use stats::Stats;
 
 /// How many control requests wait for the pipeline; then their clients wait.
 const WAITING_ORDERS: usize = 8;
@@ -149,7 +148,9 @@ pub struct Daemon {
     outputs: Outputs,
     service: Service,
     inactivity: Inactivity,
-    stats: Stats,
+    begun: Instant,
+    /// What has been counted since then, but for what the pipeline counts.
+    counts: StatusCounts,
     reported: Option<Report>,
     /// Empty between events; kept for its capacity.
     actions: Vec<Action>,
@@ -239,7 +240,8 @@ impl Daemon {
             publisher,
             service,
             inactivity: Inactivity::new().map_err(DaemonError::Timer)?,
-            stats: Stats::new(),
+            begun: Instant::now(),
+            counts: StatusCounts::default(),
             reported: None,
             actions: Vec::new(),
         })

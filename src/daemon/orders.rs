@@ -11,7 +11,7 @@ use crate::calibration::verdict::imported;
 use crate::date;
 use crate::pipeline::Event;
 use crate::publish::control::status::{
-    ActiveSummary, CalibrationSummary, DaemonStatus, ReferenceSummary, StatusCounts, StoreSummary,
+    ActiveSummary, CalibrationSummary, DaemonStatus, ReferenceSummary, StoreSummary,
 };
 use crate::publish::control::{Answer, ControlCall, ControlRequest};
 use crate::store::history::{Forget, HistoryError};
@@ -223,7 +223,6 @@ impl Daemon {
             None => Answer::done("the daemon has just started: no reading has come yet"),
         };
         let session = &self.session;
-        let stats = &self.stats;
         let latest = self.publisher.latest();
         let latest = latest
             .as_ref()
@@ -244,17 +243,9 @@ impl Daemon {
             source: session.source.name.clone(),
             sensor: history.identity.sensor.clone(),
             mag_axes: history.identity.mag_axes.to_string(),
-            uptime_s: stats.begun.elapsed().as_secs(),
+            uptime_s: self.begun.elapsed().as_secs(),
             clients: self.publisher.clients(),
-            counts: StatusCounts {
-                readings: stats.readings,
-                headings: stats.headings,
-                turns: stats.turns,
-                calibrations_accepted: stats.accepted,
-                calibrations_refused: stats.refused,
-                values_dropped: session.pipeline.dropped(),
-                faults: stats.faults,
-            },
+            counts: self.counts(),
             store: store(session.store.state()),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             // In the answer already.

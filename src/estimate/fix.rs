@@ -64,8 +64,7 @@ impl Estimate {
     fn level_fix(&self, pose: &Pose, seen: &Vector3<f64>) -> Option<Fix> {
         let (down, leaning_rad) = self.level.down()?;
         let down = pose.orientation.inverse_transform_vector(&down);
-        let vertical = seen.dot(&down);
-        let horizontal = (seen - down * vertical).norm().max(1.0);
+        let (vertical, horizontal) = level::split(seen, &down);
         let own = self.active.field_covariance().trace() / 3.0;
         let tilted = down.z.clamp(-1.0, 1.0).acos();
         let tilt = (level::SD_RAD + 0.5 * tilted) * vertical;
@@ -90,13 +89,9 @@ impl Estimate {
         if let Some(kept) = self.kept_alone() {
             return kept::fix(kept, &self.mounting, &corrected, down);
         }
-        let (axis, tilt_sd) = match down {
-            Some((down, sd)) => (down, hypot(level::KNOWN_SD_RAD, sd)),
-            None => (Vector3::z(), level::SD_RAD),
-        };
+        let (axis, tilt_sd) = level::known_or_level(down);
         let heading = heading_deg(&corrected, &axis)?;
-        let vertical = corrected.dot(&axis);
-        let horizontal = (corrected - axis * vertical).norm().max(1.0);
+        let (vertical, horizontal) = level::split(&corrected, &axis);
         let east = axis.cross(&corrected) / horizontal;
         let covariance = self.active.sample_covariance(&corrected);
         let own = (east.transpose() * covariance * east)[0];

@@ -28,13 +28,11 @@ pub(super) fn fix(
     corrected: &Vector3<f64>,
     down: Option<(Vector3<f64>, f64)>,
 ) -> Option<Fix> {
-    let (axis, tilt_sd) = match down {
-        Some((down, sd)) => (down, hypot(level::KNOWN_SD_RAD, sd)),
-        None => (Vector3::z(), level::SD_RAD),
-    };
+    let (axis, tilt_sd) = level::known_or_level(down);
     let heading = heading_deg(corrected, &axis)?;
+    let (along, horizontal) = level::split(corrected, &axis);
     let (vertical, unseen) = match &calibration.parameters {
-        Parameters::Spatial(_) => (corrected.dot(&axis), 0.0),
+        Parameters::Spatial(_) => (along, 0.0),
         // The field across the plane is not known, and comes into the heading as far as the plane is not level.
         Parameters::Planar(planar) => {
             let down = planar.basis.map(|basis| mounting.to_body(basis).dot(&axis));
@@ -42,8 +40,6 @@ pub(super) fn fix(
             (FIELD_MGAUSS, off * FIELD_MGAUSS)
         }
     };
-    let level = corrected - axis * corrected.dot(&axis);
-    let horizontal = level.norm().max(1.0);
     let own = calibration.heading_sd_deg.to_radians() * horizontal;
     let place = PLACE * FIELD_MGAUSS.max(calibration.strength_mgauss);
     let squares = own.powi(2) + place.powi(2) + unseen.powi(2) + (tilt_sd * vertical).powi(2);

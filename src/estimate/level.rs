@@ -2,13 +2,29 @@
 
 use nalgebra::Vector3;
 
+use crate::frame::hypot;
+
 /// A board is taken for level within this, radians (3°).
 pub(super) const SD_RAD: f64 = 0.052;
 /// Tilt error of a still board with an accelerometer: that one's bias, radians.
-pub(super) const KNOWN_SD_RAD: f64 = 0.01;
+const KNOWN_SD_RAD: f64 = 0.01;
 /// Over this time it is level on average, seconds; one that leans is found out in this time.
 const LEVEL_S: f64 = 60.0;
 const LEANS_S: f64 = 5.0;
+
+/// Down in body axes with its deviation, radians; a board that does not know it is taken for level.
+pub(super) fn known_or_level(down: Option<(Vector3<f64>, f64)>) -> (Vector3<f64>, f64) {
+    match down {
+        Some((down, sd)) => (down, hypot(KNOWN_SD_RAD, sd)),
+        None => (Vector3::z(), SD_RAD),
+    }
+}
+
+/// A field along down and across it; across it is at least 1 milligauss, by which it can be divided.
+pub(super) fn split(field: &Vector3<f64>, down: &Vector3<f64>) -> (f64, f64) {
+    let vertical = field.dot(down);
+    (vertical, (field - down * vertical).norm().max(1.0))
+}
 
 /// Follows body Z in the gyro's frame.
 #[derive(Clone, Debug, Default)]

@@ -105,6 +105,12 @@ fn waiting<T: Clone>(ring: &mut Option<broadcast::Receiver<T>>) -> Option<Result
     }
 }
 
+/// Whether an event is newer than the last one seen, which it then is.
+fn newer(seen: &mut u64, event: &NumberedLine) -> bool {
+    let before = std::mem::replace(seen, event.number.max(*seen));
+    event.number > before
+}
+
 struct Client<'a> {
     feed: Arc<Feed>,
     link: &'a Connection,
@@ -267,20 +273,14 @@ impl Client<'_> {
     }
 
     fn put_state(&mut self, event: &NumberedLine) {
-        if event.number > self.state_seen {
-            self.state_seen = event.number;
-            if self.policy.state {
-                self.put(&event.line);
-            }
+        if newer(&mut self.state_seen, event) && self.policy.state {
+            self.put(&event.line);
         }
     }
 
     fn put_calibration(&mut self, event: &NumberedLine) {
-        if event.number > self.calibration_seen {
-            self.calibration_seen = event.number;
-            if self.policy.calibration {
-                self.put(&event.line);
-            }
+        if newer(&mut self.calibration_seen, event) && self.policy.calibration {
+            self.put(&event.line);
         }
     }
 

@@ -51,12 +51,16 @@ impl RazorBinary {
 
     /// Hands over what `bytes` complete, in order.
     pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
+        self.take(bytes, &mut found);
+    }
+
+    fn take(&mut self, bytes: &[u8], found: &mut impl FnMut(Item)) {
         for &byte in bytes {
             self.pending.push(byte);
             if self.aligned {
-                self.step(&mut found);
+                self.step(found);
             } else {
-                self.hunt(&mut found);
+                self.hunt(found);
             }
         }
     }
@@ -83,14 +87,8 @@ impl RazorBinary {
                 ));
                 self.aligned = false;
                 // The mark may begin in them.
-                for byte in std::mem::take(&mut self.pending) {
-                    self.pending.push(byte);
-                    if self.aligned {
-                        self.step(found);
-                    } else {
-                        self.hunt(found);
-                    }
-                }
+                let bytes = std::mem::take(&mut self.pending);
+                self.take(&bytes, found);
             }
         }
     }
