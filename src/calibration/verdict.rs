@@ -75,144 +75,108 @@ pub const MOST_AT_REST: f64 = 0.2;
 ///
 /// The first objection.
 pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
+    let refuse = |reason, message: String| Err(Refusal::new(reason, message));
+    let percent = |share: f64| 100.0 * share;
     if let Some(coverage) = m.coverage_deg.filter(|&c| c < limits.coverage_deg) {
-        return Err(Refusal::new(
-            "coverage",
-            format!(
-                "the field was seen from {coverage:.0} of 360 degrees; at least {:.0} are needed: turn the board further round",
-                limits.coverage_deg
-            ),
-        ));
+        let least = limits.coverage_deg;
+        let message = format!(
+            "the field was seen from {coverage:.0} of 360 degrees; at least {least:.0} are needed: turn the board further round"
+        );
+        return refuse("coverage", message);
     }
     if let Some(spread) = m.direction_spread.filter(|&s| s < limits.direction_spread) {
-        return Err(Refusal::new(
-            "coverage",
-            format!(
-                "the field hardly moved along one axis (spread {spread:.4}, at least {:.4} is needed): turn the board about a second axis too",
-                limits.direction_spread
-            ),
-        ));
+        let least = limits.direction_spread;
+        let message = format!(
+            "the field hardly moved along one axis (spread {spread:.4}, at least {least:.4} is needed): turn the board about a second axis too"
+        );
+        return refuse("coverage", message);
     }
     if m.outlier_share > limits.outlier_share {
-        return Err(Refusal::new(
-            "outliers",
-            format!(
-                "{:.0} % of the samples lie far off the fit (at most {:.0} % may): something magnetic came or went during the turn",
-                100.0 * m.outlier_share,
-                100.0 * limits.outlier_share
-            ),
-        ));
+        let [found, most] = [m.outlier_share, limits.outlier_share].map(percent);
+        let message = format!(
+            "{found:.0} % of the samples lie far off the fit (at most {most:.0} % may): something magnetic came or went during the turn"
+        );
+        return refuse("outliers", message);
     }
     if m.end_outlier_share > MOST_AT_THE_END {
-        return Err(Refusal::new(
-            "outliers",
-            "the last samples lie far off the fit: something magnetic came or went, and the fit no longer holds",
-        ));
+        let message = "the last samples lie far off the fit: something magnetic came or went, and the fit no longer holds";
+        return refuse("outliers", message.to_owned());
     }
     if m.residual_share > limits.residual_share {
-        return Err(Refusal::new(
-            "residual",
-            format!(
-                "the samples scatter by {:.1} % of the field about the fit (at most {:.1} % may): the field was disturbed, or the board moved through it",
-                100.0 * m.residual_share,
-                100.0 * limits.residual_share
-            ),
-        ));
+        let [found, most] = [m.residual_share, limits.residual_share].map(percent);
+        let message = format!(
+            "the samples scatter by {found:.1} % of the field about the fit (at most {most:.1} % may): the field was disturbed, or the board moved through it"
+        );
+        return refuse("residual", message);
     }
     let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);
     let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
     if largest > limits.axis_ratio * smallest {
-        return Err(Refusal::new(
-            "axis_ratio",
-            format!(
-                "one axis would be {:.2} times as sensitive as another (at most {:.2}): no magnetometer is",
-                largest / smallest,
-                limits.axis_ratio
-            ),
-        ));
+        let (found, most) = (largest / smallest, limits.axis_ratio);
+        let message = format!(
+            "one axis would be {found:.2} times as sensitive as another (at most {most:.2}): no magnetometer is"
+        );
+        return refuse("axis_ratio", message);
     }
     if m.reference_given && (smallest < limits.scale_min || largest > limits.scale_max) {
-        return Err(Refusal::new(
-            "scale",
-            format!(
-                "scale factors of {smallest:.2} to {largest:.2} are outside {:.2} to {:.2}: check the reference field and the gain",
-                limits.scale_min, limits.scale_max
-            ),
-        ));
+        let (least, most) = (limits.scale_min, limits.scale_max);
+        let message = format!(
+            "scale factors of {smallest:.2} to {largest:.2} are outside {least:.2} to {most:.2}: check the reference field and the gain"
+        );
+        return refuse("scale", message);
     }
     if !m.centre_inside {
-        return Err(Refusal::new(
-            "centre",
-            "the fitted centre lies outside the samples: they show too small a part of the curve",
-        ));
+        let message =
+            "the fitted centre lies outside the samples: they show too small a part of the curve";
+        return refuse("centre", message.to_owned());
     }
     if m.heading_sd_deg > limits.heading_sd_deg {
-        return Err(Refusal::new(
-            "heading_uncertainty",
-            format!(
-                "headings would be uncertain by {:.2} degrees (at most {:.2}): more samples or a fuller turn are needed",
-                m.heading_sd_deg, limits.heading_sd_deg
-            ),
-        ));
+        let (found, most) = (m.heading_sd_deg, limits.heading_sd_deg);
+        let message = format!(
+            "headings would be uncertain by {found:.2} degrees (at most {most:.2}): more samples or a fuller turn are needed"
+        );
+        return refuse("heading_uncertainty", message);
     }
     if let Some(gyro) = m.gyro {
         if gyro.drift_share > limits.gyro_angle_share {
-            return Err(Refusal::new(
-                "gyro_angle",
-                format!(
-                    "field and gyro differ by {:.0} % of the angle turned (at most {:.0} %): check the gyro's mounting, sign and scale",
-                    100.0 * gyro.drift_share,
-                    100.0 * limits.gyro_angle_share
-                ),
-            ));
+            let [found, most] = [gyro.drift_share, limits.gyro_angle_share].map(percent);
+            let message = format!(
+                "field and gyro differ by {found:.0} % of the angle turned (at most {most:.0} %): check the gyro's mounting, sign and scale"
+            );
+            return refuse("gyro_angle", message);
         }
         if gyro.rms_deg > limits.gyro_rms_deg {
-            return Err(Refusal::new(
-                "gyro",
-                format!(
-                    "the corrected heading strays from the gyro by {:.1} degrees RMS (at most {:.1}): the fit does not turn as the board did",
-                    gyro.rms_deg, limits.gyro_rms_deg
-                ),
-            ));
+            let (found, most) = (gyro.rms_deg, limits.gyro_rms_deg);
+            let message = format!(
+                "the corrected heading strays from the gyro by {found:.1} degrees RMS (at most {most:.1}): the fit does not turn as the board did"
+            );
+            return refuse("gyro", message);
         }
     }
-    let largest_jump = if m.coverage_deg.is_some() {
-        limits.jump_planar
-    } else {
-        limits.jump_spatial
-    };
+    let most = limits.largest_jump(m);
     if let Some(jump) = m.jump
         && jump.share > LEAST_JUMP_SHARE
-        && jump.times_usual > largest_jump
+        && jump.times_usual > most
     {
-        return Err(Refusal::new(
-            "jump",
-            format!(
-                "the field jumped by {:.0} % within a second, {:.1} times what is usual in this turn (at most {:.1}): something magnetic came or went, or the board tilted",
-                100.0 * jump.share,
-                jump.times_usual,
-                largest_jump
-            ),
-        ));
+        let (found, times) = (percent(jump.share), jump.times_usual);
+        let message = format!(
+            "the field jumped by {found:.0} % within a second, {times:.1} times what is usual in this turn (at most {most:.1}): something magnetic came or went, or the board tilted"
+        );
+        return refuse("jump", message);
     }
     if let Some(share) = m.rest_share.filter(|&share| share > MOST_AT_REST) {
-        return Err(Refusal::new(
-            "rest",
-            format!(
-                "at rest before the turn the field was {:.0} % off what the fit makes of it (at most {:.0} % may): something magnetic came with the turn, as of a motor that runs",
-                100.0 * share,
-                100.0 * MOST_AT_REST
-            ),
-        ));
+        let [found, most] = [share, MOST_AT_REST].map(percent);
+        let message = format!(
+            "at rest before the turn the field was {found:.0} % off what the fit makes of it (at most {most:.0} % may): something magnetic came with the turn, as of a motor that runs"
+        );
+        return refuse("rest", message);
     }
     if let Some(spread) = m.dip_spread_deg.filter(|&s| s > limits.dip_spread_deg) {
-        return Err(Refusal::new(
-            "dip",
-            format!(
-                "the corrected field's dip changes by {spread:.1} degrees RMS with attitude (at most {:.1}): check the mountings, or keep iron away",
-                limits.dip_spread_deg
-            ),
-        ));
+        let most = limits.dip_spread_deg;
+        let message = format!(
+            "the corrected field's dip changes by {spread:.1} degrees RMS with attitude (at most {most:.1}): check the mountings, or keep iron away"
+        );
+        return refuse("dip", message);
     }
     Ok(())
 }

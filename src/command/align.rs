@@ -18,10 +18,10 @@ const CERTAIN: f64 = 3.0;
 
 /// Find how the chips of a board are mounted, from a log of it in motion
 ///
-/// Prints the table `[mounting]` for the configuration: which of each chip's axes point along the board's, and the small rotation
-/// beside that. Turn the board by 90 degrees and back about each of its three axes, for half a minute. Which way is
-/// ahead no motion tells: turn all chips alike with board_axes. Where down is, the accelerometer says, as the board lay
-/// when the log began. The axes that the log itself names are not used.
+/// Prints the table `[mounting]` for the configuration: for each chip, which of its axes point along the board's, and the
+/// small rotation that is left. Turn the board by 90 degrees and back about each of its three axes, for half a minute.
+/// The accelerometer tells where down was when the log began. No motion tells which way is ahead: set board_axes, which
+/// turns all chips alike. The axes that the log names are not used.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     after_help = "Example: headingd record --out motion.csv --duration 30 && headingd align motion.csv"
@@ -91,15 +91,15 @@ fn as_text(found: &Alignment) -> String {
     text += &format!("gyro_axes = \"{}\"\n", found.gyro);
     text += match (found.accel, found.sign) {
         (None, _) => {
-            "# Without an accelerometer, nothing tells where down is: the gyro's Z is taken for it.\n"
+            "# Without an accelerometer, down is not known: the gyro's Z is taken for it.\n"
         }
         (_, Sign::Force) => "",
         (_, Sign::Gravity) => {
-            "# The accelerometer reads gravity, and others force. The same would be seen south of the magnetic equator (--south),\n\
-             # or if one axis of the magnetometer had been mirrored before the log was written.\n"
+            "# The accelerometer reads gravity, where others read force. A log looks the same from south of the magnetic equator\n\
+             # (--south), or with one axis of the magnetometer mirrored.\n"
         }
         (_, Sign::Unknown) => {
-            "# The field is too level to tell whether the accelerometer reads force or gravity: force is taken for granted.\n"
+            "# The field is too level to tell whether the accelerometer reads force or gravity: force is assumed.\n"
         }
     };
     text

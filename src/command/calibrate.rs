@@ -20,7 +20,7 @@ use crate::wall_clock::unix_now_s;
 /// Calibrate on a recorded log
 ///
 /// Uses everything from the start of the first rotation to the end of the last full turn. Without a full
-/// turn, it takes what the running estimate learns from all motion in the log, if that is certain enough; with
+/// turn, it uses what the running estimate learns from all motion in the log, if that is certain enough. With
 /// --plane, --window all, or no gyro in the log, it fits the whole log. Exit status: 0 accepted, 3 refused.
 #[derive(Debug, clap::Args)]
 #[command(
@@ -49,8 +49,8 @@ pub struct Args {
     /// The swarm's stopping rule: MPSOT's three levels, or the maximum number of iterations and the minimum error alone
     #[arg(long, value_parser = word::<StopChoice>(&["mpsot", "basic"]))]
     pub stop: Option<StopChoice>,
-    /// Strength of the field, milligauss: of its horizontal part for a planar calibration, of all of it
-    /// for a spatial one. Without it, and without a full turn, the scale factors are brought to a mean of 1
+    /// Strength of the field, milligauss: horizontal for a planar calibration, total for a spatial one. Without it,
+    /// and without a full turn, the scale factors have a mean of 1
     #[arg(long, value_name = "N", value_parser = number("a number of milligauss", 10.0..=1000.0))]
     pub reference_mgauss: Option<f64>,
     /// Seed of the swarm
@@ -118,7 +118,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     match outcome.verdict {
         Verdict::Accepted => Ok(()),
-        // What was to be said stands on standard output.
+        // Standard output has said why.
         _ => Err(Failure::new(Failure::REFUSED, "")),
     }
 }

@@ -43,7 +43,7 @@ pub enum CalibrationAction {
     },
     /// Lock the active calibration: nothing replaces it, until it is unlocked
     Lock,
-    /// Unlock it: every turn is calibrated on again. In mode off nothing is locked, and it stays off
+    /// Unlock it: every turn is calibrated on again. Mode off stays off
     Unlock,
     /// Make an earlier calibration the active one
     Rollback {
@@ -73,13 +73,13 @@ pub enum CalibrationAction {
     },
     /// Calibrate on the next turn, even if there is a calibration and the mode is off
     Start {
-        /// Wait until a turn has been judged, show the progress, and exit with the verdict: 0, or 3 if it is refused
+        /// Wait until a turn has been judged, and show the progress. Exit status: 0, or 3 if the turn is refused
         #[arg(long)]
         wait: bool,
     },
     /// Give that up
     Cancel,
-    /// Calibrate on every turn (on), only when told to (off), or never (locked); without a word, tell which
+    /// Calibrate on every turn (on), only when told to (off), or never (locked). Without a word, show the mode
     Mode {
         /// The mode
         #[arg(value_parser = word::<Policy>(&["on", "off", "locked"]))]

@@ -25,7 +25,7 @@ pub struct Args {
 /// What to do with a configuration.
 #[derive(Clone, Debug, Subcommand)]
 pub enum ConfigAction {
-    /// Check a file and list every fault in it; what has no effect, or is not there yet, is a warning
+    /// Check a file and list every fault in it. What has no effect, or is not there yet, is a warning
     Check {
         /// The configuration file [default: /etc/headingd/headingd.toml]
         file: Option<PathBuf>,
@@ -69,8 +69,8 @@ fn warnings(config: &Config) -> Vec<String> {
         && !config.i2c.board.has_custom_mountings()
         && config.mounting.chips() != Default::default()
     {
-        let warning = "mag_axes, gyro_axes and accel_axes of [mounting] have no effect: the board that i2c.board names \
-                       says itself how its chips are mounted; leave them out (board_axes turns the whole board), or set \
+        let warning = "mag_axes, gyro_axes and accel_axes of [mounting] have no effect: headingd knows how the chips of \
+                       i2c.board are mounted; leave them out (board_axes turns the whole board), or set \
                        i2c.board = \"custom\"";
         warnings.push(warning.to_owned());
     }

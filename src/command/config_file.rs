@@ -45,8 +45,8 @@ pub fn load(named: Option<&Path>) -> Result<Config, Failure> {
     read(&path)
 }
 
-/// The configuration of a command that only has to find a running daemon, which may have started before somebody made a
-/// fault in the file: then the usual sockets are tried.
+/// The configuration of a command that only has to find a running daemon. That daemon may be older than a fault in the
+/// file: then the usual sockets are tried.
 ///
 /// # Errors
 ///

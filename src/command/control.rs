@@ -157,8 +157,8 @@ pub(super) fn unreachable(path: &Path, error: &io::Error) -> Failure {
         ErrorKind::PermissionDenied => Failure::new(
             Failure::NO_PERMISSION,
             format!(
-                "not allowed to connect to {name}: only its user and its group are; ls -l {name} shows which (as a \
-                 service, headingd: usermod -aG headingd $USER, and log in again)"
+                "not allowed to connect to {name}: only its user and its group may, and ls -l {name} shows them; for the \
+                 service, usermod -aG headingd $USER, and log in again"
             ),
         ),
         ErrorKind::UnexpectedEof | ErrorKind::BrokenPipe | ErrorKind::ConnectionReset => {

@@ -32,8 +32,8 @@ const BACKLOG: usize = 4096;
 /// Show the daemon calibrate a simulated board
 ///
 /// Runs the real daemon, with its socket, on a simulated HMC5843 with hard iron, a gyro and an
-/// accelerometer: it rests, makes two turns, and then moves about. What is shown was read from the socket,
-/// and is held against the simulator's truth. The exit status is 0 if a calibration was accepted and the
+/// accelerometer. The board rests, makes two turns, and then moves about. The demo shows what a client reads
+/// from the socket, beside the simulator's truth. The exit status is 0 if a calibration was accepted and the
 /// headings after it are right within 1 degree RMS.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {

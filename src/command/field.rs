@@ -12,8 +12,8 @@ use crate::wall_clock;
 /// Print the earth's field at a place: declination, dip and strength
 ///
 /// By the World Magnetic Model. The declination is how far magnetic north is east of true north: a magnetic heading and
-/// the declination make the true heading. What stands behind the ± is one standard deviation, and covers the rock below,
-/// which the model does not know; iron nearby is not in it.
+/// the declination make the true heading. The ± is one standard deviation. It covers the rock below, which the model does
+/// not know, but no iron nearby.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
     allow_negative_numbers = true,

@@ -6,8 +6,8 @@ use crate::publish::control::ControlRequest;
 
 /// Tell the running daemon how the board is mounted, or show it
 ///
-/// The daemon keeps it beside the calibration, which stays as it is. It holds as long as board_axes and heading_offset_deg of
-/// the configuration say what they say now: once they are changed, they hold.
+/// The daemon keeps the mounting beside the calibration, which stays as it is. A later change of board_axes or
+/// heading_offset_deg in the configuration replaces it.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd mounting --level --heading 270")]
 pub struct Args {

@@ -12,10 +12,10 @@ use crate::logging::Log;
 
 /// Record raw readings into a log, until told to stop
 ///
-/// Where a service runs, its raw readings are recorded, and it goes on as it is: only the socket's path of the
-/// configuration counts then. Otherwise it reads the source of the configuration as the daemon does, and serves
-/// headings meanwhile, if the socket can be served on. Where the readings come from is said first, and last how many
-/// they were; that there were none is a failure. The log is for "headingd replay" and "headingd calibrate".
+/// Where a service runs, records that service's raw readings and does not disturb it: of the configuration only the
+/// socket's path is used. Otherwise reads the configured source as the daemon does, and serves headings meanwhile, if the
+/// socket is free. Says first where the readings come from, and at the end how many there were; none is a failure.
+/// "headingd replay" and "headingd calibrate" read the log.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd record --out turn.csv --duration 60")]
 pub struct Args {

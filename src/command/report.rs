@@ -26,7 +26,7 @@ const PATIENCE: Duration = Duration::from_secs(1);
 ///
 /// The page is one file of HTML without scripts, and needs no network. It shows headings and their uncertainty over time,
 /// the field of the turn before and after its calibration, what RIST and the swarm did, the deviation by heading, and each limit
-/// of the verdict with what was measured. With --socket, or without a log, it is made of what the daemon reads from now on.
+/// of the verdict with what was measured. With --socket, or without a log, it shows what the daemon reads from now on.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example: headingd report turn.csv --out report.html")]
 pub struct Args {

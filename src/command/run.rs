@@ -19,8 +19,8 @@ use crate::service::Service;
 /// Runs in the foreground until SIGTERM or SIGINT, or until a replayed log or a simulation ends. The log goes
 /// to standard error, or under systemd to the journal; the variable RUST_LOG overrides log.filter of the configuration.
 ///
-/// SIGHUP has the configuration read again: clients stay connected, and what can only change with a restart is named;
-/// a file with a fault in it changes nothing. SIGUSR1 logs a summary.
+/// SIGHUP reads the configuration again. Clients stay connected, and the log names what changes only with a restart.
+/// A file with a fault changes nothing. SIGUSR1 logs a summary.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// The configuration file; "headingd config show" prints all settings [default: /etc/headingd/headingd.toml]
@@ -106,7 +106,7 @@ fn serve(args: &Args) -> Result<(), Failure> {
     })
 }
 
-/// Warns of keys that no longer exist: they do no harm, but nor do they do what was meant.
+/// Warns of keys that no longer exist: they have no effect.
 fn tell_retired(path: &Path, config: &Config) {
     for sentence in &config.retired {
         tracing::warn!("{}: {sentence}", path.display());

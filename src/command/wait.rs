@@ -22,7 +22,7 @@ const LOOK: Duration = Duration::from_secs(2);
 /// Without a terminal, a line each time that so much more of a turn is done.
 const STEP: f64 = 0.25;
 
-/// Has the next turn calibrated on, and waits for what comes of it.
+/// Asks for a calibration on the next turn, and waits for its verdict.
 ///
 /// # Errors
 ///
@@ -36,7 +36,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
     let status = ask_status()?;
     let Some(socket) = &status.heading_socket else {
         let message =
-            "the daemon is older than this headingd, and does not tell where its headings are";
+            "the daemon is older than this headingd, and does not name its socket for headings";
         return Err(Failure::new(Failure::UNAVAILABLE, message));
     };
     let mut headings = Headings::open(&PathBuf::from(socket), WATCH)?;
@@ -52,7 +52,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
         let object = headings.object_in_time()?.unwrap_or_default();
         match object["class"].as_str() {
             Some("STATE") => show.state(&object),
-            // What motion has taught meanwhile is not what was asked for.
+            // A calibration by motion is not what was asked for.
             Some("CALIBRATION") if object["method"] == "turn" => {
                 drop(show);
                 return conclude(&object, headings.text(), json);

@@ -12,9 +12,9 @@ const TEXT_RATE_HZ: f64 = 1.0;
 
 /// Print headings as they come, until stopped
 ///
-/// As text: time, heading with its uncertainty (one standard deviation), and the condition; a line of its own says why there is no
-/// heading, and what to do. With --json the daemon's own objects, a heading (ATT) or a change of condition (STATE) a line; with
-/// --nmea NMEA 0183.
+/// As text: time, heading with its uncertainty (one standard deviation), and the condition. A line of its own says why
+/// there is no heading, and what to do. --json prints the daemon's own objects, one a line: headings (ATT) and changes
+/// of condition (STATE). --nmea prints NMEA 0183.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd watch --json | jq .mheading")]
 pub struct Args {
@@ -27,7 +27,7 @@ pub struct Args {
     /// Print NMEA 0183
     #[arg(long)]
     pub nmea: bool,
-    /// So many headings a second at most, 0.1 to 1000; without it one as text, all as JSON, and as many as are set as NMEA
+    /// Headings a second at most, 0.1 to 1000. Without it: one as text, all as JSON, nmea.rate_hz as NMEA
     #[arg(long, value_name = "HZ", value_parser = number("a number", 0.1..=1000.0))]
     pub rate: Option<f64>,
     /// Stop after so many headings

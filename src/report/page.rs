@@ -255,11 +255,6 @@ fn limits(m: &Measures, limits: &Limits) -> String {
     use Bound::{AtLeast, AtMost};
     let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);
     let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
-    let jump_limit = if m.coverage_deg.is_some() {
-        limits.jump_planar
-    } else {
-        limits.jump_spatial
-    };
     let percent = |share: f64| 100.0 * share;
     let rms_deg = m.gyro.map(|gyro| gyro.rms_deg);
     let turned = m.gyro.map(|gyro| percent(gyro.drift_share));
@@ -277,7 +272,7 @@ fn limits(m: &Measures, limits: &Limits) -> String {
         ("predicted heading uncertainty", "°", Some(m.heading_sd_deg), AtMost(limits.heading_sd_deg)),
         ("angle turned, field against gyro", "%", turned, AtMost(percent(limits.gyro_angle_share))),
         ("heading against gyro, RMS", "°", rms_deg, AtMost(limits.gyro_rms_deg)),
-        ("largest jump, times the usual", "", jump, AtMost(jump_limit)),
+        ("largest jump, times the usual", "", jump, AtMost(limits.largest_jump(m))),
         ("field at rest before the turn against the fit", "", m.rest_share, AtMost(MOST_AT_REST)),
         ("change of dip with attitude", "°", m.dip_spread_deg, AtMost(limits.dip_spread_deg)),
         ("smallest scale factor", "", smallest_given, AtLeast(limits.scale_min)),

@@ -1,5 +1,6 @@
 //! What is asked of a candidate, and why each default is what it is.
 
+use super::Measures;
 use crate::check::settings;
 
 settings! {
@@ -42,5 +43,15 @@ settings! {
         jump_spatial: f64 = 10.0, 3.0..=1000.0, "";
         /// Spatial: largest change of the dip with attitude, RMS, degrees.
         dip_spread_deg: f64 = 6.0, 0.5..=45.0, "degrees";
+    }
+}
+
+impl Limits {
+    /// The largest jump that a turn with these measures may show, times the usual.
+    pub fn largest_jump(&self, m: &Measures) -> f64 {
+        match m.coverage_deg {
+            Some(_) => self.jump_planar,
+            None => self.jump_spatial,
+        }
     }
 }

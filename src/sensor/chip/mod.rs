@@ -64,8 +64,8 @@ pub enum ChipError {
     },
     /// The same raw reading again and again, where noise must show.
     #[error(
-        "the {chip} has repeated the same reading {count} times, and even a board at rest shows noise: its registers \
-         are frozen; it is set up again; if it goes on, switch it off and on"
+        "the {chip} has repeated the same reading {count} times, although even a board at rest shows noise: its \
+         registers are frozen; it is set up again; if it goes on, switch it off and on"
     )]
     Frozen {
         /// The chip.
@@ -75,8 +75,8 @@ pub enum ChipError {
     },
     /// Another magnetometer than the wanted one answers.
     #[error(
-        "no {wanted} answers; the chip at 0x{address:02x} is another one, {found}, as boards are often sold with \
-         another chip than they carry; {help}"
+        "no {wanted} answers, but the chip at 0x{address:02x} is another one, {found}: boards often carry another chip \
+         than they are sold with; {help}"
     )]
     Clone {
         /// What was looked for.
@@ -91,9 +91,9 @@ pub enum ChipError {
     /// A chip that identifies itself as an HMC5883L and never delivers a new measurement.
     #[error(
         "the chip at 0x1e identifies itself as an HMC5883L (\"H43\"), but has never delivered a new measurement: it is \
-         most likely a QMC5883L of revision A (marked DA 5883), sold as an HMC5883L, and cannot be used; get a board \
-         with a QMC5883L of revision B (it answers at 0x0d), or with a real HMC5883L; if this is one, switch it off \
-         and on, and check its power"
+         most likely a QMC5883L of revision A (marked DA 5883), which cannot be used; get a board with a QMC5883L of \
+         revision B (it answers at 0x0d) or with a real HMC5883L; if this is a real one, switch it off and on, and check \
+         its power"
     )]
     FakeHmc5883l,
     /// The clock was told to stop.
