@@ -3,179 +3,58 @@
 /// Reasons, each with what helps, as `docs/socket.md`, `docs/calibration.md` and `docs/serial.md` list them.
 #[rustfmt::skip]
 const ADVICE: &[(&[&str], &str)] = &[
-    (
-        &["no_calibration"],
-        "turn the board once all the way round, or move it about, away from iron",
-    ),
-    (
-        &["mode_off"],
-        "run headingd calibration start, and then turn",
-    ),
+    (&["no_calibration"], "turn the board once all the way round, or move it about, away from iron"),
+    (&["mode_off"], "run headingd calibration start, and then turn"),
     (&["turning"], "go on, the same way round"),
     (&["calibrating"], "wait a moment"),
     (&["good"], "nothing"),
     (&["learning"], "go on moving the board"),
-    (
-        &["gyro_dead"],
-        "check the gyro's wiring: the field turns, and the gyro reads a constant",
-    ),
-    (
-        &["gyro_sign"],
-        "check the gyro's axes and signs in [mounting]: gyro and field turn different ways",
-    ),
-    (
-        &["gyro_scale"],
-        "check the gyro's range: it is off by more than 5 %",
-    ),
-    (
-        &["gyro_clipped"],
-        "turn the board more slowly: the gyro is at the end of its range",
-    ),
-    (
-        &["no_accelerometer"],
-        "keep the board level: its tilt is not known",
-    ),
-    (
-        &["no_gyro"],
-        "connect the gyro: without it no turn can be seen",
-    ),
-    (
-        &["field_strength", "field_changed"],
-        "look for iron, magnets or currents nearby; if they are there to stay, move the board: it learns them",
-    ),
+    (&["gyro_dead"], "check the gyro's wiring: the field turns, and the gyro reads a constant"),
+    (&["gyro_sign"], "check the gyro's axes and signs in [mounting]: gyro and field turn different ways"),
+    (&["gyro_scale"], "check the gyro's range: it is off by more than 5 %"),
+    (&["gyro_clipped"], "turn the board more slowly: the gyro is at the end of its range"),
+    (&["no_accelerometer"], "keep the board level: its tilt is not known"),
+    (&["no_gyro"], "connect the gyro: without it no turn can be seen"),
+    (&["field_strength", "field_changed"],
+     "look for iron, magnets or currents nearby; if they are there to stay, move the board: it learns them"),
     (&["no_samples"], "check the magnetometer: it is silent"),
-    (
-        &["overflow"],
-        "move away from the magnet, or choose a larger range of the chip",
-    ),
-    (
-        &[
-            "no_bus",
-            "permission",
-            "claimed",
-            "no_answer",
-            "clone",
-            "wrong_identity",
-        ],
-        "see the message, and headingd check",
-    ),
-    (
-        &[
-            "timeout",
-            "arbitration_lost",
-            "short_read",
-            "bus_error",
-            "unsupported",
-        ],
-        "check wiring, pull-ups and bus clock",
-    ),
-    (
-        &[
-            "configuration_lost",
-            "not_ready",
-            "frozen",
-            "frozen_magnetometer",
-            "frozen_gyro",
-        ],
-        "check the power; switch the board off and on",
-    ),
-    (
-        &["no_device", "unplugged"],
-        "plug it in; set port to a path in /dev/serial/by-id",
-    ),
+    (&["overflow"], "move away from the magnet, or choose a larger range of the chip"),
+    (&["no_bus", "permission", "claimed", "no_answer", "clone", "wrong_identity"],
+     "see the message, and headingd check"),
+    (&["timeout", "arbitration_lost", "short_read", "bus_error", "unsupported"],
+     "check wiring, pull-ups and bus clock"),
+    (&["configuration_lost", "not_ready", "frozen", "frozen_magnetometer", "frozen_gyro"],
+     "check the power; switch the board off and on"),
+    (&["no_device", "unplugged"], "plug it in; set port to a path in /dev/serial/by-id"),
     (&["busy"], "stop the program that holds the port"),
     (&["silent"], "check the board's power and wires"),
     (&["noise"], "set baud to the board's"),
-    (
-        &["not_understood", "long_line"],
-        "set protocol; see what the board sends",
-    ),
-    (
-        &["other_mode"],
-        "check the wire to the board: it does not hear what it is told",
-    ),
-    (
-        &["sensors"],
-        "check the wires between the board and its sensors",
-    ),
-    (
-        &["too_few_samples"],
-        "turn more slowly, or read the magnetometer more often",
-    ),
-    (
-        &["bad_samples"],
-        "look into the log: a field is not a number, or absurdly large",
-    ),
-    (
-        &["no_plane"],
-        "turn while the gyro runs; for a log without a gyro, name the plane (calibrate --plane xy)",
-    ),
-    (
-        &["no_motion"],
-        "turn the board; if you did, the magnetometer is stuck",
-    ),
-    (
-        &["no_fit"],
-        "make a full turn, away from iron: the samples lie on no ellipse",
-    ),
-    (
-        &["coverage"],
-        "turn further round, or about a second axis too",
-    ),
+    (&["not_understood", "long_line"], "set protocol; see what the board sends"),
+    (&["other_mode"], "check the wire to the board: it does not hear what it is told"),
+    (&["sensors"], "check the wires between the board and its sensors"),
+    (&["too_few_samples"], "turn more slowly, or read the magnetometer more often"),
+    (&["bad_samples"], "look into the log: a field is not a number, or absurdly large"),
+    (&["no_plane"], "turn while the gyro runs; for a log without a gyro, name the plane (calibrate --plane xy)"),
+    (&["no_motion"], "turn the board; if you did, the magnetometer is stuck"),
+    (&["no_fit"], "make a full turn, away from iron: the samples lie on no ellipse"),
+    (&["coverage"], "turn further round, or about a second axis too"),
     (&["outliers"], "turn again: something magnetic came or went"),
-    (
-        &["residual"],
-        "turn on the spot, away from iron: the field was not the same all the way round",
-    ),
-    (
-        &["axis_ratio"],
-        "turn fully and on the spot; check the unit in the log and the chip",
-    ),
-    (
-        &["scale"],
-        "check the reference field, and the gain or unit of the magnetometer",
-    ),
-    (
-        &["centre"],
-        "make a full turn: too small a part of the curve was seen",
-    ),
-    (
-        &["heading_uncertainty"],
-        "turn more fully or more slowly, for more samples; without a full turn, move as the message says",
-    ),
+    (&["residual"], "turn on the spot, away from iron: the field was not the same all the way round"),
+    (&["axis_ratio"], "turn fully and on the spot; check the unit in the log and the chip"),
+    (&["scale"], "check the reference field, and the gain or unit of the magnetometer"),
+    (&["centre"], "make a full turn: too small a part of the curve was seen"),
+    (&["heading_uncertainty"],
+     "turn more fully or more slowly, for more samples; without a full turn, move as the message says"),
     (&["gyro_angle"], "check the gyro's mounting, sign and unit"),
-    (
-        &["gyro"],
-        "check both mountings; turn more slowly; keep iron away from the board's path",
-    ),
-    (
-        &["dip"],
-        "check the mountings of magnetometer and accelerometer; keep iron away",
-    ),
-    (
-        &["jump"],
-        "turn again, level: a magnet was attached or taken away in mid-turn, or the board tilted",
-    ),
-    (
-        &["rest"],
-        "turn again where the board has rested, with motors and currents as they will be: the field came with the turn",
-    ),
-    (
-        &["stuck_axis"],
-        "check the chip and its range: an axis reads the same number all the time",
-    ),
-    (
-        &["bad_reference"],
-        "give a reference field above 0, or none",
-    ),
-    (
-        &["less_certain"],
-        "nothing: what is known already is more certain, and stays",
-    ),
-    (
-        &["cancelled"],
-        "nothing: it was cancelled, or something else was ordered meanwhile",
-    ),
+    (&["gyro"], "check both mountings; turn more slowly; keep iron away from the board's path"),
+    (&["dip"], "check the mountings of magnetometer and accelerometer; keep iron away"),
+    (&["jump"], "turn again, level: a magnet was attached or taken away in mid-turn, or the board tilted"),
+    (&["rest"],
+     "turn again where the board has rested, with motors and currents as they will be: the field came with the turn"),
+    (&["stuck_axis"], "check the chip and its range: an axis reads the same number all the time"),
+    (&["bad_reference"], "give a reference field above 0, or none"),
+    (&["less_certain"], "nothing: what is known already is more certain, and stays"),
+    (&["cancelled"], "nothing: it was cancelled, or something else was ordered meanwhile"),
 ];
 
 /// What helps where this is the reason, if that is known beyond the message that comes with it.

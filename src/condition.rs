@@ -144,7 +144,7 @@ pub struct Evidence<'a> {
     pub disturbed: bool,
     /// Whether the board's tilt is known.
     pub tilt_known: bool,
-    /// Whether the gyro speaks.
+    /// Whether there is gyro data.
     pub gyro_speaks: bool,
     /// What is wrong with it, as a code.
     pub gyro_fault: Option<&'static str>,
@@ -194,11 +194,10 @@ pub fn judge(evidence: &Evidence) -> Report {
                 format!("the last attempt gave no calibration: {message}"),
             )
         } else if !e.gyro_speaks {
-            let message =
-                "no gyro speaks, so no turn can be seen: give a calibration, or connect the gyro";
+            let message = "no gyro data, so turns cannot be detected: connect the gyro or import a calibration";
             e.report(Condition::Uncalibrated, "no_gyro", message)
         } else if !e.tilt_known {
-            let message = "no accelerometer speaks, so headings hold for a board that stays level: keep it level, and turn it once all the way round";
+            let message = "no accelerometer data, so headings hold for a board that stays level: keep it level, and turn it once all the way round";
             e.report(Condition::Uncalibrated, "no_accelerometer", message)
         } else {
             let message = "turn the board once all the way round, or move it about, away from iron";
@@ -222,11 +221,11 @@ pub fn judge(evidence: &Evidence) -> Report {
         return e.report(Condition::Disturbed, "field_changed", message);
     }
     if !e.tilt_known {
-        let message = "no accelerometer speaks: headings hold for a board that is level";
+        let message = "no accelerometer data: headings hold for a board that is level";
         return e.report(Condition::Degraded, "no_accelerometer", message);
     }
     if !e.gyro_speaks {
-        let message = "no gyro speaks: headings are those of single samples";
+        let message = "no gyro data: headings are those of single samples";
         return e.report(Condition::Degraded, "no_gyro", message);
     }
     if e.heading_sd_deg > e.good_sd_deg {

@@ -63,7 +63,7 @@ impl LockFile {
                 Err(TryLockError::Error(error)) => return Err(LockError::System(error)),
             }
             let identity = identity(&file.metadata().map_err(LockError::System)?);
-            // Whoever had it has removed it meanwhile: the next one is made under the same name.
+            // Its owner has removed it meanwhile: the next one is made under the same name.
             if !fs::symlink_metadata(path).is_ok_and(|found| self::identity(&found) == identity) {
                 continue;
             }

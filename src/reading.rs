@@ -1,6 +1,6 @@
-//! One timed reading of a board: what the sensors said at one instant, in their own chip axes.
+//! One timed reading of a board: what the sensors measured at one instant, in their own chip axes.
 //!
-//! Real parts tick apart, so a [`Reading`] carries a time and whichever sensors spoke. Nothing below
+//! Real parts tick apart, so a [`Reading`] carries a time and the sensors that were read. Nothing below
 //! assumes that they come together or evenly.
 
 use nalgebra::Vector3;
@@ -12,7 +12,7 @@ pub const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 /// answered, but this number is not a measurement.
 pub type Field = [Option<f64>; 3];
 
-/// What a board's sensors said at one instant.
+/// What a board's sensors measured at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reading {
     /// Seconds from the source's own monotonic origin.
@@ -27,7 +27,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// The field, if the magnetometer spoke and no axis overflowed.
+    /// The field, if there is one and no axis overflowed.
     pub fn whole_field_mgauss(&self) -> Option<Vector3<f64>> {
         match self.field_mgauss? {
             [Some(x), Some(y), Some(z)] => Some(Vector3::new(x, y, z)),
@@ -35,7 +35,7 @@ impl Reading {
         }
     }
 
-    /// The magnetometer spoke, but at least one axis overflowed.
+    /// There is a field, but at least one axis overflowed.
     pub fn field_overflowed(&self) -> bool {
         self.field_mgauss.is_some() && self.whole_field_mgauss().is_none()
     }

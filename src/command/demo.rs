@@ -26,7 +26,7 @@ use timeline::{Timeline, opening};
 const WATCH: &[u8] =
     b"?WATCH={\"enable\":true,\"json\":true,\"state\":true,\"calibration\":true};\n";
 
-/// In accelerated time headings come in bursts, of which no client shall lose any.
+/// In accelerated time headings come in bursts: no client may lose any.
 const BACKLOG: usize = 4096;
 
 /// Show the daemon calibrate a simulated board

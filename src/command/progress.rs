@@ -21,12 +21,12 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// A bar for work of which it is known how long it takes.
+    /// A bar for work of known length.
     pub fn new() -> Self {
         Self::with("{wide_bar} {percent} % {eta} left")
     }
 
-    /// A bar with a sentence before it, for what takes as long as somebody else likes.
+    /// A bar with a sentence behind it, for work that waits for somebody.
     pub fn with_message() -> Self {
         Self::with("[{bar:20}] {msg}")
     }
@@ -43,7 +43,7 @@ impl Progress {
         Self { bar, rows: 0 }
     }
 
-    /// A sign of life where nobody knows how far the work is.
+    /// A sign of life for work of unknown length.
     pub fn spinner(message: &'static str) -> Self {
         Self::on_terminal(|| {
             let bar = ProgressBar::new_spinner().with_message(message);

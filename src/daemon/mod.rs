@@ -310,7 +310,7 @@ impl Daemon {
         };
         self.service.stopping();
         let unusable = self.session.unusable.take();
-        // Whoever still waits for an answer is told that there is none to come.
+        // Clients that still wait for an answer are told that none will come.
         drop(self.orders);
         // A session that will not begin lets go of the store.
         drop(self.reload);

@@ -213,7 +213,7 @@ impl Daemon {
             .with_all(&json!({ "calibrations": entries }))
     }
 
-    /// How everything stands, with word, reason and sentence of the `STATE` published last.
+    /// How the daemon does, with word, reason and sentence of the `STATE` published last.
     fn status(&self) -> Answer {
         let history = self.session.store.history();
         let answer = match self.session.pipeline.report() {

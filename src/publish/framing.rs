@@ -99,7 +99,7 @@ impl Requests {
 
     /// The request that the end of the stream completes, if there is one: `printf '?POLL'` sends no newline.
     pub fn finish(&mut self) -> Option<Result<ClientRequest, String>> {
-        // Whoever sends nothing but ends shall cost nothing.
+        // Empty requests cost nothing.
         if self.pending.is_empty() {
             return None;
         }

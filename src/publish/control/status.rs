@@ -1,4 +1,4 @@
-//! The answers that commands read again: how everything stands, and the calibrations kept.
+//! The answers that commands read: how the daemon does, and the calibrations kept.
 //!
 //! Each key may be missing, as an older daemon does not send it or it is not known.
 

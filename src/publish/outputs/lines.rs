@@ -45,7 +45,7 @@ impl HeadingLines {
                         return Some(text);
                     }
                 }
-                // Whoever could not keep up gets the newest.
+                // A client that could not keep up gets the newest.
                 Ok(_) | Err(RecvError::Lagged(_)) => {}
                 Err(RecvError::Closed) => return None,
             }

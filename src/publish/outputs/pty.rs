@@ -109,12 +109,12 @@ impl Pty {
         }
     }
 
-    /// Writes in place of what nobody has read: whoever opens the port later shall not get old headings.
+    /// Writes in place of what nobody has read: a program that opens the port later gets no old headings.
     fn write(&mut self, text: &str) -> io::Result<()> {
         if ioctl_fionread(&self.theirs)? > 0 {
             tcflush(&self.theirs, QueueSelector::IFlush)?;
         }
-        // Nor shall what a program writes pile up.
+        // What a program writes must not pile up.
         tcflush(&self.theirs, QueueSelector::OFlush)?;
         match self.ours.write(text.as_bytes()) {
             Err(error) if error.kind() != ErrorKind::WouldBlock => Err(error),

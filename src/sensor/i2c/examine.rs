@@ -109,7 +109,7 @@ pub(crate) fn examine(
         bus: expected.i2c.path().display().to_string(),
         ..CheckReport::default()
     };
-    if !call_the_roll(&mut report, bus, clock) {
+    if !find_chips(&mut report, bus, clock) {
         return report;
     }
     test_the_magnetometer(expected, &mut report, bus, clock);
@@ -118,7 +118,7 @@ pub(crate) fn examine(
 }
 
 /// Which chips answer; false if nothing else is worth trying.
-fn call_the_roll(report: &mut CheckReport, bus: &mut dyn Bus, clock: &mut dyn Clock) -> bool {
+fn find_chips(report: &mut CheckReport, bus: &mut dyn Bus, clock: &mut dyn Clock) -> bool {
     // A magnetometer behind an MPU-6050 answers once that has its bypass on.
     for address in drivers::GYRO_ADDRESSES {
         let mpu = MPU6050.at(address);
@@ -209,7 +209,7 @@ fn axis_sentence(axis: &str, test: &AxisTest) -> String {
     }
 }
 
-/// What the chips said while they were read.
+/// What the chips gave while they were read.
 #[derive(Default)]
 struct Observed {
     fields: u32,
@@ -227,27 +227,27 @@ fn read_all(
     bus: &mut dyn Bus,
     clock: &mut dyn Clock,
 ) {
-    let mut heard = Observed::default();
+    let mut observed = Observed::default();
     let begin_s = clock.now_s() + SETTLING_S;
     let end_s = begin_s + READING_S;
     let mut chips = Chips::new(expected.i2c);
     let mut last_s = begin_s;
-    let mut listen = |said| {
-        let SourceEvent::Reading(reading, _) = said else {
-            // A chip that does not come back would never say another word.
+    let mut listen = |event| {
+        let SourceEvent::Reading(reading, _) = event else {
+            // A chip that does not come back gives no more readings.
             return last_s < end_s;
         };
         last_s = reading.t_s;
         if reading.t_s >= begin_s {
             if let Some(field) = reading.whole_field_mgauss() {
-                heard.field_sum_mgauss += field;
-                heard.fields += 1;
+                observed.field_sum_mgauss += field;
+                observed.fields += 1;
             }
-            heard.overflows += u32::from(reading.field_overflowed());
-            heard.rates.extend(reading.rate_rad_s);
+            observed.overflows += u32::from(reading.field_overflowed());
+            observed.rates.extend(reading.rate_rad_s);
             if let Some(force) = reading.specific_force_m_s2 {
-                heard.force_sum_m_s2 += force;
-                heard.forces += 1;
+                observed.force_sum_m_s2 += force;
+                observed.forces += 1;
             }
         }
         reading.t_s < end_s
@@ -257,10 +257,10 @@ fn read_all(
     for trouble in chips.troubles() {
         report.problem(trouble.code, trouble.message.clone());
     }
-    judge(expected, report, &heard);
+    judge(expected, report, &observed);
 }
 
-/// A clock that says stop at a time of its own, even if no chip says anything.
+/// A clock that stops at a time of its own, even if no chip gives a reading.
 struct Until<'a> {
     clock: &'a mut dyn Clock,
     end_s: f64,
@@ -276,14 +276,14 @@ impl Clock for Until<'_> {
     }
 }
 
-fn judge(expected: &Expected<'_>, report: &mut CheckReport, heard: &Observed) {
-    judge_field(expected, report, heard);
-    judge_gyro(expected, report, heard);
-    if heard.forces > 0 {
+fn judge(expected: &Expected<'_>, report: &mut CheckReport, observed: &Observed) {
+    judge_field(expected, report, observed);
+    judge_gyro(expected, report, observed);
+    if observed.forces > 0 {
         let force = expected
             .mountings
             .accel
-            .to_body(heard.force_sum_m_s2 / f64::from(heard.forces));
+            .to_body(observed.force_sum_m_s2 / f64::from(observed.forces));
         report.accel_m_s2 = Some(force.into());
         let strength = force.norm();
         if (strength / GRAVITY_M_S2 - 1.0).abs() > GRAVITY_TOLERANCE {
@@ -308,17 +308,17 @@ fn judge(expected: &Expected<'_>, report: &mut CheckReport, heard: &Observed) {
     }
 }
 
-fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, heard: &Observed) {
-    if heard.overflows > heard.fields {
+fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, observed: &Observed) {
+    if observed.overflows > observed.fields {
         report.problem(
             "overflow",
             "the field is beyond the magnetometer's range; take magnets away, or leave out i2c.gain".to_owned(),
         );
     }
-    if heard.fields == 0 {
+    if observed.fields == 0 {
         return;
     }
-    let strength = (heard.field_sum_mgauss / f64::from(heard.fields)).norm();
+    let strength = (observed.field_sum_mgauss / f64::from(observed.fields)).norm();
     report.field_mgauss = Some(strength);
     let (low, high) = PLAUSIBLE_MGAUSS;
     if !(low..=high).contains(&strength) {
@@ -330,7 +330,7 @@ fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, heard: &Observ
             ),
         );
     }
-    let rate_hz = f64::from(heard.fields + heard.overflows) / READING_S;
+    let rate_hz = f64::from(observed.fields + observed.overflows) / READING_S;
     report.mag_rate_hz = Some(rate_hz);
     // A chip may have a slower rate than was asked for as its fastest.
     let wanted_hz = expected.i2c.rate_hz.min(50.0);
@@ -339,14 +339,14 @@ fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, heard: &Observ
     }
 }
 
-fn judge_gyro(expected: &Expected<'_>, report: &mut CheckReport, heard: &Observed) {
-    let count = heard.rates.len() as f64;
+fn judge_gyro(expected: &Expected<'_>, report: &mut CheckReport, observed: &Observed) {
+    let count = observed.rates.len() as f64;
     if count == 0.0 {
         return;
     }
-    let mean = heard.rates.iter().sum::<Vector3<f64>>() / count;
+    let mean = observed.rates.iter().sum::<Vector3<f64>>() / count;
     let square = |rate: &Vector3<f64>| (rate - mean).component_mul(&(rate - mean));
-    let variance = heard.rates.iter().map(square).sum::<Vector3<f64>>() / count;
+    let variance = observed.rates.iter().map(square).sum::<Vector3<f64>>() / count;
     let noise_deg_s = variance.max().sqrt().to_degrees();
     let mean_deg_s = expected.mountings.gyro.to_body(mean).map(f64::to_degrees);
     report.gyro_deg_s = Some(mean_deg_s.into());

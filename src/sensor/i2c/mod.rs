@@ -127,7 +127,7 @@ impl Chips {
             accel.start(bus, clock)?;
         }
         let now_s = clock.now_s();
-        // Whoever is awake for the magnetometer shortly before a tick takes it along, and wakes up less often.
+        // A tick shortly after the magnetometer's time is taken along with it: one wake-up less.
         if now_s < self.tick_s - TOGETHER * self.period_s {
             return Ok(());
         }

@@ -19,7 +19,7 @@ use crate::sensor::SourceEvent;
 
 /// Whether it is to stop is looked at this often.
 const LOOK: Duration = Duration::from_millis(50);
-/// Whoever has not looked at the port for this long was stopped or held up, and bytes have waited.
+/// A bridge that has not looked at the port for this long was stopped or held up: bytes have waited.
 const AWAY_S: f64 = 0.2;
 /// Pauses before the port is tried again, the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(3));
@@ -173,7 +173,7 @@ impl Bridge {
                 if session.protocol() != self.found && session.protocol() != Protocol::Auto {
                     self.found = session.protocol();
                     let (port, name) = (self.settings.port.display(), self.found.name());
-                    tracing::info!("the device at {port} speaks {name}");
+                    tracing::info!("the device at {port} sends {name}");
                 }
             }
             Some(Err(error)) => gone = Some(error.to_string()),

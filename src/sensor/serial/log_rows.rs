@@ -1,7 +1,8 @@
 //! headingd's own log rows over a line, with or without their header: what a sketch of twenty lines sends.
 //!
-//! A device may send its header once, with every reset, or every now and then; it counts from its last line
-//! on. A device that has once ended a row in a checksum does so with every row. Without a header, rows have the first 4, 7, 10 or 11 columns of the log format, in our units.
+//! A device may send its header once, with every reset, or every now and then; it counts from its last line on. A device
+//! that has once ended a row in a checksum does so with every row. Without a header, rows have the first 4, 7, 10 or 11
+//! columns of the log format, in our units.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -157,7 +158,7 @@ impl Wire {
         }
         let Some(rows) = &self.rows else {
             return Err(match self.has_header {
-                true => "a row, but of its header only a part was heard; waiting for the next one",
+                true => "a row, but only a part of its header arrived; waiting for the next one",
                 false => "a first row; waiting for a second one like it",
             }
             .to_owned());
