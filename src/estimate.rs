@@ -13,6 +13,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::attitude::Pose;
 use crate::calibration::model::Calibration;
 use crate::frame::Mounting;
+use crate::true_north::EarthField;
 
 mod covariance;
 mod filter;
@@ -21,12 +22,14 @@ mod gyro_check;
 mod kept;
 mod learnt;
 mod level;
+mod place;
 mod prior;
 
 use filter::{Filter, Input};
 use gyro_check::GyroCheck;
 pub use gyro_check::GyroFault;
 use level::Level;
+use place::PlaceEvidence;
 use prior::{Measured, Prior};
 
 /// Two filters are told apart when one explains the samples better by so much log-likelihood: e¹² to 1, since samples
@@ -113,6 +116,8 @@ pub struct Estimate {
     replaced: bool,
     lost: bool,
     level: Level,
+    place: Option<PlaceEvidence>,
+    news: Option<String>,
 }
 
 impl Estimate {
@@ -135,6 +140,8 @@ impl Estimate {
             replaced: false,
             lost: false,
             level: Level::default(),
+            place: None,
+            news: None,
         }
     }
 
@@ -144,6 +151,26 @@ impl Estimate {
         if frozen {
             self.rival = None;
         }
+    }
+
+    /// Begins again, at the same place.
+    pub fn restart(&mut self, mounting: Mounting, calibration: Option<&Calibration>) {
+        let place = self.place.take();
+        *self = Self {
+            place,
+            ..Self::new(mounting, calibration)
+        };
+    }
+
+    /// The earth's field at the place of the compass, if that is known.
+    pub fn put_place(&mut self, field: Option<&EarthField>) {
+        let before = self.place.take();
+        self.place = field.map(|field| PlaceEvidence::new(field).after(before));
+    }
+
+    /// What the user should know of the place, once.
+    pub fn take_news(&mut self) -> Option<String> {
+        self.news.take()
     }
 
     /// Takes a sample.
@@ -172,6 +199,9 @@ impl Estimate {
         self.level.take(down, lost, period_s);
         self.gyro.take(&input, &self.active);
         if !sample.still {
+            if let Some(place) = &mut self.place {
+                self.news = place.weigh(&self.active, period_s).or(self.news.take());
+            }
             self.compare(period_s);
             self.try_iron(period_s);
         }
@@ -262,7 +292,7 @@ impl Estimate {
     pub fn adopt_turn(&mut self, calibration: &Calibration, sample: Option<&Sample>) -> bool {
         let Some(sample) = sample.filter(|_| self.active.begun()) else {
             let frozen = self.frozen;
-            *self = Self::new(self.mounting, Some(calibration));
+            self.restart(self.mounting, Some(calibration));
             self.frozen = frozen;
             return true;
         };

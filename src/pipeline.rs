@@ -10,6 +10,7 @@ mod collector;
 mod learn;
 mod motion;
 mod mounting;
+mod sample;
 mod settings;
 mod stretch;
 mod survey;
@@ -19,7 +20,7 @@ use std::collections::VecDeque;
 
 use nalgebra::Vector3;
 
-use crate::attitude::{self, Attitude, Pose};
+use crate::attitude::{self, Attitude};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
@@ -31,6 +32,7 @@ use crate::frozen::FrozenWatch;
 use crate::heading::{Heading, MagStatus};
 use crate::outliers::Outliers;
 use crate::reading::Reading;
+use crate::true_north::EarthField;
 use crate::turn::{self, Turn, TurnDetector};
 use learn::Learning;
 
@@ -39,9 +41,6 @@ pub use survey::{Survey, Surveyed};
 
 /// Share of each sample in the smoothed strength of the field: over half a second at 20 Hz.
 const STRENGTH_GAIN: f64 = 0.05 / (0.05 + 0.5);
-
-/// No magnetometer in use measures less often, seconds: the same for longer is a board at rest.
-const HELD_S: f64 = 0.2;
 
 /// A field that was disturbed is called so until it has been calm for this long, seconds.
 const CALM_S: f64 = 3.0;
@@ -91,6 +90,8 @@ pub enum Event {
     Activate(Option<Box<Calibration>>),
     /// The chips are mounted so from now on: the whole board was turned, or it is told better how it is.
     Mounted(Box<Mountings>),
+    /// The earth's field where the compass is; `None` where that is not known any more.
+    Place(Option<EarthField>),
 }
 
 /// What a pipeline wants done.
@@ -103,6 +104,8 @@ pub enum Action {
     Publish(Heading),
     /// Publish a new condition.
     Report(Report),
+    /// Tell the user this.
+    Warn(String),
     /// A full turn was found: worth a line in the log.
     Turned(Turn),
     /// Calibrate, and bring the outcome back as an event.
@@ -211,6 +214,7 @@ impl Pipeline {
             Event::Cancel => self.cancel(actions),
             Event::Activate(calibration) => self.activate(calibration.map(|one| *one), actions),
             Event::Mounted(mountings) => self.mount(*mountings),
+            Event::Place(field) => self.estimate.put_place(field.as_ref()),
         }
     }
 
@@ -287,6 +291,7 @@ impl Pipeline {
 
     fn publish(&mut self, t_s: f64, raw: &Vector3<f64>, actions: &mut Vec<Action>) {
         let pose = self.estimate_from(t_s, raw);
+        actions.extend(self.estimate.take_news().map(Action::Warn));
         let trusted = pose.is_some() && self.gyro_is_right();
         let level = self.attitude.down_and_sd(t_s, trusted);
         let down = level.map(|(down, _)| down);
@@ -346,46 +351,6 @@ impl Pipeline {
             };
         }
         actions.push(Action::Publish(heading));
-    }
-
-    /// Lets the estimate take a sample, if the gyro tells a pose for it. That pose.
-    fn estimate_from(&mut self, t_s: f64, raw: &Vector3<f64>) -> Option<Pose> {
-        let pose = self.attitude.pose_at(t_s)?;
-        // An accelerometer that has just come has not levelled the frame yet.
-        let levelling = self.attitude.down_known(t_s) && !pose.vertical_known;
-        if levelling || self.attitude.clipping() || self.frozen.is_some() {
-            return None;
-        }
-        // Noise makes each sample differ: the same again is the last one, held by a source that reads faster than the chip
-        // measures, and tells where the field was some time ago.
-        let held = |last: Sample| last.field_mgauss == *raw && t_s - last.t_s < HELD_S;
-        if self.sample.is_some_and(held) {
-            return Some(pose);
-        }
-        let sample = Sample {
-            t_s,
-            field_mgauss: *raw,
-            late_s: self.late.take(t_s),
-            pose,
-            rate_rad_s: self.attitude.rate_rad_s(),
-            gyro_bias_rad_s: self.attitude.gyro_bias_rad_s(),
-            tilt_tau_s: self.attitude.tilt_tau_s(),
-            tilt_sd_rad: self.attitude.tilt_sd_rad(),
-            gyro_constant_s: self.attitude.gyro_constant_s(),
-            force_m_s2: self.attitude.low_passed_force_m_s2(t_s),
-            at_rest: self.attitude.at_rest(),
-            still: self.attitude.still(),
-        };
-        let learns = self.wanted().is_some() && self.gyro_is_right();
-        self.estimate.freeze(!learns && self.learning.calibrated());
-        let right = self.gyro_is_right();
-        self.estimate.take(&sample);
-        if right != self.gyro_is_right() {
-            // What was carried along with a gyro that is wrong is lost.
-            self.estimate.lose_frame();
-        }
-        self.sample = Some(sample);
-        Some(pose)
     }
 
     fn update_condition(&mut self, actions: &mut Vec<Action>) -> Condition {

@@ -108,6 +108,7 @@ fn play<W: Write>(
                             eprintln!("headingd: {news}");
                         }
                     }
+                    Action::Warn(news) => eprintln!("headingd: {news}"),
                     Action::Report(report) => lines.write(&gpsd::state(&report))?,
                     Action::Turned(_) => {}
                     Action::Calibrate(request) => outcomes.push(calibrate(&request, &|| None)),
@@ -118,6 +119,9 @@ fn play<W: Write>(
                         }
                     }
                 }
+            }
+            if let Some(field) = lines.true_north.take_field() {
+                pipeline.handle(Event::Place(Some(field)), &mut actions);
             }
             for outcome in outcomes {
                 pipeline.handle(Event::Calibrated(Box::new(outcome)), &mut actions);

@@ -116,6 +116,9 @@ impl Daemon {
             self.carry_out(action);
         }
         self.actions = actions;
+        if let Some(field) = self.session.north.take_field() {
+            self.handle(Event::Place(Some(field)));
+        }
     }
 
     fn carry_out(&mut self, action: Action) {
@@ -139,6 +142,7 @@ impl Daemon {
                 self.publisher.state(&report);
                 self.log_report(report);
             }
+            Action::Warn(news) => tracing::warn!("{news}"),
             Action::Turned(turn) => {
                 self.counts.turns += 1;
                 tracing::info!(

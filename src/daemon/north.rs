@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::position::{Follower, GpsFix, Gpsd};
-use crate::true_north::TrueNorth;
+use crate::true_north::{EarthField, TrueNorth};
 
 /// From magnetic to true north.
 pub(super) struct North {
@@ -44,5 +44,10 @@ impl North {
             tracing::warn!("{news}");
         }
         declination_deg
+    }
+
+    /// The earth's field where the compass is, once whenever it has been computed.
+    pub(super) fn take_field(&mut self) -> Option<EarthField> {
+        self.true_north.take_field()
     }
 }

@@ -105,6 +105,7 @@ impl Daemon {
                 if keys.iter().any(|key| is_north(key)) {
                     self.session.north = North::new(&config);
                     self.session.north.start();
+                    self.handle(Event::Place(None));
                 }
                 self.session.config = config;
                 self.service.ready();

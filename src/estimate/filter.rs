@@ -20,7 +20,7 @@
 //!
 //! The trace of D is held since only the product of D and h can be seen.
 
-use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3};
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, SymmetricEigen, Vector3};
 
 use super::covariance::{B, Covariance, D, E, G, H, M, N, S, Sensitivity, Step, T, subtract};
 use super::prior::{FIELD_MGAUSS, Measured, Prior};
@@ -131,6 +131,18 @@ impl Input {
             self.rate_rad_s
         }
     }
+}
+
+/// The field in the frame, the frame's tilt error, and their covariances.
+pub(super) struct SeenNorth {
+    /// Milligauss.
+    pub(super) field: Vector3<f64>,
+    /// A rotation vector in the frame, radians.
+    pub(super) tilt_rad: Vector3<f64>,
+    pub(super) field_covariance: Matrix3<f64>,
+    pub(super) tilt_covariance: Matrix2<f64>,
+    /// Of the field with the tilt error.
+    pub(super) cross: Matrix3x2<f64>,
 }
 
 /// The filter's state and covariance.
@@ -675,18 +687,20 @@ impl Filter {
         self.vector(H) + self.vector(M)
     }
 
-    /// The frame's tilt error, a rotation vector in the frame, radians.
-    pub(super) fn tilt_rad(&self) -> Vector3<f64> {
-        Vector3::new(self.x[E], self.x[E + 1], 0.0)
+    /// North in the frame, and how well it is known.
+    pub(super) fn north(&self) -> SeenNorth {
+        SeenNorth {
+            field: self.vector(H),
+            tilt_rad: Vector3::new(self.x[E], self.x[E + 1], 0.0),
+            field_covariance: self.field_covariance(),
+            tilt_covariance: self.p.fixed_view::<2, 2>(E, E).into(),
+            cross: self.p.fixed_view::<3, 2>(H, E).into(),
+        }
     }
 
-    /// Variance of an angle that depends on the field in the frame and on its tilt error, as these slopes say.
-    pub(super) fn variance(&self, by_field: &Vector3<f64>, by_tilt: &Vector3<f64>) -> f64 {
-        let field = (by_field.transpose() * self.field_covariance() * by_field)[0];
-        let own = self.p.fixed_view::<2, 2>(E, E);
-        let cross = self.p.fixed_view::<3, 2>(H, E);
-        let tilt = by_tilt.xy();
-        field + (tilt.transpose() * own * tilt)[0] + 2.0 * (by_field.transpose() * cross * tilt)[0]
+    /// Whether the frame's Z is known to point up.
+    pub(super) fn vertical_known(&self) -> bool {
+        self.vertical_known
     }
 
     /// Covariance of the field in the frame, with what the place as a whole may be off, milligauss².
@@ -823,6 +837,17 @@ impl Filter {
             self.p.row_mut(index).fill(0.0);
             self.p.column_mut(index).fill(0.0);
         }
+    }
+}
+
+impl SeenNorth {
+    /// Variance of an angle that depends on the field in the frame and on its tilt error, as these slopes say.
+    pub(super) fn variance(&self, by_field: &Vector3<f64>, by_tilt: &Vector3<f64>) -> f64 {
+        let field = (by_field.transpose() * self.field_covariance * by_field)[0];
+        let tilt = by_tilt.xy();
+        field
+            + (tilt.transpose() * self.tilt_covariance * tilt)[0]
+            + 2.0 * (by_field.transpose() * self.cross * tilt)[0]
     }
 }
 

@@ -19,13 +19,19 @@ impl Estimate {
         if !self.active.begun() {
             return None;
         }
-        let field = self.active.field();
         if !pose.vertical_known {
+            let field = self.active.field();
             let seen = pose.orientation.inverse_transform_vector(&field);
             return self.level_fix(pose, &seen);
         }
+        let north = self.active.north();
+        let north = match &self.place {
+            Some(place) => place.on(north),
+            None => north,
+        };
+        let field = north.field;
         let told = pose.orientation * Vector3::x();
-        let nose = told - self.active.tilt_rad().cross(&told);
+        let nose = told - north.tilt_rad.cross(&told);
         let level2 = nose.xy().norm_squared();
         if level2 < NO_HEADING * NO_HEADING {
             return None;
@@ -33,7 +39,7 @@ impl Estimate {
         let heading = nose.x.atan2(nose.y) - field.x.atan2(field.y);
         let by_nose = Vector3::new(nose.y, -nose.x, 0.0) / level2;
         let by_tilt = told.cross_matrix().transpose() * by_nose;
-        let variance = self.active.variance(&by_field(&field), &by_tilt).max(0.0);
+        let variance = north.variance(&by_field(&field), &by_tilt).max(0.0);
         // Innovations larger than expected: what is known is known less well than it seems.
         let variance = variance * self.active.consistency().max(1.0);
         let sd = hypot(variance.sqrt(), self.doubt_rad());

@@ -5,7 +5,6 @@ use super::{Action, Pipeline};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::{Policy, Reason};
-use crate::estimate::Estimate;
 use crate::frame::hypot;
 
 /// How much of the disagreement with the gyro is the fit's: the rest is the gyro's own and noise.
@@ -74,7 +73,8 @@ impl Pipeline {
 
     /// The estimate starts anew, from this calibration or from nothing.
     pub(super) fn forget_estimate(&mut self, calibration: Option<Calibration>) {
-        self.estimate = Estimate::new(self.setup.mountings.mag, calibration.as_ref());
+        self.estimate
+            .restart(self.setup.mountings.mag, calibration.as_ref());
         self.learning = Learning::new(calibration);
         self.strength_deviation = 0.0;
         self.sd_deg = 180.0;

@@ -177,7 +177,7 @@ impl Analysis {
                     outcome.method,
                 ));
             }
-            Action::Conclude(_) | Action::Calibrate(_) => {}
+            Action::Conclude(_) | Action::Calibrate(_) | Action::Warn(_) => {}
         }
     }
 }

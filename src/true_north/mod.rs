@@ -66,6 +66,8 @@ pub struct TrueNorth {
     /// Whether the position is another one since then.
     moved: bool,
     declination_deg: Option<f64>,
+    /// The field there, until it has been asked for.
+    field: Option<EarthField>,
     news: Option<String>,
 }
 
@@ -78,6 +80,7 @@ impl TrueNorth {
             day: None,
             moved: false,
             declination_deg: None,
+            field: None,
             news: None,
         }
     }
@@ -98,21 +101,33 @@ impl TrueNorth {
     /// How far magnetic north is east of true north at this time of day, degrees; `None` where that is not known. It is
     /// computed once a day, and where the compass has moved.
     pub fn declination_deg(&mut self, since_1970: Option<Duration>) -> Option<f64> {
-        if let Some(declination_deg) = self.declination_by_hand_deg {
-            return Some(declination_deg);
-        }
-        let position = self.position?;
+        self.ask_model(since_1970);
+        self.declination_by_hand_deg.or(self.declination_deg)
+    }
+
+    fn ask_model(&mut self, since_1970: Option<Duration>) {
+        let Some(position) = self.position else {
+            return;
+        };
         let day = since_1970.map(|since| since.as_secs() / 86_400);
-        if std::mem::take(&mut self.moved) || self.day != Some(day) {
-            let (declination_deg, warning) = answer(&position, since_1970);
-            // What holds from day to day is told on the first.
-            if self.day.is_none() || self.declination_deg.is_some() != declination_deg.is_some() {
-                self.news = warning;
-            }
-            self.day = Some(day);
-            self.declination_deg = declination_deg;
+        if !std::mem::take(&mut self.moved) && self.day == Some(day) {
+            return;
         }
-        self.declination_deg
+        let (field, warning) = answer(&position, since_1970);
+        let declination_deg = field.map(|field| field.declination_deg.value);
+        // What holds from day to day is told on the first. A declination by hand stands in nothing's way.
+        let new = self.day.is_none() || self.declination_deg.is_some() != declination_deg.is_some();
+        if new && self.declination_by_hand_deg.is_none() {
+            self.news = warning;
+        }
+        self.day = Some(day);
+        self.declination_deg = declination_deg;
+        self.field = field;
+    }
+
+    /// The field there, once whenever it has been computed; never near a magnetic pole, where no compass is to be relied on.
+    pub fn take_field(&mut self) -> Option<EarthField> {
+        self.field.take()
     }
 
     /// What the user should know since the last answer, once.
@@ -121,8 +136,11 @@ impl TrueNorth {
     }
 }
 
-/// The declination, and what is to be said about it.
-fn answer(position: &Position, since_1970: Option<Duration>) -> (Option<f64>, Option<String>) {
+/// The field, where its declination is to be relied on, and what is to be said about it.
+fn answer(
+    position: &Position,
+    since_1970: Option<Duration>,
+) -> (Option<EarthField>, Option<String>) {
     const REMEDY: &str = "set true_north.declination_deg";
     let Some(since_1970) = since_1970 else {
         let why =
@@ -137,14 +155,11 @@ fn answer(position: &Position, since_1970: Option<Duration>) -> (Option<f64>, Op
             )),
         ),
         Ok(field) => {
-            let declination_deg = field.declination_deg.value;
-            match field.zone {
-                None => (Some(declination_deg), None),
-                Some(zone) => (
-                    (zone == Zone::Caution).then_some(declination_deg),
-                    Some(zone.warning(&field)),
-                ),
-            }
+            let warning = field.zone.map(|zone| zone.warning(&field));
+            (
+                Some(field).filter(|field| field.zone != Some(Zone::Blackout)),
+                warning,
+            )
         }
     }
 }

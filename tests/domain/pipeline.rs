@@ -43,7 +43,7 @@ fn play(readings: &[Reading], start: Option<Calibration>, late: usize) -> Played
             for action in std::mem::take(&mut actions) {
                 match action {
                     Action::Publish(heading) => played.headings.push(heading),
-                    Action::Report(_) => {}
+                    Action::Report(_) | Action::Warn(_) => {}
                     Action::Turned(_) => played.turned.push(index),
                     Action::Calibrate(request) => {
                         assert!(under_way.is_none(), "two calibrations at a time");

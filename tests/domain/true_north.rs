@@ -1,6 +1,6 @@
 //! From magnetic to true north: the model, a declination by hand, and the times of logs.
 
-use headingd::sensor::simulator::Settings;
+use headingd::sensor::simulator::{Scenario, Settings};
 use serde_json::Value;
 
 use crate::common::{Folder, Ran, headingd, log, simulated};
@@ -79,6 +79,78 @@ fn what_the_model_cannot_tell_is_told_once_and_no_heading_is_true() {
         let headings = headings(&ran);
         assert!(!headings.is_empty() && headings.iter().all(|(heading, _)| heading.is_none()));
     }
+}
+
+/// A replay of a board that is moved about in Calgary.
+fn moved_about(place: &str) -> Ran {
+    let folder = Folder::new();
+    let (mut header, entries) = simulated(&Settings {
+        scenario: Scenario::Free,
+        ..Settings::default()
+    });
+    let time = (
+        "recorded_from".to_owned(),
+        "2026-11-21T12:00:00Z".to_owned(),
+    );
+    header.truth.push(time);
+    let log = folder.file("a.csv", log(&(header, entries)));
+    let config = folder.file("a.toml", place);
+    let ran = headingd(&["replay", &log, "--config", &config]);
+    assert_eq!(ran.status, 0, "{ran:?}");
+    ran
+}
+
+/// All that was learnt.
+fn calibrations(ran: &Ran) -> Vec<Value> {
+    let lines = ran.lines().into_iter();
+    lines
+        .filter(|line| line["class"] == "CALIBRATION")
+        .collect()
+}
+
+/// The headings with their deviations.
+fn deviations(ran: &Ran) -> Vec<(f64, f64)> {
+    let of = |att: &Value| Some((att["mheading"].as_f64()?, att["heading_sd"].as_f64()?));
+    ran.lines().iter().filter_map(of).collect()
+}
+
+#[test]
+fn a_place_makes_headings_more_certain_and_is_not_in_what_is_learnt() {
+    let (nowhere, calgary) = (moved_about(""), moved_about(CALGARY));
+    assert_eq!(calgary.err, "");
+    let learnt = calibrations(&nowhere);
+    assert!(!learnt.is_empty());
+    assert_eq!(calibrations(&calgary), learnt);
+    let (without, with) = (deviations(&nowhere), deviations(&calgary));
+    assert!(with.len() >= without.len());
+    // From the end on backwards they are those of the same samples.
+    let pairs: Vec<_> = with.iter().rev().zip(without.iter().rev()).collect();
+    assert!(
+        pairs
+            .iter()
+            .all(|(with, without)| with.1 <= without.1 + 0.011)
+    );
+    assert!(
+        pairs
+            .iter()
+            .any(|(with, without)| with.1 < without.1 - 0.05)
+    );
+}
+
+#[test]
+fn a_place_that_the_field_contradicts_is_told_and_left_out() {
+    let nowhere = moved_about("");
+    let singapore = moved_about("[true_north]\nlatitude_deg = 1.3\nlongitude_deg = 103.8\n");
+    let told: Vec<&str> = singapore.err.lines().collect();
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(
+        told[0].contains("the field is not that of the position"),
+        "{told:?}"
+    );
+    assert_eq!(calibrations(&singapore), calibrations(&nowhere));
+    let (without, with) = (deviations(&nowhere), deviations(&singapore));
+    let last = without.len() / 2;
+    assert_eq!(with[with.len() - last..], without[without.len() - last..]);
 }
 
 #[test]

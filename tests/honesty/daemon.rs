@@ -9,6 +9,7 @@ use headingd::frame::{Mountings, heading_deg};
 use headingd::pipeline::{Action, Event, Pipeline, Setup};
 use headingd::reading::Reading;
 use headingd::sensor::replay::Replay;
+use headingd::true_north::EarthField;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// What is published for a magnetometer reading.
@@ -86,6 +87,12 @@ impl Daemon {
         }
     }
 
+    /// The field that a model of the earth's says is here.
+    pub fn put_place(&mut self, place: EarthField) {
+        self.pipeline
+            .handle(Event::Place(Some(place)), &mut self.actions);
+    }
+
     /// Hands on a reading. The answer, if the magnetometer was in it.
     pub fn read(&mut self, reading: Reading) -> Option<Shown> {
         let mut shown = None;
@@ -119,7 +126,7 @@ impl Daemon {
                                 mountings: self.mountings,
                             }));
                     }
-                    Action::Turned(_) => {}
+                    Action::Turned(_) | Action::Warn(_) => {}
                 }
             }
             for outcome in outcomes {

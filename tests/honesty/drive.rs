@@ -132,6 +132,9 @@ pub fn run(mut scene: Scene, rng: &mut Rng, score: &mut Score) -> (Daemon, Board
         .given_truth
         .then(|| true_calibration(mag.matrix, mag.bias, scene.world.strength()));
     let mut daemon = Daemon::new(Mountings::default(), given);
+    if let Some(off_deg) = score.place_off_deg {
+        daemon.put_place(scene.world.place(off_deg));
+    }
     let dt = scene.dt_s;
     let mut before = scene.motion.step(rng, dt);
     let mut past = Past {

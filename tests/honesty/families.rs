@@ -42,6 +42,13 @@ const TUMBLING: Limits = Limits {
     good: Some(0.8),
     ..NONE
 };
+/// A place is evidence, and a wrong one does no harm.
+const PLACE: Limits = Limits {
+    rms_deg: Some(2.0),
+    nerr: Some((0.5, 1.5)),
+    false_share: Some(0.005),
+    ..TUMBLING
+};
 const CAR: Limits = Limits {
     first_deg: Some(180.0),
     rms_deg: Some(2.0),
@@ -110,6 +117,8 @@ const fn family(
 pub const ALL: &[Family] = &[
     family("perfect_chips", 20, PERFECT, handled::perfect),
     family("tumbling", 500, TUMBLING, handled::tumbling),
+    family("place_known", 200, PLACE, handled::place_known),
+    family("place_wrong", 200, PLACE, handled::place_wrong),
     family("car", 500, CAR, vehicles::car),
     family("boat", 500, VEHICLE, vehicles::boat),
     family("anchor", 500, VEHICLE, vehicles::anchor),

@@ -99,6 +99,18 @@ pub fn tumbling(rng: &mut Rng, score: &mut Score) {
     run(scene, rng, score);
 }
 
+/// The same with what a model says of the place's field.
+pub fn place_known(rng: &mut Rng, score: &mut Score) {
+    score.place_off_deg.get_or_insert(0.0);
+    tumbling(rng, score);
+}
+
+/// The same with a position that is wrong: a dip that is 30° off.
+pub fn place_wrong(rng: &mut Rng, score: &mut Score) {
+    score.place_off_deg = Some(30.0);
+    tumbling(rng, score);
+}
+
 /// Moved fast, with accelerations of 1 g, 120 s.
 pub fn fast_hand(rng: &mut Rng, score: &mut Score) {
     score.starts_s = 3.0;

@@ -13,6 +13,7 @@
 //! | `--trace FILE` | writes what one run shows, sample by sample |
 //! | `--write FILE` | writes one run's readings as a log |
 //! | `--given-truth` | starts with the true calibration: what is left is what motion and place cost |
+//! | `--place DEG` | tells the daemon what a model says of the place's field, its dip off by so much |
 //!
 //! The status is 1 if a limit is missed.
 
@@ -58,6 +59,7 @@ struct Args {
     seeds: Option<usize>,
     full: bool,
     given_truth: bool,
+    place_off_deg: Option<f64>,
     each: bool,
     seed: Option<u64>,
     trace: Option<PathBuf>,
@@ -79,6 +81,7 @@ fn args() -> Result<Option<Args>, String> {
             "--seeds" => args.seeds = Some(number(value()?)? as usize),
             "--seed" => args.seed = Some(number(value()?)?),
             "--full" => args.full = true,
+            "--place" => args.place_off_deg = Some(number(value()?)? as f64),
             "--each" => args.each = true,
             "--given-truth" => args.given_truth = true,
             "--trace" => args.trace = Some(value()?.into()),
@@ -134,6 +137,7 @@ fn main() -> ExitCode {
     };
     let new_score = || {
         let mut score = Score::new(args.trace.as_deref().map(trace_file), args.given_truth);
+        score.place_off_deg = args.place_off_deg;
         score.readings = args.write.as_ref().map(|_| Vec::new());
         score
     };

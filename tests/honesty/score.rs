@@ -50,6 +50,8 @@ pub struct Score {
     pub turned_deg: f64,
     /// The run starts with the true calibration: what is left are the errors of motion, place and simulation.
     pub given_truth: bool,
+    /// The daemon is told the place, with a dip that is off by so much.
+    pub place_off_deg: Option<f64>,
     /// The readings, if they are to be kept.
     pub readings: Option<Vec<Entry>>,
     trace: Option<BufWriter<File>>,
@@ -95,6 +97,7 @@ impl Score {
             watch: None,
             turned_deg: 0.0,
             given_truth,
+            place_off_deg: None,
             readings: None,
             trace,
             last_s: f64::NAN,

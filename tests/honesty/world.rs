@@ -1,6 +1,7 @@
 //! The magnetic field of a place: the earth's, and dipoles that stand or move in it. North, east, down; milligauss.
 
-use nalgebra::Vector3;
+use headingd::true_north::{EarthField, Known};
+use nalgebra::{Rotation3, Vector3};
 
 use crate::random::Rng;
 
@@ -49,6 +50,23 @@ impl World {
 
     pub fn strength(&self) -> f64 {
         self.earth.norm()
+    }
+
+    /// What a model of the earth's field says of this place, its dip off by so much: buildings make the field differ from it by
+    /// 5 % on each axis. No other random numbers change by that.
+    pub fn place(&self, off_deg: f64) -> EarthField {
+        let mut rng = Rng::new("place", self.strength().to_bits());
+        let east = Vector3::y_axis();
+        let turned = Rotation3::from_axis_angle(&east, -off_deg.to_radians()) * self.earth;
+        let told = turned + rng.vector(0.05 * self.strength());
+        let known = |value: f64, sd: f64| Known { value, sd };
+        EarthField {
+            declination_deg: known(0.0, 0.4),
+            dip_deg: known(told.z.atan2(told.xy().norm()).to_degrees(), 0.2),
+            strength_mgauss: known(told.norm(), 1.4),
+            horizontal_mgauss: known(told.xy().norm(), 1.3),
+            zone: None,
+        }
     }
 
     /// Puts iron around the origin, 1.2 to 3 m away, so that the field differs by `share` of its strength (RMS)

@@ -53,13 +53,14 @@ const ROOMS: &[Room] = &[
     room("calibration", 0, &["reading", "frame", "turn", "attitude"]),
     // The condition is published with each heading.
     room("heading", 0, &["condition"]),
-    // Starts from a calibration, and gives one to keep.
-    room("estimate", 0, &["attitude", "calibration::model", "frame"]),
+    // Starts from a calibration, and gives one to keep; the place's field is evidence.
+    room("estimate", 0, &["attitude", "calibration::model", "frame", "true_north"]),
 
     room("recording", 1, &["reading", "frame", "date"]),
     // Joins all of floor 0 into one journey.
     room("pipeline", 1, &[
         "reading", "outliers", "frozen", "frame", "attitude", "turn", "calibration", "estimate", "heading", "condition",
+        "true_north",
     ]),
 
     // The simulator distorts a field with the model that a calibration inverts; a live source says its troubles.

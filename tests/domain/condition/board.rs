@@ -167,7 +167,7 @@ impl Board {
             match action {
                 Action::Publish(heading) => self.heading = Some(heading),
                 Action::Report(report) => self.reports.push(report),
-                Action::Turned(_) => {}
+                Action::Turned(_) | Action::Warn(_) => {}
                 Action::Calibrate(request) => {
                     assert!(self.under_way.is_none(), "two calibrations at a time");
                     self.asked += 1;

@@ -1,0 +1,165 @@
+//! What a model says of the earth's field at this place, as evidence of which way north is.
+//!
+//! The model knows how strong the horizontal and the vertical part of the field are. The estimate's field has them as the chips
+//! see them: times a scale that no motion shows, since the trace of D is held. So both share the chips' gain error, and their
+//! ratio, the dip, is the better part of the evidence. SeenNorth itself is in neither; it goes with them as far as what has been learnt
+//! so far goes together.
+//!
+//! Headings are those under what was learnt and what the model says. What is learnt comes from samples alone: the filter never
+//! hears of the place, so that a wrong one bends no calibration, and nothing is to be taken back where the samples contradict it.
+
+use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2, Vector3};
+
+use super::filter::{Filter, SeenNorth};
+use crate::frame::hypot;
+use crate::true_north::EarthField;
+
+/// What the mean gain of three axes is off, as a share: data sheets have ±5 %, and soft iron comes to it, as in the prior of D.
+const GAIN: f64 = 0.08;
+/// What a building or a vehicle makes of the field of a place, on each axis, as a share: as much as it differs from metre to metre
+/// on the simulated floors.
+const LOCAL: f64 = 0.05;
+/// A normalised square beyond this is no chance (2 degrees of freedom: 0.03 %).
+const CONTRADICTED: f64 = 16.0;
+/// A user is told of one beyond this: how steep the field is, a vehicle that stays level learns badly, and says so too seldom.
+const WARNED: f64 = 36.0;
+/// It is sure after this time in motion, seconds: less what passes by.
+const SURE_S: f64 = 30.0;
+/// A place is the same where the field differs by less than this share: from day to day, and over some ten kilometres.
+const SAME: f64 = 0.01;
+/// The horizontal part counts once its direction is known within this, radians: before, how long it is does not depend on its
+/// parts as a line does.
+const DIRECTION_RAD: f64 = 0.2;
+
+/// A place and what the samples say to it.
+#[derive(Clone, Debug)]
+pub(super) struct PlaceEvidence {
+    /// The horizontal part of the field and the upward one, milligauss, and the model's own variances.
+    told: Vector2<f64>,
+    own: Vector2<f64>,
+    /// For how long samples have contradicted it, less the time that they have not, seconds.
+    against_s: f64,
+    warned: bool,
+}
+
+/// How the evidence differs from what was learnt.
+struct Innovation {
+    parts: Matrix2x3<f64>,
+    value: Vector2<f64>,
+    inverse: Matrix2<f64>,
+}
+
+impl Innovation {
+    fn squared(&self) -> f64 {
+        (self.value.transpose() * self.inverse * self.value)[0]
+    }
+}
+
+impl PlaceEvidence {
+    pub(super) fn new(field: &EarthField) -> Self {
+        let (strength, dip) = (field.strength_mgauss, field.dip_deg);
+        let (sin, cos) = dip.value.to_radians().sin_cos();
+        let up_sd = hypot(
+            sin * strength.sd,
+            cos * strength.value * dip.sd.to_radians(),
+        );
+        Self {
+            told: Vector2::new(field.horizontal_mgauss.value, -sin * strength.value),
+            own: Vector2::new(field.horizontal_mgauss.sd, up_sd).map(|sd| sd * sd),
+            against_s: 0.0,
+            warned: false,
+        }
+    }
+
+    /// What this place is told after `before`: where the field is nearly the same, all that was said of it stays.
+    pub(super) fn after(self, before: Option<Self>) -> Self {
+        let near = SAME * self.told.norm();
+        match before {
+            Some(before) if (before.told - self.told).norm() < near => Self {
+                against_s: before.against_s,
+                warned: before.warned,
+                ..self
+            },
+            _ => self,
+        }
+    }
+
+    /// Holds it against what was learnt, `period_s` after the last time. Once that contradicts it for good: what to say.
+    pub(super) fn weigh(&mut self, filter: &Filter, period_s: f64) -> Option<String> {
+        if !filter.vertical_known() || filter.disturbed() {
+            return None;
+        }
+        let north = filter.north();
+        let squared = self.innovation(&north).map_or(0.0, |one| one.squared());
+        let more_s = if squared > CONTRADICTED {
+            period_s
+        } else {
+            -period_s
+        };
+        self.against_s = (self.against_s + more_s).clamp(0.0, SURE_S);
+        let sure = self.against_s == SURE_S && squared > WARNED;
+        if !sure || std::mem::replace(&mut self.warned, true) {
+            return None;
+        }
+        let found = parts(&north.field) * north.field;
+        Some(format!(
+            "the field is not that of the position: {:.0} mG horizontal and {:.0} mG down, where the World Magnetic Model has \
+             {:.0} and {:.0}; headings do without the model's dip. Check [true_north], or look for iron nearby",
+            found.x, -found.y, self.told.x, -self.told.y
+        ))
+    }
+
+    /// North with this evidence.
+    pub(super) fn on(&self, north: SeenNorth) -> SeenNorth {
+        let innovation = match self.innovation(&north) {
+            Some(innovation) if self.against_s == 0.0 => innovation,
+            _ => return north,
+        };
+        let by_field: Matrix3x2<f64> = north.field_covariance * innovation.parts.transpose();
+        let by_tilt: Matrix2<f64> = north.cross.transpose() * innovation.parts.transpose();
+        let (field_gain, tilt_gain) = (by_field * innovation.inverse, by_tilt * innovation.inverse);
+        let tilt = tilt_gain * innovation.value;
+        SeenNorth {
+            field: north.field + field_gain * innovation.value,
+            tilt_rad: north.tilt_rad + tilt.push(0.0),
+            field_covariance: north.field_covariance - field_gain * by_field.transpose(),
+            tilt_covariance: north.tilt_covariance - tilt_gain * by_tilt.transpose(),
+            cross: north.cross - field_gain * by_tilt.transpose(),
+        }
+    }
+
+    /// `None` while the direction of north is hardly known.
+    fn innovation(&self, north: &SeenNorth) -> Option<Innovation> {
+        let level = north.field.xy();
+        let length = level.norm();
+        if length < 1.0 {
+            return None;
+        }
+        let along = level / length;
+        let across = Vector2::new(-along.y, along.x);
+        let own = north.field_covariance.fixed_view::<2, 2>(0, 0);
+        let variance = (across.transpose() * own * across)[0];
+        if variance > (DIRECTION_RAD * length).powi(2) {
+            return None;
+        }
+        let parts = parts(&north.field);
+        let expected = parts * north.field_covariance * parts.transpose() + self.covariance();
+        Some(Innovation {
+            parts,
+            value: self.told - parts * north.field,
+            inverse: expected.try_inverse()?,
+        })
+    }
+
+    fn covariance(&self) -> Matrix2<f64> {
+        let local = LOCAL * self.told.norm();
+        let apart = self.own.map(|variance| variance + local * local);
+        self.told * self.told.transpose() * GAIN.powi(2) + Matrix2::from_diagonal(&apart)
+    }
+}
+
+/// What takes the horizontal part and the upward one out of a field.
+fn parts(field: &Vector3<f64>) -> Matrix2x3<f64> {
+    let along = field.xy() / field.xy().norm().max(1.0);
+    Matrix2x3::new(along.x, along.y, 0.0, 0.0, 0.0, 1.0)
+}

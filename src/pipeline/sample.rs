@@ -1,0 +1,52 @@
+//! Samples of the magnetometer, as the estimate takes them.
+
+use nalgebra::Vector3;
+
+use super::Pipeline;
+use crate::attitude::Pose;
+use crate::estimate::Sample;
+
+/// No magnetometer in use measures less often, seconds: the same for longer is a board at rest.
+const HELD_S: f64 = 0.2;
+
+impl Pipeline {
+    /// Lets the estimate take a sample, if the gyro tells a pose for it. That pose.
+    pub(super) fn estimate_from(&mut self, t_s: f64, raw: &Vector3<f64>) -> Option<Pose> {
+        let pose = self.attitude.pose_at(t_s)?;
+        // An accelerometer that has just come has not levelled the frame yet.
+        let levelling = self.attitude.down_known(t_s) && !pose.vertical_known;
+        if levelling || self.attitude.clipping() || self.frozen.is_some() {
+            return None;
+        }
+        // Noise makes each sample differ: the same again is the last one, held by a source that reads faster than the chip
+        // measures, and tells where the field was some time ago.
+        let held = |last: Sample| last.field_mgauss == *raw && t_s - last.t_s < HELD_S;
+        if self.sample.is_some_and(held) {
+            return Some(pose);
+        }
+        let sample = Sample {
+            t_s,
+            field_mgauss: *raw,
+            late_s: self.late.take(t_s),
+            pose,
+            rate_rad_s: self.attitude.rate_rad_s(),
+            gyro_bias_rad_s: self.attitude.gyro_bias_rad_s(),
+            tilt_tau_s: self.attitude.tilt_tau_s(),
+            tilt_sd_rad: self.attitude.tilt_sd_rad(),
+            gyro_constant_s: self.attitude.gyro_constant_s(),
+            force_m_s2: self.attitude.low_passed_force_m_s2(t_s),
+            at_rest: self.attitude.at_rest(),
+            still: self.attitude.still(),
+        };
+        let learns = self.wanted().is_some() && self.gyro_is_right();
+        self.estimate.freeze(!learns && self.learning.calibrated());
+        let right = self.gyro_is_right();
+        self.estimate.take(&sample);
+        if right != self.gyro_is_right() {
+            // What was carried along with a gyro that is wrong is lost.
+            self.estimate.lose_frame();
+        }
+        self.sample = Some(sample);
+        Some(pose)
+    }
+}
