@@ -36,6 +36,7 @@ use crate::true_north::EarthField;
 use crate::turn::{self, Turn, TurnDetector};
 use learn::Learning;
 
+pub use motion::MotionMeasures;
 pub use settings::Settings;
 pub use survey::{Survey, Surveyed};
 

@@ -4,6 +4,21 @@ use super::Pipeline;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::verdict::Refusal;
 
+/// What a calibration by motion is judged by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotionMeasures {
+    /// Whether the gyro turns the way that field and gravity do.
+    pub gyro_is_right: bool,
+    /// Whether the field at the end is what the motion predicts.
+    pub field_is_predicted: bool,
+    /// Noise of the samples, milligauss.
+    pub residual_mgauss: f64,
+    /// Deviation of every heading of a level board, degrees.
+    pub heading_sd_deg: f64,
+    /// The most that it may be.
+    pub most_heading_sd_deg: f64,
+}
+
 impl Pipeline {
     /// What the estimate has learnt so far: accepted as certain as a live one is kept, and else refused. `None` before the
     /// board has turned far enough for an estimate to begin.
@@ -16,21 +31,33 @@ impl Pipeline {
         })
     }
 
+    /// What motion is judged by; `None` before there is an estimate.
+    pub fn motion_measures(&self) -> Option<MotionMeasures> {
+        let calibration = self.estimate.calibration()?;
+        Some(MotionMeasures {
+            gyro_is_right: self.gyro_is_right(),
+            field_is_predicted: !self.estimate.disturbed(),
+            residual_mgauss: calibration.residual_mgauss,
+            heading_sd_deg: self.estimate.north_sd_deg(),
+            most_heading_sd_deg: self.setup.pipeline.good_sd_deg,
+        })
+    }
+
     fn objection_to_motion(&self) -> Option<Refusal> {
-        if !self.gyro_is_right() {
+        let measures = self.motion_measures()?;
+        if !measures.gyro_is_right {
             return Some(Refusal::new(
                 "gyro_angle",
                 "field and gyro do not turn together: check the gyro's wiring, mounting and sign",
             ));
         }
-        if self.estimate.disturbed() {
+        if !measures.field_is_predicted {
             return Some(Refusal::new(
                 "outliers",
                 "at the end of the log the field is not what the motion predicts: something magnetic came or went",
             ));
         }
-        let sd_deg = self.estimate.north_sd_deg();
-        let limit_deg = self.setup.pipeline.good_sd_deg;
+        let (sd_deg, limit_deg) = (measures.heading_sd_deg, measures.most_heading_sd_deg);
         (sd_deg > limit_deg).then(|| {
             Refusal::new(
                 "heading_uncertainty",

@@ -5,7 +5,7 @@ use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::{Request, calibrate};
 use crate::condition::Report;
-use crate::pipeline::{Action, Event, Pipeline, Setup};
+use crate::pipeline::{Action, Event, MotionMeasures, Pipeline, Setup};
 use crate::reading::Reading;
 
 /// How many headings are kept for the figures.
@@ -99,6 +99,13 @@ impl Analysis {
     /// What is known at the end.
     pub(super) fn calibration(&self) -> Option<Calibration> {
         self.pipeline.calibration()
+    }
+
+    /// What motion has taught, and what that was judged by, as `calibrate` does for a log without a full turn.
+    pub(super) fn motion(&self) -> Option<(Outcome, MotionMeasures)> {
+        let outcome = self.pipeline.learnt_by_motion()?;
+        let measures = self.pipeline.motion_measures()?;
+        (self.turns == 0).then_some((outcome, measures))
     }
 
     /// Values that no sensor can have taken.

@@ -5,6 +5,8 @@
 mod analysis;
 mod compass;
 mod field;
+mod html;
+mod motion;
 mod page;
 mod plot;
 mod search;

@@ -3,10 +3,11 @@
 use std::fmt::Write;
 
 use super::analysis::{Analysis, Judged};
+use super::html::escaped;
 use super::plot::{Hue, ReportError};
 use super::search::Search;
 use super::turn::Turned;
-use super::{compass, field, timeline};
+use super::{compass, field, motion, timeline};
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
 use crate::calibration::outcome::Verdict;
@@ -60,9 +61,7 @@ pub fn page(about: &About, analysis: &Analysis) -> Result<String, ReportError> {
     out += &conditions(analysis);
     match &analysis.turn {
         Some(judged) => out += &turn(judged)?,
-        None => {
-            out += "<h2>Calibration by a full turn</h2>\n<p>The board made no full turn that was calibrated on.</p>\n"
-        }
+        None => out += &motion::section(analysis),
     }
     out += &verdicts(analysis);
     out += &format!(
@@ -354,21 +353,6 @@ fn hues() -> String {
         out += &format!(
             "[fill=\"{code}\"]{{fill:var(--{name})}}[stroke=\"{code}\"]{{stroke:var(--{name})}}b.{name}{{color:var(--{name})}}"
         );
-    }
-    out
-}
-
-/// Text that may stand in HTML.
-fn escaped(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => out += "&amp;",
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '"' => out += "&quot;",
-            other => out.push(other),
-        }
     }
     out
 }

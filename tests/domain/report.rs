@@ -118,3 +118,41 @@ fn space_has_three_circles_and_motion_none() {
     assert_eq!(found.matches("<figure>").count(), 2);
     assert!(found.contains("no full turn that was calibrated on"));
 }
+
+#[test]
+fn a_log_without_a_full_turn_has_the_verdict_of_calibrate() {
+    let free = Settings {
+        scenario: Scenario::Free,
+        turns: 0.5,
+        ..Settings::default()
+    };
+    let part = Settings {
+        turns: 250.0 / 360.0,
+        ..Settings::default()
+    };
+    for (settings, verdict, limit) in [(part, "rejected", "broken"), (free, "accepted", "kept")] {
+        let folder = Folder::new();
+        let log = folder.log("a.csv", &settings);
+        let config = folder.file("a.toml", "");
+        let outcome = headingd(&["calibrate", &log, "--json", "--config", &config]).json();
+        assert_eq!(outcome["method"], "motion", "{outcome}");
+        assert_eq!(outcome["verdict"], verdict);
+        let found = page(settings, "");
+        assert_self_contained(&found);
+        let section = found.split_once("Calibration by motion").unwrap().1;
+        let reason = outcome["reason"].as_str().unwrap();
+        let message = outcome["message"].as_str().unwrap();
+        assert!(
+            section.contains(&format!("{verdict}</b> ({reason}): {message}")),
+            "{section}"
+        );
+        let row = section
+            .split_once("predicted heading uncertainty")
+            .unwrap()
+            .1;
+        let sd_deg = outcome["heading_sd_deg"].as_f64().unwrap();
+        let right = format!("{sd_deg:.2} °</td><td>at most</td><td>3.00 °</td>");
+        assert!(row.contains(&right), "{row}");
+        assert!(row.split_once("</tr>").unwrap().0.contains(limit), "{row}");
+    }
+}
