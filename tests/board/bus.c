@@ -1,13 +1,16 @@
-/* A bus for tests/board/cost and tests/daemon: preloaded into the daemon, it answers for /dev/i2c-9 at once, so that the
- * daemon runs on the machine's own kernel and nothing but its own work is measured. Three chips at rest, with noise; the
- * field is that of `headingd simulate` before its turns, so that a calibration on such a log fits.
+/* A bus for tests/board/cost and tests/daemon, and for trying headingd without hardware: preloaded into the daemon, it answers for
+ * /dev/i2c-9 at once, so that the daemon runs on the machine's own kernel and nothing but its own work is measured. Three chips
+ * with noise, on a level board; the field is that of `headingd simulate`, so that a calibration on such a log fits.
  *
- * The magnetometer is an HMC5843, or what the environment variable BUS_MAGNETOMETER says: "qmc5883l", or "fake", which
- * answers "H43" and never measures. */
+ * Variables of the environment:
+ *   BUS_MAGNETOMETER  what is there in place of an HMC5843: "qmc5883l", or "fake", which answers "H43" and never measures
+ *   BUS_BOARD         "stick": the chips lie as on SparkFun's 9DOF Sensor Stick; else all along the body's axes
+ *   BUS_MOTION        "turn": rests 4 s, turns by 400 degrees in 8 s, is swung about in 12 s, and begins again; else it rests */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <stdarg.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -19,9 +22,13 @@
 static uint8_t registers[128][256];
 static uint8_t address_of[1024];
 
+static int says(const char *variable, const char *word) {
+    const char *said = getenv(variable);
+    return said && strcmp(said, word) == 0;
+}
+
 static int is(const char *magnetometer) {
-    const char *named = getenv("BUS_MAGNETOMETER");
-    return named && strcmp(named, magnetometer) == 0;
+    return says("BUS_MAGNETOMETER", magnetometer);
 }
 
 static uint32_t noise(void) {
@@ -55,13 +62,106 @@ static int open_it(const char *path, int flags, mode_t mode, const char *name) {
 OPEN(open)
 OPEN(open64)
 
-/* The magnetometer measures 50 times a second, the others when they are asked. */
-static void measure(uint8_t address) {
+static double now_s(void) {
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec + 1e-9 * now.tv_nsec;
+}
+
+/* Heading, pitch and roll, radians, and how fast they change. */
+struct pose {
+    double angle[3], rate[3];
+};
+
+/* How far something that takes this long has come, 0 to 1, and how fast it goes: it begins and ends gently. */
+static double share(double t_s, double length_s, double *rate) {
+    double phase = 2 * M_PI * t_s / length_s;
+    *rate = (1 - cos(phase)) / length_s;
+    return t_s / length_s - sin(phase) / (2 * M_PI);
+}
+
+static struct pose pose(void) {
+    static double begun_s;
+    static int moves;
+    if (begun_s == 0) {
+        begun_s = now_s();
+        moves = says("BUS_MOTION", "turn");
+    }
+    struct pose here = {0};
+    if (!moves)
+        return here;
+    double t_s = now_s() - begun_s;
+    double cycles = floor(t_s / 24), in_s = t_s - 24 * cycles;
+    double turn = 400 * M_PI / 180, rate;
+    here.angle[0] = turn * cycles;
+    if (in_s > 12) {
+        here.angle[0] += turn;
+        for (int axis = 1; axis < 3; axis++) {
+            double w = 2 * M_PI * axis / 6, envelope_s = in_s - 12;
+            double up = sin(M_PI * envelope_s / 12), up_rate = M_PI / 12 * cos(M_PI * envelope_s / 12);
+            here.angle[axis] = 0.7 * up * up * sin(w * envelope_s);
+            here.rate[axis] = 0.7 * up * (2 * up_rate * sin(w * envelope_s) + up * w * cos(w * envelope_s));
+        }
+    } else if (in_s > 4) {
+        here.angle[0] += turn * share(in_s - 4, 8, &rate);
+        here.rate[0] = turn * rate;
+    }
+    return here;
+}
+
+/* A vector of north, east and down in body axes: forward, right, down. */
+static void to_body(const struct pose *here, double north, double down, double body[3]) {
+    double cy = cos(here->angle[0]), sy = sin(here->angle[0]);
+    double cp = cos(here->angle[1]), sp = sin(here->angle[1]);
+    double cr = cos(here->angle[2]), sr = sin(here->angle[2]);
+    double x = north * cy, y = -north * sy;
+    body[0] = x * cp - down * sp;
+    double z = x * sp + down * cp;
+    body[1] = y * cr + z * sr;
+    body[2] = z * cr - y * sr;
+}
+
+/* Body axes into those of the magnetometer, and of the others. */
+static void to_chip(int magnetometer, double body[3]) {
+    if (!says("BUS_BOARD", "stick"))
+        return;
+    double x = body[0], y = body[1];
+    body[0] = magnetometer ? x : -y;
+    body[1] = magnetometer ? -y : -x;
+    body[2] = -body[2];
+}
+
+static void put(uint8_t *at, int low_first, double counts) {
+    int16_t rounded = (int16_t)lrint(counts);
+    at[low_first ? 0 : 1] = rounded & 0xff;
+    at[low_first ? 1 : 0] = (rounded >> 8) & 0xff;
+}
+
+/* Counts of the HMC5843, with the iron of `headingd simulate`; in its self-test, of the field that it makes itself. */
+static void measure_hmc5843(uint8_t *at) {
+    static const double counts_per_gauss[] = {1620, 1300, 970, 780, 530, 460, 390, 280};
+    static const double scale[] = {0.873, 0.998, 0.94}, bias[] = {87.28, 54.19, 135.0};
+    double gain = counts_per_gauss[at[1] >> 5] / 1000;
+    int straps = at[0] & 3;
+    struct pose here = pose();
+    double field[3];
+    to_body(&here, 162.8, 526.7, field);
+    to_chip(1, field);
+    for (int axis = 0; axis < 3; axis++) {
+        double mgauss = scale[axis] * field[axis] + bias[axis];
+        if (straps)
+            mgauss = straps == 1 ? 550 : -550;
+        put(at + 3 + 2 * axis, 0, mgauss * gain + noise() - 3.5);
+    }
+    at[9] = 1;
+}
+
+/* The magnetometer measures 50 times a second, and at once in its self-test; the others when they are asked. */
+static void measure(uint8_t address) {
     static long slot;
-    long current = now.tv_sec * 50 + now.tv_nsec / 20000000;
+    long current = (long)(now_s() * 50);
     uint8_t *at = registers[address];
+    double body[3];
     if (address == 0x0d && current != slot) {
         /* Low byte first, 12 counts a milligauss. */
         uint8_t data[] = {noise(), 10, noise(), 2, noise(), 25, 1};
@@ -69,15 +169,26 @@ static void measure(uint8_t address) {
             memcpy(at, data, sizeof data);
         slot = current;
     } else if (address == 0x1e && current != slot && !is("fake")) {
-        uint8_t data[] = {1, 40 + noise(), 0, 68 + noise(), 3, 44 + noise(), 1};
-        memcpy(at + 0x03, data, sizeof data);
+        measure_hmc5843(at);
         slot = current;
     } else if (address == 0x68) {
+        struct pose here = pose();
+        const double *rate = here.rate;
+        double cp = cos(here.angle[1]), sp = sin(here.angle[1]), cr = cos(here.angle[2]), sr = sin(here.angle[2]);
+        body[0] = rate[2] - rate[0] * sp;
+        body[1] = rate[1] * cr + rate[0] * sr * cp;
+        body[2] = -rate[1] * sr + rate[0] * cr * cp;
+        to_chip(0, body);
         for (int axis = 0; axis < 3; axis++)
-            at[0x1e + 2 * axis] = noise();
+            put(at + 0x1d + 2 * axis, 0, body[axis] * 180 / M_PI * 14.375 + noise());
     } else if (address == 0x53) {
-        at[0x32] = noise();
-        at[0x37] = 0xff;
+        /* Specific force points up: a level board has -9.81 m/s2, 256 counts, on body Z. */
+        struct pose here = pose();
+        to_body(&here, 0, -256, body);
+        to_chip(0, body);
+        /* Along gravity noise tilts nothing. */
+        for (int axis = 0; axis < 3; axis++)
+            put(at + 0x32 + 2 * axis, 1, body[axis] + (axis == 2 ? noise() - 3.5 : 0));
     }
 }
 

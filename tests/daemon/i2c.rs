@@ -41,19 +41,31 @@ fn the_check_says_it_too() {
 
 /// The program on the bus of tests/board/bus.c, with this magnetometer.
 fn on_bus(rig: &Rig, magnetometer: &str, verb: &[&str]) -> Process {
+    let magnetometer = [("BUS_MAGNETOMETER", magnetometer)];
+    on_bus_with(rig, &magnetometer, verb)
+}
+
+/// The same with these variables of the environment.
+fn on_bus_with(rig: &Rig, variables: &[(&str, &str)], verb: &[&str]) -> Process {
     let library = rig.path("bus.so");
     let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/board/bus.c");
     let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
     let mut compile = Command::new(compiler);
     compile.args(["-shared", "-fPIC", "-o"]).arg(&library);
-    assert!(compile.args([source, "-ldl"]).status().unwrap().success());
+    assert!(
+        compile
+            .args([source, "-ldl", "-lm"])
+            .status()
+            .unwrap()
+            .success()
+    );
     let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
     command
         .args(verb)
         .arg("--config")
         .arg(rig.path("headingd.toml"));
     command.env("LD_PRELOAD", library);
-    command.env("BUS_MAGNETOMETER", magnetometer);
+    command.envs(variables.iter().copied());
     spawn(rig.folder.path(), &mut command)
 }
 
@@ -89,4 +101,39 @@ fn a_chip_that_answers_h43_and_never_measures_is_a_fault_of_its_own() {
         let message = state["message"].as_str().unwrap();
         assert!(message.contains("revision A"), "{message}");
     }
+}
+
+#[test]
+fn a_stick_is_checked_and_turned_as_a_new_user_would() {
+    let rig = Rig::new(
+        1.0,
+        "kind = \"i2c\"\n[i2c]\nbus = 9\nboard = \"sparkfun-9dof-stick\"\nmagnetometer = \"hmc5843\"\n",
+    );
+    let mut check = on_bus_with(&rig, &[("BUS_BOARD", "stick")], &["check", "--json"]);
+    let status = check.wait();
+    let shown = std::fs::read_to_string(rig.path("stdout")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&shown).unwrap();
+    assert!(status.success(), "{shown}");
+    assert_eq!(report["problems"], serde_json::json!([]));
+    let tests = report["self_test"].as_array().unwrap();
+    assert_eq!(tests.len(), 3);
+    for axis in tests {
+        // 0.55 gauss at 780 counts a gauss.
+        let measured = axis["measured"].as_f64().unwrap();
+        assert!(
+            axis["passed"] == true && (measured - 429.0).abs() < 5.0,
+            "{axis}"
+        );
+    }
+    let force = &report["accel_m_s2"];
+    assert!((force[2].as_f64().unwrap() + 9.81).abs() < 0.1, "{force}");
+    let variables = [("BUS_BOARD", "stick"), ("BUS_MOTION", "turn")];
+    let process = on_bus_with(&rig, &variables, &["run"]);
+    let mut client = rig.client();
+    client.find("STATE", |state| {
+        state["cal_state"] == "turning" || state["reason"] == "learning"
+    });
+    client.find("ATT", |att| att["mheading"].is_number());
+    let said = process.said();
+    assert!(!said.contains("gyro_"), "{said}");
 }
