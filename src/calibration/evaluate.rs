@@ -143,7 +143,7 @@ impl<const D: usize> Work<'_, D> {
             None => "no gyro to compare with".to_owned(),
         };
         Ok(format!(
-            "{} samples fit within {:.1} milligauss, headings are certain to {:.2} degrees, {against_gyro}",
+            "{} samples fit within {:.1} milligauss, the fit's own deviation is {:.2} degrees of heading, {against_gyro}",
             refined.used, refined.residual_mgauss, heading_sd_deg
         ))
     }

@@ -92,9 +92,7 @@ fn write(report: &CheckReport, out: &mut String) -> std::fmt::Result {
         )?;
     }
     for axis in &report.self_test {
-        let measured = axis
-            .measured
-            .map_or("overflow".to_owned(), |counts| format!("{counts:.0}"));
+        let measured = axis.measured.map_or("overflow".to_owned(), whole);
         let passed = if axis.passed { "good" } else { "NOT GOOD" };
         let (low, high) = axis.limits;
         writeln!(
@@ -132,4 +130,9 @@ fn write(report: &CheckReport, out: &mut String) -> std::fmt::Result {
         writeln!(out, "all is well")?;
     }
     Ok(())
+}
+
+/// A number without decimals; what rounds to 0 has no sign.
+fn whole(counts: f64) -> String {
+    format!("{:.0}", counts.round() + 0.0)
 }

@@ -333,8 +333,13 @@ fn described(entry: &KeptCalibration, history: &History) -> CalibrationSummary {
 fn sentence(entry: &KeptCalibration) -> String {
     let calibration = &entry.made.calibration;
     let mode = calibration.parameters.mode().word();
+    // A turn's fit knows nothing of the place, and of how the chips lie to each other.
+    let certain = match calibration.covariance {
+        Some(_) => "headings certain to",
+        None => "the fit alone certain to",
+    };
     format!(
-        "calibration {}: {mode}, residual {:.1} milligauss, headings certain to {:.2} degrees",
+        "calibration {}: {mode}, residual {:.1} milligauss, {certain} {:.2} degrees",
         entry.number, calibration.residual_mgauss, calibration.heading_sd_deg
     )
 }

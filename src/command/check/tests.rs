@@ -255,3 +255,9 @@ fn a_chip_that_only_answers_h43_is_refused_as_a_fake() {
         assert!(report.problems[0].message.contains("revision A"));
     }
 }
+
+#[test]
+fn nothing_has_no_sign() {
+    let shown = [-0.3, 0.3, -0.6, 428.5].map(super::whole);
+    assert_eq!(shown, ["0", "0", "-1", "429"]);
+}

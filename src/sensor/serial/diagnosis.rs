@@ -16,6 +16,8 @@ pub(super) struct Diagnosis {
     other_mode: Option<&'static str>,
     too_long: bool,
     unread: bool,
+    /// What has come since the last frame cannot be used.
+    garbled: bool,
     bad: Option<String>,
 }
 
@@ -32,8 +34,12 @@ impl Diagnosis {
             Item::OtherMode(mode) => self.other_mode = Some(mode),
             Item::TooLong => self.too_long = true,
             // The first is half a line, as a rule.
-            Item::Bad(why) => self.bad = Some(why),
-            Item::Frame(_) => self.unread = true,
+            Item::Bad(why) => {
+                self.bad = Some(why);
+                self.garbled = true;
+            }
+            // Without lines that were not understood, it is the device that lacks the numbers.
+            Item::Frame(_) => self.unread |= !std::mem::take(&mut self.garbled),
             Item::Timed(_) | Item::Synch(_) | Item::Remark => {}
         }
     }

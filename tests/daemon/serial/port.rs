@@ -321,7 +321,7 @@ fn whatever_comes_instead_has_one_message() {
         Firmware::Plain(Vec::new(), text.into())
     }
     type Case = (&'static str, fn() -> Firmware, &'static str);
-    let cases: [(Protocol, Case); 7] = [
+    let cases: [(Protocol, Case); 8] = [
         (Protocol::Auto, ("silent", || line(""), "says nothing")),
         (
             Protocol::Auto,
@@ -342,6 +342,14 @@ fn whatever_comes_instead_has_one_message() {
         (
             Protocol::Auto,
             ("not_understood", || line("hello world\r\n"), "hello world"),
+        ),
+        (
+            Protocol::Razor,
+            (
+                "not_understood",
+                || line("#A-R=1;2;3\r\n#M-R=1;2;3\r\n#G-R=1;2;3\r\n"),
+                "#G-R=1;2;3",
+            ),
         ),
         (
             Protocol::Razor,
