@@ -7,8 +7,6 @@
 mod carried;
 mod solve;
 
-use std::fmt;
-
 use nalgebra::{Matrix3, Vector3};
 
 use crate::frame::{Mounting, Mountings};
@@ -65,17 +63,33 @@ pub enum Sign {
 }
 
 /// Why nothing was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AlignmentError {
     /// There is no gyro, or nothing beside it.
+    #[error(
+        "the log needs readings of a gyro, and of a magnetometer or an accelerometer beside it"
+    )]
     NoSensors,
     /// The board has hardly turned.
+    #[error(
+        "the board hardly turns: turn it by 90 degrees and back about each of its three axes, for half a minute"
+    )]
     LittleMotion,
     /// The gyro counts turns the wrong way round.
+    #[error(
+        "the gyro's axes are mirrored: field or gravity turn the other way round than it says, so that one of its \
+         three signs, or all of them, are wrong, or two of its axes are exchanged, before the log was written"
+    )]
     GyroMirrored,
     /// What this chip reads does not turn with the gyro.
+    #[error(
+        "what the {0} reads does not turn with the gyro: check its unit and wiring, and keep magnets away"
+    )]
     Unrelated(&'static str),
     /// The motion does not tell this chip's axes.
+    #[error(
+        "the motion does not tell the axes of the {0}: turn the board about each of its three axes in one log"
+    )]
     Ambiguous(&'static str),
 }
 
@@ -88,31 +102,6 @@ impl AlignmentError {
             Self::GyroMirrored => "gyro_mirrored",
             Self::Unrelated(_) => "unrelated",
             Self::Ambiguous(_) => "ambiguous",
-        }
-    }
-}
-
-impl fmt::Display for AlignmentError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoSensors => f.write_str(
-                "the log needs readings of a gyro, and of a magnetometer or an accelerometer beside it",
-            ),
-            Self::LittleMotion => f.write_str(
-                "the board hardly turns: turn it by 90 degrees and back about each of its three axes, for half a minute",
-            ),
-            Self::GyroMirrored => f.write_str(
-                "the gyro's axes are mirrored: field or gravity turn the other way round than it says, so that one of its \
-                 three signs, or all of them, are wrong, or two of its axes are exchanged, before the log was written",
-            ),
-            Self::Unrelated(chip) => write!(
-                f,
-                "what the {chip} reads does not turn with the gyro: check its unit and wiring, and keep magnets away"
-            ),
-            Self::Ambiguous(chip) => write!(
-                f,
-                "the motion does not tell the axes of the {chip}: turn the board about each of its three axes in one log"
-            ),
         }
     }
 }

@@ -135,15 +135,21 @@ pub struct History {
 }
 
 /// Why something could not be done with a history.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HistoryError {
     /// There is no calibration with this number.
+    #[error("there is no calibration {0}: headingd calibration list shows which there are")]
     NoSuchNumber(u64),
     /// Nothing was kept before the active calibration.
+    #[error(
+        "there is no earlier calibration to go back to: headingd calibration list shows which there are"
+    )]
     NothingBefore,
     /// No calibration is active, in this mode.
+    #[error("no calibration is active: {}", .0.remedy())]
     NoneActive(Policy),
     /// The active one is locked.
+    #[error("the active calibration is locked: headingd calibration unlock lets it go")]
     Locked,
 }
 
@@ -155,26 +161,6 @@ impl HistoryError {
             Self::NothingBefore => "nothing_before",
             Self::NoneActive(_) => "no_calibration",
             Self::Locked => "locked",
-        }
-    }
-}
-
-impl fmt::Display for HistoryError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoSuchNumber(number) => write!(
-                f,
-                "there is no calibration {number}: headingd calibration list shows which there are"
-            ),
-            Self::NothingBefore => f.write_str(
-                "there is no earlier calibration to go back to: headingd calibration list shows which there are",
-            ),
-            Self::NoneActive(mode) => {
-                write!(f, "no calibration is active: {}", mode.remedy())
-            }
-            Self::Locked => f.write_str(
-                "the active calibration is locked: headingd calibration unlock lets it go",
-            ),
         }
     }
 }

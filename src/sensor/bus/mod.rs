@@ -77,33 +77,64 @@ pub enum Attempt {
     },
 }
 
-/// Why a transfer failed, after Linux's `fault-codes.rst`.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Why a transfer failed, after Linux's `fault-codes.rst`, and what helps.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Cause {
     /// There is no such bus, or it has gone.
+    #[error(
+        "there is no such bus; enable it in the board's settings, load the module (modprobe i2c-dev), and look which \
+         buses there are (ls /dev/i2c-*)"
+    )]
     NoBus,
     /// The user may not use it.
+    #[error(
+        "permission denied; let the user join the group i2c (usermod -aG i2c USER) and log in anew"
+    )]
     Permission,
     /// A kernel driver is bound to the chip.
+    #[error("{}", claimed(driver.as_ref()))]
     Claimed {
         /// The driver, if it was found.
         driver: Option<Claim>,
     },
     /// No chip acknowledges the address.
+    #[error(
+        "no chip answers; check wiring, power and address (a magnetometer behind an MPU-6050 answers only when that \
+         has its bypass on)"
+    )]
     NoAnswer,
     /// The transfer did not end in time.
+    #[error(
+        "the transfer timed out; check the pull-up resistors and for a line held low, or choose a slower bus clock"
+    )]
     Timeout,
     /// Another master transmitted at the same time.
+    #[error("arbitration lost; another master, or noise, is on the bus")]
     ArbitrationLost,
     /// Fewer bytes came than were asked for.
+    #[error("only {found} bytes came; check wiring and bus clock")]
     ShortRead {
         /// How many came.
         found: u8,
     },
     /// The adapter has no such transfer.
+    #[error("the adapter does not support SMBus I2C block reads; use another adapter")]
     Unsupported,
     /// Anything else, in the words of the system.
+    #[error("{0}; check wiring, power and bus clock")]
     Other(String),
+}
+
+fn claimed(claim: Option<&Claim>) -> String {
+    match claim {
+        Some(Claim { driver, device }) => format!(
+            "the kernel's driver {driver} has claimed the chip; free it with: echo {device} | sudo tee \
+             /sys/bus/i2c/drivers/{driver}/unbind"
+        ),
+        None => "the address is busy, but no driver of the kernel has claimed it; is the bus stuck? Switch the chips \
+                 off and on"
+            .to_owned(),
+    }
 }
 
 /// A kernel driver that is bound to a chip.
@@ -137,50 +168,6 @@ impl Cause {
             self,
             Self::NoBus | Self::Permission | Self::Claimed { .. } | Self::Unsupported
         )
-    }
-}
-
-/// What was found, and what helps.
-impl fmt::Display for Cause {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoBus => f.write_str(
-                "there is no such bus; enable it in the board's settings, load the module (modprobe i2c-dev), \
-                 and look which buses there are (ls /dev/i2c-*)",
-            ),
-            Self::Permission => f.write_str(
-                "permission denied; let the user join the group i2c (usermod -aG i2c USER) and log in anew",
-            ),
-            Self::Claimed { driver: Some(claim) } => write!(
-                f,
-                "the kernel's driver {driver} has claimed the chip; free it with: echo {device} | sudo tee \
-                 /sys/bus/i2c/drivers/{driver}/unbind",
-                driver = claim.driver,
-                device = claim.device
-            ),
-            Self::Claimed { driver: None } => f.write_str(
-                "the address is busy, but no driver of the kernel has claimed it; is the bus stuck? Switch \
-                 the chips off and on",
-            ),
-            Self::NoAnswer => f.write_str(
-                "no chip answers; check wiring, power and address (a magnetometer behind an MPU-6050 answers \
-                 only when that has its bypass on)",
-            ),
-            Self::Timeout => f.write_str(
-                "the transfer timed out; check the pull-up resistors and for a line held low, or choose a \
-                 slower bus clock",
-            ),
-            Self::ArbitrationLost => {
-                f.write_str("arbitration lost; another master, or noise, is on the bus")
-            }
-            Self::ShortRead { found } => {
-                write!(f, "only {found} bytes came; check wiring and bus clock")
-            }
-            Self::Unsupported => f.write_str(
-                "the adapter does not support SMBus I2C block reads; use another adapter",
-            ),
-            Self::Other(what) => write!(f, "{what}; check wiring, power and bus clock"),
-        }
     }
 }
 
