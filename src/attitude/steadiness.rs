@@ -11,6 +11,9 @@ const MOVED_MGAUSS: f64 = 5.0;
 /// horizontal field further than that between them.
 const DRIFT_FAST_S: f64 = 2.0;
 const DRIFT_SLOW_S: f64 = 20.0;
+/// After a turn the slow one of them begins anew, as a mean of what has come since, and says something after this time: in it, a
+/// swing of 0.6°/s parts the two.
+const SETTLED_S: f64 = 10.0;
 /// What noise may add to that; more would hide a turn.
 const NOISE_MARGIN_LIMIT_MGAUSS: f64 = 15.0;
 /// A larger step from one reading to the next is a spike, not noise.
@@ -37,6 +40,8 @@ struct LowPasses {
     step_squared: f64,
     step_s: f64,
     moving: bool,
+    /// Since the first pair was last apart, seconds.
+    quiet_s: f64,
 }
 
 impl Steadiness {
@@ -55,6 +60,7 @@ impl Steadiness {
                 step_squared: 0.0,
                 step_s: 0.0,
                 moving: false,
+                quiet_s: f64::INFINITY,
             });
         } else if let Some(filters) = &mut self.filters {
             filters.take(t_s, field);
@@ -78,7 +84,8 @@ impl LowPasses {
         self.fast += (field - self.fast) * gain(FAST_S);
         self.slow += (field - self.slow) * gain(SLOW_S);
         self.drift_fast += (field - self.drift_fast) * gain(DRIFT_FAST_S);
-        self.drift_slow += (field - self.drift_slow) * gain(DRIFT_SLOW_S);
+        self.quiet_s += dt_s;
+        self.drift_slow += (field - self.drift_slow) * gain(DRIFT_SLOW_S.min(self.quiet_s));
         let step = (field - self.newest).norm().min(SPIKE_MGAUSS);
         let slow = gain(SLOW_S);
         self.step_squared += (step * step - self.step_squared) * slow;
@@ -87,11 +94,15 @@ impl LowPasses {
 
         let noise = (0.5 * self.step_squared * self.step_s / (2.0 * FAST_S)).sqrt();
         let limit = MOVED_MGAUSS + (2.5 * noise).min(NOISE_MARGIN_LIMIT_MGAUSS);
-        let apart = (self.fast - self.slow)
-            .norm()
-            .max((self.drift_fast - self.drift_slow).norm());
         // Some play between on and off, lest it flutter.
-        self.moving = apart > if self.moving { 0.6 * limit } else { limit };
+        let limit = if self.moving { 0.6 * limit } else { limit };
+        if (self.fast - self.slow).norm() > limit {
+            self.quiet_s = 0.0;
+            self.drift_fast = self.fast;
+            self.drift_slow = self.fast;
+        }
+        let drifts = (self.drift_fast - self.drift_slow).norm() > limit;
+        self.moving = drifts || self.quiet_s < SETTLED_S;
     }
 }
 
@@ -128,6 +139,25 @@ mod tests {
         assert!(moving_part(3.0, 3.0) > 0.95);
         assert_eq!(moving_part(0.0, 0.0), 0.0);
         assert_eq!(moving_part(0.0, 5.0), 0.0);
+    }
+
+    #[test]
+    fn after_a_turn_the_field_is_steady_when_it_has_stood_still_for_ten_seconds() {
+        let mut steadiness = Steadiness::default();
+        let mut steady_s = None;
+        for i in 0..2000 {
+            let t = i as f64 * 0.02;
+            let angle = t.min(5.0);
+            steadiness.take(
+                t,
+                Vector3::new(180.0 * angle.cos(), -180.0 * angle.sin(), 420.0),
+            );
+            if t > 5.0 && steadiness.moving(t) == Some(false) {
+                steady_s.get_or_insert(t - 5.0);
+            }
+        }
+        let steady_s = steady_s.unwrap();
+        assert!((10.0..20.0).contains(&steady_s), "{steady_s}");
     }
 
     #[test]

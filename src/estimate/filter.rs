@@ -58,11 +58,15 @@ const FIRST_UNEVENNESS: f64 = 0.035;
 const LEAST_UNEVENNESS: f64 = 0.004;
 /// Unevenness of usual places: more than that, while the board turns, is iron that came to stay on the board.
 const USUAL_UNEVENNESS: f64 = 0.015;
+/// A disturbance by this share of the field is no place's unevenness: four deviations.
+const DISTURBED: f64 = 4.0 * USUAL_UNEVENNESS;
 /// Unevenness is forgotten by turning this far, radians, by moving this long, or by resting this long, seconds: people, doors
 /// and lifts near a board at rest.
 const FORGET_RAD: f64 = 0.52;
 const FORGET_MOVING_S: f64 = 1.0;
 const FORGET_RESTING_S: f64 = 60.0;
+/// The field around a board at rest changes at least by this share over that time, however even it was to a board in motion.
+const RESTING_UNEVENNESS: f64 = 0.01;
 /// Its size is measured over so many of those lengths: quickly when it grows, slowly when it shrinks.
 const LENGTHS_UP: f64 = 3.0;
 const LENGTHS_DOWN: f64 = 4.0;
@@ -462,6 +466,8 @@ impl Filter {
         self.x.fixed_rows_mut::<2>(E).scale_mut(tilt_kept);
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
 
+        let uneven = self.unevenness_ahead2(still) * strength2;
+
         // Process noise. The frame's walk turns h, which is itself uncertain: second order.
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if still { 0.1 } else { 1.0 }
             + 2.0 * GYRO_CROSS.powi(2) * turned_rad;
@@ -497,7 +503,7 @@ impl Filter {
             self.p[(H + axis, H + axis)] += field;
             self.p[(B + axis, B + axis)] += iron;
             self.p[(G + axis, G + axis)] += BIAS_WALK_RAD_S.powi(2) * dt;
-            self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * self.unevenness2 * strength2;
+            self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * uneven;
         }
         let third = 1.0 / 3.0;
         for entry in 0..9 {
@@ -522,6 +528,21 @@ impl Filter {
         }
         self.strength_mgauss = strength2.sqrt();
         1.0 - kept
+    }
+
+    /// Variance of the unevenness to come, as a share of the field. Iron that has been brought near a board at rest moves on:
+    /// then the field changes by as much as the iron adds, and says nothing of the frame.
+    fn unevenness_ahead2(&self, still: bool) -> f64 {
+        if !still {
+            return self.unevenness2;
+        }
+        let resting2 = self.unevenness2.max(RESTING_UNEVENNESS.powi(2));
+        let disturbance = self.disturbance();
+        if disturbance > DISTURBED {
+            resting2.max(disturbance.powi(2) / 3.0)
+        } else {
+            resting2
+        }
     }
 
     /// How far the board has turned since the sample before, radians. A still board that swings turns in steps: all else that
@@ -762,7 +783,7 @@ impl Filter {
     /// Whether the field here is not the earth's: it has just jumped, is far off, or is more uneven than places are.
     pub(super) fn disturbed(&self) -> bool {
         self.jumped
-            || self.vector(M).norm() > 4.0 * USUAL_UNEVENNESS * self.strength_mgauss
+            || self.disturbance() > DISTURBED
             || (!self.still && self.unevenness2 > (3.0 * USUAL_UNEVENNESS).powi(2))
     }
 

@@ -7,7 +7,7 @@ use headingd::condition::SourceFault;
 use headingd::pipeline::Event;
 use nalgebra::Vector3;
 
-use super::board::{Board, planar, spatial};
+use super::board::{BIAS, Board, planar, spatial};
 use crate::common::apart_deg;
 
 /// More than a full turn, less than two.
@@ -216,6 +216,35 @@ fn an_hour_of_rest_teaches_nothing_and_costs_nothing() {
     assert!(moved < 1.0, "the heading has moved by {moved}");
     let (before, after) = (before.sd_deg.unwrap(), after.sd_deg.unwrap());
     assert!(after < 1.1 * before, "{before} has become {after}");
+}
+
+/// The gyro carries the heading of a board at rest, whatever the field does.
+#[test]
+fn iron_that_is_carried_about_a_board_at_rest_moves_its_heading_no_further_than_it_admits() {
+    let mut board = Board::new(Some(spatial(0.0)));
+    // A bias that it has learnt in motion alone.
+    board.gyro = |rate| rate + Vector3::new(0.009, -0.007, 0.010);
+    board.tumble();
+    board.tumble();
+    board.rest(25.0);
+    let before = board.heading.clone().unwrap().fused_deg.unwrap();
+    let across = Vector3::new(0.4, -0.8, 0.4);
+    for step in 0..1500 {
+        // There within 3 s, and carried to and fro at a distance of 0.3 to 0.5 m.
+        let t_s = 0.02 * f64::from(step);
+        let far_m = 0.4 + 1.2 * (1.0 - t_s / 3.0).max(0.0) + 0.1 * t_s.sin();
+        board.bias_mgauss = BIAS + across * (8.0 / far_m.powi(3));
+        board.rest(0.02);
+    }
+    let after = board.heading.clone().unwrap();
+    let (moved, sd) = (
+        apart_deg(before, after.fused_deg.unwrap()),
+        after.sd_deg.unwrap(),
+    );
+    assert!(
+        moved.abs() < 3.0 * sd,
+        "the heading has moved by {moved}, with a deviation of {sd}"
+    );
 }
 
 #[test]
