@@ -2,7 +2,7 @@
 //!
 //! The model knows how strong the horizontal and the vertical part of the field are. The estimate's field has them as the chips
 //! see them: times a scale that no motion shows, since the trace of D is held. So both share the chips' gain error, and their
-//! ratio, the dip, is the better part of the evidence. SeenNorth itself is in neither; it goes with them as far as what has been learnt
+//! ratio, the dip, is the better part of the evidence. North itself is in neither; it goes with them as far as what has been learnt
 //! so far goes together.
 //!
 //! Headings are those under what was learnt and what the model says. What is learnt comes from samples alone: the filter never
