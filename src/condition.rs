@@ -32,7 +32,7 @@
 //! | good | the board turns faster than the gyro can tell | degraded | `gyro_clipped` |
 //! | good | the magnetometer falls silent | stale | `no_samples` |
 //! | good | an axis overflows | stale | `overflow` |
-//! | stale | it speaks again | good | `good` |
+//! | stale | readings resume | good | `good` |
 //! | good | the source is in trouble | fault | the trouble's |
 //! | fault | the trouble is over | good | `good` |
 
@@ -145,7 +145,7 @@ pub struct Evidence<'a> {
     /// Whether the board's tilt is known.
     pub tilt_known: bool,
     /// Whether there is gyro data.
-    pub gyro_speaks: bool,
+    pub gyro_live: bool,
     /// What is wrong with it, as a code.
     pub gyro_fault: Option<&'static str>,
 }
@@ -193,7 +193,7 @@ pub fn judge(evidence: &Evidence) -> Report {
                 reason,
                 format!("the last attempt gave no calibration: {message}"),
             )
-        } else if !e.gyro_speaks {
+        } else if !e.gyro_live {
             let message = "no gyro data, so turns cannot be detected: connect the gyro or import a calibration";
             e.report(Condition::Uncalibrated, "no_gyro", message)
         } else if !e.tilt_known {
@@ -224,7 +224,7 @@ pub fn judge(evidence: &Evidence) -> Report {
         let message = "no accelerometer data: headings hold for a board that is level";
         return e.report(Condition::Degraded, "no_accelerometer", message);
     }
-    if !e.gyro_speaks {
+    if !e.gyro_live {
         let message = "no gyro data: headings are those of single samples";
         return e.report(Condition::Degraded, "no_gyro", message);
     }
@@ -303,7 +303,7 @@ mod tests {
             strength_deviation: 0.01,
             disturbed: false,
             tilt_known: true,
-            gyro_speaks: true,
+            gyro_live: true,
             gyro_fault: None,
         }
     }
@@ -335,7 +335,7 @@ mod tests {
                 (e.calibrated, e.refused) = (false, Some(("coverage", "too little")));
             }),
             ("uncalibrated", "no_gyro", |e| {
-                (e.calibrated, e.gyro_speaks) = (false, false)
+                (e.calibrated, e.gyro_live) = (false, false)
             }),
             ("uncalibrated", "no_accelerometer", |e| {
                 (e.calibrated, e.tilt_known) = (false, false)
@@ -352,7 +352,7 @@ mod tests {
                 (e.calibrated, e.wanted, e.turned) = (false, false, 0.5)
             }),
             ("degraded", "no_accelerometer", |e| e.tilt_known = false),
-            ("degraded", "no_gyro", |e| e.gyro_speaks = false),
+            ("degraded", "no_gyro", |e| e.gyro_live = false),
             // A calibrated board that turns or calibrates again is still good.
             ("good", "good", |e| e.turned = 0.5),
             ("good", "good", |e| e.calibrating = true),

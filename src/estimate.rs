@@ -153,9 +153,9 @@ impl Estimate {
         }
     }
 
-    /// Begins again, at the same place.
+    /// Starts again from this calibration, at the same place.
     pub fn restart(&mut self, mounting: Mounting, calibration: Option<&Calibration>) {
-        let place = self.place.take();
+        let place = self.place.take().map(PlaceEvidence::unweighed);
         *self = Self {
             place,
             ..Self::new(mounting, calibration)
@@ -197,6 +197,9 @@ impl Estimate {
         }
         let down = sample.pose.orientation * Vector3::z();
         self.level.take(down, lost, period_s);
+        if lost {
+            self.gyro.lose_frame();
+        }
         self.gyro.take(&input, &self.active);
         if !sample.still {
             if let Some(place) = &mut self.place {

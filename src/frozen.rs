@@ -59,7 +59,7 @@ impl Frozen {
 /// Readings in, what is frozen out.
 #[derive(Clone, Debug, Default)]
 pub struct FrozenWatch {
-    /// When the gyro spoke last, and how fast the board turned.
+    /// Time of the gyro's last reading, and the rate then.
     rate: Option<(f64, f64)>,
     field: Run<Field>,
     gyro: Run<Vector3<f64>>,

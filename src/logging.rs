@@ -31,8 +31,8 @@ impl Log {
         let wanted = env::var(FILTER_VARIABLE)
             .ok()
             .filter(|text| !text.is_empty());
-        let parsed = wanted.map(|text| text.parse().map_err(|error: ParseError| (text, error)));
-        let (chosen, own, wrong) = match parsed {
+        let read = wanted.map(|text| parse(&text).map_err(|error| (text, error)));
+        let (chosen, own, wrong) = match read {
             Some(Ok(chosen)) => (chosen, true, None),
             Some(Err(wrong)) => (targets(filter), false, Some(wrong)),
             None => (targets(filter), false, None),
@@ -62,10 +62,16 @@ impl Log {
     }
 }
 
-/// The filter of the configuration, which has been checked. What cannot be read after all hides nothing of importance.
+/// Reads levels and `target=level` with commas between them; spaces around them do not count.
+fn parse(filter: &str) -> Result<Targets, ParseError> {
+    let parts = filter.split(',').map(str::trim);
+    let parts: Vec<&str> = parts.filter(|part| !part.is_empty()).collect();
+    parts.join(",").parse()
+}
+
+/// The filter of the configuration. It has been checked; should it not parse all the same, the level is `info`.
 fn targets(filter: &str) -> Targets {
-    let all = Targets::new().with_default(LevelFilter::INFO);
-    filter.parse().unwrap_or(all)
+    parse(filter).unwrap_or_else(|_| Targets::new().with_default(LevelFilter::INFO))
 }
 
 /// Whether standard error goes to the journal: `JOURNAL_STREAM` has its device and inode, as in systemd.exec(5).
@@ -106,3 +112,17 @@ fn output() -> Box<dyn Layer<Filtered> + Send + Sync> {
 }
 
 type Filtered = tracing_subscriber::layer::Layered<reload::Layer<Targets, Registry>, Registry>;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tracing::Level;
+
+    #[test]
+    fn spaces_and_empty_parts_of_a_filter_do_not_count() {
+        let filter = parse("headingd::turn=debug, warn,").unwrap();
+        assert!(filter.would_enable("headingd::turn::angle", &Level::DEBUG));
+        assert!(filter.would_enable("headingd", &Level::WARN));
+        assert!(!filter.would_enable("headingd", &Level::INFO));
+    }
+}

@@ -355,7 +355,7 @@ impl Pipeline {
     }
 
     fn update_condition(&mut self, actions: &mut Vec<Action>) -> Condition {
-        // A magnetometer that has not had the time to speak is not silent. Before the first reading time counts from 0.
+        // A magnetometer that has had no time to give a reading is not silent. Before the first reading time counts from 0.
         let first_s = self.readings_s.map_or(0.0, |(first_s, _)| first_s);
         let beginning = self.whole_field_s.max(self.overflow_s) < first_s
             && self.now_s - first_s <= self.setup.pipeline.stale_s;
@@ -363,7 +363,7 @@ impl Pipeline {
         if beginning && fault.is_none() {
             return Condition::Stale;
         }
-        let gyro_speaks = self.now_s - self.rate_s <= self.setup.attitude.gap_s;
+        let gyro_live = self.now_s - self.rate_s <= self.setup.attitude.gap_s;
         let report = condition::judge(&Evidence {
             t_s: self.now_s,
             fault,
@@ -384,13 +384,13 @@ impl Pipeline {
             good_sd_deg: self.setup.pipeline.good_sd_deg,
             strength_deviation: self.strength_deviation,
             // Without a gyro the estimate sees nothing, and the field's strength is all that tells.
-            disturbed: if gyro_speaks {
+            disturbed: if gyro_live {
                 self.now_s - self.disturbed_s < CALM_S
             } else {
                 self.strength_deviation.abs() > condition::STRENGTH_TOLERANCE
             },
             tilt_known: self.attitude.down_known(self.now_s),
-            gyro_speaks,
+            gyro_live,
             gyro_fault: if self.attitude.clipping() {
                 Some("gyro_clipped")
             } else {

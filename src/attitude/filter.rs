@@ -180,7 +180,7 @@ impl AttitudeFilter {
         self.vqf.set_rest_bias_est_enabled(!moving);
     }
 
-    /// The gyro speaks again after a hole: nobody knows how the board has turned meanwhile.
+    /// The gyro's readings resume after a gap: the turn meanwhile is unknown.
     pub(super) fn resume_after_hole(&mut self) {
         self.stretch = self.stretch.wrapping_add(1);
         self.ticked = false;

@@ -95,7 +95,7 @@ impl Gravity {
         Some(force)
     }
 
-    /// Whether the accelerometer has spoken lately.
+    /// Whether there is recent accelerometer data.
     pub(super) fn live(&self, t_s: f64) -> bool {
         self.newest
             .is_some_and(|(newest_s, _)| (t_s - newest_s).abs() <= SILENT_S)

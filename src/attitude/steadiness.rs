@@ -11,10 +11,9 @@ const MOVED_MGAUSS: f64 = 5.0;
 /// horizontal field further than that between them.
 const DRIFT_FAST_S: f64 = 2.0;
 const DRIFT_SLOW_S: f64 = 20.0;
-/// After a turn the slow one of them begins anew, as a mean of what has come since, and says something after this time: in it, a
-/// swing of 0.6°/s parts the two.
+/// After a turn the second pair restarts and is used again after this long, seconds; by then a swing of 0.6°/s parts it.
 const SETTLED_S: f64 = 10.0;
-/// What noise may add to that; more would hide a turn.
+/// Largest margin for noise on top of `MOVED_MGAUSS`; more would hide a turn.
 const NOISE_MARGIN_LIMIT_MGAUSS: f64 = 15.0;
 /// A larger step from one reading to the next is a spike, not noise.
 const SPIKE_MGAUSS: f64 = 50.0;
@@ -40,7 +39,7 @@ struct LowPasses {
     step_squared: f64,
     step_s: f64,
     moving: bool,
-    /// Since the first pair was last apart, seconds.
+    /// Time since the first pair was last apart, seconds.
     quiet_s: f64,
 }
 
@@ -80,7 +79,7 @@ impl Steadiness {
 impl LowPasses {
     fn take(&mut self, t_s: f64, field: Vector3<f64>) {
         let dt_s = t_s - self.newest_s;
-        let gain = |tau_s: f64| 1.0 - (-dt_s / tau_s).exp();
+        let gain = |tau_s: f64| 1.0 - (-dt_s / tau_s.max(1e-3)).exp();
         self.fast += (field - self.fast) * gain(FAST_S);
         self.slow += (field - self.slow) * gain(SLOW_S);
         self.drift_fast += (field - self.drift_fast) * gain(DRIFT_FAST_S);

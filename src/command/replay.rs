@@ -121,7 +121,7 @@ fn play<W: Write>(
                 }
             }
             if let Some(field) = lines.true_north.take_field() {
-                pipeline.handle(Event::Place(Some(field)), &mut actions);
+                pipeline.handle(Event::Place(field), &mut actions);
             }
             for outcome in outcomes {
                 pipeline.handle(Event::Calibrated(Box::new(outcome)), &mut actions);

@@ -19,11 +19,11 @@ impl Settings {
     fn check_filter(&self, faults: &mut Vec<Fault>) {
         const LEVELS: [&str; 6] = ["off", "error", "warn", "info", "debug", "trace"];
         // The parser takes a misspelt level for the name of a target, and then shows nothing else.
-        let misspelt = self.filter.split(',').any(|part| {
-            let part = part.trim();
-            !part.contains('=') && !LEVELS.iter().any(|level| level.eq_ignore_ascii_case(part))
-        });
-        if !misspelt && self.filter.parse::<Targets>().is_ok() {
+        let right = |part: &str| match part.contains('=') {
+            true => part.parse::<Targets>().is_ok(),
+            false => LEVELS.iter().any(|level| level.eq_ignore_ascii_case(part)),
+        };
+        if self.filter.split(',').map(str::trim).all(right) {
             return;
         }
         let levels = LEVELS.join(", ");

@@ -263,7 +263,7 @@ impl<'i> TableReader<'i> {
         value: &Value<'i>,
     ) -> Vec<ConfigFault> {
         let numbers = target.default_numbers(path);
-        // The deserialiser passes over numbers that are too many.
+        // The deserialiser ignores surplus numbers.
         let too_many = match (value.get_ref(), &numbers) {
             (DeValue::Array(found), Some(numbers)) => found.len() > numbers.len(),
             _ => false,

@@ -117,7 +117,7 @@ impl Daemon {
         }
         self.actions = actions;
         if let Some(field) = self.session.north.take_field() {
-            self.handle(Event::Place(Some(field)));
+            self.handle(Event::Place(field));
         }
     }
 

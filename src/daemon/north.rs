@@ -46,8 +46,8 @@ impl North {
         declination_deg
     }
 
-    /// The earth's field where the compass is, once whenever it has been computed.
-    pub(super) fn take_field(&mut self) -> Option<EarthField> {
+    /// The earth's field where the compass is, once whenever it has been computed; `Some(None)` where it is not known.
+    pub(super) fn take_field(&mut self) -> Option<Option<EarthField>> {
         self.true_north.take_field()
     }
 }

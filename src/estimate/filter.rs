@@ -65,7 +65,7 @@ const DISTURBED: f64 = 4.0 * USUAL_UNEVENNESS;
 const FORGET_RAD: f64 = 0.52;
 const FORGET_MOVING_S: f64 = 1.0;
 const FORGET_RESTING_S: f64 = 60.0;
-/// The field around a board at rest changes at least by this share over that time, however even it was to a board in motion.
+/// Least change of the field around a board at rest over `FORGET_RESTING_S`, as a share, however even the place was in motion.
 const RESTING_UNEVENNESS: f64 = 0.01;
 /// Its size is measured over so many of those lengths: quickly when it grows, slowly when it shrinks.
 const LENGTHS_UP: f64 = 3.0;
@@ -530,8 +530,8 @@ impl Filter {
         1.0 - kept
     }
 
-    /// Variance of the unevenness to come, as a share of the field. Iron that has been brought near a board at rest moves on:
-    /// then the field changes by as much as the iron adds, and says nothing of the frame.
+    /// Variance of the unevenness to come, as a share of the field. Iron near a board at rest is expected to move on: the field
+    /// may change by all that the iron adds, and tells nothing about the frame.
     fn unevenness_ahead2(&self, still: bool) -> f64 {
         if !still {
             return self.unevenness2;

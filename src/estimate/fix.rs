@@ -6,8 +6,8 @@ use super::{Estimate, Fix, by_field, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
 
-/// Share by which a moving board's heading is as uncertain as field and gyro differ: in one of five such contradictions the gyro
-/// is wrong, and the heading by as much; that is this deviation.
+/// Weight of a contradiction between field and gyro in the deviation of a moving board's heading: the gyro is wrong in one of five,
+/// √(1/5).
 const DOUBT: f64 = 0.45;
 /// Body X this near the vertical (sine of 10°) has no heading.
 const NO_HEADING: f64 = 0.17;

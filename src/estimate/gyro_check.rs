@@ -5,6 +5,8 @@
 //! the other is 1; a gyro of the wrong sign has −1, one whose scale is 10 % too small has 1.1. Gravity turns in the same way,
 //! and no iron moves it: where both have turned and the gyro has not, the gyro is dead, whatever it reads.
 
+use std::f64::consts::PI;
+
 use nalgebra::Vector3;
 
 use super::filter::{Filter, Input};
@@ -47,17 +49,17 @@ const CONSTANT_ENOUGH: f64 = 0.04;
 /// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
 const CONSTANT_CHANGES: u32 = 3;
 
-/// A change that the gyro misses by less than this is explained: places are uneven by 1.5 % and samples noisy by as much, each
-/// twice in a change. Times that scatter by this, seconds, add to it what the rate makes of them.
+/// A difference between the change seen and the change predicted is explained below this: unevenness (1.5 %) and noise (as much),
+/// each at both ends. Jitter of the sample times, seconds, adds its share of the rate.
 const EXPLAINED: f64 = 0.06;
 const SCATTER_S: f64 = 0.005;
-/// One that it predicts but for this share of it is explained, too: a drone's throttle adds to the change that a turn makes.
+/// A difference up to this share of the change is explained too: a drone's throttle changes the field during a turn.
 const MOSTLY: f64 = 0.6;
-/// Doubt about the gyro fades as it explains so much change again: two moments.
+/// Doubt about the gyro fades by 1/e over this much explained change: two moments.
 const FADES: f64 = 0.3;
-/// A gyro that moves has noise. If it reads the same to the last bit for this long, seconds, the board turns unseen, as fast as it
-/// did over this time before, seconds.
-const HELD_S: f64 = 0.1;
+/// Readings that are the same to the last bit for this long, seconds, are no measurement: a moving gyro has noise. The board is
+/// then taken to turn on at its mean rate over `RATE_TAU_S` before.
+const UNSEEN_S: f64 = 0.1;
 const RATE_TAU_S: f64 = 1.0;
 
 /// What is wrong with the gyro.
@@ -94,7 +96,7 @@ pub(super) struct GyroCheck {
     together: u32,
     constant: bool,
     fault: Option<GyroFault>,
-    /// Mean rate while the gyro reads different values, rad/s, and how far the board has turned since it does not, radians.
+    /// Mean rate while the readings differ, rad/s, and how far the board may have turned since they repeat, radians.
     rate_rad_s: f64,
     unseen_rad: f64,
 }
@@ -105,7 +107,7 @@ struct Witness {
     moment: Option<Moment>,
     quick: Sums,
     slow: Sums,
-    /// What of the changes lately the gyro does not explain: in moments that have ended, and in this one.
+    /// Change that the gyro does not explain, as a share of the vector: in recent moments, and in the current one.
     unexplained: f64,
     unexplained_now: f64,
 }
@@ -189,7 +191,8 @@ impl Witness {
         };
         self.unexplained_now = if ended { 0.0 } else { unexplained };
         if ended && unexplained > 0.0 {
-            self.unexplained += unexplained;
+            // Half a turn is all that a heading can be off.
+            self.unexplained = (self.unexplained + unexplained).min(PI);
         } else if ended && (NOISE..JUMP).contains(&change) {
             self.unexplained *= (-change / FADES).exp();
         }
@@ -221,6 +224,10 @@ impl GyroCheck {
         let mut judge = false;
         if let Some(force) = input.force_m_s2 {
             let up = force / GRAVITY_M_S2;
+            if self.gravity.moment.is_none() {
+                self.begun = field;
+                self.turned_rad = 0.0;
+            }
             self.turned_rad += rate.norm() * dt;
             if (up.norm() - 1.0).abs() > SHAKEN {
                 self.gravity.moment = None;
@@ -228,10 +235,6 @@ impl GyroCheck {
             {
                 judge = true;
                 self.compare(seen, &field);
-            }
-            if self.gravity.moment.is_none() {
-                self.begun = field;
-                self.turned_rad = 0.0;
             }
         }
         // What a gyro that reads nothing predicts depends on no iron.
@@ -250,9 +253,16 @@ impl GyroCheck {
         }
     }
 
+    /// The gyro has a gap: what has changed meanwhile is no evidence against it.
+    pub(super) fn lose_frame(&mut self) {
+        (self.field.moment, self.gravity.moment) = (None, None);
+        self.field.unexplained_now = 0.0;
+        self.together = 0;
+    }
+
     /// A gyro that reads the same again and again does not see how the board turns.
     fn count_unseen(&mut self, input: &Input) {
-        if input.gyro_constant_s < HELD_S {
+        if input.gyro_constant_s < UNSEEN_S {
             self.unseen_rad = 0.0;
             let share = (input.period_s / RATE_TAU_S).min(1.0);
             self.rate_rad_s += share * (input.rate_rad_s.norm() - self.rate_rad_s);

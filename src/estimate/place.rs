@@ -1,12 +1,10 @@
 //! What a model says of the earth's field at this place, as evidence of which way north is.
 //!
-//! The model knows how strong the horizontal and the vertical part of the field are. The estimate's field has them as the chips
-//! see them: times a scale that no motion shows, since the trace of D is held. So both share the chips' gain error, and their
-//! ratio, the dip, is the better part of the evidence. North itself is in neither; it goes with them as far as what has been learnt
-//! so far goes together.
+//! The model gives the horizontal and the vertical part of the field. The estimate knows both up to a common scale, since the trace
+//! of D is held: both share the chips' gain error, so their ratio, the dip, is the better evidence. The evidence has no azimuth; it
+//! corrects north through the covariance of north with the two parts.
 //!
-//! Headings are those under what was learnt and what the model says. What is learnt comes from samples alone: the filter never
-//! hears of the place, so that a wrong one bends no calibration, and nothing is to be taken back where the samples contradict it.
+//! It is applied to headings only, never to the filter: a wrong place bends no calibration, and nothing needs to be undone.
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2, Vector3};
 
@@ -21,14 +19,14 @@ const GAIN: f64 = 0.08;
 const LOCAL: f64 = 0.05;
 /// A normalised square beyond this is no chance (2 degrees of freedom: 0.03 %).
 const CONTRADICTED: f64 = 16.0;
-/// A user is told of one beyond this: how steep the field is, a vehicle that stays level learns badly, and says so too seldom.
+/// A warning needs a normalised square above this: a vehicle that stays level learns the dip badly and understates its error.
 const WARNED: f64 = 36.0;
-/// It is sure after this time in motion, seconds: less what passes by.
+/// Contradiction in motion before a warning, seconds; agreement counts it down again, so that passing iron raises none.
 const SURE_S: f64 = 30.0;
 /// A place is the same where the field differs by less than this share: from day to day, and over some ten kilometres.
 const SAME: f64 = 0.01;
-/// The horizontal part counts once its direction is known within this, radians: before, how long it is does not depend on its
-/// parts as a line does.
+/// The evidence is used once the direction of the horizontal field is known within this, radians: only then is its length nearly
+/// linear in its components.
 const DIRECTION_RAD: f64 = 0.2;
 
 /// A place and what the samples say to it.
@@ -71,7 +69,7 @@ impl PlaceEvidence {
         }
     }
 
-    /// What this place is told after `before`: where the field is nearly the same, all that was said of it stays.
+    /// The same evidence after an update: where the field is nearly the same, contradiction and warning carry over.
     pub(super) fn after(self, before: Option<Self>) -> Self {
         let near = SAME * self.told.norm();
         match before {
@@ -81,6 +79,14 @@ impl PlaceEvidence {
                 ..self
             },
             _ => self,
+        }
+    }
+
+    /// The same place, before any sample has been compared with it.
+    pub(super) fn unweighed(self) -> Self {
+        Self {
+            against_s: 0.0,
+            ..self
         }
     }
 
@@ -103,8 +109,8 @@ impl PlaceEvidence {
         }
         let found = parts(&north.field) * north.field;
         Some(format!(
-            "the field is not that of the position: {:.0} mG horizontal and {:.0} mG down, where the World Magnetic Model has \
-             {:.0} and {:.0}; headings do without the model's dip. Check [true_north], or look for iron nearby",
+            "the field does not match the position: {:.0} mG horizontal and {:.0} mG down, but the World Magnetic Model has {:.0} \
+             and {:.0}; headings do not use the model. Check [true_north], or look for iron nearby",
             found.x, -found.y, self.told.x, -self.told.y
         ))
     }

@@ -6,7 +6,7 @@ use crate::advice::next_step;
 use crate::calibration::outcome::Verdict;
 use crate::pipeline::MotionMeasures;
 
-/// The section on what calibrated in place of a full turn.
+/// The section on calibration by motion, for a log without a full turn.
 pub(super) fn section(analysis: &Analysis) -> String {
     let mut out = String::from(
         "<h2>Calibration by a full turn</h2>\n<p>The board made no full turn that was calibrated on.</p>\n",
@@ -39,7 +39,7 @@ fn limits(measures: &MotionMeasures) -> String {
     };
     let (found, most) = (measures.heading_sd_deg, measures.most_heading_sd_deg);
     format!(
-        "<table><tr><th>limit</th><th>measured</th><th></th><th>limit</th><th></th></tr>\n\
+        "<table><tr><th>criterion</th><th>measured</th><th></th><th>limit</th><th></th></tr>\n\
          <tr><th>gyro turns as the field does</th><td></td><td></td><td></td><td>{}</td></tr>\n\
          <tr><th>field at the end as the motion predicts</th><td></td><td></td><td></td><td>{}</td></tr>\n\
          <tr><th>predicted heading uncertainty</th><td>{found:.2} °</td><td>at most</td><td>{most:.2} °</td><td>{}</td></tr>\n\

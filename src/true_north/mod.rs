@@ -66,8 +66,8 @@ pub struct TrueNorth {
     /// Whether the position is another one since then.
     moved: bool,
     declination_deg: Option<f64>,
-    /// The field there, until it has been asked for.
-    field: Option<EarthField>,
+    /// The field there, until it has been asked for; `Some(None)` where it is not known any more.
+    field: Option<Option<EarthField>>,
     news: Option<String>,
 }
 
@@ -122,11 +122,12 @@ impl TrueNorth {
         }
         self.day = Some(day);
         self.declination_deg = declination_deg;
-        self.field = field;
+        self.field = Some(field);
     }
 
-    /// The field there, once whenever it has been computed; never near a magnetic pole, where no compass is to be relied on.
-    pub fn take_field(&mut self) -> Option<EarthField> {
+    /// The field there, once whenever it has been computed; `Some(None)` where the model has none: without a date, and near a
+    /// magnetic pole, where no compass is to be relied on.
+    pub fn take_field(&mut self) -> Option<Option<EarthField>> {
         self.field.take()
     }
 
@@ -226,6 +227,20 @@ mod tests {
         north.put_position(there);
         let london = north.declination_deg(day("2026-11-21")).unwrap();
         assert!((london - before).abs() > 10.0, "{london}");
+    }
+
+    #[test]
+    fn a_field_that_is_not_known_any_more_is_withdrawn() {
+        let mut north = TrueNorth::new(&calgary());
+        north.declination_deg(day("2026-11-21"));
+        let field = north.take_field().unwrap().unwrap();
+        assert!((field.dip_deg.value - 72.0).abs() < 2.0, "{field:?}");
+        assert!(north.take_field().is_none());
+        let mut there = calgary().position().unwrap();
+        (there.latitude_deg, there.longitude_deg) = (86.0, 139.0);
+        north.put_position(there);
+        north.declination_deg(day("2026-11-21"));
+        assert!(north.take_field().unwrap().is_none());
     }
 
     #[test]

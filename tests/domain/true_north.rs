@@ -144,7 +144,7 @@ fn a_place_that_the_field_contradicts_is_told_and_left_out() {
     let told: Vec<&str> = singapore.err.lines().collect();
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(
-        told[0].contains("the field is not that of the position"),
+        told[0].contains("the field does not match the position"),
         "{told:?}"
     );
     assert_eq!(calibrations(&singapore), calibrations(&nowhere));

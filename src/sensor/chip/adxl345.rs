@@ -16,6 +16,7 @@ const RATE_200_HZ: u8 = 0x0B;
 const MEASURE: u8 = 0x08;
 /// DATA_FORMAT: full resolution, ±16 g.
 const FULL_RESOLUTION_16_G: u8 = 0x0B;
+
 /// An accelerometer ADXL345, at 0x53 or 0x1D.
 pub static ADXL345: CompanionSheet = CompanionSheet {
     name: "ADXL345",

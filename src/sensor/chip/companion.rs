@@ -20,7 +20,7 @@ pub struct CompanionSheet {
     pub setup: &'static [(u8, u8)],
     /// How long it settles after that, seconds.
     pub settling_s: f64,
-    /// Those of them that are read back, without gaps between their addresses.
+    /// The registers of `setup` that are read back; their addresses follow one another.
     pub held: &'static [(u8, u8)],
     /// The first register of a sample, and how many there are.
     pub data: (u8, usize),
@@ -53,7 +53,7 @@ impl CompanionSheet {
     }
 }
 
-/// A chip on the bus. The chip has all the state.
+/// A chip on the bus. It keeps no state here: all of it is in the chip's registers.
 #[derive(Clone, Copy, Debug)]
 pub struct Companion {
     sheet: &'static CompanionSheet,

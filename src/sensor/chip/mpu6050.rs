@@ -32,6 +32,7 @@ const ACCEL_8_G: u8 = 0x10;
 const NO_MASTER: u8 = 0x00;
 /// … INT_PIN_CFG: and joins it to the one before it, so that the magnetometer there answers.
 const BYPASS: u8 = 0x02;
+
 /// An MPU-6050, at 0x68 or 0x69.
 pub static MPU6050: CompanionSheet = CompanionSheet {
     name: "MPU-6050",

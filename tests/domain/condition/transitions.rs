@@ -176,7 +176,7 @@ const SCENARIOS: &[Scenario] = &[
         b.overflow = true;
         b.rest(1.0);
     }),
-    ("it speaks again", || {
+    ("readings resume", || {
         let mut board = good();
         board.with_field = false;
         board.rest(1.0);
