@@ -1,5 +1,7 @@
 //! `headingd watch`.
 
+use std::os::unix::net::UnixStream;
+
 use serde_json::Value;
 
 use super::headingd;
@@ -52,6 +54,9 @@ fn who_cannot_be_watched_is_named_with_what_helps() {
     let (mut process, _client) = rig.watched();
     let control = rig.path("control.sock");
     let none = rig.path("none.sock");
+    crate::rig::until("the control socket", || {
+        UnixStream::connect(&control).is_ok()
+    });
     for (socket, status, part) in [
         (&control, 65, "is not headingd's socket for headings"),
         (&none, 69, "no headingd is running at"),
