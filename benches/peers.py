@@ -6,18 +6,26 @@
 
 The others do not calibrate: they get the magnetometer as it is, and once more corrected by an ellipsoid that was fitted to the
 whole log beforehand, which nobody has in real time. Errors are those at the samples for which headingd published a heading.
+
+Costs are processor time for a second of the log, the least of several runs. That of headingd is the whole program: it starts, reads
+the log, calibrates, and writes each heading as JSON. VQF's is its C++ alone. Fusion's has a call from Python for each sample of
+the gyro in it, which is most of it.
 """
 
 import csv
 import json
+import resource
 import subprocess
 import sys
+import time
 
 import imufusion
 import numpy as np
 from vqf import VQF
 
 GRAVITY = 9.80665
+# Other work on the machine only ever adds time.
+RUNS = 9
 
 
 def signed_axes(text):
@@ -88,10 +96,9 @@ def with_vqf(t_s, rate, force, field):
             yield i, 90 - azimuth(filter.getQuat9D())
 
 
-def with_fusion(t_s, rate, force, field):
-    has_rate = ~np.isnan(rate[:, 0])
+def fusion(t_s, rate):
     settings, bias_settings = imufusion.AhrsSettings(), imufusion.BiasSettings()
-    settings.sample_rate = bias_settings.sample_rate = 1 / np.diff(t_s[has_rate]).mean()
+    settings.sample_rate = bias_settings.sample_rate = 1 / np.diff(t_s[~np.isnan(rate[:, 0])]).mean()
     settings.convention = imufusion.CONVENTION_NED
     # As its manual has it.
     settings.gain, settings.gyroscope_range = 0.5, 2000
@@ -100,6 +107,11 @@ def with_fusion(t_s, rate, force, field):
     filter, bias = imufusion.Ahrs(), imufusion.Bias()
     filter.set_settings(settings)
     bias.set_settings(bias_settings)
+    return filter, bias
+
+
+def with_fusion(t_s, rate, force, field):
+    filter, bias = fusion(t_s, rate)
     felt, seen = None, None
     for i in range(len(t_s)):
         if not np.isnan(force[i, 0]):
@@ -107,7 +119,7 @@ def with_fusion(t_s, rate, force, field):
         has_field = not np.isnan(field[i]).any()
         if has_field:
             seen = field[i]
-        if has_rate[i] and felt is not None and seen is not None:
+        if not np.isnan(rate[i, 0]) and felt is not None and seen is not None:
             filter.update(bias.update(np.degrees(rate[i])), felt, seen)
         if has_field:
             yield i, azimuth(filter.get_quaternion())
@@ -121,12 +133,50 @@ def with_headingd(program, path):
             yield message["t_s"], message["mheading"]
 
 
+def held(table):
+    """Each row with the last numbers known there; before the first, those."""
+    known = ~np.isnan(table).any(axis=1)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(table)), 0))
+    return table[np.maximum(last, np.argmax(known))]
+
+
+def costs(program, path, t_s, rate, force, field):
+    """Processor time for a second of the log, microseconds: headingd, VQF, Fusion."""
+    has_rate = ~np.isnan(rate[:, 0])
+    rate_, force_, field_ = (np.ascontiguousarray(held(table)[has_rate]) for table in (rate, force, field))
+    degrees, felt = np.degrees(rate_), force_ / GRAVITY
+    period_s = float(np.diff(t_s[has_rate]).mean())
+
+    def headingd():
+        subprocess.run([program, "replay", path], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def vqf():
+        VQF(period_s).updateBatch(rate_, force_, field_)
+
+    def fused():
+        filter, bias = fusion(t_s, rate)
+        for i in range(len(degrees)):
+            filter.update(bias.update(degrees[i]), felt[i], field_[i])
+
+    def seconds():
+        children = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return time.process_time(), children.ru_utime + children.ru_stime
+
+    for work, which in ((headingd, 1), (vqf, 0), (fused, 0)):
+        least = np.inf
+        for _ in range(RUNS):
+            begun = seconds()[which]
+            work()
+            least = min(least, seconds()[which] - begun)
+        yield f"{1e6 * least / (t_s[-1] - t_s[0]):.0f} µs"
+
+
 def rms(errors):
     errors = (np.array(errors) + 180) % 360 - 180
     return f"{np.sqrt(np.mean(errors**2)):.1f}°"
 
 
-print("log | published | headingd | VQF | and an ellipsoid | Fusion | and an ellipsoid")
+print("log | published | headingd | VQF | and an ellipsoid | Fusion | and an ellipsoid | cost: headingd | VQF | Fusion")
 for path in sys.argv[2:]:
     t_s, rate, force, field, truth = read(path)
     index = {round(t, 6): i for i, t in enumerate(t_s)}
@@ -142,4 +192,5 @@ for path in sys.argv[2:]:
                 continue
             found = dict(method(t_s, rate, force, given))
             cells.append(rms([found[i] - truth[i] for i in counted]))
+    cells.extend(costs(sys.argv[1], path, t_s, rate, force, field))
     print(path.rsplit("/", 1)[-1], f"{len(counted) / known.sum():.0%}", *cells, sep=" | ", flush=True)

@@ -9,7 +9,7 @@ mod solve;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::frame::{Mounting, Mountings};
+use crate::frame::Mounting;
 use crate::reading::Reading;
 use carried::{Carried, Knot, KnotPair, Linear, pairs};
 use solve::{RefinedAxes, SensorData, axes, cost, refine};
@@ -120,8 +120,18 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
         return Err(AlignmentError::NoSensors);
     }
     // A field has hard iron of any size; hands shake a board, which the mean over two seconds hardly feels.
-    let mag = VectorSensor::new("magnetometer", field, 1000.0, 0.05);
-    let accel = VectorSensor::new("accelerometer", force, 0.5, 1.0);
+    let mag = VectorSensor {
+        name: "magnetometer",
+        samples: field,
+        offset_sd: 1000.0,
+        half_window_s: 0.05,
+    };
+    let accel = VectorSensor {
+        name: "accelerometer",
+        samples: force,
+        offset_sd: 0.5,
+        half_window_s: 1.0,
+    };
     let mut bias = Vector3::zeros();
     let mut mag_found = mag.find(readings)?;
     let mut accel_found = accel.find(readings)?;
@@ -178,19 +188,6 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
     })
 }
 
-impl Alignment {
-    /// The chips' signed axes; those of a chip that is not there are the body's.
-    pub fn mountings(&self) -> Mountings {
-        let axes =
-            |chip: Option<ChipAlignment>| chip.map_or_else(Mounting::default, |chip| chip.axes);
-        Mountings {
-            mag: axes(self.mag),
-            gyro: self.gyro,
-            accel: axes(self.accel),
-        }
-    }
-}
-
 /// A sensor that reads a vector which stands still in the world.
 struct VectorSensor {
     name: &'static str,
@@ -206,20 +203,6 @@ struct FoundAxes {
 }
 
 impl VectorSensor {
-    fn new(
-        name: &'static str,
-        samples: Vec<(f64, Vector3<f64>)>,
-        offset_sd: f64,
-        half_window_s: f64,
-    ) -> Self {
-        Self {
-            name,
-            samples,
-            offset_sd,
-            half_window_s,
-        }
-    }
-
     fn with<T>(&self, carried: &Carried, work: impl FnOnce(&SensorData<'_>) -> T) -> T {
         let knots: Vec<Knot> = carried.knots();
         let means: Vec<Option<Linear>> = carried.means(&knots, &self.samples, self.half_window_s);

@@ -4,7 +4,8 @@ use std::fmt;
 use std::ops::RangeInclusive;
 
 /// One setting that cannot be used.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{key} is {found}, but must be {right}")]
 pub struct Fault {
     /// The key as written in the configuration, without its table: `angle_deg`.
     pub key: String,
@@ -22,16 +23,6 @@ impl Fault {
             found: found.into(),
             right: right.into(),
         }
-    }
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{} is {}, but must be {}",
-            self.key, self.found, self.right
-        )
     }
 }
 

@@ -41,10 +41,11 @@ use std::borrow::Cow;
 use serde::Serialize;
 
 /// What the daemon can say about its headings right now.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Condition {
     /// No calibration yet: no heading.
+    #[default]
     Uncalibrated,
     /// Uncalibrated, and the board is on its way round.
     Turning,

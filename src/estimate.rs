@@ -83,17 +83,9 @@ pub struct Fix {
     pub sd_deg: f64,
 }
 
-/// How the active filter came to its parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Origin {
-    Motion,
-    Turn,
-}
-
 /// A second explanation of the samples.
 struct Rival {
     filter: Filter,
-    origin: Origin,
     /// Log-likelihood of the rival less that of the active one, at the sample before.
     ahead: f64,
     /// How much better it has explained the samples since it began.
@@ -107,7 +99,6 @@ pub struct Estimate {
     /// What there is before the active filter has begun.
     kept: Option<Calibration>,
     active: Filter,
-    origin: Origin,
     rival: Option<Rival>,
     frozen: bool,
     last: Option<(f64, u32, Vector3<f64>)>,
@@ -128,10 +119,6 @@ impl Estimate {
             mounting,
             kept: calibration.copied(),
             active: Filter::new(&prior),
-            origin: match calibration {
-                Some(calibration) if calibration.covariance.is_none() => Origin::Turn,
-                _ => Origin::Motion,
-            },
             rival: None,
             frozen: false,
             last: None,
@@ -251,7 +238,6 @@ impl Estimate {
         rival.ahead = ahead;
         let lead = rival.lead;
         if lead > DECIDED {
-            self.origin = rival.origin;
             self.active = rival.filter.clone();
             self.rival = None;
             self.replaced = true;
@@ -277,15 +263,14 @@ impl Estimate {
         self.disturbed_s = 0.0;
         let mut filter = self.active.clone();
         filter.doubt_iron();
-        self.start_rival(filter, Origin::Motion);
+        self.start_rival(filter);
     }
 
-    fn start_rival(&mut self, filter: Filter, origin: Origin) {
+    fn start_rival(&mut self, filter: Filter) {
         self.rival = Some(Rival {
             ahead: filter.log_likelihood() - self.active.log_likelihood(),
             lead: 0.0,
             filter,
-            origin,
             moved_s: 0.0,
         });
     }
@@ -309,10 +294,9 @@ impl Estimate {
         turned.replace(&measured, &input);
         if better {
             let known = std::mem::replace(&mut self.active, turned);
-            let origin = std::mem::replace(&mut self.origin, Origin::Turn);
-            self.start_rival(known, origin);
+            self.start_rival(known);
         } else {
-            self.start_rival(turned, Origin::Turn);
+            self.start_rival(turned);
         }
         better
     }
@@ -369,11 +353,6 @@ impl Estimate {
         self.gyro.fault()
     }
 
-    /// What is left of the gyro's bias, body axes, rad/s.
-    pub fn gyro_bias_rad_s(&self) -> Vector3<f64> {
-        self.active.gyro_bias_rad_s()
-    }
-
     /// Deviation of north in the gyro's frame, degrees: that of every heading of a level board.
     pub fn north_sd_deg(&self) -> f64 {
         if !self.active.begun() {
@@ -383,9 +362,14 @@ impl Estimate {
     }
 }
 
-/// How the azimuth of a field depends on it, radians a milligauss.
+/// How the azimuth of a field depends on it, radians a milligauss. Within 1 mG of the vertical the slope is that at 1 mG: the
+/// azimuth of such a field is unknown.
 fn by_field(field: &Vector3<f64>) -> Vector3<f64> {
-    Vector3::new(-field.y, field.x, 0.0) / field.xy().norm_squared().max(1.0)
+    let level = field.xy();
+    let east = level
+        .try_normalize(0.0)
+        .map_or(Vector3::y(), |north| Vector3::new(-north.y, north.x, 0.0));
+    east / level.norm().max(1.0)
 }
 
 /// Deviation of the azimuth of the field, radians.

@@ -25,35 +25,27 @@ const GAP_S: f64 = 0.5;
 
 /// What is frozen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Frozen {
-    /// The magnetometer says the same while the gyro shows that the board turns.
-    Magnetometer,
-    /// The gyro says the same rotation while the field stands still.
-    Gyro,
+pub struct Frozen {
+    /// As a code that a program can read.
+    pub code: &'static str,
+    /// As a sentence for a person.
+    pub message: &'static str,
 }
 
 impl Frozen {
-    /// As a code that a program can read.
-    pub fn code(self) -> &'static str {
-        match self {
-            Self::Magnetometer => "frozen_magnetometer",
-            Self::Gyro => "frozen_gyro",
-        }
-    }
+    /// The magnetometer says the same while the gyro shows that the board turns.
+    const MAGNETOMETER: Self = Self {
+        code: "frozen_magnetometer",
+        message: "the magnetometer says the same again and again while the gyro shows that the board turns; switch the \
+                  board off and on, and check what reads the magnetometer",
+    };
 
-    /// As a sentence for a person.
-    pub fn message(self) -> &'static str {
-        match self {
-            Self::Magnetometer => {
-                "the magnetometer says the same again and again while the gyro shows that the board turns; switch the \
-                 board off and on, and check what reads the magnetometer"
-            }
-            Self::Gyro => {
-                "the gyro says the same rotation again and again while the field stands still; switch the board off \
-                 and on, and check what reads the gyro"
-            }
-        }
-    }
+    /// The gyro says the same rotation while the field stands still.
+    const GYRO: Self = Self {
+        code: "frozen_gyro",
+        message: "the gyro says the same rotation again and again while the field stands still; switch the board off \
+                  and on, and check what reads the gyro",
+    };
 }
 
 /// Readings in, what is frozen out.
@@ -70,23 +62,12 @@ pub struct FrozenWatch {
 }
 
 /// The same value again and again, in motion.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Run<T> {
     value: Option<T>,
     since_s: f64,
     readings: u32,
     turned_rad: f64,
-}
-
-impl<T> Default for Run<T> {
-    fn default() -> Self {
-        Self {
-            value: None,
-            since_s: 0.0,
-            readings: 0,
-            turned_rad: 0.0,
-        }
-    }
 }
 
 impl<T: PartialEq> Run<T> {
@@ -124,9 +105,9 @@ impl FrozenWatch {
             *far = far.max((field - *begun).norm());
         }
         if self.magnetometer_frozen {
-            Some(Frozen::Magnetometer)
+            Some(Frozen::MAGNETOMETER)
         } else {
-            self.gyro_frozen.then_some(Frozen::Gyro)
+            self.gyro_frozen.then_some(Frozen::GYRO)
         }
     }
 
@@ -227,15 +208,15 @@ mod tests {
         let found = board(12.0, turns, stuck, told);
         let frozen = |t_s: f64| found.iter().find(|row| row.0 >= t_s).unwrap().1;
         assert_eq!(frozen(6.3), None);
-        assert_eq!(frozen(6.7), Some(Frozen::Magnetometer));
-        assert_eq!(frozen(8.9), Some(Frozen::Magnetometer));
+        assert_eq!(frozen(6.7), Some(Frozen::MAGNETOMETER));
+        assert_eq!(frozen(8.9), Some(Frozen::MAGNETOMETER));
         assert_eq!(frozen(9.05), None);
         // At rest it is still frozen.
         let halts = |t_s: f64| if (5.0..7.0).contains(&t_s) { 60.0 } else { 0.0 };
         let stuck = |t_s: f64, heading| right(t_s, if t_s > 6.0 { 1.0 } else { heading });
         assert_eq!(
             board(9.0, halts, stuck, told)[440].1,
-            Some(Frozen::Magnetometer)
+            Some(Frozen::MAGNETOMETER)
         );
     }
 
@@ -246,7 +227,7 @@ mod tests {
         let found = board(12.0, |_| 0.0, wavers, stuck);
         let frozen = |t_s: f64| found.iter().find(|row| row.0 >= t_s).unwrap().1;
         assert_eq!(frozen(5.0), None);
-        assert_eq!(frozen(8.9), Some(Frozen::Gyro));
+        assert_eq!(frozen(8.9), Some(Frozen::GYRO));
         assert_eq!(frozen(9.05), None);
     }
 

@@ -3,7 +3,7 @@
 use crate::condition::Condition;
 
 /// One published heading, the content of one `ATT` object. Unknown is `None`, never 0.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Heading {
     /// Counts the magnetometer readings from 1.
     pub seq: u64,
@@ -48,20 +48,7 @@ impl Heading {
             seq,
             t_s,
             condition,
-            fused_deg: None,
-            instantaneous_deg: None,
-            raw_deg: None,
-            sd_deg: None,
-            declination_deg: None,
-            pitch_deg: None,
-            roll_deg: None,
-            turn_deg_min: None,
-            rate_deg_s: None,
-            specific_force_m_s2: None,
-            dip_deg: None,
-            field_mgauss: None,
-            strength_mgauss: None,
-            mag_status: MagStatus::Normal,
+            ..Self::default()
         }
     }
 
@@ -80,9 +67,10 @@ impl Heading {
 }
 
 /// gpsd's status of the magnetometer (`mag_st`), of which we use four letters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MagStatus {
     /// `N`: normal.
+    #[default]
     Normal,
     /// `C`: calibration alarm: uncalibrated, or the calibration no longer fits.
     Calibration,

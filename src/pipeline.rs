@@ -10,6 +10,7 @@ mod collector;
 mod learn;
 mod motion;
 mod mounting;
+mod play;
 mod sample;
 mod settings;
 mod stretch;

@@ -135,15 +135,14 @@ async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
 
 /// Connects, and reads to the end.
 async fn read(gpsd: &Gpsd, fixes: &watch::Sender<Option<GpsFix>>) -> io::Result<()> {
-    let late = |_| io::Error::from(io::ErrorKind::TimedOut);
     match gpsd {
         Gpsd::Tcp(address) => {
             let stream = timeout(CONNECT_PATIENCE, TcpStream::connect(address));
-            read_from(stream.await.map_err(late)??, gpsd, fixes).await
+            read_from(stream.await??, gpsd, fixes).await
         }
         Gpsd::Unix(path) => {
             let stream = timeout(CONNECT_PATIENCE, UnixStream::connect(path));
-            read_from(stream.await.map_err(late)??, gpsd, fixes).await
+            read_from(stream.await??, gpsd, fixes).await
         }
     }
 }
@@ -153,10 +152,7 @@ async fn read_from(
     gpsd: &Gpsd,
     fixes: &watch::Sender<Option<GpsFix>>,
 ) -> io::Result<()> {
-    let late = |_| io::Error::from(io::ErrorKind::TimedOut);
-    timeout(CONNECT_PATIENCE, stream.write_all(WATCH))
-        .await
-        .map_err(late)??;
+    timeout(CONNECT_PATIENCE, stream.write_all(WATCH)).await??;
     let mut reader = BufReader::new(stream);
     let mut line = Vec::new();
     // Of a line that is too long nothing is used, up to its end.
@@ -165,7 +161,7 @@ async fn read_from(
         line.clear();
         let mut limited = (&mut reader).take(LONGEST as u64);
         let read = timeout(SILENCE, limited.read_until(b'\n', &mut line));
-        if read.await.map_err(late)?? == 0 {
+        if read.await?? == 0 {
             return Ok(());
         }
         let whole = line.ends_with(b"\n");

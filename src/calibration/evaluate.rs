@@ -1,7 +1,5 @@
 //! Evaluates a fit: everything that is measured of it for the verdict.
 
-use std::time::Duration;
-
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use super::Stopwatch;
@@ -37,10 +35,9 @@ impl<const D: usize> Work<'_, D> {
     pub fn timed_evaluate<C: Curve<D, P>, const P: usize>(
         &self,
         fitted: &Fitted<D, P>,
-        clock: &dyn Fn() -> Option<Duration>,
         outcome: &mut Outcome,
     ) -> Result<String, Refusal> {
-        let watch = Stopwatch::start(clock);
+        let watch = Stopwatch::start(self.clock);
         let result = self.judge::<C, P>(fitted, outcome);
         outcome.elapsed_us.verdict = watch.elapsed_us();
         result

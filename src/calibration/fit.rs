@@ -4,7 +4,6 @@ use nalgebra::SMatrix;
 
 use super::curve::{Curve, ParameterVector};
 use super::medians::medians_of_5;
-use super::mpsot::Stop;
 use super::objective::{Factored, Normal, direct};
 use super::refine::{Refined, median, refine};
 use super::settings::{Profile, Settings};
@@ -199,11 +198,4 @@ pub fn refined<C: Curve<D, P>, const D: usize, const P: usize>(
         refined,
         reference_mgauss: reference,
     })
-}
-
-impl Stop {
-    /// Whether the swarm ended by itself.
-    pub fn converged(self) -> bool {
-        self != Self::Iterations
-    }
 }

@@ -77,28 +77,30 @@ pub fn calibrate(
             let project = |s: &FieldSample| [e1.dot(&s.field_mgauss), e2.dot(&s.field_mgauss)];
             let work = Work {
                 request,
+                clock,
                 plan: &plan,
                 project: &project,
             };
-            let fitted = work.fit::<4, 5>(clock, outcome)?;
-            work.timed_evaluate::<Diagonal<2>, 4>(&fitted, clock, outcome)
+            let fitted = work.fit::<4, 5>(outcome)?;
+            work.timed_evaluate::<Diagonal<2>, 4>(&fitted, outcome)
         }
         Mode::Spatial => {
             let project = |s: &FieldSample| s.field_mgauss.into();
             let work = Work {
                 request,
+                clock,
                 plan: &plan,
                 project: &project,
             };
-            let fitted = work.fit::<6, 7>(clock, outcome)?;
+            let fitted = work.fit::<6, 7>(outcome)?;
             let found = select_model(&fitted, work.reference().is_some(), request.settings.model);
             if let SoftIron::Found(fitted) = found {
-                return work.timed_evaluate::<Symmetric, 9>(&fitted, clock, outcome);
+                return work.timed_evaluate::<Symmetric, 9>(&fitted, outcome);
             }
             if let SoftIron::Unseen = found {
                 outcome.unobserved = &["soft_iron"];
             }
-            work.timed_evaluate::<Diagonal<3>, 6>(&fitted, clock, outcome)
+            work.timed_evaluate::<Diagonal<3>, 6>(&fitted, outcome)
         }
     }
 }
@@ -106,6 +108,7 @@ pub fn calibrate(
 /// A calibration under way.
 pub struct Work<'a, const D: usize> {
     pub request: &'a Request,
+    pub clock: &'a dyn Fn() -> Option<Duration>,
     pub plan: &'a Plan,
     /// A sample's components along the axes that are calibrated.
     pub project: &'a dyn Fn(&FieldSample) -> [f64; D],
@@ -123,7 +126,6 @@ impl<const D: usize> Work<'_, D> {
     /// Window, swarm and refinement under the diagonal model.
     fn fit<const P: usize, const F: usize>(
         &self,
-        clock: &dyn Fn() -> Option<Duration>,
         outcome: &mut Outcome,
     ) -> Result<Fitted<D, P>, Refusal> {
         let settings = &self.request.settings;
@@ -155,7 +157,7 @@ impl<const D: usize> Work<'_, D> {
             ));
         }
 
-        let watch = Stopwatch::start(clock);
+        let watch = Stopwatch::start(self.clock);
         let windows = windows(self.request, self.plan, self.project);
         outcome.elapsed_us.rist = watch.elapsed_us();
         let hull = rist::join(windows.iter().cloned());
@@ -165,7 +167,7 @@ impl<const D: usize> Work<'_, D> {
         });
         outcome.samples.window = windows.iter().map(Range::len).sum();
 
-        let watch = Stopwatch::start(clock);
+        let watch = Stopwatch::start(self.clock);
         let seen: Vec<[f64; D]> = windows
             .iter()
             .flat_map(|window| {
@@ -189,7 +191,7 @@ impl<const D: usize> Work<'_, D> {
             scale: swarm.found.position[D..].to_vec(),
         });
 
-        let watch = Stopwatch::start(clock);
+        let watch = Stopwatch::start(self.clock);
         let fitted = self.refine(points, &swarm, reference.is_some()).ok_or_else(|| {
             Refusal::new("no_fit", "no ellipse fits the samples: they show too little of the curve, or no curve at all")
         })?;

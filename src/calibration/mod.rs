@@ -20,7 +20,7 @@ pub mod refine;
 pub mod rist;
 pub mod settings;
 pub mod swarm;
-pub mod thinning;
+pub(crate) mod thinning;
 pub mod verdict;
 
 mod cross_validation;

@@ -32,7 +32,7 @@ pub fn direct<const D: usize, const P: usize>(
     sum.sqrt()
 }
 
-/// Σφφᵀ of any number of samples; sums over parts of a log merge by addition.
+/// Σφφᵀ of any number of samples.
 #[derive(Clone, Debug)]
 pub struct Moments<const F: usize> {
     /// Upper triangle.
@@ -52,18 +52,6 @@ impl<const F: usize> Moments<F> {
             for column in row..F {
                 self.sum[row][column] += features[row] * features[column];
             }
-        }
-    }
-
-    /// Adds another part's sums; both must share centre and length.
-    pub fn merge(&mut self, other: &Self) {
-        for (mine, theirs) in self
-            .sum
-            .iter_mut()
-            .flatten()
-            .zip(other.sum.iter().flatten())
-        {
-            *mine += theirs;
         }
     }
 

@@ -8,7 +8,7 @@ use super::model::{Calibration, Mode, Model, Parameters};
 use super::verdict::{Measures, Refusal};
 
 /// What became of a candidate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// Good, and active from now on.
@@ -16,6 +16,7 @@ pub enum Verdict {
     /// Not better than the active calibration, which stays.
     Kept,
     /// Not to be trusted.
+    #[default]
     Rejected,
 }
 
@@ -32,7 +33,7 @@ impl Verdict {
 
 /// Everything that is known about one calibration. Unknown is `None`, and null in JSON. Flat keys come
 /// first: some clients stop reading an object at its first array.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Outcome {
     /// Accepted, kept or rejected.
     pub verdict: Verdict,
@@ -91,32 +92,13 @@ impl Outcome {
     /// Of a calibration that has only begun, with this seed and so many samples: rejected until it is found to be good.
     pub fn begun(seed: u64, samples: usize) -> Self {
         Self {
-            verdict: Verdict::Rejected,
-            reason: "",
-            message: String::new(),
             method: "turn",
-            mode: None,
-            model: None,
-            reference_mgauss: None,
-            residual_mgauss: None,
-            heading_sd_deg: None,
-            gyro_rms_deg: None,
             seed,
-            basis: None,
-            bias_mgauss: None,
-            scale: None,
-            matrix: None,
-            alignment_deg: None,
-            unobserved: &[],
             samples: Samples {
                 total: samples,
                 ..Samples::default()
             },
-            window: None,
-            swarm: None,
-            elapsed_us: Elapsed::default(),
-            measures: None,
-            calibration: None,
+            ..Self::default()
         }
     }
 
@@ -148,12 +130,8 @@ impl Outcome {
             method: "motion",
             mode: Some(Mode::Spatial),
             model: spatial.map(super::model::Spatial::model),
-            reference_mgauss: None,
             residual_mgauss: Some(calibration.residual_mgauss),
             heading_sd_deg: Some(calibration.heading_sd_deg),
-            gyro_rms_deg: None,
-            seed: 0,
-            basis: None,
             bias_mgauss: spatial.map(|spatial| spatial.bias_mgauss().as_slice().to_vec()),
             scale: spatial.map(|spatial| spatial.matrix().diagonal().as_slice().to_vec()),
             matrix: rows.map(|rows| std::array::from_fn(|k| rows[k])),
@@ -165,12 +143,8 @@ impl Outcome {
             } else {
                 &["across_plane"]
             },
-            samples: Samples::default(),
-            window: None,
-            swarm: None,
-            elapsed_us: Elapsed::default(),
-            measures: None,
             calibration: Some(calibration),
+            ..Self::default()
         }
     }
 }

@@ -106,12 +106,13 @@ fn leaning(axis: Vector3<f64>) -> impl Fn(&FieldSample) -> Option<Vector3<f64>> 
 /// What was seen at rest before the turns, and by how much less level it was than they are on average, radians. `None` where
 /// that is too much to compare them.
 pub fn level_rest(request: &Request) -> Option<(FieldSample, f64)> {
+    let rest = request.rest?;
     let axis = main_axis(&request.turns)?;
     let leaning = leaning(axis);
     let turned = &request.samples[request.moving.clone()];
     let mean: Vector3<f64> = turned.iter().filter_map(&leaning).sum();
-    let lean_rad = leaning(&request.rest?)?.angle(&mean);
-    Some((request.rest?, lean_rad)).filter(|_| lean_rad < LEVEL_RAD)
+    let lean_rad = leaning(&rest)?.angle(&mean);
+    (lean_rad < LEVEL_RAD).then_some((rest, lean_rad))
 }
 
 /// Leaves out the first samples of a log, of which the tilt is not known yet, unless they are many or no tilt

@@ -1,7 +1,5 @@
 //! When the daemon calibrates, and what started a calibration.
 
-use std::fmt;
-
 use serde::{Deserialize, Serialize};
 
 /// Whether the daemon calibrates by itself.
@@ -18,9 +16,6 @@ pub enum Policy {
 }
 
 impl Policy {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::On, Self::Off, Self::Locked];
-
     /// The word as published and kept.
     pub fn word(self) -> &'static str {
         match self {
@@ -66,12 +61,6 @@ impl Reason {
     }
 }
 
-impl fmt::Display for Reason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.word())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,7 +70,7 @@ mod tests {
         let read = |word: &str| serde_json::from_str::<Reason>(word).unwrap();
         assert_eq!(read("\"stale\""), Reason::Turn);
         for reason in [Reason::Turn, Reason::Start, Reason::Import, Reason::Log] {
-            assert_eq!(read(&format!("\"{reason}\"")), reason);
+            assert_eq!(read(&format!("{:?}", reason.word())), reason);
         }
     }
 }

@@ -58,11 +58,6 @@ impl Thinned {
         self.samples.len()
     }
 
-    /// Whether there is none.
-    pub fn is_empty(&self) -> bool {
-        self.samples.is_empty()
-    }
-
     /// The samples.
     pub fn into_samples(self) -> Vec<FieldSample> {
         self.samples.into_iter().map(|(_, sample)| sample).collect()

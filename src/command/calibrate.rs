@@ -5,8 +5,7 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 
-use super::progress::Progress;
-use super::{Failure, config_file, number, print, print_json, tell_skips, word};
+use super::{Failure, config_file, number, print, print_json, read_log, rounded, tell_skips, word};
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
@@ -141,17 +140,15 @@ fn settings(args: &Args) -> Result<Config, Failure> {
 
 /// The log's sensor, and what comes of a calibration on all of it.
 fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failure> {
-    let mut replay = Replay::open(&args.log)?;
+    let replay = Replay::open(&args.log)?;
     let header = replay.header();
     let identity = Identity::new(header.sensor_name(), header.mountings.mag);
     let mut survey = Survey::new(config.setup(&header.mountings), args.plane.axes());
-    let mut bar = Progress::new();
-    while let Some(entry) = replay.next() {
-        survey.take(&entry?.reading, replay.begins_stretch());
-        bar.follow(&replay);
-    }
-    bar.finish();
-    tell_skips(replay.skips())?;
+    let skips = read_log::<Failure>(replay, |entry, begins_stretch| {
+        survey.take(&entry.reading, begins_stretch);
+        Ok(())
+    })?;
+    tell_skips(&skips)?;
     let thinned_to = survey.thinned_to();
     let request = match survey.conclude() {
         Surveyed::Request(request) => request,
@@ -212,7 +209,8 @@ fn summary(outcome: &Outcome) -> String {
             e1[0], e1[1], e1[2], e2[0], e2[1], e2[2]
         );
     }
-    if let Some([x, y, z]) = outcome.alignment_deg {
+    if let Some(turned_deg) = outcome.alignment_deg {
+        let [x, y, z] = turned_deg.map(|degrees| rounded(degrees, 1));
         text += &format!(
             "turned  {x:.1}  {y:.1}  {z:.1}  degrees, from the gyro's axes to the magnetometer's\n"
         );

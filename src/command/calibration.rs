@@ -97,7 +97,10 @@ impl CalibrationAction {
             Self::Rollback { number } => ControlRequest::Rollback { number },
             Self::Forget { number, all } => ControlRequest::Forget { number, all },
             Self::Export { number, .. } => ControlRequest::Export { number },
-            Self::Import { ref file } => ControlRequest::Import { file: read(file)? },
+            // Read here too: what is wrong is told with the file's name.
+            Self::Import { ref file } => ControlRequest::Import {
+                file: written(Store::read_file(file)?.to_value())?,
+            },
             Self::Start { .. } => ControlRequest::Start {},
             Self::Cancel => ControlRequest::Cancel {},
             Self::Mode { mode } => ControlRequest::Mode { mode },
@@ -136,17 +139,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// A calibration file, checked here too: what is wrong is told with the file's name.
-fn read(file: &Path) -> Result<Value, Failure> {
-    let contents = Store::read_file(file)?;
-    let text = to_json(&contents)?;
-    serde_json::from_str(&text).map_err(|error| Failure::new(Failure::DATA, error))
-}
-
-fn to_json(contents: &Contents) -> Result<String, Failure> {
-    contents
-        .to_json()
-        .map_err(|why| Failure::new(Failure::DATA, why))
+fn written<T>(contents: Result<T, String>) -> Result<T, Failure> {
+    contents.map_err(|why| Failure::new(Failure::DATA, why))
 }
 
 fn export(answer: &Value, out: Option<&Path>) -> Result<(), Failure> {
@@ -154,7 +148,7 @@ fn export(answer: &Value, out: Option<&Path>) -> Result<(), Failure> {
         .map_err(|error| Failure::new(Failure::DATA, error))?;
     match out {
         Some(path) if path != Path::new("-") => Ok(Store::write_file(path, &contents)?),
-        _ => print(&to_json(&contents)?),
+        _ => print(&written(contents.to_json())?),
     }
 }
 
@@ -178,7 +172,10 @@ pub(super) fn line(calibration: &CalibrationSummary) -> String {
         calibration.mode.map(Mode::word).unwrap_or_default(),
     );
     let known = [
-        ("by", calibration.reason.map(|reason| reason.to_string())),
+        (
+            "by",
+            calibration.reason.map(|reason| reason.word().to_owned()),
+        ),
         (
             "residual",
             calibration.residual_mgauss.map(|n| format!("{n:.1} mG")),

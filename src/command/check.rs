@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::progress::Progress;
-use super::{Failure, config_file, print, print_json};
+use super::{Failure, config_file, print, print_json, rounded};
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::sensor::bus::LinuxBus;
@@ -62,7 +62,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn expected(config: &Config) -> Expected<'_> {
-    let chips = config.i2c.mountings(&config.mounting.chips());
+    let chips = config.i2c.board.mountings(&config.mounting.chips());
     Expected {
         i2c: &config.i2c,
         mountings: chips.on(&config.mounting.board()),
@@ -92,13 +92,13 @@ fn write(report: &CheckReport, out: &mut String) -> std::fmt::Result {
         )?;
     }
     for axis in &report.self_test {
-        let measured = axis.measured.map_or("overflow".to_owned(), whole);
+        let measured = axis.test.measured.map_or("overflow".to_owned(), whole);
         let passed = if axis.passed { "good" } else { "NOT GOOD" };
-        let (low, high) = axis.limits;
+        let (low, high) = axis.test.limits;
         writeln!(
             out,
             "  self-test {}: {measured} counts, expected {:.0} ({low:.0} to {high:.0}): {passed}",
-            axis.axis, axis.expected
+            axis.axis, axis.test.expected
         )?;
     }
     if let (Some(field), Some(rate_hz)) = (report.field_mgauss, report.mag_rate_hz) {
@@ -132,7 +132,7 @@ fn write(report: &CheckReport, out: &mut String) -> std::fmt::Result {
     Ok(())
 }
 
-/// A number without decimals; what rounds to 0 has no sign.
+/// A number without decimals.
 fn whole(counts: f64) -> String {
-    format!("{:.0}", counts.round() + 0.0)
+    format!("{:.0}", rounded(counts, 0))
 }

@@ -15,22 +15,23 @@ pub struct Cli {
     command: Command,
 }
 
+/// In the order of help: what is needed every day first.
 #[derive(Subcommand)]
 enum Command {
-    Replay(super::replay::Args),
-    Calibrate(super::calibrate::Args),
-    Calibration(super::calibration::Args),
+    Run(super::run::Args),
+    Check(super::check::Args),
     Status(super::status::Args),
     Watch(super::watch::Args),
-    Mounting(super::mounting::Args),
     Monitor(super::monitor::Args),
-    Run(super::run::Args),
+    Calibration(super::calibration::Args),
+    Mounting(super::mounting::Args),
     Record(super::record::Args),
-    Align(super::align::Args),
     Report(super::report::Args),
-    Demo(super::demo::Args),
+    Replay(super::replay::Args),
+    Calibrate(super::calibrate::Args),
+    Align(super::align::Args),
     Simulate(super::simulate::Args),
-    Check(super::check::Args),
+    Demo(super::demo::Args),
     Field(super::field::Args),
     Config(super::config::Args),
 }
@@ -39,20 +40,20 @@ impl Cli {
     /// Carries out the command. What goes wrong is said on standard error, and the status tells it to programs.
     pub fn run(self) -> ExitCode {
         let result = match self.command {
-            Command::Replay(args) => super::replay::run(&args),
-            Command::Calibrate(args) => super::calibrate::run(&args),
-            Command::Calibration(args) => super::calibration::run(&args),
+            Command::Run(args) => super::run::run(&args),
+            Command::Check(args) => super::check::run(&args),
             Command::Status(args) => super::status::run(&args),
             Command::Watch(args) => super::watch::run(&args),
-            Command::Mounting(args) => super::mounting::run(&args),
             Command::Monitor(args) => super::monitor::run(&args),
-            Command::Run(args) => super::run::run(&args),
-            Command::Align(args) => super::align::run(&args),
+            Command::Calibration(args) => super::calibration::run(&args),
+            Command::Mounting(args) => super::mounting::run(&args),
             Command::Record(args) => super::record::run(&args),
             Command::Report(args) => super::report::run(&args),
-            Command::Demo(args) => super::demo::run(&args),
+            Command::Replay(args) => super::replay::run(&args),
+            Command::Calibrate(args) => super::calibrate::run(&args),
+            Command::Align(args) => super::align::run(&args),
             Command::Simulate(args) => super::simulate::run(&args),
-            Command::Check(args) => super::check::run(&args),
+            Command::Demo(args) => super::demo::run(&args),
             Command::Field(args) => super::field::run(&args),
             Command::Config(args) => super::config::run(&args),
         };

@@ -10,8 +10,8 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::logging;
-use crate::recording::Skips;
-use crate::sensor::replay::ReplayError;
+use crate::recording::{Entry, Skips};
+use crate::sensor::replay::{Replay, ReplayError};
 use crate::store::StoreError;
 
 pub mod align;
@@ -37,8 +37,11 @@ pub mod status;
 mod wait;
 pub mod watch;
 
+use progress::Progress;
+
 /// Why a command failed: what the shell and the user are told.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{message}")]
 pub struct Failure {
     /// Exit status: one of the constants here.
     pub status: u8,
@@ -80,18 +83,11 @@ impl Failure {
     pub fn tell(&self) {
         let priority = if logging::to_journal() { "<3>" } else { "" };
         for line in self.message.lines() {
-            eprintln!("{priority}headingd: {line}");
+            // Nobody reads it where standard error is gone; eprintln! would panic.
+            let _ = writeln!(io::stderr(), "{priority}headingd: {line}");
         }
     }
 }
-
-impl fmt::Display for Failure {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.message)
-    }
-}
-
-impl std::error::Error for Failure {}
 
 /// Turns an error into a [`Failure`] that says what was being done.
 trait OrFail<T> {
@@ -106,21 +102,12 @@ impl<T, E: fmt::Display> OrFail<T> for Result<T, E> {
 }
 
 /// Why a command stops in the middle of its output.
+#[derive(Debug, thiserror::Error)]
 enum Halt {
-    Output(io::Error),
-    Failure(Failure),
-}
-
-impl From<io::Error> for Halt {
-    fn from(error: io::Error) -> Self {
-        Self::Output(error)
-    }
-}
-
-impl From<Failure> for Halt {
-    fn from(failure: Failure) -> Self {
-        Self::Failure(failure)
-    }
+    #[error(transparent)]
+    Output(#[from] io::Error),
+    #[error(transparent)]
+    Failure(#[from] Failure),
 }
 
 /// What has come of output. A reader that has gone away (`| head`) is no failure.
@@ -181,6 +168,29 @@ where
     PossibleValuesParser::new(words).try_map(|word| serde_json::from_value(word.into()))
 }
 
+/// The value with so many decimals; what rounds to 0 has no sign.
+fn rounded(value: f64, decimals: i32) -> f64 {
+    let unit = 10f64.powi(decimals);
+    (value * unit).round() / unit + 0.0
+}
+
+/// Reads a log to its end, beside a bar on a terminal. Hands over each entry, and whether a new stretch begins with it.
+///
+/// # Errors
+///
+/// The log cannot be read any further, or what is done with an entry fails.
+fn read_log<E: From<Failure>>(
+    mut log: Replay,
+    mut take: impl FnMut(Entry, bool) -> Result<(), E>,
+) -> Result<Skips, E> {
+    let mut bar = Progress::new();
+    while let Some(entry) = log.next() {
+        take(entry.map_err(Failure::from)?, log.begins_stretch())?;
+        bar.follow(&log);
+    }
+    Ok(log.skips().clone())
+}
+
 /// Says on standard error that rows of a log were skipped, if some were; that most were is a failure.
 ///
 /// # Errors
@@ -202,9 +212,7 @@ impl From<ReplayError> for Failure {
     fn from(error: ReplayError) -> Self {
         let status = match error {
             ReplayError::BadData(_) => Self::DATA,
-            ReplayError::NotFound { .. }
-            | ReplayError::Unreadable { .. }
-            | ReplayError::NoWriter { .. } => Self::NO_INPUT,
+            ReplayError::Unreadable { .. } => Self::NO_INPUT,
         };
         Self::new(status, error)
     }

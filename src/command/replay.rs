@@ -3,8 +3,7 @@
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use super::progress::Progress;
-use super::{Failure, Halt, config_file, printed, tell_skips};
+use super::{Failure, Halt, config_file, printed, read_log, tell_skips};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
@@ -82,62 +81,62 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn play<W: Write>(
-    mut replay: Replay,
+    replay: Replay,
     mut pipeline: Pipeline,
     mut lines: JsonLines<W>,
     keep: &mut Keep,
 ) -> Result<(), Halt> {
-    let mut bar = Progress::new();
     lines.greet()?;
-    let mut actions = Vec::new();
-    while let Some(entry) = replay.next() {
-        let entry = entry.map_err(Failure::from)?;
-        if replay.begins_stretch() {
-            pipeline.handle(Event::NewStretch, &mut actions);
+    let skips = read_log::<Halt>(replay, |entry, begins_stretch| {
+        if begins_stretch {
+            pipeline.play(Event::NewStretch, |action| {
+                carry_out(action, &mut lines, keep)
+            })?;
             lines.time.begin_stretch();
         }
         lines.time.at(entry.reading.t_s);
-        pipeline.handle(Event::Reading(entry.reading), &mut actions);
-        // A calibration that ends asks for the next one now and then, so this goes on until none does.
-        while !actions.is_empty() {
-            let mut outcomes = Vec::new();
-            for action in actions.drain(..) {
-                match action {
-                    Action::Publish(heading) => {
-                        if let Some(news) = lines.att(heading)? {
-                            eprintln!("headingd: {news}");
-                        }
-                    }
-                    Action::Warn(news) => eprintln!("headingd: {news}"),
-                    Action::Report(report) => lines.write(&gpsd::state(&report))?,
-                    Action::Turned(_) => {}
-                    Action::Calibrate(request) => outcomes.push(calibrate(&request, &|| None)),
-                    Action::Conclude(outcome) => {
-                        lines.write(&gpsd::calibration(&outcome))?;
-                        if let Some(calibration) = outcome.calibration {
-                            keep.save(&outcome, calibration)?;
-                        }
-                    }
-                }
-            }
-            if let Some(field) = lines.true_north.take_field() {
-                pipeline.handle(Event::Place(field), &mut actions);
-            }
-            for outcome in outcomes {
-                pipeline.handle(Event::Calibrated(Box::new(outcome)), &mut actions);
-            }
-        }
-        bar.follow(&replay);
-    }
+        pipeline.play(Event::Reading(entry.reading), |action| {
+            carry_out(action, &mut lines, keep)
+        })
+    })?;
     lines.out.flush()?;
-    bar.finish();
     if pipeline.dropped() > 0 {
         eprintln!(
             "headingd: {} values dropped that no sensor can have taken",
             pipeline.dropped()
         );
     }
-    Ok(tell_skips(replay.skips())?)
+    Ok(tell_skips(&skips)?)
+}
+
+/// What comes of the action is an event of the pipeline.
+fn carry_out<W: Write>(
+    action: Action,
+    lines: &mut JsonLines<W>,
+    keep: &mut Keep,
+) -> Result<Option<Event>, Halt> {
+    match action {
+        Action::Publish(heading) => {
+            if let Some(news) = lines.att(heading)? {
+                eprintln!("headingd: {news}");
+            }
+            return Ok(lines.true_north.take_field().map(Event::Place));
+        }
+        Action::Warn(news) => eprintln!("headingd: {news}"),
+        Action::Report(report) => lines.write(&gpsd::state(&report))?,
+        Action::Turned(_) => {}
+        Action::Calibrate(request) => {
+            let outcome = calibrate(&request, &|| None);
+            return Ok(Some(Event::Calibrated(Box::new(outcome))));
+        }
+        Action::Conclude(outcome) => {
+            lines.write(&gpsd::calibration(&outcome))?;
+            if let Some(calibration) = outcome.calibration {
+                keep.save(&outcome, calibration)?;
+            }
+        }
+    }
+    Ok(None)
 }
 
 /// What a client sees.

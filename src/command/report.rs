@@ -1,20 +1,26 @@
 //! `headingd report`: a page with figures, of a log or of a running daemon.
 
+use std::future::pending;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+
+use tokio::runtime::Builder;
 
 use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
-use super::{Failure, OrFail, config_file, number, print, tell_skips};
+use super::{Failure, OrFail, config_file, number, print, read_log, tell_skips};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
+use crate::position::{Follower, GpsFix, Gpsd};
 use crate::publish::control::ControlRequest;
 use crate::publish::raw::{self, Object};
-use crate::recording::Header;
+use crate::recording::{Header, TimeOfDay};
 use crate::report::{About, Analysis, ReportError, page};
 use crate::sensor::replay::Replay;
 use crate::store::Contents;
+use crate::true_north::TrueNorth;
+use crate::wall_clock;
 
 /// Raw readings alone.
 const WATCH: &str = r#"{"enable":true,"json":false,"readings":true}"#;
@@ -73,20 +79,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn of_log(log: &Path, config: &Config) -> Result<(About, Analysis), Failure> {
-    let mut replay = Replay::open(log)?;
+    let replay = Replay::open(log)?;
     let about = about(&log.display().to_string(), replay.header());
-    let mut analysis = Analysis::new(config.setup(&replay.header().mountings), None);
-    let mut bar = Progress::new();
-    while let Some(entry) = replay.next() {
-        let entry = entry?;
-        if replay.begins_stretch() {
+    let mut time = TimeOfDay::new(replay.header());
+    let setup = config.setup(&replay.header().mountings);
+    let mut analysis = Analysis::new(setup, TrueNorth::new(&config.true_north), None);
+    let skips = read_log::<Failure>(replay, |entry, begins_stretch| {
+        if begins_stretch {
             analysis.begin_stretch();
+            time.begin_stretch();
         }
-        analysis.take(entry.reading);
-        bar.follow(&replay);
-    }
-    bar.finish();
-    tell_skips(replay.skips())?;
+        analysis.take(entry.reading, time.at(entry.reading.t_s));
+        Ok(())
+    })?;
+    tell_skips(&skips)?;
     Ok((about, analysis))
 }
 
@@ -103,10 +109,12 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
     let sockets = DaemonSockets::beside(socket, config);
     let mut headings = Headings::open(&sockets.headings, WATCH)?;
     headings.set_patience(Some(PATIENCE))?;
+    let mut gpsd = follower(config)?;
     let nothing = || {
         let why = "the daemon has handed out no readings: headingd status says why";
         Failure::new(Failure::UNAVAILABLE, why)
     };
+    let mut fix: Option<GpsFix> = None;
     let bar = Progress::with_message();
     bar.say(format!(
         "listening for {:.0} s; Ctrl-C gives up",
@@ -129,20 +137,48 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
                     raw::header(&header).map_err(|why| Failure::new(Failure::DATA, why))?;
                 let about = about(&sockets.headings.display().to_string(), &header);
                 let setup = config.setup(&header.mountings);
-                found = Some((about, Analysis::new(setup, active(&sockets))));
+                let north = TrueNorth::new(&config.true_north);
+                found = Some((about, Analysis::new(setup, north, active(&sockets))));
             }
             Ok(Object::Reading(row)) => {
                 if let Some((_, analysis)) = &mut found {
-                    analysis.take(row.reading());
+                    fix = gpsd.as_mut().and_then(Follower::news).or(fix);
+                    if let Some(fix) = &fix {
+                        analysis.put_position(fix.position);
+                    }
+                    // A board without a clock of its own has the receiver's.
+                    let now = wall_clock::now().or_else(|| fix?.now());
+                    analysis.take(row.reading(), now);
                 }
             }
             _ => {}
         }
     }
     bar.finish();
+    if gpsd.is_some() && fix.is_none() {
+        eprintln!(
+            "headingd: no position from the gpsd at {}",
+            config.true_north.gpsd
+        );
+    }
     found
         .filter(|(_, analysis)| analysis.has_readings())
         .ok_or_else(nothing)
+}
+
+/// Follows the gpsd of the configuration, if it has one, until the command ends.
+fn follower(config: &Config) -> Result<Option<Follower>, Failure> {
+    let Some(gpsd) = Gpsd::parse(&config.true_north.gpsd) else {
+        return Ok(None);
+    };
+    let runtime = Builder::new_current_thread().enable_all().build();
+    let runtime = runtime.or_fail(Failure::SYSTEM, "cannot follow the gpsd")?;
+    let follower = {
+        let _within = runtime.enter();
+        Follower::start(gpsd)
+    };
+    std::thread::spawn(move || runtime.block_on(pending::<()>()));
+    Ok(Some(follower))
 }
 
 /// The daemon's calibration, where this user may ask for it.

@@ -30,6 +30,13 @@ pub struct ListenError {
     what: String,
 }
 
+impl ListenError {
+    fn new(socket: &Path, what: String) -> Self {
+        let socket = socket.to_owned();
+        Self { socket, what }
+    }
+}
+
 /// A service that hands out its raw readings.
 pub(super) struct Listener {
     socket: PathBuf,
@@ -46,10 +53,7 @@ pub(super) struct Listener {
 impl Listener {
     /// Asks the service at `socket` for its readings.
     pub(super) async fn connect(socket: &Path) -> Result<Self, ListenError> {
-        let failed = |what: String| ListenError {
-            socket: socket.to_owned(),
-            what,
-        };
+        let failed = |what| ListenError::new(socket, what);
         let broken = |error| failed(format!("the connection failed: {error}"));
         let mut stream = UnixStream::connect(socket).await.map_err(broken)?;
         match stream.write_all(REQUEST).await {
@@ -153,7 +157,7 @@ impl Listener {
                 Some(_) => continue,
                 None => "it has hung up".to_owned(),
             };
-            return Err(self.failed(what));
+            return Err(ListenError::new(&self.socket, what));
         }
     }
 
@@ -176,14 +180,7 @@ impl Listener {
             Ok(_) => "the connection was cut within a line".to_owned(),
             Err(error) => format!("the connection broke: {error}"),
         };
-        Err(self.failed(what))
-    }
-
-    fn failed(&self, what: String) -> ListenError {
-        ListenError {
-            socket: self.socket.clone(),
-            what,
-        }
+        Err(ListenError::new(&self.socket, what))
     }
 }
 

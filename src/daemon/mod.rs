@@ -204,10 +204,8 @@ impl Daemon {
             tracing::warn!("{short}");
             settings.max_clients = short.clients;
         }
-        let server = match service.sockets.take(sockets::HEADING) {
-            Some(listener) => Server::inherit(listener, &settings, &config.nmea, device, stale)?,
-            None => Server::bind(&settings, &config.nmea, device, stale)?,
-        };
+        let handed = service.sockets.take(sockets::HEADING);
+        let server = Server::bind(handed, &settings, &config.nmea, device, stale)?;
         let (served, wanted) = (server.socket(), &config.socket.socket);
         tracing::info!("serving on socket {}", served.display());
         if served != *wanted {
@@ -343,11 +341,8 @@ impl Daemon {
 
 /// The control socket. Headings are served without it.
 fn control(config: &Config, service: &mut Service) -> Option<Control> {
-    let bound = match service.sockets.take(sockets::CONTROL) {
-        Some(listener) => Control::inherit(listener, &config.control, &config.socket.socket),
-        None => Control::bind(&config.control, &config.socket.socket),
-    };
-    bound
+    let handed = service.sockets.take(sockets::CONTROL);
+    Control::bind(handed, &config.control, &config.socket.socket)
         .inspect_err(|error| {
             tracing::error!(
                 "{error}; headings are served, but headingd status and headingd calibration will not work"

@@ -1,6 +1,5 @@
 //! How many files the daemon may have open, held against how many it needs.
 
-use std::fmt;
 use std::fs;
 
 /// What is open besides connections, with room to spare: streams, sockets, locks and timers, the journal, the source and
@@ -32,7 +31,12 @@ fn soft_limit(limits: &str) -> Option<u64> {
 }
 
 /// A limit that is too low.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "socket.max_clients = {max_clients} needs {} open files, but the limit is {limit} here, which does for {clients}: raise \
+     it (LimitNOFILE= in the unit of the service, or ulimit -n), or lower max_clients",
+    needed(*max_clients)
+)]
 pub struct Shortage {
     max_clients: usize,
     limit: u64,
@@ -51,20 +55,6 @@ impl Shortage {
             // Less than the maximum, as the limit is too low for that.
             clients: (clients as usize).max(1),
         })
-    }
-}
-
-impl fmt::Display for Shortage {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "socket.max_clients = {} needs {} open files, but the limit is {} here, which does for {}: raise it \
-             (LimitNOFILE= in the unit of the service, or ulimit -n), or lower max_clients",
-            self.max_clients,
-            needed(self.max_clients),
-            self.limit,
-            self.clients
-        )
     }
 }
 

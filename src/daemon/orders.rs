@@ -156,8 +156,7 @@ impl Daemon {
         let history = self.session.store.history();
         let entry = history.find(number)?;
         let contents = Contents::of(History::of(history.identity.clone(), entry.made));
-        let text = contents.to_json().map_err(failed)?;
-        let file: Value = serde_json::from_str(&text).map_err(failed)?;
+        let file = contents.to_value().map_err(failed)?;
         Ok(Answer::done(sentence(entry)).with("file", file))
     }
 
@@ -213,7 +212,7 @@ impl Daemon {
             .with_all(&json!({ "calibrations": entries }))
     }
 
-    /// How the daemon does, with word, reason and sentence of the `STATE` published last.
+    /// The daemon's status, with word, reason and sentence of the `STATE` published last.
     fn status(&self) -> Answer {
         let history = self.session.store.history();
         let answer = match self.session.pipeline.report() {

@@ -11,7 +11,7 @@ use super::source_task::SourceTask;
 use super::{Daemon, DaemonError};
 use crate::config::source::Kind;
 use crate::config::{Config, record};
-use crate::publish::server::BindError;
+use crate::publish::server::{BindError, BindFault};
 use crate::sensor::SourceEvent;
 use crate::service::Service;
 
@@ -39,7 +39,10 @@ impl Recording {
             ..config.clone()
         };
         let origin = match Daemon::open(&config, Service::default()) {
-            Err(DaemonError::Bind(BindError::Busy { path, .. })) => ReadingsFrom::Service {
+            Err(DaemonError::Bind(BindError {
+                path,
+                why: BindFault::Busy(_),
+            })) => ReadingsFrom::Service {
                 listener: Box::new(Listener::connect(&path).await?),
                 path,
             },
@@ -54,7 +57,7 @@ impl Recording {
                 }
             }
             // Two readers of the same chips would disturb each other.
-            Err(DaemonError::Bind(error)) if !matches!(error, BindError::Unsure { .. }) => {
+            Err(DaemonError::Bind(error)) if !matches!(error.why, BindFault::Unsure(_)) => {
                 tracing::warn!("{error}; recording without a socket");
                 ReadingsFrom::Source(Box::new(SourceTask::open(&config)?))
             }

@@ -165,12 +165,6 @@ impl Write for Counted {
     }
 }
 
-/// A file that is open and still empty.
-struct Blank {
-    path: PathBuf,
-    file: File,
-}
-
 /// An open log.
 struct OpenLog {
     path: PathBuf,
@@ -187,8 +181,9 @@ fn failed(attempt: &'static str, path: &Path) -> impl Fn(io::Error) -> RecordErr
 }
 
 impl Destination {
-    fn open(&self) -> Result<Blank, RecordError> {
-        let (path, file) = match self {
+    /// A new file, with its path.
+    fn open(&self) -> Result<(PathBuf, File), RecordError> {
+        Ok(match self {
             Self::File(path) if path == Path::new("-") => {
                 let path = PathBuf::from("standard output");
                 let descriptor = io::stdout().as_fd().try_clone_to_owned();
@@ -202,8 +197,7 @@ impl Destination {
             Self::Ring(ring) => {
                 ring::next(&ring.directory, ring.files).map_err(failed("begin", &ring.directory))?
             }
-        };
-        Ok(Blank { path, file })
+        })
     }
 
     fn most_bytes(&self) -> u64 {
@@ -214,10 +208,9 @@ impl Destination {
     }
 }
 
-impl Blank {
+impl OpenLog {
     /// Writes the header, with the present time unless it has that of a replayed log.
-    fn begin(self, header: &Header) -> Result<OpenLog, RecordError> {
-        let Self { path, file } = self;
+    fn begin(path: PathBuf, file: File, header: &Header) -> Result<Self, RecordError> {
         let mut header = header.clone();
         if !header.truth.iter().any(|(key, _)| key == RECORDED_FROM)
             && let Some(time) = wall_clock::rfc3339(Instant::now())
@@ -226,36 +219,9 @@ impl Blank {
         }
         let writer = Writer::new(BufWriter::new(Counted { file, bytes: 0 }), &header)
             .map_err(failed("begin", &path))?;
-        Ok(OpenLog { path, writer })
+        Ok(Self { path, writer })
     }
-}
 
-fn record(
-    target: &Destination,
-    header: &Header,
-    readings: &Receiver<Reading>,
-    written: &mut u64,
-) -> Result<(), RecordError> {
-    let mut blank = target.open()?;
-    if let Destination::Ring(_) = target {
-        tracing::info!("recording into {}", blank.path.display());
-    }
-    loop {
-        // Then the header is written, which has the first reading's time.
-        let first = readings.recv();
-        let mut log = blank.begin(header)?;
-        if let Ok(first) = first {
-            log.fill(first, readings, target.most_bytes(), written)?;
-        }
-        log.close()?;
-        if log.writer.get_ref().get_ref().bytes < target.most_bytes() {
-            return Ok(());
-        }
-        blank = target.open()?;
-    }
-}
-
-impl OpenLog {
     /// Writes readings until there are no more, or the file has its full size.
     fn fill(
         &mut self,
@@ -288,9 +254,30 @@ impl OpenLog {
             next = readings.recv_timeout(FLUSH.saturating_sub(flushed.elapsed()));
         }
     }
+}
 
-    fn close(&mut self) -> Result<(), RecordError> {
-        let closed = self.writer.flush();
-        closed.map_err(failed("go on with", &self.path))
+fn record(
+    target: &Destination,
+    header: &Header,
+    readings: &Receiver<Reading>,
+    written: &mut u64,
+) -> Result<(), RecordError> {
+    let (mut path, mut file) = target.open()?;
+    if let Destination::Ring(_) = target {
+        tracing::info!("recording into {}", path.display());
+    }
+    loop {
+        // Then the header is written, which has the first reading's time.
+        let first = readings.recv();
+        let mut log = OpenLog::begin(path, file, header)?;
+        if let Ok(first) = first {
+            log.fill(first, readings, target.most_bytes(), written)?;
+        }
+        let closed = log.writer.flush();
+        closed.map_err(failed("go on with", &log.path))?;
+        if log.writer.get_ref().get_ref().bytes < target.most_bytes() {
+            return Ok(());
+        }
+        (path, file) = target.open()?;
     }
 }

@@ -94,7 +94,7 @@ impl SourceTask {
             }
             Kind::I2c => {
                 header.sensor = Some(config.i2c.sensor().to_owned());
-                header.mountings = config.i2c.mountings(&config.mounting.chips());
+                header.mountings = config.i2c.board.mountings(&config.mounting.chips());
                 let name = config.i2c.path().display().to_string();
                 (name, Source::I2c(config.i2c.clone()))
             }

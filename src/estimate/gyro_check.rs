@@ -89,6 +89,7 @@ impl GyroFault {
 pub(super) struct GyroCheck {
     field: Witness,
     gravity: Witness,
+    unexplained: Unexplained,
     /// The field when gravity's moment began, in strengths, how far the gyro has turned since, radians, and how often both
     /// have moved without it.
     begun: Vector3<f64>,
@@ -107,9 +108,32 @@ struct Witness {
     moment: Option<Moment>,
     quick: Sums,
     slow: Sums,
-    /// Change that the gyro does not explain, as a share of the vector: in recent moments, and in the current one.
-    unexplained: f64,
-    unexplained_now: f64,
+}
+
+/// Change of the field that the gyro does not explain, as a share of it: in recent moments, and in the current one.
+#[derive(Clone, Copy, Debug, Default)]
+struct Unexplained {
+    recent: f64,
+    current: f64,
+}
+
+/// How a vector has changed since a moment began.
+#[derive(Clone, Copy, Debug)]
+struct VectorChange {
+    /// As it was seen, and the larger of this and what the gyro predicts.
+    seen: f64,
+    larger: f64,
+    /// By how much the gyro misses it.
+    missed: f64,
+    /// Whether the moment ends with it.
+    ended: bool,
+}
+
+impl VectorChange {
+    /// Whether it is evidence: a whole moment's, and neither noise nor a jump.
+    fn counts(&self) -> bool {
+        self.ended && (NOISE..JUMP).contains(&self.larger)
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -149,15 +173,8 @@ impl Sums {
 }
 
 impl Witness {
-    /// Takes the vector and the change that the gyro predicts since the sample before, at this rate. When a moment ends, how
-    /// much the vector has changed in it.
-    fn take(
-        &mut self,
-        now: Vector3<f64>,
-        change: Vector3<f64>,
-        period_s: f64,
-        rate_rad_s: f64,
-    ) -> Option<f64> {
+    /// Takes the vector and the change that the gyro predicts since the sample before.
+    fn take(&mut self, now: Vector3<f64>, change: Vector3<f64>, period_s: f64) -> VectorChange {
         let moment = self.moment.get_or_insert(Moment {
             age_s: 0.0,
             begun: now,
@@ -167,35 +184,20 @@ impl Witness {
         moment.predicted += change;
         let (seen, told) = (now - moment.begun, moment.predicted);
         let larger = seen.norm().max(told.norm());
-        let ended = larger >= CHANGE || moment.age_s >= MOMENT_S;
-        self.doubt((seen - told).norm(), larger, rate_rad_s, ended);
-        if !ended {
-            return None;
-        }
-        self.moment = None;
-        if !(NOISE..JUMP).contains(&larger) {
-            return None;
-        }
-        self.quick.take(&seen, &told, QUICK);
-        self.slow.take(&seen, &told, SLOW);
-        Some(seen.norm())
-    }
-
-    /// Takes by how much the gyro misses a change of this size.
-    fn doubt(&mut self, missed: f64, change: f64, rate_rad_s: f64, ended: bool) {
-        let beyond = missed - EXPLAINED - rate_rad_s * SCATTER_S;
-        let unexplained = if change < JUMP && missed > MOSTLY * change {
-            beyond.max(0.0)
-        } else {
-            0.0
+        let change = VectorChange {
+            seen: seen.norm(),
+            larger,
+            missed: (seen - told).norm(),
+            ended: larger >= CHANGE || moment.age_s >= MOMENT_S,
         };
-        self.unexplained_now = if ended { 0.0 } else { unexplained };
-        if ended && unexplained > 0.0 {
-            // Half a turn is all that a heading can be off.
-            self.unexplained = (self.unexplained + unexplained).min(PI);
-        } else if ended && (NOISE..JUMP).contains(&change) {
-            self.unexplained *= (-change / FADES).exp();
+        if change.ended {
+            self.moment = None;
         }
+        if change.counts() {
+            self.quick.take(&seen, &told, QUICK);
+            self.slow.take(&seen, &told, SLOW);
+        }
+        change
     }
 
     /// Whether it has turned by enough to say something, and the gyro has not.
@@ -206,6 +208,25 @@ impl Witness {
     fn opposes(&self, limit: f64) -> bool {
         let Sums { seen, told, .. } = self.quick;
         told > 0.1 * seen && self.quick.enough(QUICK) && self.quick.correlation() < limit
+    }
+}
+
+impl Unexplained {
+    /// Takes a change, and the rate at which the board turns.
+    fn take(&mut self, change: &VectorChange, rate_rad_s: f64) {
+        let beyond = change.missed - EXPLAINED - rate_rad_s * SCATTER_S;
+        let unexplained = if change.larger < JUMP && change.missed > MOSTLY * change.larger {
+            beyond.max(0.0)
+        } else {
+            0.0
+        };
+        self.current = if change.ended { 0.0 } else { unexplained };
+        if change.ended && unexplained > 0.0 {
+            // Half a turn is all that a heading can be off.
+            self.recent = (self.recent + unexplained).min(PI);
+        } else if change.counts() {
+            self.recent *= (-change.larger / FADES).exp();
+        }
     }
 }
 
@@ -231,10 +252,12 @@ impl GyroCheck {
             self.turned_rad += rate.norm() * dt;
             if (up.norm() - 1.0).abs() > SHAKEN {
                 self.gravity.moment = None;
-            } else if let Some(seen) = self.gravity.take(up, up.cross(&rate) * dt, dt, rate.norm())
-            {
-                judge = true;
-                self.compare(seen, &field);
+            } else {
+                let change = self.gravity.take(up, up.cross(&rate) * dt, dt);
+                if change.counts() {
+                    judge = true;
+                    self.compare(change.seen, &field);
+                }
             }
         }
         // What a gyro that reads nothing predicts depends on no iron.
@@ -246,7 +269,9 @@ impl GyroCheck {
             };
             let corrected = inverse * (input.field_mgauss - filter.bias_mgauss());
             let change = matrix * corrected.cross(&rate) * (dt / filter.strength_mgauss());
-            judge |= self.field.take(field, change, dt, rate.norm()).is_some();
+            let change = self.field.take(field, change, dt);
+            self.unexplained.take(&change, rate.norm());
+            judge |= change.counts();
         }
         if judge {
             self.fault = self.judged();
@@ -256,7 +281,7 @@ impl GyroCheck {
     /// The gyro has a gap: what has changed meanwhile is no evidence against it.
     pub(super) fn lose_frame(&mut self) {
         (self.field.moment, self.gravity.moment) = (None, None);
-        self.field.unexplained_now = 0.0;
+        self.unexplained.current = 0.0;
         self.together = 0;
     }
 
@@ -274,7 +299,7 @@ impl GyroCheck {
     /// By how much a heading that the gyro carries along may be off, radians, if the gyro is wrong: what the field has turned
     /// lately against it, and what it has not seen. `steepness` is the whole field over its horizontal part.
     pub(super) fn contradicted_rad(&self, steepness: f64) -> f64 {
-        (self.field.unexplained + self.field.unexplained_now) * steepness + self.unseen_rad
+        (self.unexplained.recent + self.unexplained.current) * steepness + self.unseen_rad
     }
 
     /// Gravity has changed by `seen` in a moment.

@@ -1,6 +1,6 @@
 //! What the estimate has learnt, as a calibration to keep, and what it has yet to learn.
 
-use super::{Estimate, Origin, prior};
+use super::{Estimate, prior};
 use crate::calibration::model::{Calibration, Model, PackedCovariance, Parameters, Spatial};
 
 impl Estimate {
@@ -11,14 +11,6 @@ impl Estimate {
         match unknown.imax() {
             2 => "roll or pitch it",
             _ => "turn it about the vertical",
-        }
-    }
-
-    /// Whether the parameters came from a full turn or from motion.
-    pub fn method(&self) -> &'static str {
-        match self.origin {
-            Origin::Turn => "turn",
-            Origin::Motion => "motion",
         }
     }
 

@@ -29,12 +29,12 @@ const SAME: f64 = 0.01;
 /// linear in its components.
 const DIRECTION_RAD: f64 = 0.2;
 
-/// A place and what the samples say to it.
+/// The model's field at a place, and how it agrees with the samples.
 #[derive(Clone, Debug)]
 pub(super) struct PlaceEvidence {
-    /// The horizontal part of the field and the upward one, milligauss, and the model's own variances.
-    told: Vector2<f64>,
-    own: Vector2<f64>,
+    /// The horizontal part of the field and the upward one by the model, milligauss, and the model's own variances.
+    expected: Vector2<f64>,
+    model_variance: Vector2<f64>,
     /// For how long samples have contradicted it, less the time that they have not, seconds.
     against_s: f64,
     warned: bool,
@@ -62,8 +62,8 @@ impl PlaceEvidence {
             cos * strength.value * dip.sd.to_radians(),
         );
         Self {
-            told: Vector2::new(field.horizontal_mgauss.value, -sin * strength.value),
-            own: Vector2::new(field.horizontal_mgauss.sd, up_sd).map(|sd| sd * sd),
+            expected: Vector2::new(field.horizontal_mgauss.value, -sin * strength.value),
+            model_variance: Vector2::new(field.horizontal_mgauss.sd, up_sd).map(|sd| sd * sd),
             against_s: 0.0,
             warned: false,
         }
@@ -71,9 +71,9 @@ impl PlaceEvidence {
 
     /// The same evidence after an update: where the field is nearly the same, contradiction and warning carry over.
     pub(super) fn after(self, before: Option<Self>) -> Self {
-        let near = SAME * self.told.norm();
+        let near = SAME * self.expected.norm();
         match before {
-            Some(before) if (before.told - self.told).norm() < near => Self {
+            Some(before) if (before.expected - self.expected).norm() < near => Self {
                 against_s: before.against_s,
                 warned: before.warned,
                 ..self
@@ -90,7 +90,7 @@ impl PlaceEvidence {
         }
     }
 
-    /// Holds it against what was learnt, `period_s` after the last time. Once that contradicts it for good: what to say.
+    /// Compares it with what was learnt, `period_s` after the last time. A warning, once the contradiction lasts.
     pub(super) fn weigh(&mut self, filter: &Filter, period_s: f64) -> Option<String> {
         if !filter.vertical_known() || filter.disturbed() {
             return None;
@@ -111,7 +111,7 @@ impl PlaceEvidence {
         Some(format!(
             "the field does not match the position: {:.0} mG horizontal and {:.0} mG down, but the World Magnetic Model has {:.0} \
              and {:.0}; headings do not use the model. Check [true_north], or look for iron nearby",
-            found.x, -found.y, self.told.x, -self.told.y
+            found.x, -found.y, self.expected.x, -self.expected.y
         ))
     }
 
@@ -149,18 +149,18 @@ impl PlaceEvidence {
             return None;
         }
         let parts = parts(&north.field);
-        let expected = parts * north.field_covariance * parts.transpose() + self.covariance();
+        let covariance = parts * north.field_covariance * parts.transpose() + self.covariance();
         Some(Innovation {
             parts,
-            value: self.told - parts * north.field,
-            inverse: expected.try_inverse()?,
+            value: self.expected - parts * north.field,
+            inverse: covariance.try_inverse()?,
         })
     }
 
     fn covariance(&self) -> Matrix2<f64> {
-        let local = LOCAL * self.told.norm();
-        let apart = self.own.map(|variance| variance + local * local);
-        self.told * self.told.transpose() * GAIN.powi(2) + Matrix2::from_diagonal(&apart)
+        let local = LOCAL * self.expected.norm();
+        let apart = self.model_variance.map(|variance| variance + local * local);
+        self.expected * self.expected.transpose() * GAIN.powi(2) + Matrix2::from_diagonal(&apart)
     }
 }
 

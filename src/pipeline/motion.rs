@@ -20,31 +20,26 @@ pub struct MotionMeasures {
 }
 
 impl Pipeline {
-    /// What the estimate has learnt so far: accepted as certain as a live one is kept, and else refused. `None` before the
-    /// board has turned far enough for an estimate to begin.
-    pub fn learnt_by_motion(&self) -> Option<Outcome> {
+    /// What the estimate has learnt so far, and what that is judged by: accepted as certain as a live one is kept, and else
+    /// refused. `None` before the board has turned far enough for an estimate to begin.
+    pub fn learnt_by_motion(&self) -> Option<(Outcome, MotionMeasures)> {
         let calibration = self.estimate.calibration()?;
-        let outcome = Outcome::of_motion(calibration, self.estimate.measured_axes());
-        Some(match self.objection_to_motion() {
-            Some(refusal) => outcome.refused(refusal),
-            None => outcome,
-        })
-    }
-
-    /// What motion is judged by; `None` before there is an estimate.
-    pub fn motion_measures(&self) -> Option<MotionMeasures> {
-        let calibration = self.estimate.calibration()?;
-        Some(MotionMeasures {
+        let measures = MotionMeasures {
             gyro_is_right: self.gyro_is_right(),
             field_is_predicted: !self.estimate.disturbed(),
             residual_mgauss: calibration.residual_mgauss,
             heading_sd_deg: self.estimate.north_sd_deg(),
             most_heading_sd_deg: self.setup.pipeline.good_sd_deg,
-        })
+        };
+        let outcome = Outcome::of_motion(calibration, self.estimate.measured_axes());
+        let outcome = match self.objection_to_motion(&measures) {
+            Some(refusal) => outcome.refused(refusal),
+            None => outcome,
+        };
+        Some((outcome, measures))
     }
 
-    fn objection_to_motion(&self) -> Option<Refusal> {
-        let measures = self.motion_measures()?;
+    fn objection_to_motion(&self, measures: &MotionMeasures) -> Option<Refusal> {
         if !measures.gyro_is_right {
             return Some(Refusal::new(
                 "gyro_angle",

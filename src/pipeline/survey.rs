@@ -1,8 +1,10 @@
 //! A whole log looked through once, for one calibration of all that is in it.
 
+use std::convert::Infallible;
+
 use nalgebra::Vector3;
 
-use super::{Action, Event, Pipeline, Setup};
+use super::{Event, Pipeline, Setup};
 use crate::attitude::Attitude;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::settings::{ModeChoice, WindowChoice};
@@ -33,8 +35,6 @@ pub struct Survey {
     has_gyro: bool,
     /// What the daemon would have made of the log, as long as no full turn is found, where motion may calibrate.
     motion: Option<Pipeline>,
-    /// Of that, which nobody carries out.
-    actions: Vec<Action>,
     last_s: f64,
     later_s: f64,
 }
@@ -65,7 +65,6 @@ impl Survey {
             turns: Vec::new(),
             rotation_s: None,
             has_gyro: false,
-            actions: Vec::new(),
             last_s: 0.0,
             later_s: 0.0,
         }
@@ -77,9 +76,7 @@ impl Survey {
         if new_stretch {
             // Samples are found by their times: a stretch comes after a hole, wherever its own clock began.
             self.later_s = self.last_s + STRETCHES_APART_S - reading.t_s;
-            if let Some(pipeline) = &mut self.motion {
-                pipeline.handle(Event::NewStretch, &mut self.actions);
-            }
+            self.learn(Event::NewStretch);
         }
         reading.t_s += self.later_s;
         self.last_s = reading.t_s;
@@ -96,10 +93,7 @@ impl Survey {
         if !self.turns.is_empty() {
             self.motion = None;
         }
-        if let Some(pipeline) = &mut self.motion {
-            pipeline.handle(Event::Reading(reading), &mut self.actions);
-            self.actions.clear();
-        }
+        self.learn(Event::Reading(reading));
         let field = reading
             .field_mgauss
             .and_then(|field| needed(&field, self.plane));
@@ -111,6 +105,13 @@ impl Survey {
             };
             let open_s = self.setup.turn.time_limit_s;
             self.samples.push(sample, &self.turns, open_s);
+        }
+    }
+
+    /// Takes no actions: only a full turn asks for a calibration, and then this result is not used.
+    fn learn(&mut self, event: Event) {
+        if let Some(pipeline) = &mut self.motion {
+            let Ok(()) = pipeline.play(event, |_| Ok::<_, Infallible>(None));
         }
     }
 
@@ -127,7 +128,8 @@ impl Survey {
         if needs_gyro && !self.has_gyro && self.samples.len() > 2 {
             return Surveyed::NoPlane;
         }
-        if let Some(mut outcome) = self.motion.as_ref().and_then(Pipeline::learnt_by_motion) {
+        let motion = self.motion.as_ref();
+        if let Some((mut outcome, _)) = motion.and_then(Pipeline::learnt_by_motion) {
             outcome.samples.total = self.samples.len();
             return Surveyed::Learnt(Box::new(outcome));
         }

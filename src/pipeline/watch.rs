@@ -3,7 +3,6 @@
 use super::Pipeline;
 use crate::condition::SourceFault;
 use crate::estimate::GyroFault;
-use crate::frozen::Frozen;
 use crate::reading::Reading;
 
 impl Pipeline {
@@ -15,10 +14,10 @@ impl Pipeline {
     /// Looks whether a sensor says the same again and again.
     pub(super) fn watch(&mut self, reading: &Reading) {
         let found = self.frozen_watch.take(reading);
-        if found.map(Frozen::code) != self.frozen.as_ref().map(|frozen| frozen.code) {
+        if found.map(|frozen| frozen.code) != self.frozen.as_ref().map(|frozen| frozen.code) {
             self.frozen = found.map(|frozen| SourceFault {
-                code: frozen.code(),
-                message: frozen.message().to_owned(),
+                code: frozen.code,
+                message: frozen.message.to_owned(),
             });
         }
     }

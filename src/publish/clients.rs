@@ -2,7 +2,6 @@
 
 use std::future::Future;
 use std::io::{self, Write};
-use std::os::unix::net::UnixListener as StdListener;
 use std::pin::pin;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
@@ -15,7 +14,7 @@ use tokio::time::{sleep, timeout};
 
 use super::client::ClientError;
 use super::places::{Full, Places};
-use super::socket_file::SocketFile;
+use super::socket_file::OpenSocket;
 
 /// How long clients have at the end to take what is on its way to them.
 const FAREWELL: Duration = Duration::from_millis(80);
@@ -25,9 +24,7 @@ const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_
 
 /// A socket that has been claimed, and how many clients it has room for.
 pub(super) struct Door<'a> {
-    pub listener: StdListener,
-    /// None if somebody else has made the socket, and will remove it.
-    pub file: Option<SocketFile>,
+    pub socket: OpenSocket,
     pub most: usize,
     /// What a client is told for which there is no room.
     pub refusal: fn(Full) -> String,
@@ -46,7 +43,7 @@ where
     S: Fn(UnixStream, watch::Receiver<bool>) -> F,
     F: Future<Output = Result<(), ClientError>> + Send + 'static,
 {
-    let listener = UnixListener::from_std(door.listener)?;
+    let listener = UnixListener::from_std(door.socket.listener)?;
     let (stop, stopped) = watch::channel(false);
     let mut clients: JoinSet<Result<(), ClientError>> = JoinSet::new();
     let places = Places::new(door.most, geteuid().as_raw());
@@ -94,7 +91,7 @@ where
         }
         door.count.store(clients.len(), Ordering::Relaxed);
     }
-    drop((listener, door.file));
+    drop((listener, door.socket.file));
     // Receivers are there as long as `stopped` is.
     let _ = stop.send(true);
     let _ = timeout(FAREWELL, async {

@@ -50,13 +50,6 @@ pub struct WatchPolicy {
     pub readings: bool,
 }
 
-/// One heading as an `ATT` object; see [`att_into`].
-pub fn att(device: &str, heading: &Heading, time: Option<&str>, age_ms: u64) -> String {
-    let mut out = String::with_capacity(384);
-    att_into(&mut out, device, heading, time, age_ms);
-    out
-}
-
 /// Appends one heading as an `ATT` object.
 ///
 /// `time` is the time of the reading, RFC 3339 in UTC, if it is known; `age_ms` how long ago that was,

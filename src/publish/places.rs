@@ -1,7 +1,6 @@
 //! The places for clients, and who holds them: one user cannot take them all.
 
 use std::collections::HashMap;
-use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Places that one user leaves to others; half of all where there are few.
@@ -30,11 +29,18 @@ pub(super) struct Place {
 }
 
 /// Why there is no place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Full {
     /// All of them are held.
+    #[error("headingd serves {0} clients already")]
     All(usize),
-    /// This user holds so many, and the rest is kept for others.
+    /// Users that the system does not name hold so many, and the rest is kept for others.
+    #[error("{0} clients of users that the system does not name are connected, which is the most")]
+    Unnamed(usize),
+    /// This user has so many, and the rest is kept for others.
+    #[error(
+        "user {uid} has {most} clients connected, which is the most for one user; close some of them"
+    )]
     User { uid: u32, most: usize },
 }
 
@@ -57,7 +63,10 @@ impl Places {
         let count = held.entry(uid).or_default();
         let most = most_of_one_user(self.most);
         if *count >= most && uid != ROOT && uid != self.own {
-            return Err(Full::User { uid, most });
+            return Err(match uid {
+                UNKNOWN => Full::Unnamed(most),
+                uid => Full::User { uid, most },
+            });
         }
         *count += 1;
         Ok(Place {
@@ -87,22 +96,6 @@ impl Drop for Place {
 /// The counts are changed in one step each, so a panic elsewhere cannot have left them half changed.
 fn lock(held: &Mutex<HashMap<u32, usize>>) -> MutexGuard<'_, HashMap<u32, usize>> {
     held.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-impl fmt::Display for Full {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::All(most) => write!(f, "headingd serves {most} clients already"),
-            Self::User { uid: UNKNOWN, most } => write!(
-                f,
-                "{most} clients of users that the system does not name are connected, which is the most"
-            ),
-            Self::User { uid, most } => write!(
-                f,
-                "user {uid} has {most} clients connected, which is the most for one user; close some of them"
-            ),
-        }
-    }
 }
 
 #[cfg(test)]

@@ -17,9 +17,9 @@ use super::feed::Feed;
 pub use super::feed::Publisher;
 use super::gpsd::{self, Device, LINE_END};
 use super::nmea;
-pub use super::socket_file::BindError;
-use super::socket_file::{SocketFile, check_mode, check_path, claim, inherited, mode_bits};
-use crate::check::{Check, Fault, settings};
+pub use super::socket_file::{BindError, BindFault};
+use super::socket_file::{OpenSocket, check_mode, check_path};
+use crate::check::{Fault, settings};
 
 /// Headings are no secret, and nothing can be changed here.
 const MOST_OPEN: u32 = 0o666;
@@ -57,16 +57,15 @@ impl Settings {
 /// A socket that has been claimed. Clients can connect from now on; [`Server::run`] serves them.
 #[derive(Debug)]
 pub struct Server {
-    listener: StdListener,
-    /// None if somebody else has made the socket, and will remove it.
-    file: Option<SocketFile>,
+    socket: OpenSocket,
     settings: Settings,
     feed: Arc<Feed>,
 }
 
 impl Server {
-    /// Claims the socket. One that a dead daemon has left behind is replaced; one at which another daemon
-    /// answers, or a file that is no socket, is left alone. Needs no runtime yet.
+    /// Claims the socket, or takes the one that somebody else has made and `handed` over, whatever the settings' path and
+    /// mode are. One that a dead daemon has left behind is replaced; one at which another daemon answers, or a file that is
+    /// no socket, is left alone. Needs no runtime yet.
     ///
     /// A heading whose sample is older than `stale` when it is its turn is sent to nobody.
     ///
@@ -74,69 +73,24 @@ impl Server {
     ///
     /// The settings are wrong, somebody else has the socket, or the system refuses.
     pub fn bind(
+        handed: Option<StdListener>,
         settings: &Settings,
         nmea: &nmea::Settings,
         device: Device,
         stale: Duration,
     ) -> Result<Self, BindError> {
-        let refused = |fault: String| BindError::Settings {
-            path: settings.socket.clone(),
-            fault,
-        };
-        if let Some(fault) = settings.check().first() {
-            return Err(refused(fault.to_string()));
-        }
-        let mode = mode_bits(&settings.mode, MOST_OPEN)
-            .ok_or_else(|| refused("mode is not octal".into()))?;
-        let (listener, file) = claim(&settings.socket, mode)?;
-        Ok(Self::on(
-            listener,
-            Some(file),
-            settings,
-            nmea,
-            device,
-            stale,
-        ))
-    }
-
-    /// Serves on a socket that somebody else has made, and will remove. Its path and mode are not those of the
-    /// settings.
-    ///
-    /// # Errors
-    ///
-    /// It is not a socket that can be listened to.
-    pub fn inherit(
-        listener: StdListener,
-        settings: &Settings,
-        nmea: &nmea::Settings,
-        device: Device,
-        stale: Duration,
-    ) -> Result<Self, BindError> {
-        let listener = inherited(listener, &settings.socket)?;
-        Ok(Self::on(listener, None, settings, nmea, device, stale))
-    }
-
-    fn on(
-        listener: StdListener,
-        file: Option<SocketFile>,
-        settings: &Settings,
-        nmea: &nmea::Settings,
-        device: Device,
-        stale: Duration,
-    ) -> Self {
-        Self {
-            listener,
-            file,
+        Ok(Self {
+            socket: OpenSocket::open(handed, &settings.socket, &settings.mode, MOST_OPEN)?,
             feed: Arc::new(Feed::new(device, nmea.clone(), settings.backlog, stale)),
             settings: settings.clone(),
-        }
+        })
     }
 
     /// The path at which clients connect; that of the settings, if the socket has none.
     pub fn socket(&self) -> PathBuf {
-        let address = self.listener.local_addr().ok();
+        let address = self.socket.listener.local_addr().ok();
         let path = address.and_then(|address| Some(address.as_pathname()?.to_owned()));
-        match &self.file {
+        match &self.socket.file {
             None => path.unwrap_or_else(|| self.settings.socket.clone()),
             // It was made under another name.
             Some(_) => self.settings.socket.clone(),
@@ -156,8 +110,7 @@ impl Server {
     /// The socket cannot be handed to the runtime; nothing that a client does ends it.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> io::Result<()> {
         let door = Door {
-            listener: self.listener,
-            file: self.file,
+            socket: self.socket,
             most: self.settings.max_clients,
             refusal: |full| {
                 let message = format!("{full}; raise max_clients, or try again later");
@@ -181,6 +134,7 @@ impl Server {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::Check;
 
     #[test]
     fn the_defaults_are_right_and_every_fault_is_named() {

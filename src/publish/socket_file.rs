@@ -19,80 +19,59 @@ use crate::lock_file::{LockError, LockFile};
 /// The longest path of a socket, bytes: the system takes 107, and the name under which it is made needs some.
 const LONGEST_PATH: usize = 100;
 
-/// Why the socket cannot be served on.
+/// Why a socket cannot be served on.
 #[derive(Debug, Error)]
-pub enum BindError {
-    /// The settings are not usable.
-    #[error("cannot serve on {}: {fault}", path.display())]
-    Settings {
-        /// The socket.
-        path: PathBuf,
-        /// What is wrong with them.
-        fault: String,
-    },
-    /// Somebody answers there, or is about to.
+#[error("cannot serve on {}: {why}", path.display())]
+pub struct BindError {
+    /// The socket.
+    pub path: PathBuf,
+    /// What is in the way.
+    pub why: BindFault,
+}
+
+/// What is in the way of a socket.
+#[derive(Debug, Error)]
+pub enum BindFault {
+    /// The settings are wrong.
+    #[error("{0}")]
+    Settings(Fault),
+    /// Another process serves there or is about to; its number, if that is known.
     #[error(
-        "cannot serve on {}: another daemon is serving there{}; stop it, or set another socket",
-        path.display(), pid.map(|pid| format!(" (process {pid})")).unwrap_or_default()
+        "another daemon is serving there{}; stop it, or set another socket",
+        .0.map(|pid| format!(" (process {pid})")).unwrap_or_default()
     )]
-    Busy {
-        /// The socket.
-        path: PathBuf,
-        /// Its process, if that is known.
-        pid: Option<u32>,
-    },
+    Busy(Option<u32>),
     /// Somebody may be serving there.
     #[error(
-        "cannot serve on {}: cannot find out whether a daemon is serving there: {source}; join its group, or set \
-         another socket",
-        path.display()
+        "cannot find out whether a daemon is serving there: {0}; join its group, or set another socket"
     )]
-    Unsure {
-        /// The socket.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// Something else stands there; it is left alone.
+    Unsure(io::Error),
+    /// Something else is there; it is left alone.
+    #[error("a file that is no socket is there; move it away, or set another socket")]
+    NotASocket,
+    /// Its directory does not exist.
     #[error(
-        "cannot serve on {}: a file that is no socket is there; move it away, or set another socket",
-        path.display()
-    )]
-    NotASocket {
-        /// The socket.
-        path: PathBuf,
-    },
-    /// Its directory is missing.
-    #[error(
-        "cannot serve on {}: the directory {} does not exist; create it (sudo install -d -o $USER {}, or systemd's \
+        "the directory {directory} does not exist; create it (sudo install -d -o $USER {directory}, or systemd's \
          RuntimeDirectory=), or set another socket",
-        path.display(), directory.display(), directory.display()
+        directory = .0.display()
     )]
-    NoDirectory {
-        /// The socket.
-        path: PathBuf,
-        /// The directory.
-        directory: PathBuf,
-    },
+    NoDirectory(PathBuf),
     /// This user may not make a socket there.
     #[error(
-        "cannot serve on {}: {attempt}: {source}; let this user write to {} (systemd: User= and RuntimeDirectory=), \
-         or set another socket",
-        path.display(), path.parent().unwrap_or(path).display()
+        "{attempt}: {source}; let this user write to {} (systemd: User= and RuntimeDirectory=), or set another socket",
+        directory.display()
     )]
     NotAllowed {
-        /// The socket.
-        path: PathBuf,
         /// What was attempted.
         attempt: &'static str,
         /// What the system said.
         source: io::Error,
+        /// The directory.
+        directory: PathBuf,
     },
     /// The system refused.
-    #[error("cannot serve on {}: {attempt}: {source}", path.display())]
+    #[error("{attempt}: {source}")]
     System {
-        /// The socket.
-        path: PathBuf,
         /// What was attempted.
         attempt: &'static str,
         /// What the system said.
@@ -100,22 +79,56 @@ pub enum BindError {
     },
 }
 
-impl BindError {
+impl BindFault {
     /// What was attempted at `path` failed.
     fn failed(path: &Path, attempt: &'static str, source: io::Error) -> Self {
-        let path = path.to_owned();
         match source.kind() {
             ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => Self::NotAllowed {
-                path,
                 attempt,
                 source,
+                directory: path.parent().unwrap_or(path).to_owned(),
             },
-            _ => Self::System {
-                path,
-                attempt,
-                source,
-            },
+            _ => Self::System { attempt, source },
         }
+    }
+}
+
+/// A socket that is listened to.
+#[derive(Debug)]
+pub(super) struct OpenSocket {
+    pub(super) listener: UnixListener,
+    /// None if somebody else has made the socket, and will remove it.
+    pub(super) file: Option<SocketFile>,
+}
+
+impl OpenSocket {
+    /// The socket that was handed over, or else one at `path` with these permissions, which are at most `most_open`. One
+    /// there that nobody serves on any more is replaced.
+    pub(super) fn open(
+        handed: Option<UnixListener>,
+        path: &Path,
+        mode: &str,
+        most_open: u32,
+    ) -> Result<Self, BindError> {
+        let opened = match handed {
+            Some(listener) => {
+                let attempt = "cannot make the socket that was handed over non-blocking";
+                let set = listener.set_nonblocking(true);
+                set.map(|()| Self {
+                    listener,
+                    file: None,
+                })
+                .map_err(|source| BindFault::failed(path, attempt, source))
+            }
+            None => right_path("socket", path)
+                .and_then(|()| right_mode("mode", mode, most_open))
+                .map_err(BindFault::Settings)
+                .and_then(|mode| claim(path, mode)),
+        };
+        opened.map_err(|why| BindError {
+            path: path.to_owned(),
+            why,
+        })
     }
 }
 
@@ -129,25 +142,13 @@ pub(super) struct SocketFile {
     _lock: LockFile,
 }
 
-/// A socket that somebody else has made, ready to be served on; `path` is for the message.
-pub(super) fn inherited(listener: UnixListener, path: &Path) -> Result<UnixListener, BindError> {
-    let attempt = "cannot make the socket that was handed over non-blocking";
-    listener
-        .set_nonblocking(true)
-        .map_err(|source| BindError::failed(path, attempt, source))?;
-    Ok(listener)
-}
-
 /// Listens on `path` with permissions `mode`. A socket that nobody serves on any more is replaced.
-pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile), BindError> {
-    let failed = |attempt| move |source| BindError::failed(path, attempt, source);
-    // The settings have been checked: the path is absolute, so only "/" has no parent.
+fn claim(path: &Path, mode: u32) -> Result<OpenSocket, BindFault> {
+    let failed = |attempt| move |source| BindFault::failed(path, attempt, source);
+    // The path is absolute, so only "/" has no parent.
     let directory = path.parent().unwrap_or(path);
     if !directory.is_dir() {
-        return Err(BindError::NoDirectory {
-            path: path.to_owned(),
-            directory: directory.to_owned(),
-        });
+        return Err(BindFault::NoDirectory(directory.to_owned()));
     }
     refuse_if_taken(path)?;
     // Of two that are started together both have come this far.
@@ -166,7 +167,7 @@ pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile)
     }
     let listener =
         UnixListener::bind(&temporary).map_err(failed("cannot make a socket in its directory"))?;
-    let finish = || -> Result<(u64, u64), BindError> {
+    let finish = || -> Result<(u64, u64), BindFault> {
         fs::set_permissions(&temporary, Permissions::from_mode(mode))
             .map_err(failed("cannot set its permissions"))?;
         listener
@@ -184,7 +185,10 @@ pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile)
                 identity,
                 _lock: lock,
             };
-            Ok((listener, file))
+            Ok(OpenSocket {
+                listener,
+                file: Some(file),
+            })
         }
         Err(error) => {
             // Best effort: the error that is reported is the one that led here.
@@ -195,27 +199,21 @@ pub(super) fn claim(path: &Path, mode: u32) -> Result<(UnixListener, SocketFile)
 }
 
 /// An error unless `path` is free, or is a socket at which nobody listens.
-fn refuse_if_taken(path: &Path) -> Result<(), BindError> {
-    let failed = |attempt, source| BindError::failed(path, attempt, source);
+fn refuse_if_taken(path: &Path) -> Result<(), BindFault> {
+    let failed = |attempt, source| BindFault::failed(path, attempt, source);
     // Not following links: a link is no socket of ours.
     match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         Err(error) => return Err(failed("cannot look at what is there", error)),
         Ok(found) if !found.file_type().is_socket() => {
-            return Err(BindError::NotASocket {
-                path: path.to_owned(),
-            });
+            return Err(BindFault::NotASocket);
         }
         Ok(_) => {}
     }
-    let busy = |pid| BindError::Busy {
-        path: path.to_owned(),
-        pid,
-    };
     match connect(path) {
-        Ok(pid) => Err(busy(pid)),
+        Ok(pid) => Err(BindFault::Busy(pid)),
         // It has clients waiting, and takes none of them just now.
-        Err(error) if error.kind() == ErrorKind::WouldBlock => Err(busy(None)),
+        Err(error) if error.kind() == ErrorKind::WouldBlock => Err(BindFault::Busy(None)),
         Err(error)
             if matches!(
                 error.kind(),
@@ -224,10 +222,7 @@ fn refuse_if_taken(path: &Path) -> Result<(), BindError> {
         {
             Ok(())
         }
-        Err(source) => Err(BindError::Unsure {
-            path: path.to_owned(),
-            source,
-        }),
+        Err(source) => Err(BindFault::Unsure(source)),
     }
 }
 
@@ -242,16 +237,13 @@ fn connect(path: &Path) -> io::Result<Option<u32>> {
 }
 
 /// The lock beside the socket.
-fn lock(path: &Path) -> Result<LockFile, BindError> {
+fn lock(path: &Path) -> Result<LockFile, BindFault> {
     let mut name = path.as_os_str().to_owned();
     name.push(".lock");
     LockFile::take(Path::new(&name)).map_err(|error| match error {
-        LockError::Held(pid) => BindError::Busy {
-            path: path.to_owned(),
-            pid,
-        },
+        LockError::Held(pid) => BindFault::Busy(pid),
         LockError::System(source) => {
-            BindError::failed(path, "cannot lock the file .lock beside it", source)
+            BindFault::failed(path, "cannot lock the file .lock beside it", source)
         }
     })
 }
@@ -273,29 +265,33 @@ impl Drop for SocketFile {
 
 /// Finds what is wrong with the path of a socket.
 pub(super) fn check_path(faults: &mut Vec<Fault>, key: &str, path: &Path) {
-    let length = path.as_os_str().as_bytes().len();
-    if !path.is_absolute() || path.file_name().is_none() || length > LONGEST_PATH {
-        let right = format!("an absolute path of up to {LONGEST_PATH} bytes");
-        faults.push(Fault::new(key, format!("{path:?} ({length} bytes)"), right));
-    }
+    faults.extend(right_path(key, path).err());
 }
 
 /// Finds what is wrong with permissions that are at most `most`.
 pub(super) fn check_mode(faults: &mut Vec<Fault>, key: &str, mode: &str, most: u32) {
-    if mode_bits(mode, most).is_none() {
-        let right = format!(
-            "octal permissions in quotes, from \"0600\" to \"{most:04o}\", without execution"
-        );
-        faults.push(Fault::new(key, format!("{mode:?}"), right));
+    faults.extend(right_mode(key, mode, most).err());
+}
+
+fn right_path(key: &str, path: &Path) -> Result<(), Fault> {
+    let length = path.as_os_str().as_bytes().len();
+    if path.is_absolute() && path.file_name().is_some() && length <= LONGEST_PATH {
+        return Ok(());
     }
+    let right = format!("an absolute path of up to {LONGEST_PATH} bytes");
+    Err(Fault::new(key, format!("{path:?} ({length} bytes)"), right))
 }
 
 /// Permissions as a number, if they are ones that a socket may have.
-pub(super) fn mode_bits(mode: &str, most: u32) -> Option<u32> {
+fn right_mode(key: &str, mode: &str, most: u32) -> Result<u32, Fault> {
     // A sign is no part of a mode, but would be of a number.
     let octal = mode.bytes().all(|b| matches!(b, b'0'..=b'7'));
-    u32::from_str_radix(mode, 8)
-        .ok()
-        .filter(|_| octal)
-        .filter(|bits| bits & !most == 0 && bits & 0o600 == 0o600)
+    let bits = u32::from_str_radix(mode, 8).ok().filter(|_| octal);
+    bits.filter(|bits| bits & !most == 0 && bits & 0o600 == 0o600)
+        .ok_or_else(|| {
+            let right = format!(
+                "octal permissions in quotes, from \"0600\" to \"{most:04o}\", without execution"
+            );
+            Fault::new(key, format!("{mode:?}"), right)
+        })
 }

@@ -1,5 +1,8 @@
 //! A log taken through the pipeline, and what a report needs of it.
 
+use std::convert::Infallible;
+use std::time::Duration;
+
 use super::thin::Thin;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
@@ -7,11 +10,12 @@ use crate::calibration::{Request, calibrate};
 use crate::condition::Report;
 use crate::pipeline::{Action, Event, MotionMeasures, Pipeline, Setup};
 use crate::reading::Reading;
+use crate::true_north::{Position, TrueNorth};
 
 /// How many headings are kept for the figures.
 const MOST_HEADINGS: usize = 4000;
 
-/// How many verdicts are listed, and changes of condition drawn.
+/// How many verdicts and warnings are listed, and changes of condition drawn.
 const MOST_EVENTS: usize = 1000;
 
 /// One heading of the log.
@@ -20,6 +24,8 @@ pub(super) struct Point {
     pub(super) t_s: f64,
     /// The heading that would have been published, degrees.
     pub(super) heading_deg: Option<f64>,
+    /// The same from true north, [0, 360).
+    pub(super) true_deg: Option<f64>,
     pub(super) sd_deg: Option<f64>,
     pub(super) raw_deg: Option<f64>,
 }
@@ -39,9 +45,22 @@ pub(super) struct Judged {
     pub(super) outcome: Outcome,
 }
 
-/// What is found in a log.
+/// A log's way through the pipeline.
 pub struct Analysis {
     pipeline: Pipeline,
+    pub(super) found: Findings,
+}
+
+/// What is found in a log.
+pub(super) struct Findings {
+    north: TrueNorth,
+    since_1970: Option<Duration>,
+    /// How far magnetic north is east of true north at the end, if that is known.
+    pub(super) declination_deg: Option<f64>,
+    /// What a user should know, as the daemon's journal would have it.
+    pub(super) warnings: Vec<String>,
+    /// The newest heading that was published.
+    pub(super) newest: Option<Point>,
     pub(super) points: Thin<Point>,
     pub(super) spans: Vec<Span>,
     /// Verdicts with their times, of turns and of motion.
@@ -56,33 +75,45 @@ pub struct Analysis {
     pub(super) turns: u64,
     /// The condition that came last.
     pub(super) last: Option<Report>,
-    actions: Vec<Action>,
 }
 
 impl Analysis {
     /// Begins as a daemon with this setup would, with a calibration or without.
-    pub fn new(setup: Setup, calibration: Option<Calibration>) -> Self {
+    pub fn new(setup: Setup, north: TrueNorth, calibration: Option<Calibration>) -> Self {
         Self {
             pipeline: Pipeline::new(setup, calibration),
-            points: Thin::to(MOST_HEADINGS),
-            spans: Vec::new(),
-            verdicts: Vec::new(),
-            turn: None,
-            first_s: None,
-            now_s: 0.0,
-            readings: 0,
-            headings: 0,
-            turns: 0,
-            last: None,
-            actions: Vec::new(),
+            found: Findings {
+                north,
+                since_1970: None,
+                declination_deg: None,
+                warnings: Vec::new(),
+                newest: None,
+                points: Thin::to(MOST_HEADINGS),
+                spans: Vec::new(),
+                verdicts: Vec::new(),
+                turn: None,
+                first_s: None,
+                now_s: 0.0,
+                readings: 0,
+                headings: 0,
+                turns: 0,
+                last: None,
+            },
         }
     }
 
-    /// Takes the next reading.
-    pub fn take(&mut self, reading: Reading) {
-        self.readings += 1;
-        self.first_s.get_or_insert(reading.t_s);
-        self.now_s = reading.t_s;
+    /// The board is there from now on.
+    pub fn put_position(&mut self, position: Position) {
+        self.found.north.put_position(position);
+    }
+
+    /// Takes the next reading, and how long after the beginning of 1970 it was taken, if that is known.
+    pub fn take(&mut self, reading: Reading, since_1970: Option<Duration>) {
+        let found = &mut self.found;
+        found.since_1970 = since_1970;
+        found.readings += 1;
+        found.first_s.get_or_insert(reading.t_s);
+        found.now_s = reading.t_s;
         self.handle(Event::Reading(reading));
     }
 
@@ -93,7 +124,7 @@ impl Analysis {
 
     /// Whether there was anything to analyse.
     pub fn has_readings(&self) -> bool {
-        self.readings > 0
+        self.found.readings > 0
     }
 
     /// What is known at the end.
@@ -103,9 +134,10 @@ impl Analysis {
 
     /// What motion has taught, and what that was judged by, as `calibrate` does for a log without a full turn.
     pub(super) fn motion(&self) -> Option<(Outcome, MotionMeasures)> {
-        let outcome = self.pipeline.learnt_by_motion()?;
-        let measures = self.pipeline.motion_measures()?;
-        (self.turns == 0).then_some((outcome, measures))
+        if self.found.turns > 0 {
+            return None;
+        }
+        self.pipeline.learnt_by_motion()
     }
 
     /// Values that no sensor can have taken.
@@ -114,52 +146,57 @@ impl Analysis {
     }
 
     fn handle(&mut self, event: Event) {
-        let mut actions = std::mem::take(&mut self.actions);
-        self.pipeline.handle(event, &mut actions);
-        // A calibration that ends asks for the next one now and then.
-        while !actions.is_empty() {
-            let mut asked = Vec::new();
-            for action in actions.drain(..) {
-                match action {
-                    Action::Calibrate(request) => asked.push(request),
-                    other => self.note(other),
-                }
-            }
-            for request in asked {
-                let outcome = calibrate(&request, &|| None);
-                self.judged(*request, &outcome);
-                self.pipeline
-                    .handle(Event::Calibrated(Box::new(outcome)), &mut actions);
-            }
-        }
-        self.actions = actions;
+        let Self { pipeline, found } = self;
+        let Ok(()) = pipeline.play(event, |action| Ok::<_, Infallible>(found.note(action)));
     }
+}
 
-    fn judged(&mut self, request: Request, outcome: &Outcome) {
+impl Findings {
+    fn calibrate(&mut self, request: Request) -> Outcome {
+        let outcome = calibrate(&request, &|| None);
         let accepted = |outcome: &Outcome| outcome.verdict == Verdict::Accepted;
         let before = self
             .turn
             .as_ref()
             .is_some_and(|turn| accepted(&turn.outcome));
-        if accepted(outcome) || !before {
+        if accepted(&outcome) || !before {
             self.turn = Some(Judged {
                 request,
                 outcome: outcome.clone(),
             });
         }
+        outcome
     }
 
-    fn note(&mut self, action: Action) {
+    fn warn(&mut self, news: String) {
+        if self.warnings.len() < MOST_EVENTS {
+            self.warnings.push(news);
+        }
+    }
+
+    /// What comes of the action is an event of the pipeline.
+    fn note(&mut self, action: Action) -> Option<Event> {
         match action {
-            Action::Publish(heading) => {
+            Action::Publish(mut heading) => {
+                self.declination_deg = self.north.declination_deg(self.since_1970);
+                if let Some(news) = self.north.news() {
+                    self.warn(news);
+                }
+                heading.declination_deg = self.declination_deg;
                 let heading_deg = heading.magnetic_deg();
-                self.headings += u64::from(heading_deg.is_some());
-                self.points.push(Point {
+                let point = Point {
                     t_s: heading.t_s,
                     heading_deg,
+                    true_deg: heading.true_deg().map(|degrees| degrees.rem_euclid(360.0)),
                     sd_deg: heading_deg.and(heading.sd_deg),
                     raw_deg: heading.raw_deg,
-                });
+                };
+                self.points.push(point);
+                if heading_deg.is_some() {
+                    self.headings += 1;
+                    self.newest = Some(point);
+                }
+                return self.north.take_field().map(Event::Place);
             }
             Action::Report(report) => {
                 let same = |span: &Span| {
@@ -175,6 +212,10 @@ impl Analysis {
                 self.last = Some(report);
             }
             Action::Turned(_) => self.turns += 1,
+            Action::Calibrate(request) => {
+                let outcome = self.calibrate(*request);
+                return Some(Event::Calibrated(Box::new(outcome)));
+            }
             Action::Conclude(outcome) if self.verdicts.len() < MOST_EVENTS => {
                 self.verdicts.push((
                     self.now_s,
@@ -184,7 +225,9 @@ impl Analysis {
                     outcome.method,
                 ));
             }
-            Action::Conclude(_) | Action::Calibrate(_) | Action::Warn(_) => {}
+            Action::Warn(news) => self.warn(news),
+            Action::Conclude(_) => {}
         }
+        None
     }
 }

@@ -2,15 +2,14 @@
 
 use std::fmt::Write;
 
-use super::analysis::{Analysis, Judged};
-use super::html::escaped;
+use super::analysis::{Analysis, Findings, Judged, Point};
+use super::html::{badge, escaped, verdict};
 use super::plot::{Hue, ReportError};
 use super::search::Search;
 use super::turn::Turned;
 use super::{compass, field, motion, timeline};
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
-use crate::calibration::outcome::Verdict;
 use crate::calibration::verdict::{Limits, MOST_AT_REST, Measures};
 
 /// Where the readings come from.
@@ -24,7 +23,7 @@ pub struct About {
     pub recorded_from: Option<String>,
 }
 
-/// Verdicts listed on the page; the newest come first.
+/// Verdicts listed on the page, the newest first, and warnings, the oldest first.
 const LISTED: usize = 50;
 
 const STYLE: &str = include_str!("style.css");
@@ -35,6 +34,7 @@ const STYLE: &str = include_str!("style.css");
 ///
 /// A figure cannot be drawn.
 pub fn page(about: &About, analysis: &Analysis) -> Result<String, ReportError> {
+    let found = &analysis.found;
     let mut out = String::with_capacity(1 << 18);
     let title = format!("headingd: {}", escaped(&about.source));
     out += "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">";
@@ -48,22 +48,26 @@ pub fn page(about: &About, analysis: &Analysis) -> Result<String, ReportError> {
     out += "<h2>Headings</h2>\n";
     let bands = "Bands: <b class=good>good</b>, <b class=middling>degraded or disturbed</b>, \
                  <b class=quiet>not calibrated yet</b>, <b class=bad>stale or fault</b>.";
+    let from_true_north = match found.declination_deg {
+        Some(_) => "; <b class=other>true</b>: published, and the declination added",
+        None => "",
+    };
     out += &figure(
-        &timeline::headings(analysis)?,
+        &timeline::headings(found)?,
         &format!(
-            "Magnetic heading: <b class=raw>raw</b>, and <b class=corrected>published</b>. {bands}"
+            "Magnetic heading: <b class=raw>raw</b>, and <b class=corrected>published</b>{from_true_north}. {bands}"
         ),
     );
     out += &figure(
-        &timeline::uncertainty(analysis)?,
+        &timeline::uncertainty(found)?,
         "Uncertainty of the published heading, one standard deviation.",
     );
-    out += &conditions(analysis);
-    match &analysis.turn {
+    out += &conditions(found);
+    match &found.turn {
         Some(judged) => out += &turn(judged)?,
         None => out += &motion::section(analysis),
     }
-    out += &verdicts(analysis);
+    out += &verdicts(found);
     out += &format!(
         "<footer>headingd {}</footer>\n</main></body></html>\n",
         env!("CARGO_PKG_VERSION")
@@ -73,7 +77,8 @@ pub fn page(about: &About, analysis: &Analysis) -> Result<String, ReportError> {
 
 /// What comes first: how it ended.
 fn summary(about: &About, analysis: &Analysis) -> String {
-    let first_s = analysis.first_s.unwrap_or(0.0);
+    let found = &analysis.found;
+    let first_s = found.first_s.unwrap_or(0.0);
     let mut rows = vec![
         (
             "magnetometer",
@@ -83,12 +88,12 @@ fn summary(about: &About, analysis: &Analysis) -> String {
             "length",
             format!(
                 "{:.1} s, {} readings, {} headings published",
-                analysis.now_s - first_s,
-                analysis.readings,
-                analysis.headings
+                found.now_s - first_s,
+                found.readings,
+                found.headings
             ),
         ),
-        ("full turns", analysis.turns.to_string()),
+        ("full turns", found.turns.to_string()),
     ];
     if let Some(from) = &about.recorded_from {
         rows.insert(1, ("recorded from", from.clone()));
@@ -99,7 +104,29 @@ fn summary(about: &About, analysis: &Analysis) -> String {
             format!("{}, which no sensor can have taken", analysis.dropped()),
         ));
     }
-    if let Some(last) = &analysis.last {
+    if let Some(newest) = &found.newest {
+        rows.push(("last heading", heading(newest)));
+    }
+    if let Some(declination_deg) = found.declination_deg {
+        let side = if declination_deg < 0.0 {
+            "west"
+        } else {
+            "east"
+        };
+        let text = format!(
+            "{:.1}°, magnetic north is {side} of true north",
+            declination_deg.abs()
+        );
+        rows.push(("declination", text));
+    }
+    for warning in found.warnings.iter().take(LISTED) {
+        rows.push(("warning", warning.clone()));
+    }
+    let more = found.warnings.len().saturating_sub(LISTED);
+    if more > 0 {
+        rows.push(("warnings", format!("{more} more")));
+    }
+    if let Some(last) = &found.last {
         rows.push((
             "at the end",
             format!(
@@ -131,17 +158,30 @@ fn summary(about: &About, analysis: &Analysis) -> String {
     format!("<table>\n{}</table>\n", cells.collect::<String>())
 }
 
+fn heading(point: &Point) -> String {
+    let known = |degrees: Option<f64>, of| {
+        degrees.map(|degrees| format!("{:05.1}° {of}", (10.0 * degrees).round() / 10.0 % 360.0))
+    };
+    let both = [
+        known(point.heading_deg, "magnetic"),
+        known(point.true_deg, "true"),
+    ];
+    let uncertain = point.sd_deg.map(|sd_deg| format!(" ± {sd_deg:.1}°"));
+    let both = both.into_iter().flatten().collect::<Vec<_>>().join(", ");
+    both + &uncertain.unwrap_or_default()
+}
+
 /// The changes of condition as a table.
-fn conditions(analysis: &Analysis) -> String {
+fn conditions(found: &Findings) -> String {
     let mut out = String::from(
         "<details><summary>Conditions</summary><table>\n<tr><th>from, s</th><th>condition</th><th>reason</th><th>what to do</th></tr>\n",
     );
-    for span in &analysis.spans {
+    for span in &found.spans {
         // Writing to a String never fails.
         let _ = writeln!(
             out,
             "<tr><td>{:.1}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            span.from_s.max(analysis.first_s.unwrap_or(0.0)),
+            span.from_s.max(found.first_s.unwrap_or(0.0)),
             span.word,
             span.reason,
             next_step(span.reason).map(escaped).unwrap_or_default()
@@ -153,26 +193,7 @@ fn conditions(analysis: &Analysis) -> String {
 /// Everything about the turn that was judged.
 fn turn(judged: &Judged) -> Result<String, ReportError> {
     let outcome = &judged.outcome;
-    let verdict = match outcome.verdict {
-        Verdict::Accepted => "accepted",
-        Verdict::Kept => "not needed: what was known is more certain",
-        Verdict::Rejected => "rejected",
-    };
-    let class = if outcome.verdict == Verdict::Rejected {
-        "bad"
-    } else {
-        "good"
-    };
-    let mut out = format!(
-        "<h2>Calibration by a full turn</h2>\n<p><b class={class}>{verdict}</b> ({}): {}</p>\n",
-        outcome.reason,
-        escaped(&outcome.message)
-    );
-    if outcome.verdict == Verdict::Rejected
-        && let Some(advice) = next_step(outcome.reason)
-    {
-        out += &format!("<p>What to do: {}.</p>\n", escaped(advice));
-    }
+    let mut out = verdict("Calibration by a full turn", outcome);
     if let Some(measures) = &outcome.measures {
         out += &limits(measures, &judged.request.limits);
     }
@@ -298,15 +319,6 @@ fn limits(m: &Measures, limits: &Limits) -> String {
     )
 }
 
-/// Whether a limit was kept.
-fn badge(kept: bool) -> &'static str {
-    if kept {
-        "<b class=good>kept</b>"
-    } else {
-        "<b class=bad>broken</b>"
-    }
-}
-
 fn card(held: &[compass::Held]) -> String {
     let mut rows = [String::new(), String::new(), String::new()];
     for (heading_deg, deviations) in compass::card(held) {
@@ -325,14 +337,14 @@ fn card(held: &[compass::Held]) -> String {
     )
 }
 
-fn verdicts(analysis: &Analysis) -> String {
-    if analysis.verdicts.is_empty() {
+fn verdicts(found: &Findings) -> String {
+    if found.verdicts.is_empty() {
         return String::new();
     }
     let mut out = String::from(
         "<h2>All verdicts, newest first</h2>\n<table><tr><th>at, s</th><th>by</th><th>verdict</th><th>reason</th><th></th></tr>\n",
     );
-    for (t_s, verdict, reason, message, method) in analysis.verdicts.iter().rev().take(LISTED) {
+    for (t_s, verdict, reason, message, method) in found.verdicts.iter().rev().take(LISTED) {
         out += &format!(
             "<tr><td>{t_s:.1}</td><td>{method}</td><td>{verdict}</td><td>{reason}</td><td>{}</td></tr>\n",
             escaped(message)

@@ -1,6 +1,6 @@
 //! Heading and uncertainty over time, on bands of the daemon's condition.
 
-use super::analysis::{Analysis, Point};
+use super::analysis::{Findings, Point};
 use super::plot::{AxisScale, Band, Chart, Hue, ReportError, Series};
 use super::thin::some;
 
@@ -20,18 +20,19 @@ pub(super) fn hue(word: &str) -> Hue {
     }
 }
 
-/// The heading, published and raw.
+/// The heading: raw, published, and from true north where that is known.
 ///
 /// # Errors
 ///
 /// The figure cannot be drawn.
-pub(super) fn headings(analysis: &Analysis) -> Result<String, ReportError> {
-    let points = some(analysis.points.items(), MOST);
+pub(super) fn headings(found: &Findings) -> Result<String, ReportError> {
+    let points = some(found.points.items(), MOST);
     let mut series = lines(&points, Hue::Raw, |point| point.raw_deg);
+    series.extend(lines(&points, Hue::Other, |point| point.true_deg));
     series.extend(lines(&points, Hue::Corrected, |point| point.heading_deg));
     let y = AxisScale::from("heading, degrees", 0.0..360.0);
     let mut chart = Chart::wide(times(&points), y, series);
-    chart.bands = bands(analysis);
+    chart.bands = bands(found);
     chart.svg()
 }
 
@@ -40,8 +41,8 @@ pub(super) fn headings(analysis: &Analysis) -> Result<String, ReportError> {
 /// # Errors
 ///
 /// The figure cannot be drawn.
-pub(super) fn uncertainty(analysis: &Analysis) -> Result<String, ReportError> {
-    let points = some(analysis.points.items(), MOST);
+pub(super) fn uncertainty(found: &Findings) -> Result<String, ReportError> {
+    let points = some(found.points.items(), MOST);
     let series = lines(&points, Hue::Corrected, |point| point.sd_deg);
     let most = points
         .iter()
@@ -50,7 +51,7 @@ pub(super) fn uncertainty(analysis: &Analysis) -> Result<String, ReportError> {
     let y = AxisScale::from("uncertainty, degrees", 0.0..1.05 * most);
     let mut chart = Chart::wide(times(&points), y, series);
     chart.size.1 = 200;
-    chart.bands = bands(analysis);
+    chart.bands = bands(found);
     chart.svg()
 }
 
@@ -58,11 +59,11 @@ fn times(points: &[Point]) -> AxisScale {
     AxisScale::over("time, seconds", points.iter().map(|point| point.t_s))
 }
 
-fn bands(analysis: &Analysis) -> Vec<Band> {
-    let first_s = analysis.first_s.unwrap_or(0.0);
-    let ends = analysis.spans.iter().skip(1).map(|span| span.from_s);
-    let ends = ends.chain([analysis.now_s]);
-    let bands = analysis.spans.iter().zip(ends).map(|(span, to)| Band {
+fn bands(found: &Findings) -> Vec<Band> {
+    let first_s = found.first_s.unwrap_or(0.0);
+    let ends = found.spans.iter().skip(1).map(|span| span.from_s);
+    let ends = ends.chain([found.now_s]);
+    let bands = found.spans.iter().zip(ends).map(|(span, to)| Band {
         from: span.from_s.max(first_s),
         to: to.max(first_s),
         hue: hue(span.word),

@@ -16,28 +16,15 @@ const PIPE_PATIENCE: Duration = Duration::from_secs(5);
 /// Why a log cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
-    /// There is no such file.
-    #[error("cannot open log {}: there is no such file", path.display())]
-    NotFound {
-        /// The path as given.
-        path: PathBuf,
-    },
-    /// The file is there but cannot be read: permissions, a directory, a failing disk.
-    #[error("cannot read log {}: {source}", path.display())]
+    /// The file cannot be opened, or not read any further.
+    #[error("cannot {attempt} log {}: {why}", path.display())]
     Unreadable {
+        /// What was attempted.
+        attempt: &'static str,
         /// The path as given.
         path: PathBuf,
-        /// The error of the system.
-        source: io::Error,
-    },
-    /// It is a named pipe without the other end.
-    #[error(
-        "cannot read log {}: it is a pipe that nobody has opened for writing within {} s",
-        path.display(), PIPE_PATIENCE.as_secs()
-    )]
-    NoWriter {
-        /// The path as given.
-        path: PathBuf,
+        /// Why it failed.
+        why: String,
     },
     /// The file is no log.
     #[error(transparent)]
@@ -62,19 +49,8 @@ impl Replay {
     ///
     /// When the log cannot be opened, or its header cannot be understood.
     pub fn open(path: &Path) -> Result<Self, ReplayError> {
-        let unreadable = |source| ReplayError::Unreadable {
-            path: path.to_owned(),
-            source,
-        };
-        let file = open(path).map_err(|source| match source.kind() {
-            io::ErrorKind::NotFound => ReplayError::NotFound {
-                path: path.to_owned(),
-            },
-            io::ErrorKind::TimedOut => ReplayError::NoWriter {
-                path: path.to_owned(),
-            },
-            _ => unreadable(source),
-        })?;
+        let unreadable = |error| unreadable(path, error);
+        let file = open(path).map_err(unreadable)?;
         // Opening a directory works; only reading it would fail.
         if file.metadata().map_err(unreadable)?.is_dir() {
             return Err(unreadable(io::Error::from(io::ErrorKind::IsADirectory)));
@@ -148,16 +124,27 @@ fn open(path: &Path) -> io::Result<File> {
             .write(true)
             .custom_flags(libc::O_NONBLOCK)
             .open(path);
-        Err(io::ErrorKind::TimedOut.into())
+        let seconds = PIPE_PATIENCE.as_secs();
+        let why = format!("it is a pipe that nobody has opened for writing within {seconds} s");
+        Err(io::Error::new(io::ErrorKind::TimedOut, why))
     })
+}
+
+fn unreadable(path: &Path, error: io::Error) -> ReplayError {
+    let (attempt, why) = match error.kind() {
+        io::ErrorKind::NotFound => ("open", "there is no such file".to_owned()),
+        _ => ("read", error.to_string()),
+    };
+    ReplayError::Unreadable {
+        attempt,
+        path: path.to_owned(),
+        why,
+    }
 }
 
 fn explain(path: &Path, error: RecordingError) -> ReplayError {
     match error {
-        RecordingError::Read { source, .. } => ReplayError::Unreadable {
-            path: path.to_owned(),
-            source,
-        },
+        RecordingError::Read { source, .. } => unreadable(path, source),
         header @ RecordingError::Header { .. } => ReplayError::BadData(header),
     }
 }
@@ -185,13 +172,14 @@ mod tests {
     fn what_cannot_be_opened_says_why() {
         let folder = tempfile::tempdir().unwrap();
         let missing = Replay::open(&folder.path().join("none.csv")).unwrap_err();
-        assert!(matches!(missing, ReplayError::NotFound { .. }), "{missing}");
+        let missing = missing.to_string();
+        assert!(
+            missing.ends_with("none.csv: there is no such file"),
+            "{missing}"
+        );
         let directory = Replay::open(folder.path()).unwrap_err();
-        assert!(matches!(
-            directory,
-            ReplayError::Unreadable { ref source, .. }
-                if source.kind() == io::ErrorKind::IsADirectory
-        ));
+        let directory = directory.to_string();
+        assert!(directory.ends_with(": is a directory"), "{directory}");
         let path = folder.path().join("bad.csv");
         std::fs::write(&path, "hello\n").unwrap();
         let bad = Replay::open(&path).unwrap_err();

@@ -81,24 +81,36 @@ impl Contents {
         }
     }
 
-    /// As JSON.
+    /// As the text of a file.
     ///
     /// # Errors
     ///
     /// When something could not be read again.
     pub fn to_json(&self) -> Result<String, String> {
+        let written = self.written()?;
+        let text = serde_json::to_string_pretty(&written).map_err(|error| error.to_string())?;
+        Ok(text + "\n")
+    }
+
+    /// The same as one object.
+    ///
+    /// # Errors
+    ///
+    /// When something could not be read again.
+    pub fn to_value(&self) -> Result<Value, String> {
+        serde_json::to_value(self.written()?).map_err(|error| error.to_string())
+    }
+
+    fn written(&self) -> Result<Written<'_>, String> {
         // What is written must be readable: JSON has no NaN, for one.
         if let Some(fault) = self.fault() {
             return Err(fault);
         }
         let mounted = self.sensors.iter().any(|kept| kept.mounting.is_some());
-        let written = Written {
+        Ok(Written {
             headingd_store: if mounted { VERSION } else { WITHOUT_MOUNTING },
             contents: self,
-        };
-        let mut text = serde_json::to_string_pretty(&written).map_err(|error| error.to_string())?;
-        text.push('\n');
-        Ok(text)
+        })
     }
 
     /// Reads a calibration file, and checks that its values can be a calibration's.

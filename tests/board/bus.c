@@ -192,6 +192,11 @@ static void measure(uint8_t address) {
     }
 }
 
+/* An HMC5843 has no averaging: of its first register it keeps the rate and the self-test alone. */
+static int keeps_all_bits(uint8_t address, uint8_t command) {
+    return address != 0x1e || command != 0 || is("fake");
+}
+
 int ioctl(int file, unsigned long request, ...) {
     va_list more;
     va_start(more, request);
@@ -216,7 +221,7 @@ int ioctl(int file, unsigned long request, ...) {
         measure(address);
         memcpy(transfer->data->block + 1, at, transfer->data->block[0]);
     } else {
-        *at = transfer->data->byte;
+        *at = transfer->data->byte & (keeps_all_bits(address, transfer->command) ? 0xff : 0x1f);
     }
     return 0;
 }

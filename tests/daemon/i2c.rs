@@ -107,7 +107,7 @@ fn a_chip_that_answers_h43_and_never_measures_is_a_fault_of_its_own() {
 fn a_stick_is_checked_and_turned_as_a_new_user_would() {
     let rig = Rig::new(
         1.0,
-        "kind = \"i2c\"\n[i2c]\nbus = 9\nboard = \"sparkfun-9dof-stick\"\nmagnetometer = \"hmc5843\"\n",
+        "kind = \"i2c\"\n[i2c]\nbus = 9\nboard = \"sparkfun-9dof-stick\"\n",
     );
     let mut check = on_bus_with(&rig, &[("BUS_BOARD", "stick")], &["check", "--json"]);
     let status = check.wait();
@@ -115,6 +115,8 @@ fn a_stick_is_checked_and_turned_as_a_new_user_would() {
     let report: serde_json::Value = serde_json::from_str(&shown).unwrap();
     assert!(status.success(), "{shown}");
     assert_eq!(report["problems"], serde_json::json!([]));
+    // A busy machine may hide its rate, and then it is the likely one.
+    assert_eq!(report["magnetometer"]["kind"], "HMC5843", "{report}");
     let tests = report["self_test"].as_array().unwrap();
     assert_eq!(tests.len(), 3);
     for axis in tests {

@@ -41,11 +41,16 @@ pub fn start(folder: &Path, arguments: &[&str]) -> Process {
 /// The same for a command that starts the program.
 pub fn spawn(folder: &Path, command: &mut Command) -> Process {
     let stdout = fs::File::create(folder.join("stdout")).unwrap();
-    spawn_on(folder, command, stdout)
+    spawn_on(folder, command, stdout, None)
 }
 
-/// The same with another standard output.
-pub fn spawn_on(folder: &Path, command: &mut Command, stdout: fs::File) -> Process {
+/// The same with another standard output, and perhaps another standard error.
+pub fn spawn_on(
+    folder: &Path,
+    command: &mut Command,
+    stdout: fs::File,
+    other_stderr: Option<fs::File>,
+) -> Process {
     let temporary = folder.join("tmp");
     fs::create_dir_all(&temporary).unwrap();
     let stderr = tempfile::Builder::new().tempfile_in(folder).unwrap();
@@ -53,7 +58,7 @@ pub fn spawn_on(folder: &Path, command: &mut Command, stdout: fs::File) -> Proce
         .env("TMPDIR", temporary)
         .env_remove("RUST_LOG")
         .stdout(stdout)
-        .stderr(stderr.reopen().unwrap())
+        .stderr(other_stderr.unwrap_or_else(|| stderr.reopen().unwrap()))
         .spawn()
         .unwrap();
     let (_, stderr) = stderr.keep().unwrap();

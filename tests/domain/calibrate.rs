@@ -880,3 +880,18 @@ fn headings_are_right_within_a_tenth_of_a_degree() {
         assert!(rms(&errors) < typical, "{what}");
     }
 }
+
+#[test]
+fn no_angle_is_minus_zero() {
+    let folder = Folder::new();
+    let part = Settings {
+        turns: 0.6,
+        ..Settings::default()
+    };
+    let ran = headingd(&["calibrate", &folder.log("a.csv", &part)]);
+    assert!(
+        ran.out.contains("turned  0.0  0.0  0.0  degrees"),
+        "{}",
+        ran.out
+    );
+}

@@ -10,6 +10,8 @@ use headingd::reading::Reading;
 use headingd::sensor::simulator::{Settings, Simulator};
 use nalgebra::{Vector2, Vector3};
 
+use crate::common::apart_deg;
+
 fn readings(settings: &Settings) -> Vec<Reading> {
     let simulator = Simulator::new(settings.clone()).unwrap();
     simulator.map(|entry| entry.reading).collect()
@@ -337,7 +339,11 @@ fn a_magnet_that_stays_is_calibrated_away() {
 }
 
 /// By how much each heading that may be steered by differs from that of the same board without the fault.
-fn apart_deg(faulty: &[Reading], sound: &[Reading], calibration: Calibration) -> (usize, f64) {
+fn worst_apart_deg(
+    faulty: &[Reading],
+    sound: &[Reading],
+    calibration: Calibration,
+) -> (usize, f64) {
     let headings = |readings: &[Reading]| play(readings, Some(calibration), 0).headings;
     let (faulty, sound) = (headings(faulty), headings(sound));
     assert_eq!(faulty.len(), sound.len());
@@ -345,10 +351,9 @@ fn apart_deg(faulty: &[Reading], sound: &[Reading], calibration: Calibration) ->
         .iter()
         .zip(&sound)
         .filter(|(faulty, _)| steers(faulty));
-    let apart = both.filter_map(|(faulty, sound)| Some(faulty.fused_deg? - sound.fused_deg?));
-    let apart: Vec<f64> = apart
-        .map(|deg| ((deg + 540.0).rem_euclid(360.0) - 180.0).abs())
-        .collect();
+    let apart = both
+        .filter_map(|(faulty, sound)| Some(apart_deg(faulty.fused_deg?, sound.fused_deg?).abs()));
+    let apart: Vec<f64> = apart.collect();
     (apart.len(), apart.into_iter().fold(0.0, f64::max))
 }
 
@@ -364,7 +369,7 @@ fn an_absurd_rate_turns_no_heading() {
             .iter_mut()
             .find(|reading| reading.t_s > from_s && reading.rate_rad_s.is_some());
         absurd.unwrap().rate_rad_s = Some(Vector3::repeat(2279.4_f64.to_radians()));
-        let (count, worst_deg) = apart_deg(&faulty, &sound, calibration);
+        let (count, worst_deg) = worst_apart_deg(&faulty, &sound, calibration);
         assert!(count > 500 && worst_deg < 0.5, "{worst_deg} of {count}");
     }
 }
@@ -446,7 +451,7 @@ fn a_sample_that_is_held_for_a_tenth_of_a_second_turns_no_heading() {
         }
         *field = held.unwrap();
     }
-    let (steered, worst_deg) = apart_deg(&faulty, &sound, shifted(&settings, 0.0));
+    let (steered, worst_deg) = worst_apart_deg(&faulty, &sound, shifted(&settings, 0.0));
     assert!(
         steered > 500 && worst_deg < 2.0,
         "{worst_deg}° in {steered}"
@@ -491,7 +496,7 @@ fn a_heading_is_not_sure_while_the_gyro_contradicts_the_field_or_stops() {
             let (Some(faulty_deg), Some(sound_deg)) = (faulty.fused_deg, sound.fused_deg) else {
                 return false;
             };
-            let error = ((faulty_deg - sound_deg + 540.0).rem_euclid(360.0) - 180.0).abs();
+            let error = apart_deg(faulty_deg, sound_deg).abs();
             error > 10.0 && error > 4.0 * faulty.sd_deg.unwrap_or_default()
         });
         assert_eq!(sure.count(), 0, "with rates times {factor}");

@@ -2,8 +2,9 @@
 
 use std::fs;
 
-use crate::common::{Folder, headingd};
+use crate::common::{Folder, headingd, log, simulated};
 use headingd::sensor::simulator::{Scenario, Settings};
+use serde_json::Value;
 
 /// Runs the command on a simulated board, and gives back the page.
 fn page(settings: Settings, config: &str) -> String {
@@ -16,6 +17,57 @@ fn page(settings: Settings, config: &str) -> String {
     let ran = headingd(&["report", &log, "--out", &out, "--config", &config]);
     assert_eq!((ran.status, ran.out.as_str()), (0, ""), "{}", ran.err);
     fs::read_to_string(out).unwrap()
+}
+
+/// The text of a row of the first table.
+fn row<'a>(page: &'a str, name: &str) -> Option<&'a str> {
+    let (_, row) = page.split_once(&format!("<tr><th>{name}</th><td>"))?;
+    Some(row.split_once("</td>")?.0)
+}
+
+#[test]
+fn a_known_place_gives_true_headings_as_in_a_replay() {
+    let folder = Folder::new();
+    let (mut header, entries) = simulated(&Settings::default());
+    let undated = folder.file("undated.csv", log(&(header.clone(), entries.clone())));
+    let day = (
+        "recorded_from".to_owned(),
+        "2026-11-21T10:00:00Z".to_owned(),
+    );
+    header.truth.push(day);
+    let dated = folder.file("dated.csv", log(&(header, entries)));
+    let place = "[true_north]\nlatitude_deg = 51.08\nlongitude_deg = -114.13\n";
+    let config = folder.file("a.toml", place);
+    let report = |log: &str| headingd(&["report", log, "--out", "-", "--config", &config]).out;
+
+    let found = report(&dated);
+    assert_self_contained(&found);
+    assert_eq!(
+        row(&found, "declination"),
+        Some("13.3°, magnetic north is east of true north")
+    );
+    assert_eq!(row(&found, "warning"), None);
+    assert!(found.contains("<b class=other>true</b>"));
+    let replayed = headingd(&["replay", &dated, "--config", &config]).lines();
+    let steers = |line: &&Value| line.get("mheading").is_some();
+    let newest = replayed.iter().rev().find(steers).unwrap();
+    let number = |key: &str| newest[key].as_f64().unwrap();
+    let right = format!(
+        "{:05.1}° magnetic, {:05.1}° true ± ",
+        number("mheading"),
+        number("heading")
+    );
+    let found = row(&found, "last heading").unwrap();
+    assert!(found.starts_with(&right), "{found}, not {right}");
+
+    let found = report(&undated);
+    assert_eq!(row(&found, "declination"), None);
+    assert!(!found.contains("<b class=other>true</b>"));
+    let warning = row(&found, "warning").unwrap();
+    assert!(
+        warning.contains("no true headings: the date is not known"),
+        "{warning}"
+    );
 }
 
 /// It loads nothing, runs nothing, and has no number that is none.

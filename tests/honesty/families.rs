@@ -120,6 +120,7 @@ pub const ALL: &[Family] = &[
     family("place_known", 200, PLACE, handled::place_known),
     family("place_wrong", 200, PLACE, handled::place_wrong),
     family("car", 500, CAR, vehicles::car),
+    family("car_on_hills", 500, CAR, vehicles::car_on_hills),
     family("boat", 500, VEHICLE, vehicles::boat),
     family("anchor", 500, VEHICLE, vehicles::anchor),
     family("drone", 500, VEHICLE, vehicles::drone),

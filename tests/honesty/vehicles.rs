@@ -27,7 +27,11 @@ const USUAL: Driving = Driving {
     turn_speed: (4.0, 10.0),
     across: (1.5, 3.5),
     stops: 0.3,
+    grade_deg: 0.0,
+    camber_deg: 0.0,
 };
+/// Roads are 2° steep and 1.5° cambered.
+const HILLS: (f64, f64) = (2.0, 1.5);
 
 fn vehicle(rng: &mut Rng, motion: impl Motion + 'static, length_s: f64) -> Scene {
     let world = World::draw(rng);
@@ -60,10 +64,25 @@ fn traffic(rng: &mut Rng) -> impl FnMut(&Now, &mut World, &mut Board, &mut Rng) 
 
 /// Level roads, turns of 20 to 90°, 30 minutes.
 pub fn car(rng: &mut Rng, score: &mut Score) {
+    drive(USUAL, rng, score);
+}
+
+/// The same over hills: their slopes look like acceleration, and the other way round.
+pub fn car_on_hills(rng: &mut Rng, score: &mut Score) {
+    let (grade_deg, camber_deg) = HILLS;
+    let driving = Driving {
+        grade_deg,
+        camber_deg,
+        ..USUAL
+    };
+    drive(driving, rng, score);
+}
+
+fn drive(driving: Driving, rng: &mut Rng, score: &mut Score) {
     score.starts_s = WAIT_S;
     score.errors_from = From::FirstGood;
     score.learnt_by_s = 600.0;
-    let motion = Car::new(USUAL, WAIT_S, rng);
+    let motion = Car::new(driving, WAIT_S, rng);
     let scene = vehicle(rng, motion, 1800.0).with(traffic(rng));
     run(scene, rng, score);
 }
@@ -77,6 +96,8 @@ pub fn fast_car(rng: &mut Rng, score: &mut Score) {
         turn_speed: (8.0, 8.0),
         across: (4.0, 6.5),
         stops: 0.0,
+        grade_deg: HILLS.0,
+        camber_deg: HILLS.1,
     };
     let motion = Car::new(driving, WAIT_S, rng);
     let world = World::draw(rng);

@@ -16,6 +16,9 @@ pub struct Driving {
     pub across: (f64, f64),
     /// How often a stop at a light comes before a turn.
     pub stops: f64,
+    /// Grade and camber of the roads, degrees.
+    pub grade_deg: f64,
+    pub camber_deg: f64,
 }
 
 enum Plan {
@@ -151,9 +154,9 @@ impl Motion for Car {
         let wander = self.wander.step(rng, dt * moving) * 0.4;
         let yaw = self.yaw + wander.x.to_radians();
         self.position += Vector3::new(yaw.cos(), yaw.sin(), 0.0) * (self.speed * dt);
-        // A car rolls outwards and dives by 0.4° for each m/s²; roads are 2° steep and 1.5° cambered.
-        let roll = 1.5 * road.x + shake.x - 0.4 * rate * self.speed;
-        let pitch = 2.0 * road.y + shake.y + 0.4 * self.accel;
+        // A car rolls outwards and dives by 0.4° for each m/s².
+        let roll = self.driving.camber_deg * road.x + shake.x - 0.4 * rate * self.speed;
+        let pitch = self.driving.grade_deg * road.y + shake.y + 0.4 * self.accel;
         Pose {
             attitude: UnitQuaternion::from_euler_angles(roll.to_radians(), pitch.to_radians(), yaw),
             position: self.position,

@@ -109,24 +109,6 @@ proptest! {
 }
 
 #[test]
-fn parts_of_a_log_merge() {
-    let points = ellipse(100, &[10.0, 20.0, 30.0, 1.0, 1.1, 0.9], |_, _| 0.0);
-    let normal = Normal::new(&[-500.0; 3], &[500.0; 3]);
-    let sum = |points: &[[f64; 3]]| {
-        let mut moments = Moments::<7>::default();
-        points
-            .iter()
-            .for_each(|point| moments.add(&normal.features(point)));
-        moments
-    };
-    let mut merged = sum(&points[..37]);
-    merged.merge(&sum(&points[37..]));
-    let (merged, whole) = (merged.factor(), sum(&points).factor());
-    let probe = [1.0, -0.9, 0.1, -1.1, 0.2, -0.8, 0.3];
-    assert!((merged.norm(&probe) - whole.norm(&probe)).abs() < 1e-12);
-}
-
-#[test]
 fn the_conic_is_exact_without_noise() {
     let truth = [87.28, 54.19, 135.0, 0.873, 0.998, 0.94];
     let points = ellipse(300, &truth, |_, _| 0.0);

@@ -48,16 +48,52 @@ impl Directions {
         self.seen[sector(degrees)]
     }
 
-    /// The names of those that have not.
-    pub(super) fn missing(&self) -> Vec<&'static str> {
-        let pairs = NAMES.iter().zip(self.seen);
-        pairs
-            .filter_map(|(name, seen)| (!seen).then_some(*name))
-            .collect()
+    /// The names of those that have not, clockwise, neighbours together: `E to SW, NW`.
+    pub(super) fn missing(&self) -> String {
+        let Some(begin) = self.seen.iter().position(|seen| *seen) else {
+            return "all".to_owned();
+        };
+        let mut runs: Vec<Vec<&str>> = vec![Vec::new()];
+        for sector in (0..SECTORS).map(|i| (begin + i) % SECTORS) {
+            match runs.last_mut() {
+                Some(run) if !self.seen[sector] => run.push(NAMES[sector]),
+                _ => runs.push(Vec::new()),
+            }
+        }
+        let words = runs.iter().filter_map(|run| match run.as_slice() {
+            [] => None,
+            [one] => Some((*one).to_owned()),
+            [first, .., last] => Some(format!("{first} to {last}")),
+        });
+        words.collect::<Vec<_>>().join(", ")
     }
 }
 
 fn sector(degrees: f64) -> usize {
     let width = 360.0 / SECTORS as f64;
     ((degrees / width).round().rem_euclid(SECTORS as f64)) as usize % SECTORS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_missing_is_told_with_neighbours_together() {
+        let missing = |shown: &[usize]| {
+            let mut directions = Directions::default();
+            for sector in shown {
+                directions.seen[*sector] = true;
+            }
+            directions.missing()
+        };
+        assert_eq!(missing(&[]), "all");
+        assert_eq!(missing(&[1]), "NE to N");
+        assert_eq!(missing(&[0, 1, 2, 3, 11, 13]), "E to SW, W, NW to NNW");
+        assert_eq!(
+            missing(&[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14]),
+            "NNW to N"
+        );
+        assert_eq!(missing(&(0..SECTORS).collect::<Vec<_>>()), "");
+    }
 }

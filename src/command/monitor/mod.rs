@@ -14,6 +14,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+use rustix::event::{PollFd, PollFlags};
+use rustix::io::Errno;
 use signal_hook::consts::{SIGHUP, SIGTERM};
 use signal_hook::flag;
 
@@ -56,7 +58,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut view = View::new(sockets.headings.display().to_string());
     let mut terminal = ratatui::try_init().or_fail(Failure::IO, NO_TERMINAL)?;
     let ended = show(&mut terminal, &mut view, &feeds, &stop);
-    ratatui::restore();
+    // A terminal that is gone cannot be given back: ratatui would say so on it, and panic.
+    if ratatui::try_restore().is_err() {
+        std::mem::forget(terminal);
+    }
     ended.or_fail(Failure::IO, NO_TERMINAL)
 }
 
@@ -83,8 +88,7 @@ fn show(
         feeds.drain(|news| view.take(news, Instant::now()));
         terminal.draw(|frame| screen::draw(view, &style, Instant::now(), frame))?;
         let until = Instant::now() + REDRAW;
-        while event::poll(until.saturating_duration_since(Instant::now()))? {
-            let event = event::read()?;
+        while let Some(event) = next_event(until)? {
             if let Event::Key(key) = event
                 && key.kind != KeyEventKind::Release
                 && press(key, view, feeds)
@@ -99,6 +103,40 @@ fn show(
     }
     Ok(())
 }
+
+/// The next key press or resize; `None` if there is none before `until`.
+fn next_event(until: Instant) -> io::Result<Option<Event>> {
+    // What Crossterm has read before comes first.
+    let mut patience = Duration::ZERO;
+    loop {
+        wait_for_input(patience)?;
+        if event::poll(Duration::ZERO)? {
+            return event::read().map(Some);
+        }
+        patience = until.saturating_duration_since(Instant::now());
+        if patience.is_zero() {
+            return Ok(None);
+        }
+    }
+}
+
+/// Waits for input or a signal: a resize is one.
+///
+/// # Errors
+///
+/// The terminal has hung up: Crossterm would read its end-of-file again and again.
+fn wait_for_input(patience: Duration) -> io::Result<()> {
+    let stdin = io::stdin();
+    let mut waiting = [PollFd::new(&stdin, PollFlags::IN)];
+    let patience = patience.try_into().map_err(io::Error::other)?;
+    match rustix::event::poll(&mut waiting, Some(&patience)) {
+        Ok(_) if waiting[0].revents().intersects(HANGUP) => Err(io::Error::other("it has hung up")),
+        Ok(_) | Err(Errno::INTR) => Ok(()),
+        Err(error) => Err(error.into()),
+    }
+}
+
+const HANGUP: PollFlags = PollFlags::HUP.union(PollFlags::ERR);
 
 /// Does what a key is for; whether that is to end.
 fn press(key: KeyEvent, view: &mut View, feeds: &Feeds) -> bool {

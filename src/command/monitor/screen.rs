@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::super::headings::heading_text;
 use super::super::status::span;
-use super::super::text;
+use super::super::{rounded, text};
 use super::palette::Palette;
 use super::rose::Rose;
 use super::scatter::Scatter;
@@ -29,11 +29,15 @@ const NAME: usize = 12;
 const BAR: usize = 20;
 
 pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {
+    let width = usize::from(frame.area().width);
+    let said = last_line(view, width);
+    // An answer of the daemon may be longer than the screen is wide.
+    let said_lines = if said.chars().count() > width { 2 } else { 1 };
     let [title, top, bottom, keys] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Length(14),
         Constraint::Min(5),
-        Constraint::Length(1),
+        Constraint::Length(said_lines),
     ])
     .areas(frame.area());
     let [left, right] =
@@ -60,18 +64,25 @@ pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame
         ..left
     };
     frame.render_widget(rose, inside);
-    let lines = panel(view, style, att);
+    let lines = panel(view, style, att, now);
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), right);
     scatters(view, style, bottom, frame);
-    let said = match &view.asking {
-        Some((question, _)) => format!("{question} y: yes, any other key: no"),
-        None if view.said.is_empty() => KEYS.to_owned(),
-        None => format!("{}   (c x l r v q)", view.said),
-    };
-    frame.render_widget(Line::from(said).style(style.strong()), keys);
+    let said = Paragraph::new(said).wrap(Wrap { trim: true });
+    frame.render_widget(said.style(style.strong()), keys);
 }
 
-fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value) -> Vec<Line<'a>> {
+/// A question, or what the last key has led to, or the keys.
+fn last_line(view: &View, width: usize) -> String {
+    const REMINDER: &str = "   (c x l r v q)";
+    match &view.asking {
+        Some((question, _)) => format!("{question} y: yes, any other key: no"),
+        None if view.said.is_empty() => KEYS.to_owned(),
+        None if view.said.chars().count() + REMINDER.len() > width => view.said.clone(),
+        None => format!("{}{REMINDER}", view.said),
+    }
+}
+
+fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value, now: Instant) -> Vec<Line<'a>> {
     let mut lines = Vec::new();
     let [true_deg, magnetic_deg, sd_deg] =
         ["heading", "mheading", "heading_sd"].map(|key| att[key].as_f64());
@@ -103,9 +114,9 @@ fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value) -> Vec<Line<'a>> {
         "rates",
         format!(
             "field {}, gyro {}, headings {} a second",
-            hz(view.field_hz.hz()),
-            hz(view.gyro_hz.hz()),
-            hz(view.headings_hz.hz())
+            hz(view.field_hz.hz(now)),
+            hz(view.gyro_hz.hz(now)),
+            hz(view.headings_hz.hz(now))
         ),
     );
     match &view.status {
@@ -135,17 +146,16 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
     let [word, reason, message] =
         ["cal_state", "reason", "message"].map(|key| text(&view.state, key));
     let status = view.answered();
-    let mut mode = format!(" {reason}");
-    if let Some(status) = status.filter(|status| status.mode != Policy::On) {
-        mode += &format!(", mode {}", status.mode.word());
-    }
-    if status.is_some_and(|status| status.armed) {
-        mode += ", calibrates on the next turn";
-    }
+    let reason_alone = Some(reason.to_owned()).filter(|_| reason != word);
+    let mode = status.filter(|status| status.mode != Policy::On);
+    let mode = mode.map(|status| format!("mode {}", status.mode.word()));
+    let armed = status.filter(|status| status.armed);
+    let armed = armed.map(|_| "calibrates on the next turn".to_owned());
+    let more: Vec<String> = [reason_alone, mode, armed].into_iter().flatten().collect();
     lines.push(Line::from(vec![
         Span::from(format!("{:NAME$}", "state")),
         Span::styled(format!(" {word} "), style.badge(word)),
-        Span::from(mode),
+        Span::from(format!(" {}", more.join(", "))),
     ]));
     lines.push(Line::from(message));
     if let Some(advice) = next_step(reason).filter(|_| reason != "good") {
@@ -164,11 +174,7 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
         )));
         let missing = view.directions.missing();
         if !missing.is_empty() {
-            lines.push(Line::from(format!(
-                "{:NAME$}{}",
-                "missing",
-                missing.join(" ")
-            )));
+            lines.push(Line::from(format!("{:NAME$}{missing}", "missing")));
         }
     }
 }
@@ -190,7 +196,7 @@ fn field(att: &Value, status: Option<&DaemonStatus>) -> String {
     let expected = comparable.map(|active| active.strength_mgauss);
     let mut out = match expected.filter(|expected| *expected > 0.0) {
         Some(expected) => {
-            let off = 100.0 * (strength / expected - 1.0);
+            let off = rounded(100.0 * (strength / expected - 1.0), 0);
             format!("{strength:.0} of {expected:.0} mG ({off:+.0} %)")
         }
         None => format!("{strength:.0} mG"),

@@ -74,11 +74,11 @@ fn a_turning_board_shows_how_far_it_is_and_what_is_missing() {
     let all = screen.join("\n");
     for part in [
         "heading     none   (raw 090.0°)",
-        " turning  turning",
+        "state        turning",
         "-> go on, the same way round",
         "progress    [#####...............]  25 %",
         // Shown by the gyro from east on: the raw heading stands still.
-        "missing     N NNE NE ENE SSW SW WSW W WNW NW NNW",
+        "missing     SSW to ENE",
         "field 40",
         "XY ±400 mG . raw",
         "XZ ±500 mG",
@@ -124,7 +124,7 @@ fn a_good_board_shows_its_heading_field_and_calibration() {
     for part in [
         "hmc5843 on /dev/i2c-1",
         "heading     271.3° true ± 0.8°   (raw 240.0°)",
-        " good  good, mode locked",
+        "state        good  mode locked",
         "field       525 of 520 mG (+1 %), dip 72.3° of 72.9°",
         "calibration 4, planar by turn, 2 min 0 s old",
         "            residual 1.9 mG, heading 0.1°, gyro 0.8°",
@@ -158,6 +158,31 @@ fn a_good_board_shows_its_heading_field_and_calibration() {
 }
 
 #[test]
+fn an_answer_longer_than_the_screen_is_wide_is_shown_whole() {
+    let now = Instant::now();
+    let mut view = fed(
+        &[json!({"class": "ATT", "t_s": 1.0, "seq": 1, "mag_z": 500.0, "mag_len": 519.9})],
+        now,
+    );
+    let status = json!({"ok": true, "active": {"mode": "spatial", "strength_mgauss": 520.0}});
+    let status = Box::new(serde_json::from_value(status).unwrap());
+    view.take(News::Status(Ok(status)), now);
+    view.take(News::Answer("given up".to_owned()), now);
+    let screen = lines(&drawn(&view, &PLAIN, now, 80, 24));
+    assert_eq!(screen[23].trim(), "given up   (c x l r v q)");
+    assert!(screen.join("\n").contains("520 of 520 mG (+0 %)"));
+    let answer = "turn the board once all the way round, level and away from iron: that turn is calibrated on";
+    view.take(News::Answer(answer.to_owned()), now);
+    let screen = lines(&drawn(&view, &PLAIN, now, 80, 24));
+    assert_eq!(
+        [screen[22].trim(), screen[23].trim()].join(" "),
+        answer,
+        "{}",
+        screen.join("\n")
+    );
+}
+
+#[test]
 fn plain_terminals_get_ascii_and_any_size_is_drawn() {
     let now = Instant::now();
     let ascii = Palette {
@@ -186,10 +211,19 @@ fn a_lost_daemon_is_told_and_comes_back() {
         all.contains(" lost ") && all.contains("headingd has closed"),
         "{all}"
     );
+    assert!(all.contains("rates       field -"), "{all}");
     for object in turning() {
         view.take(News::Object(object), now);
     }
     assert_eq!(view.missed, 0);
     let all = lines(&drawn(&view, &PLAIN, now, 80, 24)).join("\n");
     assert!(!all.contains(" lost "), "{all}");
+    assert!(all.contains("rates       field 40"), "{all}");
+    // What no longer comes has no rate.
+    let later = now + Duration::from_secs(3);
+    let all = lines(&drawn(&view, &PLAIN, later, 80, 24)).join("\n");
+    assert!(
+        all.contains("rates       field -, gyro -, headings -"),
+        "{all}"
+    );
 }

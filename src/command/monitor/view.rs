@@ -80,10 +80,10 @@ impl View {
                 self.lost = None;
                 self.object(object, now);
             }
+            // The next daemon on this socket has a calibration and counts of its own.
             News::Lost(why) => {
+                *self = Self::new(std::mem::take(&mut self.socket));
                 self.lost = Some(why);
-                self.att = None;
-                self.last_reading = 0;
             }
             News::Status(status) => self.status = status.map(Some),
             News::Answer(said) => self.said = said,
@@ -107,7 +107,7 @@ impl View {
                 }
                 self.outcome = object;
             }
-            Some("BOARD" | "READING") => self.reading(object),
+            Some("BOARD" | "READING") => self.reading(object, now),
             _ => {}
         }
     }
@@ -115,7 +115,7 @@ impl View {
     fn attitude(&mut self, att: Value, now: Instant) {
         let number = |key: &str| att[key].as_f64();
         if let Some(t_s) = number("t_s") {
-            self.headings_hz.count(t_s);
+            self.headings_hz.count(t_s, now);
             let trusted = number("mheading");
             if let Some(degrees) = trusted.or(number("raw_heading")) {
                 let rate_deg_s = number("rot").map(|rot| rot / 60.0);
@@ -134,7 +134,7 @@ impl View {
     }
 
     /// A board tells how its chips are mounted, and its readings are in their axes.
-    fn reading(&mut self, object: Value) {
+    fn reading(&mut self, object: Value, now: Instant) {
         match serde_json::from_value(object) {
             Ok(Object::Board { header }) => {
                 if let Ok(header) = raw::header(&header) {
@@ -148,11 +148,11 @@ impl View {
                 }
                 self.last_reading = row.seq;
                 if let Some(field) = reading.whole_field_mgauss() {
-                    self.field_hz.count(reading.t_s);
+                    self.field_hz.count(reading.t_s, now);
                     keep(&mut self.raw, self.mounting.to_body(field).into());
                 }
                 if reading.rate_rad_s.is_some() {
-                    self.gyro_hz.count(reading.t_s);
+                    self.gyro_hz.count(reading.t_s, now);
                 }
             }
             _ => {}
@@ -198,10 +198,12 @@ fn keep(samples: &mut FieldTrail, sample: [f64; 3]) {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Frequency {
     times_s: VecDeque<f64>,
+    came: Option<Instant>,
 }
 
 impl Frequency {
-    fn count(&mut self, t_s: f64) {
+    fn count(&mut self, t_s: f64, now: Instant) {
+        self.came = Some(now);
         // A source may begin anew.
         if self.times_s.back().is_some_and(|last_s| t_s < *last_s) {
             self.times_s.clear();
@@ -212,8 +214,10 @@ impl Frequency {
         self.times_s.push_back(t_s);
     }
 
-    /// A second.
-    pub(super) fn hz(&self) -> Option<f64> {
+    /// A second; `None` if nothing has come of late.
+    pub(super) fn hz(&self, now: Instant) -> Option<f64> {
+        self.came
+            .filter(|came| now.saturating_duration_since(*came) < FRESH)?;
         let passed_s = self.times_s.back()? - self.times_s.front()?;
         (passed_s > 0.0).then(|| (self.times_s.len() - 1) as f64 / passed_s)
     }

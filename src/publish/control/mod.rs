@@ -17,9 +17,7 @@ use std::sync::atomic::AtomicUsize;
 use tokio::sync::{mpsc, oneshot};
 
 use super::clients::{Door, serve_clients};
-use super::socket_file::{
-    BindError, SocketFile, check_mode, check_path, claim, inherited, mode_bits,
-};
+use super::socket_file::{BindError, OpenSocket, check_mode, check_path};
 use crate::check::{Fault, settings};
 pub use answer::Answer;
 pub use request::ControlRequest;
@@ -75,45 +73,24 @@ pub struct ControlCall {
 /// The control socket, claimed.
 #[derive(Debug)]
 pub struct Control {
-    listener: UnixListener,
-    /// None if somebody else has made the socket, and will remove it.
-    file: Option<SocketFile>,
+    socket: OpenSocket,
 }
 
 impl Control {
-    /// Claims the socket, as that for headings is. `heading_socket` is beside it unless the settings say otherwise.
+    /// Claims the socket, or takes the one that was `handed` over, as that for headings is. `heading_socket` is beside it
+    /// unless the settings say otherwise.
     ///
     /// # Errors
     ///
     /// The settings are wrong, somebody else has the socket, or the system refuses.
-    pub fn bind(settings: &Settings, heading_socket: &Path) -> Result<Self, BindError> {
-        let path = settings.path(heading_socket);
-        let mode = mode_bits(&settings.mode, MOST_OPEN).ok_or_else(|| BindError::Settings {
-            path: path.clone(),
-            fault: "mode is not octal".into(),
-        })?;
-        let (listener, file) = claim(&path, mode)?;
-        Ok(Self {
-            listener,
-            file: Some(file),
-        })
-    }
-
-    /// Goes on with a socket that another process has opened, and will remove.
-    ///
-    /// # Errors
-    ///
-    /// It is not a socket that can be listened to.
-    pub fn inherit(
-        listener: UnixListener,
+    pub fn bind(
+        handed: Option<UnixListener>,
         settings: &Settings,
         heading_socket: &Path,
     ) -> Result<Self, BindError> {
         let path = settings.path(heading_socket);
-        Ok(Self {
-            listener: inherited(listener, &path)?,
-            file: None,
-        })
+        let socket = OpenSocket::open(handed, &path, &settings.mode, MOST_OPEN)?;
+        Ok(Self { socket })
     }
 
     /// Hands requests to `orders` and answers to those who asked, until `shutdown` is ready. Then the socket is gone.
@@ -127,8 +104,7 @@ impl Control {
         shutdown: impl Future<Output = ()>,
     ) -> io::Result<()> {
         let door = Door {
-            listener: self.listener,
-            file: self.file,
+            socket: self.socket,
             most: MOST_CLIENTS,
             refusal: |full| {
                 Answer::refused("too_many_clients", format!("{full}; try again later")).line()

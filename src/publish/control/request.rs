@@ -12,7 +12,7 @@ use crate::calibration::policy::Policy;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "request", rename_all = "lowercase", deny_unknown_fields)]
 pub enum ControlRequest {
-    /// How the daemon does.
+    /// The daemon's status.
     Status {},
     /// All calibrations kept of this sensor.
     List {},

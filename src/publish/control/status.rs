@@ -1,4 +1,4 @@
-//! The answers that commands read: how the daemon does, and the calibrations kept.
+//! The answers that commands read: the daemon's status, and the calibrations kept.
 //!
 //! Each key may be missing, as an older daemon does not send it or it is not known.
 

@@ -4,6 +4,12 @@ use crate::condition::Condition;
 use proptest::prelude::*;
 use serde_json::Value;
 
+fn att(device: &str, heading: &Heading, time: Option<&str>, age_ms: u64) -> String {
+    let mut out = String::new();
+    att_into(&mut out, device, heading, time, age_ms);
+    out
+}
+
 fn heading(condition: Condition) -> Heading {
     Heading {
         fused_deg: Some(359.996),

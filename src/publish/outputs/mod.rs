@@ -63,10 +63,10 @@ impl Outputs {
             }
         }
         if let Some(listen) = tcp.listen() {
-            match tcp::TcpServer::open(listen) {
-                Ok(server) => {
+            match tcp::open(listen) {
+                Ok(listener) => {
                     tracing::info!("serving {} over TCP on {listen}", tcp.format.name());
-                    tasks.spawn(server.run(publisher.feed(), tcp.format));
+                    tasks.spawn(tcp::run(listener, publisher.feed(), tcp.format));
                 }
                 Err(error) => complain("tcp.listen", listen, &error),
             }

@@ -48,46 +48,36 @@ impl Settings {
     }
 }
 
-/// A port that clients can connect to.
-pub(super) struct TcpServer {
-    listener: TcpListener,
+/// Opens a port that clients can connect to.
+pub(super) fn open(listen: SocketAddr) -> io::Result<TcpListener> {
+    let listener = StdListener::bind(listen)?;
+    listener.set_nonblocking(true)?;
+    TcpListener::from_std(listener)
 }
 
-impl TcpServer {
-    pub(super) fn open(listen: SocketAddr) -> io::Result<Self> {
-        let listener = StdListener::bind(listen)?;
-        listener.set_nonblocking(true)?;
-        Ok(Self {
-            listener: TcpListener::from_std(listener)?,
-        })
-    }
-
-    /// Serves clients until it is dropped, and they with it.
-    pub(super) async fn run(self, feed: Arc<Feed>, format: Format) {
-        let mut clients = JoinSet::new();
-        loop {
-            let accepted = tokio::select! {
-                Some(_) = clients.join_next() => continue,
-                accepted = self.listener.accept() => accepted,
-            };
-            match accepted {
-                Ok((stream, _)) if clients.len() < MOST_CLIENTS => {
-                    let lines = HeadingLines::new(feed.clone(), format);
-                    clients.spawn(async move {
-                        if let Err(error) = serve(stream, lines).await {
-                            tracing::debug!("a client of TCP left: {error}");
-                        }
-                    });
-                }
-                Ok((_, peer)) => {
-                    tracing::info!(
-                        "{peer} is one client of TCP too many: {MOST_CLIENTS} are served"
-                    );
-                }
-                Err(error) => {
-                    tracing::warn!("cannot accept a client of TCP: {error}");
-                    sleep(PAUSE).await;
-                }
+/// Serves clients until it is dropped, and they with it.
+pub(super) async fn run(listener: TcpListener, feed: Arc<Feed>, format: Format) {
+    let mut clients = JoinSet::new();
+    loop {
+        let accepted = tokio::select! {
+            Some(_) = clients.join_next() => continue,
+            accepted = listener.accept() => accepted,
+        };
+        match accepted {
+            Ok((stream, _)) if clients.len() < MOST_CLIENTS => {
+                let lines = HeadingLines::new(feed.clone(), format);
+                clients.spawn(async move {
+                    if let Err(error) = serve(stream, lines).await {
+                        tracing::debug!("a client of TCP left: {error}");
+                    }
+                });
+            }
+            Ok((_, peer)) => {
+                tracing::info!("{peer} is one client of TCP too many: {MOST_CLIENTS} are served");
+            }
+            Err(error) => {
+                tracing::warn!("cannot accept a client of TCP: {error}");
+                sleep(PAUSE).await;
             }
         }
     }

@@ -4,8 +4,6 @@
 pub(crate) mod fake;
 mod linux;
 
-use std::fmt;
-
 pub use linux::LinuxBus;
 
 /// The longest block that one transfer reads: the limit of an SMBus I2C block read.
@@ -51,15 +49,17 @@ pub struct BusError {
     pub cause: Cause,
 }
 
-/// What was attempted on a bus.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What was attempted on a bus and failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Attempt {
     /// Opening it, to talk to the chip at this address.
+    #[error("talk to the chip at 0x{address:02x}")]
     Open {
         /// 7-bit address.
         address: u8,
     },
     /// Reading registers.
+    #[error("read {} of the chip at 0x{address:02x}", registers(*register, *count))]
     Read {
         /// 7-bit address.
         address: u8,
@@ -69,6 +69,7 @@ pub enum Attempt {
         count: u8,
     },
     /// Writing one register.
+    #[error("write register 0x{register:02x} of the chip at 0x{address:02x}")]
     Write {
         /// 7-bit address.
         address: u8,
@@ -125,6 +126,13 @@ pub enum Cause {
     Other(String),
 }
 
+fn registers(first: u8, count: u8) -> String {
+    match count {
+        1 => format!("register 0x{first:02x}"),
+        count => format!("{count} registers from 0x{first:02x} on"),
+    }
+}
+
 fn claimed(claim: Option<&Claim>) -> String {
     match claim {
         Some(Claim { driver, device }) => format!(
@@ -168,35 +176,5 @@ impl Cause {
             self,
             Self::NoBus | Self::Permission | Self::Claimed { .. } | Self::Unsupported
         )
-    }
-}
-
-impl fmt::Display for Attempt {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Open { address } => write!(f, "talk to the chip at 0x{address:02x}"),
-            Self::Read {
-                address,
-                register,
-                count: 1,
-            } => write!(
-                f,
-                "read register 0x{register:02x} of the chip at 0x{address:02x}"
-            ),
-            Self::Read {
-                address,
-                register,
-                count,
-            } => write!(
-                f,
-                "read {count} registers from 0x{register:02x} on of the chip at 0x{address:02x}"
-            ),
-            Self::Write { address, register } => {
-                write!(
-                    f,
-                    "write register 0x{register:02x} of the chip at 0x{address:02x}"
-                )
-            }
-        }
     }
 }

@@ -133,7 +133,7 @@ pub trait Magnetometer: Sync {
     /// When a transfer fails.
     fn poll(&self, bus: &mut dyn Bus) -> Result<Option<[i16; 3]>, ChipError>;
 
-    /// Runs the self-test; `None` if the chip has none. The chip must be set up anew after it.
+    /// Runs the self-test of X, Y and Z; `None` if the chip has none. The chip must be set up anew after it.
     ///
     /// # Errors
     ///
@@ -142,7 +142,7 @@ pub trait Magnetometer: Sync {
         &self,
         _bus: &mut dyn Bus,
         _clock: &mut dyn Clock,
-    ) -> Result<Option<SelfTest>, ChipError> {
+    ) -> Result<Option<[AxisTest; 3]>, ChipError> {
         Ok(None)
     }
 
@@ -199,17 +199,8 @@ pub fn verify(
     compare(bus, chip.sheet().name, chip.sheet().address, &registers)
 }
 
-/// What a chip measured of its own field.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SelfTest {
-    /// The gain's code.
-    pub gain: u8,
-    /// X, Y and Z.
-    pub axes: [AxisTest; 3],
-}
-
-/// One axis of a self-test.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// One axis of a self-test: what the chip measured of its own field.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct AxisTest {
     /// Counts of a typical chip.
     pub expected: f64,
@@ -225,13 +216,6 @@ impl AxisTest {
         let (low, high) = self.limits;
         self.measured
             .is_some_and(|measured| (low..=high).contains(&measured))
-    }
-}
-
-impl SelfTest {
-    /// Whether all axes are good.
-    pub fn passed(&self) -> bool {
-        self.axes.iter().all(AxisTest::passed)
     }
 }
 

@@ -133,19 +133,10 @@ impl ChipError {
 /// 2 mG at 230 counts a gauss). Then two readings of one axis are the same with a probability of 0.56 at most,
 /// all three with 0.18, and 20 in a row with 5e-15: at 100 Hz, a false alarm in tens of thousands of years. A chip
 /// that is read twice as fast as it measures still leaves 10: 2e-7 at that range, 1e-16 at any usual one.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct RepeatWatch<T> {
     last: Option<T>,
     same: u32,
-}
-
-impl<T> Default for RepeatWatch<T> {
-    fn default() -> Self {
-        Self {
-            last: None,
-            same: 0,
-        }
-    }
 }
 
 /// A chip is frozen after so many identical readings.

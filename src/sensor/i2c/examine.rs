@@ -62,9 +62,8 @@ pub(crate) struct FoundMagnetometer {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Axis {
     pub(crate) axis: &'static str,
-    pub(crate) expected: f64,
-    pub(crate) limits: (f64, f64),
-    pub(crate) measured: Option<f64>,
+    #[serde(flatten)]
+    pub(crate) test: AxisTest,
     pub(crate) passed: bool,
 }
 
@@ -172,12 +171,10 @@ fn test_the_magnetometer(
         Err(ChipError::NotReady { .. }) if found.chip.imitation().is_some() => return,
         Err(error) => return report.failed(&error),
     };
-    for (axis, test) in ["X", "Y", "Z"].into_iter().zip(test.axes) {
+    for (axis, test) in ["X", "Y", "Z"].into_iter().zip(test) {
         report.self_test.push(Axis {
             axis,
-            expected: test.expected,
-            limits: test.limits,
-            measured: test.measured,
+            test,
             passed: test.passed(),
         });
         if !test.passed() {

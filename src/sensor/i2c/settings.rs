@@ -6,7 +6,6 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::check::{Fault, settings, within};
-use crate::frame::Mountings;
 use crate::sensor::board::{Board, Companions};
 use crate::sensor::bus::LinuxBus;
 use crate::sensor::chip::drivers;
@@ -83,11 +82,6 @@ impl Settings {
     pub fn sensor(&self) -> &'static str {
         let named = self.magnetometer.named();
         named.map_or("hmc58xx", |chip| chip.sheet().word)
-    }
-
-    /// How the chips are mounted: as the board says, and otherwise as the table `[mounting]` does.
-    pub fn mountings(&self, custom: &Mountings) -> Mountings {
-        self.board.mountings(custom)
     }
 
     fn check_others(&self, faults: &mut Vec<Fault>) {

@@ -8,18 +8,12 @@ pub(super) struct LineLateness {
     run: Option<LateRun>,
 }
 
+/// Arrivals since they caught up last.
 #[derive(Clone, Copy, Debug)]
-struct LateRun {
+pub(super) struct LateRun {
     since_s: f64,
     from_s: f64,
-    least_s: f64,
-    arrivals: u32,
-}
-
-/// What the arrivals have in common since they caught up last.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Steady {
-    /// For how long, seconds.
+    /// For how long they have been late, seconds.
     pub(super) lasts_s: f64,
     /// How many there were.
     pub(super) arrivals: u32,
@@ -43,12 +37,13 @@ impl LineLateness {
     }
 
     /// An arrival came late by `late_s`.
-    pub(super) fn take(&mut self, late_s: f64, arrival_s: f64) -> Steady {
+    pub(super) fn take(&mut self, late_s: f64, arrival_s: f64) -> LateRun {
         let fresh = LateRun {
             since_s: arrival_s,
             from_s: late_s,
-            least_s: late_s,
+            lasts_s: 0.0,
             arrivals: 0,
+            least_s: late_s,
         };
         let run = self.run.get_or_insert(fresh);
         if late_s < run.from_s - self.step_s {
@@ -56,10 +51,7 @@ impl LineLateness {
         }
         run.least_s = run.least_s.min(late_s);
         run.arrivals += 1;
-        Steady {
-            lasts_s: arrival_s - run.since_s,
-            arrivals: run.arrivals,
-            least_s: run.least_s,
-        }
+        run.lasts_s = arrival_s - run.since_s;
+        *run
     }
 }

@@ -63,11 +63,6 @@ impl LogRows {
             SerialLine::TooLong => found(Item::TooLong),
         });
     }
-
-    /// The name of the magnetometer, if a header gave one.
-    pub fn sensor(&self) -> Option<&str> {
-        self.rows.rows.as_ref()?.header().sensor.as_deref()
-    }
 }
 
 impl Wire {

@@ -21,45 +21,24 @@ const MAG_MOST: f64 = 2048.0;
 /// Three axes in counts; `None` is an axis without a number.
 pub(super) type RazorCounts = [Option<f64>; 3];
 
-/// One of the Razor's sensors, in the order in which it sends them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Sensor {
-    Accel,
-    Mag,
-    Gyro,
-}
+/// Counts of accelerometer, magnetometer and gyro, the order in which the Razor sends them, as far as they were read.
+pub(super) type RazorFrame = [Option<RazorCounts>; 3];
 
-/// Counts of the sensors that were read.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Frame {
-    pub(super) accel: Option<RazorCounts>,
-    pub(super) mag: Option<RazorCounts>,
-    pub(super) gyro: Option<RazorCounts>,
-}
-
-impl Frame {
-    /// The frame in our units; its time is 0. The firmware stores gravity, we have specific force.
-    pub(super) fn reading(&self, counts_per_gauss: f64) -> Reading {
-        let whole = |counts: Option<RazorCounts>, most: f64, unit: f64| match counts? {
-            [Some(x), Some(y), Some(z)] if [x, y, z].iter().all(|n| n.abs() <= most) => {
-                Some(Vector3::new(x, y, z) * unit)
-            }
-            _ => None,
-        };
-        Reading {
-            t_s: 0.0,
-            field_mgauss: self.mag.map(|counts| field(counts, counts_per_gauss)),
-            rate_rad_s: whole(
-                self.gyro,
-                GYRO_MOST,
-                1f64.to_radians() / GYRO_COUNTS_PER_DEG_S,
-            ),
-            specific_force_m_s2: whole(
-                self.accel,
-                ACCEL_MOST,
-                -STANDARD_GRAVITY_M_S2 / ACCEL_COUNTS_PER_G,
-            ),
+/// The frame in our units; its time is 0. The firmware stores gravity, we have specific force.
+pub(super) fn reading([accel, mag, gyro]: RazorFrame, counts_per_gauss: f64) -> Reading {
+    let whole = |counts: Option<RazorCounts>, most: f64, unit: f64| match counts? {
+        [Some(x), Some(y), Some(z)] if [x, y, z].iter().all(|n| n.abs() <= most) => {
+            Some(Vector3::new(x, y, z) * unit)
         }
+        _ => None,
+    };
+    let rad_s = 1f64.to_radians() / GYRO_COUNTS_PER_DEG_S;
+    let m_s2 = -STANDARD_GRAVITY_M_S2 / ACCEL_COUNTS_PER_G;
+    Reading {
+        t_s: 0.0,
+        field_mgauss: mag.map(|counts| field(counts, counts_per_gauss)),
+        rate_rad_s: whole(gyro, GYRO_MOST, rad_s),
+        specific_force_m_s2: whole(accel, ACCEL_MOST, m_s2),
     }
 }
 
@@ -81,12 +60,9 @@ mod tests {
 
     #[test]
     fn counts_become_our_units() {
-        let frame = Frame {
-            accel: of(0.0, -128.0, 256.0),
-            mag: of(1300.0, -650.0, 13.0),
-            gyro: of(14.375, 0.0, -28.75),
-        };
-        let reading = frame.reading(1300.0);
+        let accel = of(0.0, -128.0, 256.0);
+        let (mag, gyro) = (of(1300.0, -650.0, 13.0), of(14.375, 0.0, -28.75));
+        let reading = reading([accel, mag, gyro], 1300.0);
         assert_eq!(
             reading.field_mgauss,
             Some([Some(1000.0), Some(-500.0), Some(10.0)])
@@ -102,12 +78,8 @@ mod tests {
     #[test]
     fn a_lost_sign_is_found_and_an_overflow_is_no_number() {
         let field = |x| {
-            let mag = of(x, 1.0, 2.0);
-            let frame = Frame {
-                mag,
-                ..Frame::default()
-            };
-            frame.reading(1000.0).field_mgauss.unwrap()[0]
+            let frame = [None, of(x, 1.0, 2.0), None];
+            reading(frame, 1000.0).field_mgauss.unwrap()[0]
         };
         assert_eq!(field(65535.0), Some(-1.0));
         assert_eq!(field(63488.0), Some(-2048.0));
@@ -119,12 +91,7 @@ mod tests {
     #[test]
     fn half_a_vector_is_none() {
         let half = Some([Some(1.0), None, Some(3.0)]);
-        let frame = Frame {
-            accel: half,
-            mag: half,
-            gyro: half,
-        };
-        let reading = frame.reading(1000.0);
+        let reading = reading([half; 3], 1000.0);
         assert_eq!(reading.field_mgauss, Some([Some(1.0), None, Some(3.0)]));
         assert!(reading.rate_rad_s.is_none() && reading.specific_force_m_s2.is_none());
     }

@@ -6,7 +6,7 @@
 //! mix with the frames, so error output is off, and a failed read shows only in repeated numbers.
 
 use super::Item;
-use super::razor::{Frame, RazorCounts};
+use super::razor::{RazorFrame, reading};
 
 /// Bytes of a frame.
 const FRAME: usize = 36;
@@ -77,9 +77,8 @@ impl RazorBinary {
                 .all(|n| n.fract() == 0.0 && n.abs() <= MOST)
             {
                 self.pending.clear();
-                found(Item::Frame(
-                    self.frame(numbers).reading(self.counts_per_gauss),
-                ));
+                let frame = self.frame(numbers);
+                found(Item::Frame(reading(frame, self.counts_per_gauss)));
             } else {
                 found(Item::Bad(
                     "36 bytes are not a raw-count frame: bytes were lost, or the board is in another mode"
@@ -121,8 +120,8 @@ impl RazorBinary {
         }
     }
 
-    fn frame(&mut self, numbers: [[f32; 3]; 3]) -> Frame {
-        let fresh: [Option<RazorCounts>; 3] = std::array::from_fn(|sensor| {
+    fn frame(&mut self, numbers: [[f32; 3]; 3]) -> RazorFrame {
+        let fresh = std::array::from_fn(|sensor| {
             let same = numbers[sensor] == self.last[sensor];
             self.still[sensor] = if same {
                 self.still[sensor].saturating_add(1)
@@ -133,8 +132,7 @@ impl RazorBinary {
             (self.still[sensor] < STILL).then_some(counts)
         });
         self.last = numbers;
-        let [accel, mag, gyro] = fresh;
-        Frame { accel, mag, gyro }
+        fresh
     }
 }
 

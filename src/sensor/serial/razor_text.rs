@@ -5,7 +5,7 @@
 
 use super::Item;
 use super::lines::{SerialLine, SerialLines};
-use super::razor::{Frame, RazorCounts, Sensor};
+use super::razor::{RazorCounts, RazorFrame, reading};
 use super::shown;
 
 /// Beginnings of lines that the firmware, its forks or its predecessor send in other modes.
@@ -24,6 +24,9 @@ const OTHER_MODES: [(&str, &str); 9] = [
     ("#AMG-ERR:", "error counts (#oec)"),
 ];
 
+/// The last sensor of a frame.
+const GYRO: usize = 2;
+
 /// Bytes in, frames out.
 #[derive(Clone, Debug)]
 pub struct RazorText {
@@ -35,7 +38,7 @@ pub struct RazorText {
 /// The frame that is coming in.
 #[derive(Clone, Debug, Default)]
 struct Pending {
-    frame: Frame,
+    frame: RazorFrame,
     /// Sensors that could not be read: their numbers are old.
     failed: [bool; 3],
 }
@@ -72,29 +75,23 @@ impl Pending {
                 shown(line)
             )));
         };
-        let sensors = [
-            ("#A-R=", Sensor::Accel),
-            ("#M-R=", Sensor::Mag),
-            ("#G-R=", Sensor::Gyro),
-        ];
-        let raw = sensors
-            .iter()
-            .find_map(|(name, sensor)| Some((*sensor, text.strip_prefix(name)?)));
+        let mut sensors = ["#A-R=", "#M-R=", "#G-R="].into_iter().enumerate();
+        let raw = sensors.find_map(|(sensor, name)| Some((sensor, text.strip_prefix(name)?)));
         if let Some((sensor, numbers)) = raw {
-            // Its place in the frame is taken: the end of the frame before was lost.
-            if self.begun(sensor) {
+            // Its place in the frame, or one behind it, is taken: the end of the frame before was lost.
+            if self.frame[sensor..].iter().any(Option::is_some) {
                 self.end(gain, found);
             }
             match counts(numbers) {
-                Ok(counts) => *self.slot(sensor) = Some(counts),
+                Ok(counts) => self.frame[sensor] = Some(counts),
                 Err(why) => found(Item::Bad(format!("found {}: {why}", shown(line)))),
             }
-            if sensor == Sensor::Gyro {
+            if sensor == GYRO {
                 self.end(gain, found);
             }
         } else if let Some(what) = text.strip_prefix("!ERR: reading ") {
             let names = ["accelerometer", "magnetometer", "gyroscope"];
-            if self.frame != Frame::default() {
+            if self.frame != RazorFrame::default() {
                 self.end(gain, found);
             }
             match names.iter().position(|name| *name == what) {
@@ -116,36 +113,14 @@ impl Pending {
         }
     }
 
-    /// Whether a line of this sensor cannot belong to the frame that is coming in.
-    fn begun(&self, sensor: Sensor) -> bool {
-        let Frame { accel, mag, gyro } = self.frame;
-        match sensor {
-            Sensor::Accel => accel.is_some() || mag.is_some() || gyro.is_some(),
-            Sensor::Mag => mag.is_some() || gyro.is_some(),
-            Sensor::Gyro => gyro.is_some(),
-        }
-    }
-
-    fn slot(&mut self, sensor: Sensor) -> &mut Option<RazorCounts> {
-        match sensor {
-            Sensor::Accel => &mut self.frame.accel,
-            Sensor::Mag => &mut self.frame.mag,
-            Sensor::Gyro => &mut self.frame.gyro,
-        }
-    }
-
     fn end(&mut self, gain: f64, found: &mut impl FnMut(Item)) {
         let Self { mut frame, failed } = std::mem::take(self);
-        for (failed, slot) in
-            failed
-                .into_iter()
-                .zip([&mut frame.accel, &mut frame.mag, &mut frame.gyro])
-        {
+        for (failed, counts) in failed.into_iter().zip(&mut frame) {
             if failed {
-                *slot = None;
+                *counts = None;
             }
         }
-        found(Item::Frame(frame.reading(gain)));
+        found(Item::Frame(reading(frame, gain)));
     }
 }
 

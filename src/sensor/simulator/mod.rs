@@ -74,11 +74,6 @@ impl Simulator {
         })
     }
 
-    /// The true A and b.
-    pub fn parameters(&self) -> Spatial {
-        self.parameters
-    }
-
     /// Time of the last reading at most, seconds; the first one is at 0. Infinite where the scenario is endless.
     pub fn duration_s(&self) -> f64 {
         self.motion.duration_s()

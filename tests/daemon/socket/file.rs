@@ -5,11 +5,10 @@ use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::UnixStream;
 use std::sync::{Barrier, mpsc};
 
-use headingd::publish::nmea;
-use headingd::publish::server::{BindError, Server, Settings};
+use headingd::publish::server::{BindFault, Settings};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 
-use super::rig::{PATIENCE, STALE, device, report, rig};
+use super::rig::{PATIENCE, report, rig, serve};
 use crate::rig::{folder, leave_dead_socket};
 
 #[tokio::test]
@@ -52,19 +51,13 @@ fn a_daemon_that_has_only_locked_the_socket_so_far_comes_first() {
     fs::write(&path, "4321\n").unwrap();
     let lock = fs::File::open(&path).unwrap();
     lock.try_lock().unwrap();
-    let refused = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
-    assert!(matches!(
-        refused,
-        BindError::Busy {
-            pid: Some(4321),
-            ..
-        }
-    ));
+    let refused = serve(&settings).unwrap_err();
+    assert!(matches!(refused.why, BindFault::Busy(Some(4321))));
     assert!(refused.to_string().contains("(process 4321)"), "{refused}");
     assert!(!settings.socket.exists());
     // It has died. To close the file would not do while a program that another test is starting has a copy of it.
     lock.unlock().unwrap();
-    Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap();
+    serve(&settings).unwrap();
 }
 
 #[test]
@@ -80,7 +73,7 @@ fn of_many_that_start_together_one_serves() {
         let bound: Vec<_> = std::thread::scope(|scope| {
             let bind = || {
                 start.wait();
-                Server::bind(&settings, &nmea::Settings::default(), device(), STALE)
+                serve(&settings)
             };
             let threads: Vec<_> = (0..4).map(|_| scope.spawn(bind)).collect();
             threads.into_iter().map(|t| t.join().unwrap()).collect()
@@ -89,7 +82,7 @@ fn of_many_that_start_together_one_serves() {
         assert_eq!(serving.len(), 1);
         for refused in refused {
             let refused = refused.unwrap_err();
-            assert!(matches!(refused, BindError::Busy { .. }), "{refused}");
+            assert!(matches!(refused.why, BindFault::Busy(_)), "{refused}");
         }
     }
 }
@@ -110,20 +103,18 @@ fn a_listener_with_a_full_backlog_is_not_waited_for() {
     let (sender, bound) = mpsc::channel();
     std::thread::spawn(move || {
         // An error means that it is not waited for any more.
-        let _ = sender
-            .send(Server::bind(&settings, &nmea::Settings::default(), device(), STALE).map(drop));
+        let _ = sender.send(serve(&settings).map(drop));
     });
     let refused = bound.recv_timeout(PATIENCE).expect("it hangs").unwrap_err();
-    assert!(matches!(refused, BindError::Busy { .. }), "{refused}");
+    assert!(matches!(refused.why, BindFault::Busy(_)), "{refused}");
 }
 
 #[tokio::test]
 async fn a_dead_daemons_socket_is_replaced_and_a_living_ones_respected() {
     let rig = rig(|settings| leave_dead_socket(&settings.socket));
     rig.client().await;
-    let refused =
-        Server::bind(&rig.settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
-    assert!(matches!(refused, BindError::Busy { .. }), "{refused}");
+    let refused = serve(&rig.settings).unwrap_err();
+    assert!(matches!(refused.why, BindFault::Busy(_)), "{refused}");
     assert!(refused.to_string().contains("another daemon is serving"));
     rig.client().await;
 }
@@ -136,22 +127,22 @@ fn a_file_that_is_no_socket_and_a_folder_that_will_not_do_are_refused() {
         ..Settings::default()
     };
     fs::write(&settings.socket, "precious").unwrap();
-    let refused = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
-    assert!(matches!(refused, BindError::NotASocket { .. }), "{refused}");
+    let refused = serve(&settings).unwrap_err();
+    assert!(matches!(refused.why, BindFault::NotASocket), "{refused}");
     assert_eq!(fs::read(&settings.socket).unwrap(), b"precious");
 
     settings.socket = directory.path().join("missing/heading.sock");
-    let refused = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
+    let refused = serve(&settings).unwrap_err();
     assert!(
-        matches!(refused, BindError::NoDirectory { .. }),
+        matches!(refused.why, BindFault::NoDirectory(_)),
         "{refused}"
     );
 
     // Nobody may make a file there, not even root.
     settings.socket = "/sys/heading.sock".into();
-    let refused = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap_err();
+    let refused = serve(&settings).unwrap_err();
     assert!(
-        matches!(refused, BindError::NotAllowed { .. })
+        matches!(refused.why, BindFault::NotAllowed { .. })
             && refused.to_string().contains("let this user write to /sys "),
         "{refused}"
     );
@@ -164,12 +155,12 @@ fn a_server_removes_only_its_own_socket() {
         socket: directory.path().join("heading.sock"),
         ..Settings::default()
     };
-    let first = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap();
+    let first = serve(&settings).unwrap();
     // Somebody clears up.
     for file in fs::read_dir(directory.path()).unwrap() {
         fs::remove_file(file.unwrap().path()).unwrap();
     }
-    let second = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap();
+    let second = serve(&settings).unwrap();
     drop(first);
     UnixStream::connect(&settings.socket).unwrap();
     drop(second);

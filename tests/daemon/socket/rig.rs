@@ -7,7 +7,7 @@ use headingd::condition::{Condition, Report};
 use headingd::heading::Heading;
 use headingd::publish::gpsd::Device;
 use headingd::publish::nmea;
-use headingd::publish::server::{Publisher, Server, Settings};
+use headingd::publish::server::{BindError, Publisher, Server, Settings};
 use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::UnixStream;
@@ -41,6 +41,11 @@ pub fn device() -> Device {
     }
 }
 
+/// Claims the socket.
+pub fn serve(settings: &Settings) -> Result<Server, BindError> {
+    Server::bind(None, settings, &nmea::Settings::default(), device(), STALE)
+}
+
 pub fn rig(change: impl FnOnce(&mut Settings)) -> Rig {
     let directory = folder();
     let mut settings = Settings {
@@ -49,7 +54,7 @@ pub fn rig(change: impl FnOnce(&mut Settings)) -> Rig {
         ..Settings::default()
     };
     change(&mut settings);
-    let server = Server::bind(&settings, &nmea::Settings::default(), device(), STALE).unwrap();
+    let server = serve(&settings).unwrap();
     let publisher = server.publisher();
     let (stop, stopped) = oneshot::channel();
     let task = tokio::spawn(server.run(async {

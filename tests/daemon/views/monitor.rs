@@ -2,11 +2,15 @@
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::UnixListener;
 use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use rustix::event::{PollFd, PollFlags};
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
@@ -25,6 +29,8 @@ const ENDLESS: &str = "[simulator]\nscenario = \"endless\"\n";
 struct Screen {
     master: File,
     shown: Receiver<Vec<u8>>,
+    reader: JoinHandle<()>,
+    hung_up: Arc<AtomicBool>,
     seen: String,
     columns: u16,
     process: Process,
@@ -62,14 +68,21 @@ impl Screen {
             },
         )
         .unwrap();
-        let process = crate::rig::spawn_on(rig.folder.path(), &mut command, output);
+        let process = crate::rig::spawn_on(rig.folder.path(), &mut command, output, Some(open()));
         let master = File::from(pty);
         let (sender, shown) = channel();
-        let mut reader = master.try_clone().unwrap();
-        thread::spawn(move || {
+        let mut other = master.try_clone().unwrap();
+        let hung_up = Arc::new(AtomicBool::new(false));
+        let ends = hung_up.clone();
+        let reader = thread::spawn(move || {
             let mut bytes = [0; 4096];
-            loop {
-                match reader.read(&mut bytes) {
+            while !ends.load(Ordering::Relaxed) {
+                let patience = SETTLED.try_into().unwrap();
+                let mut waiting = [PollFd::new(&other, PollFlags::IN)];
+                if rustix::event::poll(&mut waiting, Some(&patience)) == Ok(0) {
+                    continue;
+                }
+                match other.read(&mut bytes) {
                     Ok(0) => break,
                     Ok(count) if sender.send(bytes[..count].to_vec()).is_ok() => {}
                     Err(error) if error.kind() == ErrorKind::Interrupted => {}
@@ -81,6 +94,8 @@ impl Screen {
         Self {
             master,
             shown,
+            reader,
+            hung_up,
             seen: String::new(),
             columns: 80,
             process,
@@ -118,6 +133,14 @@ impl Screen {
 
     fn press(&mut self, key: &str) {
         self.master.write_all(key.as_bytes()).unwrap();
+    }
+
+    /// The terminal's window is closed, or its line is cut.
+    fn hang_up(self) -> Process {
+        self.hung_up.store(true, Ordering::Relaxed);
+        self.reader.join().unwrap();
+        drop(self.master);
+        self.process
     }
 }
 
@@ -165,6 +188,16 @@ fn a_signal_ends_it_and_gives_the_terminal_back() {
 }
 
 #[test]
+fn it_ends_with_its_terminal() {
+    let rig = Rig::new(1.0, ENDLESS);
+    let (_process, _client) = rig.watched();
+    let mut screen = Screen::monitor(&rig);
+    screen.shows("heading");
+    // It has no terminal to work on.
+    assert_eq!(screen.hang_up().wait().code(), Some(74));
+}
+
+#[test]
 fn without_a_terminal_or_a_daemon_it_says_so() {
     let (status, _, err) = headingd(&[], &["monitor"]);
     assert_eq!(status, 2);
@@ -190,8 +223,33 @@ fn a_running_daemon_is_reported_on() {
         ],
     );
     assert_eq!(status, 0, "{err}");
-    let page = std::fs::read_to_string(out).unwrap();
+    let page = std::fs::read_to_string(&out).unwrap();
     assert!(page.contains("hmc5843") && page.contains("<figure>"));
+    // With a place, its headings are true ones, too.
+    let gpsd = UnixListener::bind(rig.path("gpsd.sock")).unwrap();
+    let config = rig.folder.path().join("north.toml");
+    let north = format!("[true_north]\ngpsd = {:?}\n", rig.path("gpsd.sock"));
+    std::fs::write(&config, north).unwrap();
+    thread::spawn(move || {
+        let (mut stream, _) = gpsd.accept().unwrap();
+        stream
+            .write_all(b"{\"class\":\"TPV\",\"mode\":2,\"lat\":51.08,\"lon\":-114.13}\n")
+            .unwrap();
+        // Until the report ends.
+        let _ = stream.read_to_end(&mut Vec::new());
+    });
+    let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
+    command.args(["report", "--duration", "10", "--out", "-", "--socket"]);
+    command.arg(socket).arg("--config").arg(config);
+    let ran = command.output().unwrap();
+    assert!(ran.status.success(), "{ran:?}");
+    let page = String::from_utf8(ran.stdout).unwrap();
+    for part in [
+        "°, magnetic north is east of true north",
+        "<b class=other>true</b>",
+    ] {
+        assert!(page.contains(part), "{part} is missing");
+    }
     let mut other = Command::new(env!("CARGO_BIN_EXE_headingd"));
     other.args(["report", "--socket", "/none.sock", "--out", "-"]);
     let mut process = spawn(rig.folder.path(), &mut other);

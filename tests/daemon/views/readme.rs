@@ -114,11 +114,16 @@ fn the_python_of_readme_prints_headings() {
         .spawn()
         .unwrap();
     let mut lines = BufReader::new(python.stdout.take().unwrap()).lines();
-    let line = lines.next().unwrap().unwrap();
+    // While it learns, and where the machine is slow, a sample may have none.
+    let heading = lines.by_ref().take(5000).find_map(|line| {
+        let line = line.unwrap();
+        let (heading, state) = line.split_once(' ').unwrap();
+        assert!(heading != "None" || state != "good", "{line}");
+        heading.parse::<f64>().ok()
+    });
     python.kill().unwrap();
     python.wait().unwrap();
-    let heading: f64 = line.split_whitespace().next().unwrap().parse().unwrap();
-    assert!((0.0..360.0).contains(&heading), "{line}");
+    assert!((0.0..360.0).contains(&heading.unwrap()), "{heading:?}");
 }
 
 /// Commands in blocks, and in code within a sentence or a table.

@@ -68,12 +68,12 @@ pub(super) fn identify(
         (false, ObservedRate::Fast) => (
             &Variant::Hmc5883,
             false,
-            "it has no averaging and measures at 75 Hz; an LSM303DLHC would too",
+            "it has no averaging and measures at 75 Hz, as an LSM303DLHC would; if it is another, set i2c.magnetometer",
         ),
         (false, _) => (
             &Variant::Hmc5843,
             false,
-            "it has no averaging; its rate did not show, and an HMC5883 has none either",
+            "it has no averaging, nor has an HMC5883, and its rate did not show; if it is another, set i2c.magnetometer",
         ),
         (true, ObservedRate::Fast) => (
             &Variant::Hmc5883l,
@@ -84,7 +84,7 @@ pub(super) fn identify(
         (true, _) => (
             &Variant::Hmc5883l,
             false,
-            "it has averaging, but its rate did not show as 75 Hz",
+            "it has averaging, but its rate did not show as 75 Hz; if it is another, set i2c.magnetometer",
         ),
     };
     Ok(Identified { chip, sure, why })
@@ -191,6 +191,7 @@ mod tests {
                 (variant.data_sheet().word, sure),
                 "{averages} {period_s}"
             );
+            assert_eq!(found.why.contains("set i2c.magnetometer"), !sure);
             let begin = [
                 Read(0x1E, 0x0A, 3),
                 Write(0x1E, 0x00, 0x78),

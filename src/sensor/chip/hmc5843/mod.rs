@@ -6,7 +6,7 @@ mod self_test;
 mod variants;
 
 use super::ChipError;
-use super::magnetometer::{ChipSetup, DataSheet, Driver, Magnetometer, MeasuringMode, SelfTest};
+use super::magnetometer::{AxisTest, ChipSetup, DataSheet, Driver, Magnetometer, MeasuringMode};
 use crate::sensor::bus::{Bus, read_byte};
 use crate::sensor::clock::Clock;
 use registers::*;
@@ -59,7 +59,7 @@ impl Magnetometer for Variant {
         &self,
         bus: &mut dyn Bus,
         clock: &mut dyn Clock,
-    ) -> Result<Option<SelfTest>, ChipError> {
+    ) -> Result<Option<[AxisTest; 3]>, ChipError> {
         self_test::self_test(bus, clock, *self).map(Some)
     }
 
