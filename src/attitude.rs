@@ -19,6 +19,7 @@ mod steadiness;
 mod stillness;
 #[cfg(test)]
 mod tests;
+mod trim;
 
 use clock::{ClipWatch, ClockStep, EvenClock};
 use filter::AttitudeFilter;

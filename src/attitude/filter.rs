@@ -9,6 +9,7 @@ use super::gravity::{GRAVITY_M_S2, Gravity};
 use super::gyro_errors::GyroErrors;
 use super::steadiness::Steadiness;
 use super::stillness::Stillness;
+use super::trim::Trim;
 use super::{Pose, Tick, unit};
 use crate::frame::hypot;
 
@@ -38,6 +39,7 @@ pub(super) struct AttitudeFilter {
     pub(super) gravity: Gravity,
     pub(super) steadiness: Steadiness,
     stillness: Stillness,
+    trim: Trim,
     pub(super) stretch: u32,
     ticked: bool,
     /// Since when the accelerometer has had its part without a break.
@@ -65,6 +67,7 @@ impl AttitudeFilter {
             gravity: Gravity::default(),
             steadiness: Steadiness::default(),
             stillness: Stillness::default(),
+            trim: Trim::default(),
             stretch: 0,
             ticked: false,
             levelled_since_s: None,
@@ -95,6 +98,7 @@ impl AttitudeFilter {
         let after = unit(self.vqf.state().gyr_quat);
         let middle = UnitQuaternion::new_normalize(before.lerp(&after, 0.5));
         let to_frame = middle.to_rotation_matrix().into_inner();
+        let force = force.map(|force| self.levelled(&rate, force));
         let at_rest = self.at_rest();
         self.errors
             .take(PERIOD_S, &to_frame, &rate, force.as_ref(), at_rest);
@@ -122,6 +126,17 @@ impl AttitudeFilter {
         }
     }
 
+    /// The specific force, m/s², without what the board's trim shows to be acceleration.
+    fn levelled(&mut self, rate: &Vector3<f64>, force: Vector3<f64>) -> Vector3<f64> {
+        if !self.vertical_known {
+            return force;
+        }
+        let to_frame = self.orientation().to_rotation_matrix().into_inner();
+        let at_rest = self.at_rest();
+        self.trim
+            .levelled(PERIOD_S, &to_frame, rate, &force, at_rest)
+    }
+
     /// Chooses how long the accelerometer's time constant is.
     fn follow_rate(&mut self, rate_rad_s: f64) {
         self.mean_rate_rad_s += (rate_rad_s - self.mean_rate_rad_s) * PERIOD_S / RATE_TAU_S;
@@ -141,7 +156,8 @@ impl AttitudeFilter {
 
     /// What the tilt is off by now, one standard deviation, radians.
     pub(super) fn tilt_sd_rad(&self) -> f64 {
-        hypot(TILT_RAD, PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2)
+        let own = hypot(TILT_RAD, self.trim.tilt_sd_rad());
+        hypot(own, PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2)
     }
 
     /// Time constant of the tilt, seconds.
@@ -164,6 +180,7 @@ impl AttitudeFilter {
     }
 
     fn forget_force(&mut self) {
+        self.trim = Trim::default();
         let state = self.vqf.state_mut();
         state.acc_lp_state = [[f64::NAN; 2]; 3];
         state.rest_acc_lp_state = [[f64::NAN; 2]; 3];

@@ -1,0 +1,231 @@
+//! Trim: the attitude that a vehicle keeps.
+//!
+//! A car leans by a degree or two on its springs and on its roads, while its acceleration tilts what an accelerometer feels by ten
+//! degrees, for seconds. So while the accelerometer contradicts the gyro, the mean attitude of the board takes its place, as far
+//! as the board has kept that attitude: both are weighted by their variances. A board that tumbles has no trim, and one that is not
+//! accelerated feels gravity.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::gravity::GRAVITY_M_S2;
+
+/// The mean attitude is that of the specific force over this time, seconds: jolts are shorter.
+const FELT_S: f64 = 5.0;
+/// It may be another one after this long, seconds: the next road, another load.
+const LASTS_S: f64 = 100.0;
+/// What is known of it at first, radians (2°).
+const FIRST_RAD: f64 = 0.035;
+/// The gyro shows swings for this long, seconds: a bias of 0.02°/s then adds 0.4°.
+const SWING_S: f64 = 20.0;
+/// Their size is measured over these times, seconds: quickly when it grows, slowly when it shrinks.
+const SWING_GROWS_S: f64 = 1.0;
+const SWING_SHRINKS_S: f64 = 30.0;
+/// A board that swings by this much, radians (8°), has no trim: cars roll and pitch by less, boats and hands by more.
+const NO_TRIM_RAD: f64 = 0.14;
+/// Accelerations are told from vibration over this time, and their size from these, seconds: a driver brakes and turns for seconds.
+const ACCELERATED_S: f64 = 1.0;
+const ACCELERATION_GROWS_S: f64 = 0.5;
+const ACCELERATION_SHRINKS_S: f64 = 3.0;
+/// Variance of what is felt at least, rad²: an accelerometer's noise.
+const LEAST2: f64 = 1e-6;
+
+/// Learns the attitude that the board keeps. All vectors are shares of gravity.
+#[derive(Default)]
+pub(super) struct Trim {
+    learnt: Option<Learnt>,
+    tilt_sd_rad: f64,
+}
+
+struct Learnt {
+    /// Mean up in body axes, a unit vector, and its variance, rad².
+    up: Vector3<f64>,
+    variance: f64,
+    /// Specific force over `FELT_S`, in the frame.
+    felt: Vector3<f64>,
+    /// Up as the gyro carries it, drawn to its mean over `SWING_S`, and the variance of its swings on an axis, rad².
+    carried: Vector3<f64>,
+    swing2: f64,
+    /// Specific force less up as the gyro carries it, in the frame, and its mean square on an axis.
+    acceleration: Vector3<f64>,
+    acceleration2: f64,
+}
+
+impl Trim {
+    /// Takes a tick of this length: the rotation into the levelled frame, the rate, rad/s, and the specific force, m/s². What the
+    /// force would most likely be without acceleration, m/s².
+    pub(super) fn levelled(
+        &mut self,
+        period_s: f64,
+        to_frame: &Matrix3<f64>,
+        rate: &Vector3<f64>,
+        force: &Vector3<f64>,
+        at_rest: bool,
+    ) -> Vector3<f64> {
+        let felt = to_frame * force / GRAVITY_M_S2;
+        let learnt = self
+            .learnt
+            .get_or_insert_with(|| Learnt::new(to_frame.transpose() * Vector3::z()));
+        learnt.take(period_s, to_frame, rate, &felt, at_rest);
+        let kept2 = learnt.swing2 + learnt.variance;
+        let share = learnt.acceleration2 / (learnt.acceleration2 + kept2 + LEAST2)
+            * (1.0 - kept2 / NO_TRIM_RAD.powi(2)).max(0.0);
+        self.tilt_sd_rad = share * kept2.sqrt();
+        force * (1.0 - share) + learnt.up * (GRAVITY_M_S2 * share)
+    }
+
+    /// What the trim may tilt the frame, one standard deviation, radians.
+    pub(super) fn tilt_sd_rad(&self) -> f64 {
+        self.tilt_sd_rad
+    }
+}
+
+impl Learnt {
+    fn new(up: Vector3<f64>) -> Self {
+        Self {
+            up,
+            variance: FIRST_RAD.powi(2),
+            felt: Vector3::z(),
+            carried: up,
+            swing2: NO_TRIM_RAD.powi(2),
+            acceleration: Vector3::zeros(),
+            acceleration2: 0.0,
+        }
+    }
+
+    fn take(
+        &mut self,
+        dt: f64,
+        to_frame: &Matrix3<f64>,
+        rate: &Vector3<f64>,
+        felt: &Vector3<f64>,
+        at_rest: bool,
+    ) {
+        // A vector that stands still in the world turns against the board.
+        self.carried += (self.carried.cross(rate) + (self.up - self.carried) / SWING_S) * dt;
+        let swing2 = 0.5 * (self.carried - self.up).norm_squared();
+        follow(&mut self.swing2, swing2, dt, SWING_GROWS_S, SWING_SHRINKS_S);
+
+        if at_rest {
+            // Whatever the board feels is gravity.
+            self.carried = to_frame.transpose() * felt;
+            self.acceleration = Vector3::zeros();
+            self.acceleration2 = 0.0;
+        }
+        let odd = felt - to_frame * self.carried;
+        self.acceleration += (odd - self.acceleration) * (dt / ACCELERATED_S);
+        let acceleration2 = 0.5 * self.acceleration.xy().norm_squared();
+        let (grows_s, shrinks_s) = (ACCELERATION_GROWS_S, ACCELERATION_SHRINKS_S);
+        follow(
+            &mut self.acceleration2,
+            acceleration2,
+            dt,
+            grows_s,
+            shrinks_s,
+        );
+
+        self.felt += (felt - self.felt) * (dt / FELT_S);
+        self.variance += dt / LASTS_S * self.swing2;
+        // Neighbouring ticks share what is felt.
+        let noise = (self.acceleration2 + self.swing2 + LEAST2) * 2.0 * FELT_S / dt;
+        let gain = self.variance / (self.variance + noise);
+        if let Some(up) = (to_frame.transpose() * self.felt).try_normalize(0.1) {
+            self.up = (self.up + (up - self.up) * gain).normalize();
+            self.variance -= gain * self.variance;
+        }
+    }
+}
+
+fn follow(mean: &mut f64, now: f64, dt: f64, grows_s: f64, shrinks_s: f64) {
+    let tau_s = if now > *mean { grows_s } else { shrinks_s };
+    *mean += dt / tau_s * (now - *mean);
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::UnitQuaternion;
+
+    use super::*;
+
+    const PERIOD_S: f64 = 0.01;
+
+    /// A board in motion, with its true attitude as the frame's.
+    struct Ride {
+        trim: Trim,
+        t_s: f64,
+        attitude: UnitQuaternion<f64>,
+    }
+
+    impl Ride {
+        fn new(roll_deg: f64) -> Self {
+            Self {
+                trim: Trim::default(),
+                t_s: 0.0,
+                attitude: UnitQuaternion::from_euler_angles(roll_deg.to_radians(), 0.0, 0.0),
+            }
+        }
+
+        /// Goes on so long at this rate with this acceleration of its own. By how much the force is then off gravity, degrees.
+        fn go(
+            &mut self,
+            seconds: f64,
+            rate: impl Fn(f64) -> Vector3<f64>,
+            acceleration: Vector3<f64>,
+        ) -> f64 {
+            let mut off_deg = 0.0;
+            for _ in 0..(seconds / PERIOD_S) as u32 {
+                self.t_s += PERIOD_S;
+                let rate = rate(self.t_s);
+                self.attitude *= UnitQuaternion::from_scaled_axis(rate * PERIOD_S);
+                let gravity = self
+                    .attitude
+                    .inverse_transform_vector(&(Vector3::z() * GRAVITY_M_S2));
+                let force = gravity + self.attitude.inverse_transform_vector(&acceleration);
+                let to_frame = self.attitude.to_rotation_matrix().into_inner();
+                let at_rest = rate == Vector3::zeros();
+                let levelled = self
+                    .trim
+                    .levelled(PERIOD_S, &to_frame, &rate, &force, at_rest);
+                off_deg = levelled.angle(&gravity).to_degrees();
+            }
+            off_deg
+        }
+    }
+
+    /// Two degrees to and fro on its springs.
+    fn springs(t_s: f64) -> Vector3<f64> {
+        Vector3::x() * (0.035 * 4.0 * (4.0 * t_s).cos())
+    }
+
+    /// 3 m/s² are 17°.
+    const BRAKING: Vector3<f64> = Vector3::new(-3.0, 0.0, 0.0);
+
+    #[test]
+    fn a_car_that_brakes_keeps_its_trim() {
+        let mut car = Ride::new(7.0);
+        car.go(300.0, springs, Vector3::zeros());
+        let off_deg = car.go(3.0, springs, BRAKING);
+        assert!(off_deg < 3.0, "{off_deg}");
+        assert!(car.trim.tilt_sd_rad().to_degrees() > 0.3);
+    }
+
+    #[test]
+    fn a_tumbling_board_has_no_trim() {
+        let mut hand = Ride::new(0.0);
+        let tumbling = |t_s: f64| Vector3::new((0.9 * t_s).sin(), (1.3 * t_s).sin(), 0.5);
+        let felt = BRAKING.norm().atan2(GRAVITY_M_S2).to_degrees();
+        hand.go(60.0, tumbling, Vector3::zeros());
+        let off_deg = hand.go(3.0, tumbling, BRAKING);
+        assert!((off_deg - felt).abs() < 0.01, "{off_deg}");
+        assert_eq!(hand.trim.tilt_sd_rad(), 0.0);
+    }
+
+    /// Laid down in another way, by 5°, and not accelerated.
+    #[test]
+    fn a_board_at_rest_feels_gravity() {
+        let mut board = Ride::new(0.0);
+        board.go(300.0, |_| Vector3::zeros(), Vector3::zeros());
+        board.go(1.0, |_| Vector3::x() * 0.087, Vector3::zeros());
+        let off_deg = board.go(30.0, |_| Vector3::zeros(), Vector3::zeros());
+        assert!(off_deg < 0.3, "{off_deg}");
+    }
+}
