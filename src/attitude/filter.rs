@@ -98,7 +98,8 @@ impl AttitudeFilter {
         let after = unit(self.vqf.state().gyr_quat);
         let middle = UnitQuaternion::new_normalize(before.lerp(&after, 0.5));
         let to_frame = middle.to_rotation_matrix().into_inner();
-        let force = force.map(|force| self.levelled(&rate, force));
+        self.trim.turn(PERIOD_S, &rate);
+        let force = force.map(|force| self.levelled(force));
         let at_rest = self.at_rest();
         self.errors
             .take(PERIOD_S, &to_frame, &rate, force.as_ref(), at_rest);
@@ -127,14 +128,13 @@ impl AttitudeFilter {
     }
 
     /// The specific force, m/s², without what the board's trim shows to be acceleration.
-    fn levelled(&mut self, rate: &Vector3<f64>, force: Vector3<f64>) -> Vector3<f64> {
+    fn levelled(&mut self, force: Vector3<f64>) -> Vector3<f64> {
         if !self.vertical_known {
             return force;
         }
         let to_frame = self.orientation().to_rotation_matrix().into_inner();
         let at_rest = self.at_rest();
-        self.trim
-            .levelled(PERIOD_S, &to_frame, rate, &force, at_rest)
+        self.trim.levelled(PERIOD_S, &to_frame, &force, at_rest)
     }
 
     /// Chooses how long the accelerometer's time constant is.

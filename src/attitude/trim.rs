@@ -1,19 +1,19 @@
 //! Trim: the attitude that a vehicle keeps.
 //!
 //! A car leans by a degree or two on its springs and on its roads, while its acceleration tilts what an accelerometer feels by ten
-//! degrees, for seconds. So while the accelerometer contradicts the gyro, the mean attitude of the board takes its place, as far
-//! as the board has kept that attitude: both are weighted by their variances. A board that tumbles has no trim, and one that is not
-//! accelerated feels gravity.
+//! degrees, for seconds. So while accelerometer and gyro disagree, the measured force is blended with the direction that is up on
+//! average, in body axes; the weights follow from the variances of both. A board that tumbles has no trim, and for one that is not
+//! accelerated the accelerometer counts alone.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::gravity::GRAVITY_M_S2;
 
-/// The mean attitude is that of the specific force over this time, seconds: jolts are shorter.
+/// The trim is learnt from the specific force averaged over this time, seconds: jolts are shorter.
 const FELT_S: f64 = 5.0;
-/// It may be another one after this long, seconds: the next road, another load.
+/// The trim may change by one deviation of the swings in this time, seconds: the next road, another load.
 const LASTS_S: f64 = 100.0;
-/// What is known of it at first, radians (2°).
+/// Deviation of the trim at first, radians (2°): the tilt's own while a board is accelerated a little.
 const FIRST_RAD: f64 = 0.035;
 /// The gyro shows swings for this long, seconds: a bias of 0.02°/s then adds 0.4°.
 const SWING_S: f64 = 20.0;
@@ -26,6 +26,9 @@ const NO_TRIM_RAD: f64 = 0.14;
 const ACCELERATED_S: f64 = 1.0;
 const ACCELERATION_GROWS_S: f64 = 0.5;
 const ACCELERATION_SHRINKS_S: f64 = 3.0;
+/// What lasts longer than this in one direction, seconds, is no acceleration but a board that has heeled over: a car reaches 80 km/h
+/// in 20 s.
+const HEEL_S: f64 = 30.0;
 /// Variance of what is felt at least, rad²: an accelerometer's noise.
 const LEAST2: f64 = 1e-6;
 
@@ -42,22 +45,30 @@ struct Learnt {
     variance: f64,
     /// Specific force over `FELT_S`, in the frame.
     felt: Vector3<f64>,
-    /// Up as the gyro carries it, drawn to its mean over `SWING_S`, and the variance of its swings on an axis, rad².
+    /// Up as the gyro carries it in body axes, drawn to `up` over `SWING_S`, and the variance of its swings on an axis, rad².
     carried: Vector3<f64>,
     swing2: f64,
-    /// Specific force less up as the gyro carries it, in the frame, and its mean square on an axis.
+    /// Specific force less up as the gyro carries it, in the frame, over `ACCELERATED_S` and over `HEEL_S`; and the mean square
+    /// of their difference on an axis.
     acceleration: Vector3<f64>,
+    heel: Vector3<f64>,
     acceleration2: f64,
 }
 
 impl Trim {
-    /// Takes a tick of this length: the rotation into the levelled frame, the rate, rad/s, and the specific force, m/s². What the
-    /// force would most likely be without acceleration, m/s².
+    /// Takes the rate of a tick of this length, rad/s.
+    pub(super) fn turn(&mut self, period_s: f64, rate: &Vector3<f64>) {
+        if let Some(learnt) = &mut self.learnt {
+            learnt.turn(period_s, rate);
+        }
+    }
+
+    /// Takes the tick's specific force, m/s², and the rotation into the levelled frame. What the force would most likely be
+    /// without acceleration, m/s².
     pub(super) fn levelled(
         &mut self,
         period_s: f64,
         to_frame: &Matrix3<f64>,
-        rate: &Vector3<f64>,
         force: &Vector3<f64>,
         at_rest: bool,
     ) -> Vector3<f64> {
@@ -65,7 +76,7 @@ impl Trim {
         let learnt = self
             .learnt
             .get_or_insert_with(|| Learnt::new(to_frame.transpose() * Vector3::z()));
-        learnt.take(period_s, to_frame, rate, &felt, at_rest);
+        learnt.feel(period_s, to_frame, &felt, at_rest);
         let kept2 = learnt.swing2 + learnt.variance;
         let share = learnt.acceleration2 / (learnt.acceleration2 + kept2 + LEAST2)
             * (1.0 - kept2 / NO_TRIM_RAD.powi(2)).max(0.0);
@@ -73,7 +84,7 @@ impl Trim {
         force * (1.0 - share) + learnt.up * (GRAVITY_M_S2 * share)
     }
 
-    /// What the trim may tilt the frame, one standard deviation, radians.
+    /// Deviation of the tilt that the trim adds, radians.
     pub(super) fn tilt_sd_rad(&self) -> f64 {
         self.tilt_sd_rad
     }
@@ -88,32 +99,32 @@ impl Learnt {
             carried: up,
             swing2: NO_TRIM_RAD.powi(2),
             acceleration: Vector3::zeros(),
+            heel: Vector3::zeros(),
             acceleration2: 0.0,
         }
     }
 
-    fn take(
-        &mut self,
-        dt: f64,
-        to_frame: &Matrix3<f64>,
-        rate: &Vector3<f64>,
-        felt: &Vector3<f64>,
-        at_rest: bool,
-    ) {
+    fn turn(&mut self, dt: f64, rate: &Vector3<f64>) {
         // A vector that stands still in the world turns against the board.
-        self.carried += (self.carried.cross(rate) + (self.up - self.carried) / SWING_S) * dt;
+        let turn = UnitQuaternion::from_scaled_axis(rate * dt);
+        self.carried = turn.inverse_transform_vector(&self.carried);
+        self.carried += (self.up - self.carried) * (dt / SWING_S);
         let swing2 = 0.5 * (self.carried - self.up).norm_squared();
         follow(&mut self.swing2, swing2, dt, SWING_GROWS_S, SWING_SHRINKS_S);
+    }
 
+    fn feel(&mut self, dt: f64, to_frame: &Matrix3<f64>, felt: &Vector3<f64>, at_rest: bool) {
         if at_rest {
             // Whatever the board feels is gravity.
             self.carried = to_frame.transpose() * felt;
-            self.acceleration = Vector3::zeros();
+            self.acceleration.fill(0.0);
+            self.heel.fill(0.0);
             self.acceleration2 = 0.0;
         }
         let odd = felt - to_frame * self.carried;
         self.acceleration += (odd - self.acceleration) * (dt / ACCELERATED_S);
-        let acceleration2 = 0.5 * self.acceleration.xy().norm_squared();
+        self.heel += (odd - self.heel) * (dt / HEEL_S);
+        let acceleration2 = 0.5 * (self.acceleration - self.heel).xy().norm_squared();
         let (grows_s, shrinks_s) = (ACCELERATION_GROWS_S, ACCELERATION_SHRINKS_S);
         follow(
             &mut self.acceleration2,
@@ -182,9 +193,8 @@ mod tests {
                 let force = gravity + self.attitude.inverse_transform_vector(&acceleration);
                 let to_frame = self.attitude.to_rotation_matrix().into_inner();
                 let at_rest = rate == Vector3::zeros();
-                let levelled = self
-                    .trim
-                    .levelled(PERIOD_S, &to_frame, &rate, &force, at_rest);
+                self.trim.turn(PERIOD_S, &rate);
+                let levelled = self.trim.levelled(PERIOD_S, &to_frame, &force, at_rest);
                 off_deg = levelled.angle(&gravity).to_degrees();
             }
             off_deg
@@ -217,6 +227,50 @@ mod tests {
         let off_deg = hand.go(3.0, tumbling, BRAKING);
         assert!((off_deg - felt).abs() < 0.01, "{off_deg}");
         assert_eq!(hand.trim.tilt_sd_rad(), 0.0);
+    }
+
+    /// Mounted anew, 5° further over, on the road.
+    #[test]
+    fn another_trim_is_learnt() {
+        let mut car = Ride::new(7.0);
+        car.go(300.0, springs, Vector3::zeros());
+        car.go(1.0, |_| Vector3::y() * 0.087, Vector3::zeros());
+        car.go(300.0, springs, Vector3::zeros());
+        let off_deg = car.go(3.0, springs, BRAKING);
+        assert!(off_deg < 3.0, "{off_deg}");
+    }
+
+    /// In smooth water, by 15° in ten minutes.
+    #[test]
+    fn a_boat_that_heels_over_slowly_is_not_accelerated() {
+        let mut boat = Ride::new(0.0);
+        boat.go(60.0, |_| Vector3::zeros(), Vector3::zeros());
+        let heeling = |t_s: f64| Vector3::x() * (0.26 / 600.0) + springs(t_s) * 0.1;
+        let off_deg = boat.go(600.0, heeling, Vector3::zeros());
+        assert!(off_deg < 1.0, "{off_deg}");
+    }
+
+    #[test]
+    fn a_board_that_was_spun_has_a_trim_again() {
+        let mut car = Ride::new(7.0);
+        car.go(60.0, |_| Vector3::new(6.0, 6.0, 6.0), Vector3::zeros());
+        car.go(300.0, springs, Vector3::zeros());
+        let off_deg = car.go(3.0, springs, BRAKING);
+        assert!(off_deg < 3.0, "{off_deg}");
+    }
+
+    /// The accelerometer's readings are missing while the car turns.
+    #[test]
+    fn a_turn_without_force_is_no_acceleration() {
+        let mut car = Ride::new(7.0);
+        car.go(300.0, springs, Vector3::zeros());
+        let turn = Vector3::x() * 0.5;
+        for _ in 0..20 {
+            car.attitude *= UnitQuaternion::from_scaled_axis(turn * PERIOD_S);
+            car.trim.turn(PERIOD_S, &turn);
+        }
+        let off_deg = car.go(1.0, |_| Vector3::zeros(), Vector3::zeros());
+        assert!(off_deg < 0.5, "{off_deg}");
     }
 
     /// Laid down in another way, by 5°, and not accelerated.
