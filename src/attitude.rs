@@ -252,6 +252,13 @@ impl Attitude {
     }
 }
 
+/// Lets a mean follow a value over a tick of `dt`, within the first of these times if it grows and within the second if it shrinks,
+/// seconds.
+fn follow(mean: &mut f64, now: f64, dt: f64, (grows_s, shrinks_s): (f64, f64)) {
+    let tau_s = if now > *mean { grows_s } else { shrinks_s };
+    *mean += dt / tau_s * (now - *mean);
+}
+
 /// The filter's quaternion as ours.
 fn unit(quaternion: vqf_rs::Quaternion) -> UnitQuaternion<f64> {
     let vqf_rs::Quaternion(w, x, y, z) = quaternion;

@@ -99,8 +99,8 @@ impl AttitudeFilter {
         let middle = UnitQuaternion::new_normalize(before.lerp(&after, 0.5));
         let to_frame = middle.to_rotation_matrix().into_inner();
         self.trim.turn(PERIOD_S, &rate);
-        let force = force.map(|force| self.levelled(force));
         let at_rest = self.at_rest();
+        let force = force.map(|force| self.levelled(force, at_rest));
         self.errors
             .take(PERIOD_S, &to_frame, &rate, force.as_ref(), at_rest);
         if let Some(force) = force {
@@ -128,12 +128,11 @@ impl AttitudeFilter {
     }
 
     /// The specific force, m/s², without what the board's trim shows to be acceleration.
-    fn levelled(&mut self, force: Vector3<f64>) -> Vector3<f64> {
+    fn levelled(&mut self, force: Vector3<f64>, at_rest: bool) -> Vector3<f64> {
         if !self.vertical_known {
             return force;
         }
         let to_frame = self.orientation().to_rotation_matrix().into_inner();
-        let at_rest = self.at_rest();
         self.trim.levelled(PERIOD_S, &to_frame, &force, at_rest)
     }
 

@@ -19,6 +19,7 @@ use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
+use super::follow;
 use super::gravity::GRAVITY_M_S2;
 
 const U: usize = 0;
@@ -305,14 +306,10 @@ impl GyroErrors {
 
     /// The velocity is 0, within those that the board has.
     fn measure_velocity(&mut self, left: &Vector3<f64>, dt: f64) {
-        let follow = |mean: &mut f64, now: f64| {
-            let tau_s = if now > *mean { GROWS_S } else { SHRINKS_S };
-            *mean += dt / tau_s * (now - *mean);
-        };
         let uncertain = self.p.fixed_view::<3, 3>(V, V).trace();
         // On each of the two axes in which boards mostly move.
         let now = 0.5 * (self.velocity.norm_squared() - uncertain);
-        follow(&mut self.speed2, now);
+        follow(&mut self.speed2, now, dt, (GROWS_S, SHRINKS_S));
         self.speed2 = self.speed2.max(LEAST_SPEED_M_S.powi(2));
         self.acceleration2 +=
             dt / SHRINKS_S * (0.5 * left.norm_squared() / (dt * dt) - self.acceleration2);

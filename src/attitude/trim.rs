@@ -7,6 +7,7 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use super::follow;
 use super::gravity::GRAVITY_M_S2;
 
 /// The trim is learnt from the specific force averaged over this time, seconds: jolts are shorter.
@@ -17,15 +18,14 @@ const LASTS_S: f64 = 100.0;
 const FIRST_RAD: f64 = 0.035;
 /// The gyro shows swings for this long, seconds: a bias of 0.02°/s then adds 0.4°.
 const SWING_S: f64 = 20.0;
-/// Their size is measured over these times, seconds: quickly when it grows, slowly when it shrinks.
-const SWING_GROWS_S: f64 = 1.0;
-const SWING_SHRINKS_S: f64 = 30.0;
+/// Their mean square grows and shrinks within these times, seconds.
+const SWING_MEAN_S: (f64, f64) = (1.0, 30.0);
 /// A board that swings by this much, radians (8°), has no trim: cars roll and pitch by less, boats and hands by more.
 const NO_TRIM_RAD: f64 = 0.14;
-/// Accelerations are told from vibration over this time, and their size from these, seconds: a driver brakes and turns for seconds.
+/// A low-pass over this time separates acceleration from vibration, seconds.
 const ACCELERATED_S: f64 = 1.0;
-const ACCELERATION_GROWS_S: f64 = 0.5;
-const ACCELERATION_SHRINKS_S: f64 = 3.0;
+/// The acceleration's mean square grows and shrinks within these times, seconds: a driver brakes and turns for seconds.
+const ACCELERATION_MEAN_S: (f64, f64) = (0.5, 3.0);
 /// What lasts longer than this in one direction, seconds, is no acceleration but a board that has heeled over: a car reaches 80 km/h
 /// in 20 s.
 const HEEL_S: f64 = 30.0;
@@ -63,8 +63,8 @@ impl Trim {
         }
     }
 
-    /// Takes the tick's specific force, m/s², and the rotation into the levelled frame. What the force would most likely be
-    /// without acceleration, m/s².
+    /// Takes the tick's specific force, m/s², and the rotation into the levelled frame. Returns the force that the board would most
+    /// likely feel without acceleration, m/s².
     pub(super) fn levelled(
         &mut self,
         period_s: f64,
@@ -110,7 +110,7 @@ impl Learnt {
         self.carried = turn.inverse_transform_vector(&self.carried);
         self.carried += (self.up - self.carried) * (dt / SWING_S);
         let swing2 = 0.5 * (self.carried - self.up).norm_squared();
-        follow(&mut self.swing2, swing2, dt, SWING_GROWS_S, SWING_SHRINKS_S);
+        follow(&mut self.swing2, swing2, dt, SWING_MEAN_S);
     }
 
     fn feel(&mut self, dt: f64, to_frame: &Matrix3<f64>, felt: &Vector3<f64>, at_rest: bool) {
@@ -121,17 +121,15 @@ impl Learnt {
             self.heel.fill(0.0);
             self.acceleration2 = 0.0;
         }
-        let odd = felt - to_frame * self.carried;
-        self.acceleration += (odd - self.acceleration) * (dt / ACCELERATED_S);
-        self.heel += (odd - self.heel) * (dt / HEEL_S);
+        let residual = felt - to_frame * self.carried;
+        self.acceleration += (residual - self.acceleration) * (dt / ACCELERATED_S);
+        self.heel += (residual - self.heel) * (dt / HEEL_S);
         let acceleration2 = 0.5 * (self.acceleration - self.heel).xy().norm_squared();
-        let (grows_s, shrinks_s) = (ACCELERATION_GROWS_S, ACCELERATION_SHRINKS_S);
         follow(
             &mut self.acceleration2,
             acceleration2,
             dt,
-            grows_s,
-            shrinks_s,
+            ACCELERATION_MEAN_S,
         );
 
         self.felt += (felt - self.felt) * (dt / FELT_S);
@@ -146,15 +144,8 @@ impl Learnt {
     }
 }
 
-fn follow(mean: &mut f64, now: f64, dt: f64, grows_s: f64, shrinks_s: f64) {
-    let tau_s = if now > *mean { grows_s } else { shrinks_s };
-    *mean += dt / tau_s * (now - *mean);
-}
-
 #[cfg(test)]
 mod tests {
-    use nalgebra::UnitQuaternion;
-
     use super::*;
 
     const PERIOD_S: f64 = 0.01;
@@ -175,7 +166,7 @@ mod tests {
             }
         }
 
-        /// Goes on so long at this rate with this acceleration of its own. By how much the force is then off gravity, degrees.
+        /// Turns and accelerates for so long. Returns the angle between the levelled force and gravity at the end, degrees.
         fn go(
             &mut self,
             seconds: f64,
@@ -199,6 +190,12 @@ mod tests {
             }
             off_deg
         }
+
+        /// Drives on for five minutes, and brakes. Returns that angle, degrees.
+        fn brakes(&mut self) -> f64 {
+            self.go(300.0, springs, Vector3::zeros());
+            self.go(3.0, springs, BRAKING)
+        }
     }
 
     /// Two degrees to and fro on its springs.
@@ -212,8 +209,7 @@ mod tests {
     #[test]
     fn a_car_that_brakes_keeps_its_trim() {
         let mut car = Ride::new(7.0);
-        car.go(300.0, springs, Vector3::zeros());
-        let off_deg = car.go(3.0, springs, BRAKING);
+        let off_deg = car.brakes();
         assert!(off_deg < 3.0, "{off_deg}");
         assert!(car.trim.tilt_sd_rad().to_degrees() > 0.3);
     }
@@ -235,8 +231,7 @@ mod tests {
         let mut car = Ride::new(7.0);
         car.go(300.0, springs, Vector3::zeros());
         car.go(1.0, |_| Vector3::y() * 0.087, Vector3::zeros());
-        car.go(300.0, springs, Vector3::zeros());
-        let off_deg = car.go(3.0, springs, BRAKING);
+        let off_deg = car.brakes();
         assert!(off_deg < 3.0, "{off_deg}");
     }
 
@@ -254,8 +249,7 @@ mod tests {
     fn a_board_that_was_spun_has_a_trim_again() {
         let mut car = Ride::new(7.0);
         car.go(60.0, |_| Vector3::new(6.0, 6.0, 6.0), Vector3::zeros());
-        car.go(300.0, springs, Vector3::zeros());
-        let off_deg = car.go(3.0, springs, BRAKING);
+        let off_deg = car.brakes();
         assert!(off_deg < 3.0, "{off_deg}");
     }
 
