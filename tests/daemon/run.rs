@@ -380,6 +380,8 @@ fn two_daemons_never_share_a_store_and_the_second_says_who_has_it() {
     crate::rig::until("its lock", || {
         fs::read_to_string(&lock).is_ok_and(|text| text == format!("{}\n", second.id()))
     });
+    // The lock comes first; only a daemon that has done with the reload leaves nothing behind.
+    crate::rig::until("the reload", || second.said().contains("reloaded: store."));
     second.signal("TERM");
     assert!(second.wait().success(), "{}", second.said());
     assert!(!lock.exists());

@@ -127,10 +127,12 @@ fn every_command_does_what_it_says() {
     ] {
         assert!(out.contains(part), "{part} is not in {out}");
     }
-    // The same word and reason as on the heading socket.
+    // The same word and reason as on the heading socket. The client that watched has taken nothing since, and may have been
+    // sent away.
+    let mut another = rig.client();
+    let state = another.find("STATE", |_| true);
     let (_, out, _) = headingd(&["status", "--json", "--config", text(&config)]);
     let status: Value = serde_json::from_str(&out).unwrap();
-    let state = rig.client().find("STATE", |_| true);
     for (ours, theirs) in [
         ("cal_state", "cal_state"),
         ("reason", "reason"),

@@ -154,7 +154,7 @@ fn the_screen_shows_the_daemon_and_keys_reach_it() {
     screen.shows("hmc5843");
     screen.press("l");
     link.status("the lock", |status| status["mode"] == "locked");
-    screen.shows("locked");
+    screen.shows("mode locked");
     screen.press("l");
     link.status("the end of it", |status| status["mode"] == "on");
     screen.press("c");

@@ -14,10 +14,13 @@ const PROBE: u8 = 0x78;
 const PROBE_WITHOUT_AVERAGING: u8 = 0x18;
 /// At rate code 6 an HMC5843 measures at 50 Hz, all others at 75 Hz. The limit lies between.
 const PERIOD_LIMIT_S: f64 = 0.0163;
+/// A little less than the time between two measurements at 75 Hz: a longer time between two looks may have hidden one.
+const SHORTEST_PERIOD_S: f64 = 0.013;
 const LOOK_S: f64 = 0.001;
-/// Changes of the data that are timed, and the longest that this may take.
-const CHANGES: u32 = 6;
-const PATIENCE_S: f64 = 0.3;
+/// So many periods in a row are timed: one measurement that is read in halves, and counts twice, does not decide. This may take
+/// so long at most.
+const PERIODS: usize = 8;
+const PATIENCE_S: f64 = 0.5;
 
 /// What the data showed of the rate.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -90,45 +93,71 @@ pub(super) fn identify(
     Ok(Identified { chip, sure, why })
 }
 
+/// A change of the data: it happened between two looks.
+#[derive(Clone, Copy)]
+struct Change {
+    after_s: f64,
+    before_s: f64,
+    /// How many measurements at 75 Hz the looks since the first change may have missed.
+    missed: u32,
+}
+
 /// What rate code 6 is.
 ///
-/// RDY need not fall when the data are read, so a new measurement is known from its noise. Measurements that look
-/// the same only make the mean period longer: the shortest of the periods decides.
+/// RDY need not fall when the data are read, so a new measurement is known from its noise. On a busy machine looks come late.
+/// So both ends of a change are kept, and a rate is told only if the other one is impossible between them.
 fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<ObservedRate, ChipError> {
     bus.write(ADDRESS, CRA, cra(FASTEST, NO_BIAS))?;
     bus.write(ADDRESS, MODE, CONTINUOUS)?;
     let begun_s = clock.now_s();
-    let mut last = None;
-    let mut changes_s = Vec::new();
-    while changes_s.len() <= CHANGES as usize {
+    let (mut last, mut looked_s, mut missed) = (None, begun_s, 0);
+    let mut changes: Vec<Change> = Vec::new();
+    loop {
         pause(clock, LOOK_S)?;
-        if clock.now_s() - begun_s > PATIENCE_S {
-            return Ok(if changes_s.len() < 2 {
+        let now_s = clock.now_s();
+        missed += ((now_s - looked_s) / SHORTEST_PERIOD_S) as u32;
+        if now_s - begun_s > PATIENCE_S {
+            return Ok(if changes.is_empty() {
                 ObservedRate::NoData
             } else {
                 ObservedRate::Unclear
             });
         }
-        let t_s = clock.now_s();
-        if read_byte(bus, ADDRESS, STATUS)? & RDY == 0 {
-            continue;
+        if read_byte(bus, ADDRESS, STATUS)? & RDY != 0 {
+            let mut data = [0; 6];
+            bus.read(ADDRESS, DATA, &mut data)?;
+            // The first may have been waiting since long before.
+            if last.replace(data).is_some_and(|last| last != data) {
+                changes.push(Change {
+                    after_s: looked_s,
+                    before_s: clock.now_s(),
+                    missed,
+                });
+                if let Some(rate) = told_by(&changes) {
+                    return Ok(rate);
+                }
+            }
         }
-        let mut data = [0; 6];
-        bus.read(ADDRESS, DATA, &mut data)?;
-        if last != Some(data) {
-            last = Some(data);
-            changes_s.push(t_s);
-        }
+        looked_s = now_s;
     }
-    // The first may have been waiting since long before.
-    let periods = changes_s[1..].windows(2).map(|two| two[1] - two[0]);
-    let mut periods: Vec<f64> = periods.collect();
-    periods.sort_by(f64::total_cmp);
-    Ok(if periods[periods.len() / 2] > PERIOD_LIMIT_S {
-        ObservedRate::Slow
+}
+
+/// The rate, if the last changes tell.
+fn told_by(changes: &[Change]) -> Option<ObservedRate> {
+    let window = &changes[changes.len().checked_sub(PERIODS + 1)?..];
+    let (first, last) = (window[0], window[PERIODS]);
+    let measured = PERIODS as f64 + f64::from(last.missed - first.missed);
+    let short = |pair: &&[Change]| pair[1].before_s - pair[0].after_s < PERIOD_LIMIT_S;
+    if last.before_s - first.after_s < PERIODS as f64 * PERIOD_LIMIT_S {
+        Some(ObservedRate::Fast)
+    } else if last.after_s - first.before_s > measured * PERIOD_LIMIT_S
+        // Measurements that look the same make the mean period longer, and some of the others stay short.
+        && window.windows(2).filter(short).count() <= 1
+    {
+        Some(ObservedRate::Slow)
     } else {
-        ObservedRate::Fast
-    })
+        None
+    }
 }
 
 #[cfg(test)]
@@ -142,6 +171,9 @@ mod tests {
         bus: FakeBus,
         clock: JumpingClock,
         period_s: f64,
+        /// By how much each wait is too long, seconds, again and again.
+        late_s: &'static [f64],
+        waits: usize,
     }
 
     impl Clock for Measuring {
@@ -150,6 +182,8 @@ mod tests {
         }
 
         fn wait_until(&mut self, t_s: f64) -> bool {
+            let t_s = t_s + self.late_s[self.waits % self.late_s.len()];
+            self.waits += 1;
             let count = (t_s / self.period_s) as u8;
             self.bus.set(ADDRESS, DATA, &[0, count, 0, 1, 0, 2, RDY]);
             self.clock.wait_until(t_s)
@@ -171,6 +205,8 @@ mod tests {
             bus: bus.clone(),
             clock: JumpingClock::default(),
             period_s,
+            late_s: &[0.0],
+            waits: 0,
         };
         (bus, clock)
     }
@@ -201,6 +237,29 @@ mod tests {
                 Read(0x1E, 0x09, 1),
             ];
             assert_eq!(bus.transfers()[..6], begin);
+        }
+    }
+
+    #[test]
+    fn on_a_busy_machine_no_chip_is_taken_for_another() {
+        let busy: [&[f64]; 4] = [
+            &[0.0, 0.0, 0.012],
+            &[0.018, 0.001],
+            &[0.03, 0.0, 0.0, 0.0, 0.007],
+            &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.05],
+        ];
+        for late_s in busy {
+            for (period_s, other) in [
+                (1.0 / 50.0, Variant::Hmc5883),
+                (1.0 / 75.0, Variant::Hmc5843),
+            ] {
+                let (mut bus, clock) = chip(false, period_s);
+                let mut clock = Measuring { late_s, ..clock };
+                let found = identify(&mut bus, &mut clock, None).unwrap();
+                let wrong = found.chip.sheet().word == other.data_sheet().word;
+                assert!(!(wrong && found.sure), "{period_s} {late_s:?}");
+                assert!(!wrong || period_s < 0.015, "{late_s:?}");
+            }
         }
     }
 
