@@ -112,6 +112,7 @@ impl<const D: usize> Work<'_, D> {
             .iter()
             .map(|point| SVector::from(curve.correct(point)).normalize())
             .collect();
+        let seen = self.sightings(points, |_| &curve, |_| true);
         let measures = Measures {
             coverage_deg: planar.then(|| coverage_deg(&directions)),
             direction_spread: (!planar).then(|| direction_spread(&directions)),
@@ -123,8 +124,8 @@ impl<const D: usize> Work<'_, D> {
             centre_inside: centre_inside(points, &position[..D]),
             heading_sd_deg,
             gyro,
-            jump: largest_jump(&self.sightings(points, |_| &curve, |_| true)),
-            rest_share: self.rest_share(points, &curve, *reference_mgauss),
+            jump: largest_jump(&seen),
+            rest_share: self.rest_share(&seen, &curve, *reference_mgauss),
             dip_spread_deg: if planar {
                 None
             } else {
@@ -192,7 +193,7 @@ impl<const D: usize> Work<'_, D> {
     /// `None` where nothing was seen at rest, or the gyro was lost between.
     fn rest_share<C: Curve<D, P>, const P: usize>(
         &self,
-        points: &[[f64; D]],
+        seen: &[Sighting],
         curve: &C,
         strength_mgauss: f64,
     ) -> Option<f64> {
@@ -201,8 +202,10 @@ impl<const D: usize> Work<'_, D> {
             Mode::Spatial => (self.request.rest?, 0.0),
         };
         let pose = rest.pose?;
-        let begins = self.sightings(points, |_| curve, |index| index < points.len() / 4);
-        let turned: Vec<Vector3<f64>> = begins
+        let stretch = &self.request.samples[self.plan.stretch.clone()];
+        let first = &stretch[..stretch.len() / 4];
+        let begins = first.iter().filter(|sample| sample.pose.is_some()).count();
+        let turned: Vec<Vector3<f64>> = seen[..begins]
             .iter()
             .filter(|sighting| sighting.pose.stretch == pose.stretch)
             .map(|sighting| sighting.pose.orientation * sighting.field_body)

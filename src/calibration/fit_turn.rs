@@ -144,10 +144,11 @@ impl<const D: usize> Work<'_, D> {
                 "the field hardly changed: the board did not turn, or the magnetometer is stuck",
             )
         };
-        if coverage::swing(&points) < LEAST_SWING_MGAUSS {
+        let swing = coverage::swing(&points);
+        if swing < LEAST_SWING_MGAUSS {
             return Err(no_motion());
         }
-        if let Some(axis) = self.stuck_axis(stretch, &points) {
+        if let Some(axis) = self.stuck_axis(stretch, &points, swing) {
             let name = ["X", "Y", "Z"][axis];
             return Err(Refusal::new(
                 "stuck_axis",
@@ -201,12 +202,16 @@ impl<const D: usize> Work<'_, D> {
 
     /// A chip axis in the plane of the turn that stood still while the field moved by half of its swing. In space
     /// this proves nothing: a roll about an axis leaves the axis as it is.
-    fn stuck_axis(&self, samples: &[FieldSample], points: &[[f64; D]]) -> Option<usize> {
+    fn stuck_axis(
+        &self,
+        samples: &[FieldSample],
+        points: &[[f64; D]],
+        swing: f64,
+    ) -> Option<usize> {
         const LEAST_STILL: usize = 10;
         if self.plan.mode == Mode::Spatial {
             return None;
         }
-        let swing = coverage::swing(points);
         (0..3).find(|&axis| {
             let [e1, e2] = self.plan.basis;
             let in_plane = hypot(e1[axis], e2[axis]) > 0.7;

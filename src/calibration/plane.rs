@@ -87,12 +87,12 @@ fn while_level(request: &Request, stretch: Range<usize>) -> Range<usize> {
         .filter_map(&leaning)
         .collect();
     let mean: Vector3<f64> = turned.iter().sum();
-    let most = turned
+    // All have the same length, so the dot product falls as the angle grows: no arc cosine for each sample.
+    let least = turned
         .iter()
-        .map(|axis| axis.angle(&mean))
-        .fold(0.0, f64::max);
-    let level =
-        |sample: &&FieldSample| leaning(sample).is_none_or(|axis| axis.angle(&mean) <= most);
+        .map(|axis| axis.dot(&mean))
+        .fold(mean.norm(), f64::min);
+    let level = |sample: &&FieldSample| leaning(sample).is_none_or(|axis| axis.dot(&mean) >= least);
     let before = request.samples[stretch.start..start].iter().rev();
     let after = request.samples[end..stretch.end].iter();
     start - before.take_while(level).count()..end + after.take_while(level).count()

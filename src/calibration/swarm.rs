@@ -165,13 +165,8 @@ pub fn search<const D: usize, const P: usize>(
     let limit = bounds
         .width()
         .map(|width: f64| width * params.velocity_limit);
-    let mut global = SwarmResult {
-        position: bounds.random(&mut rng),
-        fit_value: f64::INFINITY,
-        iterations: 0,
-        stop: Stop::Iterations,
-        fitness: Vec::new(),
-    };
+    let (mut global_best, mut global_fit) = (bounds.random(&mut rng), f64::INFINITY);
+    let mut fitness = Vec::new();
     let mut swarm: Vec<Particle<P>> = (0..params.particles.max(1))
         .map(|index| {
             let mut velocity = limit.map(|limit| limit * (2.0 * rng.random::<f64>() - 1.0));
@@ -195,17 +190,19 @@ pub fn search<const D: usize, const P: usize>(
             let fit = fit_value(&particle.position);
             if fit < particle.best_fit {
                 (particle.best, particle.best_fit) = (particle.position, fit);
-                if fit < global.fit_value {
-                    (global.position, global.fit_value) = (particle.position, fit);
+                if fit < global_fit {
+                    (global_best, global_fit) = (particle.position, fit);
                 }
             }
         }
-        global.fitness.push(global.fit_value);
-        if let Some(stop) = watch.iterated(&global.position, global.fit_value) {
+        fitness.push(global_fit);
+        if let Some(stop) = watch.iterated(&global_best, global_fit) {
             return SwarmResult {
+                position: global_best,
+                fit_value: global_fit,
                 iterations: watch.iterations(),
                 stop,
-                ..global
+                fitness,
             };
         }
         for particle in &mut swarm {
@@ -215,7 +212,7 @@ pub fn search<const D: usize, const P: usize>(
                 &particle.position,
                 &particle.velocity,
                 &particle.best,
-                &global.position,
+                &global_best,
                 (r1, r2),
             );
             for k in 0..P {

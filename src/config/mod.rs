@@ -129,7 +129,7 @@ impl Config {
         let config = Self::read(&mut reader);
         // Between tables that are wrong in themselves there is nothing to compare.
         if reader.is_good() {
-            reader.across(config.check_across());
+            reader.collect("", config.check_across());
         }
         if reader.is_good() {
             Ok(config)

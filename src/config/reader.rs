@@ -7,6 +7,7 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
+use super::Table;
 use super::fault::{ConfigFault, Problem};
 use super::retired;
 use super::syntax;
@@ -27,20 +28,18 @@ type Value<'i> = Spanned<DeValue<'i>>;
 
 /// The settings that a table is read into, without their type: the search for wrong keys is then compiled once, and not
 /// for each of 20 tables.
-struct Target<'t, 'i> {
-    name: &'t str,
-    keys: Vec<String>,
-    defaults: toml::Table,
+struct Target<'i> {
+    table: Table,
     /// Reads the settings from a table that has only the value, under the nested keys; the deserialiser's message if
     /// it cannot.
     attempt: fn(&[Key<'i>], &Value<'i>) -> Result<(), String>,
 }
 
-impl Target<'_, '_> {
+impl Target<'_> {
     /// The default of a key whose value is a row of numbers.
     fn default_numbers(&self, path: &[Key<'_>]) -> Option<&Vec<toml::Value>> {
         let (first, rest) = path.split_first()?;
-        let mut value = self.defaults.get(first.get_ref().as_ref())?;
+        let mut value = self.table.defaults.get(first.get_ref().as_ref())?;
         for key in rest {
             value = value.get(key.get_ref().as_ref())?;
         }
@@ -121,46 +120,49 @@ impl<'i> TableReader<'i> {
     }
 
     /// The settings in table `name`; the defaults if there is no such table or it cannot be used.
-    pub(super) fn table<T: Settings>(&mut self, name: &str) -> T {
-        let Some((name_key, value)) = find(&self.root, name) else {
-            let settings = T::default();
-            let faults = self.check(settings.check(), name, &DeTable::new(), None);
-            self.faults.extend(faults);
-            return settings;
-        };
-        let span = name_key.span();
-        let DeValue::Table(table) = value.get_ref() else {
-            let found = self.snippet(&value.span());
-            let fault = Fault::new(name, found, format!("a table, [{name}]"));
-            let fault = self.unusable(Some(span.start), fault);
-            self.faults.push(fault);
-            return T::default();
-        };
-
+    pub(super) fn table<T: Settings>(&mut self, name: &'static str) -> T {
         let target = Target {
-            name,
-            keys: keys::<T>(),
-            defaults: toml::Table::try_from(T::default()).unwrap_or_default(),
+            table: super::table::<T>(name),
             attempt: |path, value| match deserialize::<T>(path, value) {
                 Ok(_) => Ok(()),
                 Err(error) => Err(error.message().to_owned()),
             },
         };
-        let (usable, mut faults, gone) = self.usable_keys(table, &target);
-        let settings =
-            match deserialize::<T>(&[], &Spanned::new(span.clone(), DeValue::Table(usable))) {
-                Ok(settings) => {
-                    faults.extend(self.check(settings.check(), name, table, Some(span.start)));
-                    settings
-                }
-                Err(error) => {
-                    faults.push(self.other(span.start, name, error.message().to_owned()));
-                    T::default()
-                }
-            };
+        let Some(usable) = self.usable(&target) else {
+            return T::default();
+        };
+        match deserialize::<T>(&[], &usable) {
+            Ok(settings) => {
+                self.collect(&format!("{name}."), settings.check());
+                settings
+            }
+            Err(error) => {
+                let fault = self.other(usable.span().start, name, error.message().to_owned());
+                self.faults.push(fault);
+                T::default()
+            }
+        }
+    }
+
+    /// What can be used of a table, with the faults of the rest collected: nothing where the document does not have it.
+    /// `None` where it is no table.
+    fn usable(&mut self, target: &Target<'i>) -> Option<Value<'i>> {
+        let name = target.table.name;
+        let Some((key, value)) = find(&self.root, name) else {
+            return Some(Spanned::new(0..0, DeValue::Table(DeTable::new())));
+        };
+        let span = key.span();
+        let DeValue::Table(table) = value.get_ref() else {
+            let found = self.snippet(&value.span());
+            let fault = Fault::new(name, found, format!("a table, [{name}]"));
+            let fault = self.unusable(Some(span.start), fault);
+            self.faults.push(fault);
+            return None;
+        };
+        let (usable, faults, gone) = self.usable_keys(table, target);
         self.faults.extend(faults);
         self.retired.extend(gone);
-        settings
+        Some(Spanned::new(span, DeValue::Table(usable)))
     }
 
     /// The keys of a table that can be used, the faults of the others, and the keys that no longer exist, with their
@@ -168,9 +170,9 @@ impl<'i> TableReader<'i> {
     fn usable_keys(
         &self,
         table: &DeTable<'i>,
-        target: &Target<'_, 'i>,
+        target: &Target<'i>,
     ) -> (DeTable<'i>, Vec<ConfigFault>, Vec<(usize, String)>) {
-        let name = target.name;
+        let name = target.table.name;
         let mut usable = DeTable::new();
         let mut faults = Vec::new();
         let mut gone = Vec::new();
@@ -185,7 +187,7 @@ impl<'i> TableReader<'i> {
                 gone.push((at, sentence));
                 continue;
             }
-            let known = &target.keys;
+            let known = &target.table.keys;
             if !known.is_empty() && !known.iter().any(|known| known == key.get_ref()) {
                 faults.push(self.unknown(name, key, known));
                 continue;
@@ -206,11 +208,12 @@ impl<'i> TableReader<'i> {
         retired.into_iter().map(|(_, sentence)| sentence).collect()
     }
 
-    /// Collects faults that concern more than one table; their keys are `table.key`.
-    pub(super) fn across(&mut self, faults: Vec<Fault>) {
+    /// Collects faults that settings found in themselves; with `below` before them their keys are `table.key`.
+    pub(super) fn collect(&mut self, below: &str, faults: Vec<Fault>) {
         for fault in faults {
-            let at = position(&self.root, &fault.key);
-            self.faults.push(self.unusable(at, fault));
+            let key = format!("{below}{}", fault.key);
+            let at = position(&self.root, &key);
+            self.faults.push(self.unusable(at, Fault { key, ..fault }));
         }
     }
 
@@ -256,12 +259,7 @@ impl<'i> TableReader<'i> {
     }
 
     /// The faults of one key alone, all others at their defaults. `path` leads from the table to the key.
-    fn probe(
-        &self,
-        target: &Target<'_, 'i>,
-        path: &[Key<'i>],
-        value: &Value<'i>,
-    ) -> Vec<ConfigFault> {
+    fn probe(&self, target: &Target<'i>, path: &[Key<'i>], value: &Value<'i>) -> Vec<ConfigFault> {
         let numbers = target.default_numbers(path);
         // The deserialiser ignores surplus numbers.
         let too_many = match (value.get_ref(), &numbers) {
@@ -301,7 +299,7 @@ impl<'i> TableReader<'i> {
         vec![ConfigFault {
             line: Some(self.places.line(at)),
             column: None,
-            key: format!("{}.{}", target.name, names.join(".")),
+            key: format!("{}.{}", target.table.name, names.join(".")),
             problem: match numbers {
                 Some(numbers) => Problem::Unusable {
                     found: self.snippet(&value.span()),
@@ -314,22 +312,6 @@ impl<'i> TableReader<'i> {
                 None => explain(&message, self.snippet(&value.span())),
             },
         }]
-    }
-
-    /// The faults that settings found in themselves, each with its line if the key is in the file.
-    fn check(
-        &self,
-        faults: Vec<Fault>,
-        name: &str,
-        table: &DeTable<'i>,
-        fallback: Option<usize>,
-    ) -> Vec<ConfigFault> {
-        let of_table = |fault: Fault| {
-            let at = position(table, &fault.key).or(fallback);
-            let key = format!("{name}.{}", fault.key);
-            self.unusable(at, Fault { key, ..fault })
-        };
-        faults.into_iter().map(of_table).collect()
     }
 
     /// A value as written in the file, cut to a part of one line.
@@ -361,6 +343,11 @@ fn deserialize<T: DeserializeOwned>(
     path: &[Key<'_>],
     value: &Value<'_>,
 ) -> Result<T, toml::de::Error> {
+    T::deserialize(ValueDeserializer::from(nested(path, value)))
+}
+
+/// A table that has only `value`, under the nested keys `path`.
+fn nested<'i>(path: &[Key<'i>], value: &Value<'i>) -> Value<'i> {
     let mut value = value.clone();
     for key in path.iter().rev() {
         let span = value.span();
@@ -368,7 +355,7 @@ fn deserialize<T: DeserializeOwned>(
         table.insert(key.clone(), value);
         value = Spanned::new(span, DeValue::Table(table));
     }
-    T::deserialize(ValueDeserializer::from(value))
+    value
 }
 
 const WANTED_CHOICE: &str = "wanted string or table";

@@ -136,7 +136,7 @@ pub enum Notice {
 
 /// A daemon with its sockets, its source and its calibration.
 pub struct Daemon {
-    session: Session,
+    session: Box<Session>,
     reload: Reload,
     /// Sessions that are over, but not all of what they kept is on disk.
     closing: JoinSet<()>,

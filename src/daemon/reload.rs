@@ -119,7 +119,7 @@ impl Daemon {
                 // Both may have the same device.
                 self.session.source.stop().await;
                 session.take_over(&self.session, &loaded);
-                let last = std::mem::replace(&mut self.session, *session);
+                let last = std::mem::replace(&mut self.session, session);
                 self.closing.spawn(last.close());
                 self.start_session()?;
                 tracing::info!("reloaded: {}", keys.join(", "));
@@ -174,7 +174,7 @@ fn prepare(
     } else {
         let opened = SourceTask::open(&config)
             .and_then(|source| Session::open(source, config.clone(), disk));
-        Some(Box::new(opened.map_err(|error| error.to_string())?))
+        Some(opened.map_err(|error| error.to_string())?)
     };
     Ok(Prepared {
         config,

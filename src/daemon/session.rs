@@ -63,7 +63,7 @@ impl Session {
         source: SourceTask,
         config: Config,
         running: &Weak<Disk>,
-    ) -> Result<Self, DaemonError> {
+    ) -> Result<Box<Self>, DaemonError> {
         // A log and the simulated board say themselves how their chips are mounted.
         let header = &source.header;
         let sensor = header.sensor_name();
@@ -78,7 +78,8 @@ impl Session {
         let recorder = Recorder::ring(&config.record, header.clone())?;
         let store = StoreWriter::open(&config.store, identity, running)?;
         let is_log = config.source.kind == Some(Kind::Replay);
-        Ok(Self {
+        // On the heap: on the stack each move of its 28 kB touches as many pages again, and the daemon keeps them.
+        Ok(Box::new(Self {
             pipeline: pipeline(&config, &source, &store),
             calibrator: Calibrator::default(),
             log_time: is_log.then(|| TimeOfDay::new(header)),
@@ -91,7 +92,7 @@ impl Session {
             source,
             store,
             recorder,
-        })
+        }))
     }
 
     /// Goes on from the calibrations of the session before, which had `loaded` when this one was opened.
@@ -136,10 +137,11 @@ impl Session {
     }
 
     /// Stops the session, flushing pending writes up to a deadline.
-    pub(super) async fn close(mut self) {
+    pub(super) async fn close(mut self: Box<Self>) {
         self.source.stop().await;
+        let recorder = self.recorder.take();
         let recorded = async {
-            if let Some(recorder) = self.recorder {
+            if let Some(recorder) = recorder {
                 recorder.close(DISK_PATIENCE).await;
             }
         };
