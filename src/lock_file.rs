@@ -15,7 +15,6 @@ const ATTEMPTS: usize = 100;
 /// How often it is looked for its holder's number, which is written right after it is locked.
 const LOOKS: usize = 10;
 
-/// Between two looks.
 const PAUSE: Duration = Duration::from_millis(2);
 
 /// Longest content, bytes: a number and the end of its line.
@@ -31,12 +30,10 @@ pub struct LockFile {
     file: File,
 }
 
-/// Why a lock cannot be had.
 #[derive(Debug)]
 pub enum LockError {
     /// Another has it: this process, if its number is known.
     Held(Option<u32>),
-    /// The system refused.
     System(io::Error),
 }
 
@@ -45,10 +42,6 @@ static SHARED: Mutex<Vec<Weak<LockFile>>> = Mutex::new(Vec::new());
 
 impl LockFile {
     /// Takes the lock, or says who has it.
-    ///
-    /// # Errors
-    ///
-    /// Another has it, or the system refuses.
     pub fn take(path: &Path) -> Result<Self, LockError> {
         for _ in 0..ATTEMPTS {
             let (mut file, writable) = open(path).map_err(LockError::System)?;
@@ -81,10 +74,6 @@ impl LockFile {
     }
 
     /// The same, but where this process has it already, that one.
-    ///
-    /// # Errors
-    ///
-    /// Another process has it, or the system refuses.
     pub fn share(path: &Path) -> Result<Arc<Self>, LockError> {
         let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
         shared.retain(|lock| lock.strong_count() > 0);

@@ -18,7 +18,6 @@ use repeats::Repeats;
 /// The environment variable that takes the place of `log.filter`.
 const FILTER_VARIABLE: &str = "RUST_LOG";
 
-/// The log at work.
 #[derive(Clone, Debug)]
 pub struct Log {
     /// None if the environment has a filter of its own, which stays.

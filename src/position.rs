@@ -30,12 +30,9 @@ const SILENCE: Duration = Duration::from_secs(300);
 /// Pauses before it is tried again: the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
 
-/// Where a gpsd listens.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Gpsd {
-    /// On a port.
     Tcp(SocketAddr),
-    /// On a Unix socket.
     Unix(PathBuf),
 }
 
@@ -62,11 +59,9 @@ impl fmt::Display for Gpsd {
 /// Where the compass is, and when that was.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GpsFix {
-    /// Where.
     pub position: Position,
     /// The time of day by the receiver, if it knows it.
     pub since_1970: Option<Duration>,
-    /// When that was.
     pub taken: Instant,
 }
 

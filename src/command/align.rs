@@ -37,11 +37,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The log cannot be read, or the motion does not tell.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let mut replay = Replay::open(&args.log)?;
     let mut readings = Vec::new();

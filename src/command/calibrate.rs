@@ -66,7 +66,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Where the plane of a planar calibration comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Plane {
     /// Across the axis of the turn, by the gyro
@@ -91,11 +90,6 @@ impl Plane {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The log or the configuration cannot be used, the calibration is refused, or a file cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = settings(args)?;
     if args.plane != Plane::Gyro && config.calibration.mode == ModeChoice::Spatial {
@@ -181,7 +175,6 @@ fn unseen(code: &str) -> &str {
     }
 }
 
-/// An outcome for a person.
 fn summary(outcome: &Outcome) -> String {
     let list = |numbers: &Option<Vec<f64>>, digits: usize| match numbers {
         Some(numbers) => {

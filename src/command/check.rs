@@ -30,11 +30,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The configuration cannot be used, or a chip is not well.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let path = config_file::path(args.config.as_deref());
     let config = config_file::read(&path)?;
@@ -132,7 +127,6 @@ fn write(report: &CheckReport, out: &mut String) -> std::fmt::Result {
     Ok(())
 }
 
-/// A number without decimals.
 fn whole(counts: f64) -> String {
     format!("{:.0}", rounded(counts, 0))
 }

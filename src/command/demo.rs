@@ -50,11 +50,6 @@ pub struct Args {
     pub socket: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The simulated board cannot be made, or the demo has failed.
 pub fn run(args: &Args) -> Result<(), Failure> {
     Log::start("error");
     runtime()?.block_on(demo(args))
@@ -133,7 +128,6 @@ fn config(args: &Args, socket: &Path) -> Config {
     }
 }
 
-/// Watches like any client, until the daemon hangs up.
 async fn watch(stream: UnixStream, timeline: &mut Timeline) -> io::Result<Result<(), Failure>> {
     let (reader, mut writer) = stream.into_split();
     writer.write_all(WATCH).await?;

@@ -46,11 +46,6 @@ fn day(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| "must be a day since 1970, as 2026-11-21".to_owned())
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The model has no answer for the place or the day, or the day is not known.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let position = Position {
         latitude_deg: args.lat,

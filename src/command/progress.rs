@@ -57,7 +57,6 @@ impl Progress {
         !self.bar.is_hidden()
     }
 
-    /// Says what is being done.
     pub fn say(&self, message: String) {
         self.bar.set_message(message);
     }
@@ -75,7 +74,6 @@ impl Progress {
         }
     }
 
-    /// Removes the bar.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }

@@ -30,11 +30,6 @@ pub struct Args {
     pub duration: Option<f64>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The configuration or the source cannot be used, no reading came, or the log cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
     Log::start(&config.log.filter);

@@ -59,11 +59,6 @@ impl From<ReportError> for Failure {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The log or the daemon cannot be read, there was no reading, or the page cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
     let (about, analysis) = match &args.log {

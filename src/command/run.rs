@@ -48,11 +48,6 @@ impl From<DaemonError> for Failure {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The configuration cannot be used, or the daemon cannot start or go on.
 pub fn run(args: &Args) -> Result<(), Failure> {
     serve(args).inspect_err(|failure| Service::failed(&failure.message))
 }

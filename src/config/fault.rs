@@ -29,7 +29,6 @@ pub struct ConfigFault {
 pub enum Problem {
     /// A value that cannot be used.
     Unusable {
-        /// What was found.
         found: String,
         /// What would be right: a range with its unit, a type, or the choices.
         right: String,

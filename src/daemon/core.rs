@@ -199,7 +199,6 @@ impl Daemon {
         }
     }
 
-    /// What has been counted since the start.
     pub(super) fn counts(&self) -> StatusCounts {
         StatusCounts {
             values_dropped: self.session.pipeline.dropped(),
@@ -207,7 +206,6 @@ impl Daemon {
         }
     }
 
-    /// One line with all that is worth knowing.
     pub(super) fn log_summary(&self) {
         let (counts, reported) = (self.counts(), &self.reported);
         let calibration = self.session.pipeline.calibration();

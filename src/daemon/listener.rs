@@ -78,7 +78,6 @@ impl Listener {
         Ok(listener)
     }
 
-    /// Whose readings they are.
     pub(super) fn header(&self) -> &Header {
         &self.header
     }

@@ -7,7 +7,6 @@ use crate::config::source::Kind;
 use crate::position::{Follower, GpsFix, Gpsd};
 use crate::true_north::{EarthField, TrueNorth};
 
-/// From magnetic to true north.
 pub(super) struct North {
     true_north: TrueNorth,
     gpsd: Option<Gpsd>,

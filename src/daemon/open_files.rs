@@ -30,7 +30,6 @@ fn soft_limit(limits: &str) -> Option<u64> {
     line.split_whitespace().next()?.parse().ok()
 }
 
-/// A limit that is too low.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "socket.max_clients = {max_clients} needs {} open files, but the limit is {limit} here, which does for {clients}: raise \
@@ -40,7 +39,6 @@ fn soft_limit(limits: &str) -> Option<u64> {
 pub struct Shortage {
     max_clients: usize,
     limit: u64,
-    /// How many clients can be served all the same.
     pub clients: usize,
 }
 
@@ -61,6 +59,24 @@ impl Shortage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::Check;
+    use crate::publish::server::Settings;
+
+    #[test]
+    fn the_service_may_open_files_for_as_many_clients_as_can_be_set() {
+        let limit = include_str!("../../systemd/headingd.service")
+            .lines()
+            .find_map(|line| line.strip_prefix("LimitNOFILE="));
+        let limit: u64 = limit.expect("a limit").parse().unwrap();
+        let settings = |max_clients| Settings {
+            max_clients,
+            ..Settings::default()
+        };
+        let most = (1..)
+            .take_while(|most| settings(*most).check().is_empty())
+            .last();
+        assert!(limit >= needed(most.unwrap()));
+    }
 
     #[test]
     fn the_soft_limit_is_found_among_the_others() {

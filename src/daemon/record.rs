@@ -18,7 +18,6 @@ use crate::service::Service;
 /// At the end a disk that hangs is waited for this long.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// A recording that can begin.
 pub struct Recording {
     config: Config,
     origin: ReadingsFrom,
@@ -28,10 +27,6 @@ impl Recording {
     /// Finds the readings: those of the service on the configuration's socket, or else of the configuration's source.
     /// Then headings are served meanwhile, as by the daemon; where there can be no socket it says so and records all
     /// the same. Without a source a service must be there.
-    ///
-    /// # Errors
-    ///
-    /// Neither a service nor a source hands out readings, or the system refuses.
     pub async fn open(config: &Config) -> Result<Self, DaemonError> {
         // One recording is enough.
         let config = Config {
@@ -127,7 +122,6 @@ impl fmt::Display for Recording {
     }
 }
 
-/// Where the readings come from.
 enum ReadingsFrom {
     Daemon(Box<Daemon>),
     Service {

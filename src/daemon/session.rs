@@ -30,7 +30,6 @@ pub(super) struct Session {
     /// Of a log: else readings are of the time of day at which they are handed out.
     pub(super) log_time: Option<TimeOfDay>,
     pub(super) north: North,
-    /// The last reading's time on the source's clock, and when it was handed out.
     pub(super) last: (f64, Instant),
     /// The magnetic heading published last with the board mounted as it is now, degrees.
     pub(super) heading_deg: Option<f64>,
@@ -39,26 +38,18 @@ pub(super) struct Session {
     pub(super) unusable: Option<String>,
 }
 
-/// How the source does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SourceState {
-    /// It works, as far as is known.
     Good,
     /// It has a fault, and keeps trying.
     Faulty,
-    /// It has failed for good.
     Broken,
-    /// It has come to its end.
     Over,
 }
 
 impl Session {
     /// Loads what is kept of the source's sensor, and begins to record, if that is wanted. `running` writes
     /// the calibrations of the session that this one will follow. Waits for the disk.
-    ///
-    /// # Errors
-    ///
-    /// Another process has the store, or the system gives no thread.
     pub(super) fn open(
         source: SourceTask,
         config: Config,
@@ -101,10 +92,6 @@ impl Session {
     }
 
     /// Starts the source and the search for the position, and logs how the board is mounted. Needs a runtime.
-    ///
-    /// # Errors
-    ///
-    /// The system gives no thread.
     pub(super) fn start(&mut self) -> Result<(), DaemonError> {
         let configured = self.config.mounting.board();
         let history = self.store.history();

@@ -55,7 +55,6 @@ pub(super) struct SourceTask {
     running: Option<RunningSource>,
 }
 
-/// Where readings come from.
 enum Source {
     Simulator(Box<Simulator>),
     Replay(Box<Replay>),
@@ -71,10 +70,6 @@ struct RunningSource {
 
 impl SourceTask {
     /// Opens a log, or makes a simulated board. Chips and boards that are missing now may come yet.
-    ///
-    /// # Errors
-    ///
-    /// There is no source, or the log or the simulated board cannot be used.
     pub(super) fn open(config: &Config) -> Result<Self, DaemonError> {
         let mut header = Header::default();
         let mut bps = None;
@@ -117,10 +112,6 @@ impl SourceTask {
     }
 
     /// Starts to send events; logs and simulations go `speed` times as fast as real time.
-    ///
-    /// # Errors
-    ///
-    /// The system gives no thread.
     pub(super) fn start(&mut self, speed: f64) -> Result<(), DaemonError> {
         let Some(source) = self.opened.take() else {
             return Ok(());

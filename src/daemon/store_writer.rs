@@ -49,7 +49,6 @@ impl SharedFault {
     }
 }
 
-/// How the store does.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum StoreState {
     /// Nothing is to be kept.
@@ -63,10 +62,6 @@ pub(super) enum StoreState {
 impl StoreWriter {
     /// Loads what the folder has of this sensor; `running` writes there already, if it is the same folder. Whatever is
     /// wrong with it is logged. Waits for the disk.
-    ///
-    /// # Errors
-    ///
-    /// Another process has the folder, or the system gives no thread.
     pub(super) fn open(
         settings: &Settings,
         identity: Identity,
@@ -98,7 +93,6 @@ impl StoreWriter {
         self.disk.as_ref().map(Arc::downgrade).unwrap_or_default()
     }
 
-    /// What is kept.
     pub(super) fn history(&self) -> &History {
         &self.history
     }
@@ -120,7 +114,6 @@ impl StoreWriter {
         }
     }
 
-    /// How many calibrations are kept.
     pub(super) fn most(&self) -> usize {
         self.most
     }
@@ -140,7 +133,6 @@ impl StoreWriter {
         }
     }
 
-    /// How the store does.
     pub(super) fn state(&self) -> StoreState {
         let Some(disk) = &self.disk else {
             return StoreState::Off;

@@ -8,7 +8,6 @@ use tokio::time::timeout;
 
 use super::DaemonError;
 
-/// A running thread.
 pub(super) struct Thread {
     name: &'static str,
     handle: JoinHandle<()>,

@@ -26,19 +26,13 @@ pub enum Object {
         #[serde(default)]
         readings: bool,
     },
-    /// How things stand.
     State {
-        /// The condition.
         cal_state: String,
-        /// As a sentence.
         message: String,
     },
-    /// The service refuses.
     Error {
-        /// As a sentence.
         message: String,
     },
-    /// Anything else.
     #[serde(other)]
     Other,
 }
@@ -88,10 +82,6 @@ fn written(object: &Object) -> String {
 }
 
 /// The header that a board's object holds.
-///
-/// # Errors
-///
-/// Which line of it is wrong, and why.
 pub fn header(text: &str) -> Result<Header, RecordingError> {
     Reader::new("BOARD", text.as_bytes()).map(|reader| reader.header().clone())
 }

@@ -33,10 +33,6 @@ pub struct HeaderLines {
 
 impl HeaderLines {
     /// Takes the first line, `# headingd-log 1`.
-    ///
-    /// # Errors
-    ///
-    /// What was found and what would be right.
     pub fn begin(text: &str) -> Result<Self, String> {
         check_version(text)?;
         Ok(Self {
@@ -46,10 +42,6 @@ impl HeaderLines {
     }
 
     /// Takes the next line; the one with the column names completes the header.
-    ///
-    /// # Errors
-    ///
-    /// What was found and what would be right.
     pub fn add(&mut self, text: &str) -> Result<Option<Rows>, String> {
         self.count += 1;
         match text.strip_prefix('#') {

@@ -18,7 +18,6 @@ const MOST_HEADINGS: usize = 4000;
 /// How many verdicts and warnings are listed, and changes of condition drawn.
 const MOST_EVENTS: usize = 1000;
 
-/// One heading of the log.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
     pub(super) t_s: f64,
@@ -51,7 +50,6 @@ pub struct Analysis {
     pub(super) found: Findings,
 }
 
-/// What is found in a log.
 pub(super) struct Findings {
     north: TrueNorth,
     since_1970: Option<Duration>,

@@ -6,10 +6,8 @@ use super::thin::some;
 use super::turn::{Headings3, Turned};
 use crate::frame::{wrap_360, wrap_pi};
 
-/// Points of a kind in a figure.
 const MOST: usize = 700;
 
-/// Headings of the card.
 const CARD: usize = 12;
 
 /// One sample held against the gyro, whose heading counts from the corrected field's mean.
@@ -57,10 +55,6 @@ pub(super) fn held(turned: &Turned) -> Vec<Held> {
 }
 
 /// The corrected field against the gyro, over time.
-///
-/// # Errors
-///
-/// The figure cannot be drawn.
 pub(super) fn against_gyro(held: &[Held]) -> Result<String, ReportError> {
     let some = some(held, MOST);
     let points = some.iter().map(|it| (it.t_s, it.after_deg));
@@ -74,10 +68,6 @@ pub(super) fn against_gyro(held: &[Held]) -> Result<String, ReportError> {
 }
 
 /// The deviation by heading, before and after.
-///
-/// # Errors
-///
-/// The figure cannot be drawn.
 pub(super) fn deviation(held: &[Held]) -> Result<String, ReportError> {
     let some = some(held, MOST);
     let dots = |hue, of: fn(&Held) -> f64| {

@@ -4,7 +4,6 @@ use super::analysis::{Findings, Point};
 use super::plot::{AxisScale, Band, Chart, Hue, ReportError, Series};
 use super::thin::some;
 
-/// Points of a line.
 const MOST: usize = 1500;
 
 /// A heading that goes on by more than this has gone over north, and the line is broken there.
@@ -21,10 +20,6 @@ pub(super) fn hue(word: &str) -> Hue {
 }
 
 /// The heading: raw, published, and from true north where that is known.
-///
-/// # Errors
-///
-/// The figure cannot be drawn.
 pub(super) fn headings(found: &Findings) -> Result<String, ReportError> {
     let points = some(found.points.items(), MOST);
     let mut series = lines(&points, Hue::Raw, |point| point.raw_deg);
@@ -37,10 +32,6 @@ pub(super) fn headings(found: &Findings) -> Result<String, ReportError> {
 }
 
 /// What the daemon says of its heading: one standard deviation.
-///
-/// # Errors
-///
-/// The figure cannot be drawn.
 pub(super) fn uncertainty(found: &Findings) -> Result<String, ReportError> {
     let points = some(found.points.items(), MOST);
     let series = lines(&points, Hue::Corrected, |point| point.sd_deg);

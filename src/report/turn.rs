@@ -30,10 +30,8 @@ pub(super) struct Headings3 {
     pub(super) stretch: u32,
 }
 
-/// The samples of a turn.
 pub(super) struct Turned {
     pub(super) samples: Vec<Seen>,
-    /// How the axes are called.
     pub(super) axes: Vec<String>,
 }
 

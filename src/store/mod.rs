@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 use crate::check::{Fault, settings};
 use crate::lock_file::{LockError, LockFile};
-pub use disk::replace_file;
+pub(crate) use disk::replace_file;
 pub use format::{Contents, FormatError};
 pub use history::{BoardMounting, History, Identity, KeptCalibration, Made};
 

@@ -26,7 +26,6 @@ const SAME_S: f64 = 1e-6;
 /// Lines that go on begin below the text of the first.
 const INDENT: &str = "           ";
 
-/// The demo so far.
 pub(super) struct Timeline {
     /// What the board that the daemon reads does, once more.
     simulator: Simulator,
@@ -203,7 +202,6 @@ impl Timeline {
         shown
     }
 
-    /// What comes last.
     pub(super) fn closing(&mut self) -> String {
         let mut shown = self.line(&format!(
             "the end. {} headings were published; they were off by",

@@ -21,7 +21,6 @@ pub(super) struct Directions {
 }
 
 impl Directions {
-    /// Begins anew.
     pub(super) fn clear(&mut self) {
         self.seen = [false; SECTORS];
     }

@@ -25,7 +25,6 @@ const KEYS: &str = "c calibrate  x cancel  l lock/unlock  r roll back  v level  
 /// Width of what a line of the panel begins with.
 const NAME: usize = 12;
 
-/// Length of a bar, characters.
 const BAR: usize = 20;
 
 pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {

@@ -23,15 +23,12 @@ const FRESH: Duration = Duration::from_secs(2);
 /// Rates are those of so many readings.
 const RATE_OVER: usize = 100;
 
-/// The latest of everything.
 pub(super) struct View {
     pub(super) socket: String,
     /// Why the socket for headings is lost, if it is.
     pub(super) lost: Option<String>,
     att: Option<(Value, Instant)>,
-    /// The latest `STATE`.
     pub(super) state: Value,
-    /// The latest `CALIBRATION`.
     pub(super) outcome: Value,
     /// The latest answer to `status`, or why there is none.
     pub(super) status: Result<Option<Box<DaemonStatus>>, String>,
@@ -167,7 +164,6 @@ impl View {
         }
     }
 
-    /// The latest answer to `status`.
     pub(super) fn answered(&self) -> Option<&DaemonStatus> {
         self.status.as_ref().ok()?.as_deref()
     }

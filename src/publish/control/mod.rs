@@ -61,10 +61,8 @@ impl Settings {
     }
 }
 
-/// A request, and where its answer goes.
 #[derive(Debug)]
 pub struct ControlCall {
-    /// What is asked.
     pub request: ControlRequest,
     /// An answer that is dropped says that the daemon is about to end.
     pub answer: oneshot::Sender<Answer>,
@@ -79,10 +77,6 @@ pub struct Control {
 impl Control {
     /// Claims the socket, or takes the one that was `handed` over, as that for headings is. `heading_socket` is beside it
     /// unless the settings say otherwise.
-    ///
-    /// # Errors
-    ///
-    /// The settings are wrong, somebody else has the socket, or the system refuses.
     pub fn bind(
         handed: Option<UnixListener>,
         settings: &Settings,
@@ -94,10 +88,6 @@ impl Control {
     }
 
     /// Hands requests to `orders` and answers to those who asked, until `shutdown` is ready. Then the socket is gone.
-    ///
-    /// # Errors
-    ///
-    /// The socket cannot be handed to the runtime; nothing that a client does ends it.
     pub async fn run(
         self,
         orders: mpsc::Sender<ControlCall>,

@@ -24,7 +24,6 @@ const STILL_DEG_S: f64 = 2.0;
 /// The least share of the wanted rate.
 const RATE_SHARE: f64 = 0.9;
 
-/// What was found.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct CheckReport {
     pub(crate) bus: String,
@@ -43,7 +42,6 @@ pub(crate) struct CheckReport {
     pub(crate) problems: Vec<FoundProblem>,
 }
 
-/// A chip that answers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct FoundChip {
     pub(crate) address: u8,
@@ -67,7 +65,6 @@ pub(crate) struct Axis {
     pub(crate) passed: bool,
 }
 
-/// Something that is not well.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct FoundProblem {
     pub(crate) code: &'static str,
@@ -98,7 +95,6 @@ pub(crate) struct Expected<'a> {
     pub(crate) gyro_bias_limit_deg_s: f64,
 }
 
-/// Examines the chips on a bus.
 pub(crate) fn examine(
     expected: &Expected<'_>,
     bus: &mut dyn Bus,

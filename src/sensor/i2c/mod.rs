@@ -23,13 +23,12 @@ use companion::CompanionPoller;
 use health::Health;
 use magnetometer::MagnetometerPoller;
 
-pub use settings::{MagnetometerChoice, Settings};
+pub use settings::Settings;
 
 /// A reading of the gyro and one of the magnetometer that are nearer than this share of the gyro's period are made
 /// together.
 const TOGETHER: f64 = 0.4;
 
-/// The chips of a board at work.
 pub struct Chips {
     magnetometer: MagnetometerPoller,
     health: Health,

@@ -7,7 +7,6 @@ use super::razor_text::RazorText;
 use super::settings::{Protocol, Settings};
 use crate::frame::Mountings;
 
-/// A codec.
 #[derive(Debug)]
 pub(super) enum Decoder {
     /// Boxed since only one of the two will stay.
@@ -30,7 +29,6 @@ impl Decoder {
         }
     }
 
-    /// The device's protocol; [`Protocol::Auto`] while that is not known.
     pub(super) fn protocol(&self) -> Protocol {
         match self {
             Self::Listening(_) => Protocol::Auto,

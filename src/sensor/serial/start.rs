@@ -23,7 +23,6 @@ enum Stage {
     Done,
 }
 
-/// The step of the start.
 #[derive(Clone, Debug)]
 pub(super) struct Start {
     stage: Stage,
@@ -42,7 +41,6 @@ impl Start {
         }
     }
 
-    /// What is to be sent now.
     pub(super) fn due(&mut self, now_s: f64, protocol: Protocol) -> Option<&'static [u8]> {
         let pace_s = match self.stage {
             Stage::Asking if now_s - self.from_s <= SOON_S => PACE_S,

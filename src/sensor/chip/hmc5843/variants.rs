@@ -80,7 +80,6 @@ const HMC5983: DataSheet = DataSheet {
 };
 
 impl Variant {
-    /// Its numbers.
     pub(super) fn data_sheet(self) -> &'static DataSheet {
         match self {
             Self::Hmc5843 => &HMC5843,
