@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
-use super::fault::{ConfigFault, Problem};
+use super::fault::ConfigFault;
 use super::retired;
 use super::syntax;
 use super::syntax::{LineIndex, column};
@@ -85,8 +85,7 @@ impl<'i> TableReader<'i> {
                 ConfigFault {
                     line: at.map(|at| places.line(at)),
                     column: at.map(|at| column(text, at)),
-                    key: String::new(),
-                    problem: Problem::Other(sentence),
+                    sentence,
                 }
             })
             .collect();
@@ -115,7 +114,7 @@ impl<'i> TableReader<'i> {
                 };
                 format!("this key is outside any table: {help}")
             };
-            let fault = self.other(key.span().start, name, sentence);
+            let fault = self.fault(Some(key.span().start), format!("{name}: {sentence}"));
             self.faults.push(fault);
         }
     }
@@ -132,7 +131,7 @@ impl<'i> TableReader<'i> {
         let DeValue::Table(table) = value.get_ref() else {
             let found = self.snippet(&value.span());
             let fault = Fault::new(name, found, format!("a table, [{name}]"));
-            let fault = self.unusable(Some(span.start), fault);
+            let fault = self.fault(Some(span.start), fault.to_string());
             self.faults.push(fault);
             return T::default();
         };
@@ -154,7 +153,8 @@ impl<'i> TableReader<'i> {
                     settings
                 }
                 Err(error) => {
-                    faults.push(self.other(span.start, name, error.message().to_owned()));
+                    let sentence = format!("{name}: {}", error.message());
+                    faults.push(self.fault(Some(span.start), sentence));
                     T::default()
                 }
             };
@@ -210,7 +210,7 @@ impl<'i> TableReader<'i> {
     pub(super) fn across(&mut self, faults: Vec<Fault>) {
         for fault in faults {
             let at = position(&self.root, &fault.key);
-            self.faults.push(self.unusable(at, fault));
+            self.faults.push(self.fault(at, fault.to_string()));
         }
     }
 
@@ -226,33 +226,19 @@ impl<'i> TableReader<'i> {
         self.faults
     }
 
-    /// A fault in a value, at this place of the text.
-    fn unusable(&self, at: Option<usize>, fault: Fault) -> ConfigFault {
+    /// A fault at this place of the text.
+    fn fault(&self, at: Option<usize>, sentence: String) -> ConfigFault {
         ConfigFault {
             line: at.map(|at| self.places.line(at)),
             column: None,
-            key: fault.key,
-            problem: Problem::Unusable {
-                found: fault.found,
-                right: fault.right,
-            },
-        }
-    }
-
-    /// Another fault, at this place of the text.
-    fn other(&self, at: usize, key: &str, sentence: String) -> ConfigFault {
-        ConfigFault {
-            line: Some(self.places.line(at)),
-            column: None,
-            key: key.to_owned(),
-            problem: Problem::Other(sentence),
+            sentence,
         }
     }
 
     fn unknown(&self, table: &str, key: &Key<'i>, known: &[String]) -> ConfigFault {
         let name: &str = key.get_ref();
-        let sentence = format!("unknown key; {}", suggest(name, known));
-        self.other(key.span().start, &format!("{table}.{name}"), sentence)
+        let sentence = format!("{table}.{name}: unknown key; {}", suggest(name, known));
+        self.fault(Some(key.span().start), sentence)
     }
 
     /// The faults of one key alone, all others at their defaults. `path` leads from the table to the key.
@@ -298,22 +284,17 @@ impl<'i> TableReader<'i> {
             Some(key) => key.span().start,
             None => value.span().start,
         };
-        vec![ConfigFault {
-            line: Some(self.places.line(at)),
-            column: None,
-            key: format!("{}.{}", target.name, names.join(".")),
-            problem: match numbers {
-                Some(numbers) => Problem::Unusable {
-                    found: self.snippet(&value.span()),
-                    right: format!(
-                        "{} numbers, as the default is: {}",
-                        numbers.len(),
-                        toml::Value::Array(numbers.clone())
-                    ),
-                },
-                None => explain(&message, self.snippet(&value.span())),
-            },
-        }]
+        let key = format!("{}.{}", target.name, names.join("."));
+        let found = self.snippet(&value.span());
+        let sentence = match numbers {
+            Some(numbers) => {
+                let default = toml::Value::Array(numbers.clone());
+                let right = format!("{} numbers, as the default is: {default}", numbers.len());
+                Fault::new(&key, found, right).to_string()
+            }
+            None => explain(&key, found, &message),
+        };
+        vec![self.fault(Some(at), sentence)]
     }
 
     /// The faults that settings found in themselves, each with its line if the key is in the file.
@@ -327,7 +308,7 @@ impl<'i> TableReader<'i> {
         let of_table = |fault: Fault| {
             let at = position(table, &fault.key).or(fallback);
             let key = format!("{name}.{}", fault.key);
-            self.unusable(at, Fault { key, ..fault })
+            self.fault(at, Fault { key, ..fault }.to_string())
         };
         faults.into_iter().map(of_table).collect()
     }
