@@ -5,12 +5,13 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 
-use super::{Failure, config_file, number, print, print_json, read_log, rounded, tell_skips, word};
+use super::{Failure, config_file, number, print, print_json, read_log, tell_skips, word};
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
 use crate::calibration::settings::{ModeChoice, ModelChoice, Profile, StopChoice, WindowChoice};
 use crate::config::Config;
+use crate::frame::rounded;
 use crate::pipeline::{Survey, Surveyed};
 use crate::sensor::replay::Replay;
 use crate::store::{Contents, History, Identity, Made, Store};

@@ -9,9 +9,10 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::progress::Progress;
-use super::{Failure, config_file, print, print_json, rounded};
+use super::{Failure, config_file, print, print_json};
 use crate::config::Config;
 use crate::config::source::Kind;
+use crate::frame::rounded;
 use crate::sensor::bus::LinuxBus;
 use crate::sensor::clock::SystemClock;
 use crate::sensor::i2c::examine::{CheckReport, Expected, examine};

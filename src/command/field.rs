@@ -6,6 +6,7 @@ use serde_json::json;
 
 use super::{Failure, print, print_json};
 use crate::date;
+use crate::frame::rounded;
 use crate::true_north::{EarthField, Known, Position};
 use crate::wall_clock;
 
@@ -101,7 +102,7 @@ fn as_text(position: &Position, day: &str, field: &EarthField) -> String {
 }
 
 fn as_json(position: &Position, day: &str, field: &EarthField) -> serde_json::Value {
-    let hundredths = |value: f64| (100.0 * value).round() / 100.0;
+    let hundredths = |value| rounded(value, 2);
     json!({
         "latitude_deg": position.latitude_deg,
         "longitude_deg": position.longitude_deg,

@@ -10,8 +10,8 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::logging;
-use crate::recording::{Entry, Skips};
-use crate::sensor::replay::{Replay, ReplayError};
+use crate::recording::{Entry, RecordingError, Skips};
+use crate::sensor::replay::Replay;
 use crate::store::StoreError;
 
 mod align;
@@ -158,12 +158,6 @@ where
     PossibleValuesParser::new(words).try_map(|word| serde_json::from_value(word.into()))
 }
 
-/// The value with so many decimals; what rounds to 0 has no sign.
-fn rounded(value: f64, decimals: i32) -> f64 {
-    let unit = 10f64.powi(decimals);
-    (value * unit).round() / unit + 0.0
-}
-
 /// Reads a log to its end, beside a bar on a terminal. Hands over each entry, and whether a new stretch begins with it.
 fn read_log<E: From<Failure>>(
     mut log: Replay,
@@ -190,11 +184,11 @@ fn tell_skips(skips: &Skips) -> Result<(), Failure> {
     Ok(())
 }
 
-impl From<ReplayError> for Failure {
-    fn from(error: ReplayError) -> Self {
+impl From<RecordingError> for Failure {
+    fn from(error: RecordingError) -> Self {
         let status = match error {
-            ReplayError::BadData(_) => Self::DATA,
-            ReplayError::Unreadable { .. } => Self::NO_INPUT,
+            RecordingError::Header { .. } => Self::DATA,
+            RecordingError::Open { .. } | RecordingError::Read { .. } => Self::NO_INPUT,
         };
         Self::new(status, error)
     }

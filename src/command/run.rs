@@ -11,7 +11,7 @@ use crate::config::Config;
 use crate::daemon::signals::Signals;
 use crate::daemon::{Daemon, DaemonError, Ended, Notice};
 use crate::logging::Log;
-use crate::sensor::replay::ReplayError;
+use crate::recording::RecordingError;
 use crate::service::Service;
 
 /// Run the daemon: read the sensors, calibrate, and serve headings
@@ -31,7 +31,9 @@ pub struct Args {
 impl From<DaemonError> for Failure {
     fn from(error: DaemonError) -> Self {
         let status = match &error {
-            DaemonError::Replay(ReplayError::BadData(_)) | DaemonError::Unusable(_) => Self::DATA,
+            DaemonError::Replay(RecordingError::Header { .. }) | DaemonError::Unusable(_) => {
+                Self::DATA
+            }
             DaemonError::Replay(_) => Self::NO_INPUT,
             DaemonError::NoSource
             | DaemonError::NothingToRecord { .. }

@@ -8,6 +8,7 @@ use super::source_task::Events;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::condition::{Condition, Report, SourceFault};
 use crate::date;
+use crate::frame::rounded;
 use crate::pipeline::{Action, Event};
 use crate::publish::control::status::StatusCounts;
 use crate::reading::Reading;
@@ -146,9 +147,9 @@ impl Daemon {
             Action::Turned(turn) => {
                 self.counts.turns += 1;
                 tracing::info!(
-                    from_s = rounded(turn.start_s),
-                    to_s = rounded(turn.end_s),
-                    from_vertical_deg = turn.from_vertical_deg.map(rounded),
+                    from_s = brief(turn.start_s),
+                    to_s = brief(turn.end_s),
+                    from_vertical_deg = turn.from_vertical_deg.map(brief),
                     "the board has made a full turn"
                 );
             }
@@ -187,7 +188,7 @@ impl Daemon {
         }
         let (word, reason) = (report.condition.word(), report.reason);
         // Before the first reading the source has no time.
-        let t_s = Some(rounded(report.t_s)).filter(|t_s| t_s.is_finite());
+        let t_s = Some(brief(report.t_s)).filter(|t_s| t_s.is_finite());
         let worth_a_look = matches!(
             report.condition,
             Condition::Stale | Condition::Fault | Condition::Disturbed
@@ -240,8 +241,8 @@ fn panicked() -> SourceFault {
 }
 
 /// To three decimal places: no line in the log needs more.
-fn rounded(value: f64) -> f64 {
-    (1e3 * value).round() / 1e3
+fn brief(value: f64) -> f64 {
+    rounded(value, 3)
 }
 
 fn log_outcome(outcome: &Outcome) {
@@ -249,9 +250,9 @@ fn log_outcome(outcome: &Outcome) {
     match outcome.verdict {
         Verdict::Accepted => tracing::info!(
             reason,
-            heading_sd_deg = outcome.heading_sd_deg.map(rounded),
-            gyro_rms_deg = outcome.gyro_rms_deg.map(rounded),
-            residual_mgauss = outcome.residual_mgauss.map(rounded),
+            heading_sd_deg = outcome.heading_sd_deg.map(brief),
+            gyro_rms_deg = outcome.gyro_rms_deg.map(brief),
+            residual_mgauss = outcome.residual_mgauss.map(brief),
             "calibration accepted: {message}"
         ),
         Verdict::Kept => tracing::info!(reason, "active calibration kept: {message}"),

@@ -39,9 +39,9 @@ impl ListenError {
 
 /// A service that hands out its raw readings.
 pub(super) struct Listener {
-    socket: PathBuf,
+    pub(super) socket: PathBuf,
     stream: BufReader<UnixStream>,
-    header: Header,
+    pub(super) header: Header,
     line: Vec<u8>,
     /// Number of the last reading.
     seq: Option<u64>,
@@ -76,10 +76,6 @@ impl Listener {
             .map_err(|_| failed(format!("it has not answered within {PATIENCE:?}")))?;
         listener.header = header?;
         Ok(listener)
-    }
-
-    pub(super) fn header(&self) -> &Header {
-        &self.header
     }
 
     /// Records readings until the service hangs up: at the end of its source, or its own.

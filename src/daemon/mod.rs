@@ -42,7 +42,7 @@ use crate::publish::control::{Control, ControlCall};
 use crate::publish::gpsd::Device;
 use crate::publish::outputs::Outputs;
 use crate::publish::server::{BindError, Publisher, Server};
-use crate::sensor::replay::ReplayError;
+use crate::recording::RecordingError;
 use crate::service::{Service, sockets};
 use crate::store::StoreError;
 use crate::wall_clock;
@@ -68,7 +68,7 @@ pub enum DaemonError {
     )]
     NothingToRecord { service: ListenError },
     #[error(transparent)]
-    Replay(#[from] ReplayError),
+    Replay(#[from] RecordingError),
     #[error("most of the log cannot be used: {0}")]
     Unusable(String),
     #[error("cannot simulate a board: [simulator] {}", .0.iter().map(Fault::to_string).collect::<Vec<_>>().join("; "))]

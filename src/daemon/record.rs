@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::future::Future;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 use super::listener::Listener;
@@ -37,19 +37,12 @@ impl Recording {
             Err(DaemonError::Bind(BindError {
                 path,
                 why: BindFault::Busy(_),
-            })) => ReadingsFrom::Service {
-                listener: Box::new(Listener::connect(&path).await?),
-                path,
-            },
+            })) => ReadingsFrom::Service(Box::new(Listener::connect(&path).await?)),
             Err(DaemonError::NoSource) => {
-                let path = config.socket.socket.clone();
-                let connected = Listener::connect(&path).await;
-                ReadingsFrom::Service {
-                    listener: Box::new(
-                        connected.map_err(|service| DaemonError::NothingToRecord { service })?,
-                    ),
-                    path,
-                }
+                let connected = Listener::connect(&config.socket.socket).await;
+                let listener =
+                    connected.map_err(|service| DaemonError::NothingToRecord { service })?;
+                ReadingsFrom::Service(Box::new(listener))
             }
             // Two readers of the same chips would disturb each other.
             Err(DaemonError::Bind(error)) if !matches!(error.why, BindFault::Unsure(_)) => {
@@ -70,7 +63,7 @@ impl Recording {
     ) -> (u64, Result<(), DaemonError>) {
         let header = match &self.origin {
             ReadingsFrom::Daemon(daemon) => daemon.session.source.header.clone(),
-            ReadingsFrom::Service { listener, .. } => listener.header().clone(),
+            ReadingsFrom::Service(listener) => listener.header.clone(),
             ReadingsFrom::Source(source) => source.header.clone(),
         };
         let (recorder, mut ending) = match Recorder::file(out, header) {
@@ -89,7 +82,7 @@ impl Recording {
                 daemon.session.recorder = Some(recorder);
                 daemon.run_until(stop).await.map(|_| ())
             }
-            ReadingsFrom::Service { listener, .. } => from_service(*listener, recorder, stop).await,
+            ReadingsFrom::Service(listener) => from_service(*listener, recorder, stop).await,
             ReadingsFrom::Source(source) => {
                 alone(*source, self.config.source.pace(), recorder, stop).await
             }
@@ -108,8 +101,8 @@ impl Recording {
 impl fmt::Display for Recording {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let source = match &self.origin {
-            ReadingsFrom::Service { path, .. } => {
-                return write!(f, "the service at {}", path.display());
+            ReadingsFrom::Service(listener) => {
+                return write!(f, "the service at {}", listener.socket.display());
             }
             ReadingsFrom::Daemon(daemon) => &daemon.session.source,
             ReadingsFrom::Source(source) => source,
@@ -124,10 +117,7 @@ impl fmt::Display for Recording {
 
 enum ReadingsFrom {
     Daemon(Box<Daemon>),
-    Service {
-        listener: Box<Listener>,
-        path: PathBuf,
-    },
+    Service(Box<Listener>),
     Source(Box<SourceTask>),
 }
 

@@ -14,12 +14,12 @@ use crate::condition::SourceFault;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::reading::Reading;
-use crate::recording::Header;
+use crate::recording::{Header, RecordingError};
 use crate::sensor::SourceEvent;
 use crate::sensor::bus::LinuxBus;
 use crate::sensor::clock::{Clock, SystemClock};
 use crate::sensor::i2c::{self, Chips};
-use crate::sensor::replay::{Replay, ReplayError};
+use crate::sensor::replay::Replay;
 use crate::sensor::serial::Bridge;
 use crate::sensor::simulator::Simulator;
 
@@ -236,7 +236,7 @@ fn replay_log(
 /// Hands out readings, each at its time and with whether it begins a new stretch. The event that ends them; `None` if
 /// nobody wants any more.
 fn play(
-    mut next: impl FnMut() -> Option<Result<(Reading, bool), ReplayError>>,
+    mut next: impl FnMut() -> Option<Result<(Reading, bool), RecordingError>>,
     speed: f64,
     clock: &mut SystemClock,
     out: &mut dyn FnMut(SourceEvent) -> bool,

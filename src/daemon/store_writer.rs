@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use super::DaemonError;
 use super::thread::Thread;
+use crate::publish::control::status::StoreSummary;
 use crate::store::{Contents, History, Identity, Loaded, Settings, Store, StoreError};
 
 /// Pauses before a save that failed is tried again: the first, doubled each time up to the last.
@@ -47,16 +48,6 @@ impl SharedFault {
     fn lock(&self) -> MutexGuard<'_, Option<String>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-}
-
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum StoreState {
-    /// Nothing is to be kept.
-    Off,
-    /// What is to be kept is in this folder.
-    Good(PathBuf),
-    /// Something is wrong with this folder, for people.
-    Failing(PathBuf, String),
 }
 
 impl StoreWriter {
@@ -133,14 +124,24 @@ impl StoreWriter {
         }
     }
 
-    pub(super) fn state(&self) -> StoreState {
-        let Some(disk) = &self.disk else {
-            return StoreState::Off;
+    pub(super) fn summary(&self) -> StoreSummary {
+        let fault = self
+            .disk
+            .as_ref()
+            .and_then(|disk| disk.fault.lock().clone());
+        let state = match (&self.disk, &fault) {
+            (None, _) => "off",
+            (Some(_), None) => "good",
+            (Some(_), Some(_)) => "failing",
         };
-        let directory = disk.directory.clone();
-        match disk.fault.lock().clone() {
-            None => StoreState::Good(directory),
-            Some(message) => StoreState::Failing(directory, message),
+        let directory = self
+            .disk
+            .as_ref()
+            .map(|disk| disk.directory.display().to_string());
+        StoreSummary {
+            state: state.to_owned(),
+            directory,
+            message: fault,
         }
     }
 

@@ -133,6 +133,14 @@ pub enum RecordingError {
         /// What was found and what would be right.
         what: String,
     },
+    /// The file cannot be opened.
+    #[error("cannot open log {log}: {source}")]
+    Open {
+        /// The log's name.
+        log: String,
+        /// The error of the system.
+        source: io::Error,
+    },
     /// The source of the bytes failed.
     #[error("cannot read log {log} after line {line}: {source}")]
     Read {

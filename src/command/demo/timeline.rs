@@ -7,8 +7,8 @@ use nalgebra::Vector3;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::super::{Failure, text};
 use super::score::Score;
-use crate::command::Failure;
 use crate::config::Config;
 use crate::frame::hypot;
 use crate::sensor::simulator::{self, Simulator};
@@ -283,10 +283,6 @@ pub(super) fn opening(config: &Config, duration_s: f64) -> String {
          \nor, where there is an nc that knows -U:\n\
          \n  (printf '?WATCH={{\"enable\":true}};\\n'; cat) | nc -U {socket}\n\n"
     )
-}
-
-fn text<'a>(message: &'a Value, key: &str) -> &'a str {
-    message[key].as_str().unwrap_or("unknown")
 }
 
 /// The parameters found beside the true ones, and how well they fit.

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::super::headings::heading_text;
 use super::super::status::span;
-use super::super::{rounded, text};
+use super::super::text;
 use super::palette::Palette;
 use super::rose::Rose;
 use super::scatter::Scatter;
@@ -18,6 +18,7 @@ use super::view::View;
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
 use crate::calibration::policy::Policy;
+use crate::frame::rounded;
 use crate::publish::control::status::{CalibrationSummary, DaemonStatus};
 
 const KEYS: &str = "c calibrate  x cancel  l lock/unlock  r roll back  v level  q quit";

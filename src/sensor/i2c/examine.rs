@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::{Chips, Settings};
+use crate::condition::SourceFault;
 use crate::frame::Mountings;
 use crate::sensor::SourceEvent;
 use crate::sensor::bus::{Bus, BusError, Cause, read_byte};
@@ -39,7 +40,7 @@ pub(crate) struct CheckReport {
     pub(crate) gyro_rate_hz: Option<f64>,
     /// Mean of the accelerometer at rest, body axes.
     pub(crate) accel_m_s2: Option<[f64; 3]>,
-    pub(crate) problems: Vec<FoundProblem>,
+    pub(crate) problems: Vec<SourceFault>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -65,12 +66,6 @@ pub(crate) struct Axis {
     pub(crate) passed: bool,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct FoundProblem {
-    pub(crate) code: &'static str,
-    pub(crate) message: String,
-}
-
 impl CheckReport {
     fn problem(&mut self, code: &'static str, message: String) {
         // The chips are tried more than once, the second time with the name of their part before the sentence.
@@ -79,7 +74,7 @@ impl CheckReport {
             .iter()
             .any(|known| message.ends_with(&known.message))
         {
-            self.problems.push(FoundProblem { code, message });
+            self.problems.push(SourceFault { code, message });
         }
     }
 
