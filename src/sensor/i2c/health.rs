@@ -80,7 +80,6 @@ impl Health {
         again
     }
 
-    /// A reading came.
     pub(super) fn worked(&mut self, now_s: f64) {
         self.in_a_row = 0;
         if let Some(faults) = &self.faults
