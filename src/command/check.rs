@@ -66,7 +66,6 @@ fn expected(config: &Config) -> Expected<'_> {
     }
 }
 
-/// The report, line by line.
 fn written(report: &CheckReport) -> String {
     let mut text = String::new();
     // Writing to a String never fails.

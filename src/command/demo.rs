@@ -9,9 +9,8 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::UnixStream;
-use tokio::signal::unix::SignalKind;
 
-use super::run::{catch, runtime};
+use super::run::{ENDS, catch, runtime};
 use super::{Failure, OrFail, number, print};
 use crate::config::{Config, source};
 use crate::daemon::{Daemon, DaemonError};
@@ -57,11 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 async fn demo(args: &Args) -> Result<(), Failure> {
     // Before there is anything that would be left behind.
-    let mut signals = catch(&[
-        SignalKind::interrupt(),
-        SignalKind::terminate(),
-        SignalKind::hangup(),
-    ])?;
+    let mut signals = catch(&ENDS)?;
     // The folder is removed when this function ends.
     let (socket, _folder) = match &args.socket {
         Some(path) => (

@@ -85,7 +85,6 @@ fn print(args: &Args, headings: &mut Headings, out: &mut impl Write) -> Result<(
     Ok(())
 }
 
-/// A heading as text.
 fn line(att: &Value) -> String {
     let number = |key: &str| att[key].as_f64();
     let time = match (att["time"].as_str(), number("t_s")) {

@@ -48,7 +48,6 @@ impl Target<'_, '_> {
     }
 }
 
-/// A document being read.
 pub(super) struct TableReader<'i> {
     text: &'i str,
     places: LineIndex,

@@ -156,7 +156,6 @@ impl Listener {
         }
     }
 
-    /// What comes next; `None` at the end.
     async fn next(&mut self) -> Result<Option<Object>, ListenError> {
         self.line.clear();
         let read = (&mut self.stream)

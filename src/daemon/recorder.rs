@@ -36,7 +36,6 @@ impl RecordError {
     }
 }
 
-/// Where the readings go.
 enum Destination {
     /// Into one file; `-` is standard output.
     File(PathBuf),
@@ -44,7 +43,6 @@ enum Destination {
     Ring(Settings),
 }
 
-/// The daemon's end of a recording.
 pub(super) struct Recorder {
     queue: Option<SyncSender<Reading>>,
     thread: Thread,
@@ -156,7 +154,6 @@ impl Write for Counted {
     }
 }
 
-/// An open log.
 struct OpenLog {
     path: PathBuf,
     writer: Writer<BufWriter<Counted>>,

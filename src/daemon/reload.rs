@@ -25,7 +25,6 @@ pub(super) struct Reload {
     next: Option<LoadConfig>,
 }
 
-/// A reload that has been prepared.
 pub(super) struct Prepared {
     config: Config,
     /// The keys that change.

@@ -17,7 +17,6 @@ const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_sec
 /// Told when something is on disk, or why it is not.
 pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
 
-/// The calibrations of one sensor.
 pub(super) struct StoreWriter {
     history: History,
     most: usize,
@@ -34,7 +33,6 @@ pub(super) struct Disk {
     fault: SharedFault,
 }
 
-/// What the thread does.
 enum Job {
     Load(Identity, mpsc::Sender<Option<History>>),
     Save(History, Then),
@@ -79,7 +77,6 @@ impl StoreWriter {
         })
     }
 
-    /// Where it is written.
     pub(super) fn disk(&self) -> Weak<Disk> {
         self.disk.as_ref().map(Arc::downgrade).unwrap_or_default()
     }

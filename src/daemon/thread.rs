@@ -16,7 +16,6 @@ pub(super) struct Thread {
 }
 
 impl Thread {
-    /// Starts a thread for this work.
     pub(super) fn start(
         name: &'static str,
         work: impl FnOnce() + Send + 'static,

@@ -26,7 +26,6 @@ const MOST_BYTES: usize = 4096;
 /// Requests answered in a row before other clients have their turn: some 50 µs.
 const MOST_ANSWERS: usize = 16;
 
-/// Why a client was let go.
 #[derive(Debug, Error)]
 pub(super) enum ClientError {
     #[error("the connection broke: {0}")]
@@ -143,7 +142,6 @@ impl Client<'_> {
         self.send_lines().await
     }
 
-    /// Puts the answer.
     fn answer(&mut self, request: Result<ClientRequest, String>) {
         match request {
             Err(message) => self.put(&gpsd::error(&message)),

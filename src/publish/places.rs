@@ -12,7 +12,6 @@ const ROOT: u32 = 0;
 /// The user of whom the system does not say who it is.
 const UNKNOWN: u32 = u32::MAX;
 
-/// All places.
 #[derive(Debug)]
 pub(super) struct Places {
     most: usize,
@@ -28,7 +27,6 @@ pub(super) struct Place {
     held: Arc<Mutex<HashMap<u32, usize>>>,
 }
 
-/// Why there is no place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Full {
     #[error("headingd serves {0} clients already")]

@@ -93,7 +93,6 @@ impl BindFault {
     }
 }
 
-/// A socket that is listened to.
 #[derive(Debug)]
 pub(super) struct OpenSocket {
     pub(super) listener: UnixListener,

@@ -37,7 +37,6 @@ pub(super) struct Span {
     pub(super) reason: &'static str,
 }
 
-/// A turn that was calibrated on.
 #[derive(Debug)]
 pub(super) struct Judged {
     pub(super) request: Request,
@@ -69,9 +68,7 @@ pub(super) struct Findings {
     pub(super) now_s: f64,
     pub(super) readings: u64,
     pub(super) headings: u64,
-    /// How many turns the board made.
     pub(super) turns: u64,
-    /// The condition that came last.
     pub(super) last: Option<Report>,
 }
 
@@ -125,7 +122,6 @@ impl Analysis {
         self.found.readings > 0
     }
 
-    /// What is known at the end.
     pub(super) fn calibration(&self) -> Option<Calibration> {
         self.pipeline.calibration()
     }

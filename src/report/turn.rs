@@ -17,7 +17,6 @@ pub(super) struct Seen {
     pub(super) headings: Option<Headings3>,
 }
 
-/// Headings of one sample, degrees.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Headings3 {
     /// By the gyro, from wherever it began.

@@ -13,7 +13,6 @@ use crate::calibration::policy::Policy;
 #[serde(tag = "request", rename_all = "lowercase", deny_unknown_fields)]
 pub enum ControlRequest {
     Status {},
-    /// All calibrations kept of this sensor.
     List {},
     /// One of them, or the active one.
     Show {
@@ -49,7 +48,6 @@ pub enum ControlRequest {
         /// What export gave.
         file: Value,
     },
-    /// Calibrate on the next motion.
     Start {},
     /// Give that up.
     Cancel {},

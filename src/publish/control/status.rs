@@ -82,7 +82,6 @@ pub(crate) struct StatusCounts {
     pub(crate) faults: u64,
 }
 
-/// Whether calibrations are kept.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct StoreSummary {

@@ -49,7 +49,6 @@ pub(crate) struct FoundChip {
     pub(crate) chip: &'static str,
 }
 
-/// Which magnetometer it is, and why.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct FoundMagnetometer {
     pub(crate) kind: &'static str,

@@ -59,7 +59,6 @@ impl Start {
         })
     }
 
-    /// The device has answered.
     pub(super) fn answered(&mut self, id: [u8; 2]) {
         match (self.stage, &id) {
             (Stage::Asking, b"00") => {

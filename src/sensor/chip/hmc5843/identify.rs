@@ -19,7 +19,6 @@ const LOOK_S: f64 = 0.001;
 const CHANGES: u32 = 6;
 const PATIENCE_S: f64 = 0.3;
 
-/// What the data showed of the rate.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum ObservedRate {
     /// 50 Hz.
