@@ -15,6 +15,7 @@ const ATTEMPTS: usize = 100;
 /// How often it is looked for its holder's number, which is written right after it is locked.
 const LOOKS: usize = 10;
 
+/// Between two looks.
 const PAUSE: Duration = Duration::from_millis(2);
 
 /// Longest content, bytes: a number and the end of its line.

@@ -63,8 +63,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         return print_json(&as_json(&position, &day, &field));
     }
-    if let Some(zone) = field.zone {
-        eprintln!("headingd: {}", zone.warning(&field));
+    if let Some(warning) = field.warning() {
+        eprintln!("headingd: {warning}");
     }
     print(&as_text(&position, &day, &field))
 }
@@ -116,6 +116,6 @@ fn as_json(position: &Position, day: &str, field: &EarthField) -> serde_json::Va
         "total_sd_mgauss": hundredths(field.strength_mgauss.sd),
         "horizontal_mgauss": hundredths(field.horizontal_mgauss.value),
         "horizontal_sd_mgauss": hundredths(field.horizontal_mgauss.sd),
-        "warning": field.zone.map(|zone| zone.warning(field)),
+        "warning": field.warning(),
     })
 }

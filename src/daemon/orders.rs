@@ -215,19 +215,18 @@ impl Daemon {
     /// The daemon's status, with word, reason and sentence of the `STATE` published last.
     fn status(&self) -> Answer {
         let history = self.session.store.history();
-        let answer = match self.session.pipeline.report() {
-            Some(report) => Answer::done(report.message.clone())
-                .with("cal_state", report.condition.word())
-                .with("reason", report.reason),
-            None => Answer::done("the daemon has just started: no reading has come yet"),
-        };
+        let report = self.session.pipeline.report();
+        let starting = || "the daemon has just started: no reading has come yet".to_owned();
+        let message = report.map_or_else(starting, |report| report.message.to_string());
         let session = &self.session;
         let latest = self.publisher.latest();
         let latest = latest
             .as_ref()
             .filter(|heading| heading.magnetic_deg().is_some());
         let degrees = |angle: Option<f64>| angle.map(|angle| brief(angle).rem_euclid(360.0));
-        answer.with_all(&DaemonStatus {
+        Answer::done(message).with_all(&DaemonStatus {
+            cal_state: report.map(|report| report.condition.word().to_owned()),
+            reason: report.map(|report| report.reason.to_owned()),
             heading: latest.and_then(|it| degrees(it.true_deg())),
             mheading: latest.and_then(|it| degrees(it.magnetic_deg())),
             heading_sd: latest.and_then(|it| it.sd_deg.map(brief)),
@@ -248,8 +247,6 @@ impl Daemon {
             store: session.store.summary(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             // In the answer already.
-            cal_state: None,
-            reason: None,
             message: String::new(),
         })
     }

@@ -30,6 +30,7 @@ pub(super) struct Session {
     /// Of a log: else readings are of the time of day at which they are handed out.
     pub(super) log_time: Option<TimeOfDay>,
     pub(super) north: North,
+    /// The last reading's time on the source's clock, and when it was handed out.
     pub(super) last: (f64, Instant),
     /// The magnetic heading published last with the board mounted as it is now, degrees.
     pub(super) heading_deg: Option<f64>,

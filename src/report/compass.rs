@@ -6,8 +6,10 @@ use super::thin::some;
 use super::turn::{Headings3, Turned};
 use crate::frame::{wrap_360, wrap_pi};
 
+/// Points of a kind in a figure.
 const MOST: usize = 700;
 
+/// Headings of the card.
 const CARD: usize = 12;
 
 /// One sample held against the gyro, whose heading counts from the corrected field's mean.

@@ -7,8 +7,10 @@ use super::plot::{AxisScale, Band, Chart, Hue, ReportError, Series};
 use super::thin::some;
 use super::turn::{Seen, Turned};
 
+/// Points of a kind in a figure.
 const MOST: usize = 700;
 
+/// Points of a circle.
 const CIRCLE: u32 = 120;
 
 /// Raw and corrected field, a figure for each pair of axes (the paper's Figure 6c).

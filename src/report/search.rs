@@ -7,6 +7,7 @@ use crate::calibration::outcome::Outcome;
 use crate::calibration::settings::{Profile, StopChoice};
 use crate::calibration::{Request, calibrate};
 
+/// Points of a line.
 const MOST: usize = 1000;
 
 /// The basic swarm and the one that MPSOT stops, on the same samples.

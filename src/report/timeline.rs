@@ -4,6 +4,7 @@ use super::analysis::{Findings, Point};
 use super::plot::{AxisScale, Band, Chart, Hue, ReportError, Series};
 use super::thin::some;
 
+/// Points of a line.
 const MOST: usize = 1500;
 
 /// A heading that goes on by more than this has gone over north, and the line is broken there.

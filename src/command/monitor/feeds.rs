@@ -12,6 +12,7 @@ use super::super::headings::{DaemonSockets, Headings};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 
+/// Everything that the screen shows.
 const WATCH: &str =
     r#"{"enable":true,"json":true,"state":true,"calibration":true,"readings":true}"#;
 

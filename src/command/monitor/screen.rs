@@ -26,6 +26,7 @@ const KEYS: &str = "c calibrate  x cancel  l lock/unlock  r roll back  v level  
 /// Width of what a line of the panel begins with.
 const NAME: usize = 12;
 
+/// Length of a bar, characters.
 const BAR: usize = 20;
 
 pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {
@@ -120,9 +121,9 @@ fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value, now: Instant) -> V
         ),
     );
     match &view.status {
-        Err(why) => add("control", why.clone()),
-        Ok(None) => {}
-        Ok(Some(status)) => {
+        None => {}
+        Some(Err(why)) => add("control", why.clone()),
+        Some(Ok(status)) => {
             let (faults, dropped) = (status.counts.faults, status.counts.values_dropped);
             add(
                 "errors",

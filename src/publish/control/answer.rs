@@ -29,8 +29,7 @@ impl Answer {
         Self {
             ok: false,
             code,
-            message: message.into(),
-            more: Map::new(),
+            ..Self::done(message)
         }
     }
 

@@ -70,6 +70,7 @@ pub struct ChipSetup {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
+    /// Counts along X, Y and Z.
     pub raw: [i16; 3],
     /// The same in milligauss; `None` for an axis that overflowed.
     pub field_mgauss: Field,

@@ -29,6 +29,7 @@ impl Decoder {
         }
     }
 
+    /// The device's protocol; [`Protocol::Auto`] while that is not known.
     pub(super) fn protocol(&self) -> Protocol {
         match self {
             Self::Listening(_) => Protocol::Auto,

@@ -8,6 +8,7 @@
 use super::Item;
 use super::razor::{RazorFrame, reading};
 
+/// Bytes of a frame.
 const FRAME: usize = 36;
 /// What frames are counted from.
 const MARK: &[u8] = b"#SYNCH01\r\n";
