@@ -57,7 +57,8 @@ pub(super) async fn serve(
         lines: String::new(),
     };
     let mut inbox = Inbox::new(request_limit_bytes);
-    client.send(&gpsd::version()).await?;
+    client.put(&gpsd::version());
+    client.send_lines().await?;
     let mut stopped = pin!(stop.changed());
     loop {
         tokio::select! {
@@ -286,11 +287,6 @@ impl Client<'_> {
     fn put(&mut self, object: &str) {
         self.lines.push_str(object);
         self.lines.push_str(LINE_END);
-    }
-
-    async fn send(&mut self, object: &str) -> Result<(), ClientError> {
-        self.put(object);
-        self.send_lines().await
     }
 
     async fn send_lines(&mut self) -> Result<(), ClientError> {

@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::super::progress::bar;
 use super::super::{Failure, text};
 use super::score::Score;
 use crate::config::Config;
@@ -150,13 +151,8 @@ impl Timeline {
                     return String::new();
                 }
                 self.shown_progress = progress;
-                let done = (progress * 20.0) as usize;
-                self.passing(&format!(
-                    "turning [{}{}] {:3.0} %",
-                    "#".repeat(done.min(20)),
-                    ".".repeat(20 - done.min(20)),
-                    progress * 100.0
-                ))
+                let percent = 100.0 * progress;
+                self.passing(&format!("turning {} {percent:3.0} %", bar(progress)))
             }
             ("fault", _) => self.line(&format!("fault: {}", text(state, "message"))),
             _ => String::new(),

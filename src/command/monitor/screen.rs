@@ -9,6 +9,7 @@ use ratatui::widgets::{Block, Paragraph, Wrap};
 use serde_json::Value;
 
 use super::super::headings::heading_text;
+use super::super::progress::bar;
 use super::super::status::span;
 use super::super::text;
 use super::palette::Palette;
@@ -25,9 +26,6 @@ const KEYS: &str = "c calibrate  x cancel  l lock/unlock  r roll back  v level  
 
 /// Width of what a line of the panel begins with.
 const NAME: usize = 12;
-
-/// Length of a bar, characters.
-const BAR: usize = 20;
 
 pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {
     let width = usize::from(frame.area().width);
@@ -178,11 +176,6 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
             lines.push(Line::from(format!("{:NAME$}{missing}", "missing")));
         }
     }
-}
-
-fn bar(share: f64) -> String {
-    let done = ((share * BAR as f64) as usize).min(BAR);
-    format!("[{}{}]", "#".repeat(done), ".".repeat(BAR - done))
 }
 
 /// Strength and dip of the corrected field, against what they should be where that is known.

@@ -17,7 +17,7 @@ use std::sync::atomic::AtomicUsize;
 use tokio::sync::{mpsc, oneshot};
 
 use super::clients::{Door, serve_clients};
-use super::socket_file::{BindError, OpenSocket, check_mode, check_path};
+use super::socket_file::{BindError, OpenSocket, right_mode, right_path};
 use crate::check::{Fault, settings};
 pub use answer::Answer;
 pub use request::ControlRequest;
@@ -55,9 +55,9 @@ impl Settings {
 
     fn check_socket(&self, faults: &mut Vec<Fault>) {
         if !self.socket.as_os_str().is_empty() {
-            check_path(faults, "socket", &self.socket);
+            faults.extend(right_path("socket", &self.socket).err());
         }
-        check_mode(faults, "mode", &self.mode, MOST_OPEN);
+        faults.extend(right_mode("mode", &self.mode, MOST_OPEN).err());
     }
 }
 
