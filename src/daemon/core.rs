@@ -95,15 +95,6 @@ impl Daemon {
         self.handle(Event::Reading(reading));
     }
 
-    /// Puts a calibration first in the history; its number.
-    pub(super) fn keep(&mut self, made: Made) -> u64 {
-        let store = &mut self.session.store;
-        let most = store.most();
-        let history = store.history_mut();
-        history.keep(made, most);
-        history.last_number
-    }
-
     fn fault(&mut self, fault: Option<SourceFault>) {
         self.counts.faults += u64::from(fault.is_some());
         self.handle(Event::Fault(fault));
@@ -168,7 +159,7 @@ impl Daemon {
                     let reason = session.pipeline.reason();
                     let now = wall_clock::unix_now_s();
                     let made = Made::of(&outcome, calibration, reason, now);
-                    self.keep(made);
+                    self.session.store.keep(made);
                     self.session.store.save(Box::new(|_| ()));
                 }
             }

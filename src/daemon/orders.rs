@@ -188,7 +188,7 @@ impl Daemon {
             reason: Some(Reason::Import),
             ..entry.made
         };
-        let number = self.keep(made);
+        let number = self.session.store.keep(made);
         self.handle(Event::Activate(Some(Box::new(made.calibration))));
         Ok(changed(
             Answer::done(format!("calibration {number} is active")).with("number", number),

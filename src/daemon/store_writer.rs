@@ -9,7 +9,7 @@ use std::time::Duration;
 use super::DaemonError;
 use super::thread::Thread;
 use crate::publish::control::status::StoreSummary;
-use crate::store::{Contents, History, Identity, Loaded, Settings, Store, StoreError};
+use crate::store::{Contents, History, Identity, Loaded, Made, Settings, Store, StoreError};
 
 /// Pauses before a save that failed is tried again: the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
@@ -102,8 +102,10 @@ impl StoreWriter {
         }
     }
 
-    pub(super) fn most(&self) -> usize {
-        self.most
+    /// Makes a calibration the active one, until [`StoreWriter::save`] only in memory; its number.
+    pub(super) fn keep(&mut self, made: Made) -> u64 {
+        self.history.keep(made, self.most);
+        self.history.last_number
     }
 
     /// Has everything saved as it is now, and says so to `then`: at once, if nothing is to be kept.
