@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::ops::RangeInclusive;
+use std::path::Path;
 
 /// One setting that cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -45,6 +46,13 @@ where
         };
         let right = format!("from {} to {}{unit}", range.start(), range.end());
         faults.push(Fault::new(key, value.to_string(), right));
+    }
+}
+
+/// Collects a fault unless `path` is absolute, or empty.
+pub fn absolute_or_empty(faults: &mut Vec<Fault>, key: &str, path: &Path, right: &str) {
+    if path.is_relative() && !path.as_os_str().is_empty() {
+        faults.push(Fault::new(key, format!("{path:?}"), right));
     }
 }
 

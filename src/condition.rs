@@ -100,7 +100,7 @@ pub struct Report {
 }
 
 /// What is wrong with the source.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SourceFault {
     /// As a code that a program can read (`no_answer`, `unplugged` …).
     pub code: &'static str,

@@ -237,6 +237,12 @@ pub fn dip_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> f64 {
     sine.clamp(-1.0, 1.0).asin().to_degrees()
 }
 
+/// The value with so many decimals; what rounds to 0 has no sign.
+pub fn rounded(value: f64, decimals: i32) -> f64 {
+    let power = 10f64.powi(decimals);
+    (value * power).round() / power + 0.0
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

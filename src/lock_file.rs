@@ -31,12 +31,10 @@ pub struct LockFile {
     file: File,
 }
 
-/// Why a lock cannot be had.
 #[derive(Debug)]
 pub enum LockError {
     /// Another has it: this process, if its number is known.
     Held(Option<u32>),
-    /// The system refused.
     System(io::Error),
 }
 
@@ -45,10 +43,6 @@ static SHARED: Mutex<Vec<Weak<LockFile>>> = Mutex::new(Vec::new());
 
 impl LockFile {
     /// Takes the lock, or says who has it.
-    ///
-    /// # Errors
-    ///
-    /// Another has it, or the system refuses.
     pub fn take(path: &Path) -> Result<Self, LockError> {
         for _ in 0..ATTEMPTS {
             let (mut file, writable) = open(path).map_err(LockError::System)?;
@@ -81,10 +75,6 @@ impl LockFile {
     }
 
     /// The same, but where this process has it already, that one.
-    ///
-    /// # Errors
-    ///
-    /// Another process has it, or the system refuses.
     pub fn share(path: &Path) -> Result<Arc<Self>, LockError> {
         let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
         shared.retain(|lock| lock.strong_count() > 0);

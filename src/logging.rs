@@ -3,11 +3,9 @@
 mod repeats;
 
 use std::env;
-use std::fs::File;
 use std::io::{self, IsTerminal};
-use std::os::fd::AsFd;
-use std::os::unix::fs::MetadataExt;
 
+use rustix::fs::fstat;
 use tracing_journald::{Priority, PriorityMappings};
 use tracing_subscriber::filter::{LevelFilter, ParseError, Targets};
 use tracing_subscriber::prelude::*;
@@ -18,7 +16,6 @@ use repeats::Repeats;
 /// The environment variable that takes the place of `log.filter`.
 const FILTER_VARIABLE: &str = "RUST_LOG";
 
-/// The log at work.
 #[derive(Clone, Debug)]
 pub struct Log {
     /// None if the environment has a filter of its own, which stays.
@@ -76,11 +73,10 @@ fn targets(filter: &str) -> Targets {
 
 /// Whether standard error goes to the journal: `JOURNAL_STREAM` has its device and inode, as in systemd.exec(5).
 pub fn to_journal() -> bool {
-    let stderr = io::stderr().as_fd().try_clone_to_owned();
-    let Ok(found) = stderr.and_then(|stderr| File::from(stderr).metadata()) else {
+    let Ok(found) = fstat(io::stderr()) else {
         return false;
     };
-    let of_journal = format!("{}:{}", found.dev(), found.ino());
+    let of_journal = format!("{}:{}", found.st_dev, found.st_ino);
     env::var("JOURNAL_STREAM").is_ok_and(|stream| stream == of_journal)
 }
 

@@ -30,12 +30,9 @@ const SILENCE: Duration = Duration::from_secs(300);
 /// Pauses before it is tried again: the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
 
-/// Where a gpsd listens.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Gpsd {
-    /// On a port.
     Tcp(SocketAddr),
-    /// On a Unix socket.
     Unix(PathBuf),
 }
 
@@ -61,20 +58,11 @@ impl fmt::Display for Gpsd {
 
 /// Where the compass is, and when that was.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GpsFix {
-    /// Where.
-    pub position: Position,
+struct GpsFix {
+    position: Position,
     /// The time of day by the receiver, if it knows it.
-    pub since_1970: Option<Duration>,
-    /// When that was.
-    pub taken: Instant,
-}
-
-impl GpsFix {
-    /// The time of day by the receiver's clock.
-    pub fn now(&self) -> Option<Duration> {
-        Some(self.since_1970? + self.taken.elapsed())
-    }
+    since_1970: Option<Duration>,
+    taken: Instant,
 }
 
 /// A client at work until it is dropped.
@@ -95,12 +83,24 @@ impl Follower {
     }
 
     /// The latest position, the first time it is asked for.
-    pub fn news(&mut self) -> Option<GpsFix> {
+    pub fn news(&mut self) -> Option<Position> {
         // An error means that the task has failed, and that nothing new comes.
         if !self.fixes.has_changed().unwrap_or(false) {
             return None;
         }
-        *self.fixes.borrow_and_update()
+        let fix = *self.fixes.borrow_and_update();
+        Some(fix?.position)
+    }
+
+    /// Whether there was a position.
+    pub fn has_position(&self) -> bool {
+        self.fixes.borrow().is_some()
+    }
+
+    /// The time of day by the receiver's clock.
+    pub fn now(&self) -> Option<Duration> {
+        let fix = (*self.fixes.borrow())?;
+        Some(fix.since_1970? + fix.taken.elapsed())
     }
 }
 

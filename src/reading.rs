@@ -35,6 +35,21 @@ impl Reading {
         }
     }
 
+    /// Field, rate and force as a log has them. A number that is not finite is no measurement: its axis of the magnetometer
+    /// is left empty, of the gyro and the accelerometer all three.
+    pub fn cells(&self) -> [[Option<f64>; 3]; 3] {
+        let whole = |vector: Option<Vector3<f64>>| match vector {
+            Some(v) if v.iter().all(|n| n.is_finite()) => [Some(v.x), Some(v.y), Some(v.z)],
+            _ => [None; 3],
+        };
+        let field = self.field_mgauss.unwrap_or_default();
+        [
+            field.map(|axis| axis.filter(|n| n.is_finite())),
+            whole(self.rate_rad_s),
+            whole(self.specific_force_m_s2),
+        ]
+    }
+
     /// There is a field, but at least one axis overflowed.
     pub fn field_overflowed(&self) -> bool {
         self.field_mgauss.is_some() && self.whole_field_mgauss().is_none()

@@ -107,7 +107,6 @@ impl Service {
         self.ready = false;
     }
 
-    /// The end has begun.
     pub fn stopping(&mut self) {
         self.say("STOPPING=1\nSTATUS=stopping");
     }

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::{Failure, print, print_json, tell_skips};
 use crate::alignment::{Alignment, ChipAlignment, Sign, align};
-use crate::frame::Mounting;
+use crate::frame::{Mounting, rounded};
 use crate::sensor::replay::Replay;
 
 /// So many readings are used, from the beginning: an hour at 100 a second, and more motion tells nothing new.
@@ -37,11 +37,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The log cannot be read, or the motion does not tell.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let mut replay = Replay::open(&args.log)?;
     let mut readings = Vec::new();
@@ -81,7 +76,7 @@ fn as_text(found: &Alignment) -> String {
         let turn = format!("{x:.1} ± {sx:.1}, {y:.1} ± {sy:.1}, {z:.1} ± {sz:.1}");
         text += &format!("# beside that, turned against the gyro about X, Y, Z by {turn} degrees");
         text += &if certain {
-            format!(", as in\n#{name} = \"{}\"\n", rounded(&chip.exact))
+            format!(", as in\n#{name} = \"{}\"\n", readable(&chip.exact))
         } else {
             "\n".to_owned()
         };
@@ -106,14 +101,14 @@ fn as_text(found: &Alignment) -> String {
 }
 
 fn as_json(found: &Alignment) -> Value {
-    let tenths = |degrees: [f64; 3]| degrees.map(|one| (100.0 * one).round() / 100.0);
+    let hundredths = |degrees: [f64; 3]| degrees.map(|one| rounded(one, 2));
     let mut all = Map::new();
     let mut add = |name: &str, axes: &Mounting, chip: Option<&ChipAlignment>| {
         let mut entry = json!({ "axes": axes.to_string() });
         if let Some(chip) = chip {
-            entry["exact"] = json!(rounded(&chip.exact).to_string());
-            entry["turn_deg"] = json!(tenths(chip.turn_deg));
-            entry["turn_sd_deg"] = json!(tenths(chip.turn_sd_deg));
+            entry["exact"] = json!(readable(&chip.exact).to_string());
+            entry["turn_deg"] = json!(hundredths(chip.turn_deg));
+            entry["turn_sd_deg"] = json!(hundredths(chip.turn_sd_deg));
         }
         all.insert(name.to_owned(), entry);
     };
@@ -131,7 +126,7 @@ fn as_json(found: &Alignment) -> Value {
 }
 
 /// With as many digits as mean something.
-fn rounded(mounting: &Mounting) -> Mounting {
-    let digits = mounting.rotation().map(|n| (1e5 * n).round() / 1e5 + 0.0);
+fn readable(mounting: &Mounting) -> Mounting {
+    let digits = mounting.rotation().map(|n| rounded(n, 5));
     Mounting::from_matrix(digits).unwrap_or(*mounting)
 }

@@ -5,12 +5,13 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 
-use super::{Failure, config_file, number, print, print_json, read_log, rounded, tell_skips, word};
+use super::{Failure, config_file, number, print, print_json, read_log, tell_skips, word};
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
 use crate::calibration::settings::{ModeChoice, ModelChoice, Profile, StopChoice, WindowChoice};
 use crate::config::Config;
+use crate::frame::rounded;
 use crate::pipeline::{Survey, Surveyed};
 use crate::sensor::replay::Replay;
 use crate::store::{Contents, History, Identity, Made, Store};
@@ -66,7 +67,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Where the plane of a planar calibration comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Plane {
     /// Across the axis of the turn, by the gyro
@@ -91,11 +91,6 @@ impl Plane {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The log or the configuration cannot be used, the calibration is refused, or a file cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = settings(args)?;
     if args.plane != Plane::Gyro && config.calibration.mode == ModeChoice::Spatial {
@@ -181,7 +176,6 @@ fn unseen(code: &str) -> &str {
     }
 }
 
-/// An outcome for a person.
 fn summary(outcome: &Outcome) -> String {
     let list = |numbers: &Option<Vec<f64>>, digits: usize| match numbers {
         Some(numbers) => {

@@ -20,18 +20,15 @@ use crate::store::{Contents, Store};
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd calibration list")]
 pub struct Args {
-    /// Which daemon is meant.
     #[command(flatten)]
     pub target: ControlTarget,
     /// Print the daemon's answer, one JSON object; a refusal too
     #[arg(long, global = true)]
     pub json: bool,
-    /// What to do.
     #[command(subcommand)]
     pub action: CalibrationAction,
 }
 
-/// What to do with the calibrations.
 #[derive(Clone, Debug, Subcommand)]
 pub enum CalibrationAction {
     /// List the calibrations kept of this sensor, the oldest first
@@ -108,11 +105,6 @@ impl CalibrationAction {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The daemon cannot be reached or refuses, or a file cannot be read or written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     if let CalibrationAction::Start { wait: true } = args.action {
         return start_and_wait(&args.target, args.json);

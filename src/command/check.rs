@@ -3,15 +3,16 @@
 #[cfg(test)]
 mod tests;
 
-use std::fmt::Write;
+use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use super::progress::Progress;
-use super::{Failure, config_file, print, print_json, rounded};
+use super::{Failure, config_file, print, print_json};
 use crate::config::Config;
 use crate::config::source::Kind;
+use crate::frame::rounded;
 use crate::sensor::bus::LinuxBus;
 use crate::sensor::clock::SystemClock;
 use crate::sensor::i2c::examine::{CheckReport, Expected, examine};
@@ -30,11 +31,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The configuration cannot be used, or a chip is not well.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let path = config_file::path(args.config.as_deref());
     let config = config_file::read(&path)?;
@@ -52,7 +48,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         print_json(&report)?;
     } else {
-        print(&written(&report))?;
+        print(&report.to_string())?;
     }
     if report.problems.is_empty() {
         Ok(())
@@ -70,69 +66,61 @@ fn expected(config: &Config) -> Expected<'_> {
     }
 }
 
-/// The report, line by line.
-fn written(report: &CheckReport) -> String {
-    let mut text = String::new();
-    // Writing to a String never fails.
-    let _ = write(report, &mut text);
-    text
+/// Line by line.
+impl fmt::Display for CheckReport {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(out, "{}", self.bus)?;
+        for found in &self.chips {
+            writeln!(out, "  0x{:02x}  {}", found.address, found.chip)?;
+        }
+        if let Some(found) = &self.magnetometer {
+            let probably = if found.sure { "" } else { "probably " };
+            writeln!(
+                out,
+                "magnetometer: {probably}{} ({})",
+                found.kind, found.why
+            )?;
+        }
+        for axis in &self.self_test {
+            let measured = axis.test.measured.map_or("overflow".to_owned(), whole);
+            let passed = if axis.passed { "good" } else { "NOT GOOD" };
+            let (low, high) = axis.test.limits;
+            writeln!(
+                out,
+                "  self-test {}: {measured} counts, expected {:.0} ({low:.0} to {high:.0}): {passed}",
+                axis.axis, axis.test.expected
+            )?;
+        }
+        if let (Some(field), Some(rate_hz)) = (self.field_mgauss, self.mag_rate_hz) {
+            writeln!(
+                out,
+                "  field: {field:.0} mG, {rate_hz:.1} readings a second (the Earth's: 220 to 670 mG)"
+            )?;
+        }
+        if let (Some([x, y, z]), Some(noise), Some(rate_hz)) =
+            (self.gyro_deg_s, self.gyro_noise_deg_s, self.gyro_rate_hz)
+        {
+            writeln!(
+                out,
+                "gyro at rest: {x:+.2} {y:+.2} {z:+.2} deg/s on body X, Y, Z, noise {noise:.2} deg/s, {rate_hz:.1} readings a second"
+            )?;
+        }
+        if let Some([x, y, z]) = self.accel_m_s2 {
+            writeln!(
+                out,
+                "accelerometer at rest: {x:+.2} {y:+.2} {z:+.2} m/s2 on body X, Y, Z (level: 0 0 -9.8)"
+            )?;
+        }
+        for problem in &self.problems {
+            writeln!(out, "PROBLEM ({}): {}", problem.code, problem.message)?;
+        }
+        if self.problems.is_empty() {
+            writeln!(out, "all is well")?;
+        }
+        Ok(())
+    }
 }
 
-fn write(report: &CheckReport, out: &mut String) -> std::fmt::Result {
-    writeln!(out, "{}", report.bus)?;
-    for found in &report.chips {
-        writeln!(out, "  0x{:02x}  {}", found.address, found.chip)?;
-    }
-    if let Some(found) = &report.magnetometer {
-        let probably = if found.sure { "" } else { "probably " };
-        writeln!(
-            out,
-            "magnetometer: {probably}{} ({})",
-            found.kind, found.why
-        )?;
-    }
-    for axis in &report.self_test {
-        let measured = axis.test.measured.map_or("overflow".to_owned(), whole);
-        let passed = if axis.passed { "good" } else { "NOT GOOD" };
-        let (low, high) = axis.test.limits;
-        writeln!(
-            out,
-            "  self-test {}: {measured} counts, expected {:.0} ({low:.0} to {high:.0}): {passed}",
-            axis.axis, axis.test.expected
-        )?;
-    }
-    if let (Some(field), Some(rate_hz)) = (report.field_mgauss, report.mag_rate_hz) {
-        writeln!(
-            out,
-            "  field: {field:.0} mG, {rate_hz:.1} readings a second (the Earth's: 220 to 670 mG)"
-        )?;
-    }
-    if let (Some([x, y, z]), Some(noise), Some(rate_hz)) = (
-        report.gyro_deg_s,
-        report.gyro_noise_deg_s,
-        report.gyro_rate_hz,
-    ) {
-        writeln!(
-            out,
-            "gyro at rest: {x:+.2} {y:+.2} {z:+.2} deg/s on body X, Y, Z, noise {noise:.2} deg/s, {rate_hz:.1} readings a second"
-        )?;
-    }
-    if let Some([x, y, z]) = report.accel_m_s2 {
-        writeln!(
-            out,
-            "accelerometer at rest: {x:+.2} {y:+.2} {z:+.2} m/s2 on body X, Y, Z (level: 0 0 -9.8)"
-        )?;
-    }
-    for problem in &report.problems {
-        writeln!(out, "PROBLEM ({}): {}", problem.code, problem.message)?;
-    }
-    if report.problems.is_empty() {
-        writeln!(out, "all is well")?;
-    }
-    Ok(())
-}
-
-/// A number without decimals.
 fn whole(counts: f64) -> String {
     format!("{:.0}", rounded(counts, 0))
 }

@@ -17,12 +17,10 @@ use crate::wall_clock;
 /// Check a configuration file or show the effective settings
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// What to do.
     #[command(subcommand)]
     pub action: ConfigAction,
 }
 
-/// What to do with a configuration.
 #[derive(Clone, Debug, Subcommand)]
 pub enum ConfigAction {
     /// Check a file and list every fault in it. What has no effect, or is not there yet, is a warning
@@ -37,11 +35,6 @@ pub enum ConfigAction {
     },
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The configuration cannot be read, or is wrong.
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.action {
         ConfigAction::Check { file } => {

@@ -32,10 +32,6 @@ pub fn path(named: Option<&Path>) -> PathBuf {
 }
 
 /// The configuration of a command that can do with the defaults: they hold where no file is named and there is none.
-///
-/// # Errors
-///
-/// The file cannot be read, or has a fault.
 pub fn load(named: Option<&Path>) -> Result<Config, Failure> {
     let path = path(named);
     let chosen = named.is_some() || env::var_os(VARIABLE).is_some();
@@ -47,10 +43,6 @@ pub fn load(named: Option<&Path>) -> Result<Config, Failure> {
 
 /// The configuration of a command that only has to find a running daemon. That daemon may be older than a fault in the
 /// file: then the usual sockets are tried.
-///
-/// # Errors
-///
-/// A file that was named cannot be read, or has a fault.
 pub fn load_for_client(named: Option<&Path>) -> Result<Config, Failure> {
     match load(named) {
         Err(failure) if named.is_none() => {
@@ -64,11 +56,6 @@ pub fn load_for_client(named: Option<&Path>) -> Result<Config, Failure> {
 /// The longest configuration that is read, bytes: one with every key has a hundredth of it.
 const LONGEST_CONFIG: u64 = 1 << 20;
 
-/// The configuration in a file.
-///
-/// # Errors
-///
-/// The file cannot be read, or is no configuration.
 pub fn read(path: &Path) -> Result<Config, Failure> {
     let name = path.display();
     let mut bytes = Vec::new();

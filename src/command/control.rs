@@ -24,7 +24,6 @@ const CONNECT_PATIENCE: Duration = Duration::from_secs(5);
 /// No answer is longer, bytes.
 const LONGEST: u64 = 1 << 22;
 
-/// Which daemon is meant.
 #[derive(Clone, Debug, clap::Args)]
 pub struct ControlTarget {
     /// The daemon's control socket; without it, that of the configuration
@@ -36,7 +35,6 @@ pub struct ControlTarget {
 }
 
 impl ControlTarget {
-    /// Where its control socket is.
     pub(super) fn path(&self) -> Result<PathBuf, Failure> {
         if let Some(path) = &self.socket {
             return Ok(path.clone());
@@ -46,10 +44,6 @@ impl ControlTarget {
     }
 
     /// Sends a request; gives the answer. With `json` a refusal is printed, too.
-    ///
-    /// # Errors
-    ///
-    /// The daemon cannot be reached, or refuses.
     pub fn ask(&self, request: &ControlRequest, json: bool) -> Result<Value, Failure> {
         let answer = exchange(&self.path()?, request);
         let Err((failure, Some(answer))) = answer else {

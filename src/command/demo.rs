@@ -9,9 +9,8 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::UnixStream;
-use tokio::signal::unix::SignalKind;
 
-use super::run::{catch, runtime};
+use super::run::{ENDS, catch, runtime};
 use super::{Failure, OrFail, number, print};
 use crate::config::{Config, source};
 use crate::daemon::{Daemon, DaemonError};
@@ -50,11 +49,6 @@ pub struct Args {
     pub socket: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The simulated board cannot be made, or the demo has failed.
 pub fn run(args: &Args) -> Result<(), Failure> {
     Log::start("error");
     runtime()?.block_on(demo(args))
@@ -62,11 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 async fn demo(args: &Args) -> Result<(), Failure> {
     // Before there is anything that would be left behind.
-    let mut signals = catch(&[
-        SignalKind::interrupt(),
-        SignalKind::terminate(),
-        SignalKind::hangup(),
-    ])?;
+    let mut signals = catch(&ENDS)?;
     // The folder is removed when this function ends.
     let (socket, _folder) = match &args.socket {
         Some(path) => (
@@ -133,7 +123,6 @@ fn config(args: &Args, socket: &Path) -> Config {
     }
 }
 
-/// Watches like any client, until the daemon hangs up.
 async fn watch(stream: UnixStream, timeline: &mut Timeline) -> io::Result<Result<(), Failure>> {
     let (reader, mut writer) = stream.into_split();
     writer.write_all(WATCH).await?;

@@ -6,6 +6,7 @@ use serde_json::json;
 
 use super::{Failure, print, print_json};
 use crate::date;
+use crate::frame::rounded;
 use crate::true_north::{EarthField, Known, Position};
 use crate::wall_clock;
 
@@ -46,11 +47,6 @@ fn day(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| "must be a day since 1970, as 2026-11-21".to_owned())
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The model has no answer for the place or the day, or the day is not known.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let position = Position {
         latitude_deg: args.lat,
@@ -67,8 +63,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         return print_json(&as_json(&position, &day, &field));
     }
-    if let Some(zone) = field.zone {
-        eprintln!("headingd: {}", zone.warning(&field));
+    if let Some(warning) = field.warning() {
+        eprintln!("headingd: {warning}");
     }
     print(&as_text(&position, &day, &field))
 }
@@ -106,7 +102,7 @@ fn as_text(position: &Position, day: &str, field: &EarthField) -> String {
 }
 
 fn as_json(position: &Position, day: &str, field: &EarthField) -> serde_json::Value {
-    let hundredths = |value: f64| (100.0 * value).round() / 100.0;
+    let hundredths = |value| rounded(value, 2);
     json!({
         "latitude_deg": position.latitude_deg,
         "longitude_deg": position.longitude_deg,
@@ -120,6 +116,6 @@ fn as_json(position: &Position, day: &str, field: &EarthField) -> serde_json::Va
         "total_sd_mgauss": hundredths(field.strength_mgauss.sd),
         "horizontal_mgauss": hundredths(field.horizontal_mgauss.value),
         "horizontal_sd_mgauss": hundredths(field.horizontal_mgauss.sd),
-        "warning": field.zone.map(|zone| zone.warning(field)),
+        "warning": field.warning(),
     })
 }

@@ -14,7 +14,6 @@ use crate::config::Config;
 /// No message is longer, bytes: that of a board with all its remarks is the longest.
 const LONGEST: u64 = 1 << 20;
 
-/// Which daemon's headings are meant.
 #[derive(Clone, Debug, clap::Args)]
 pub struct HeadingTarget {
     /// The daemon's socket for headings; without it, that of the configuration
@@ -28,18 +27,12 @@ pub struct HeadingTarget {
 /// The two sockets of a daemon.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DaemonSockets {
-    /// For headings.
     pub headings: PathBuf,
-    /// For control.
     pub control: PathBuf,
 }
 
 impl HeadingTarget {
     /// Where its sockets are. Without a configuration the control socket is where it is by default: beside the other.
-    ///
-    /// # Errors
-    ///
-    /// The configuration that was named cannot be used.
     pub fn sockets(&self) -> Result<DaemonSockets, Failure> {
         let config = match self.socket {
             Some(_) => Config::default(),
@@ -86,10 +79,6 @@ pub struct Headings {
 
 impl Headings {
     /// Connects, and asks for what `watch` says: the argument of a `?WATCH`.
-    ///
-    /// # Errors
-    ///
-    /// Nobody serves there, or this user may not connect.
     pub fn open(path: &Path, watch: &str) -> Result<Self, Failure> {
         let opened = connect(path).and_then(|mut stream| {
             stream.write_all(format!("?WATCH={watch};\n").as_bytes())?;
@@ -106,7 +95,6 @@ impl Headings {
         Ok(headings)
     }
 
-    /// Reads the banner.
     fn greeting(&mut self) -> Result<(), Failure> {
         if self.object()?["class"] == "VERSION" {
             return Ok(());
@@ -119,10 +107,6 @@ impl Headings {
     }
 
     /// Passes over everything that the daemon has sent so far.
-    ///
-    /// # Errors
-    ///
-    /// The daemon has hung up.
     pub fn pass_over(&mut self) -> Result<(), Failure> {
         let sent = self.reader.get_mut().write_all(b"?VERSION;\n");
         sent.map_err(|error| unreachable(&self.path, &error))?;
@@ -136,20 +120,12 @@ impl Headings {
     }
 
     /// The next line, without its end.
-    ///
-    /// # Errors
-    ///
-    /// The daemon has hung up, or refuses.
     pub fn line(&mut self) -> Result<&str, Failure> {
         while !self.read()? {}
         Ok(self.text())
     }
 
     /// Gives up waiting for a line after so long, where there is a limit: see [`Headings::object_in_time`].
-    ///
-    /// # Errors
-    ///
-    /// The system refuses.
     pub fn set_patience(&mut self, patience: Option<Duration>) -> Result<(), Failure> {
         let set = self.reader.get_ref().set_read_timeout(patience);
         set.map_err(|error| unreachable(&self.path, &error))
@@ -187,10 +163,6 @@ impl Headings {
     }
 
     /// The next object; lines that are none are passed over.
-    ///
-    /// # Errors
-    ///
-    /// The daemon has hung up, or refuses.
     pub fn object(&mut self) -> Result<Value, Failure> {
         loop {
             if let Some(object) = self.object_in_time()? {
@@ -200,10 +172,6 @@ impl Headings {
     }
 
     /// The next object, or `None` where it does not come within the patience that is set.
-    ///
-    /// # Errors
-    ///
-    /// The daemon has hung up, or refuses.
     pub fn object_in_time(&mut self) -> Result<Option<Value>, Failure> {
         loop {
             if !self.read()? {

@@ -10,39 +10,39 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::logging;
-use crate::recording::{Entry, Skips};
-use crate::sensor::replay::{Replay, ReplayError};
+use crate::recording::{Entry, RecordingError, Skips};
+use crate::sensor::replay::Replay;
 use crate::store::StoreError;
 
-pub mod align;
-pub mod calibrate;
-pub mod calibration;
-pub mod check;
-pub mod config;
+mod align;
+mod calibrate;
+mod calibration;
+mod check;
+mod config;
 mod config_file;
-pub mod control;
-pub mod demo;
-pub mod field;
+mod control;
+mod demo;
+mod field;
 mod headings;
 pub mod line;
-pub mod monitor;
-pub mod mounting;
+mod monitor;
+mod mounting;
 mod progress;
-pub mod record;
-pub mod replay;
-pub mod report;
-pub mod run;
-pub mod simulate;
-pub mod status;
+mod record;
+mod replay;
+mod report;
+mod run;
+mod simulate;
+mod status;
 mod wait;
-pub mod watch;
+mod watch;
 
 use progress::Progress;
 
 /// Why a command failed: what the shell and the user are told.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
-pub struct Failure {
+struct Failure {
     /// Exit status: one of the constants here.
     pub status: u8,
     /// What went wrong; may have several lines. Empty: it has been said.
@@ -71,7 +71,6 @@ impl Failure {
     /// A wrong configuration (EX_CONFIG).
     pub const CONFIG: u8 = 78;
 
-    /// A failure with one of the statuses above.
     pub fn new(status: u8, message: impl fmt::Display) -> Self {
         Self {
             status,
@@ -122,23 +121,14 @@ fn printed(result: Result<(), Halt>) -> Result<(), Failure> {
     }
 }
 
-/// Writes to standard output.
-///
-/// # Errors
-///
-/// It cannot be written, and somebody would read it.
-pub fn print(text: &str) -> Result<(), Failure> {
+fn print(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
     printed(written.map_err(Halt::Output))
 }
 
 /// Writes a value to standard output, as one line of JSON.
-///
-/// # Errors
-///
-/// It cannot be written, and somebody would read it.
-pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
+fn print_json(value: &impl Serialize) -> Result<(), Failure> {
     let json = serde_json::to_string(value).or_fail(Failure::IO, "cannot write JSON")?;
     print(&(json + "\n"))
 }
@@ -168,17 +158,7 @@ where
     PossibleValuesParser::new(words).try_map(|word| serde_json::from_value(word.into()))
 }
 
-/// The value with so many decimals; what rounds to 0 has no sign.
-fn rounded(value: f64, decimals: i32) -> f64 {
-    let unit = 10f64.powi(decimals);
-    (value * unit).round() / unit + 0.0
-}
-
 /// Reads a log to its end, beside a bar on a terminal. Hands over each entry, and whether a new stretch begins with it.
-///
-/// # Errors
-///
-/// The log cannot be read any further, or what is done with an entry fails.
 fn read_log<E: From<Failure>>(
     mut log: Replay,
     mut take: impl FnMut(Entry, bool) -> Result<(), E>,
@@ -192,11 +172,7 @@ fn read_log<E: From<Failure>>(
 }
 
 /// Says on standard error that rows of a log were skipped, if some were; that most were is a failure.
-///
-/// # Errors
-///
-/// Most rows of the log were skipped.
-pub fn tell_skips(skips: &Skips) -> Result<(), Failure> {
+fn tell_skips(skips: &Skips) -> Result<(), Failure> {
     let Some(summary) = skips.summary() else {
         return Ok(());
     };
@@ -208,11 +184,11 @@ pub fn tell_skips(skips: &Skips) -> Result<(), Failure> {
     Ok(())
 }
 
-impl From<ReplayError> for Failure {
-    fn from(error: ReplayError) -> Self {
+impl From<RecordingError> for Failure {
+    fn from(error: RecordingError) -> Self {
         let status = match error {
-            ReplayError::BadData(_) => Self::DATA,
-            ReplayError::Unreadable { .. } => Self::NO_INPUT,
+            RecordingError::Header { .. } => Self::DATA,
+            RecordingError::Open { .. } | RecordingError::Read { .. } => Self::NO_INPUT,
         };
         Self::new(status, error)
     }

@@ -11,7 +11,6 @@ use crate::publish::control::ControlRequest;
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd mounting --level --heading 270")]
 pub struct Args {
-    /// Which daemon is meant.
     #[command(flatten)]
     pub target: ControlTarget,
     /// The board is level now: pitch and roll become 0, and ahead stays ahead
@@ -28,11 +27,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The daemon cannot be reached, or refuses.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let request = ControlRequest::Mounting {
         level: args.level,

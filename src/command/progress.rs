@@ -13,6 +13,15 @@ const PARTS: u64 = 1000;
 /// How many rows of a log are read between two looks at how far that is.
 const ROWS_A_LOOK: u64 = 8192;
 
+/// Length of a bar of text, characters.
+const BAR: usize = 20;
+
+/// How much is done, 0 to 1, as text.
+pub fn bar(share: f64) -> String {
+    let done = ((share * BAR as f64) as usize).min(BAR);
+    format!("[{}{}]", "#".repeat(done), ".".repeat(BAR - done))
+}
+
 /// A bar, from nothing to all of the work. It is removed with the command, or by [`Progress::finish`].
 #[derive(Debug)]
 pub struct Progress {
@@ -57,7 +66,6 @@ impl Progress {
         !self.bar.is_hidden()
     }
 
-    /// Says what is being done.
     pub fn say(&self, message: String) {
         self.bar.set_message(message);
     }
@@ -75,7 +83,6 @@ impl Progress {
         }
     }
 
-    /// Removes the bar.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }

@@ -3,9 +3,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use tokio::signal::unix::SignalKind;
-
-use super::run::{catch, runtime};
+use super::run::{ENDS, catch, runtime};
 use super::{Failure, config_file, number};
 use crate::daemon::record::Recording;
 use crate::logging::Log;
@@ -30,20 +28,11 @@ pub struct Args {
     pub duration: Option<f64>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The configuration or the source cannot be used, no reading came, or the log cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
     Log::start(&config.log.filter);
     runtime()?.block_on(async {
-        let mut signals = catch(&[
-            SignalKind::terminate(),
-            SignalKind::interrupt(),
-            SignalKind::hangup(),
-        ])?;
+        let mut signals = catch(&ENDS)?;
         let over = async {
             match args.duration {
                 Some(duration_s) => tokio::time::sleep(Duration::from_secs_f64(duration_s)).await,

@@ -47,11 +47,6 @@ pub struct Args {
     pub store: Option<PathBuf>,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The log, the configuration or the calibration cannot be used, or the output cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let mut config = config_file::load(args.config.as_deref())?;
     if let Some(seed) = args.seed {

@@ -4,15 +4,14 @@ use std::future::pending;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use tokio::runtime::Builder;
-
 use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
+use super::run::runtime;
 use super::{Failure, OrFail, config_file, number, print, read_log, tell_skips};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
-use crate::position::{Follower, GpsFix, Gpsd};
+use crate::position::{Follower, Gpsd};
 use crate::publish::control::ControlRequest;
 use crate::publish::raw::{self, Object};
 use crate::recording::{Header, TimeOfDay};
@@ -59,11 +58,6 @@ impl From<ReportError> for Failure {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The log or the daemon cannot be read, there was no reading, or the page cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
     let (about, analysis) = match &args.log {
@@ -114,7 +108,6 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
         let why = "the daemon has handed out no readings: headingd status says why";
         Failure::new(Failure::UNAVAILABLE, why)
     };
-    let mut fix: Option<GpsFix> = None;
     let bar = Progress::with_message();
     bar.say(format!(
         "listening for {:.0} s; Ctrl-C gives up",
@@ -133,8 +126,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
         };
         match serde_json::from_value(object) {
             Ok(Object::Board { header }) => {
-                let header =
-                    raw::header(&header).map_err(|why| Failure::new(Failure::DATA, why))?;
+                let header = raw::header(&header)?;
                 let about = about(&sockets.headings.display().to_string(), &header);
                 let setup = config.setup(&header.mountings);
                 let north = TrueNorth::new(&config.true_north);
@@ -142,12 +134,11 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
             }
             Ok(Object::Reading(row)) => {
                 if let Some((_, analysis)) = &mut found {
-                    fix = gpsd.as_mut().and_then(Follower::news).or(fix);
-                    if let Some(fix) = &fix {
-                        analysis.put_position(fix.position);
+                    if let Some(position) = gpsd.as_mut().and_then(Follower::news) {
+                        analysis.put_position(position);
                     }
                     // A board without a clock of its own has the receiver's.
-                    let now = wall_clock::now().or_else(|| fix?.now());
+                    let now = wall_clock::now().or_else(|| gpsd.as_ref()?.now());
                     analysis.take(row.reading(), now);
                 }
             }
@@ -155,7 +146,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
         }
     }
     bar.finish();
-    if gpsd.is_some() && fix.is_none() {
+    if gpsd.is_some_and(|gpsd| !gpsd.has_position()) {
         eprintln!(
             "headingd: no position from the gpsd at {}",
             config.true_north.gpsd
@@ -171,8 +162,7 @@ fn follower(config: &Config) -> Result<Option<Follower>, Failure> {
     let Some(gpsd) = Gpsd::parse(&config.true_north.gpsd) else {
         return Ok(None);
     };
-    let runtime = Builder::new_current_thread().enable_all().build();
-    let runtime = runtime.or_fail(Failure::SYSTEM, "cannot follow the gpsd")?;
+    let runtime = runtime()?;
     let follower = {
         let _within = runtime.enter();
         Follower::start(gpsd)

@@ -11,7 +11,7 @@ use crate::config::Config;
 use crate::daemon::signals::Signals;
 use crate::daemon::{Daemon, DaemonError, Ended, Notice};
 use crate::logging::Log;
-use crate::sensor::replay::ReplayError;
+use crate::recording::RecordingError;
 use crate::service::Service;
 
 /// Run the daemon: read the sensors, calibrate, and serve headings
@@ -31,7 +31,9 @@ pub struct Args {
 impl From<DaemonError> for Failure {
     fn from(error: DaemonError) -> Self {
         let status = match &error {
-            DaemonError::Replay(ReplayError::BadData(_)) | DaemonError::Unusable(_) => Self::DATA,
+            DaemonError::Replay(RecordingError::Header { .. }) | DaemonError::Unusable(_) => {
+                Self::DATA
+            }
             DaemonError::Replay(_) => Self::NO_INPUT,
             DaemonError::NoSource
             | DaemonError::NothingToRecord { .. }
@@ -48,11 +50,6 @@ impl From<DaemonError> for Failure {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The configuration cannot be used, or the daemon cannot start or go on.
 pub fn run(args: &Args) -> Result<(), Failure> {
     serve(args).inspect_err(|failure| Service::failed(&failure.message))
 }
@@ -67,12 +64,7 @@ fn serve(args: &Args) -> Result<(), Failure> {
     let on_terminal = io::stderr().is_terminal();
     runtime()?.block_on(async {
         // Before the socket is there: whoever sees it may send a signal.
-        let mut signals = catch(&[
-            SignalKind::terminate(),
-            SignalKind::interrupt(),
-            SignalKind::hangup(),
-            SignalKind::user_defined1(),
-        ])?;
+        let mut signals = catch(&[&ENDS[..], &[SignalKind::user_defined1()]].concat())?;
         let daemon = Daemon::open(&config, service).map_err(|error| match error {
             DaemonError::NoSource => {
                 Failure::new(Failure::CONFIG, format!("{}: {error}", path.display()))
@@ -83,10 +75,10 @@ fn serve(args: &Args) -> Result<(), Failure> {
             let kind = signals.received().await;
             if kind == SignalKind::user_defined1() {
                 Notice::Summary
-            } else if kind != SignalKind::hangup() {
-                Notice::Stop
-            } else if on_terminal && !io::stderr().is_terminal() {
+            } else if kind != SignalKind::hangup()
                 // The terminal it was started from has gone.
+                || on_terminal && !io::stderr().is_terminal()
+            {
                 Notice::Stop
             } else {
                 let (path, log) = (path.clone(), log.clone());
@@ -119,7 +111,13 @@ pub(super) fn runtime() -> Result<Runtime, Failure> {
     built.or_fail(Failure::SYSTEM, "cannot start")
 }
 
-/// Catches these signals.
+/// The signals that end a command.
+pub(super) const ENDS: [SignalKind; 3] = [
+    SignalKind::terminate(),
+    SignalKind::interrupt(),
+    SignalKind::hangup(),
+];
+
 pub(super) fn catch(kinds: &[SignalKind]) -> Result<Signals, Failure> {
     Signals::catch(kinds).or_fail(Failure::SYSTEM, "cannot catch signals")
 }

@@ -76,11 +76,6 @@ fn three(text: &str) -> Result<[f64; 3], String> {
         .ok_or_else(|| "three numbers are needed, with commas and no spaces: 1,0.9,1.1".to_owned())
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The options contradict each other, or the log cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let simulator = Simulator::new(Settings {
         scenario: args.scenario,

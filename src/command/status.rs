@@ -14,7 +14,6 @@ use crate::publish::control::status::DaemonStatus;
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd status --json")]
 pub struct Args {
-    /// Which daemon is meant.
     #[command(flatten)]
     pub target: ControlTarget,
     /// Print the daemon's answer, one JSON object; a refusal too
@@ -22,11 +21,6 @@ pub struct Args {
     pub json: bool,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// The daemon cannot be reached.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let answer = args.target.ask(&ControlRequest::Status {}, args.json)?;
     if args.json {

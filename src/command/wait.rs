@@ -22,11 +22,7 @@ const LOOK: Duration = Duration::from_secs(2);
 /// Without a terminal, a line each time that so much more of a turn is done.
 const STEP: f64 = 0.25;
 
-/// Asks for a calibration on the next turn, and waits for its verdict.
-///
-/// # Errors
-///
-/// The daemon cannot be reached, does not start, or refuses the calibration: then with status [`Failure::REFUSED`].
+/// Asks for a calibration on the next turn, and waits for its verdict. A refusal has status [`Failure::REFUSED`].
 pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure> {
     let path = target.path()?;
     let ask_status = || -> Result<DaemonStatus, Failure> {

@@ -18,7 +18,6 @@ const TEXT_RATE_HZ: f64 = 1.0;
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd watch --json | jq .mheading")]
 pub struct Args {
-    /// Which daemon is meant.
     #[command(flatten)]
     pub target: HeadingTarget,
     /// Print JSON, an object a line
@@ -47,11 +46,6 @@ impl Args {
     }
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// No daemon serves there, or it stops.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let sockets = args.target.sockets()?;
     let mut headings = Headings::open(&sockets.headings, &args.watch().to_string())?;
@@ -91,7 +85,6 @@ fn print(args: &Args, headings: &mut Headings, out: &mut impl Write) -> Result<(
     Ok(())
 }
 
-/// A heading as text.
 fn line(att: &Value) -> String {
     let number = |key: &str| att[key].as_f64();
     let time = match (att["time"].as_str(), number("t_s")) {

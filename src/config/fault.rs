@@ -12,30 +12,15 @@ pub struct ConfigError {
 }
 
 /// One fault of a configuration.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{sentence}")]
 pub struct ConfigFault {
     /// Line, counted from 1, where it can be found: a default that does not suit has none.
     pub line: Option<usize>,
     /// Column, counted from 1 in characters; of syntax errors only.
     pub column: Option<usize>,
-    /// `table.key`; empty in syntax errors.
-    pub key: String,
-    /// What is wrong.
-    pub problem: Problem,
-}
-
-/// What is wrong with a key.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Problem {
-    /// A value that cannot be used.
-    Unusable {
-        /// What was found.
-        found: String,
-        /// What would be right: a range with its unit, a type, or the choices.
-        right: String,
-    },
-    /// Anything else, as a sentence.
-    Other(String),
+    /// What is wrong, and with which key, as `table.key`.
+    pub sentence: String,
 }
 
 impl fmt::Display for ConfigError {
@@ -45,26 +30,11 @@ impl fmt::Display for ConfigError {
                 f.write_str("\n")?;
             }
             f.write_str(&self.name)?;
-            if let Some(line) = fault.line {
-                write!(f, ":{line}")?;
-            }
-            if let Some(column) = fault.column {
-                write!(f, ":{column}")?;
+            for number in fault.line.iter().chain(&fault.column) {
+                write!(f, ":{number}")?;
             }
             write!(f, ": {fault}")?;
         }
         Ok(())
-    }
-}
-
-impl fmt::Display for ConfigFault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.problem {
-            Problem::Unusable { found, right } => {
-                write!(f, "{} is {found}, but must be {right}", self.key)
-            }
-            Problem::Other(sentence) if self.key.is_empty() => f.write_str(sentence),
-            Problem::Other(sentence) => write!(f, "{}: {sentence}", self.key),
-        }
     }
 }

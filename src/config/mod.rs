@@ -5,12 +5,12 @@
 
 mod change;
 mod fault;
-pub mod log;
-pub mod mounting;
+pub(crate) mod log;
+pub(crate) mod mounting;
 mod reader;
-pub mod record;
+pub(crate) mod record;
 mod retired;
-pub mod source;
+pub(crate) mod source;
 mod syntax;
 mod words;
 
@@ -23,9 +23,8 @@ use crate::publish::{control, nmea, server};
 use crate::sensor::{i2c, serial, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, true_north, turn};
 
-pub use change::Change;
-pub use fault::{ConfigError, ConfigFault, Problem};
-pub use reader::Settings;
+use fault::ConfigError;
+use reader::Settings;
 
 /// A table of the configuration, as the code knows it.
 #[derive(Clone, Debug, PartialEq)]

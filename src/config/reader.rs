@@ -8,7 +8,7 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
 use super::Table;
-use super::fault::{ConfigFault, Problem};
+use super::fault::ConfigFault;
 use super::retired;
 use super::syntax;
 use super::syntax::{LineIndex, column};
@@ -47,7 +47,6 @@ impl Target<'_> {
     }
 }
 
-/// A document being read.
 pub(super) struct TableReader<'i> {
     text: &'i str,
     places: LineIndex,
@@ -84,8 +83,7 @@ impl<'i> TableReader<'i> {
                 ConfigFault {
                     line: at.map(|at| places.line(at)),
                     column: at.map(|at| column(text, at)),
-                    key: String::new(),
-                    problem: Problem::Other(sentence),
+                    sentence,
                 }
             })
             .collect();
@@ -114,7 +112,7 @@ impl<'i> TableReader<'i> {
                 };
                 format!("this key is outside any table: {help}")
             };
-            let fault = self.other(key.span().start, name, sentence);
+            let fault = self.fault(Some(key.span().start), format!("{name}: {sentence}"));
             self.faults.push(fault);
         }
     }
@@ -137,7 +135,8 @@ impl<'i> TableReader<'i> {
                 settings
             }
             Err(error) => {
-                let fault = self.other(usable.span().start, name, error.message().to_owned());
+                let sentence = format!("{name}: {}", error.message());
+                let fault = self.fault(Some(usable.span().start), sentence);
                 self.faults.push(fault);
                 T::default()
             }
@@ -155,7 +154,7 @@ impl<'i> TableReader<'i> {
         let DeValue::Table(table) = value.get_ref() else {
             let found = self.snippet(&value.span());
             let fault = Fault::new(name, found, format!("a table, [{name}]"));
-            let fault = self.unusable(Some(span.start), fault);
+            let fault = self.fault(Some(span.start), fault.to_string());
             self.faults.push(fault);
             return None;
         };
@@ -213,7 +212,8 @@ impl<'i> TableReader<'i> {
         for fault in faults {
             let key = format!("{below}{}", fault.key);
             let at = position(&self.root, &key);
-            self.faults.push(self.unusable(at, Fault { key, ..fault }));
+            self.faults
+                .push(self.fault(at, Fault { key, ..fault }.to_string()));
         }
     }
 
@@ -229,33 +229,19 @@ impl<'i> TableReader<'i> {
         self.faults
     }
 
-    /// A fault in a value, at this place of the text.
-    fn unusable(&self, at: Option<usize>, fault: Fault) -> ConfigFault {
+    /// A fault at this place of the text.
+    fn fault(&self, at: Option<usize>, sentence: String) -> ConfigFault {
         ConfigFault {
             line: at.map(|at| self.places.line(at)),
             column: None,
-            key: fault.key,
-            problem: Problem::Unusable {
-                found: fault.found,
-                right: fault.right,
-            },
-        }
-    }
-
-    /// Another fault, at this place of the text.
-    fn other(&self, at: usize, key: &str, sentence: String) -> ConfigFault {
-        ConfigFault {
-            line: Some(self.places.line(at)),
-            column: None,
-            key: key.to_owned(),
-            problem: Problem::Other(sentence),
+            sentence,
         }
     }
 
     fn unknown(&self, table: &str, key: &Key<'i>, known: &[String]) -> ConfigFault {
         let name: &str = key.get_ref();
-        let sentence = format!("unknown key; {}", suggest(name, known));
-        self.other(key.span().start, &format!("{table}.{name}"), sentence)
+        let sentence = format!("{table}.{name}: unknown key; {}", suggest(name, known));
+        self.fault(Some(key.span().start), sentence)
     }
 
     /// The faults of one key alone, all others at their defaults. `path` leads from the table to the key.
@@ -296,22 +282,17 @@ impl<'i> TableReader<'i> {
             Some(key) => key.span().start,
             None => value.span().start,
         };
-        vec![ConfigFault {
-            line: Some(self.places.line(at)),
-            column: None,
-            key: format!("{}.{}", target.table.name, names.join(".")),
-            problem: match numbers {
-                Some(numbers) => Problem::Unusable {
-                    found: self.snippet(&value.span()),
-                    right: format!(
-                        "{} numbers, as the default is: {}",
-                        numbers.len(),
-                        toml::Value::Array(numbers.clone())
-                    ),
-                },
-                None => explain(&message, self.snippet(&value.span())),
-            },
-        }]
+        let key = format!("{}.{}", target.table.name, names.join("."));
+        let found = self.snippet(&value.span());
+        let sentence = match numbers {
+            Some(numbers) => {
+                let default = toml::Value::Array(numbers.clone());
+                let right = format!("{} numbers, as the default is: {default}", numbers.len());
+                Fault::new(&key, found, right).to_string()
+            }
+            None => explain(&key, found, &message),
+        };
+        vec![self.fault(Some(at), sentence)]
     }
 
     /// A value as written in the file, cut to a part of one line.

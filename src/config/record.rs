@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::check::{Fault, settings};
+use crate::check::{Fault, absolute_or_empty, settings};
 
 settings! {
     /// Where raw readings are kept, and how many.
@@ -20,9 +20,7 @@ settings! {
 
 impl Settings {
     fn check_directory(&self, faults: &mut Vec<Fault>) {
-        if !self.directory.as_os_str().is_empty() && !self.directory.is_absolute() {
-            let found = format!("{:?}", self.directory);
-            faults.push(Fault::new("directory", found, "an absolute path, or empty"));
-        }
+        let right = "an absolute path, or empty";
+        absolute_or_empty(faults, "directory", &self.directory, right);
     }
 }

@@ -2,34 +2,27 @@
 
 use strsim::levenshtein;
 
-use super::fault::Problem;
+use crate::check::Fault;
 
-/// Says a deserialiser's message in the words of a user.
-pub(super) fn explain(message: &str, found: String) -> Problem {
+/// Says a deserialiser's message about what was `found` at a key in the words of a user.
+pub(super) fn explain(key: &str, found: String, message: &str) -> String {
     if let Some(rest) = message.strip_prefix("unknown field `") {
         let name = rest.split('`').next().unwrap_or_default();
         let hint = suggest(name, &choices(message));
-        return Problem::Other(format!("unknown key; {hint}"));
+        return format!("{key}: unknown key; {hint}");
     }
+    let wrong = |right: String| Fault::new(key, found, right).to_string();
     if message.starts_with("unknown variant `") {
-        let quoted: Vec<String> = choices(message)
-            .iter()
-            .map(|choice| format!("{choice:?}"))
-            .collect();
-        return Problem::Unusable {
-            found,
-            right: quoted.join(" or "),
-        };
+        let choices = choices(message);
+        let quoted: Vec<String> = choices.iter().map(|choice| format!("{choice:?}")).collect();
+        return wrong(quoted.join(" or "));
     }
     let is_type = ["invalid type: ", "invalid value: ", "invalid length "]
         .iter()
         .any(|start| message.starts_with(start));
     match message.rsplit_once(", expected ") {
-        Some((_, expected)) if is_type => Problem::Unusable {
-            found,
-            right: right_type(expected),
-        },
-        _ => Problem::Other(message.to_owned()),
+        Some((_, expected)) if is_type => wrong(right_type(expected)),
+        _ => format!("{key}: {message}"),
     }
 }
 

@@ -9,7 +9,6 @@ use super::thread::Thread;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::{Request, calibrate};
 
-/// The worker.
 #[derive(Default)]
 pub(super) struct Calibrator {
     running: Option<RunningCalibration>,
@@ -43,7 +42,6 @@ impl Calibrator {
         self.running = Some(RunningCalibration { outcome, failed });
     }
 
-    /// Whether a calibration is under way.
     pub(super) fn is_busy(&self) -> bool {
         self.running.is_some()
     }

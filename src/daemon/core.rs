@@ -8,6 +8,7 @@ use super::source_task::Events;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::condition::{Condition, Report, SourceFault};
 use crate::date;
+use crate::frame::rounded;
 use crate::pipeline::{Action, Event};
 use crate::publish::control::status::StatusCounts;
 use crate::reading::Reading;
@@ -94,15 +95,6 @@ impl Daemon {
         self.handle(Event::Reading(reading));
     }
 
-    /// Puts a calibration first in the history; its number.
-    pub(super) fn keep(&mut self, made: Made) -> u64 {
-        let store = &mut self.session.store;
-        let most = store.most();
-        let history = store.history_mut();
-        history.keep(made, most);
-        history.last_number
-    }
-
     fn fault(&mut self, fault: Option<SourceFault>) {
         self.counts.faults += u64::from(fault.is_some());
         self.handle(Event::Fault(fault));
@@ -146,9 +138,9 @@ impl Daemon {
             Action::Turned(turn) => {
                 self.counts.turns += 1;
                 tracing::info!(
-                    from_s = rounded(turn.start_s),
-                    to_s = rounded(turn.end_s),
-                    from_vertical_deg = turn.from_vertical_deg.map(rounded),
+                    from_s = brief(turn.start_s),
+                    to_s = brief(turn.end_s),
+                    from_vertical_deg = turn.from_vertical_deg.map(brief),
                     "the board has made a full turn"
                 );
             }
@@ -167,7 +159,7 @@ impl Daemon {
                     let reason = session.pipeline.reason();
                     let now = wall_clock::unix_now_s();
                     let made = Made::of(&outcome, calibration, reason, now);
-                    self.keep(made);
+                    self.session.store.keep(made);
                     self.session.store.save(Box::new(|_| ()));
                 }
             }
@@ -187,7 +179,7 @@ impl Daemon {
         }
         let (word, reason) = (report.condition.word(), report.reason);
         // Before the first reading the source has no time.
-        let t_s = Some(rounded(report.t_s)).filter(|t_s| t_s.is_finite());
+        let t_s = Some(brief(report.t_s)).filter(|t_s| t_s.is_finite());
         let worth_a_look = matches!(
             report.condition,
             Condition::Stale | Condition::Fault | Condition::Disturbed
@@ -199,7 +191,6 @@ impl Daemon {
         }
     }
 
-    /// What has been counted since the start.
     pub(super) fn counts(&self) -> StatusCounts {
         StatusCounts {
             values_dropped: self.session.pipeline.dropped(),
@@ -207,7 +198,6 @@ impl Daemon {
         }
     }
 
-    /// One line with all that is worth knowing.
     pub(super) fn log_summary(&self) {
         let (counts, reported) = (self.counts(), &self.reported);
         let calibration = self.session.pipeline.calibration();
@@ -242,8 +232,8 @@ fn panicked() -> SourceFault {
 }
 
 /// To three decimal places: no line in the log needs more.
-fn rounded(value: f64) -> f64 {
-    (1e3 * value).round() / 1e3
+fn brief(value: f64) -> f64 {
+    rounded(value, 3)
 }
 
 fn log_outcome(outcome: &Outcome) {
@@ -251,9 +241,9 @@ fn log_outcome(outcome: &Outcome) {
     match outcome.verdict {
         Verdict::Accepted => tracing::info!(
             reason,
-            heading_sd_deg = outcome.heading_sd_deg.map(rounded),
-            gyro_rms_deg = outcome.gyro_rms_deg.map(rounded),
-            residual_mgauss = outcome.residual_mgauss.map(rounded),
+            heading_sd_deg = outcome.heading_sd_deg.map(brief),
+            gyro_rms_deg = outcome.gyro_rms_deg.map(brief),
+            residual_mgauss = outcome.residual_mgauss.map(brief),
             "calibration accepted: {message}"
         ),
         Verdict::Kept => tracing::info!(reason, "active calibration kept: {message}"),

@@ -22,10 +22,6 @@ pub(super) struct Inactivity {
 
 impl Inactivity {
     /// Starts to count now. Needs a runtime.
-    ///
-    /// # Errors
-    ///
-    /// The system gives no timer.
     pub(super) fn new() -> io::Result<Self> {
         let flags = TimerfdFlags::NONBLOCK | TimerfdFlags::CLOEXEC;
         let timer = timerfd_create(TimerfdClockId::Monotonic, flags)?;

@@ -39,9 +39,9 @@ impl ListenError {
 
 /// A service that hands out its raw readings.
 pub(super) struct Listener {
-    socket: PathBuf,
+    pub(super) socket: PathBuf,
     stream: BufReader<UnixStream>,
-    header: Header,
+    pub(super) header: Header,
     line: Vec<u8>,
     /// Number of the last reading.
     seq: Option<u64>,
@@ -76,11 +76,6 @@ impl Listener {
             .map_err(|_| failed(format!("it has not answered within {PATIENCE:?}")))?;
         listener.header = header?;
         Ok(listener)
-    }
-
-    /// Whose readings they are.
-    pub(super) fn header(&self) -> &Header {
-        &self.header
     }
 
     /// Records readings until the service hangs up: at the end of its source, or its own.
@@ -161,7 +156,6 @@ impl Listener {
         }
     }
 
-    /// What comes next; `None` at the end.
     async fn next(&mut self) -> Result<Option<Object>, ListenError> {
         self.line.clear();
         let read = (&mut self.stream)

@@ -42,7 +42,7 @@ use crate::publish::control::{Control, ControlCall};
 use crate::publish::gpsd::Device;
 use crate::publish::outputs::Outputs;
 use crate::publish::server::{BindError, Publisher, Server};
-use crate::sensor::replay::ReplayError;
+use crate::recording::RecordingError;
 use crate::service::{Service, sockets};
 use crate::store::StoreError;
 use crate::wall_clock;
@@ -58,79 +58,50 @@ use source_task::SourceTask;
 /// How many control requests wait for the pipeline; then their clients wait.
 const WAITING_ORDERS: usize = 8;
 
-/// Why the daemon cannot start or go on.
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
-    /// Nobody has said where the readings come from.
     #[error("{}", Settings::UNSET)]
     NoSource,
-    /// There is neither a service to listen to nor a source.
     #[error(
         "{service}; and without a service, a source is needed: {}",
         Settings::UNSET
     )]
-    NothingToRecord {
-        /// Why there is no service.
-        service: ListenError,
-    },
-    /// The log to replay cannot be used.
+    NothingToRecord { service: ListenError },
     #[error(transparent)]
-    Replay(#[from] ReplayError),
-    /// Most rows of the log were skipped.
+    Replay(#[from] RecordingError),
     #[error("most of the log cannot be used: {0}")]
     Unusable(String),
-    /// The simulated board cannot be made.
     #[error("cannot simulate a board: [simulator] {}", .0.iter().map(Fault::to_string).collect::<Vec<_>>().join("; "))]
     Simulator(Vec<Fault>),
-    /// The socket cannot be served on.
     #[error(transparent)]
     Bind(#[from] BindError),
-    /// A service has the source that was to be recorded, and does not hand out its readings.
     #[error(transparent)]
     Listen(#[from] ListenError),
-    /// Another daemon has the store.
     #[error(transparent)]
     Store(StoreError),
-    /// The socket was claimed, but then could not be served on.
     #[error("cannot go on serving on {}: {source}", path.display())]
-    Serve {
-        /// The socket.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// The readings cannot be recorded any more.
+    Serve { path: PathBuf, source: io::Error },
     #[error(transparent)]
     Record(RecordError),
-    /// The system gives no thread.
     #[error("cannot start the thread of the {name}: {source}")]
     Thread {
-        /// What the thread was for.
         name: &'static str,
-        /// What the system said.
         source: io::Error,
     },
-    /// The system gives no timer.
     #[error("cannot set up the timer that notices silence: {0}")]
     Timer(io::Error),
 }
 
-/// Why the daemon came to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ended {
-    /// The log or the simulation is over.
     Source,
-    /// It was told to.
     Told,
 }
 
-/// A request to a running daemon.
 pub enum Notice {
-    /// Stop.
     Stop,
     /// Go on with this configuration; if that is impossible, log why and go on as before.
     Reload(LoadConfig),
-    /// Log a summary.
     Summary,
 }
 
@@ -185,10 +156,6 @@ impl Daemon {
     /// Opens the source, claims the socket, and loads the calibration kept for this sensor. Clients can
     /// connect from now on. A store or a recording that does not work is logged; headings are served without it.
     /// Needs a runtime.
-    ///
-    /// # Errors
-    ///
-    /// The source cannot be used, another daemon has the socket or the store, or the system refuses.
     pub fn open(config: &Config, mut service: Service) -> Result<Self, DaemonError> {
         let source = SourceTask::open(config)?;
         let device = Device {
@@ -247,10 +214,6 @@ impl Daemon {
 
     /// Serves until the source is at its end and the last calibration on it is published, or until
     /// `shutdown` is ready. Then the socket is gone, and what was to be kept is on disk.
-    ///
-    /// # Errors
-    ///
-    /// As those of [`Daemon::run`].
     pub async fn run_until(self, shutdown: impl Future<Output = ()>) -> Result<Ended, DaemonError> {
         let mut shutdown = pin!(shutdown);
         let notice = async || {
@@ -262,10 +225,6 @@ impl Daemon {
 
     /// The same, with other notices than the last one too. `notice` waits for the next; nothing may be lost when
     /// the wait is given up.
-    ///
-    /// # Errors
-    ///
-    /// The socket cannot be served on any more, most of the log could not be used, or the system refuses.
     pub async fn run(
         mut self,
         mut notice: impl AsyncFnMut() -> Notice,

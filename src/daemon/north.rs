@@ -4,15 +4,13 @@ use std::time::Duration;
 
 use crate::config::Config;
 use crate::config::source::Kind;
-use crate::position::{Follower, GpsFix, Gpsd};
+use crate::position::{Follower, Gpsd};
 use crate::true_north::{EarthField, TrueNorth};
 
-/// From magnetic to true north.
 pub(super) struct North {
     true_north: TrueNorth,
     gpsd: Option<Gpsd>,
     follower: Option<Follower>,
-    fix: Option<GpsFix>,
 }
 
 impl North {
@@ -23,7 +21,6 @@ impl North {
             true_north: TrueNorth::new(&config.true_north),
             gpsd: gpsd.filter(|_| config.source.kind != Some(Kind::Replay)),
             follower: None,
-            fix: None,
         }
     }
 
@@ -34,11 +31,10 @@ impl North {
 
     /// The declination at this time of day, or else by the receiver's clock. What is new about it is logged.
     pub(super) fn declination_deg(&mut self, since_1970: Option<Duration>) -> Option<f64> {
-        if let Some(fix) = self.follower.as_mut().and_then(Follower::news) {
-            self.true_north.put_position(fix.position);
-            self.fix = Some(fix);
+        if let Some(position) = self.follower.as_mut().and_then(Follower::news) {
+            self.true_north.put_position(position);
         }
-        let since_1970 = since_1970.or_else(|| self.fix?.now());
+        let since_1970 = since_1970.or_else(|| self.follower.as_ref()?.now());
         let declination_deg = self.true_north.declination_deg(since_1970);
         if let Some(news) = self.true_north.news() {
             tracing::warn!("{news}");

@@ -1,6 +1,6 @@
 //! How many files the daemon may have open, held against how many it needs.
 
-use std::fs;
+use rustix::process::{Resource, getrlimit};
 
 /// What is open besides connections, with room to spare: streams, sockets, locks and timers, the journal, the source and
 /// during a reload another one, recordings, and files being saved.
@@ -17,20 +17,11 @@ pub fn needed(max_clients: usize) -> u64 {
     OTHERS + CONTROL + A_CLIENT * max_clients as u64
 }
 
-/// How many files this process may have open, if the system tells and there is a limit.
+/// How many files this process may have open, if there is a limit.
 pub fn limit() -> Option<u64> {
-    soft_limit(&fs::read_to_string("/proc/self/limits").ok()?)
+    getrlimit(Resource::Nofile).current
 }
 
-/// The limit among others, as the kernel lists them.
-fn soft_limit(limits: &str) -> Option<u64> {
-    let line = limits
-        .lines()
-        .find_map(|line| line.strip_prefix("Max open files"))?;
-    line.split_whitespace().next()?.parse().ok()
-}
-
-/// A limit that is too low.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "socket.max_clients = {max_clients} needs {} open files, but the limit is {limit} here, which does for {clients}: raise \
@@ -40,7 +31,6 @@ fn soft_limit(limits: &str) -> Option<u64> {
 pub struct Shortage {
     max_clients: usize,
     limit: u64,
-    /// How many clients can be served all the same.
     pub clients: usize,
 }
 
@@ -61,16 +51,33 @@ impl Shortage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::Check;
+    use crate::publish::server::Settings;
 
     #[test]
-    fn the_soft_limit_is_found_among_the_others() {
-        let limits = "Limit                     Soft Limit           Hard Limit           Units     \n\
-                      Max processes             63459                63459                processes \n\
-                      Max open files            1024                 524288               files     \n";
-        assert_eq!(soft_limit(limits), Some(1024));
-        assert_eq!(soft_limit(&limits.replace("1024 ", "unlimited ")), None);
-        assert_eq!(soft_limit("nonsense"), None);
-        assert!(limit().is_some());
+    fn the_service_may_open_files_for_as_many_clients_as_can_be_set() {
+        let limit = include_str!("../../systemd/headingd.service")
+            .lines()
+            .find_map(|line| line.strip_prefix("LimitNOFILE="));
+        let limit: u64 = limit.expect("a limit").parse().unwrap();
+        let settings = |max_clients| Settings {
+            max_clients,
+            ..Settings::default()
+        };
+        let most = (1..)
+            .take_while(|most| settings(*most).check().is_empty())
+            .last();
+        assert!(limit >= needed(most.unwrap()));
+    }
+
+    #[test]
+    fn the_soft_limit_is_that_of_the_system() {
+        let limits = std::fs::read_to_string("/proc/self/limits").unwrap();
+        let line = limits
+            .lines()
+            .find_map(|line| line.strip_prefix("Max open files"));
+        let soft = line.unwrap().split_whitespace().next().unwrap();
+        assert_eq!(limit(), soft.parse().ok());
     }
 
     #[test]

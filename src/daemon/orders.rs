@@ -5,13 +5,13 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::Daemon;
-use super::store_writer::StoreState;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
 use crate::date;
+use crate::frame::rounded;
 use crate::pipeline::Event;
 use crate::publish::control::status::{
-    ActiveSummary, CalibrationSummary, DaemonStatus, ReferenceSummary, StoreSummary,
+    ActiveSummary, CalibrationSummary, DaemonStatus, ReferenceSummary,
 };
 use crate::publish::control::{Answer, ControlCall, ControlRequest};
 use crate::store::history::{Forget, HistoryError};
@@ -64,7 +64,7 @@ impl Daemon {
             ControlRequest::Show { number } => {
                 let history = self.session.store.history();
                 let entry = history.find(number)?;
-                let shown = as_value(&entry.made.calibration)?;
+                let shown = serde_json::to_value(entry.made.calibration).map_err(failed)?;
                 Ok(told(
                     Answer::done(sentence(entry))
                         .with_all(&json!({ "calibration": described(entry, history) }))
@@ -188,7 +188,7 @@ impl Daemon {
             reason: Some(Reason::Import),
             ..entry.made
         };
-        let number = self.keep(made);
+        let number = self.session.store.keep(made);
         self.handle(Event::Activate(Some(Box::new(made.calibration))));
         Ok(changed(
             Answer::done(format!("calibration {number} is active")).with("number", number),
@@ -215,26 +215,25 @@ impl Daemon {
     /// The daemon's status, with word, reason and sentence of the `STATE` published last.
     fn status(&self) -> Answer {
         let history = self.session.store.history();
-        let answer = match self.session.pipeline.report() {
-            Some(report) => Answer::done(report.message.clone())
-                .with("cal_state", report.condition.word())
-                .with("reason", report.reason),
-            None => Answer::done("the daemon has just started: no reading has come yet"),
-        };
+        let report = self.session.pipeline.report();
+        let starting = || "the daemon has just started: no reading has come yet".to_owned();
+        let message = report.map_or_else(starting, |report| report.message.to_string());
         let session = &self.session;
         let latest = self.publisher.latest();
         let latest = latest
             .as_ref()
             .filter(|heading| heading.magnetic_deg().is_some());
-        let degrees = |angle: Option<f64>| angle.map(|angle| rounded(angle).rem_euclid(360.0));
-        answer.with_all(&DaemonStatus {
+        let degrees = |angle: Option<f64>| angle.map(|angle| brief(angle).rem_euclid(360.0));
+        Answer::done(message).with_all(&DaemonStatus {
+            cal_state: report.map(|report| report.condition.word().to_owned()),
+            reason: report.map(|report| report.reason.to_owned()),
             heading: latest.and_then(|it| degrees(it.true_deg())),
             mheading: latest.and_then(|it| degrees(it.magnetic_deg())),
-            heading_sd: latest.and_then(|it| it.sd_deg.map(rounded)),
+            heading_sd: latest.and_then(|it| it.sd_deg.map(brief)),
             mode: history.mode,
             armed: session.pipeline.wanted() == Some(Reason::Start),
             calibrating: session.pipeline.is_calibrating(),
-            progress: session.pipeline.progress().map(rounded),
+            progress: session.pipeline.progress().map(brief),
             calibration: history.active().map(|entry| described(entry, history)),
             reference: self.reference(),
             active: self.active(),
@@ -245,11 +244,9 @@ impl Daemon {
             uptime_s: self.begun.elapsed().as_secs(),
             clients: self.publisher.clients(),
             counts: self.counts(),
-            store: store(session.store.state()),
+            store: session.store.summary(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             // In the answer already.
-            cal_state: None,
-            reason: None,
             message: String::new(),
         })
     }
@@ -259,7 +256,7 @@ impl Daemon {
         let calibration = self.session.pipeline.calibration()?;
         Some(ActiveSummary {
             mode: Some(calibration.parameters.mode()),
-            strength_mgauss: rounded(calibration.strength_mgauss),
+            strength_mgauss: brief(calibration.strength_mgauss),
         })
     }
 
@@ -268,15 +265,15 @@ impl Daemon {
         let position = self.session.config.true_north.position()?;
         let field = EarthField::new(&position, wall_clock::now()?).ok()?;
         Some(ReferenceSummary {
-            strength_mgauss: rounded(field.strength_mgauss.value),
-            dip_deg: rounded(field.dip_deg.value),
+            strength_mgauss: brief(field.strength_mgauss.value),
+            dip_deg: brief(field.dip_deg.value),
         })
     }
 }
 
 /// To two decimal places, as headings are published.
-fn rounded(value: f64) -> f64 {
-    (100.0 * value).round() / 100.0
+fn brief(value: f64) -> f64 {
+    rounded(value, 2)
 }
 
 pub(super) fn told(answer: Answer) -> Done {
@@ -371,23 +368,6 @@ fn other_sensor(contents: &Contents, history: &History) -> Answer {
         }
     );
     Answer::refused(code, message)
-}
-
-fn store(state: StoreState) -> StoreSummary {
-    let (state, directory, message) = match state {
-        StoreState::Off => ("off", None, None),
-        StoreState::Good(directory) => ("good", Some(directory), None),
-        StoreState::Failing(directory, message) => ("failing", Some(directory), Some(message)),
-    };
-    StoreSummary {
-        state: state.to_owned(),
-        directory: directory.map(|directory| directory.display().to_string()),
-        message,
-    }
-}
-
-fn as_value(what: &impl serde::Serialize) -> Result<Value, Answer> {
-    serde_json::to_value(what).map_err(failed)
 }
 
 fn failed(error: impl std::fmt::Display) -> Answer {

@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::future::Future;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 use super::listener::Listener;
@@ -18,7 +18,6 @@ use crate::service::Service;
 /// At the end a disk that hangs is waited for this long.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// A recording that can begin.
 pub struct Recording {
     config: Config,
     origin: ReadingsFrom,
@@ -28,10 +27,6 @@ impl Recording {
     /// Finds the readings: those of the service on the configuration's socket, or else of the configuration's source.
     /// Then headings are served meanwhile, as by the daemon; where there can be no socket it says so and records all
     /// the same. Without a source a service must be there.
-    ///
-    /// # Errors
-    ///
-    /// Neither a service nor a source hands out readings, or the system refuses.
     pub async fn open(config: &Config) -> Result<Self, DaemonError> {
         // One recording is enough.
         let config = Config {
@@ -42,19 +37,12 @@ impl Recording {
             Err(DaemonError::Bind(BindError {
                 path,
                 why: BindFault::Busy(_),
-            })) => ReadingsFrom::Service {
-                listener: Box::new(Listener::connect(&path).await?),
-                path,
-            },
+            })) => ReadingsFrom::Service(Box::new(Listener::connect(&path).await?)),
             Err(DaemonError::NoSource) => {
-                let path = config.socket.socket.clone();
-                let connected = Listener::connect(&path).await;
-                ReadingsFrom::Service {
-                    listener: Box::new(
-                        connected.map_err(|service| DaemonError::NothingToRecord { service })?,
-                    ),
-                    path,
-                }
+                let connected = Listener::connect(&config.socket.socket).await;
+                let listener =
+                    connected.map_err(|service| DaemonError::NothingToRecord { service })?;
+                ReadingsFrom::Service(Box::new(listener))
             }
             // Two readers of the same chips would disturb each other.
             Err(DaemonError::Bind(error)) if !matches!(error.why, BindFault::Unsure(_)) => {
@@ -75,7 +63,7 @@ impl Recording {
     ) -> (u64, Result<(), DaemonError>) {
         let header = match &self.origin {
             ReadingsFrom::Daemon(daemon) => daemon.session.source.header.clone(),
-            ReadingsFrom::Service { listener, .. } => listener.header().clone(),
+            ReadingsFrom::Service(listener) => listener.header.clone(),
             ReadingsFrom::Source(source) => source.header.clone(),
         };
         let (recorder, mut ending) = match Recorder::file(out, header) {
@@ -94,7 +82,7 @@ impl Recording {
                 daemon.session.recorder = Some(recorder);
                 daemon.run_until(stop).await.map(|_| ())
             }
-            ReadingsFrom::Service { listener, .. } => from_service(*listener, recorder, stop).await,
+            ReadingsFrom::Service(listener) => from_service(*listener, recorder, stop).await,
             ReadingsFrom::Source(source) => {
                 alone(*source, self.config.source.pace(), recorder, stop).await
             }
@@ -113,8 +101,8 @@ impl Recording {
 impl fmt::Display for Recording {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let source = match &self.origin {
-            ReadingsFrom::Service { path, .. } => {
-                return write!(f, "the service at {}", path.display());
+            ReadingsFrom::Service(listener) => {
+                return write!(f, "the service at {}", listener.socket.display());
             }
             ReadingsFrom::Daemon(daemon) => &daemon.session.source,
             ReadingsFrom::Source(source) => source,
@@ -127,13 +115,9 @@ impl fmt::Display for Recording {
     }
 }
 
-/// Where the readings come from.
 enum ReadingsFrom {
     Daemon(Box<Daemon>),
-    Service {
-        listener: Box<Listener>,
-        path: PathBuf,
-    },
+    Service(Box<Listener>),
     Source(Box<SourceTask>),
 }
 

@@ -21,7 +21,6 @@ const QUEUE: usize = 4096;
 /// Interval at which readings are flushed to disk: a power cut loses no more.
 const FLUSH: Duration = Duration::from_secs(1);
 
-/// Why a recording ended.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot {attempt} recording {}: {source}", path.display())]
 pub struct RecordError {
@@ -37,7 +36,6 @@ impl RecordError {
     }
 }
 
-/// Where the readings go.
 enum Destination {
     /// Into one file; `-` is standard output.
     File(PathBuf),
@@ -45,7 +43,6 @@ enum Destination {
     Ring(Settings),
 }
 
-/// The daemon's end of a recording.
 pub(super) struct Recorder {
     queue: Option<SyncSender<Reading>>,
     thread: Thread,
@@ -57,10 +54,6 @@ pub(super) type Ending = oneshot::Receiver<(u64, Result<(), RecordError>)>;
 
 impl Recorder {
     /// Starts to record into one file. What becomes of it comes out of the second value.
-    ///
-    /// # Errors
-    ///
-    /// The system gives no thread.
     pub(super) fn file(path: &Path, header: Header) -> Result<(Self, Ending), DaemonError> {
         let (sender, ending) = oneshot::channel();
         let recorder = Self::start(
@@ -97,10 +90,6 @@ impl Recorder {
     }
 
     /// Starts to record into a ring of files, if the settings say so. A failure is logged once.
-    ///
-    /// # Errors
-    ///
-    /// The system gives no thread.
     pub(super) fn ring(settings: &Settings, header: Header) -> Result<Option<Self>, DaemonError> {
         if settings.directory.as_os_str().is_empty() {
             return Ok(None);
@@ -165,7 +154,6 @@ impl Write for Counted {
     }
 }
 
-/// An open log.
 struct OpenLog {
     path: PathBuf,
     writer: Writer<BufWriter<Counted>>,
@@ -181,7 +169,6 @@ fn failed(attempt: &'static str, path: &Path) -> impl Fn(io::Error) -> RecordErr
 }
 
 impl Destination {
-    /// A new file, with its path.
     fn open(&self) -> Result<(PathBuf, File), RecordError> {
         Ok(match self {
             Self::File(path) if path == Path::new("-") => {

@@ -25,7 +25,6 @@ pub(super) struct Reload {
     next: Option<LoadConfig>,
 }
 
-/// A reload that has been prepared.
 pub(super) struct Prepared {
     config: Config,
     /// The keys that change.
@@ -37,7 +36,6 @@ pub(super) struct Prepared {
 }
 
 impl Reload {
-    /// Whether one is under way.
     pub(super) fn is_busy(&self) -> bool {
         self.prepared.is_some()
     }
@@ -77,10 +75,6 @@ impl Daemon {
     }
 
     /// Goes on with the next session, or as before if it cannot be had. What stands in the way is logged.
-    ///
-    /// # Errors
-    ///
-    /// The system gives no thread.
     pub(super) async fn end_reload(
         &mut self,
         prepared: Result<Prepared, String>,
@@ -132,10 +126,6 @@ impl Daemon {
     }
 
     /// Starts the source, and tells clients of it.
-    ///
-    /// # Errors
-    ///
-    /// The system gives no thread.
     pub(super) fn start_session(&mut self) -> Result<(), DaemonError> {
         let session = &mut self.session;
         self.publisher.board(&session.source.header);

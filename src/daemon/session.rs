@@ -39,26 +39,18 @@ pub(super) struct Session {
     pub(super) unusable: Option<String>,
 }
 
-/// How the source does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SourceState {
-    /// It works, as far as is known.
     Good,
     /// It has a fault, and keeps trying.
     Faulty,
-    /// It has failed for good.
     Broken,
-    /// It has come to its end.
     Over,
 }
 
 impl Session {
     /// Loads what is kept of the source's sensor, and begins to record, if that is wanted. `running` writes
     /// the calibrations of the session that this one will follow. Waits for the disk.
-    ///
-    /// # Errors
-    ///
-    /// Another process has the store, or the system gives no thread.
     pub(super) fn open(
         source: SourceTask,
         config: Config,
@@ -102,10 +94,6 @@ impl Session {
     }
 
     /// Starts the source and the search for the position, and logs how the board is mounted. Needs a runtime.
-    ///
-    /// # Errors
-    ///
-    /// The system gives no thread.
     pub(super) fn start(&mut self) -> Result<(), DaemonError> {
         let configured = self.config.mounting.board();
         let history = self.store.history();

@@ -16,10 +16,6 @@ impl Signals {
     ///
     /// Each signal has a task that feeds one queue: the main loop, which wakes a hundred times a second, polls the queue
     /// instead of every signal.
-    ///
-    /// # Errors
-    ///
-    /// The system does not let them be caught.
     pub fn catch(kinds: &[SignalKind]) -> io::Result<Self> {
         let (sender, caught) = mpsc::channel(kinds.len().max(1));
         for &kind in kinds {

@@ -14,12 +14,12 @@ use crate::condition::SourceFault;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::reading::Reading;
-use crate::recording::Header;
+use crate::recording::{Header, RecordingError};
 use crate::sensor::SourceEvent;
 use crate::sensor::bus::LinuxBus;
 use crate::sensor::clock::{Clock, SystemClock};
 use crate::sensor::i2c::{self, Chips};
-use crate::sensor::replay::{Replay, ReplayError};
+use crate::sensor::replay::Replay;
 use crate::sensor::serial::Bridge;
 use crate::sensor::simulator::Simulator;
 
@@ -55,7 +55,6 @@ pub(super) struct SourceTask {
     running: Option<RunningSource>,
 }
 
-/// Where readings come from.
 enum Source {
     Simulator(Box<Simulator>),
     Replay(Box<Replay>),
@@ -71,10 +70,6 @@ struct RunningSource {
 
 impl SourceTask {
     /// Opens a log, or makes a simulated board. Chips and boards that are missing now may come yet.
-    ///
-    /// # Errors
-    ///
-    /// There is no source, or the log or the simulated board cannot be used.
     pub(super) fn open(config: &Config) -> Result<Self, DaemonError> {
         let mut header = Header::default();
         let mut bps = None;
@@ -117,10 +112,6 @@ impl SourceTask {
     }
 
     /// Starts to send events; logs and simulations go `speed` times as fast as real time.
-    ///
-    /// # Errors
-    ///
-    /// The system gives no thread.
     pub(super) fn start(&mut self, speed: f64) -> Result<(), DaemonError> {
         let Some(source) = self.opened.take() else {
             return Ok(());
@@ -245,7 +236,7 @@ fn replay_log(
 /// Hands out readings, each at its time and with whether it begins a new stretch. The event that ends them; `None` if
 /// nobody wants any more.
 fn play(
-    mut next: impl FnMut() -> Option<Result<(Reading, bool), ReplayError>>,
+    mut next: impl FnMut() -> Option<Result<(Reading, bool), RecordingError>>,
     speed: f64,
     clock: &mut SystemClock,
     out: &mut dyn FnMut(SourceEvent) -> bool,

@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use super::DaemonError;
 use super::thread::Thread;
-use crate::store::{Contents, History, Identity, Loaded, Settings, Store, StoreError};
+use crate::publish::control::status::StoreSummary;
+use crate::store::{Contents, History, Identity, Loaded, Made, Settings, Store, StoreError};
 
 /// Pauses before a save that failed is tried again: the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
@@ -16,7 +17,6 @@ const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_sec
 /// Told when something is on disk, or why it is not.
 pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
 
-/// The calibrations of one sensor.
 pub(super) struct StoreWriter {
     history: History,
     most: usize,
@@ -33,7 +33,6 @@ pub(super) struct Disk {
     fault: SharedFault,
 }
 
-/// What the thread does.
 enum Job {
     Load(Identity, mpsc::Sender<Option<History>>),
     Save(History, Then),
@@ -49,24 +48,9 @@ impl SharedFault {
     }
 }
 
-/// How the store does.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum StoreState {
-    /// Nothing is to be kept.
-    Off,
-    /// What is to be kept is in this folder.
-    Good(PathBuf),
-    /// Something is wrong with this folder, for people.
-    Failing(PathBuf, String),
-}
-
 impl StoreWriter {
     /// Loads what the folder has of this sensor; `running` writes there already, if it is the same folder. Whatever is
     /// wrong with it is logged. Waits for the disk.
-    ///
-    /// # Errors
-    ///
-    /// Another process has the folder, or the system gives no thread.
     pub(super) fn open(
         settings: &Settings,
         identity: Identity,
@@ -93,12 +77,10 @@ impl StoreWriter {
         })
     }
 
-    /// Where it is written.
     pub(super) fn disk(&self) -> Weak<Disk> {
         self.disk.as_ref().map(Arc::downgrade).unwrap_or_default()
     }
 
-    /// What is kept.
     pub(super) fn history(&self) -> &History {
         &self.history
     }
@@ -120,9 +102,10 @@ impl StoreWriter {
         }
     }
 
-    /// How many calibrations are kept.
-    pub(super) fn most(&self) -> usize {
-        self.most
+    /// Makes a calibration the active one, until [`StoreWriter::save`] only in memory; its number.
+    pub(super) fn keep(&mut self, made: Made) -> u64 {
+        self.history.keep(made, self.most);
+        self.history.last_number
     }
 
     /// Has everything saved as it is now, and says so to `then`: at once, if nothing is to be kept.
@@ -140,15 +123,24 @@ impl StoreWriter {
         }
     }
 
-    /// How the store does.
-    pub(super) fn state(&self) -> StoreState {
-        let Some(disk) = &self.disk else {
-            return StoreState::Off;
+    pub(super) fn summary(&self) -> StoreSummary {
+        let fault = self
+            .disk
+            .as_ref()
+            .and_then(|disk| disk.fault.lock().clone());
+        let state = match (&self.disk, &fault) {
+            (None, _) => "off",
+            (Some(_), None) => "good",
+            (Some(_), Some(_)) => "failing",
         };
-        let directory = disk.directory.clone();
-        match disk.fault.lock().clone() {
-            None => StoreState::Good(directory),
-            Some(message) => StoreState::Failing(directory, message),
+        let directory = self
+            .disk
+            .as_ref()
+            .map(|disk| disk.directory.display().to_string());
+        StoreSummary {
+            state: state.to_owned(),
+            directory,
+            message: fault,
         }
     }
 

@@ -8,7 +8,6 @@ use tokio::time::timeout;
 
 use super::DaemonError;
 
-/// A running thread.
 pub(super) struct Thread {
     name: &'static str,
     handle: JoinHandle<()>,
@@ -17,7 +16,6 @@ pub(super) struct Thread {
 }
 
 impl Thread {
-    /// Starts a thread for this work.
     pub(super) fn start(
         name: &'static str,
         work: impl FnOnce() + Send + 'static,

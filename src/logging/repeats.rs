@@ -81,7 +81,6 @@ impl Visit for Words {
     }
 }
 
-/// What was left out.
 #[derive(Debug, PartialEq)]
 struct Said {
     level: Level,

@@ -26,7 +26,6 @@ const MOST_BYTES: usize = 4096;
 /// Requests answered in a row before other clients have their turn: some 50 µs.
 const MOST_ANSWERS: usize = 16;
 
-/// Why a client was let go.
 #[derive(Debug, Error)]
 pub(super) enum ClientError {
     #[error("the connection broke: {0}")]
@@ -58,7 +57,8 @@ pub(super) async fn serve(
         lines: String::new(),
     };
     let mut inbox = Inbox::new(request_limit_bytes);
-    client.send(&gpsd::version()).await?;
+    client.put(&gpsd::version());
+    client.send_lines().await?;
     let mut stopped = pin!(stop.changed());
     loop {
         tokio::select! {
@@ -143,7 +143,6 @@ impl Client<'_> {
         self.send_lines().await
     }
 
-    /// Puts the answer.
     fn answer(&mut self, request: Result<ClientRequest, String>) {
         match request {
             Err(message) => self.put(&gpsd::error(&message)),
@@ -288,11 +287,6 @@ impl Client<'_> {
     fn put(&mut self, object: &str) {
         self.lines.push_str(object);
         self.lines.push_str(LINE_END);
-    }
-
-    async fn send(&mut self, object: &str) -> Result<(), ClientError> {
-        self.put(object);
-        self.send_lines().await
     }
 
     async fn send_lines(&mut self) -> Result<(), ClientError> {

@@ -15,7 +15,6 @@ use tokio::time::timeout;
 /// thousand clients that have stalled would take more than the unit's MemoryMax=.
 const SEND_BUFFER: usize = 32 << 10;
 
-/// An open connection.
 pub(super) struct Connection {
     stream: AsyncFd<StdStream>,
 }

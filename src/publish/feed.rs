@@ -159,11 +159,8 @@ pub(super) struct PublishedHeading {
 /// One entry of the ring.
 #[derive(Clone, Debug)]
 pub(super) enum Broadcast {
-    /// A heading.
     Heading(Arc<PublishedHeading>),
-    /// A condition.
     State(NumberedLine),
-    /// A calibration's outcome.
     Calibration(NumberedLine),
 }
 
@@ -278,7 +275,6 @@ impl Feed {
         self.nmea.rate_hz
     }
 
-    /// The answer to `?POLL;`.
     pub(super) fn poll(&self) -> String {
         let latest = self.lock();
         match &latest.heading {

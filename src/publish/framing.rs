@@ -7,7 +7,7 @@
 use super::request::{ClientRequest, parse};
 
 /// Cuts bytes into requests. It holds no more than one unfinished request, of a bounded length.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Requests {
     pending: Vec<u8>,
     limit_bytes: usize,
@@ -34,12 +34,8 @@ impl Requests {
     /// Requests of up to `limit_bytes` bytes each.
     pub fn new(limit_bytes: usize) -> Self {
         Self {
-            pending: Vec::new(),
             limit_bytes,
-            part: Part::default(),
-            in_string: false,
-            escaped: false,
-            skipping: false,
+            ..Self::default()
         }
     }
 

@@ -12,7 +12,6 @@ const ROOT: u32 = 0;
 /// The user of whom the system does not say who it is.
 const UNKNOWN: u32 = u32::MAX;
 
-/// All places.
 #[derive(Debug)]
 pub(super) struct Places {
     most: usize,
@@ -28,16 +27,12 @@ pub(super) struct Place {
     held: Arc<Mutex<HashMap<u32, usize>>>,
 }
 
-/// Why there is no place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Full {
-    /// All of them are held.
     #[error("headingd serves {0} clients already")]
     All(usize),
-    /// Users that the system does not name hold so many, and the rest is kept for others.
     #[error("{0} clients of users that the system does not name are connected, which is the most")]
     Unnamed(usize),
-    /// This user has so many, and the rest is kept for others.
     #[error(
         "user {uid} has {most} clients connected, which is the most for one user; close some of them"
     )]

@@ -18,27 +18,19 @@ pub enum Object {
         /// The header of a log, all its lines.
         header: String,
     },
-    /// One of them.
     Reading(Row),
-    /// What is being sent.
     Watch {
         /// Whether that is raw readings, too. An older service has no such key.
         #[serde(default)]
         readings: bool,
     },
-    /// How things stand.
     State {
-        /// The condition.
         cal_state: String,
-        /// As a sentence.
         message: String,
     },
-    /// The service refuses.
     Error {
-        /// As a sentence.
         message: String,
     },
-    /// Anything else.
     #[serde(other)]
     Other,
 }
@@ -88,29 +80,13 @@ fn written(object: &Object) -> String {
 }
 
 /// The header that a board's object holds.
-///
-/// # Errors
-///
-/// Which line of it is wrong, and why.
 pub fn header(text: &str) -> Result<Header, RecordingError> {
     Reader::new("BOARD", text.as_bytes()).map(|reader| reader.header().clone())
 }
 
 impl Row {
     fn new(seq: u64, reading: &Reading) -> Self {
-        // As in a log: a number that is not finite is no measurement.
-        let [mx, my, mz] = reading
-            .field_mgauss
-            .unwrap_or_default()
-            .map(|axis| axis.filter(|number| number.is_finite()));
-        let whole = |vector: Option<Vector3<f64>>| match vector {
-            Some(v) if v.iter().all(|number| number.is_finite()) => {
-                [Some(v.x), Some(v.y), Some(v.z)]
-            }
-            _ => [None; 3],
-        };
-        let [gx, gy, gz] = whole(reading.rate_rad_s);
-        let [ax, ay, az] = whole(reading.specific_force_m_s2);
+        let [[mx, my, mz], [gx, gy, gz], [ax, ay, az]] = reading.cells();
         Self {
             seq,
             t_s: reading.t_s,

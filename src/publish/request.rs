@@ -2,6 +2,7 @@
 
 use std::ops::RangeInclusive;
 
+use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 
 use super::gpsd::WatchPolicy;
@@ -124,48 +125,37 @@ fn watch(argument: &str) -> Result<WatchRequest, String> {
             KEYS.join(", ")
         ));
     }
+    let flag = |key| value(&object, key, "true or false", |_: &bool| true);
+    let right_rate = "from 0.1 to 1000 headings a second";
+    let device = value(&object, "device", "a string", |_: &String| true)?;
     Ok(WatchRequest {
-        enable: flag(&object, "enable")?.unwrap_or(true),
-        json: flag(&object, "json")?,
-        nmea: flag(&object, "nmea")?,
-        rate_hz: rate(&object)?,
-        calibration: flag(&object, "calibration")?,
-        state: flag(&object, "state")?,
-        readings: flag(&object, "readings")?,
-        device: match object.get("device") {
-            None => None,
-            // All devices, to gpsd.
-            Some(Value::String(path)) => (!path.is_empty()).then(|| path.clone()),
-            Some(other) => return Err(wrong("device", other, "a string")),
-        },
+        enable: flag("enable")?.unwrap_or(true),
+        json: flag("json")?,
+        nmea: flag("nmea")?,
+        rate_hz: value(&object, "rate_hz", right_rate, |hz| RATES_HZ.contains(hz))?,
+        calibration: flag("calibration")?,
+        state: flag("state")?,
+        readings: flag("readings")?,
+        // An empty one is all devices, to gpsd.
+        device: device.filter(|path| !path.is_empty()),
     })
 }
 
-fn flag(object: &Map<String, Value>, key: &str) -> Result<Option<bool>, String> {
-    match object.get(key) {
-        None => Ok(None),
-        Some(Value::Bool(flag)) => Ok(Some(*flag)),
-        Some(other) => Err(wrong(key, other, "true or false")),
-    }
-}
-
-fn rate(object: &Map<String, Value>) -> Result<Option<f64>, String> {
-    let Some(found) = object.get("rate_hz") else {
+/// The value of a key, if it is there; `right` says what it must be, to the client.
+fn value<T: DeserializeOwned>(
+    object: &Map<String, Value>,
+    key: &str,
+    right: &str,
+    is_right: impl FnOnce(&T) -> bool,
+) -> Result<Option<T>, String> {
+    let Some(found) = object.get(key) else {
         return Ok(None);
     };
-    match found.as_f64() {
-        Some(rate_hz) if RATES_HZ.contains(&rate_hz) => Ok(Some(rate_hz)),
-        _ => Err(wrong(
-            "rate_hz",
-            found,
-            "from 0.1 to 1000 headings a second",
-        )),
-    }
-}
-
-fn wrong(key: &str, found: &Value, right: &str) -> String {
-    let found: String = found.to_string().chars().take(QUOTED).collect();
-    format!("invalid WATCH: {key} is {found}, but must be {right}")
+    let value = T::deserialize(found).ok().filter(is_right);
+    value.map(Some).ok_or_else(|| {
+        let found: String = found.to_string().chars().take(QUOTED).collect();
+        format!("invalid WATCH: {key} is {found}, but must be {right}")
+    })
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ pub use super::feed::Publisher;
 use super::gpsd::{self, Device, LINE_END};
 use super::nmea;
 pub use super::socket_file::{BindError, BindFault};
-use super::socket_file::{OpenSocket, check_mode, check_path};
+use super::socket_file::{OpenSocket, right_mode, right_path};
 use crate::check::{Fault, settings};
 
 /// Headings are no secret, and nothing can be changed here.
@@ -49,8 +49,8 @@ settings! {
 
 impl Settings {
     fn check_socket(&self, faults: &mut Vec<Fault>) {
-        check_path(faults, "socket", &self.socket);
-        check_mode(faults, "mode", &self.mode, MOST_OPEN);
+        faults.extend(right_path("socket", &self.socket).err());
+        faults.extend(right_mode("mode", &self.mode, MOST_OPEN).err());
     }
 }
 

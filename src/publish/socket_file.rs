@@ -93,7 +93,6 @@ impl BindFault {
     }
 }
 
-/// A socket that is listened to.
 #[derive(Debug)]
 pub(super) struct OpenSocket {
     pub(super) listener: UnixListener,
@@ -263,17 +262,8 @@ impl Drop for SocketFile {
     }
 }
 
-/// Finds what is wrong with the path of a socket.
-pub(super) fn check_path(faults: &mut Vec<Fault>, key: &str, path: &Path) {
-    faults.extend(right_path(key, path).err());
-}
-
-/// Finds what is wrong with permissions that are at most `most`.
-pub(super) fn check_mode(faults: &mut Vec<Fault>, key: &str, mode: &str, most: u32) {
-    faults.extend(right_mode(key, mode, most).err());
-}
-
-fn right_path(key: &str, path: &Path) -> Result<(), Fault> {
+/// What is wrong with the path of a socket is the error.
+pub(super) fn right_path(key: &str, path: &Path) -> Result<(), Fault> {
     let length = path.as_os_str().as_bytes().len();
     if path.is_absolute() && path.file_name().is_some() && length <= LONGEST_PATH {
         return Ok(());
@@ -282,8 +272,8 @@ fn right_path(key: &str, path: &Path) -> Result<(), Fault> {
     Err(Fault::new(key, format!("{path:?} ({length} bytes)"), right))
 }
 
-/// Permissions as a number, if they are ones that a socket may have.
-fn right_mode(key: &str, mode: &str, most: u32) -> Result<u32, Fault> {
+/// Permissions as a number, if they are ones that a socket may have: at most `most`.
+pub(super) fn right_mode(key: &str, mode: &str, most: u32) -> Result<u32, Fault> {
     // A sign is no part of a mode, but would be of a number.
     let octal = mode.bytes().all(|b| matches!(b, b'0'..=b'7'));
     let bits = u32::from_str_radix(mode, 8).ok().filter(|_| octal);

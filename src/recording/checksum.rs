@@ -1,10 +1,6 @@
 //! A row may end in `*hh`: two hexadecimal digits, the XOR of all bytes before the asterisk, as in NMEA 0183.
 
 /// The row without its checksum, and whether it had one.
-///
-/// # Errors
-///
-/// What was found, and what would be right.
 pub fn check(row: &[u8]) -> Result<(&[u8], bool), String> {
     let Some(at) = row.iter().rposition(|byte| *byte == b'*') else {
         return Ok((row, false));

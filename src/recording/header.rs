@@ -33,10 +33,6 @@ pub struct HeaderLines {
 
 impl HeaderLines {
     /// Takes the first line, `# headingd-log 1`.
-    ///
-    /// # Errors
-    ///
-    /// What was found and what would be right.
     pub fn begin(text: &str) -> Result<Self, String> {
         check_version(text)?;
         Ok(Self {
@@ -46,10 +42,6 @@ impl HeaderLines {
     }
 
     /// Takes the next line; the one with the column names completes the header.
-    ///
-    /// # Errors
-    ///
-    /// What was found and what would be right.
     pub fn add(&mut self, text: &str) -> Result<Option<Rows>, String> {
         self.count += 1;
         match text.strip_prefix('#') {
@@ -131,23 +123,30 @@ fn check_version(text: &str) -> Result<(), String> {
     }
 }
 
-/// The keys read so far.
 #[derive(Debug, Default)]
 struct Keys {
     header: Header,
     seen: Vec<&'static str>,
-    mag: Option<MagUnit>,
+    mag: Option<Unit>,
     counts_per_gauss: Option<f64>,
-    gyro: Option<(f64, &'static str)>,
-    accel: Option<(f64, &'static str)>,
+    gyro: Option<Unit>,
+    accel: Option<Unit>,
 }
 
-#[derive(Debug)]
-enum MagUnit {
-    /// Milligauss in one unit, and its name.
-    Fixed(f64, &'static str),
-    Counts,
-}
+/// A unit's name in a log, and what one of it is in ours.
+type Unit = (&'static str, f64);
+
+/// What a count is depends on `counts_per_gauss`.
+const COUNTS: &str = "counts";
+const MAG_UNITS: [Unit; 5] = [
+    ("mgauss", 1.0),
+    ("gauss", 1000.0),
+    ("uT", 10.0),
+    ("nT", 0.01),
+    (COUNTS, f64::NAN),
+];
+const GYRO_UNITS: [Unit; 2] = [("rad/s", 1.0), ("deg/s", 1f64.to_radians())];
+const ACCEL_UNITS: [Unit; 2] = [("m/s2", 1.0), ("g", STANDARD_GRAVITY_M_S2)];
 
 /// The keys with a meaning of their own; a log may give each only once.
 pub(super) const KEYS: [&str; 8] = [
@@ -176,8 +175,12 @@ impl Keys {
             return Err(format!("{key} is given a second time"));
         }
         self.seen.push(known);
-        let unit =
+        let bad =
             |right: &str| format!("{key} is {}, but must be {right}", shown(value.as_bytes()));
+        let unit = |known: &[Unit], right: &str| {
+            let found = known.iter().find(|(name, _)| *name == value);
+            found.copied().ok_or_else(|| bad(right))
+        };
         let axes = || {
             value
                 .parse()
@@ -185,35 +188,14 @@ impl Keys {
         };
         match key {
             "sensor" => self.header.sensor = Some(value.to_owned()),
-            "mag_unit" => {
-                self.mag = Some(match value {
-                    "mgauss" => MagUnit::Fixed(1.0, "mgauss"),
-                    "gauss" => MagUnit::Fixed(1000.0, "gauss"),
-                    "uT" => MagUnit::Fixed(10.0, "uT"),
-                    "nT" => MagUnit::Fixed(0.01, "nT"),
-                    "counts" => MagUnit::Counts,
-                    _ => return Err(unit("mgauss, gauss, uT, nT or counts")),
-                });
-            }
+            "mag_unit" => self.mag = Some(unit(&MAG_UNITS, "mgauss, gauss, uT, nT or counts")?),
             "counts_per_gauss" => {
                 let counts = value.parse().ok().filter(|n| (1.0..=1e6).contains(n));
                 self.counts_per_gauss =
-                    Some(counts.ok_or_else(|| unit("a number from 1 to 1000000"))?);
+                    Some(counts.ok_or_else(|| bad("a number from 1 to 1000000"))?);
             }
-            "gyro_unit" => {
-                self.gyro = Some(match value {
-                    "rad/s" => (1.0, "rad/s"),
-                    "deg/s" => (1f64.to_radians(), "deg/s"),
-                    _ => return Err(unit("rad/s or deg/s")),
-                });
-            }
-            "accel_unit" => {
-                self.accel = Some(match value {
-                    "m/s2" => (1.0, "m/s2"),
-                    "g" => (STANDARD_GRAVITY_M_S2, "g"),
-                    _ => return Err(unit("m/s2 or g")),
-                });
-            }
+            "gyro_unit" => self.gyro = Some(unit(&GYRO_UNITS, "rad/s or deg/s")?),
+            "accel_unit" => self.accel = Some(unit(&ACCEL_UNITS, "m/s2 or g")?),
             "mag_axes" => self.header.mountings.mag = axes()?,
             "gyro_axes" => self.header.mountings.gyro = axes()?,
             _ => self.header.mountings.accel = axes()?,
@@ -222,26 +204,25 @@ impl Keys {
     }
 
     fn rules(&self) -> Result<[Rule; COLUMNS.len()], String> {
-        let mag = match (&self.mag, self.counts_per_gauss) {
-            (None, _) => (1.0, "mgauss"),
-            (Some(MagUnit::Fixed(factor, name)), _) => (*factor, *name),
-            (Some(MagUnit::Counts), Some(counts)) => (1000.0 / counts, "counts"),
-            (Some(MagUnit::Counts), None) => {
+        let mag = match (self.mag, self.counts_per_gauss) {
+            (Some((COUNTS, _)), Some(counts)) => (COUNTS, 1000.0 / counts),
+            (Some((COUNTS, _)), None) => {
                 return Err(
                     "mag_unit is counts, so \"# counts_per_gauss = …\" must stand above".to_owned(),
                 );
             }
+            (unit, _) => unit.unwrap_or(MAG_UNITS[0]),
         };
-        let rule = |(factor, unit), limit: f64| Rule {
+        let rule = |(unit, factor): Unit, limit: f64| Rule {
             factor,
             limit: limit / factor,
             unit,
         };
-        let mut rules = [rule((1.0, "s"), 1e12); COLUMNS.len()];
+        let mut rules = [rule(("s", 1.0), 1e12); COLUMNS.len()];
         rules[MAG..GYRO].fill(rule(mag, 1e6));
-        rules[GYRO..ACCEL].fill(rule(self.gyro.unwrap_or((1.0, "rad/s")), 1e3));
-        rules[ACCEL..HEADING].fill(rule(self.accel.unwrap_or((1.0, "m/s2")), 1e4));
-        rules[HEADING] = rule((1.0, "degrees"), 360.0);
+        rules[GYRO..ACCEL].fill(rule(self.gyro.unwrap_or(GYRO_UNITS[0]), 1e3));
+        rules[ACCEL..HEADING].fill(rule(self.accel.unwrap_or(ACCEL_UNITS[0]), 1e4));
+        rules[HEADING] = rule(("degrees", 1.0), 360.0);
         Ok(rules)
     }
 }

@@ -6,7 +6,7 @@ use std::io::{self, BufRead, Read};
 pub(super) const LONGEST_LINE: usize = 4096;
 
 /// After so many bytes without an end of the line nothing more is expected: a device may go on for ever.
-const LONGEST_SKIPPED: usize = 64 << 20;
+const LONGEST_SKIPPED: u64 = 64 << 20;
 
 /// What came next.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,18 +65,10 @@ impl<R: BufRead> LogLines<R> {
 
     /// Throws away the rest of a line.
     fn skip(&mut self) -> io::Result<()> {
-        let mut left = LONGEST_SKIPPED;
-        while left > 0 {
-            let waiting = self.input.fill_buf()?;
-            let (length, ends) = match waiting.iter().position(|byte| *byte == b'\n') {
-                Some(at) => (at + 1, true),
-                None => (waiting.len(), waiting.is_empty()),
-            };
-            self.input.consume(length);
-            if ends {
-                return Ok(());
-            }
-            left = left.saturating_sub(length);
+        let mut rest = (&mut self.input).take(LONGEST_SKIPPED);
+        rest.skip_until(b'\n')?;
+        if rest.limit() > 0 {
+            return Ok(());
         }
         Err(io::Error::new(
             io::ErrorKind::InvalidData,

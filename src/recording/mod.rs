@@ -54,11 +54,11 @@ use std::io;
 use crate::frame::Mountings;
 use crate::reading::Reading;
 
-pub use checksum::check as check_row;
-pub use header::HeaderLines;
-pub use read::Reader;
-pub use rows::Rows;
-pub use time_of_day::{RECORDED_FROM, TimeOfDay};
+pub(crate) use checksum::check as check_row;
+pub(crate) use header::HeaderLines;
+pub(crate) use read::Reader;
+pub(crate) use rows::Rows;
+pub(crate) use time_of_day::{RECORDED_FROM, TimeOfDay};
 pub use write::Writer;
 
 /// The first line of every log this version reads and writes, without its `#`.
@@ -132,6 +132,14 @@ pub enum RecordingError {
         line: u64,
         /// What was found and what would be right.
         what: String,
+    },
+    /// The file cannot be opened.
+    #[error("cannot open log {log}: {source}")]
+    Open {
+        /// The log's name.
+        log: String,
+        /// The error of the system.
+        source: io::Error,
     },
     /// The source of the bytes failed.
     #[error("cannot read log {log} after line {line}: {source}")]

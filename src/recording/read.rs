@@ -31,10 +31,6 @@ type Numbered = (Entry, u64);
 
 impl<R: BufRead> Reader<R> {
     /// Reads the header. `log` names the log in messages.
-    ///
-    /// # Errors
-    ///
-    /// When the log cannot be read, or its header cannot be understood.
     pub fn new(log: impl Into<String>, input: R) -> Result<Self, RecordingError> {
         let log = log.into();
         let mut lines = LogLines::new(input);
@@ -52,7 +48,6 @@ impl<R: BufRead> Reader<R> {
         })
     }
 
-    /// The header.
     pub fn header(&self) -> &Header {
         self.rows.header()
     }

@@ -42,7 +42,6 @@ impl Rows {
         Self { header, layout }
     }
 
-    /// The header.
     pub fn header(&self) -> &Header {
         &self.header
     }
@@ -58,10 +57,6 @@ impl Rows {
     }
 
     /// One row, without its line's end. Its time may be anything.
-    ///
-    /// # Errors
-    ///
-    /// What was found, in which column, and what would be right.
     pub fn row(&self, line: &[u8]) -> Result<Entry, String> {
         self.entry(line).map_err(|(column, what)| match column {
             Some(column) => {

@@ -65,8 +65,7 @@ impl<W: Write> Writer<W> {
         })
     }
 
-    /// Writes one row. A number that is not finite is no measurement: its axis of the magnetometer
-    /// is left empty, of the gyro and the accelerometer all three.
+    /// Writes one row. A number that is not finite is no measurement, and left empty.
     ///
     /// # Errors
     ///
@@ -111,21 +110,11 @@ impl<W: Write> Writer<W> {
 fn row(line: &mut String, entry: &Entry) -> fmt::Result {
     let reading = &entry.reading;
     write!(line, "{}", reading.t_s)?;
-    let whole = |vector: Option<nalgebra::Vector3<f64>>| match vector {
-        Some(v) if v.iter().all(|n| n.is_finite()) => [Some(v.x), Some(v.y), Some(v.z)],
-        _ => [None; 3],
-    };
     // Nine decimals hide what the way through radians adds to a heading.
     let heading_deg = entry
         .heading_truth_rad
         .map(|rad| (rad.to_degrees() * 1e9).round() / 1e9);
-    let cells = reading
-        .field_mgauss
-        .unwrap_or([None; 3])
-        .into_iter()
-        .chain(whole(reading.rate_rad_s))
-        .chain(whole(reading.specific_force_m_s2))
-        .chain([heading_deg]);
+    let cells = reading.cells().into_iter().flatten().chain([heading_deg]);
     for cell in cells {
         match cell.filter(|n| n.is_finite()) {
             Some(number) => write!(line, ",{number}")?,

@@ -18,7 +18,6 @@ const MOST_HEADINGS: usize = 4000;
 /// How many verdicts and warnings are listed, and changes of condition drawn.
 const MOST_EVENTS: usize = 1000;
 
-/// One heading of the log.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Point {
     pub(super) t_s: f64,
@@ -38,7 +37,6 @@ pub(super) struct Span {
     pub(super) reason: &'static str,
 }
 
-/// A turn that was calibrated on.
 #[derive(Debug)]
 pub(super) struct Judged {
     pub(super) request: Request,
@@ -51,7 +49,6 @@ pub struct Analysis {
     pub(super) found: Findings,
 }
 
-/// What is found in a log.
 pub(super) struct Findings {
     north: TrueNorth,
     since_1970: Option<Duration>,
@@ -71,9 +68,7 @@ pub(super) struct Findings {
     pub(super) now_s: f64,
     pub(super) readings: u64,
     pub(super) headings: u64,
-    /// How many turns the board made.
     pub(super) turns: u64,
-    /// The condition that came last.
     pub(super) last: Option<Report>,
 }
 
@@ -127,7 +122,6 @@ impl Analysis {
         self.found.readings > 0
     }
 
-    /// What is known at the end.
     pub(super) fn calibration(&self) -> Option<Calibration> {
         self.pipeline.calibration()
     }

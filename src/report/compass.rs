@@ -57,10 +57,6 @@ pub(super) fn held(turned: &Turned) -> Vec<Held> {
 }
 
 /// The corrected field against the gyro, over time.
-///
-/// # Errors
-///
-/// The figure cannot be drawn.
 pub(super) fn against_gyro(held: &[Held]) -> Result<String, ReportError> {
     let some = some(held, MOST);
     let points = some.iter().map(|it| (it.t_s, it.after_deg));
@@ -74,10 +70,6 @@ pub(super) fn against_gyro(held: &[Held]) -> Result<String, ReportError> {
 }
 
 /// The deviation by heading, before and after.
-///
-/// # Errors
-///
-/// The figure cannot be drawn.
 pub(super) fn deviation(held: &[Held]) -> Result<String, ReportError> {
     let some = some(held, MOST);
     let dots = |hue, of: fn(&Held) -> f64| {

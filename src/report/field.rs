@@ -14,10 +14,6 @@ const MOST: usize = 700;
 const CIRCLE: u32 = 120;
 
 /// Raw and corrected field, a figure for each pair of axes (the paper's Figure 6c).
-///
-/// # Errors
-///
-/// A figure cannot be drawn.
 pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
     let pairs: &[[usize; 2]] = if turned.axes.len() == 2 {
         &[[0, 1]]
@@ -53,10 +49,6 @@ pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
 }
 
 /// Strength of the field before and after (Figure 6b).
-///
-/// # Errors
-///
-/// The figure cannot be drawn.
 pub(super) fn strength(turned: &Turned) -> Result<String, ReportError> {
     let samples = seen(turned);
     let line = |hue, of: fn(&Seen) -> &[f64]| {
@@ -72,10 +64,6 @@ pub(super) fn strength(turned: &Turned) -> Result<String, ReportError> {
 }
 
 /// The raw signals, and the window in them that RIST chose (Figure 3).
-///
-/// # Errors
-///
-/// The figure cannot be drawn.
 pub(super) fn window(judged: &Judged) -> Result<String, ReportError> {
     let samples = some(&judged.request.samples, MOST);
     let line = |(axis, hue)| {

@@ -38,7 +38,6 @@ pub(super) fn verdict(title: &str, outcome: &Outcome) -> String {
     out
 }
 
-/// Whether a limit was kept.
 pub(super) fn badge(kept: bool) -> &'static str {
     if kept {
         "<b class=good>kept</b>"

@@ -16,7 +16,6 @@ pub(super) fn section(analysis: &Analysis) -> String {
     out + &limits(&measures)
 }
 
-/// Each limit and what was measured of it.
 fn limits(measures: &MotionMeasures) -> String {
     let (found, most) = (measures.heading_sd_deg, measures.most_heading_sd_deg);
     format!(

@@ -12,7 +12,6 @@ use crate::advice::next_step;
 use crate::calibration::model::Mode;
 use crate::calibration::verdict::{Limits, MOST_AT_REST, Measures};
 
-/// Where the readings come from.
 #[derive(Clone, Debug)]
 pub struct About {
     /// The log, or the socket.
@@ -28,11 +27,6 @@ const LISTED: usize = 50;
 
 const STYLE: &str = include_str!("style.css");
 
-/// The page as HTML.
-///
-/// # Errors
-///
-/// A figure cannot be drawn.
 pub fn page(about: &About, analysis: &Analysis) -> Result<String, ReportError> {
     let found = &analysis.found;
     let mut out = String::with_capacity(1 << 18);
@@ -270,7 +264,6 @@ enum Bound {
     AtLeast(f64),
 }
 
-/// Each limit and what was measured of it.
 fn limits(m: &Measures, limits: &Limits) -> String {
     use Bound::{AtLeast, AtMost};
     let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);

@@ -5,7 +5,6 @@ use std::ops::Range;
 use plotters::prelude::*;
 use plotters::style::FontTransform;
 
-/// A figure could not be drawn.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot draw a figure: {0}")]
 pub struct ReportError(String);
@@ -50,14 +49,12 @@ impl Hue {
     }
 }
 
-/// How points are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mark {
     Line,
     Dots,
 }
 
-/// Points of one kind.
 #[derive(Clone, Debug)]
 pub(super) struct Series {
     pub(super) hue: Hue,
@@ -119,7 +116,6 @@ impl AxisScale {
         Self::over(name, points.map(|point| point.1))
     }
 
-    /// With this range.
     pub(super) fn from(name: &str, range: Range<f64>) -> Self {
         Self {
             name: name.to_owned(),
@@ -129,7 +125,6 @@ impl AxisScale {
     }
 }
 
-/// A figure.
 #[derive(Clone, Debug)]
 pub(super) struct Chart {
     pub(super) size: (u32, u32),
@@ -140,7 +135,6 @@ pub(super) struct Chart {
 }
 
 impl Chart {
-    /// A wide figure.
     pub(super) fn wide(x: AxisScale, y: AxisScale, series: Vec<Series>) -> Self {
         Self {
             size: (860, 320),
@@ -168,11 +162,6 @@ impl Chart {
         }
     }
 
-    /// As SVG.
-    ///
-    /// # Errors
-    ///
-    /// The library cannot draw it.
     pub(super) fn svg(&self) -> Result<String, ReportError> {
         let mut svg = String::new();
         draw(self, &mut svg).map_err(|error| ReportError(error.to_string()))?;

@@ -17,7 +17,6 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// Runs both.
     pub(super) fn on(judged: &Judged) -> Self {
         let run = |stop: StopChoice| {
             let mut request: Request = judged.request.clone();
@@ -33,10 +32,6 @@ impl Search {
     }
 
     /// Fitness by iteration (Figures 8 and 10).
-    ///
-    /// # Errors
-    ///
-    /// The figure cannot be drawn.
     pub(super) fn fitness(&self) -> Result<String, ReportError> {
         let line = |outcome: &Outcome, hue| {
             let fitness = outcome.swarm.as_ref().map(|swarm| swarm.fitness.as_slice());
@@ -59,7 +54,6 @@ impl Search {
         Chart::wide(x, y, series).svg()
     }
 
-    /// How many iterations each took.
     pub(super) fn iterations(&self) -> [Option<usize>; 2] {
         [&self.basic, &self.mpsot]
             .map(|outcome| outcome.swarm.as_ref().map(|swarm| swarm.iterations))

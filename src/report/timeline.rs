@@ -21,10 +21,6 @@ pub(super) fn hue(word: &str) -> Hue {
 }
 
 /// The heading: raw, published, and from true north where that is known.
-///
-/// # Errors
-///
-/// The figure cannot be drawn.
 pub(super) fn headings(found: &Findings) -> Result<String, ReportError> {
     let points = some(found.points.items(), MOST);
     let mut series = lines(&points, Hue::Raw, |point| point.raw_deg);
@@ -37,10 +33,6 @@ pub(super) fn headings(found: &Findings) -> Result<String, ReportError> {
 }
 
 /// What the daemon says of its heading: one standard deviation.
-///
-/// # Errors
-///
-/// The figure cannot be drawn.
 pub(super) fn uncertainty(found: &Findings) -> Result<String, ReportError> {
     let points = some(found.points.items(), MOST);
     let series = lines(&points, Hue::Corrected, |point| point.sd_deg);

@@ -17,7 +17,6 @@ pub(super) struct Seen {
     pub(super) headings: Option<Headings3>,
 }
 
-/// Headings of one sample, degrees.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Headings3 {
     /// By the gyro, from wherever it began.
@@ -30,10 +29,8 @@ pub(super) struct Headings3 {
     pub(super) stretch: u32,
 }
 
-/// The samples of a turn.
 pub(super) struct Turned {
     pub(super) samples: Vec<Seen>,
-    /// How the axes are called.
     pub(super) axes: Vec<String>,
 }
 

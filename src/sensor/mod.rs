@@ -1,10 +1,10 @@
 //! Sources of readings, and the events that all of them send.
 
 pub mod board;
-pub mod bus;
-pub mod chip;
+pub(crate) mod bus;
+pub(crate) mod chip;
 pub mod clock;
-pub mod i2c;
+pub(crate) mod i2c;
 pub mod replay;
 pub mod serial;
 pub mod simulator;
@@ -13,6 +13,8 @@ use std::time::Instant;
 
 use crate::condition::SourceFault;
 use crate::reading::Reading;
+
+pub use chip::drivers;
 
 /// What a source sends.
 #[derive(Clone, Debug, PartialEq)]

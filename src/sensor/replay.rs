@@ -1,9 +1,9 @@
 //! A recorded log as a source of readings. The caller decides how fast to play them.
 
 use std::fs::{self, File};
-use std::io::{self, BufReader, Seek};
+use std::io::{self, BufReader, ErrorKind, Seek};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
@@ -13,28 +13,9 @@ use crate::recording::{Entry, Header, Reader, RecordingError, Skips};
 /// A named pipe that nobody has opened for writing by then is no log.
 const PIPE_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Why a log cannot be replayed.
-#[derive(Debug, thiserror::Error)]
-pub enum ReplayError {
-    /// The file cannot be opened, or not read any further.
-    #[error("cannot {attempt} log {}: {why}", path.display())]
-    Unreadable {
-        /// What was attempted.
-        attempt: &'static str,
-        /// The path as given.
-        path: PathBuf,
-        /// Why it failed.
-        why: String,
-    },
-    /// The file is no log.
-    #[error(transparent)]
-    BadData(RecordingError),
-}
-
 /// An open log: an iterator of its good rows that counts the bad ones.
 #[derive(Debug)]
 pub struct Replay {
-    path: PathBuf,
     /// The open file that the reader reads, for its position.
     file: File,
     bytes: u64,
@@ -48,22 +29,19 @@ impl Replay {
     /// # Errors
     ///
     /// When the log cannot be opened, or its header cannot be understood.
-    pub fn open(path: &Path) -> Result<Self, ReplayError> {
-        let unreadable = |error| unreadable(path, error);
-        let file = open(path).map_err(unreadable)?;
-        // Opening a directory works; only reading it would fail.
-        if file.metadata().map_err(unreadable)?.is_dir() {
-            return Err(unreadable(io::Error::from(io::ErrorKind::IsADirectory)));
-        }
-        let shared = file.try_clone().map_err(unreadable)?;
-        let bytes = file.metadata().map_err(unreadable)?.len();
-        let reader = Reader::new(path.display().to_string(), BufReader::new(file))
-            .map_err(|error| explain(path, error))?;
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let log = path.display().to_string();
+        let failed = |source| RecordingError::Open {
+            log: log.clone(),
+            source,
+        };
+        let file = open(path).map_err(failed)?;
+        let shared = file.try_clone().map_err(failed)?;
+        let bytes = file.metadata().map_err(failed)?.len();
         Ok(Self {
-            path: path.to_owned(),
             file: shared,
             bytes,
-            reader,
+            reader: Reader::new(log, BufReader::new(file))?,
             skips: Skips::default(),
         })
     }
@@ -91,17 +69,13 @@ impl Replay {
 }
 
 impl Iterator for Replay {
-    type Item = Result<Entry, ReplayError>;
+    type Item = Result<Entry, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         loop {
-            match self.reader.next()? {
-                Ok(row) => {
-                    if let Some(entry) = self.skips.keep(row) {
-                        return Some(Ok(entry));
-                    }
-                }
-                Err(error) => return Some(Err(explain(&self.path, error))),
+            let kept = self.reader.next()?.map(|row| self.skips.keep(row));
+            if let Some(entry) = kept.transpose() {
+                return Some(entry);
             }
         }
     }
@@ -109,7 +83,15 @@ impl Iterator for Replay {
 
 /// Opens a log. A pipe may be one, but the system would wait for ever for somebody to write to it.
 fn open(path: &Path) -> io::Result<File> {
-    if !fs::metadata(path)?.file_type().is_fifo() {
+    let found = fs::metadata(path).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => io::Error::new(ErrorKind::NotFound, "there is no such file"),
+        _ => error,
+    })?;
+    // Opening a directory works; only reading it would fail.
+    if found.is_dir() {
+        return Err(ErrorKind::IsADirectory.into());
+    }
+    if !found.file_type().is_fifo() {
         return File::open(path);
     }
     let (sender, opened) = mpsc::channel();
@@ -126,27 +108,8 @@ fn open(path: &Path) -> io::Result<File> {
             .open(path);
         let seconds = PIPE_PATIENCE.as_secs();
         let why = format!("it is a pipe that nobody has opened for writing within {seconds} s");
-        Err(io::Error::new(io::ErrorKind::TimedOut, why))
+        Err(io::Error::new(ErrorKind::TimedOut, why))
     })
-}
-
-fn unreadable(path: &Path, error: io::Error) -> ReplayError {
-    let (attempt, why) = match error.kind() {
-        io::ErrorKind::NotFound => ("open", "there is no such file".to_owned()),
-        _ => ("read", error.to_string()),
-    };
-    ReplayError::Unreadable {
-        attempt,
-        path: path.to_owned(),
-        why,
-    }
-}
-
-fn explain(path: &Path, error: RecordingError) -> ReplayError {
-    match error {
-        RecordingError::Read { source, .. } => unreadable(path, source),
-        header @ RecordingError::Header { .. } => ReplayError::BadData(header),
-    }
 }
 
 #[cfg(test)]
@@ -183,7 +146,7 @@ mod tests {
         let path = folder.path().join("bad.csv");
         std::fs::write(&path, "hello\n").unwrap();
         let bad = Replay::open(&path).unwrap_err();
-        assert!(matches!(bad, ReplayError::BadData(_)));
+        assert!(matches!(bad, RecordingError::Header { .. }));
         assert!(bad.to_string().contains("bad.csv, line 1"), "{bad}");
     }
 }

@@ -14,7 +14,6 @@ pub const CONTROL: &str = "control";
 /// What systemd calls a socket whose unit gives it no name is the unit's own.
 const UNNAMED: [&str; 2] = ["", "headingd.socket"];
 
-/// The sockets that were handed over, with their names.
 #[derive(Debug, Default)]
 pub struct Sockets {
     left: Vec<(String, UnixListener)>,

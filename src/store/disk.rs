@@ -7,11 +7,7 @@ use std::path::{Path, PathBuf};
 
 const TEMPORARY_SUFFIX: &str = ".tmp";
 
-/// Replaces a file's content as a whole.
-///
-/// # Errors
-///
-/// The file cannot be written; it is as it was, if it is a regular one.
+/// Replaces a file's content as a whole. After an error a regular file is as it was.
 pub fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     // A link keeps pointing where it did, and a device or pipe is written to, not replaced.
     let path = match fs::canonicalize(path) {

@@ -14,9 +14,9 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::check::{Fault, settings};
+use crate::check::{Fault, absolute_or_empty, settings};
 use crate::lock_file::{LockError, LockFile};
-pub use disk::replace_file;
+pub(crate) use disk::replace_file;
 pub use format::{Contents, FormatError};
 pub use history::{BoardMounting, History, Identity, KeptCalibration, Made};
 
@@ -49,10 +49,8 @@ impl Settings {
 
     fn check_directory(&self, faults: &mut Vec<Fault>) {
         // The folder that a daemon happens to be started in is no place to look for it next time.
-        if let Some(directory) = self.directory().filter(|d| d.is_relative()) {
-            let right = "an absolute path, or empty to keep nothing";
-            faults.push(Fault::new("directory", format!("{directory:?}"), right));
-        }
+        let right = "an absolute path, or empty to keep nothing";
+        absolute_or_empty(faults, "directory", &self.directory, right);
     }
 }
 

@@ -57,7 +57,7 @@ impl Settings {
 }
 
 /// The declination, as long as it is known.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct TrueNorth {
     declination_by_hand_deg: Option<f64>,
     position: Option<Position>,
@@ -77,11 +77,7 @@ impl TrueNorth {
         Self {
             declination_by_hand_deg: settings.declination_deg,
             position: settings.position(),
-            day: None,
-            moved: false,
-            declination_deg: None,
-            field: None,
-            news: None,
+            ..Self::default()
         }
     }
 
@@ -156,29 +152,26 @@ fn answer(
             )),
         ),
         Ok(field) => {
-            let warning = field.zone.map(|zone| zone.warning(&field));
-            (
-                Some(field).filter(|field| field.zone != Some(Zone::Blackout)),
-                warning,
-            )
+            let reliable = field.zone != Some(Zone::Blackout);
+            (reliable.then_some(field), field.warning())
         }
     }
 }
 
-impl Zone {
-    /// What a user should know there.
-    pub fn warning(self, field: &EarthField) -> String {
-        let horizontal = field.horizontal_mgauss.value;
-        match self {
-            Self::Caution => format!(
+impl EarthField {
+    /// What a user should know there, near a magnetic pole.
+    pub fn warning(&self) -> Option<String> {
+        let horizontal = self.horizontal_mgauss.value;
+        Some(match self.zone? {
+            Zone::Caution => format!(
                 "near a magnetic pole: the horizontal field is {horizontal:.0} mG, and headings are less accurate than \
                  heading_sd says"
             ),
-            Self::Blackout => format!(
+            Zone::Blackout => format!(
                 "no true headings: so near a magnetic pole, with a horizontal field of {horizontal:.0} mG, no compass \
                  is to be relied on"
             ),
-        }
+        })
     }
 }
 

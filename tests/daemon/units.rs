@@ -4,10 +4,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use headingd::check::Check;
-use headingd::daemon::open_files::needed;
-use headingd::publish::server::Settings;
-
 /// At most this exposure, of 0.0 (tightest) to 10.0.
 const MOST_EXPOSED: f64 = 1.0;
 
@@ -72,24 +68,6 @@ fn the_service_is_closed_to_all_that_it_does_not_need() {
             .unwrap();
         assert!(good && found <= MOST_EXPOSED, "{said}");
     }
-}
-
-#[test]
-fn the_service_may_open_files_for_as_many_clients_as_can_be_set() {
-    let (_folder, units) = units();
-    let text = fs::read_to_string(&units[0]).unwrap();
-    let limit = text
-        .lines()
-        .find_map(|line| line.strip_prefix("LimitNOFILE="));
-    let limit: u64 = limit.expect("a limit").parse().unwrap();
-    let settings = |max_clients| Settings {
-        max_clients,
-        ..Settings::default()
-    };
-    let most = (1..)
-        .take_while(|most| settings(*most).check().is_empty())
-        .last();
-    assert!(limit >= needed(most.unwrap()));
 }
 
 #[test]

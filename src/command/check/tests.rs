@@ -102,7 +102,7 @@ fn a_good_board_is_well() {
     assert!((report.accel_m_s2.unwrap()[2] + 9.8).abs() < 0.1);
     // 378 counts an axis at 1300 a gauss.
     assert!((report.field_mgauss.unwrap() - 504.0).abs() < 5.0);
-    let text = written(&report);
+    let text = report.to_string();
     for part in [
         "0x1e  HMC5843",
         "self-test X: 429 counts, expected 429",
@@ -170,7 +170,7 @@ fn each_thing_that_is_wrong_has_its_sentence() {
         let found = report.problems.iter().find(|problem| problem.code == code);
         let found = found.unwrap_or_else(|| panic!("{code}: {:?}", report.problems));
         assert!(found.message.contains(part), "{}", found.message);
-        assert!(written(&report).contains(&found.message));
+        assert!(report.to_string().contains(&found.message));
     }
 }
 
@@ -239,7 +239,7 @@ fn a_gy_271_with_a_qmc5883l_beside_a_gyro_is_well() {
     assert!((report.mag_rate_hz.unwrap() - 50.0).abs() < 2.0);
     assert!((report.field_mgauss.unwrap() - 500.0).abs() < 20.0);
     assert!((report.accel_m_s2.unwrap()[2] + 9.8).abs() < 0.1);
-    let text = written(&report);
+    let text = report.to_string();
     assert!(text.contains("0x0d  QMC5883L"), "{text}");
 }
 

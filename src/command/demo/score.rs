@@ -28,7 +28,6 @@ impl Score {
         (self.count > 0).then(|| (self.sum_of_squares / f64::from(self.count)).sqrt())
     }
 
-    /// How many headings were counted.
     pub(super) fn headings(&self) -> u32 {
         self.count
     }

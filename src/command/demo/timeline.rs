@@ -7,8 +7,9 @@ use nalgebra::Vector3;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::super::progress::bar;
+use super::super::{Failure, text};
 use super::score::Score;
-use crate::command::Failure;
 use crate::config::Config;
 use crate::frame::hypot;
 use crate::sensor::simulator::{self, Simulator};
@@ -26,7 +27,6 @@ const SAME_S: f64 = 1e-6;
 /// Lines that go on begin below the text of the first.
 const INDENT: &str = "           ";
 
-/// The demo so far.
 pub(super) struct Timeline {
     /// What the board that the daemon reads does, once more.
     simulator: Simulator,
@@ -151,13 +151,8 @@ impl Timeline {
                     return String::new();
                 }
                 self.shown_progress = progress;
-                let done = (progress * 20.0) as usize;
-                self.passing(&format!(
-                    "turning [{}{}] {:3.0} %",
-                    "#".repeat(done.min(20)),
-                    ".".repeat(20 - done.min(20)),
-                    progress * 100.0
-                ))
+                let percent = 100.0 * progress;
+                self.passing(&format!("turning {} {percent:3.0} %", bar(progress)))
             }
             ("fault", _) => self.line(&format!("fault: {}", text(state, "message"))),
             _ => String::new(),
@@ -203,7 +198,6 @@ impl Timeline {
         shown
     }
 
-    /// What comes last.
     pub(super) fn closing(&mut self) -> String {
         let mut shown = self.line(&format!(
             "the end. {} headings were published; they were off by",
@@ -285,10 +279,6 @@ pub(super) fn opening(config: &Config, duration_s: f64) -> String {
          \nor, where there is an nc that knows -U:\n\
          \n  (printf '?WATCH={{\"enable\":true}};\\n'; cat) | nc -U {socket}\n\n"
     )
-}
-
-fn text<'a>(message: &'a Value, key: &str) -> &'a str {
-    message[key].as_str().unwrap_or("unknown")
 }
 
 /// The parameters found beside the true ones, and how well they fit.

@@ -1,6 +1,5 @@
 //! Which directions a turning board has shown.
 
-/// Sectors of the circle.
 pub(super) const SECTORS: usize = 16;
 
 /// Their names, clockwise from north.
@@ -21,7 +20,6 @@ pub(super) struct Directions {
 }
 
 impl Directions {
-    /// Begins anew.
     pub(super) fn clear(&mut self) {
         self.seen = [false; SECTORS];
     }

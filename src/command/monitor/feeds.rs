@@ -22,7 +22,6 @@ const LOOK: Duration = Duration::from_secs(1);
 /// How many messages wait for the screen; then the daemon's wait, and it leaves some out.
 const WAITING: usize = 2048;
 
-/// Something new.
 #[derive(Clone, Debug)]
 pub(super) enum News {
     /// An object of the socket for headings.
@@ -42,11 +41,7 @@ pub(super) struct Feeds {
 }
 
 impl Feeds {
-    /// Connects to both sockets.
-    ///
-    /// # Errors
-    ///
-    /// Nobody serves headings there. Without the control socket, which is not for everybody, headings are shown all the same.
+    /// Connects to both sockets. Without the control socket, which is not for everybody, headings are shown all the same.
     pub(super) fn open(sockets: &DaemonSockets) -> Result<Self, Failure> {
         let (sender, news) = mpsc::sync_channel(WAITING);
         let (orders, ordered) = mpsc::channel();
@@ -58,7 +53,6 @@ impl Feeds {
         Ok(Self { news, orders })
     }
 
-    /// Hands out everything that has come.
     pub(super) fn drain(&self, mut take: impl FnMut(News)) {
         for news in self.news.try_iter().take(WAITING) {
             take(news);

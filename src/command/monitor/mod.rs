@@ -37,16 +37,10 @@ const REDRAW: Duration = Duration::from_millis(200);
 /// r rolls back to the one before, v tells that the board is level now, q ends.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Which daemon is meant.
     #[command(flatten)]
     pub target: HeadingTarget,
 }
 
-/// Runs the command.
-///
-/// # Errors
-///
-/// There is no terminal, or no daemon.
 pub fn run(args: &Args) -> Result<(), Failure> {
     if !io::stdout().is_terminal() || !io::stdin().is_terminal() {
         let message = "monitor needs a terminal: for programs there is headingd watch";
@@ -120,11 +114,8 @@ fn next_event(until: Instant) -> io::Result<Option<Event>> {
     }
 }
 
-/// Waits for input or a signal: a resize is one.
-///
-/// # Errors
-///
-/// The terminal has hung up: Crossterm would read its end-of-file again and again.
+/// Waits for input or a signal: a resize is one. A terminal that has hung up is an error: Crossterm would read its
+/// end-of-file again and again.
 fn wait_for_input(patience: Duration) -> io::Result<()> {
     let stdin = io::stdin();
     let mut waiting = [PollFd::new(&stdin, PollFlags::IN)];

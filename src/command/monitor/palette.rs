@@ -4,10 +4,8 @@ use std::env;
 
 use ratatui::style::{Color, Modifier, Style as Cell};
 
-/// What the terminal can show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Palette {
-    /// Colours.
     pub(super) colour: bool,
     /// Characters beyond ASCII.
     pub(super) unicode: bool,

@@ -55,33 +55,24 @@ impl Widget for Rose<'_> {
         for (degrees, name) in [(0.0, "N"), (90.0, "E"), (180.0, "S"), (270.0, "W")] {
             put(degrees, 1.0, name, self.style.strong());
         }
-        let needle = |symbol: &'static str, degrees: f64, length: f64, cell: Cell| {
-            (1..=NEEDLE_STEPS).map(move |step| {
-                (
-                    degrees,
-                    length * f64::from(step) / f64::from(NEEDLE_STEPS),
-                    symbol,
-                    cell,
-                )
-            })
-        };
-        if let Some(raw_deg) = self.raw_deg {
-            for (degrees, share, symbol, cell) in needle(":", raw_deg, RAW_NEEDLE, self.style.raw())
-            {
-                put(degrees, share, symbol, cell);
-            }
-        }
         if let Some((heading_deg, sd_deg)) = self.heading {
             let sd_deg = sd_deg.unwrap_or_default().min(180.0);
             for step in 0..=RING_STEPS {
                 let offset = sd_deg * (2.0 * f64::from(step) / f64::from(RING_STEPS) - 1.0);
                 put(heading_deg + offset, 1.0, "=", self.style.strong());
             }
-            for (degrees, share, symbol, cell) in
-                needle("#", heading_deg, NEEDLE, self.style.strong())
-            {
+        }
+        let mut needle = |degrees: f64, length: f64, symbol: &str, cell: Cell| {
+            for step in 1..=NEEDLE_STEPS {
+                let share = length * f64::from(step) / f64::from(NEEDLE_STEPS);
                 put(degrees, share, symbol, cell);
             }
+        };
+        if let Some(raw_deg) = self.raw_deg {
+            needle(raw_deg, RAW_NEEDLE, ":", self.style.raw());
+        }
+        if let Some((heading_deg, _)) = self.heading {
+            needle(heading_deg, NEEDLE, "#", self.style.strong());
         }
         put(0.0, 0.0, "+", self.style.strong());
     }

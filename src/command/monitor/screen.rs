@@ -9,8 +9,9 @@ use ratatui::widgets::{Block, Paragraph, Wrap};
 use serde_json::Value;
 
 use super::super::headings::heading_text;
+use super::super::progress::bar;
 use super::super::status::span;
-use super::super::{rounded, text};
+use super::super::text;
 use super::palette::Palette;
 use super::rose::Rose;
 use super::scatter::Scatter;
@@ -18,15 +19,13 @@ use super::view::View;
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
 use crate::calibration::policy::Policy;
+use crate::frame::rounded;
 use crate::publish::control::status::{CalibrationSummary, DaemonStatus};
 
 const KEYS: &str = "c calibrate  x cancel  l lock/unlock  r roll back  v level  q quit";
 
 /// Width of what a line of the panel begins with.
 const NAME: usize = 12;
-
-/// Length of a bar, characters.
-const BAR: usize = 20;
 
 pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {
     let width = usize::from(frame.area().width);
@@ -120,9 +119,9 @@ fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value, now: Instant) -> V
         ),
     );
     match &view.status {
-        Err(why) => add("control", why.clone()),
-        Ok(None) => {}
-        Ok(Some(status)) => {
+        None => {}
+        Some(Err(why)) => add("control", why.clone()),
+        Some(Ok(status)) => {
             let (faults, dropped) = (status.counts.faults, status.counts.values_dropped);
             add(
                 "errors",
@@ -177,11 +176,6 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
             lines.push(Line::from(format!("{:NAME$}{missing}", "missing")));
         }
     }
-}
-
-fn bar(share: f64) -> String {
-    let done = ((share * BAR as f64) as usize).min(BAR);
-    format!("[{}{}]", "#".repeat(done), ".".repeat(BAR - done))
 }
 
 /// Strength and dip of the corrected field, against what they should be where that is known.

@@ -23,18 +23,16 @@ const FRESH: Duration = Duration::from_secs(2);
 /// Rates are those of so many readings.
 const RATE_OVER: usize = 100;
 
-/// The latest of everything.
+#[derive(Default)]
 pub(super) struct View {
     pub(super) socket: String,
     /// Why the socket for headings is lost, if it is.
     pub(super) lost: Option<String>,
     att: Option<(Value, Instant)>,
-    /// The latest `STATE`.
     pub(super) state: Value,
-    /// The latest `CALIBRATION`.
     pub(super) outcome: Value,
     /// The latest answer to `status`, or why there is none.
-    pub(super) status: Result<Option<Box<DaemonStatus>>, String>,
+    pub(super) status: Option<Result<Box<DaemonStatus>, String>>,
     /// What the last key came to.
     pub(super) said: String,
     /// What the user is asked to confirm, and the request that it is.
@@ -55,22 +53,7 @@ impl View {
     pub(super) fn new(socket: String) -> Self {
         Self {
             socket,
-            lost: None,
-            att: None,
-            state: Value::Null,
-            outcome: Value::Null,
-            status: Ok(None),
-            said: String::new(),
-            asking: None,
-            mounting: Mounting::default(),
-            raw: VecDeque::new(),
-            corrected: VecDeque::new(),
-            directions: Directions::default(),
-            headings_hz: Frequency::default(),
-            field_hz: Frequency::default(),
-            gyro_hz: Frequency::default(),
-            last_reading: 0,
-            missed: 0,
+            ..Self::default()
         }
     }
 
@@ -85,7 +68,7 @@ impl View {
                 *self = Self::new(std::mem::take(&mut self.socket));
                 self.lost = Some(why);
             }
-            News::Status(status) => self.status = status.map(Some),
+            News::Status(status) => self.status = Some(status),
             News::Answer(said) => self.said = said,
         }
     }
@@ -167,9 +150,8 @@ impl View {
         }
     }
 
-    /// The latest answer to `status`.
     pub(super) fn answered(&self) -> Option<&DaemonStatus> {
-        self.status.as_ref().ok()?.as_deref()
+        self.status.as_ref()?.as_deref().ok()
     }
 
     /// Whether nothing may take the place of the calibration.

@@ -10,15 +10,12 @@ pub struct Answer {
     pub ok: bool,
     /// For programs: `ok`, or why not.
     pub code: &'static str,
-    /// For people.
     pub message: String,
-    /// What was asked for.
     #[serde(flatten)]
     pub more: Map<String, Value>,
 }
 
 impl Answer {
-    /// It was done.
     pub fn done(message: impl Into<String>) -> Self {
         Self {
             ok: true,
@@ -28,13 +25,11 @@ impl Answer {
         }
     }
 
-    /// It was not done, and why.
     pub fn refused(code: &'static str, message: impl Into<String>) -> Self {
         Self {
             ok: false,
             code,
-            message: message.into(),
-            more: Map::new(),
+            ..Self::done(message)
         }
     }
 
@@ -56,7 +51,6 @@ impl Answer {
         self
     }
 
-    /// As one line.
     pub(super) fn line(&self) -> String {
         // A map with text for keys can always be written.
         let mut line = serde_json::to_string(self).unwrap_or_default();

@@ -17,7 +17,7 @@ use std::sync::atomic::AtomicUsize;
 use tokio::sync::{mpsc, oneshot};
 
 use super::clients::{Door, serve_clients};
-use super::socket_file::{BindError, OpenSocket, check_mode, check_path};
+use super::socket_file::{BindError, OpenSocket, right_mode, right_path};
 use crate::check::{Fault, settings};
 pub use answer::Answer;
 pub use request::ControlRequest;
@@ -55,16 +55,14 @@ impl Settings {
 
     fn check_socket(&self, faults: &mut Vec<Fault>) {
         if !self.socket.as_os_str().is_empty() {
-            check_path(faults, "socket", &self.socket);
+            faults.extend(right_path("socket", &self.socket).err());
         }
-        check_mode(faults, "mode", &self.mode, MOST_OPEN);
+        faults.extend(right_mode("mode", &self.mode, MOST_OPEN).err());
     }
 }
 
-/// A request, and where its answer goes.
 #[derive(Debug)]
 pub struct ControlCall {
-    /// What is asked.
     pub request: ControlRequest,
     /// An answer that is dropped says that the daemon is about to end.
     pub answer: oneshot::Sender<Answer>,
@@ -79,10 +77,6 @@ pub struct Control {
 impl Control {
     /// Claims the socket, or takes the one that was `handed` over, as that for headings is. `heading_socket` is beside it
     /// unless the settings say otherwise.
-    ///
-    /// # Errors
-    ///
-    /// The settings are wrong, somebody else has the socket, or the system refuses.
     pub fn bind(
         handed: Option<UnixListener>,
         settings: &Settings,
@@ -94,10 +88,6 @@ impl Control {
     }
 
     /// Hands requests to `orders` and answers to those who asked, until `shutdown` is ready. Then the socket is gone.
-    ///
-    /// # Errors
-    ///
-    /// The socket cannot be handed to the runtime; nothing that a client does ends it.
     pub async fn run(
         self,
         orders: mpsc::Sender<ControlCall>,

@@ -12,31 +12,24 @@ use crate::calibration::policy::Policy;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "request", rename_all = "lowercase", deny_unknown_fields)]
 pub enum ControlRequest {
-    /// The daemon's status.
     Status {},
-    /// All calibrations kept of this sensor.
     List {},
     /// One of them, or the active one.
     Show {
-        /// Its number.
         #[serde(default, deserialize_with = "number")]
         #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
     },
-    /// Lock the active calibration.
     Lock {},
-    /// Unlock it.
     Unlock {},
     /// Make an earlier calibration the active one: this one, or the one before.
     Rollback {
-        /// Its number.
         #[serde(default, deserialize_with = "number")]
         #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
     },
     /// Forget a calibration, or the active one, or all.
     Forget {
-        /// Its number.
         #[serde(default, deserialize_with = "number")]
         #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
@@ -46,7 +39,6 @@ pub enum ControlRequest {
     },
     /// One calibration as a file, or the active one.
     Export {
-        /// Its number.
         #[serde(default, deserialize_with = "number")]
         #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
@@ -56,13 +48,11 @@ pub enum ControlRequest {
         /// What export gave.
         file: Value,
     },
-    /// Calibrate on the next motion.
     Start {},
     /// Give that up.
     Cancel {},
     /// Calibrate by itself or not from now on; or tell which.
     Mode {
-        /// The new mode.
         #[serde(default, deserialize_with = "mode")]
         #[serde(skip_serializing_if = "Option::is_none")]
         mode: Option<Policy>,
@@ -82,7 +72,6 @@ pub enum ControlRequest {
     },
 }
 
-/// All names.
 const NAMES: [&str; 13] = [
     "status", "list", "show", "lock", "unlock", "rollback", "forget", "export", "import", "start",
     "cancel", "mode", "mounting",
@@ -95,10 +84,6 @@ const LONGEST_SENTENCE: usize = 240;
 
 impl ControlRequest {
     /// Reads one line; the error is the answer.
-    ///
-    /// # Errors
-    ///
-    /// The refusal that answers a line that is no request.
     pub fn parse(line: &[u8]) -> Result<Self, Answer> {
         let malformed = |message: String| {
             Answer::refused(

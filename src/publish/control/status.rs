@@ -7,11 +7,9 @@ use serde::{Deserialize, Serialize};
 use crate::calibration::model::Mode;
 use crate::calibration::policy::{Policy, Reason};
 
-/// The answer to `status`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct DaemonStatus {
-    /// The sentence of the answer.
     #[serde(skip_serializing)]
     pub(crate) message: String,
     pub(crate) cal_state: Option<String>,
@@ -84,7 +82,6 @@ pub(crate) struct StatusCounts {
     pub(crate) faults: u64,
 }
 
-/// Whether calibrations are kept.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct StoreSummary {

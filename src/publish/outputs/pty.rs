@@ -43,7 +43,6 @@ impl Settings {
     }
 }
 
-/// A port with the link to it.
 pub(super) struct Pty {
     ours: File,
     /// The program's side, held open: else a port that nobody has open would be an error.

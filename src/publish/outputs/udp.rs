@@ -33,7 +33,6 @@ impl Settings {
     }
 }
 
-/// A socket to send from.
 pub(super) struct UdpSender {
     socket: UdpSocket,
     to: SocketAddr,

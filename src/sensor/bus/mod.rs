@@ -12,25 +12,11 @@ pub const LONGEST_BLOCK: usize = 32;
 /// Reads and writes the registers of the chips on one bus.
 pub trait Bus {
     /// Reads registers from `register` on, as many as `into` is long (1 to [`LONGEST_BLOCK`]), in one transfer.
-    ///
-    /// # Errors
-    ///
-    /// When the transfer fails.
     fn read(&mut self, address: u8, register: u8, into: &mut [u8]) -> Result<(), BusError>;
 
-    /// Writes one register.
-    ///
-    /// # Errors
-    ///
-    /// When the transfer fails.
     fn write(&mut self, address: u8, register: u8, value: u8) -> Result<(), BusError>;
 }
 
-/// Reads one register.
-///
-/// # Errors
-///
-/// When the transfer fails.
 pub fn read_byte(bus: &mut dyn Bus, address: u8, register: u8) -> Result<u8, BusError> {
     let mut byte = [0];
     bus.read(address, register, &mut byte)?;
@@ -41,87 +27,55 @@ pub fn read_byte(bus: &mut dyn Bus, address: u8, register: u8) -> Result<u8, Bus
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("cannot {attempt} on {bus}: {cause}")]
 pub struct BusError {
-    /// The bus: `/dev/i2c-1`.
     pub bus: String,
-    /// What was attempted.
     pub attempt: Attempt,
-    /// Why it failed.
     pub cause: Cause,
 }
 
 /// What was attempted on a bus and failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Attempt {
-    /// Opening it, to talk to the chip at this address.
     #[error("talk to the chip at 0x{address:02x}")]
-    Open {
-        /// 7-bit address.
-        address: u8,
-    },
-    /// Reading registers.
+    Open { address: u8 },
     #[error("read {} of the chip at 0x{address:02x}", registers(*register, *count))]
     Read {
-        /// 7-bit address.
         address: u8,
-        /// The first register.
         register: u8,
-        /// How many.
         count: u8,
     },
-    /// Writing one register.
     #[error("write register 0x{register:02x} of the chip at 0x{address:02x}")]
-    Write {
-        /// 7-bit address.
-        address: u8,
-        /// The register.
-        register: u8,
-    },
+    Write { address: u8, register: u8 },
 }
 
 /// Why a transfer failed, after Linux's `fault-codes.rst`, and what helps.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Cause {
-    /// There is no such bus, or it has gone.
     #[error(
         "there is no such bus; enable it in the board's settings, load the module (modprobe i2c-dev), and look which \
          buses there are (ls /dev/i2c-*)"
     )]
     NoBus,
-    /// The user may not use it.
     #[error(
         "permission denied; let the user join the group i2c (usermod -aG i2c USER) and log in anew"
     )]
     Permission,
-    /// A kernel driver is bound to the chip.
     #[error("{}", claimed(driver.as_ref()))]
-    Claimed {
-        /// The driver, if it was found.
-        driver: Option<Claim>,
-    },
-    /// No chip acknowledges the address.
+    Claimed { driver: Option<Claim> },
     #[error(
         "no chip answers; check wiring, power and address (a magnetometer behind an MPU-6050 answers only when that \
          has its bypass on)"
     )]
     NoAnswer,
-    /// The transfer did not end in time.
     #[error(
         "the transfer timed out; check the pull-up resistors and for a line held low, or choose a slower bus clock"
     )]
     Timeout,
-    /// Another master transmitted at the same time.
     #[error("arbitration lost; another master, or noise, is on the bus")]
     ArbitrationLost,
-    /// Fewer bytes came than were asked for.
     #[error("only {found} bytes came; check wiring and bus clock")]
-    ShortRead {
-        /// How many came.
-        found: u8,
-    },
-    /// The adapter has no such transfer.
+    ShortRead { found: u8 },
     #[error("the adapter does not support SMBus I2C block reads; use another adapter")]
     Unsupported,
-    /// Anything else, in the words of the system.
     #[error("{0}; check wiring, power and bus clock")]
     Other(String),
 }

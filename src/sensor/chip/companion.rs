@@ -12,7 +12,6 @@ use crate::sensor::clock::Clock;
 pub struct CompanionSheet {
     /// The name that is printed on the chip.
     pub name: &'static str,
-    /// What tells it apart.
     pub identity: IdentityRegister,
     /// Sets all registers to their defaults: register, value, and how long that takes, seconds.
     pub reset: Option<(u8, u8, f64)>,
@@ -35,18 +34,14 @@ pub struct CompanionSheet {
 /// A register by which a chip identifies itself.
 #[derive(Debug)]
 pub struct IdentityRegister {
-    /// Its address.
     pub register: u8,
-    /// Those of its bits that identify the chip.
     pub mask: u8,
-    /// What they are.
     pub value: u8,
     /// What the register may hold, for people.
     pub right: &'static str,
 }
 
 impl CompanionSheet {
-    /// A chip at this address.
     pub fn at(&'static self, address: u8) -> Companion {
         let sheet = self;
         Companion { sheet, address }
@@ -65,14 +60,11 @@ pub struct Companion {
 pub struct InertialSample {
     /// The numbers of the chip, to see whether they change; 0 where it has none.
     pub raw: [i16; 6],
-    /// Angular rate, rad/s.
     pub rate_rad_s: Option<Vector3<f64>>,
-    /// Specific force, m/s².
     pub specific_force_m_s2: Option<Vector3<f64>>,
 }
 
 impl Companion {
-    /// The chip's name.
     pub fn name(&self) -> &'static str {
         self.sheet.name
     }
@@ -82,11 +74,6 @@ impl Companion {
         self.sheet.counts_per_g.is_some()
     }
 
-    /// Identifies the chip.
-    ///
-    /// # Errors
-    ///
-    /// When it does not answer, or when another chip does.
     pub fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
         let identity = &self.sheet.identity;
         let place = (self.address, identity.register);
@@ -95,11 +82,6 @@ impl Companion {
         })
     }
 
-    /// Identifies the chip and sets it up.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::identify`]; when a transfer fails; when the clock was told to stop.
     pub fn start(&self, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<(), ChipError> {
         self.identify(bus)?;
         if let Some((register, value, takes_s)) = self.sheet.reset {
@@ -111,10 +93,6 @@ impl Companion {
     }
 
     /// Reads what it measures, in one transfer.
-    ///
-    /// # Errors
-    ///
-    /// When the transfer fails.
     pub fn read(&self, bus: &mut dyn Bus) -> Result<InertialSample, ChipError> {
         let (register, count) = self.sheet.data;
         let mut bytes = [0; 14];
@@ -134,11 +112,6 @@ impl Companion {
         })
     }
 
-    /// Reads back the registers that were set up.
-    ///
-    /// # Errors
-    ///
-    /// When the transfer fails, or when a register has lost its value.
     pub fn verify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
         compare(bus, self.name(), self.address, self.sheet.held)
     }

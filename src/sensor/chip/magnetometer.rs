@@ -6,14 +6,12 @@ use crate::reading::Field;
 use crate::sensor::bus::Bus;
 use crate::sensor::clock::Clock;
 
-/// The numbers of a chip.
 #[derive(Debug, PartialEq)]
 pub struct DataSheet {
     /// The name that is printed on the chip.
     pub name: &'static str,
     /// The name in the configuration, in logs and in kept calibrations.
     pub word: &'static str,
-    /// 7-bit address.
     pub address: u8,
     /// The rates of continuous measurement, Hz, by code, rising.
     pub rates_hz: &'static [f64],
@@ -27,17 +25,14 @@ pub struct DataSheet {
     pub single_s: Option<f64>,
 }
 
-/// One gain of a chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gain {
     /// Largest field that is recommended, gauss, either way.
     pub range_gauss: f64,
-    /// Counts for one gauss.
     pub counts_per_gauss: f64,
 }
 
 impl Gain {
-    /// A row of the data sheet.
     pub const fn new(range_gauss: f64, counts_per_gauss: f64) -> Self {
         Self {
             range_gauss,
@@ -59,7 +54,6 @@ impl DataSheet {
     }
 }
 
-/// When a chip measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeasuringMode {
     /// On each trigger.
@@ -68,16 +62,12 @@ pub enum MeasuringMode {
     Continuous(u8),
 }
 
-/// How a chip is set up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChipSetup {
-    /// When it measures.
     pub mode: MeasuringMode,
-    /// The gain's code.
     pub gain: u8,
 }
 
-/// One measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
     /// Counts along X, Y and Z.
@@ -102,7 +92,6 @@ impl Measurement {
         }
     }
 
-    /// Whether an axis overflowed.
     pub fn overflowed(&self) -> bool {
         self.field_mgauss.contains(&None)
     }
@@ -110,7 +99,6 @@ impl Measurement {
 
 /// A magnetometer. The chip has all the state: [`ChipSetup`] is how it is set up.
 pub trait Magnetometer: Sync {
-    /// Its numbers.
     fn sheet(&self) -> &'static DataSheet;
 
     /// The registers that set the chip up, in the order in which they are written. Their addresses have no gaps, and
@@ -118,26 +106,14 @@ pub trait Magnetometer: Sync {
     fn registers(&self, setup: ChipSetup) -> Vec<(u8, u8)>;
 
     /// Starts a single measurement. Chips that measure continuously only are never asked.
-    ///
-    /// # Errors
-    ///
-    /// When the transfer fails.
     fn trigger(&self, _bus: &mut dyn Bus) -> Result<(), ChipError> {
         Ok(())
     }
 
     /// The counts along X, Y and Z, if a measurement is ready.
-    ///
-    /// # Errors
-    ///
-    /// When a transfer fails.
     fn poll(&self, bus: &mut dyn Bus) -> Result<Option<[i16; 3]>, ChipError>;
 
     /// Runs the self-test of X, Y and Z; `None` if the chip has none. The chip must be set up anew after it.
-    ///
-    /// # Errors
-    ///
-    /// When a transfer fails, when no measurement becomes ready, or when the clock was told to stop.
     fn self_test(
         &self,
         _bus: &mut dyn Bus,
@@ -154,10 +130,6 @@ pub trait Magnetometer: Sync {
 }
 
 /// Sets a chip up, whatever state it was in: the kernel's drivers leave some asleep.
-///
-/// # Errors
-///
-/// When a transfer fails.
 pub fn start(
     bus: &mut dyn Bus,
     chip: &dyn Magnetometer,
@@ -168,10 +140,6 @@ pub fn start(
 
 /// Writes the registers that differ between two setups: a chip goes on measuring while its gain changes. The next
 /// measurement still has the old gain.
-///
-/// # Errors
-///
-/// When a transfer fails.
 pub fn change(
     bus: &mut dyn Bus,
     chip: &dyn Magnetometer,
@@ -184,11 +152,6 @@ pub fn change(
     write_all(bus, chip.sheet().address, &changed)
 }
 
-/// Reads back the registers that were set up.
-///
-/// # Errors
-///
-/// When the transfer fails, or when a register has lost its value.
 pub fn verify(
     bus: &mut dyn Bus,
     chip: &dyn Magnetometer,
@@ -211,7 +174,6 @@ pub struct AxisTest {
 }
 
 impl AxisTest {
-    /// Whether the axis is good.
     pub fn passed(&self) -> bool {
         let (low, high) = self.limits;
         self.measured
@@ -222,11 +184,9 @@ impl AxisTest {
 /// A chip that was identified, and how certain that is.
 #[derive(Clone, Copy)]
 pub struct Identified {
-    /// The chip.
     pub chip: &'static dyn Magnetometer,
     /// Whether that is certain. If not, it is the most likely one.
     pub sure: bool,
-    /// Why.
     pub why: &'static str,
 }
 
@@ -241,7 +201,6 @@ pub struct Driver {
     pub identify: Identify,
 }
 
-/// What identifies a chip.
 pub type Identify = fn(
     &mut dyn Bus,
     &mut dyn Clock,
@@ -249,12 +208,10 @@ pub type Identify = fn(
 ) -> Result<Identified, ChipError>;
 
 impl Driver {
-    /// The address of its chips.
     pub fn address(&self) -> u8 {
         self.chips[0].sheet().address
     }
 
-    /// Its chip with this word.
     pub fn chip(&self, word: &str) -> Option<&'static dyn Magnetometer> {
         let chips = self.chips.iter().copied();
         chips.into_iter().find(|chip| chip.sheet().word == word)

@@ -16,79 +16,49 @@ use super::clock::Clock;
 /// Why a chip cannot be used, or not now.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ChipError {
-    /// A transfer failed.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// Another chip answers.
     #[error(
         "the chip at 0x{address:02x} does not identify itself as {chip}: register 0x{register:02x} holds {found:02x?}, not \
          {right}; check the address, and which chip the board has"
     )]
     Identity {
-        /// What was looked for.
         chip: &'static str,
-        /// 7-bit address.
         address: u8,
-        /// The identification register.
         register: u8,
-        /// What it holds.
         found: Vec<u8>,
-        /// What it should hold.
         right: &'static str,
     },
-    /// A register does not hold what was written to it.
     #[error(
         "the {chip} has lost its configuration (register 0x{register:02x} holds 0x{found:02x}, not \
          0x{right:02x}), as after a dip of its supply; it is set up again; if it goes on, check power and wiring"
     )]
     ConfigurationLost {
-        /// The chip.
         chip: &'static str,
-        /// The register.
         register: u8,
-        /// What it holds.
         found: u8,
-        /// What was written.
         right: u8,
     },
-    /// A measurement did not end in time.
     #[error(
         "the {chip} has no measurement ready after {waited_s:.3} s; it is set up again; if it goes on, check power \
          and wiring"
     )]
-    NotReady {
-        /// The chip.
-        chip: &'static str,
-        /// How long it was waited for, seconds.
-        waited_s: f64,
-    },
-    /// The same raw reading again and again, where noise must show.
+    NotReady { chip: &'static str, waited_s: f64 },
     #[error(
         "the {chip} has repeated the same reading {count} times, although even a board at rest shows noise: its \
          registers are frozen; it is set up again; if it goes on, switch it off and on"
     )]
-    Frozen {
-        /// The chip.
-        chip: &'static str,
-        /// How many readings were the same.
-        count: u32,
-    },
-    /// Another magnetometer than the wanted one answers.
+    Frozen { chip: &'static str, count: u32 },
     #[error(
         "no {wanted} answers, but the chip at 0x{address:02x} is another one, {found}: boards often carry another chip \
          than they are sold with; {help}"
     )]
     Clone {
-        /// What was looked for.
         wanted: &'static str,
-        /// Where the other one answers.
         address: u8,
-        /// What it is.
         found: &'static str,
-        /// What helps.
         help: &'static str,
     },
-    /// A chip that identifies itself as an HMC5883L and never delivers a new measurement.
     #[error(
         "the chip at 0x1e identifies itself as an HMC5883L (\"H43\"), but has never delivered a new measurement: it is \
          most likely a QMC5883L of revision A (marked DA 5883), which cannot be used; get a board with a QMC5883L of \
@@ -96,7 +66,6 @@ pub enum ChipError {
          its power"
     )]
     FakeHmc5883l,
-    /// The clock was told to stop.
     #[error("told to stop")]
     Stopped,
 }
@@ -143,12 +112,8 @@ pub struct RepeatWatch<T> {
 pub const FROZEN_AFTER: u32 = 20;
 
 impl<T: PartialEq> RepeatWatch<T> {
-    /// Takes a raw reading.
-    ///
-    /// # Errors
-    ///
-    /// After 20 identical readings, until one differs: a chip that is set up again and repeats its last reading is
-    /// still frozen.
+    /// Takes a raw reading. Errors after 20 identical readings, until one differs: a chip that is set up again and repeats
+    /// its last reading is still frozen.
     pub fn take(&mut self, chip: &'static str, raw: T) -> Result<(), ChipError> {
         if self.last.as_ref() == Some(&raw) {
             self.same += 1;
@@ -164,7 +129,6 @@ impl<T: PartialEq> RepeatWatch<T> {
     }
 }
 
-/// Waits this long from now.
 fn pause(clock: &mut dyn Clock, s: f64) -> Result<(), ChipError> {
     let until_s = clock.now_s() + s;
     clock
@@ -173,7 +137,6 @@ fn pause(clock: &mut dyn Clock, s: f64) -> Result<(), ChipError> {
         .ok_or(ChipError::Stopped)
 }
 
-/// Writes registers, in this order.
 fn write_all(bus: &mut dyn Bus, address: u8, settings: &[(u8, u8)]) -> Result<(), ChipError> {
     for &(register, value) in settings {
         bus.write(address, register, value)?;

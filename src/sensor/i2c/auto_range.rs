@@ -28,7 +28,6 @@ impl AutoRange {
         }
     }
 
-    /// The gain's code.
     pub(super) fn code(&self) -> u8 {
         self.code
     }

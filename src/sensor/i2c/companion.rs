@@ -9,7 +9,6 @@ use crate::sensor::clock::Clock;
 /// How often a chip's configuration is read back, seconds.
 const VERIFY_S: f64 = 1.0;
 
-/// A gyro or an accelerometer at work.
 pub(super) struct CompanionPoller {
     pub(super) health: Health,
     /// The chips that may be there, and the one that is.

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::{Chips, Settings};
+use crate::condition::SourceFault;
 use crate::frame::Mountings;
 use crate::sensor::SourceEvent;
 use crate::sensor::bus::{Bus, BusError, Cause, read_byte};
@@ -24,7 +25,6 @@ const STILL_DEG_S: f64 = 2.0;
 /// The least share of the wanted rate.
 const RATE_SHARE: f64 = 0.9;
 
-/// What was found.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct CheckReport {
     pub(crate) bus: String,
@@ -40,17 +40,15 @@ pub(crate) struct CheckReport {
     pub(crate) gyro_rate_hz: Option<f64>,
     /// Mean of the accelerometer at rest, body axes.
     pub(crate) accel_m_s2: Option<[f64; 3]>,
-    pub(crate) problems: Vec<FoundProblem>,
+    pub(crate) problems: Vec<SourceFault>,
 }
 
-/// A chip that answers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct FoundChip {
     pub(crate) address: u8,
     pub(crate) chip: &'static str,
 }
 
-/// Which magnetometer it is, and why.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct FoundMagnetometer {
     pub(crate) kind: &'static str,
@@ -67,13 +65,6 @@ pub(crate) struct Axis {
     pub(crate) passed: bool,
 }
 
-/// Something that is not well.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct FoundProblem {
-    pub(crate) code: &'static str,
-    pub(crate) message: String,
-}
-
 impl CheckReport {
     fn problem(&mut self, code: &'static str, message: String) {
         // The chips are tried more than once, the second time with the name of their part before the sentence.
@@ -82,7 +73,7 @@ impl CheckReport {
             .iter()
             .any(|known| message.ends_with(&known.message))
         {
-            self.problems.push(FoundProblem { code, message });
+            self.problems.push(SourceFault { code, message });
         }
     }
 
@@ -98,7 +89,6 @@ pub(crate) struct Expected<'a> {
     pub(crate) gyro_bias_limit_deg_s: f64,
 }
 
-/// Examines the chips on a bus.
 pub(crate) fn examine(
     expected: &Expected<'_>,
     bus: &mut dyn Bus,

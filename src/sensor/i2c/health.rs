@@ -11,7 +11,6 @@ const LONGEST_WAIT_S: f64 = 5.0;
 /// A series of faults is over after this long without one, seconds.
 const QUIET_S: f64 = 2.0;
 
-/// The state of one chip.
 pub(super) struct Health {
     what: &'static str,
     /// When to set it up; `None` while it works.
@@ -21,12 +20,10 @@ pub(super) struct Health {
     faults: Option<Faults>,
 }
 
-/// A series of faults.
 struct Faults {
     since_s: f64,
     last_s: f64,
     count: u64,
-    /// The codes that were logged.
     told: Vec<&'static str>,
     newest: SourceFault,
 }
@@ -48,7 +45,6 @@ impl Health {
         self.set_up_at_s
     }
 
-    /// The chip is set up.
     pub(super) fn set_up(&mut self) {
         self.set_up_at_s = None;
         self.in_a_row = 0;
@@ -84,7 +80,6 @@ impl Health {
         again
     }
 
-    /// A reading came.
     pub(super) fn worked(&mut self, now_s: f64) {
         self.in_a_row = 0;
         if let Some(faults) = &self.faults

@@ -1,6 +1,7 @@
 //! The magnetometer's timetable: when a measurement is started, and when its result is read.
 
 use super::auto_range::AutoRange;
+use super::health::Health;
 use super::settings::{STEADY_HZ, Settings};
 use crate::sensor::bus::Bus;
 use crate::sensor::chip::drivers::identify;
@@ -20,8 +21,8 @@ const VERIFY_S: f64 = 1.0;
 const FAST: f64 = 0.9;
 const SLOW: f64 = 1.1;
 
-/// Any magnetometer at work.
 pub(super) struct MagnetometerPoller {
+    pub(super) health: Health,
     named: Option<&'static dyn Magnetometer>,
     rate_hz: f64,
     gain: Option<u8>,
@@ -47,7 +48,6 @@ struct AtWork {
     /// The next measurement was started with the gain before.
     outdated: bool,
     period_s: f64,
-    /// When to do the next thing.
     due_s: f64,
     /// When the measurement that is waited for began: as a single one, or after the last one.
     measuring_since_s: Option<f64>,
@@ -65,6 +65,7 @@ struct AtWork {
 impl MagnetometerPoller {
     pub(super) fn new(settings: &Settings) -> Self {
         Self {
+            health: Health::new("magnetometer"),
             named: settings.magnetometer.named(),
             rate_hz: settings.rate_hz,
             gain: settings.gain,
@@ -74,19 +75,39 @@ impl MagnetometerPoller {
         }
     }
 
-    /// When something is to be done, if the chip is set up.
+    /// When the next thing is to be done.
     pub(super) fn due_s(&self) -> f64 {
-        self.at_work
-            .as_ref()
-            .map_or(f64::INFINITY, |at_work| at_work.due_s)
+        let at_work = self.at_work.as_ref();
+        let due_s = || at_work.map_or(f64::INFINITY, |at_work| at_work.due_s);
+        self.health.set_up_at_s().unwrap_or_else(due_s)
     }
 
-    /// Tells which chip it is, and sets it up.
-    pub(super) fn start(
+    /// Sets the chip up or reads it, if that is due; a measurement with its time if there is one to publish.
+    pub(super) fn poll(
         &mut self,
         bus: &mut dyn Bus,
         clock: &mut dyn Clock,
-    ) -> Result<(), ChipError> {
+    ) -> Result<Option<(f64, Measurement)>, ChipError> {
+        if self.due_s() > clock.now_s() {
+            return Ok(None);
+        }
+        if self.health.set_up_at_s().is_some() {
+            self.start(bus, clock)?;
+            self.health.set_up();
+        }
+        let now_s = clock.now_s();
+        if self.due_s() > now_s {
+            return Ok(None);
+        }
+        let measured = self.step(bus, now_s)?;
+        if let Some((t_s, _)) = measured {
+            self.health.worked(t_s);
+        }
+        Ok(measured)
+    }
+
+    /// Tells which chip it is, and sets it up.
+    fn start(&mut self, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<(), ChipError> {
         self.at_work = None;
         let found = identify(bus, clock, self.named)?;
         let chip = found.chip;
@@ -143,7 +164,7 @@ impl MagnetometerPoller {
     }
 
     /// Does what is due, and gives a measurement with its time if there is one to publish.
-    pub(super) fn step(
+    fn step(
         &mut self,
         bus: &mut dyn Bus,
         now_s: f64,

@@ -23,16 +23,14 @@ use companion::CompanionPoller;
 use health::Health;
 use magnetometer::MagnetometerPoller;
 
-pub use settings::{MagnetometerChoice, Settings};
+pub use settings::Settings;
 
 /// A reading of the gyro and one of the magnetometer that are nearer than this share of the gyro's period are made
 /// together.
 const TOGETHER: f64 = 0.4;
 
-/// The chips of a board at work.
 pub struct Chips {
     magnetometer: MagnetometerPoller,
-    health: Health,
     /// The code of the trouble that was said.
     said: Option<&'static str>,
     gyro: Option<CompanionPoller>,
@@ -54,7 +52,6 @@ impl Chips {
             |what, chips: Vec<_>| (!chips.is_empty()).then(|| CompanionPoller::new(what, chips));
         Self {
             magnetometer: MagnetometerPoller::new(settings),
-            health: Health::new("magnetometer"),
             said: None,
             gyro: poller("gyro", gyros),
             accel: poller("accelerometer", accels),
@@ -86,7 +83,7 @@ impl Chips {
     pub fn troubles(&self) -> impl Iterator<Item = &SourceFault> {
         let companions = [&self.gyro, &self.accel].into_iter().flatten();
         let healths = companions.map(|companion| &companion.health);
-        [&self.health]
+        [&self.magnetometer.health]
             .into_iter()
             .chain(healths)
             .filter_map(Health::trouble)
@@ -95,10 +92,7 @@ impl Chips {
     /// When the next thing is to be done. A tick shortly before the magnetometer's time waits for that: one
     /// wake-up less.
     fn due_s(&self) -> f64 {
-        let magnetometer = self
-            .health
-            .set_up_at_s()
-            .unwrap_or(self.magnetometer.due_s());
+        let magnetometer = self.magnetometer.due_s();
         let companions = [&self.gyro, &self.accel].into_iter().flatten();
         let companions =
             companions.map(|companion| companion.health.set_up_at_s().unwrap_or(self.tick_s));
@@ -161,24 +155,9 @@ impl Chips {
         clock: &mut dyn Clock,
         out: &mut dyn FnMut(SourceEvent) -> bool,
     ) -> Result<(), ChipError> {
-        let mut now_s = clock.now_s();
-        if let Some(at_s) = self.health.set_up_at_s() {
-            if at_s > now_s {
-                return Ok(());
-            }
-            match self.magnetometer.start(bus, clock) {
-                Ok(()) => self.health.set_up(),
-                Err(error) => return self.failed(clock.now_s(), &error, out),
-            }
-            now_s = clock.now_s();
-        }
-        if self.magnetometer.due_s() > now_s {
-            return Ok(());
-        }
-        match self.magnetometer.step(bus, now_s) {
+        match self.magnetometer.poll(bus, clock) {
             Ok(None) => Ok(()),
             Ok(Some((t_s, sample))) => {
-                self.health.worked(t_s);
                 if self.said.take().is_some() {
                     tell(out, SourceEvent::Fault(None))?;
                 }
@@ -190,25 +169,17 @@ impl Chips {
                 let taken = clock.instant(t_s);
                 tell(out, SourceEvent::Reading(reading, taken))
             }
-            Err(error) => self.failed(now_s, &error, out),
+            Err(ChipError::Stopped) => Err(ChipError::Stopped),
+            Err(error) => {
+                let down = self.magnetometer.health.failed(clock.now_s(), &error);
+                if !down || self.said == Some(error.code()) {
+                    return Ok(());
+                }
+                self.said = Some(error.code());
+                let trouble = self.magnetometer.health.trouble().cloned();
+                tell(out, SourceEvent::Fault(trouble))
+            }
         }
-    }
-
-    fn failed(
-        &mut self,
-        now_s: f64,
-        error: &ChipError,
-        out: &mut dyn FnMut(SourceEvent) -> bool,
-    ) -> Result<(), ChipError> {
-        if *error == ChipError::Stopped {
-            return Err(ChipError::Stopped);
-        }
-        let down = self.health.failed(now_s, error);
-        if !down || self.said == Some(error.code()) {
-            return Ok(());
-        }
-        self.said = Some(error.code());
-        tell(out, SourceEvent::Fault(self.health.trouble().cloned()))
     }
 }
 

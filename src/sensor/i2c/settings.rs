@@ -52,7 +52,6 @@ impl MagnetometerChoice {
         known.copied().map(Self)
     }
 
-    /// The chip, if it is named.
     pub fn named(self) -> Option<&'static dyn Magnetometer> {
         drivers::magnetometer(self.0)
     }
@@ -72,7 +71,6 @@ impl<'de> Deserialize<'de> for MagnetometerChoice {
 }
 
 impl Settings {
-    /// The path of the bus.
     pub fn path(&self) -> PathBuf {
         LinuxBus::path(self.bus)
     }

@@ -8,6 +8,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::super::board::Board;
 use super::super::bus::Cause;
 use super::super::bus::fake::{FakeBus, Transfer, World};
+use super::settings::MagnetometerChoice;
 use super::*;
 
 const MAG: u8 = 0x1E;

@@ -7,7 +7,6 @@ use super::razor_text::RazorText;
 use super::settings::{Protocol, Settings};
 use crate::frame::Mountings;
 
-/// A codec.
 #[derive(Debug)]
 pub(super) enum Decoder {
     /// Boxed since only one of the two will stay.

@@ -54,7 +54,6 @@ impl Envelope {
         self.block = None;
     }
 
-    /// Whether the slope has been learnt.
     pub(super) fn is_learnt(&self) -> bool {
         self.learnt
     }
@@ -65,7 +64,6 @@ impl Envelope {
         Some(ours_s + self.slope * (device_s - at_s))
     }
 
-    /// Learns from an arrival.
     pub(super) fn take(&mut self, device_s: f64, arrival_s: f64) {
         match self.time(device_s) {
             // Nothing arrives before it was sent.

@@ -15,7 +15,6 @@ pub(super) struct LateRun {
     from_s: f64,
     /// For how long they have been late, seconds.
     pub(super) lasts_s: f64,
-    /// How many there were.
     pub(super) arrivals: u32,
     /// How late they are at least, seconds.
     pub(super) least_s: f64,

@@ -3,7 +3,6 @@
 /// The longest line that is kept, bytes. No device's line and no row of a log comes near it.
 pub(super) const LONGEST_LINE: usize = 4096;
 
-/// What the bytes came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SerialLine<'a> {
     /// A line, without its end (LF, CR LF or LF CR).

@@ -20,7 +20,7 @@ pub struct LogRows {
     rows: Wire,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Wire {
     /// How the daemon holds the chips to be mounted.
     board: Mountings,
@@ -44,13 +44,8 @@ impl LogRows {
             lines: SerialLines::default(),
             rows: Wire {
                 board,
-                header: None,
-                rows: None,
-                turns: [None; 3],
-                has_header: false,
                 first: true,
-                checked: false,
-                cells: 0,
+                ..Wire::default()
             },
         }
     }

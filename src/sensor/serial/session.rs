@@ -23,10 +23,8 @@ const NEXT_S: f64 = 2.0;
 /// And after this long the port is opened anew, which resets the device.
 const REOPEN_S: f64 = 12.0;
 
-/// What is to be done.
 #[derive(Debug, Default)]
 pub(super) struct Orders {
-    /// To be sent to the device.
     pub(super) send: Option<&'static [u8]>,
     /// To be told, once.
     pub(super) trouble: Option<SourceFault>,
@@ -34,7 +32,6 @@ pub(super) struct Orders {
     pub(super) reopen: bool,
 }
 
-/// All that is known of one opened port.
 #[derive(Debug)]
 pub(super) struct PortSession {
     settings: Settings,
@@ -70,7 +67,6 @@ impl PortSession {
         }
     }
 
-    /// The device's protocol; [`Protocol::Auto`] while that is not known.
     pub(super) fn protocol(&self) -> Protocol {
         self.decoder.protocol()
     }

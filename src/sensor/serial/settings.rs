@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use crate::check::{Fault, settings};
+use crate::check::{Fault, absolute_or_empty, settings};
 
 settings! {
     /// The port, and the protocol of the device behind it.
@@ -23,10 +23,8 @@ settings! {
 
 impl Settings {
     fn check_port(&self, faults: &mut Vec<Fault>) {
-        if !self.port.as_os_str().is_empty() && !self.port.is_absolute() {
-            let right = "an absolute path, as /dev/ttyUSB0 or one in /dev/serial/by-id";
-            faults.push(Fault::new("port", format!("{:?}", self.port), right));
-        }
+        let right = "an absolute path, as /dev/ttyUSB0 or one in /dev/serial/by-id";
+        absolute_or_empty(faults, "port", &self.port, right);
     }
 }
 

@@ -23,7 +23,6 @@ enum Stage {
     Done,
 }
 
-/// The step of the start.
 #[derive(Clone, Debug)]
 pub(super) struct Start {
     stage: Stage,
@@ -42,7 +41,6 @@ impl Start {
         }
     }
 
-    /// What is to be sent now.
     pub(super) fn due(&mut self, now_s: f64, protocol: Protocol) -> Option<&'static [u8]> {
         let pace_s = match self.stage {
             Stage::Asking if now_s - self.from_s <= SOON_S => PACE_S,
@@ -61,7 +59,6 @@ impl Start {
         })
     }
 
-    /// The device has answered.
     pub(super) fn answered(&mut self, id: [u8; 2]) {
         match (self.stage, &id) {
             (Stage::Asking, b"00") => {

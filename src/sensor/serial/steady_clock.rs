@@ -36,7 +36,6 @@ pub struct SteadyClock {
     rate: Option<Rate>,
 }
 
-/// Counting the device's rate.
 #[derive(Clone, Debug)]
 struct Rate {
     since_s: f64,

@@ -15,7 +15,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::calibration::model::Spatial;
 use crate::check::{Check, Fault};
-use crate::frame::wrap_360;
+use crate::frame::{rounded, wrap_360};
 use crate::reading::{Field, Reading};
 use crate::recording::{Entry, Header};
 use motion::Motion;
@@ -83,15 +83,12 @@ impl Simulator {
     pub fn header(&self) -> Header {
         let settings = &self.settings;
         let three = |numbers: [f64; 3]| numbers.map(|n| n.to_string()).join(" ");
-        let scenario = match settings.scenario {
-            Scenario::Planar => "planar",
-            Scenario::Spatial => "spatial",
-            Scenario::Free => "free",
-            Scenario::Demo => "demo",
-            Scenario::Endless => "endless",
-        };
+        let scenario = serde_json::json!(settings.scenario);
         let truth = [
-            ("simulated", scenario.to_owned()),
+            (
+                "simulated",
+                scenario.as_str().unwrap_or_default().to_owned(),
+            ),
             ("seed", settings.seed.to_string()),
             ("truth_scale", three(settings.scale)),
             ("truth_bias_mgauss", three(settings.bias_mgauss)),
@@ -126,7 +123,7 @@ impl Simulator {
         let forward = self.motion.attitude(t_s) * Vector3::x();
         let heading_deg = wrap_360(forward.y.atan2(forward.x).to_degrees());
         (forward.z.abs() < NO_HEADING_DEG.to_radians().cos())
-            .then(|| wrap_360(printed(heading_deg, 4)).to_radians())
+            .then(|| wrap_360(rounded(heading_deg, 4)).to_radians())
     }
 
     fn mag_entry(&mut self, t_s: f64) -> Entry {
@@ -164,8 +161,8 @@ impl Simulator {
             reading: Reading {
                 t_s,
                 field_mgauss: None,
-                rate_rad_s: settings.with_gyro.then(|| rate.map(|n| printed(n, 5))),
-                specific_force_m_s2: settings.with_accel.then(|| force.map(|n| printed(n, 4))),
+                rate_rad_s: settings.with_gyro.then(|| rate.map(|n| rounded(n, 5))),
+                specific_force_m_s2: settings.with_accel.then(|| force.map(|n| rounded(n, 4))),
             },
             heading_truth_rad: None,
         }
@@ -177,7 +174,8 @@ impl Iterator for Simulator {
 
     fn next(&mut self) -> Option<Entry> {
         let settings = &self.settings;
-        let time = |phase_s, count, rate_hz| printed(phase_s + count as f64 / rate_hz, 6);
+        // Numbers have as many digits as a recorder prints: what is cut away is far below the noise, and logs stay short.
+        let time = |phase_s, count, rate_hz| rounded(phase_s + count as f64 / rate_hz, 6);
         let mag_s = time(MAG_PHASE_S, self.mag_count, settings.mag_rate_hz);
         let gyro_s = if settings.with_gyro || settings.with_accel {
             time(GYRO_PHASE_S, self.gyro_count, settings.gyro_rate_hz)
@@ -205,14 +203,7 @@ fn normal(rng: &mut Xoshiro256PlusPlus) -> Vector3<f64> {
 fn counted(raw_mgauss: Vector3<f64>) -> Field {
     let counts = (raw_mgauss * COUNTS_PER_MGAUSS).map(f64::round);
     <[f64; 3]>::from(counts)
-        .map(|count| (count.abs() <= LARGEST_COUNT).then(|| printed(count / COUNTS_PER_MGAUSS, 3)))
-}
-
-/// A number as a recorder prints it. What is cut away is far below the noise, and logs stay short.
-fn printed(number: f64, decimals: i32) -> f64 {
-    let power = 10f64.powi(decimals);
-    // Adding 0 turns −0 into 0.
-    (number * power).round() / power + 0.0
+        .map(|count| (count.abs() <= LARGEST_COUNT).then(|| rounded(count / COUNTS_PER_MGAUSS, 3)))
 }
 
 #[cfg(test)]

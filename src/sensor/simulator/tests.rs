@@ -41,7 +41,7 @@ fn a_level_board_at_heading_90_sees_the_horizontal_field_to_its_left() {
     // in counts 113.46, −140.77, 819.13.
     assert_eq!(
         last.unwrap().reading.field_mgauss,
-        Some([113.0, -141.0, 819.0].map(|n: f64| Some(printed(n / 1.3, 3))))
+        Some([113.0, -141.0, 819.0].map(|n: f64| Some(rounded(n / 1.3, 3))))
     );
 }
 

@@ -22,7 +22,6 @@ const LOOK_S: f64 = 0.001;
 const PERIODS: usize = 8;
 const PATIENCE_S: f64 = 0.5;
 
-/// What the data showed of the rate.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum ObservedRate {
     /// 50 Hz.
@@ -95,7 +94,7 @@ pub(super) fn identify(
 
 /// A change of the data: it happened between two looks.
 #[derive(Clone, Copy)]
-struct Change {
+struct DataChange {
     after_s: f64,
     before_s: f64,
     /// How many measurements at 75 Hz the looks since the first change may have missed.
@@ -111,7 +110,7 @@ fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<ObservedRate, ChipEr
     bus.write(ADDRESS, MODE, CONTINUOUS)?;
     let begun_s = clock.now_s();
     let (mut last, mut looked_s, mut missed) = (None, begun_s, 0);
-    let mut changes: Vec<Change> = Vec::new();
+    let mut changes: Vec<DataChange> = Vec::new();
     loop {
         pause(clock, LOOK_S)?;
         let now_s = clock.now_s();
@@ -128,7 +127,7 @@ fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<ObservedRate, ChipEr
             bus.read(ADDRESS, DATA, &mut data)?;
             // The first may have been waiting since long before.
             if last.replace(data).is_some_and(|last| last != data) {
-                changes.push(Change {
+                changes.push(DataChange {
                     after_s: looked_s,
                     before_s: clock.now_s(),
                     missed,
@@ -143,11 +142,11 @@ fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<ObservedRate, ChipEr
 }
 
 /// The rate, if the last changes tell.
-fn told_by(changes: &[Change]) -> Option<ObservedRate> {
+fn told_by(changes: &[DataChange]) -> Option<ObservedRate> {
     let window = &changes[changes.len().checked_sub(PERIODS + 1)?..];
     let (first, last) = (window[0], window[PERIODS]);
     let measured = PERIODS as f64 + f64::from(last.missed - first.missed);
-    let short = |pair: &&[Change]| pair[1].before_s - pair[0].after_s < PERIOD_LIMIT_S;
+    let short = |pair: &&[DataChange]| pair[1].before_s - pair[0].after_s < PERIOD_LIMIT_S;
     if last.before_s - first.after_s < PERIODS as f64 * PERIOD_LIMIT_S {
         Some(ObservedRate::Fast)
     } else if last.after_s - first.before_s > measured * PERIOD_LIMIT_S

@@ -1,6 +1,5 @@
 //! Registers of the HMC5843 and its variants (data sheet 900367 and HMC5883 manual; kernel's `hmc5843_core.c`).
 
-/// The only address.
 pub(super) const ADDRESS: u8 = 0x1E;
 
 /// CRA: rate in bits 4:2, measurement bias in 1:0; averaging in 6:5 on an HMC5883L.

@@ -6,13 +6,9 @@ use crate::sensor::chip::magnetometer::{DataSheet, Gain};
 /// The chips that answer "H43".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Variant {
-    /// HMC5843.
     Hmc5843,
-    /// HMC5883.
     Hmc5883,
-    /// HMC5883L.
     Hmc5883l,
-    /// HMC5983.
     Hmc5983,
 }
 
@@ -80,7 +76,6 @@ const HMC5983: DataSheet = DataSheet {
 };
 
 impl Variant {
-    /// Its numbers.
     pub(super) fn data_sheet(self) -> &'static DataSheet {
         match self {
             Self::Hmc5843 => &HMC5843,
