@@ -17,6 +17,7 @@
 //! | calibrating | the candidate is accepted | degraded | `learning` |
 //! | calibrating | the candidate is rejected | uncalibrated | the refusal's |
 //! | uncalibrated | rollback or import | degraded | `learning` |
+//! | uncalibrated | the gyro's range was misread | uncalibrated | `gyro_scale` |
 //! | degraded | the board is moved about | good | `good` |
 //! | good | forget | uncalibrated | `no_calibration` |
 //! | good | the field is too weak or too strong | disturbed | `field_strength` |
@@ -182,6 +183,8 @@ pub fn judge(evidence: &Evidence) -> Report {
         } else if !e.wanted {
             let message = "told not to calibrate by itself: headingd calibration start, and then turn the board";
             e.report(Condition::Uncalibrated, "mode_off", message)
+        } else if let Some(reason) = e.gyro_fault {
+            e.report(Condition::Uncalibrated, reason, gyro_fault(reason))
         } else if e.turned >= TURNING_FROM {
             e.report(
                 Condition::Turning,

@@ -19,6 +19,7 @@ mod covariance;
 mod filter;
 mod fix;
 mod gyro_check;
+mod gyro_scale;
 mod kept;
 mod learnt;
 mod level;
@@ -83,6 +84,9 @@ pub struct Fix {
     pub sd_deg: f64,
 }
 
+/// A doubt about the gyro that passes within this time, seconds, was a chance: accelerations of a hand, or a magnet.
+const DOUBT_PASSES_S: f64 = 5.0;
+
 /// A second explanation of the samples.
 struct Rival {
     filter: Filter,
@@ -103,6 +107,10 @@ pub struct Estimate {
     frozen: bool,
     last: Option<(f64, u32, Vector3<f64>)>,
     gyro: GyroCheck,
+    /// What was known when the gyro was last shown to be right.
+    proven: Option<Filter>,
+    /// What the gyro has taught since, while it is thought to be wrong, and for how long it has been, seconds.
+    doubted: Option<(Filter, f64)>,
     disturbed_s: f64,
     replaced: bool,
     lost: bool,
@@ -123,6 +131,8 @@ impl Estimate {
             frozen: false,
             last: None,
             gyro: GyroCheck::default(),
+            proven: None,
+            doubted: None,
             disturbed_s: 0.0,
             replaced: false,
             lost: false,
@@ -171,6 +181,18 @@ impl Estimate {
         let input = self.input(sample, period_s);
         let shift = sample.gyro_bias_rad_s - bias;
         let lost = std::mem::take(&mut self.lost) || stretch != last_stretch;
+        if lost {
+            self.gyro.lose_frame();
+        }
+        let known = self
+            .doubted
+            .as_ref()
+            .map_or(&self.active, |(filter, _)| filter);
+        let judged = self.gyro.take(&input, known);
+        if self.gyro.fault().is_some() || self.doubted.is_some() {
+            self.doubt(period_s);
+            return;
+        }
         let frozen = self.frozen;
         for filter in std::iter::once(&mut self.active)
             .chain(self.rival.as_mut().map(|rival| &mut rival.filter))
@@ -184,10 +206,9 @@ impl Estimate {
         }
         let down = sample.pose.orientation * Vector3::z();
         self.level.take(down, lost, period_s);
-        if lost {
-            self.gyro.lose_frame();
+        if judged && self.gyro.proven() && !self.active.disturbed() {
+            self.proven = Some(self.active.clone());
         }
-        self.gyro.take(&input, &self.active);
         if !sample.still {
             if let Some(place) = &mut self.place {
                 self.news = place.weigh(&self.active, period_s).or(self.news.take());
@@ -195,6 +216,37 @@ impl Estimate {
             self.compare(period_s);
             self.try_iron(period_s);
         }
+    }
+
+    /// The gyro is thought to be wrong, or was until now. What it has taught since it was last shown to be right is used no more,
+    /// unless the doubt passes soon; and what was carried along with it is lost.
+    fn doubt(&mut self, period_s: f64) {
+        match self.doubted.take() {
+            Some((filter, doubted_s)) if self.gyro.fault().is_some() => {
+                self.doubted = Some((filter, doubted_s + period_s));
+                return;
+            }
+            Some((filter, doubted_s)) => {
+                if doubted_s < DOUBT_PASSES_S {
+                    self.active = filter;
+                }
+            }
+            None => {
+                let proven = self.proven.take().unwrap_or_else(|| {
+                    let kept = self.kept.as_ref();
+                    let prior = kept.map_or_else(Prior::unknown, |c| Prior::of(c, &self.mounting));
+                    Filter::new(&prior)
+                });
+                self.doubted = Some((std::mem::replace(&mut self.active, proven), 0.0));
+            }
+        }
+        self.lose_frame();
+        self.disturbed_s = 0.0;
+    }
+
+    /// Whether anything is known, by motion or by the calibration to start with.
+    pub fn knows(&self) -> bool {
+        self.active.begun() || self.kept.is_some()
     }
 
     /// A sample as the filters take it, so long after the one before.

@@ -701,6 +701,12 @@ impl Filter {
         }
     }
 
+    /// What is left of the gyro's bias, body axes, rad/s, and its largest deviation.
+    pub(super) fn gyro_bias(&self) -> (Vector3<f64>, f64) {
+        let variance = (G..G + 3).map(|at| self.p[(at, at)]).fold(0.0, f64::max);
+        (self.vector(G), variance.sqrt())
+    }
+
     /// Whether a state has begun.
     pub(super) fn begun(&self) -> bool {
         self.begun

@@ -1,15 +1,16 @@
 //! Whether gyro, field and gravity agree on how the board turns.
 //!
 //! A field that stands still turns against the board as the gyro reads, and iron on the board adds a constant. So the
-//! change of the raw field over a moment is compared with the change that the gyro predicts. The slope of the one over
-//! the other is 1; a gyro of the wrong sign has −1, one whose scale is 10 % too small has 1.1. Gravity turns in the same way,
-//! and no iron moves it: where both have turned and the gyro has not, the gyro is dead, whatever it reads.
+//! change of the raw field over a moment is compared with the change that the gyro predicts: a gyro of the wrong sign predicts the
+//! opposite. Gravity turns in the same way, and no iron moves it: where both have turned and the gyro has not, the gyro is dead,
+//! whatever it reads. How much further one turns than the other is the matter of `gyro_scale`.
 
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
 use super::filter::{Filter, Input};
+use super::gyro_scale::{GyroScale, ScaleVerdict};
 use crate::attitude::GRAVITY_M_S2;
 
 /// A moment ends when the field has changed by this share of it (a turn of 9°), or after this time, seconds.
@@ -18,16 +19,12 @@ const MOMENT_S: f64 = 1.0;
 /// Changes below this are noise, and those above more than a moment: a jump.
 const NOISE: f64 = 0.05;
 const JUMP: f64 = 0.6;
-/// Sums over squared changes, as shares of the field, over which evidence is forgotten: for sign and axes, and for a scale.
-/// A level board at a dip of 70° changes its field by 0.02 in 30° of turning, a tumbling one in 9°.
+/// Sum of squared changes, as shares of the field, over which evidence is forgotten. A level board at a dip of 70° changes its
+/// field by 0.02 in 30° of turning, a tumbling one in 9°.
 const QUICK: f64 = 0.15;
-const SLOW: f64 = 0.4;
 /// Of that, so much must have been seen before anything is said.
 const ENOUGH: f64 = 0.6;
-/// A slope further from 1 is a gyro with a wrong scale: 5 %, and what noise and lag may add.
-const SCALE_TOLERANCE: f64 = 0.07;
-/// Correlation of both changes above which a slope says something, and below which gyro and field turn different ways.
-const BELONG: f64 = 0.98;
+/// Correlation of both changes below which gyro and field turn different ways.
 const OPPOSES: f64 = -0.3;
 /// Accelerations of the board move gravity as well.
 const GRAVITY_OPPOSES: f64 = -0.5;
@@ -97,6 +94,9 @@ pub(super) struct GyroCheck {
     together: u32,
     constant: bool,
     fault: Option<GyroFault>,
+    scale: GyroScale,
+    /// Whether the field was disturbed at the last sample.
+    disturbed: bool,
     /// Mean rate while the readings differ, rad/s, and how far the board may have turned since they repeat, radians.
     rate_rad_s: f64,
     unseen_rad: f64,
@@ -107,7 +107,6 @@ pub(super) struct GyroCheck {
 struct Witness {
     moment: Option<Moment>,
     quick: Sums,
-    slow: Sums,
 }
 
 /// Change of the field that the gyro does not explain, as a share of it: in recent moments, and in the current one.
@@ -195,7 +194,6 @@ impl Witness {
         }
         if change.counts() {
             self.quick.take(&seen, &told, QUICK);
-            self.slow.take(&seen, &told, SLOW);
         }
         change
     }
@@ -231,8 +229,8 @@ impl Unexplained {
 }
 
 impl GyroCheck {
-    /// Takes a sample, and what the filter knows.
-    pub(super) fn take(&mut self, input: &Input, filter: &Filter) {
+    /// Takes a sample, and what the filter knows. Whether there was news of the gyro.
+    pub(super) fn take(&mut self, input: &Input, filter: &Filter) -> bool {
         let constant = input.gyro_constant_s > CONSTANT_S;
         if constant != self.constant {
             self.constant = constant;
@@ -242,7 +240,12 @@ impl GyroCheck {
         let (rate, dt) = (input.rate_rad_s, input.period_s);
         self.count_unseen(input);
         let field = input.field_mgauss / filter.strength_mgauss().max(1.0);
-        let mut judge = false;
+        let disturbed = filter.begun() && filter.disturbed();
+        if disturbed && !self.disturbed {
+            self.scale.begin_anew();
+        }
+        self.disturbed = disturbed;
+        let mut judge = self.scale.take(input, filter);
         if let Some(force) = input.force_m_s2 {
             let up = force / GRAVITY_M_S2;
             if self.gravity.moment.is_none() {
@@ -265,7 +268,7 @@ impl GyroCheck {
         if filter.begun() && known {
             let matrix = filter.matrix();
             let Some(inverse) = matrix.try_inverse() else {
-                return;
+                return false;
             };
             let corrected = inverse * (input.field_mgauss - filter.bias_mgauss());
             let change = matrix * corrected.cross(&rate) * (dt / filter.strength_mgauss());
@@ -274,8 +277,14 @@ impl GyroCheck {
             judge |= change.counts();
         }
         if judge {
-            self.fault = self.judged();
+            let fault = self.judged();
+            if self.fault.is_none() && fault.is_some_and(|fault| fault != GyroFault::Scale) {
+                // It has been shown to be right when it was.
+                self.scale.begin_anew();
+            }
+            self.fault = fault;
         }
+        judge
     }
 
     /// The gyro has a gap: what has changed meanwhile is no evidence against it.
@@ -283,6 +292,7 @@ impl GyroCheck {
         (self.field.moment, self.gravity.moment) = (None, None);
         self.unexplained.current = 0.0;
         self.together = 0;
+        self.scale.lose_moment();
     }
 
     /// A gyro that reads the same again and again does not see how the board turns.
@@ -324,20 +334,22 @@ impl GyroCheck {
         if self.together >= TOGETHER || constant || frozen {
             return Some(GyroFault::Dead);
         }
-        if self.gravity.opposes(GRAVITY_OPPOSES) || self.field.opposes(OPPOSES) {
+        let scale = self.scale.verdict();
+        let opposes = self.gravity.opposes(GRAVITY_OPPOSES) || self.field.opposes(OPPOSES);
+        if opposes || scale == ScaleVerdict::Opposed {
             return Some(GyroFault::Sign);
         }
         // A fault is over when the gyro explains the field again.
         let wrong = self.fault.filter(|fault| {
-            *fault != GyroFault::Scale && self.field.quick.correlation() < EXPLAINS_AGAIN
+            let explained = self.field.quick.correlation() >= EXPLAINS_AGAIN;
+            scale != ScaleVerdict::Right && (*fault == GyroFault::Scale || !explained)
         });
-        if wrong.is_some() {
-            return wrong;
-        }
-        let slow = &self.field.slow;
-        let slope = slow.both / slow.told.max(1e-9);
-        (slow.enough(SLOW) && slow.correlation() > BELONG && (slope - 1.0).abs() > SCALE_TOLERANCE)
-            .then_some(GyroFault::Scale)
+        wrong.or((scale == ScaleVerdict::Wrong).then_some(GyroFault::Scale))
+    }
+
+    /// Whether the gyro has been shown to be right.
+    pub(super) fn proven(&self) -> bool {
+        self.fault.is_none() && self.scale.verdict() == ScaleVerdict::Right
     }
 
     /// What is wrong, if anything is.

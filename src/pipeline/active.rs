@@ -85,6 +85,9 @@ impl Pipeline {
         if std::mem::take(&mut self.unwanted) {
             give_up(&mut outcome, self.learning.calibrated());
         } else {
+            if let Some(refusal) = self.objection_to_gyro() {
+                *outcome = outcome.refused(refusal);
+            }
             self.armed &= self.asked != Reason::Start || outcome.verdict == Verdict::Rejected;
             match (outcome.verdict, outcome.calibration) {
                 (Verdict::Accepted, Some(calibration)) => {

@@ -39,12 +39,19 @@ impl Pipeline {
         Some((outcome, measures))
     }
 
-    fn objection_to_motion(&self, measures: &MotionMeasures) -> Option<Refusal> {
-        if !measures.gyro_is_right {
-            return Some(Refusal::new(
+    /// What a calibration is refused for if the gyro is wrong.
+    pub(super) fn objection_to_gyro(&self) -> Option<Refusal> {
+        (!self.gyro_is_right()).then(|| {
+            Refusal::new(
                 "gyro_angle",
-                "field and gyro do not turn together: check the gyro's wiring, mounting and sign",
-            ));
+                "field and gyro do not turn together: check the gyro's wiring, mounting, sign and range",
+            )
+        })
+    }
+
+    fn objection_to_motion(&self, measures: &MotionMeasures) -> Option<Refusal> {
+        if let Some(refusal) = self.objection_to_gyro() {
+            return Some(refusal);
         }
         if !measures.field_is_predicted {
             return Some(Refusal::new(

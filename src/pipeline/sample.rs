@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::Pipeline;
+use super::learn::Learning;
 use crate::attitude::Pose;
 use crate::estimate::Sample;
 
@@ -38,13 +39,13 @@ impl Pipeline {
             at_rest: self.attitude.at_rest(),
             still: self.attitude.still(),
         };
-        let learns = self.wanted().is_some() && self.gyro_is_right();
+        let learns = self.wanted().is_some();
         self.estimate.freeze(!learns && self.learning.calibrated());
-        let right = self.gyro_is_right();
         self.estimate.take(&sample);
-        if right != self.gyro_is_right() {
-            // What was carried along with a gyro that is wrong is lost.
-            self.estimate.lose_frame();
+        if self.learning.calibrated() && !self.estimate.knows() {
+            // All of it was learnt by a gyro that is wrong.
+            self.learning = Learning::new(None);
+            self.sd_deg = 180.0;
         }
         self.sample = Some(sample);
         Some(pose)

@@ -2,7 +2,6 @@
 
 use super::Pipeline;
 use crate::condition::SourceFault;
-use crate::estimate::GyroFault;
 use crate::reading::Reading;
 
 impl Pipeline {
@@ -24,9 +23,6 @@ impl Pipeline {
 
     /// Whether the gyro turns the way that field and gravity do.
     pub(super) fn gyro_is_right(&self) -> bool {
-        !matches!(
-            self.estimate.gyro_fault(),
-            Some(GyroFault::Dead | GyroFault::Sign)
-        )
+        self.estimate.gyro_fault().is_none()
     }
 }

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use crate::chips::GyroFault;
 use crate::daemon::Shown;
 use crate::drive::{Now, Scene, run};
-use crate::handled::{FAIR, free, in_room, teaching};
+use crate::handled::{FAIR, free, in_room, misread, teaching};
 use crate::motion::{Part, length_s};
 use crate::random::Rng;
 use crate::score::{From, Score};
@@ -154,6 +154,16 @@ pub fn flipped_gyro(rng: &mut Rng, score: &mut Score) {
     let rate = rng.uniform(0.5, 1.2);
     in_motion(rng, score, 60.0, rate, wanted, |_, board| {
         board.gyro.fault = GyroFault::Flipped;
+    });
+}
+
+/// A gyro that is set up for another range.
+pub fn scaled_gyro(rng: &mut Rng, score: &mut Score) {
+    let wanted = |shown: &Shown| shown.reason == "gyro_scale";
+    let rate = rng.uniform(0.5, 1.2);
+    let scale = misread(rng);
+    in_motion(rng, score, 60.0, rate, wanted, move |_, board| {
+        board.gyro.fault = GyroFault::Scaled(scale);
     });
 }
 

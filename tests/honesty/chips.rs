@@ -83,6 +83,8 @@ pub enum GyroFault {
     Bias,
     Constant(Vector3<f64>),
     Flipped,
+    /// It reads so many times what it should.
+    Scaled(f64),
 }
 
 /// The gyro.
@@ -115,6 +117,7 @@ impl Gyro {
             GyroFault::Constant(rate) => return rate,
             GyroFault::Bias => Vector3::zeros(),
             GyroFault::Flipped => -(self.matrix * rate),
+            GyroFault::Scaled(scale) => self.matrix * rate * scale,
             GyroFault::None => self.matrix * rate,
         };
         let all = seen + self.bias + self.by_force * force + rng.vector(self.noise);

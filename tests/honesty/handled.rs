@@ -1,8 +1,8 @@
 //! Boards in a hand.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
-use crate::chips::{Board, Draw};
+use crate::chips::{Board, Draw, GyroFault};
 use crate::drive::{Scene, run};
 use crate::motion::{Hand, Part};
 use crate::random::Rng;
@@ -126,4 +126,65 @@ pub fn fast_hand(rng: &mut Rng, score: &mut Score) {
     ];
     let scene = in_room(rng, &FAIR, parts, 120.0);
     run(scene, rng, score);
+}
+
+/// A gyro that is wrong from the beginning.
+fn wrong_gyro(rng: &mut Rng, score: &mut Score, wrong: fn(&mut Rng, &mut Board)) {
+    score.starts_s = 4.0;
+    let mut parts = teaching(rng);
+    parts.push(free(rng, 60.0));
+    let mut scene = in_room(rng, &FAIR, parts, 140.0);
+    wrong(rng, &mut scene.board);
+    run(scene, rng, score);
+}
+
+/// It reads 0.5 to 2 times what it should.
+pub fn misread_gyro(rng: &mut Rng, score: &mut Score) {
+    wrong_gyro(rng, score, |rng, board| {
+        board.gyro.fault = GyroFault::Scaled(misread(rng));
+    });
+}
+
+/// All of its signs are wrong.
+pub fn negative_gyro(rng: &mut Rng, score: &mut Score) {
+    wrong_gyro(rng, score, |_, board| board.gyro.fault = GyroFault::Flipped);
+}
+
+/// Two of its signs are wrong: it is mounted another way round.
+pub fn mismounted_gyro(rng: &mut Rng, score: &mut Score) {
+    wrong_gyro(rng, score, |rng, board| {
+        let axis = rng.uniform(0.0, 3.0) as usize;
+        let mut signs = -Vector3::repeat(1.0);
+        signs[axis] = 1.0;
+        board.gyro.matrix = Matrix3::from_diagonal(&signs) * board.gyro.matrix;
+    });
+}
+
+/// Its axes are in another order.
+pub fn swapped_gyro(rng: &mut Rng, score: &mut Score) {
+    wrong_gyro(rng, score, |rng, board| {
+        let by = if rng.uniform(0.0, 1.0) < 0.5 { 1 } else { 2 };
+        let order = Matrix3::from_fn(|row, column| f64::from(u8::from((row + by) % 3 == column)));
+        board.gyro.matrix = order * board.gyro.matrix;
+    });
+}
+
+/// One axis is turned: two axes change places, one with another sign.
+pub fn turned_gyro(rng: &mut Rng, score: &mut Score) {
+    wrong_gyro(rng, score, |rng, board| {
+        let axis = rng.uniform(0.0, 3.0) as usize;
+        let mut about = Vector3::zeros();
+        about[axis] = std::f64::consts::FRAC_PI_2;
+        board.gyro.matrix = nalgebra::Rotation3::new(about).into_inner() * board.gyro.matrix;
+    });
+}
+
+/// How many times too much it reads: 0.5 to 2, but not nearly 1.
+pub fn misread(rng: &mut Rng) -> f64 {
+    let scale = rng.log_uniform(1.1, 2.0);
+    if rng.uniform(0.0, 1.0) < 0.5 {
+        1.0 / scale
+    } else {
+        scale
+    }
 }

@@ -105,6 +105,16 @@ const SCENARIOS: &[Scenario] = &[
         b.tell(Event::Activate(Some(Box::new(planar(0.0)))));
         b.rest(1.0);
     }),
+    ("the gyro's range was misread", || {
+        let mut board = Board::new(None);
+        board.gyro = |rate| 2.0 * rate;
+        board.rest(4.0);
+        board
+    }, |b| {
+        b.tumble();
+        // Nothing that such a gyro taught is worth a heading.
+        assert_eq!(b.error_deg(), None);
+    }),
     ("the board is moved about", degraded, |b| {
         b.tumble();
         b.tumble();

@@ -1,0 +1,253 @@
+//! The gyro's scale by the field, whatever iron there is.
+//!
+//! A field that stands still turns against the board. With y the raw field, b the hard iron and ω what the gyro reads,
+//!
+//! ```text
+//! dy/dt = s (y − b) × ω
+//! ```
+//!
+//! where s is how fast the board turns over how fast the gyro says that it does: 1 where the gyro is right. Over a moment the
+//! change of y is linear in s and in s b, so that a regression over moments gives both, and their deviations. No filter is asked
+//! for the iron: one that a wrong gyro has misled would agree with that gyro. Soft iron, and a rotation between the chips, change
+//! s by their squares only: 1 % for 15 % of soft iron or 8°.
+
+use nalgebra::{Matrix3x4, Matrix4, Vector3, Vector4};
+
+use super::filter::{Filter, Input};
+use super::prior::FIELD_MGAUSS;
+
+/// A moment ends when the gyro has turned this far, radians (14°), or after this time, seconds. What the field has changed by must
+/// not end it: that would choose the moments in which noise adds to the change.
+const MOMENT_RAD: f64 = 0.25;
+const MOMENT_S: f64 = 1.5;
+/// A moment of a smaller turn, radians, is noise; one in which the field changes by more than this share is a jump.
+const LEAST_RAD: f64 = 0.1;
+const JUMP: f64 = 0.6;
+/// What is not known of the gyro's bias may be this share of a moment's rate: less than the scale may be off.
+const BIAS_SHARE: f64 = 0.03;
+/// So many moments are remembered, ten radians of turning, and fewer than these say nothing: there are four unknowns.
+const MEMORY: f64 = 40.0;
+const LEAST_MOMENTS: f64 = 8.0;
+/// Hard iron to expect, and the least scatter of a change, as shares of the field: even places differ by 0.7 %, at both ends.
+const IRON: f64 = 3.0;
+const SCATTER: f64 = 0.01;
+/// As much as this must be left of what the moments say of s when the iron is found from the same moments. An arc of 100° leaves a
+/// quarter, a shorter one does not tell a scale from iron.
+const LEFT: f64 = 0.25;
+/// A scale is wrong when it is further from 1 than 5 %, and than that by three deviations.
+const TOLERANCE: f64 = 0.05;
+const DEVIATIONS: f64 = 3.0;
+
+/// What the field says of the gyro's scale.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ScaleVerdict {
+    Unknown,
+    Right,
+    Wrong,
+    /// The gyro turns the other way.
+    Opposed,
+}
+
+/// A regression over moments, older ones forgotten.
+#[derive(Clone, Debug, Default)]
+pub(super) struct GyroScale {
+    moment: Option<Moment>,
+    /// Sums over moments: of JᵀJ, of Jᵀ times the change, and of the squared change, with J the slopes by s and by s b.
+    information: Matrix4<f64>,
+    seen: Vector4<f64>,
+    squares: f64,
+    moments: f64,
+}
+
+/// Fields are shares of `FIELD_MGAUSS`.
+#[derive(Clone, Copy, Debug)]
+struct Moment {
+    age_s: f64,
+    first: Vector3<f64>,
+    last: Vector3<f64>,
+    /// Integrals of y × ω and of ω.
+    predicted: Vector3<f64>,
+    turned_rad: Vector3<f64>,
+}
+
+impl GyroScale {
+    /// Takes a sample, and what the filter knows of the gyro's bias. Whether the sample ended a moment that counts.
+    pub(super) fn take(&mut self, input: &Input, filter: &Filter) -> bool {
+        let (bias, bias_sd) = filter.gyro_bias();
+        let turned_rad = (input.rate_rad_s - bias) * input.period_s;
+        let field = input.field_mgauss / FIELD_MGAUSS;
+        let Some(moment) = &mut self.moment else {
+            self.moment = Some(Moment::at(field));
+            return false;
+        };
+        moment.age_s += input.period_s;
+        moment.predicted += 0.5 * (moment.last + field).cross(&turned_rad);
+        moment.turned_rad += turned_rad;
+        moment.last = field;
+        let angle_rad = moment.turned_rad.norm();
+        if angle_rad < MOMENT_RAD && moment.age_s < MOMENT_S {
+            return false;
+        }
+        let change = field - moment.first;
+        let certain = bias_sd * moment.age_s < BIAS_SHARE * angle_rad;
+        let counts = certain && angle_rad > LEAST_RAD && change.norm() < JUMP;
+        let ended = std::mem::replace(moment, Moment::at(field));
+        if counts {
+            self.learn(&ended, &change);
+        }
+        counts
+    }
+
+    fn learn(&mut self, moment: &Moment, change: &Vector3<f64>) {
+        let mut slopes = Matrix3x4::zeros();
+        slopes.set_column(0, &moment.predicted);
+        slopes
+            .fixed_columns_mut::<3>(1)
+            .copy_from(&moment.turned_rad.cross_matrix());
+        let keep = 1.0 - 1.0 / MEMORY;
+        self.information = self.information * keep + slopes.transpose() * slopes;
+        self.seen = self.seen * keep + slopes.transpose() * change;
+        self.squares = self.squares * keep + change.norm_squared();
+        self.moments = self.moments * keep + 1.0;
+    }
+
+    /// Samples are missing.
+    pub(super) fn lose_moment(&mut self) {
+        self.moment = None;
+    }
+
+    /// Iron may have come or gone, or the gyro may have changed: what was seen before has nothing to do with what follows. Without
+    /// effect until that has been judged by enough moments.
+    pub(super) fn begin_anew(&mut self) {
+        if self.moments >= LEAST_MOMENTS {
+            *self = Self::default();
+        }
+    }
+
+    /// s and its deviation; `None` while the moments do not tell it from iron.
+    fn scale(&self) -> Option<(f64, f64)> {
+        if self.moments < LEAST_MOMENTS {
+            return None;
+        }
+        let mut information = self.information;
+        for axis in 1..4 {
+            information[(axis, axis)] += (SCATTER / IRON).powi(2);
+        }
+        let inverse = information.try_inverse()?;
+        let found = inverse * self.seen;
+        // About the iron found, for the field's size beside the iron's means nothing.
+        let about_iron = found / found[0];
+        let alone = about_iron.dot(&(self.information * about_iron));
+        let told = inverse[(0, 0)] * alone * LEFT < 1.0;
+        let residual = self.squares - found.dot(&self.seen);
+        let scatter2 = (residual / (3.0 * self.moments - 4.0)).max(SCATTER.powi(2));
+        told.then(|| (found[0], (scatter2 * inverse[(0, 0)]).sqrt()))
+    }
+
+    /// Whether the scale is right, as far as the moments tell.
+    pub(super) fn verdict(&self) -> ScaleVerdict {
+        let Some((scale, sd)) = self.scale() else {
+            return ScaleVerdict::Unknown;
+        };
+        let off = (scale - 1.0).abs();
+        if scale < -DEVIATIONS * sd {
+            ScaleVerdict::Opposed
+        } else if off > TOLERANCE + DEVIATIONS * sd {
+            ScaleVerdict::Wrong
+        } else if off < TOLERANCE && sd < TOLERANCE {
+            ScaleVerdict::Right
+        } else {
+            ScaleVerdict::Unknown
+        }
+    }
+}
+
+impl Moment {
+    fn at(field: Vector3<f64>) -> Self {
+        Self {
+            age_s: 0.0,
+            first: field,
+            last: field,
+            predicted: Vector3::zeros(),
+            turned_rad: Vector3::zeros(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix3, Rotation3};
+
+    use super::*;
+    use crate::estimate::prior::Prior;
+
+    /// 20 s in steps of 20 ms of a board that turns at this rate, rad/s at a time in seconds, with a gyro that reads so many times
+    /// what it should, and iron of three times the field.
+    fn judged(reads: f64, rate_rad_s: impl Fn(f64) -> Vector3<f64>) -> (ScaleVerdict, f64) {
+        let filter = Filter::new(&Prior::unknown());
+        let mut regression = GyroScale::default();
+        let mut attitude = Rotation3::identity();
+        let field = Vector3::new(200.0, 0.0, -450.0);
+        let iron = Vector3::new(900.0, -600.0, 900.0);
+        let dt = 0.02;
+        for step in 0..1000 {
+            let rate = rate_rad_s(f64::from(step) * dt);
+            attitude *= Rotation3::new(rate * dt);
+            // Two counts of a chip, in turn on each axis.
+            let noise = Vector3::from_fn(|axis, _| 2.0 - 4.0 * f64::from((step + axis as i32) % 2));
+            let input = Input {
+                to_frame: Matrix3::identity(),
+                vertical_known: true,
+                rate_rad_s: rate * reads,
+                field_mgauss: attitude.inverse() * field + iron + noise,
+                period_s: dt,
+                late_s: 0.0,
+                tilt_tau_s: 3.0,
+                tilt_sd_rad: 0.01,
+                gyro_constant_s: 0.0,
+                force_m_s2: None,
+                at_rest: false,
+                still: false,
+            };
+            regression.take(&input, &filter);
+        }
+        let scale = regression.scale().map_or(f64::NAN, |(scale, _)| scale);
+        (regression.verdict(), scale)
+    }
+
+    fn tumbling(t_s: f64) -> Vector3<f64> {
+        Vector3::new((0.7 * t_s).sin(), (0.45 * t_s).cos(), 1.0) * 3.0
+    }
+
+    #[test]
+    fn a_wrong_scale_shows_beside_any_iron() {
+        for (reads, verdict) in [
+            (1.0, ScaleVerdict::Right),
+            (1.03, ScaleVerdict::Right),
+            (1.2, ScaleVerdict::Wrong),
+            (0.8, ScaleVerdict::Wrong),
+            (2.0, ScaleVerdict::Wrong),
+            (0.5, ScaleVerdict::Wrong),
+            (-1.0, ScaleVerdict::Opposed),
+        ] {
+            for motion in [tumbling, |_| Vector3::z() * 3.0] {
+                let (found, scale) = judged(reads, motion);
+                assert_eq!(found, verdict, "{reads}: {scale}");
+                assert!((scale * reads - 1.0).abs() < 0.03, "{reads}: {scale}");
+            }
+        }
+    }
+
+    #[test]
+    fn swinging_to_and_fro_does_not_tell_a_scale_from_iron() {
+        // 25° to either side.
+        let swings = |t_s: f64| Vector3::z() * (0.44 * 4.0 * (4.0 * t_s).cos());
+        assert_eq!(judged(0.5, swings).0, ScaleVerdict::Unknown);
+    }
+
+    #[test]
+    fn a_slow_turn_does_not_tell_a_scale_from_a_bias_that_is_not_known() {
+        let slow = |_| Vector3::z() * 0.5;
+        assert_eq!(judged(0.5, slow).0, ScaleVerdict::Unknown);
+    }
+}
