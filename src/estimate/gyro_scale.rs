@@ -51,7 +51,7 @@ pub(super) enum ScaleVerdict {
 /// A regression over moments, older ones forgotten.
 #[derive(Clone, Debug, Default)]
 pub(super) struct GyroScale {
-    moment: Option<Moment>,
+    moment: Option<TurnedMoment>,
     /// Sums over moments: of JᵀJ, of Jᵀ times the change, and of the squared change, with J the slopes by s and by s b.
     information: Matrix4<f64>,
     seen: Vector4<f64>,
@@ -61,7 +61,7 @@ pub(super) struct GyroScale {
 
 /// Fields are shares of `FIELD_MGAUSS`.
 #[derive(Clone, Copy, Debug)]
-struct Moment {
+struct TurnedMoment {
     age_s: f64,
     first: Vector3<f64>,
     last: Vector3<f64>,
@@ -77,7 +77,7 @@ impl GyroScale {
         let turned_rad = (input.rate_rad_s - bias) * input.period_s;
         let field = input.field_mgauss / FIELD_MGAUSS;
         let Some(moment) = &mut self.moment else {
-            self.moment = Some(Moment::at(field));
+            self.moment = Some(TurnedMoment::at(field));
             return false;
         };
         moment.age_s += input.period_s;
@@ -91,14 +91,14 @@ impl GyroScale {
         let change = field - moment.first;
         let certain = bias_sd * moment.age_s < BIAS_SHARE * angle_rad;
         let counts = certain && angle_rad > LEAST_RAD && change.norm() < JUMP;
-        let ended = std::mem::replace(moment, Moment::at(field));
+        let ended = std::mem::replace(moment, TurnedMoment::at(field));
         if counts {
             self.learn(&ended, &change);
         }
         counts
     }
 
-    fn learn(&mut self, moment: &Moment, change: &Vector3<f64>) {
+    fn learn(&mut self, moment: &TurnedMoment, change: &Vector3<f64>) {
         let mut slopes = Matrix3x4::zeros();
         slopes.set_column(0, &moment.predicted);
         slopes
@@ -162,7 +162,7 @@ impl GyroScale {
     }
 }
 
-impl Moment {
+impl TurnedMoment {
     fn at(field: Vector3<f64>) -> Self {
         Self {
             age_s: 0.0,
