@@ -180,11 +180,11 @@ pub fn judge(evidence: &Evidence) -> Report {
                 "calibrating",
                 "calibrating on the motion just made",
             )
+        } else if let Some(reason) = e.gyro_fault {
+            e.report(Condition::Uncalibrated, reason, gyro_fault(reason))
         } else if !e.wanted {
             let message = "told not to calibrate by itself: headingd calibration start, and then turn the board";
             e.report(Condition::Uncalibrated, "mode_off", message)
-        } else if let Some(reason) = e.gyro_fault {
-            e.report(Condition::Uncalibrated, reason, gyro_fault(reason))
         } else if e.turned >= TURNING_FROM {
             e.report(
                 Condition::Turning,

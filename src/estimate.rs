@@ -45,6 +45,8 @@ const IRON_TRIED_FROM: f64 = 0.08;
 const IRON_TRIED_AFTER_S: f64 = 1.0;
 /// An axis whose bias is known less well than this share of the field is not measured.
 const MEASURED: f64 = 0.15;
+/// A doubt about the gyro that passes within so much motion, seconds, was a chance: accelerations of a hand, or a magnet.
+const DOUBT_PASSES_S: f64 = 5.0;
 
 /// One magnetometer sample, with what gyro and accelerometer say of it.
 #[derive(Clone, Copy, Debug)]
@@ -84,9 +86,6 @@ pub struct Fix {
     pub sd_deg: f64,
 }
 
-/// A doubt about the gyro that passes within this time, seconds, was a chance: accelerations of a hand, or a magnet.
-const DOUBT_PASSES_S: f64 = 5.0;
-
 /// A second explanation of the samples.
 struct Rival {
     filter: Filter,
@@ -122,11 +121,10 @@ pub struct Estimate {
 impl Estimate {
     /// An estimate of a magnetometer mounted like this that knows nothing, or what a calibration says.
     pub fn new(mounting: Mounting, calibration: Option<&Calibration>) -> Self {
-        let prior = calibration.map_or_else(Prior::unknown, |c| Prior::of(c, &mounting));
         Self {
             mounting,
             kept: calibration.copied(),
-            active: Filter::new(&prior),
+            active: fresh(calibration, &mounting),
             rival: None,
             frozen: false,
             last: None,
@@ -184,20 +182,24 @@ impl Estimate {
         if lost {
             self.gyro.lose_frame();
         }
-        let known = self
-            .doubted
-            .as_ref()
-            .map_or(&self.active, |(filter, _)| filter);
-        let judged = self.gyro.take(&input, known);
+        let believed = (self.doubted.as_ref()).map_or(&self.active, |(filter, _)| filter);
+        let judged = self.gyro.take(&input, believed);
+        for filter in [Some(&mut self.active), self.proven.as_mut()]
+            .into_iter()
+            .chain([self.rival.as_mut().map(|rival| &mut rival.filter)])
+            .chain([self.doubted.as_mut().map(|(filter, _)| filter)])
+            .flatten()
+        {
+            filter.shift_gyro_bias(&shift);
+        }
         if self.gyro.fault().is_some() || self.doubted.is_some() {
-            self.doubt(period_s);
+            self.doubt(&input, lost);
             return;
         }
         let frozen = self.frozen;
         for filter in std::iter::once(&mut self.active)
             .chain(self.rival.as_mut().map(|rival| &mut rival.filter))
         {
-            filter.shift_gyro_bias(&shift);
             if lost {
                 filter.restart_frame(&input);
             } else {
@@ -218,12 +220,19 @@ impl Estimate {
         }
     }
 
-    /// The gyro is thought to be wrong, or was until now. What it has taught since it was last shown to be right is used no more,
-    /// unless the doubt passes soon; and what was carried along with it is lost.
-    fn doubt(&mut self, period_s: f64) {
+    /// The gyro is thought to be wrong, or was until now. Falls back to the filter of when it was last shown to be right. The present
+    /// one goes on aside, for the check of the gyro, and comes back if the fault is over within `DOUBT_PASSES_S` of motion.
+    fn doubt(&mut self, input: &Input, lost: bool) {
         match self.doubted.take() {
-            Some((filter, doubted_s)) if self.gyro.fault().is_some() => {
-                self.doubted = Some((filter, doubted_s + period_s));
+            Some((mut filter, doubted_s)) if self.gyro.fault().is_some() => {
+                let known = filter.iron_known_within(filter.strength_mgauss());
+                if lost {
+                    filter.restart_frame(input);
+                } else {
+                    filter.take(input, self.frozen || known);
+                }
+                let moved_s = if input.still { 0.0 } else { input.period_s };
+                self.doubted = Some((filter, doubted_s + moved_s));
                 return;
             }
             Some((filter, doubted_s)) => {
@@ -232,11 +241,8 @@ impl Estimate {
                 }
             }
             None => {
-                let proven = self.proven.take().unwrap_or_else(|| {
-                    let kept = self.kept.as_ref();
-                    let prior = kept.map_or_else(Prior::unknown, |c| Prior::of(c, &self.mounting));
-                    Filter::new(&prior)
-                });
+                let proven = self.proven.clone();
+                let proven = proven.unwrap_or_else(|| fresh(self.kept.as_ref(), &self.mounting));
                 self.doubted = Some((std::mem::replace(&mut self.active, proven), 0.0));
             }
         }
@@ -244,9 +250,11 @@ impl Estimate {
         self.disturbed_s = 0.0;
     }
 
-    /// Whether anything is known, by motion or by the calibration to start with.
+    /// Whether anything is known, by motion or by the calibration to start with. What is in doubt is known until the doubt has lasted.
     pub fn knows(&self) -> bool {
-        self.active.begun() || self.kept.is_some()
+        let in_doubt = (self.doubted.as_ref())
+            .is_some_and(|(filter, doubted_s)| filter.begun() && *doubted_s < DOUBT_PASSES_S);
+        in_doubt || self.active.begun() || self.kept.is_some()
     }
 
     /// A sample as the filters take it, so long after the one before.
@@ -291,6 +299,8 @@ impl Estimate {
         let lead = rival.lead;
         if lead > DECIDED {
             self.active = rival.filter.clone();
+            // It explains what follows by another iron.
+            self.proven = None;
             self.rival = None;
             self.replaced = true;
             self.disturbed_s = 0.0;
@@ -345,6 +355,8 @@ impl Estimate {
             .all(|one| one.variance < self.active.variance_of(one));
         turned.replace(&measured, &input);
         if better {
+            self.kept = Some(*calibration);
+            self.proven = None;
             let known = std::mem::replace(&mut self.active, turned);
             self.start_rival(known);
         } else {
@@ -412,6 +424,12 @@ impl Estimate {
         }
         azimuth_sd_rad(&self.active).to_degrees().min(180.0)
     }
+}
+
+/// A filter that knows what a calibration says of a magnetometer mounted like this, or nothing.
+fn fresh(calibration: Option<&Calibration>, mounting: &Mounting) -> Filter {
+    let prior = calibration.map_or_else(Prior::unknown, |c| Prior::of(c, mounting));
+    Filter::new(&prior)
 }
 
 /// How the azimuth of a field depends on it, radians a milligauss. Within 1 mG of the vertical the slope is that at 1 mG: the

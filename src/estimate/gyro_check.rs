@@ -3,7 +3,7 @@
 //! A field that stands still turns against the board as the gyro reads, and iron on the board adds a constant. So the
 //! change of the raw field over a moment is compared with the change that the gyro predicts: a gyro of the wrong sign predicts the
 //! opposite. Gravity turns in the same way, and no iron moves it: where both have turned and the gyro has not, the gyro is dead,
-//! whatever it reads. How much further one turns than the other is the matter of `gyro_scale`.
+//! whatever it reads. `gyro_scale` checks the scale.
 
 use std::f64::consts::PI;
 
@@ -229,7 +229,7 @@ impl Unexplained {
 }
 
 impl GyroCheck {
-    /// Takes a sample, and what the filter knows. Whether there was news of the gyro.
+    /// Takes a sample, and what the filter knows. Whether the gyro was judged anew.
     pub(super) fn take(&mut self, input: &Input, filter: &Filter) -> bool {
         let constant = input.gyro_constant_s > CONSTANT_S;
         if constant != self.constant {
@@ -279,7 +279,7 @@ impl GyroCheck {
         if judge {
             let fault = self.judged();
             if self.fault.is_none() && fault.is_some_and(|fault| fault != GyroFault::Scale) {
-                // It has been shown to be right when it was.
+                // What was seen before the fault must not end it.
                 self.scale.begin_anew();
             }
             self.fault = fault;
@@ -335,7 +335,9 @@ impl GyroCheck {
             return Some(GyroFault::Dead);
         }
         let scale = self.scale.verdict();
-        let opposes = self.gravity.opposes(GRAVITY_OPPOSES) || self.field.opposes(OPPOSES);
+        // The filter's iron may be an old one; the scale needs none.
+        let opposes = self.gravity.opposes(GRAVITY_OPPOSES)
+            || (scale != ScaleVerdict::Right && self.field.opposes(OPPOSES));
         if opposes || scale == ScaleVerdict::Opposed {
             return Some(GyroFault::Sign);
         }

@@ -8,7 +8,7 @@ use crate::frame::Mounting;
 /// The middle of what the earth's field is anywhere (220 to 670 mG): where nothing else is known.
 pub(super) const FIELD_MGAUSS: f64 = 500.0;
 /// Hard iron to expect, on an axis, as a share of the field.
-const IRON: f64 = 3.0;
+pub(super) const IRON: f64 = 3.0;
 /// Deviation of D's diagonal, scale factors and soft iron, and of the entries beside it, which hold the rotation
 /// between the chips too: 2° and 5 %.
 const SCALE: f64 = 0.08;

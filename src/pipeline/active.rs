@@ -75,6 +75,11 @@ impl Pipeline {
     pub(super) fn forget_estimate(&mut self, calibration: Option<Calibration>) {
         self.estimate
             .restart(self.setup.mountings.mag, calibration.as_ref());
+        self.forget_learning(calibration);
+    }
+
+    /// The calibration to go on from is this one, or none.
+    pub(super) fn forget_learning(&mut self, calibration: Option<Calibration>) {
         self.learning = Learning::new(calibration);
         self.strength_deviation = 0.0;
         self.sd_deg = 180.0;
@@ -85,7 +90,8 @@ impl Pipeline {
         if std::mem::take(&mut self.unwanted) {
             give_up(&mut outcome, self.learning.calibrated());
         } else {
-            if let Some(refusal) = self.objection_to_gyro() {
+            let accepted = outcome.verdict == Verdict::Accepted;
+            if let Some(refusal) = self.objection_to_gyro().filter(|_| accepted) {
                 *outcome = outcome.refused(refusal);
             }
             self.armed &= self.asked != Reason::Start || outcome.verdict == Verdict::Rejected;

@@ -7,7 +7,7 @@ use crate::calibration::verdict::Refusal;
 /// What a calibration by motion is judged by.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionMeasures {
-    /// Whether the gyro turns the way that field and gravity do.
+    /// Whether nothing is known to be wrong with the gyro.
     pub gyro_is_right: bool,
     /// Whether the field at the end is what the motion predicts.
     pub field_is_predicted: bool,

@@ -3,7 +3,6 @@
 use nalgebra::Vector3;
 
 use super::Pipeline;
-use super::learn::Learning;
 use crate::attitude::Pose;
 use crate::estimate::Sample;
 
@@ -44,8 +43,7 @@ impl Pipeline {
         self.estimate.take(&sample);
         if self.learning.calibrated() && !self.estimate.knows() {
             // All of it was learnt by a gyro that is wrong.
-            self.learning = Learning::new(None);
-            self.sd_deg = 180.0;
+            self.forget_learning(None);
         }
         self.sample = Some(sample);
         Some(pose)

@@ -21,7 +21,7 @@ impl Pipeline {
         }
     }
 
-    /// Whether the gyro turns the way that field and gravity do.
+    /// Whether nothing is known to be wrong with the gyro.
     pub(super) fn gyro_is_right(&self) -> bool {
         self.estimate.gyro_fault().is_none()
     }
