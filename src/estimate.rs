@@ -45,8 +45,8 @@ const IRON_TRIED_FROM: f64 = 0.08;
 const IRON_TRIED_AFTER_S: f64 = 1.0;
 /// An axis whose bias is known less well than this share of the field is not measured.
 const MEASURED: f64 = 0.15;
-/// A doubt about the gyro that passes within so much motion, seconds, was a chance: accelerations of a hand, or a magnet.
-const DOUBT_PASSES_S: f64 = 5.0;
+/// A fault of the gyro that clears within this much motion, seconds, was a false alarm: accelerations of a hand, or a magnet.
+const FALSE_ALARM_S: f64 = 5.0;
 
 /// One magnetometer sample, with what gyro and accelerometer say of it.
 #[derive(Clone, Copy, Debug)]
@@ -96,10 +96,16 @@ struct Rival {
     moved_s: f64,
 }
 
+/// The filter that was active when the gyro failed. It goes on, for the check of the gyro.
+struct Suspended {
+    filter: Filter,
+    moved_s: f64,
+}
+
 /// The estimate.
 pub struct Estimate {
     mounting: Mounting,
-    /// What there is before the active filter has begun.
+    /// What there is before the active filter has begun: the calibration to start with, or the last that a turn gave.
     kept: Option<Calibration>,
     active: Filter,
     rival: Option<Rival>,
@@ -108,8 +114,7 @@ pub struct Estimate {
     gyro: GyroCheck,
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
-    /// What the gyro has taught since, while it is thought to be wrong, and for how long it has been, seconds.
-    doubted: Option<(Filter, f64)>,
+    suspended: Option<Suspended>,
     disturbed_s: f64,
     replaced: bool,
     lost: bool,
@@ -130,7 +135,7 @@ impl Estimate {
             last: None,
             gyro: GyroCheck::default(),
             proven: None,
-            doubted: None,
+            suspended: None,
             disturbed_s: 0.0,
             replaced: false,
             lost: false,
@@ -182,33 +187,29 @@ impl Estimate {
         if lost {
             self.gyro.lose_frame();
         }
-        let believed = (self.doubted.as_ref()).map_or(&self.active, |(filter, _)| filter);
-        let judged = self.gyro.take(&input, believed);
-        for filter in [Some(&mut self.active), self.proven.as_mut()]
-            .into_iter()
-            .chain([self.rival.as_mut().map(|rival| &mut rival.filter)])
-            .chain([self.doubted.as_mut().map(|(filter, _)| filter)])
-            .flatten()
+        let checked = (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter);
+        let right = self.gyro.take(&input, checked);
+        for filter in [
+            Some(&mut self.active),
+            self.proven.as_mut(),
+            self.rival.as_mut().map(|one| &mut one.filter),
+            self.suspended.as_mut().map(|one| &mut one.filter),
+        ]
+        .into_iter()
+        .flatten()
         {
             filter.shift_gyro_bias(&shift);
         }
-        if self.gyro.fault().is_some() || self.doubted.is_some() {
-            self.doubt(&input, lost);
-            return;
+        if self.gyro.fault().is_some() || self.suspended.is_some() {
+            return self.follow_gyro_fault(&input, lost);
         }
-        let frozen = self.frozen;
-        for filter in std::iter::once(&mut self.active)
-            .chain(self.rival.as_mut().map(|rival| &mut rival.filter))
-        {
-            if lost {
-                filter.restart_frame(&input);
-            } else {
-                filter.take(&input, frozen);
-            }
+        self.active.follow(&input, lost, self.frozen);
+        if let Some(rival) = &mut self.rival {
+            rival.filter.follow(&input, lost, self.frozen);
         }
         let down = sample.pose.orientation * Vector3::z();
         self.level.take(down, lost, period_s);
-        if judged && self.gyro.proven() && !self.active.disturbed() {
+        if right && !self.active.disturbed() {
             self.proven = Some(self.active.clone());
         }
         if !sample.still {
@@ -220,41 +221,38 @@ impl Estimate {
         }
     }
 
-    /// The gyro is thought to be wrong, or was until now. Falls back to the filter of when it was last shown to be right. The present
-    /// one goes on aside, for the check of the gyro, and comes back if the fault is over within `DOUBT_PASSES_S` of motion.
-    fn doubt(&mut self, input: &Input, lost: bool) {
-        match self.doubted.take() {
-            Some((mut filter, doubted_s)) if self.gyro.fault().is_some() => {
+    /// The gyro is at fault, or was until now. Falls back to the filter of when it was last shown to be right. The present one is
+    /// suspended, and comes back if the fault clears within `FALSE_ALARM_S` of motion.
+    fn follow_gyro_fault(&mut self, input: &Input, lost: bool) {
+        match self.suspended.take() {
+            Some(mut suspended) if self.gyro.fault().is_some() => {
+                let filter = &mut suspended.filter;
                 let known = filter.iron_known_within(filter.strength_mgauss());
-                if lost {
-                    filter.restart_frame(input);
-                } else {
-                    filter.take(input, self.frozen || known);
-                }
-                let moved_s = if input.still { 0.0 } else { input.period_s };
-                self.doubted = Some((filter, doubted_s + moved_s));
+                filter.follow(input, lost, self.frozen || known);
+                suspended.moved_s += if input.still { 0.0 } else { input.period_s };
+                self.suspended = Some(suspended);
                 return;
             }
-            Some((filter, doubted_s)) => {
-                if doubted_s < DOUBT_PASSES_S {
-                    self.active = filter;
-                }
-            }
+            Some(suspended) if suspended.moved_s < FALSE_ALARM_S => self.active = suspended.filter,
+            Some(_) => {}
             None => {
-                let proven = self.proven.clone();
-                let proven = proven.unwrap_or_else(|| fresh(self.kept.as_ref(), &self.mounting));
-                self.doubted = Some((std::mem::replace(&mut self.active, proven), 0.0));
+                let unproven = || fresh(self.kept.as_ref(), &self.mounting);
+                let proven = self.proven.clone().unwrap_or_else(unproven);
+                self.suspended = Some(Suspended {
+                    filter: std::mem::replace(&mut self.active, proven),
+                    moved_s: 0.0,
+                });
             }
         }
         self.lose_frame();
         self.disturbed_s = 0.0;
     }
 
-    /// Whether anything is known, by motion or by the calibration to start with. What is in doubt is known until the doubt has lasted.
+    /// Whether anything is known, by motion or by a calibration. A suspended filter counts while it may come back.
     pub fn knows(&self) -> bool {
-        let in_doubt = (self.doubted.as_ref())
-            .is_some_and(|(filter, doubted_s)| filter.begun() && *doubted_s < DOUBT_PASSES_S);
-        in_doubt || self.active.begun() || self.kept.is_some()
+        let may_come_back = (self.suspended.as_ref())
+            .is_some_and(|one| one.filter.begun() && one.moved_s < FALSE_ALARM_S);
+        may_come_back || self.active.begun() || self.kept.is_some()
     }
 
     /// A sample as the filters take it, so long after the one before.

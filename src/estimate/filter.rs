@@ -247,9 +247,18 @@ impl Filter {
         }
     }
 
+    /// Takes a sample, or begins a new frame with it where the last was lost.
+    pub(super) fn follow(&mut self, input: &Input, lost: bool, frozen: bool) {
+        if lost {
+            self.restart_frame(input);
+        } else {
+            self.take(input, frozen);
+        }
+    }
+
     /// Takes a sample. With `frozen`, bias and matrix stay as they are, and only their uncertainty is counted
     /// (a Schmidt–Kalman filter).
-    pub(super) fn take(&mut self, input: &Input, frozen: bool) {
+    fn take(&mut self, input: &Input, frozen: bool) {
         if input.at_rest && input.still {
             self.learn_bias_at_rest(input);
         }
@@ -265,7 +274,7 @@ impl Filter {
     }
 
     /// The frame has been lost: the field in it comes anew from one sample.
-    pub(super) fn restart_frame(&mut self, input: &Input) {
+    fn restart_frame(&mut self, input: &Input) {
         if !self.begun {
             self.first = None;
             return;

@@ -21,7 +21,7 @@ const NOISE: f64 = 0.05;
 const JUMP: f64 = 0.6;
 /// Sum of squared changes, as shares of the field, over which evidence is forgotten. A level board at a dip of 70° changes its
 /// field by 0.02 in 30° of turning, a tumbling one in 9°.
-const QUICK: f64 = 0.15;
+const MEMORY: f64 = 0.15;
 /// Of that, so much must have been seen before anything is said.
 const ENOUGH: f64 = 0.6;
 /// Correlation of both changes below which gyro and field turn different ways.
@@ -106,7 +106,7 @@ pub(super) struct GyroCheck {
 #[derive(Clone, Debug, Default)]
 struct Witness {
     moment: Option<Moment>,
-    quick: Sums,
+    sums: Sums,
 }
 
 /// Change of the field that the gyro does not explain, as a share of it: in recent moments, and in the current one.
@@ -153,17 +153,17 @@ struct Sums {
 }
 
 impl Sums {
-    fn take(&mut self, seen: &Vector3<f64>, told: &Vector3<f64>, memory: f64) {
+    fn take(&mut self, seen: &Vector3<f64>, told: &Vector3<f64>) {
         let (seen2, told2) = (seen.norm_squared(), told.norm_squared());
-        let keep = (-seen2.max(told2) / memory).exp();
+        let keep = (-seen2.max(told2) / MEMORY).exp();
         self.seen = self.seen * keep + seen2;
         self.told = self.told * keep + told2;
         self.both = self.both * keep + seen.dot(told);
         self.count += 1;
     }
 
-    fn enough(&self, memory: f64) -> bool {
-        self.seen.max(self.told) > ENOUGH * memory
+    fn enough(&self) -> bool {
+        self.seen.max(self.told) > ENOUGH * MEMORY
     }
 
     fn correlation(&self) -> f64 {
@@ -193,19 +193,19 @@ impl Witness {
             self.moment = None;
         }
         if change.counts() {
-            self.quick.take(&seen, &told, QUICK);
+            self.sums.take(&seen, &told);
         }
         change
     }
 
     /// Whether it has turned by enough to say something, and the gyro has not.
     fn turns_alone(&self, enough: f64) -> bool {
-        self.quick.seen > enough && self.quick.told < 0.1 * self.quick.seen
+        self.sums.seen > enough && self.sums.told < 0.1 * self.sums.seen
     }
 
     fn opposes(&self, limit: f64) -> bool {
-        let Sums { seen, told, .. } = self.quick;
-        told > 0.1 * seen && self.quick.enough(QUICK) && self.quick.correlation() < limit
+        let Sums { seen, told, .. } = self.sums;
+        told > 0.1 * seen && self.sums.enough() && self.sums.correlation() < limit
     }
 }
 
@@ -229,13 +229,13 @@ impl Unexplained {
 }
 
 impl GyroCheck {
-    /// Takes a sample, and what the filter knows. Whether the gyro was judged anew.
+    /// Takes a sample, and what the filter knows. Whether the sample has shown the gyro to be right.
     pub(super) fn take(&mut self, input: &Input, filter: &Filter) -> bool {
         let constant = input.gyro_constant_s > CONSTANT_S;
         if constant != self.constant {
             self.constant = constant;
-            self.field.quick = Sums::default();
-            self.gravity.quick = Sums::default();
+            self.field.sums = Sums::default();
+            self.gravity.sums = Sums::default();
         }
         let (rate, dt) = (input.rate_rad_s, input.period_s);
         self.count_unseen(input);
@@ -276,15 +276,17 @@ impl GyroCheck {
             self.unexplained.take(&change, rate.norm());
             judge |= change.counts();
         }
-        if judge {
-            let fault = self.judged();
-            if self.fault.is_none() && fault.is_some_and(|fault| fault != GyroFault::Scale) {
-                // What was seen before the fault must not end it.
-                self.scale.begin_anew();
-            }
-            self.fault = fault;
+        if !judge {
+            return false;
         }
-        judge
+        let scale = self.scale.verdict();
+        let fault = self.judged(scale);
+        if self.fault.is_none() && fault.is_some_and(|fault| fault != GyroFault::Scale) {
+            // What was seen before the fault must not end it.
+            self.scale.begin_anew();
+        }
+        self.fault = fault;
+        fault.is_none() && scale == ScaleVerdict::Right
     }
 
     /// The gyro has a gap: what has changed meanwhile is no evidence against it.
@@ -321,20 +323,19 @@ impl GyroCheck {
         }
     }
 
-    fn judged(&self) -> Option<GyroFault> {
+    fn judged(&self, scale: ScaleVerdict) -> Option<GyroFault> {
         let constant = self.constant
             && (self.gravity.turns_alone(CONSTANT_ENOUGH)
                 || self.field.turns_alone(CONSTANT_ENOUGH)
-                    && self.field.quick.count >= CONSTANT_CHANGES);
+                    && self.field.sums.count >= CONSTANT_CHANGES);
         // A rotation that is the same to the last bit, and not the one that field and gravity show.
         let frozen = self.constant
             && [&self.field, &self.gravity]
                 .iter()
-                .all(|witness| witness.quick.enough(QUICK) && witness.quick.correlation() < AGREES);
+                .all(|witness| witness.sums.enough() && witness.sums.correlation() < AGREES);
         if self.together >= TOGETHER || constant || frozen {
             return Some(GyroFault::Dead);
         }
-        let scale = self.scale.verdict();
         // The filter's iron may be an old one; the scale needs none.
         let opposes = self.gravity.opposes(GRAVITY_OPPOSES)
             || (scale != ScaleVerdict::Right && self.field.opposes(OPPOSES));
@@ -343,15 +344,10 @@ impl GyroCheck {
         }
         // A fault is over when the gyro explains the field again.
         let wrong = self.fault.filter(|fault| {
-            let explained = self.field.quick.correlation() >= EXPLAINS_AGAIN;
+            let explained = self.field.sums.correlation() >= EXPLAINS_AGAIN;
             scale != ScaleVerdict::Right && (*fault == GyroFault::Scale || !explained)
         });
         wrong.or((scale == ScaleVerdict::Wrong).then_some(GyroFault::Scale))
-    }
-
-    /// Whether the gyro has been shown to be right.
-    pub(super) fn proven(&self) -> bool {
-        self.fault.is_none() && self.scale.verdict() == ScaleVerdict::Right
     }
 
     /// What is wrong, if anything is.

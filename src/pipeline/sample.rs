@@ -38,8 +38,8 @@ impl Pipeline {
             at_rest: self.attitude.at_rest(),
             still: self.attitude.still(),
         };
-        let learns = self.wanted().is_some();
-        self.estimate.freeze(!learns && self.learning.calibrated());
+        self.estimate
+            .freeze(self.wanted().is_none() && self.learning.calibrated());
         self.estimate.take(&sample);
         if self.learning.calibrated() && !self.estimate.knows() {
             // All of it was learnt by a gyro that is wrong.

@@ -15,6 +15,7 @@ use crate::world::Dipole;
 /// The reasons that say what is wrong, one line a fault; a name of its own for each is what the figures ask for.
 mod reason {
     pub const GYRO_SIGN: [&str; 4] = ["gyro_sign", "gyro_mounting", "gyro_wrong", "gyro_disagrees"];
+    pub const GYRO_SCALE: [&str; 1] = ["gyro_scale"];
     pub const GYRO_CLIPS: [&str; 3] = ["gyro_clips", "gyro_clipping", "gyro_clipped"];
     pub const GYRO_SLOW: [&str; 3] = ["gyro_slow", "gyro_rate", "no_gyro"];
     pub const NO_FORCE: [&str; 1] = ["no_accelerometer"];
@@ -153,13 +154,13 @@ pub fn flipped_gyro(rng: &mut Rng, score: &mut Score) {
     let wanted = |shown: &Shown| reason::GYRO_SIGN.contains(&shown.reason);
     let rate = rng.uniform(0.5, 1.2);
     in_motion(rng, score, 60.0, rate, wanted, |_, board| {
-        board.gyro.fault = GyroFault::Flipped;
+        board.gyro.fault = GyroFault::Scaled(-1.0);
     });
 }
 
 /// A gyro that is set up for another range.
 pub fn scaled_gyro(rng: &mut Rng, score: &mut Score) {
-    let wanted = |shown: &Shown| shown.reason == "gyro_scale";
+    let wanted = |shown: &Shown| reason::GYRO_SCALE.contains(&shown.reason);
     let rate = rng.uniform(0.5, 1.2);
     let scale = misread(rng);
     in_motion(rng, score, 60.0, rate, wanted, move |_, board| {

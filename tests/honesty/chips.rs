@@ -82,8 +82,7 @@ pub enum GyroFault {
     Zero,
     Bias,
     Constant(Vector3<f64>),
-    Flipped,
-    /// It reads so many times what it should.
+    /// It reads so many times what it should: -1 is a wrong sign.
     Scaled(f64),
 }
 
@@ -116,7 +115,6 @@ impl Gyro {
             GyroFault::Zero => return Vector3::zeros(),
             GyroFault::Constant(rate) => return rate,
             GyroFault::Bias => Vector3::zeros(),
-            GyroFault::Flipped => -(self.matrix * rate),
             GyroFault::Scaled(scale) => self.matrix * rate * scale,
             GyroFault::None => self.matrix * rate,
         };

@@ -31,7 +31,9 @@ pub fn gyro_constant(rng: &mut Rng, score: &mut Score) {
 }
 
 pub fn gyro_flipped(rng: &mut Rng, score: &mut Score) {
-    lasting(rng, score, |board| board.gyro.fault = GyroFault::Flipped);
+    lasting(rng, score, |board| {
+        board.gyro.fault = GyroFault::Scaled(-1.0)
+    });
 }
 
 pub fn mag_frozen(rng: &mut Rng, score: &mut Score) {

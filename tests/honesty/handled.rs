@@ -1,6 +1,8 @@
 //! Boards in a hand.
 
-use nalgebra::{Matrix3, Vector3};
+use std::f64::consts::FRAC_PI_2;
+
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::chips::{Board, Draw, GyroFault};
 use crate::drive::{Scene, run};
@@ -147,7 +149,9 @@ pub fn misread_gyro(rng: &mut Rng, score: &mut Score) {
 
 /// All of its signs are wrong.
 pub fn negative_gyro(rng: &mut Rng, score: &mut Score) {
-    wrong_gyro(rng, score, |_, board| board.gyro.fault = GyroFault::Flipped);
+    wrong_gyro(rng, score, |_, board| {
+        board.gyro.fault = GyroFault::Scaled(-1.0)
+    });
 }
 
 /// Two of its signs are wrong: it is mounted another way round.
@@ -163,7 +167,7 @@ pub fn mismounted_gyro(rng: &mut Rng, score: &mut Score) {
 /// Its axes are in another order.
 pub fn swapped_gyro(rng: &mut Rng, score: &mut Score) {
     wrong_gyro(rng, score, |rng, board| {
-        let by = if rng.uniform(0.0, 1.0) < 0.5 { 1 } else { 2 };
+        let by = if rng.chance(0.5) { 1 } else { 2 };
         let order = Matrix3::from_fn(|row, column| f64::from(u8::from((row + by) % 3 == column)));
         board.gyro.matrix = order * board.gyro.matrix;
     });
@@ -174,17 +178,13 @@ pub fn turned_gyro(rng: &mut Rng, score: &mut Score) {
     wrong_gyro(rng, score, |rng, board| {
         let axis = rng.uniform(0.0, 3.0) as usize;
         let mut about = Vector3::zeros();
-        about[axis] = std::f64::consts::FRAC_PI_2;
-        board.gyro.matrix = nalgebra::Rotation3::new(about).into_inner() * board.gyro.matrix;
+        about[axis] = FRAC_PI_2;
+        board.gyro.matrix = Rotation3::new(about).into_inner() * board.gyro.matrix;
     });
 }
 
 /// How many times too much it reads: 0.5 to 2, but not nearly 1.
 pub fn misread(rng: &mut Rng) -> f64 {
     let scale = rng.log_uniform(1.1, 2.0);
-    if rng.uniform(0.0, 1.0) < 0.5 {
-        1.0 / scale
-    } else {
-        scale
-    }
+    if rng.chance(0.5) { 1.0 / scale } else { scale }
 }
