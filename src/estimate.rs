@@ -20,6 +20,7 @@ mod filter;
 mod fix;
 mod gyro_check;
 mod gyro_scale;
+mod iron_watch;
 mod kept;
 mod learnt;
 mod level;
@@ -29,6 +30,7 @@ mod prior;
 use filter::{Filter, Input};
 use gyro_check::GyroCheck;
 pub use gyro_check::GyroFault;
+use iron_watch::IronWatch;
 use level::Level;
 use place::PlaceEvidence;
 use prior::{Measured, Prior};
@@ -115,6 +117,7 @@ pub struct Estimate {
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
     suspended: Option<Suspended>,
+    iron: IronWatch,
     disturbed_s: f64,
     replaced: bool,
     lost: bool,
@@ -136,6 +139,7 @@ impl Estimate {
             gyro: GyroCheck::default(),
             proven: None,
             suspended: None,
+            iron: IronWatch::default(),
             disturbed_s: 0.0,
             replaced: false,
             lost: false,
@@ -209,7 +213,8 @@ impl Estimate {
         }
         let down = sample.pose.orientation * Vector3::z();
         self.level.take(down, lost, period_s);
-        if right && !self.active.disturbed() {
+        self.iron.take(&self.active, period_s);
+        if right && !self.disturbed() {
             self.proven = Some(self.active.clone());
         }
         if !sample.still {
@@ -407,20 +412,13 @@ impl Estimate {
 
     /// Whether the field here is not the earth's, or the samples are not as the estimate expects them.
     pub fn disturbed(&self) -> bool {
-        self.active.begun() && (self.active.disturbed() || self.active.consistency() >= 4.0)
+        self.active.begun()
+            && (self.active.disturbed() || self.active.consistency() >= 4.0 || self.iron.moved())
     }
 
     /// What is wrong with the gyro, if field and gyro show it.
     pub fn gyro_fault(&self) -> Option<GyroFault> {
         self.gyro.fault()
-    }
-
-    /// Deviation of north in the gyro's frame, degrees: that of every heading of a level board.
-    pub fn north_sd_deg(&self) -> f64 {
-        if !self.active.begun() {
-            return 180.0;
-        }
-        azimuth_sd_rad(&self.active).to_degrees().min(180.0)
     }
 }
 
@@ -428,21 +426,4 @@ impl Estimate {
 fn fresh(calibration: Option<&Calibration>, mounting: &Mounting) -> Filter {
     let prior = calibration.map_or_else(Prior::unknown, |c| Prior::of(c, mounting));
     Filter::new(&prior)
-}
-
-/// How the azimuth of a field depends on it, radians a milligauss. Within 1 mG of the vertical the slope is that at 1 mG: the
-/// azimuth of such a field is unknown.
-fn by_field(field: &Vector3<f64>) -> Vector3<f64> {
-    let level = field.xy();
-    let east = level
-        .try_normalize(0.0)
-        .map_or(Vector3::y(), |north| Vector3::new(-north.y, north.x, 0.0));
-    east / level.norm().max(1.0)
-}
-
-/// Deviation of the azimuth of the field, radians.
-fn azimuth_sd_rad(filter: &Filter) -> f64 {
-    let east = by_field(&filter.field());
-    let covariance: Matrix3<f64> = filter.field_covariance();
-    (east.transpose() * covariance * east)[0].max(0.0).sqrt()
 }

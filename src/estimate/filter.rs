@@ -174,6 +174,9 @@ pub(super) struct Filter {
     innovation: Option<Vector3<f64>>,
     odd: Option<Vector3<f64>>,
     jumped: bool,
+    /// Sum of the innovations of odd samples lately, in the frame, milligauss, and of that what goes if no other odd one follows.
+    missed_mgauss: Vector3<f64>,
+    spike_mgauss: Vector3<f64>,
     still: bool,
     /// How the board lay when it last moved or swung.
     lay: Matrix3<f64>,
@@ -233,6 +236,8 @@ impl Filter {
             innovation: None,
             odd: None,
             jumped: false,
+            missed_mgauss: Vector3::zeros(),
+            spike_mgauss: Vector3::zeros(),
             still: false,
             lay: Matrix3::identity(),
             log_likelihood: 0.0,
@@ -623,8 +628,16 @@ impl Filter {
             self.consistency += (dt / 2.0).min(1.0) * (now - self.consistency);
         }
         self.jumped = false;
+        self.missed_mgauss *= (-dt / FORGET_MOVING_S).exp();
         if squared > GATE {
             // One odd sample is a spike, two alike are a change: of the field here, until turning shows otherwise.
+            let missed = r * innovation;
+            self.missed_mgauss += missed;
+            self.spike_mgauss = if self.odd.is_none() {
+                missed
+            } else {
+                Vector3::zeros()
+            };
             let again = self
                 .odd
                 .is_some_and(|odd| (innovation - odd).norm() < 0.5 * innovation.norm());
@@ -644,8 +657,8 @@ impl Filter {
                 Some(found) => inverse = found,
                 None => return,
             }
-        } else {
-            self.odd = None;
+        } else if self.odd.take().is_some() {
+            self.missed_mgauss -= self.spike_mgauss;
         }
         let fit = (innovation.transpose() * inverse * innovation)[0] + s.determinant().ln();
         self.log_likelihood -= 0.5 * fit;
@@ -764,6 +777,11 @@ impl Filter {
         self.vector(B)
     }
 
+    /// Covariance of b, milligauss².
+    pub(super) fn bias_covariance(&self) -> Matrix3<f64> {
+        self.p.fixed_view::<3, 3>(B, B).into()
+    }
+
     /// Covariance of b and of D, row by row.
     pub(super) fn parameter_covariance(&self) -> SMatrix<f64, 12, 12> {
         let mut covariance = SMatrix::<f64, 12, 12>::zeros();
@@ -815,6 +833,11 @@ impl Filter {
         self.vector(M).norm() / self.strength_mgauss
     }
 
+    /// What the innovations of odd samples sum up to lately, in the frame, milligauss.
+    pub(super) fn missed_mgauss(&self) -> Vector3<f64> {
+        self.missed_mgauss
+    }
+
     /// Sum of the log-likelihoods of the samples taken.
     pub(super) fn log_likelihood(&self) -> f64 {
         self.log_likelihood
@@ -827,16 +850,14 @@ impl Filter {
 
     /// The least known direction of the hard iron, body axes: turning about an axis across it would teach most.
     pub(super) fn least_known(&self) -> Vector3<f64> {
-        let covariance: Matrix3<f64> = self.p.fixed_view::<3, 3>(B, B).into();
-        let eigen = SymmetricEigen::new(covariance);
+        let eigen = SymmetricEigen::new(self.bias_covariance());
         eigen.eigenvectors.column(eigen.eigenvalues.imax()).into()
     }
 
     /// Whether the hard iron has a deviation below this in every direction, milligauss.
     pub(super) fn iron_known_within(&self, limit_mgauss: f64) -> bool {
-        let covariance: Matrix3<f64> = self.p.fixed_view::<3, 3>(B, B).into();
         // What is left up to the limit is positive definite: no eigenvalue needs to be found.
-        let left = Matrix3::identity() * limit_mgauss.powi(2) - covariance;
+        let left = Matrix3::identity() * limit_mgauss.powi(2) - self.bias_covariance();
         left.m11 > 0.0 && left.m11 * left.m22 > left.m12 * left.m21 && left.determinant() > 0.0
     }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Estimate, Fix, by_field, kept, level};
+use super::{Estimate, Fix, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
 
@@ -41,7 +41,7 @@ impl Estimate {
         let by_tilt = told.cross_matrix().transpose() * by_nose;
         let variance = north.variance(&by_field(&field), &by_tilt).max(0.0);
         // Innovations larger than expected: what is known is known less well than it seems.
-        let variance = variance * self.active.consistency().max(1.0);
+        let variance = variance * self.active.consistency().max(self.iron.excess());
         let sd = hypot(variance.sqrt(), self.doubt_rad());
         Some(Fix {
             heading_deg: wrap_360(heading.to_degrees()),
@@ -55,14 +55,16 @@ impl Estimate {
             return 0.0;
         }
         let field = self.active.field();
-        let steepness = field.norm() / field.xy().norm().max(1.0);
-        let contradicted = self.gyro.contradicted_rad(steepness);
+        let horizontal = field.xy().norm().max(1.0);
+        let contradicted = self.gyro.contradicted() * field.norm() / horizontal;
         let differ = if self.active.disturbed() {
             field.xy().angle(&self.active.field_here().xy())
         } else {
             0.0
         };
-        DOUBT * hypot(contradicted, differ)
+        let missed = self.active.missed_mgauss().xy().norm() / horizontal;
+        let contradicted = hypot(contradicted, hypot(differ, missed));
+        hypot(DOUBT * contradicted, self.gyro.unseen_rad())
     }
 
     /// Without an accelerometer the board is taken for level on average; the further it is from that, the less
@@ -109,4 +111,24 @@ impl Estimate {
             sd_deg: sd.to_degrees().min(180.0),
         })
     }
+
+    /// Deviation of north in the gyro's frame, degrees: that of every heading of a level board.
+    pub fn north_sd_deg(&self) -> f64 {
+        if !self.active.begun() {
+            return 180.0;
+        }
+        let east = by_field(&self.active.field());
+        let variance = (east.transpose() * self.active.field_covariance() * east)[0];
+        variance.max(0.0).sqrt().to_degrees().min(180.0)
+    }
+}
+
+/// How the azimuth of a field depends on it, radians a milligauss. Within 1 mG of the vertical the slope is that at 1 mG: the
+/// azimuth of such a field is unknown.
+fn by_field(field: &Vector3<f64>) -> Vector3<f64> {
+    let level = field.xy();
+    let east = level
+        .try_normalize(0.0)
+        .map_or(Vector3::y(), |north| Vector3::new(-north.y, north.x, 0.0));
+    east / level.norm().max(1.0)
 }

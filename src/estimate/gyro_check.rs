@@ -54,9 +54,8 @@ const SCATTER_S: f64 = 0.005;
 const MOSTLY: f64 = 0.6;
 /// Doubt about the gyro fades by 1/e over this much explained change: two moments.
 const FADES: f64 = 0.3;
-/// Readings that are the same to the last bit for this long, seconds, are no measurement: a moving gyro has noise. The board is
-/// then taken to turn on at its mean rate over `RATE_TAU_S` before.
-const UNSEEN_S: f64 = 0.1;
+/// While readings are the same to the last bit, they may be no measurement: a moving gyro has noise. The board is then taken to turn
+/// on at its mean rate over this time before, seconds.
 const RATE_TAU_S: f64 = 1.0;
 
 /// What is wrong with the gyro.
@@ -299,7 +298,7 @@ impl GyroCheck {
 
     /// A gyro that reads the same again and again does not see how the board turns.
     fn count_unseen(&mut self, input: &Input) {
-        if input.gyro_constant_s < UNSEEN_S {
+        if input.gyro_constant_s == 0.0 {
             self.unseen_rad = 0.0;
             let share = (input.period_s / RATE_TAU_S).min(1.0);
             self.rate_rad_s += share * (input.rate_rad_s.norm() - self.rate_rad_s);
@@ -308,10 +307,14 @@ impl GyroCheck {
         }
     }
 
-    /// By how much a heading that the gyro carries along may be off, radians, if the gyro is wrong: what the field has turned
-    /// lately against it, and what it has not seen. `steepness` is the whole field over its horizontal part.
-    pub(super) fn contradicted_rad(&self, steepness: f64) -> f64 {
-        (self.unexplained.recent + self.unexplained.current) * steepness + self.unseen_rad
+    /// What the field has turned lately against the gyro, as a share of it.
+    pub(super) fn contradicted(&self) -> f64 {
+        self.unexplained.recent + self.unexplained.current
+    }
+
+    /// How far the board may have turned without the gyro, radians.
+    pub(super) fn unseen_rad(&self) -> f64 {
+        self.unseen_rad
     }
 
     /// Gravity has changed by `seen` in a moment.

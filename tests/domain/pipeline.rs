@@ -504,6 +504,28 @@ fn a_heading_is_not_sure_while_the_gyro_contradicts_the_field_or_stops() {
 }
 
 #[test]
+fn a_heading_is_not_sure_from_the_moment_at_which_the_gyro_repeats_itself() {
+    let settings = Settings::default();
+    let sound = readings(&settings);
+    let calibration = shifted(&settings, 0.0);
+    let truth = play(&sound, Some(calibration), 0).headings;
+    let mut stopped = sound.clone();
+    for reading in stopped.iter_mut().filter(|reading| reading.t_s > 8.0) {
+        reading.rate_rad_s = reading.rate_rad_s.map(|_| Vector3::zeros());
+    }
+    let headings = play(&stopped, Some(calibration), 0).headings;
+    let after = headings.iter().zip(&truth).filter(|(h, _)| h.t_s > 8.0);
+    let sure = after.filter(|(stopped, sound)| {
+        let (Some(stopped_deg), Some(sound_deg)) = (stopped.fused_deg, sound.fused_deg) else {
+            return false;
+        };
+        let error = apart_deg(stopped_deg, sound_deg).abs();
+        error > 2.0 && error > 2.0 * stopped.sd_deg.unwrap_or_default()
+    });
+    assert_eq!(sure.count(), 0);
+}
+
+#[test]
 fn a_turn_has_the_sample_at_its_beginning_and_that_at_its_end_live_as_of_a_log() {
     // A sample at each tick of the even clock: one is taken just as the turn is complete.
     let reading = |index: u32| {

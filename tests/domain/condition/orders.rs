@@ -169,6 +169,26 @@ fn iron_that_has_come_is_learnt_in_motion_and_kept() {
     assert!(off < 20.0, "{off}");
 }
 
+/// Each sample alone is as the one before, and no place is as uneven as a magnet of 6 % of the field.
+#[test]
+fn a_magnet_that_no_sample_shows_is_told_by_the_iron_that_moves() {
+    let mut board = Board::rested(Some(spatial(0.0)));
+    board.tumble();
+    board.tumble();
+    assert_eq!(board.state(), ("good", "good"));
+    for _ in 0..30 {
+        board.bias_mgauss.x += 1.2;
+        // One reading.
+        board.turn(1.2);
+    }
+    board.pitch_to(40.0);
+    board.turn(180.0);
+    let told = |board: &Board| board.reports.iter().any(|r| r.reason == "field_changed");
+    assert!(told(&board), "{:?}", board.reports.last());
+    board.tumble();
+    assert_eq!(board.state(), ("good", "good"));
+}
+
 #[test]
 fn iron_in_one_place_is_not_taken_for_the_boards_own() {
     let mut board = Board::rested(Some(spatial(0.0)));
