@@ -18,7 +18,7 @@ const ADVICE: &[(&[&str], &str)] = &[
     (&["field_strength", "field_changed"],
      "look for iron, magnets or currents nearby; if they are there to stay, move the board: it learns them"),
     (&["no_samples"], "check the magnetometer: it is silent"),
-    (&["overflow"], "move away from the magnet, or choose a larger range of the chip"),
+    (&["overflow"], "move away from the magnet, or choose a larger range of the chip; if that does not help, an axis is stuck"),
     (&["no_bus", "permission", "claimed", "no_answer", "clone", "wrong_identity"],
      "see the message, and headingd check"),
     (&["timeout", "arbitration_lost", "short_read", "bus_error", "unsupported"],

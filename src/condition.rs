@@ -33,6 +33,7 @@
 //! | good | the board turns faster than the gyro can tell | degraded | `gyro_clipped` |
 //! | good | the magnetometer falls silent | stale | `no_samples` |
 //! | good | an axis overflows | stale | `overflow` |
+//! | good | an axis reads the same number while the board turns | stale | `overflow` |
 //! | stale | readings resume | good | `good` |
 //! | good | the source is in trouble | fault | the trouble's |
 //! | fault | the trouble is over | good | `good` |
@@ -166,7 +167,7 @@ pub fn judge(evidence: &Evidence) -> Report {
     }
     if e.silent_s > e.stale_s {
         return if e.overflowing {
-            let message = "the field is beyond the magnetometer's range: choose a larger range, or move away from the magnet";
+            let message = "the field is beyond the magnetometer's range, or an axis is stuck: choose a larger range, or move away from the magnet";
             e.report(Condition::Stale, "overflow", message)
         } else {
             let message = "no magnetometer sample is recent enough to publish a heading from";

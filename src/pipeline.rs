@@ -12,6 +12,7 @@ mod motion;
 mod mounting;
 mod play;
 mod sample;
+mod saturation;
 mod settings;
 mod stretch;
 mod survey;
@@ -36,6 +37,7 @@ use crate::reading::Reading;
 use crate::true_north::EarthField;
 use crate::turn::{self, Turn, TurnDetector};
 use learn::Learning;
+use saturation::Saturation;
 
 pub use motion::MotionMeasures;
 pub use settings::Settings;
@@ -120,6 +122,7 @@ pub enum Action {
 pub struct Pipeline {
     setup: Setup,
     outliers: Outliers,
+    saturation: Saturation,
     frozen_watch: FrozenWatch,
     /// A sensor that says the same again and again while the board moves.
     frozen: Option<SourceFault>,
@@ -163,6 +166,7 @@ impl Pipeline {
     pub fn new(setup: Setup, calibration: Option<Calibration>) -> Self {
         Self {
             outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
+            saturation: Saturation::new(&setup.mountings),
             frozen_watch: FrozenWatch::default(),
             frozen: None,
             late: attitude::Lateness::default(),
@@ -257,7 +261,7 @@ impl Pipeline {
         if reading.t_s < last_s || !reading.t_s.is_finite() {
             return;
         }
-        let reading = &self.outliers.filter(reading);
+        let reading = &self.saturation.filter(&self.outliers.filter(reading));
         self.watch(reading);
         self.readings_s = Some((first_s, reading.t_s));
         self.now_s = reading.t_s;

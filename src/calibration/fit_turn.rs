@@ -200,8 +200,8 @@ impl<const D: usize> Work<'_, D> {
         Ok(fitted)
     }
 
-    /// A chip axis in the plane of the turn that stood still while the field moved by half of its swing. In space
-    /// this proves nothing: a roll about an axis leaves the axis as it is.
+    /// A chip axis in the plane of the turn that stood still while the field went round: by so far that an axis at its extreme, where
+    /// it changes least, had changed by two of its steps. In space this proves nothing: a roll about an axis leaves the axis as it is.
     fn stuck_axis(
         &self,
         samples: &[FieldSample],
@@ -209,12 +209,14 @@ impl<const D: usize> Work<'_, D> {
         swing: f64,
     ) -> Option<usize> {
         const LEAST_STILL: usize = 10;
+        const STEPS: f64 = 2.0;
         if self.plan.mode == Mode::Spatial {
             return None;
         }
         (0..3).find(|&axis| {
             let [e1, e2] = self.plan.basis;
             let in_plane = hypot(e1[axis], e2[axis]) > 0.7;
+            let step = smallest_step(samples.iter().map(|sample| sample.field_mgauss[axis]));
             let mut from = 0;
             in_plane
                 && samples
@@ -222,9 +224,13 @@ impl<const D: usize> Work<'_, D> {
                     .any(|run| {
                         let here = &points[from..from + run.len()];
                         from += run.len();
+                        if run.len() < LEAST_STILL {
+                            return false;
+                        }
                         // A spike or a hole in the log moves the other axes too.
-                        run.len() >= LEAST_STILL
-                            && coverage::swing(&fit::without_spikes(here)) > 0.5 * swing
+                        let sine = (coverage::swing(&fit::without_spikes(here)) / swing).min(1.0);
+                        let least_change = 0.5 * swing * (1.0 - (1.0 - sine * sine).sqrt());
+                        least_change > STEPS * step
                     })
         })
     }
@@ -286,4 +292,12 @@ impl<const D: usize> Work<'_, D> {
             .map(down)
             .collect()
     }
+}
+
+/// The smallest difference between one value and the next that is one: a chip's count. 0 where there is none.
+fn smallest_step(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let next = values.clone().skip(1);
+    let steps = values.zip(next).map(|(value, next)| (next - value).abs());
+    let smallest = steps.filter(|step| *step > 0.0).reduce(f64::min);
+    smallest.unwrap_or(0.0)
 }

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::Pipeline;
+use super::saturation::Saturation;
 use crate::frame::Mountings;
 
 impl Pipeline {
@@ -19,6 +20,7 @@ impl Pipeline {
     pub(super) fn mount(&mut self, mountings: Mountings) {
         let calibration = self.calibration();
         self.setup.mountings = mountings;
+        self.saturation = Saturation::new(&mountings);
         self.unwanted |= self.calibrating;
         self.forget_estimate(calibration);
         self.begin_stretch();

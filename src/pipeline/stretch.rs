@@ -8,6 +8,7 @@ impl Pipeline {
     /// Forgets all motion, and whatever is remembered by its time. Calibration, policy and the verdict on the last turn
     /// stay, and so does a calibration that is under way.
     pub(super) fn begin_stretch(&mut self) {
+        self.saturation.begin_stretch();
         self.attitude = Attitude::new(&self.setup.attitude, &self.setup.mountings);
         self.turns = TurnDetector::new(&self.setup.turn);
         self.buffer.clear();

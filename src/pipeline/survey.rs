@@ -4,6 +4,7 @@ use std::convert::Infallible;
 
 use nalgebra::Vector3;
 
+use super::saturation::Saturation;
 use super::{Event, Pipeline, Setup};
 use crate::attitude::Attitude;
 use crate::calibration::outcome::Outcome;
@@ -26,6 +27,7 @@ pub struct Survey {
     /// The chip axes of the plane, if it is named.
     plane: Option<[usize; 2]>,
     outliers: Outliers,
+    saturation: Saturation,
     attitude: Attitude,
     detector: TurnDetector,
     samples: Thinned,
@@ -56,6 +58,7 @@ impl Survey {
         let motion_counts = plane.is_none() && setup.calibration.window != WindowChoice::All;
         Self {
             outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
+            saturation: Saturation::new(&setup.mountings),
             attitude: Attitude::new(&setup.attitude, &setup.mountings),
             detector: TurnDetector::new(&setup.turn),
             motion: motion_counts.then(|| Pipeline::new(setup.clone(), None)),
@@ -72,7 +75,10 @@ impl Survey {
 
     /// Takes the next reading. `new_stretch`: its time has nothing to do with those before.
     pub fn take(&mut self, reading: &Reading, new_stretch: bool) {
-        let mut reading = self.outliers.filter(reading);
+        if new_stretch {
+            self.saturation.begin_stretch();
+        }
+        let mut reading = self.saturation.filter(&self.outliers.filter(reading));
         if new_stretch {
             // Samples are found by their times: a stretch comes after a hole, wherever its own clock began.
             self.later_s = self.last_s + STRETCHES_APART_S - reading.t_s;

@@ -475,6 +475,35 @@ fn a_stuck_magnetometer_is_refused() {
     }
 }
 
+/// The chip reads the end of its range over an arc, and does not say so.
+#[test]
+fn a_turn_in_which_an_axis_clips_is_refused() {
+    let folder = Folder::new();
+    let (header, entries) = simulated(&Settings::default());
+    let fields = entries.iter().filter_map(|e| e.reading.field_mgauss?[0]);
+    let (low, high) = fields.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+        (low.min(x), high.max(x))
+    });
+    // Of what X swings through; an arc of 51°, 74° and 127°.
+    for share in [0.05, 0.1, 0.28] {
+        let mut clipped = entries.clone();
+        for field in clipped
+            .iter_mut()
+            .filter_map(|e| e.reading.field_mgauss.as_mut())
+        {
+            field[0] = field[0].map(|x| x.min(high - share * (high - low)));
+        }
+        let log = folder.file("a.csv", log(&(header.clone(), clipped)));
+        let ran = calibrate(&log, &[]);
+        let reason = &ran.json()["reason"];
+        assert_eq!(
+            (ran.status, reason),
+            (3, &json!("stuck_axis")),
+            "{share}: {ran:?}"
+        );
+    }
+}
+
 #[test]
 fn each_way_to_fail_has_its_status() {
     let folder = Folder::new();

@@ -31,6 +31,8 @@ pub struct Board {
     pub gyro: fn(Vector3<f64>) -> Vector3<f64>,
     pub with_accel: bool,
     pub overflow: bool,
+    /// What axis X of the magnetometer reads all the time.
+    pub stuck_mgauss: Option<f64>,
     random: Xoshiro256PlusPlus,
     /// Outcomes wait until they are asked for.
     pub late: bool,
@@ -65,6 +67,7 @@ impl Board {
             gyro: |rate| rate,
             with_accel: true,
             overflow: false,
+            stuck_mgauss: None,
             random: Xoshiro256PlusPlus::seed_from_u64(1),
             late: false,
             under_way: None,
@@ -150,9 +153,13 @@ impl Board {
         let axis = |value| Some(value).filter(|_| !self.overflow);
         Reading {
             t_s: self.t_s,
-            field_mgauss: self
-                .with_field
-                .then(|| [axis(field.x), Some(field.y), Some(field.z)]),
+            field_mgauss: self.with_field.then(|| {
+                [
+                    axis(self.stuck_mgauss.unwrap_or(field.x)),
+                    Some(field.y),
+                    Some(field.z),
+                ]
+            }),
             rate_rad_s: self
                 .with_gyro
                 .then(|| (self.gyro)(to_body * rate_deg_s.map(f64::to_radians) + shaken)),

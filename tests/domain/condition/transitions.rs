@@ -186,6 +186,10 @@ const SCENARIOS: &[Scenario] = &[
         b.overflow = true;
         b.rest(1.0);
     }),
+    ("an axis reads the same number while the board turns", good, |b| {
+        b.stuck_mgauss = Some(200.0);
+        b.turn(90.0);
+    }),
     ("readings resume", || {
         let mut board = good();
         board.with_field = false;

@@ -1,0 +1,236 @@
+//! Axes of the magnetometer that read the same number while the board turns: they are stuck, or at the end of their range, and the
+//! chip does not say so.
+//!
+//! Noise keeps a sound axis from reading the same again and again, but a coarse one may, and so may one about which the board turns.
+//! The gyro tells how far an axis has swung round, and the other axes how much field there is in the plane in which it did: where a
+//! sound axis had changed, even at the extreme where it changes least, this one is saturated. The number that it reads is no
+//! measurement from then on.
+
+use std::f64::consts::FRAC_PI_2;
+
+use nalgebra::Vector3;
+
+use crate::frame::{Mountings, hypot};
+use crate::reading::Reading;
+
+/// So many times the same, …
+const READINGS: u32 = 10;
+/// … while the axis swings round by this angle, radians (20°), …
+const SWUNG_RAD: f64 = 0.35;
+/// … and the board turns about it by no more than this share of the angle: that changes the other axes alone.
+const ABOUT_ITSELF: f64 = 0.5;
+/// A sound axis had changed by this much, milligauss: three steps of the coarsest chip, an AK8963 of 14 bits.
+const LEAST_CHANGE_MGAUSS: f64 = 18.0;
+/// Over a longer time the gyro does not tell how the board has turned, seconds.
+const GAP_S: f64 = 0.5;
+
+/// Readings in, readings without saturated axes out.
+#[derive(Clone, Debug)]
+pub(super) struct Saturation {
+    mountings: Mountings,
+    rate: Option<(f64, Vector3<f64>)>,
+    runs: [Option<SameReading>; 3],
+    /// The two numbers, at most, that an axis reads where it measures nothing; the newest first.
+    ends_mgauss: [[Option<f64>; 2]; 3],
+}
+
+/// An axis has read the same number since.
+#[derive(Clone, Copy, Debug)]
+struct SameReading {
+    /// The field when it began.
+    first: Vector3<f64>,
+    readings: u32,
+    /// How far the board has turned, magnetometer chip axes, radians.
+    turned_rad: Vector3<f64>,
+}
+
+impl SameReading {
+    /// How much a sound axis had changed at least by now, milligauss; `None` while that is not known.
+    fn least_change_mgauss(&self, axis: usize, field: &Vector3<f64>) -> Option<f64> {
+        let [next, third] = [(axis + 1) % 3, (axis + 2) % 3];
+        let swung_rad = hypot(self.turned_rad[next], self.turned_rad[third]);
+        let about_itself_rad = self.turned_rad[axis].abs();
+        if swung_rad < SWUNG_RAD || about_itself_rad > ABOUT_ITSELF * swung_rad {
+            return None;
+        }
+        let change = field - self.first;
+        // A field h in the plane in which the axis swings changes across it by h sin φ, and along it by h (1 − cos φ) or more.
+        let across = hypot(change[next], change[third]);
+        Some(across * (0.5 * swung_rad.min(FRAC_PI_2)).tan())
+    }
+}
+
+impl Saturation {
+    pub(super) fn new(mountings: &Mountings) -> Self {
+        Self {
+            mountings: *mountings,
+            rate: None,
+            runs: [None; 3],
+            ends_mgauss: [[None; 2]; 3],
+        }
+    }
+
+    /// The times of the readings to come have nothing to do with those before.
+    pub(super) fn begin_stretch(&mut self) {
+        self.rate = None;
+        self.runs = [None; 3];
+    }
+
+    /// The reading, its saturated axes empty.
+    pub(super) fn filter(&mut self, reading: &Reading) -> Reading {
+        if let Some(rate) = reading.rate_rad_s {
+            self.turn(reading.t_s, &rate);
+        }
+        let mut kept = *reading;
+        if let Some(field) = reading.whole_field_mgauss() {
+            for axis in 0..3 {
+                self.compare(axis, &field);
+            }
+        }
+        if let Some(field) = &mut kept.field_mgauss {
+            for (value, ends) in field.iter_mut().zip(&self.ends_mgauss) {
+                if value.is_some() && ends.contains(value) {
+                    *value = None;
+                }
+            }
+        }
+        kept
+    }
+
+    fn turn(&mut self, t_s: f64, rate_rad_s: &Vector3<f64>) {
+        let body = self.mountings.gyro.to_body(*rate_rad_s);
+        let now = self.mountings.mag.to_chip(body);
+        let (last_s, last) = self.rate.replace((t_s, now)).unwrap_or((t_s, now));
+        if t_s - last_s > GAP_S {
+            self.runs = [None; 3];
+            return;
+        }
+        let turned_rad = 0.5 * (last + now) * (t_s - last_s);
+        for run in self.runs.iter_mut().flatten() {
+            run.turned_rad += turned_rad;
+        }
+    }
+
+    fn compare(&mut self, axis: usize, field: &Vector3<f64>) {
+        let same = self.runs[axis].filter(|run| run.first[axis] == field[axis]);
+        let mut run = same.unwrap_or(SameReading {
+            first: *field,
+            readings: 0,
+            turned_rad: Vector3::zeros(),
+        });
+        run.readings += 1;
+        self.runs[axis] = Some(run);
+        let ends = &mut self.ends_mgauss[axis];
+        let value = Some(field[axis]);
+        if run.readings >= READINGS
+            && !ends.contains(&value)
+            && (run.least_change_mgauss(axis, field))
+                .is_some_and(|change| change > LEAST_CHANGE_MGAUSS)
+        {
+            *ends = [value, ends[0]];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+    use rand::{RngExt, SeedableRng};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    use super::*;
+
+    const EARTH: Vector3<f64> = Vector3::new(200.0, 0.0, 450.0);
+
+    /// Readings at 50 Hz, 10 s long, of a board that turns at this rate, and what its magnetometer makes of the field.
+    fn kept(
+        rate_rad_s: impl Fn(f64) -> Vector3<f64>,
+        mut read: impl FnMut(Vector3<f64>) -> Vector3<f64>,
+    ) -> Vec<[Option<f64>; 3]> {
+        let mut saturation = Saturation::new(&Mountings::default());
+        let mut attitude = Rotation3::identity();
+        let dt = 0.02;
+        let reading = |step: u32| {
+            let t_s = f64::from(step) * dt;
+            let rate = rate_rad_s(t_s);
+            attitude *= Rotation3::new(rate * dt);
+            let field = read(attitude.inverse() * EARTH);
+            let reading = Reading {
+                t_s,
+                field_mgauss: Some([Some(field.x), Some(field.y), Some(field.z)]),
+                rate_rad_s: Some(rate),
+                specific_force_m_s2: None,
+            };
+            saturation.filter(&reading).field_mgauss.unwrap()
+        };
+        (0..500).map(reading).collect()
+    }
+
+    fn level(_: f64) -> Vector3<f64> {
+        Vector3::z()
+    }
+
+    fn tumbling(t_s: f64) -> Vector3<f64> {
+        Vector3::new((0.7 * t_s).sin(), (0.45 * t_s).cos(), 1.0)
+    }
+
+    fn empty(kept: &[[Option<f64>; 3]], axis: usize) -> usize {
+        kept.iter().filter(|field| field[axis].is_none()).count()
+    }
+
+    /// Noise of two milligauss, in steps of so many.
+    fn noisy(step_mgauss: f64) -> impl FnMut(Vector3<f64>) -> Vector3<f64> {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        move |field| {
+            field.map(|b| ((b + rng.random_range(-2.0..2.0)) / step_mgauss).round() * step_mgauss)
+        }
+    }
+
+    #[test]
+    fn an_axis_at_the_end_of_its_range_is_empty_and_the_others_are_not() {
+        for motion in [level, tumbling] {
+            let mut noisy = noisy(1.0);
+            let kept = kept(motion, |field| noisy(field).map(|b| b.clamp(-150.0, 500.0)));
+            // 41° to either side of 180°, of 573°.
+            assert!(empty(&kept, 0) > 80, "{}", empty(&kept, 0));
+            assert!(empty(&kept, 1) > 80, "{}", empty(&kept, 1));
+            let missed = kept.iter().filter(|field| field[0] == Some(-150.0));
+            assert!(missed.count() < 60);
+        }
+    }
+
+    #[test]
+    fn a_stuck_axis_is_empty() {
+        let mut noisy = noisy(1.0);
+        let kept = kept(level, |field| {
+            let field = noisy(field);
+            Vector3::new(87.0, field.y, field.z)
+        });
+        assert!(empty(&kept, 0) > 450);
+        assert_eq!(empty(&kept, 1) + empty(&kept, 2), 0);
+    }
+
+    #[test]
+    fn a_sound_axis_is_never_empty_however_coarse() {
+        for step_mgauss in [0.1, 1.0, 3.0, 6.0] {
+            for motion in [level, tumbling] {
+                let kept = kept(motion, noisy(step_mgauss));
+                let empty: usize = (0..3).map(|axis| empty(&kept, axis)).sum();
+                assert_eq!(empty, 0, "{step_mgauss}");
+            }
+        }
+    }
+
+    #[test]
+    fn neither_is_one_without_noise_nor_one_that_is_read_twice() {
+        let mut held = (0, Vector3::zeros());
+        let kept = kept(tumbling, |field| {
+            held.0 += 1;
+            if held.0 % 25 == 1 {
+                held.1 = field.map(|b| (b / 6.0).round() * 6.0);
+            }
+            held.1
+        });
+        assert_eq!((0..3).map(|axis| empty(&kept, axis)).sum::<usize>(), 0);
+    }
+}
