@@ -30,8 +30,37 @@ pub(super) struct Saturation {
     mountings: Mountings,
     rate: Option<(f64, Vector3<f64>)>,
     runs: [Option<SameReading>; 3],
-    /// The two numbers, at most, that an axis reads where it measures nothing; the newest first.
-    ends_mgauss: [[Option<f64>; 2]; 3],
+    /// What each axis reads where it measures nothing; the newest first.
+    ends: [[Option<End>; 2]; 3],
+}
+
+/// A number that an axis read where it measured nothing.
+#[derive(Clone, Copy, Debug)]
+struct End {
+    value: f64,
+    /// Whether it has read smaller ones and larger ones since: then it was stuck for a while, and this is no end of its range.
+    smaller: bool,
+    larger: bool,
+}
+
+impl End {
+    fn new(value: f64) -> Self {
+        Self {
+            value,
+            smaller: false,
+            larger: false,
+        }
+    }
+
+    /// As it is after the axis has read this; `None` once it is no end.
+    fn after(self, value: f64) -> Option<Self> {
+        let end = Self {
+            smaller: self.smaller || value < self.value,
+            larger: self.larger || value > self.value,
+            ..self
+        };
+        Some(end).filter(|end| !(end.smaller && end.larger))
+    }
 }
 
 /// An axis has read the same number since.
@@ -66,7 +95,7 @@ impl Saturation {
             mountings: *mountings,
             rate: None,
             runs: [None; 3],
-            ends_mgauss: [[None; 2]; 3],
+            ends: [[None; 2]; 3],
         }
     }
 
@@ -88,10 +117,8 @@ impl Saturation {
             }
         }
         if let Some(field) = &mut kept.field_mgauss {
-            for (value, ends) in field.iter_mut().zip(&self.ends_mgauss) {
-                if value.is_some() && ends.contains(value) {
-                    *value = None;
-                }
+            for (axis, ends) in field.iter_mut().zip(&self.ends) {
+                *axis = axis.filter(|value| !ends.iter().flatten().any(|end| end.value == *value));
             }
         }
         kept
@@ -120,14 +147,15 @@ impl Saturation {
         });
         run.readings += 1;
         self.runs[axis] = Some(run);
-        let ends = &mut self.ends_mgauss[axis];
-        let value = Some(field[axis]);
+        let value = field[axis];
+        let ends = &mut self.ends[axis];
+        *ends = ends.map(|end| end?.after(value));
         if run.readings >= READINGS
-            && !ends.contains(&value)
+            && !ends.iter().flatten().any(|end| end.value == value)
             && (run.least_change_mgauss(axis, field))
                 .is_some_and(|change| change > LEAST_CHANGE_MGAUSS)
         {
-            *ends = [value, ends[0]];
+            *ends = [Some(End::new(value)), ends[0]];
         }
     }
 }
@@ -208,6 +236,21 @@ mod tests {
         });
         assert!(empty(&kept, 0) > 450);
         assert_eq!(empty(&kept, 1) + empty(&kept, 2), 0);
+    }
+
+    #[test]
+    fn an_axis_that_was_stuck_is_sound_again() {
+        let (mut noisy, mut count) = (noisy(1.0), 0);
+        let kept = kept(level, |field| {
+            count += 1;
+            let field = noisy(field);
+            let x = if count < 150 { 87.0 } else { field.x };
+            Vector3::new(x, field.y, field.z)
+        });
+        assert!(empty(&kept[..150], 0) > 100);
+        // It begins anew at 172°, where it reads less, and reads more from 296° on.
+        assert!(kept.iter().any(|field| field[0] == Some(87.0)));
+        assert_eq!(empty(&kept[470..], 0), 0);
     }
 
     #[test]
