@@ -51,7 +51,7 @@ const ADVICE: &[(&[&str], &str)] = &[
     (&["jump"], "turn again, level: a magnet was attached or taken away in mid-turn, or the board tilted"),
     (&["rest"],
      "turn again where the board has rested, with motors and currents as they will be: the field came with the turn"),
-    (&["stuck_axis"], "check the chip and its range: an axis reads the same number all the time"),
+    (&["stuck_axis"], "check the chip and its range: an axis reads the same number over an arc of the turn"),
     (&["bad_reference"], "give a reference field above 0, or none"),
     (&["less_certain"], "nothing: what is known already is more certain, and stays"),
     (&["cancelled"], "nothing: it was cancelled, or something else was ordered meanwhile"),

@@ -30,6 +30,10 @@ pub use lateness::Lateness;
 const IMPLAUSIBLE_RAD_S: f64 = 200.0;
 /// Stronger than any magnetometer measures: nonsense, milligauss.
 const IMPLAUSIBLE_MGAUSS: f64 = 1e6;
+/// Rows repeat a gyro of 5 Hz for so long, seconds; a longer repetition is a rest, or a gyro that hangs.
+const MOST_HELD_S: f64 = 0.2;
+/// Shorter repetitions than usual count by this share: one reading of ten may be the same by chance.
+const HOLD_GAIN: f64 = 0.1;
 
 /// Where the board points at one instant, by gyro and accelerometer alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,6 +103,8 @@ pub struct Attitude {
     clip: ClipWatch,
     /// The gyro's newest reading, and since when it has read the same.
     constant: Option<(Vector3<f64>, f64)>,
+    /// For how long the gyro repeats a reading before it has a new one, seconds: a log's rows may.
+    held_s: f64,
     newest_s: f64,
     late: Lateness,
     filter: AttitudeFilter,
@@ -112,6 +118,7 @@ impl Attitude {
             clock: EvenClock::new(settings.gap_s),
             clip: ClipWatch::new(settings.gyro_range_deg_s),
             constant: None,
+            held_s: 0.0,
             newest_s: 0.0,
             late: Lateness::default(),
             filter: AttitudeFilter::new(settings.gyro_bias_limit_deg_s),
@@ -138,6 +145,11 @@ impl Attitude {
         if let Some(chip) = reading.rate_rad_s
             && chip.norm() < IMPLAUSIBLE_RAD_S
         {
+            if let Some((last, since_s)) = self.constant
+                && last != chip
+            {
+                self.follow_hold(self.newest_s - since_s);
+            }
             if self.constant.is_none_or(|(same, _)| same != chip) {
                 self.constant = Some((chip, t_s));
             }
@@ -240,10 +252,23 @@ impl Attitude {
         self.filter.gravity.low_passed(t_s)
     }
 
-    /// For how long the gyro has read the same to the last bit, seconds.
+    /// For how long the gyro has read the same to the last bit, seconds, beyond the time for which its readings are repeated anyway.
     pub fn gyro_constant_s(&self) -> f64 {
-        self.constant
-            .map_or(0.0, |(_, since_s)| self.newest_s - since_s)
+        let repeats_s = |(_, since_s)| self.newest_s - since_s - self.held_s;
+        self.constant.map_or(0.0, repeats_s).max(0.0)
+    }
+
+    /// The gyro has repeated a reading for so long, seconds, and now has a new one.
+    fn follow_hold(&mut self, lasted_s: f64) {
+        if lasted_s > MOST_HELD_S {
+            return;
+        }
+        let gain = if lasted_s > self.held_s {
+            1.0
+        } else {
+            HOLD_GAIN
+        };
+        self.held_s += gain * (lasted_s - self.held_s);
     }
 
     /// Whether the gyro's newest reading is at its full scale: the board turns faster than it says.

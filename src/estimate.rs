@@ -213,7 +213,6 @@ impl Estimate {
         }
         let down = sample.pose.orientation * Vector3::z();
         self.level.take(down, lost, period_s);
-        self.iron.take(&self.active, period_s);
         if right && !self.disturbed() {
             self.proven = Some(self.active.clone());
         }
@@ -224,6 +223,7 @@ impl Estimate {
             self.compare(period_s);
             self.try_iron(period_s);
         }
+        self.iron.take(&self.active, period_s);
     }
 
     /// The gyro is at fault, or was until now. Falls back to the filter of when it was last shown to be right. The present one is

@@ -328,6 +328,9 @@ impl Pipeline {
         if published.is_some() && self.wanted().is_some() {
             self.learning.reached();
         }
+        if !self.gyro_is_right() {
+            self.saturation.forget();
+        }
         if self.estimate.disturbed() || !self.gyro_is_right() {
             self.disturbed_s = t_s;
         }

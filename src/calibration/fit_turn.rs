@@ -200,14 +200,15 @@ impl<const D: usize> Work<'_, D> {
         Ok(fitted)
     }
 
-    /// A chip axis in the plane of the turn that stood still while the field went round: by so far that an axis at its extreme, where
-    /// it changes least, had changed by two of its steps. In space this proves nothing: a roll about an axis leaves the axis as it is.
+    /// A chip axis in the plane of the turn that read the same number for so long that a sound one would have changed by two of its
+    /// steps, even around its extreme. In space this proves nothing: a roll about an axis leaves the axis as it is.
     fn stuck_axis(
         &self,
         samples: &[FieldSample],
         points: &[[f64; D]],
         swing: f64,
     ) -> Option<usize> {
+        /// Noise of a step makes so many alike a chance of 1 in 10 000.
         const LEAST_STILL: usize = 10;
         const STEPS: f64 = 2.0;
         if self.plan.mode == Mode::Spatial {
@@ -224,7 +225,9 @@ impl<const D: usize> Work<'_, D> {
                     .any(|run| {
                         let here = &points[from..from + run.len()];
                         from += run.len();
-                        if run.len() < LEAST_STILL {
+                        // A log may repeat a sample until there is a new one.
+                        let samples = here.chunk_by(|a, b| a == b).count();
+                        if samples < LEAST_STILL {
                             return false;
                         }
                         // A spike or a hole in the log moves the other axes too.
@@ -294,10 +297,10 @@ impl<const D: usize> Work<'_, D> {
     }
 }
 
-/// The smallest difference between one value and the next that is one: a chip's count. 0 where there is none.
+/// The smallest difference between one value and the next: a chip's count. At least 1 milligauss, the noise of good chips.
 fn smallest_step(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let next = values.clone().skip(1);
     let steps = values.zip(next).map(|(value, next)| (next - value).abs());
     let smallest = steps.filter(|step| *step > 0.0).reduce(f64::min);
-    smallest.unwrap_or(0.0)
+    smallest.unwrap_or_default().max(1.0)
 }

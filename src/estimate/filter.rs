@@ -174,9 +174,9 @@ pub(super) struct Filter {
     innovation: Option<Vector3<f64>>,
     odd: Option<Vector3<f64>>,
     jumped: bool,
-    /// Sum of the innovations of odd samples lately, in the frame, milligauss, and of that what goes if no other odd one follows.
-    missed_mgauss: Vector3<f64>,
-    spike_mgauss: Vector3<f64>,
+    /// Sum of what the field has jumped by lately, and the innovation of an odd sample that was not taken in: in the frame, milligauss.
+    jumps_mgauss: Vector3<f64>,
+    odd_mgauss: Vector3<f64>,
     still: bool,
     /// How the board lay when it last moved or swung.
     lay: Matrix3<f64>,
@@ -236,8 +236,8 @@ impl Filter {
             innovation: None,
             odd: None,
             jumped: false,
-            missed_mgauss: Vector3::zeros(),
-            spike_mgauss: Vector3::zeros(),
+            jumps_mgauss: Vector3::zeros(),
+            odd_mgauss: Vector3::zeros(),
             still: false,
             lay: Matrix3::identity(),
             log_likelihood: 0.0,
@@ -332,6 +332,10 @@ impl Filter {
         self.p.fixed_view_mut::<3, 3>(H, H).copy_from(&own);
         self.x.fixed_rows_mut::<3>(H).copy_from(&field);
         self.innovation = None;
+        self.odd = None;
+        self.jumped = false;
+        self.jumps_mgauss = Vector3::zeros();
+        self.odd_mgauss = Vector3::zeros();
     }
 
     /// Puts what a turn has measured in the place of what was known of it. The samples of the turn have been used
@@ -628,24 +632,20 @@ impl Filter {
             self.consistency += (dt / 2.0).min(1.0) * (now - self.consistency);
         }
         self.jumped = false;
-        self.missed_mgauss *= (-dt / FORGET_MOVING_S).exp();
+        self.jumps_mgauss *= (-dt / FORGET_MOVING_S).exp();
+        self.odd_mgauss = Vector3::zeros();
         if squared > GATE {
             // One odd sample is a spike, two alike are a change: of the field here, until turning shows otherwise.
-            let missed = r * innovation;
-            self.missed_mgauss += missed;
-            self.spike_mgauss = if self.odd.is_none() {
-                missed
-            } else {
-                Vector3::zeros()
-            };
             let again = self
                 .odd
                 .is_some_and(|odd| (innovation - odd).norm() < 0.5 * innovation.norm());
             self.odd = Some(innovation);
             if !again {
+                self.odd_mgauss = r * innovation;
                 return;
             }
             self.jumped = true;
+            self.jumps_mgauss += r * innovation;
             let jump = innovation.norm_squared();
             for axis in 0..3 {
                 self.p[(M + axis, M + axis)] += jump;
@@ -657,8 +657,8 @@ impl Filter {
                 Some(found) => inverse = found,
                 None => return,
             }
-        } else if self.odd.take().is_some() {
-            self.missed_mgauss -= self.spike_mgauss;
+        } else {
+            self.odd = None;
         }
         let fit = (innovation.transpose() * inverse * innovation)[0] + s.determinant().ln();
         self.log_likelihood -= 0.5 * fit;
@@ -833,9 +833,9 @@ impl Filter {
         self.vector(M).norm() / self.strength_mgauss
     }
 
-    /// What the innovations of odd samples sum up to lately, in the frame, milligauss.
+    /// What the field has jumped by lately, and is off by in an odd sample, in the frame, milligauss.
     pub(super) fn missed_mgauss(&self) -> Vector3<f64> {
-        self.missed_mgauss
+        self.jumps_mgauss + self.odd_mgauss
     }
 
     /// Sum of the log-likelihoods of the samples taken.

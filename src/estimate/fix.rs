@@ -63,8 +63,10 @@ impl Estimate {
             0.0
         };
         let missed = self.active.missed_mgauss().xy().norm() / horizontal;
-        let contradicted = hypot(contradicted, hypot(differ, missed));
-        hypot(DOUBT * contradicted, self.gyro.unseen_rad())
+        let contradicted = DOUBT * hypot(contradicted, differ);
+        // What has just happened has not been weighed yet.
+        let unseen = hypot(missed, self.gyro.unseen_rad());
+        hypot(contradicted, unseen)
     }
 
     /// Without an accelerometer the board is taken for level on average; the further it is from that, the less
@@ -73,7 +75,7 @@ impl Estimate {
         let (down, leaning_rad) = self.level.down()?;
         let down = pose.orientation.inverse_transform_vector(&down);
         let (vertical, horizontal) = level::split(seen, &down);
-        let own = self.active.field_covariance().trace() / 3.0;
+        let own = self.active.field_covariance().trace() / 3.0 * self.iron.excess();
         let tilted = down.z.clamp(-1.0, 1.0).acos();
         let tilt = (level::SD_RAD + 0.5 * tilted) * vertical;
         // A board that leans has its vertical anywhere.

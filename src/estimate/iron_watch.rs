@@ -2,7 +2,8 @@
 //!
 //! A filter that learns a constant moves it within the deviation it had, and less and less. If the hard iron moves further, a magnet
 //! has come onto the board, even one that is weaker than the field is uneven here, or the gyro has gone wrong, and the filter
-//! changes the iron to agree with it.
+//! changes the iron to agree with it. Another filter that becomes the active one moves the iron too: until it has settled, nobody
+//! knows which of both it is.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -38,7 +39,7 @@ impl IronWatch {
         self.age_s += period_s;
         if self.age_s > KEPT_S {
             self.age_s = 0.0;
-            // Iron that is not measured yet moves a lot.
+            // Before it is measured, the iron moves as it is learnt.
             let known = filter.iron_known_within(MEASURED * filter.strength_mgauss());
             let inverse = filter.bias_covariance().try_inverse();
             let now = inverse.filter(|_| known).map(|information| KnownIron {
@@ -59,7 +60,8 @@ impl IronWatch {
         self.moved2 > MOVED
     }
 
-    /// What the variance of a heading has to be multiplied with: what is known is known less well than it seems.
+    /// What the variance of a heading has to be multiplied with: what is known is known less well than it seems. Of three degrees of
+    /// freedom.
     pub(super) fn excess(&self) -> f64 {
         if self.moved() { self.moved2 / 3.0 } else { 1.0 }
     }

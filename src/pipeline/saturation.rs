@@ -2,25 +2,25 @@
 //! chip does not say so.
 //!
 //! Noise keeps a sound axis from reading the same again and again, but a coarse one may, and so may one about which the board turns.
-//! The gyro tells how far an axis has swung round, and the other axes how much field there is in the plane in which it did: where a
-//! sound axis had changed, even at the extreme where it changes least, this one is saturated. The number that it reads is no
-//! measurement from then on.
+//! The gyro tells how far an axis has swung round, and the other axes how much field there is in the plane in which it did. Where a
+//! sound axis would have changed, even around the extreme, where it changes least, this one is saturated. The number that it reads
+//! is no measurement from then on.
 
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
 use crate::frame::{Mountings, hypot};
 use crate::reading::Reading;
 
-/// So many times the same, …
-const READINGS: u32 = 10;
-/// … while the axis swings round by this angle, radians (20°), …
-const SWUNG_RAD: f64 = 0.35;
-/// … and the board turns about it by no more than this share of the angle: that changes the other axes alone.
+/// So many samples read the same: noise of a step makes that a chance of 1 in 10 000 …
+const SAMPLES: u32 = 10;
+/// … while the board turns about the axis by no more than this share of what the axis swings round: that changes the other axes alone.
 const ABOUT_ITSELF: f64 = 0.5;
-/// A sound axis had changed by this much, milligauss: three steps of the coarsest chip, an AK8963 of 14 bits.
-const LEAST_CHANGE_MGAUSS: f64 = 18.0;
+/// A sound axis would have changed by more than this, milligauss: two steps of the coarsest chip, an AK8963 of 14 bits.
+const LEAST_CHANGE_MGAUSS: f64 = 12.0;
+/// Slower rates may be the gyro's bias, rad/s (20°/s).
+const MOVING_RAD_S: f64 = 0.35;
 /// Over a longer time the gyro does not tell how the board has turned, seconds.
 const GAP_S: f64 = 0.5;
 
@@ -29,6 +29,7 @@ const GAP_S: f64 = 0.5;
 pub(super) struct Saturation {
     mountings: Mountings,
     rate: Option<(f64, Vector3<f64>)>,
+    field: Option<Vector3<f64>>,
     runs: [Option<SameReading>; 3],
     /// What each axis reads where it measures nothing; the newest first.
     ends: [[Option<End>; 2]; 3],
@@ -66,9 +67,10 @@ impl End {
 /// An axis has read the same number since.
 #[derive(Clone, Copy, Debug)]
 struct SameReading {
+    since_s: f64,
     /// The field when it began.
     first: Vector3<f64>,
-    readings: u32,
+    samples: u32,
     /// How far the board has turned, magnetometer chip axes, radians.
     turned_rad: Vector3<f64>,
 }
@@ -78,14 +80,14 @@ impl SameReading {
     fn least_change_mgauss(&self, axis: usize, field: &Vector3<f64>) -> Option<f64> {
         let [next, third] = [(axis + 1) % 3, (axis + 2) % 3];
         let swung_rad = hypot(self.turned_rad[next], self.turned_rad[third]);
-        let about_itself_rad = self.turned_rad[axis].abs();
-        if swung_rad < SWUNG_RAD || about_itself_rad > ABOUT_ITSELF * swung_rad {
+        if self.turned_rad[axis].abs() > ABOUT_ITSELF * swung_rad {
             return None;
         }
         let change = field - self.first;
-        // A field h in the plane in which the axis swings changes across it by h sin φ, and along it by h (1 − cos φ) or more.
+        // A field h in the plane in which the axis swings by φ, as far to one side of the extreme as to the other, changes across it by
+        // 2 h sin φ/2, and along it by h (1 − cos φ/2).
         let across = hypot(change[next], change[third]);
-        Some(across * (0.5 * swung_rad.min(FRAC_PI_2)).tan())
+        Some(0.5 * across * (0.25 * swung_rad.min(PI)).tan())
     }
 }
 
@@ -94,6 +96,7 @@ impl Saturation {
         Self {
             mountings: *mountings,
             rate: None,
+            field: None,
             runs: [None; 3],
             ends: [[None; 2]; 3],
         }
@@ -111,9 +114,12 @@ impl Saturation {
             self.turn(reading.t_s, &rate);
         }
         let mut kept = *reading;
-        if let Some(field) = reading.whole_field_mgauss() {
+        if let Some(field) = reading.whole_field_mgauss()
+            // Rows may repeat the last sample until there is a new one.
+            && self.field.replace(field) != Some(field)
+        {
             for axis in 0..3 {
-                self.compare(axis, &field);
+                self.compare(axis, reading.t_s, &field);
             }
         }
         if let Some(field) = &mut kept.field_mgauss {
@@ -128,34 +134,41 @@ impl Saturation {
         let body = self.mountings.gyro.to_body(*rate_rad_s);
         let now = self.mountings.mag.to_chip(body);
         let (last_s, last) = self.rate.replace((t_s, now)).unwrap_or((t_s, now));
-        if t_s - last_s > GAP_S {
+        if t_s - last_s > GAP_S || now.norm() < MOVING_RAD_S {
             self.runs = [None; 3];
             return;
         }
-        let turned_rad = 0.5 * (last + now) * (t_s - last_s);
         for run in self.runs.iter_mut().flatten() {
-            run.turned_rad += turned_rad;
+            let share_s = t_s - last_s.max(run.since_s);
+            run.turned_rad += 0.5 * (last + now) * share_s.max(0.0);
         }
     }
 
-    fn compare(&mut self, axis: usize, field: &Vector3<f64>) {
+    /// The gyro is wrong: what it has told of how the axes swing is no evidence.
+    pub(super) fn forget(&mut self) {
+        self.runs = [None; 3];
+        self.ends = [[None; 2]; 3];
+    }
+
+    fn compare(&mut self, axis: usize, t_s: f64, field: &Vector3<f64>) {
         let same = self.runs[axis].filter(|run| run.first[axis] == field[axis]);
         let mut run = same.unwrap_or(SameReading {
+            since_s: t_s,
             first: *field,
-            readings: 0,
+            samples: 0,
             turned_rad: Vector3::zeros(),
         });
-        run.readings += 1;
+        run.samples += 1;
         self.runs[axis] = Some(run);
         let value = field[axis];
         let ends = &mut self.ends[axis];
         *ends = ends.map(|end| end?.after(value));
-        if run.readings >= READINGS
+        if run.samples >= SAMPLES
             && !ends.iter().flatten().any(|end| end.value == value)
             && (run.least_change_mgauss(axis, field))
                 .is_some_and(|change| change > LEAST_CHANGE_MGAUSS)
         {
-            *ends = [Some(End::new(value)), ends[0]];
+            *ends = [Some(End::new(value)), ends[0].or(ends[1])];
         }
     }
 }
@@ -206,12 +219,19 @@ mod tests {
         kept.iter().filter(|field| field[axis].is_none()).count()
     }
 
-    /// Noise of two milligauss, in steps of so many.
-    fn noisy(step_mgauss: f64) -> impl FnMut(Vector3<f64>) -> Vector3<f64> {
+    /// Noise of so many milligauss to either side, in steps of so many.
+    fn noisy_by(noise_mgauss: f64, step_mgauss: f64) -> impl FnMut(Vector3<f64>) -> Vector3<f64> {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
         move |field| {
-            field.map(|b| ((b + rng.random_range(-2.0..2.0)) / step_mgauss).round() * step_mgauss)
+            field.map(|b| {
+                let noise = rng.random_range(-1.0..1.0) * noise_mgauss;
+                ((b + noise) / step_mgauss).round() * step_mgauss
+            })
         }
+    }
+
+    fn noisy(step_mgauss: f64) -> impl FnMut(Vector3<f64>) -> Vector3<f64> {
+        noisy_by(2.0, step_mgauss)
     }
 
     #[test]
@@ -253,27 +273,42 @@ mod tests {
         assert_eq!(empty(&kept[470..], 0), 0);
     }
 
-    #[test]
-    fn a_sound_axis_is_never_empty_however_coarse() {
-        for step_mgauss in [0.1, 1.0, 3.0, 6.0] {
-            for motion in [level, tumbling] {
-                let kept = kept(motion, noisy(step_mgauss));
-                let empty: usize = (0..3).map(|axis| empty(&kept, axis)).sum();
-                assert_eq!(empty, 0, "{step_mgauss}");
+    /// How many values are missing of a board whose rows repeat each sample so many times.
+    fn missing(
+        motion: fn(f64) -> Vector3<f64>,
+        mut read: impl FnMut(Vector3<f64>) -> Vector3<f64>,
+        hold: usize,
+    ) -> usize {
+        let (mut count, mut held) = (0, Vector3::zeros());
+        let kept = kept(motion, |field| {
+            if count % hold == 0 {
+                held = read(field);
             }
-        }
+            count += 1;
+            held
+        });
+        (0..3).map(|axis| empty(&kept, axis)).sum()
     }
 
     #[test]
-    fn neither_is_one_without_noise_nor_one_that_is_read_twice() {
-        let mut held = (0, Vector3::zeros());
-        let kept = kept(tumbling, |field| {
-            held.0 += 1;
-            if held.0 % 25 == 1 {
-                held.1 = field.map(|b| (b / 6.0).round() * 6.0);
+    fn a_sound_axis_is_never_empty_however_coarse() {
+        for step_mgauss in [0.1, 1.0, 3.0, 4.35, 6.0] {
+            for noise_mgauss in [0.0, 0.5, 2.0] {
+                for horizontal_mgauss in [150.0, 200.9, 263.0, 349.0] {
+                    for hold in [1, 2, 10] {
+                        for motion in [level, tumbling] {
+                            let mut noisy = noisy_by(noise_mgauss, step_mgauss);
+                            let larger = Vector3::new(horizontal_mgauss / EARTH.x, 1.0, 1.0);
+                            let read = |field: Vector3<f64>| noisy(field.component_mul(&larger));
+                            assert_eq!(
+                                missing(motion, read, hold),
+                                0,
+                                "steps of {step_mgauss}, noise of {noise_mgauss}, {horizontal_mgauss} mG, held {hold} times"
+                            );
+                        }
+                    }
+                }
             }
-            held.1
-        });
-        assert_eq!((0..3).map(|axis| empty(&kept, axis)).sum::<usize>(), 0);
+        }
     }
 }
