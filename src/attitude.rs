@@ -30,10 +30,10 @@ pub use lateness::Lateness;
 const IMPLAUSIBLE_RAD_S: f64 = 200.0;
 /// Stronger than any magnetometer measures: nonsense, milligauss.
 const IMPLAUSIBLE_MGAUSS: f64 = 1e6;
-/// Rows repeat a gyro of 5 Hz for so long, seconds; a longer repetition is a rest, or a gyro that hangs.
+/// A log repeats a reading of a 5 Hz gyro for this long, seconds. A longer repetition is a rest, or a gyro that hangs.
 const MOST_HELD_S: f64 = 0.2;
-/// Shorter repetitions than usual count by this share: one reading of ten may be the same by chance.
-const HOLD_GAIN: f64 = 0.1;
+/// The usual repetition grows with one reading and shrinks over ten: one reading of ten may be the same by chance.
+const HOLD_READINGS: (f64, f64) = (1.0, 10.0);
 
 /// Where the board points at one instant, by gyro and accelerometer alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,7 +103,7 @@ pub struct Attitude {
     clip: ClipWatch,
     /// The gyro's newest reading, and since when it has read the same.
     constant: Option<(Vector3<f64>, f64)>,
-    /// For how long the gyro repeats a reading before it has a new one, seconds: a log's rows may.
+    /// How long the source usually repeats a gyro reading before the next one, seconds. The rows of a log may.
     held_s: f64,
     newest_s: f64,
     late: Lateness,
@@ -145,12 +145,8 @@ impl Attitude {
         if let Some(chip) = reading.rate_rad_s
             && chip.norm() < IMPLAUSIBLE_RAD_S
         {
-            if let Some((last, since_s)) = self.constant
-                && last != chip
-            {
-                self.follow_hold(self.newest_s - since_s);
-            }
             if self.constant.is_none_or(|(same, _)| same != chip) {
+                self.learn_hold();
                 self.constant = Some((chip, t_s));
             }
             self.newest_s = t_s;
@@ -252,23 +248,18 @@ impl Attitude {
         self.filter.gravity.low_passed(t_s)
     }
 
-    /// For how long the gyro has read the same to the last bit, seconds, beyond the time for which its readings are repeated anyway.
+    /// How long the gyro has read the same to the last bit, seconds, beyond the usual repetition of its readings.
     pub fn gyro_constant_s(&self) -> f64 {
         let repeats_s = |(_, since_s)| self.newest_s - since_s - self.held_s;
         self.constant.map_or(0.0, repeats_s).max(0.0)
     }
 
-    /// The gyro has repeated a reading for so long, seconds, and now has a new one.
-    fn follow_hold(&mut self, lasted_s: f64) {
-        if lasted_s > MOST_HELD_S {
-            return;
+    /// The newest gyro reading differs from the one before: learns how long that one was repeated.
+    fn learn_hold(&mut self) {
+        let lasted_s = self.constant.map(|(_, since_s)| self.newest_s - since_s);
+        if let Some(lasted_s) = lasted_s.filter(|lasted_s| *lasted_s <= MOST_HELD_S) {
+            follow(&mut self.held_s, lasted_s, 1.0, HOLD_READINGS);
         }
-        let gain = if lasted_s > self.held_s {
-            1.0
-        } else {
-            HOLD_GAIN
-        };
-        self.held_s += gain * (lasted_s - self.held_s);
     }
 
     /// Whether the gyro's newest reading is at its full scale: the board turns faster than it says.

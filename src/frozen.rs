@@ -14,14 +14,14 @@ const LASTING_S: f64 = 0.5;
 /// … while the board turns by this much, radians (30°): no field looks the same then …
 const TURNED_RAD: f64 = 0.52;
 /// … at this rate or faster, rad/s (20 °/s): more than a gyro's bias.
-const MOVING_RAD_S: f64 = 0.35;
+pub(crate) const MOVING_RAD_S: f64 = 0.35;
 /// A rotation that is the same again and again may be a turntable's. It is a frozen gyro's if over this angle, radians
 /// (90°), …
 const BELIED_RAD: f64 = 1.57;
 /// … the field changes by less than this share of it.
 const BELIED_SHARE: f64 = 0.05;
 /// A gyro that has said nothing for longer shows no motion, seconds.
-const GAP_S: f64 = 0.5;
+pub(crate) const GAP_S: f64 = 0.5;
 
 /// What is frozen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -200,15 +200,16 @@ impl<const D: usize> Work<'_, D> {
         Ok(fitted)
     }
 
-    /// A chip axis in the plane of the turn that read the same number for so long that a sound one would have changed by two of its
-    /// steps, even around its extreme. In space this proves nothing: a roll about an axis leaves the axis as it is.
+    /// Finds a chip axis in the plane of the turn that is stuck or clipped: it reads the same number over an arc in which a working axis
+    /// changes by at least two of its steps, even around its extreme. In space this proves nothing: a roll about an axis leaves the
+    /// axis as it is.
     fn stuck_axis(
         &self,
         samples: &[FieldSample],
         points: &[[f64; D]],
         swing: f64,
     ) -> Option<usize> {
-        /// Noise of a step makes so many alike a chance of 1 in 10 000.
+        /// With noise of one step, a working axis repeats a number this often in fewer than 1 of 5000 cases.
         const LEAST_STILL: usize = 10;
         const STEPS: f64 = 2.0;
         if self.plan.mode == Mode::Spatial {
@@ -216,25 +217,25 @@ impl<const D: usize> Work<'_, D> {
         }
         (0..3).find(|&axis| {
             let [e1, e2] = self.plan.basis;
-            let in_plane = hypot(e1[axis], e2[axis]) > 0.7;
+            if hypot(e1[axis], e2[axis]) <= 0.7 {
+                return false;
+            }
             let step = smallest_step(samples.iter().map(|sample| sample.field_mgauss[axis]));
             let mut from = 0;
-            in_plane
-                && samples
-                    .chunk_by(|a, b| a.field_mgauss[axis] == b.field_mgauss[axis])
-                    .any(|run| {
-                        let here = &points[from..from + run.len()];
-                        from += run.len();
-                        // A log may repeat a sample until there is a new one.
-                        let samples = here.chunk_by(|a, b| a == b).count();
-                        if samples < LEAST_STILL {
-                            return false;
-                        }
-                        // A spike or a hole in the log moves the other axes too.
-                        let sine = (coverage::swing(&fit::without_spikes(here)) / swing).min(1.0);
-                        let least_change = 0.5 * swing * (1.0 - (1.0 - sine * sine).sqrt());
-                        least_change > STEPS * step
-                    })
+            samples
+                .chunk_by(|a, b| a.field_mgauss[axis] == b.field_mgauss[axis])
+                .any(|run| {
+                    let here = &points[from..from + run.len()];
+                    from += run.len();
+                    // A log may repeat a sample until there is a new one.
+                    if here.chunk_by(|a, b| a == b).count() < LEAST_STILL {
+                        return false;
+                    }
+                    // A spike or a hole in the log moves the other axes too.
+                    let sine = (coverage::swing(&fit::without_spikes(here)) / swing).min(1.0);
+                    let least_change = 0.5 * swing * (1.0 - (1.0 - sine * sine).sqrt());
+                    least_change > STEPS * step
+                })
         })
     }
 
@@ -297,7 +298,7 @@ impl<const D: usize> Work<'_, D> {
     }
 }
 
-/// The smallest difference between one value and the next: a chip's count. At least 1 milligauss, the noise of good chips.
+/// Smallest non-zero step between consecutive values, milligauss: one count of the chip. At least 1, the noise of good chips.
 fn smallest_step(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let next = values.clone().skip(1);
     let steps = values.zip(next).map(|(value, next)| (next - value).abs());

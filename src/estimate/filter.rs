@@ -174,7 +174,7 @@ pub(super) struct Filter {
     innovation: Option<Vector3<f64>>,
     odd: Option<Vector3<f64>>,
     jumped: bool,
-    /// Sum of what the field has jumped by lately, and the innovation of an odd sample that was not taken in: in the frame, milligauss.
+    /// In the frame, milligauss: the sum of recent jumps of the field, and the innovation of an odd sample that was rejected.
     jumps_mgauss: Vector3<f64>,
     odd_mgauss: Vector3<f64>,
     still: bool,
@@ -833,7 +833,7 @@ impl Filter {
         self.vector(M).norm() / self.strength_mgauss
     }
 
-    /// What the field has jumped by lately, and is off by in an odd sample, in the frame, milligauss.
+    /// Recent jumps of the field and the innovation of a rejected sample, in the frame, milligauss.
     pub(super) fn missed_mgauss(&self) -> Vector3<f64> {
         self.jumps_mgauss + self.odd_mgauss
     }

@@ -64,7 +64,7 @@ impl Estimate {
         };
         let missed = self.active.missed_mgauss().xy().norm() / horizontal;
         let contradicted = DOUBT * hypot(contradicted, differ);
-        // What has just happened has not been weighed yet.
+        // Neither the filter nor the check of the gyro has explained these yet, so they count in full.
         let unseen = hypot(missed, self.gyro.unseen_rad());
         hypot(contradicted, unseen)
     }

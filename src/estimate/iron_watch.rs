@@ -1,18 +1,18 @@
-//! Whether the hard iron moves further than its deviation allows.
+//! Detects a hard-iron estimate that moves further than its covariance allows.
 //!
-//! A filter that learns a constant moves it within the deviation it had, and less and less. If the hard iron moves further, a magnet
-//! has come onto the board, even one that is weaker than the field is uneven here, or the gyro has gone wrong, and the filter
-//! changes the iron to agree with it. Another filter that becomes the active one moves the iron too: until it has settled, nobody
-//! knows which of both it is.
+//! While a filter learns a constant, each change stays within the deviation of the estimate before it. A larger change of the hard iron
+//! has one of two causes: a magnet was attached to the board, possibly weaker than the unevenness of the field here, or the gyro
+//! is wrong and the filter adapts the iron to it. When a rival filter becomes active, the iron may jump as well, and its cause is open
+//! for the same time. So the watch is not reset then.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::MEASURED;
 use super::filter::Filter;
 
-/// What was known is kept for one to two of these times, seconds: a magnet is to be told within 5 s.
+/// A known iron is kept for one to two of these times, seconds: a magnet must be detected within 5 s.
 const KEPT_S: f64 = 2.5;
-/// The iron has moved when the squared distance, over the covariance it had, is beyond this: five deviations.
+/// Normalised squared distance beyond which the iron has moved: five deviations.
 const MOVED: f64 = 25.0;
 
 /// The hard iron as it was known, and the inverse of its covariance.
@@ -28,12 +28,12 @@ pub(super) struct IronWatch {
     /// The older one first.
     before: [Option<KnownIron>; 2],
     age_s: f64,
-    /// Squared distance from what was known, in deviations.
+    /// Normalised squared distance from the known iron, the larger of both.
     moved2: f64,
 }
 
 impl IronWatch {
-    /// Takes what the filter knows, `period_s` after the last time.
+    /// Takes the filter's hard iron, `period_s` after the last sample.
     pub(super) fn take(&mut self, filter: &Filter, period_s: f64) {
         let iron = filter.bias_mgauss();
         self.age_s += period_s;
@@ -60,8 +60,7 @@ impl IronWatch {
         self.moved2 > MOVED
     }
 
-    /// What the variance of a heading has to be multiplied with: what is known is known less well than it seems. Of three degrees of
-    /// freedom.
+    /// Factor on the variance of a heading, at least 1: the normalised squared distance per degree of freedom, of which there are three.
     pub(super) fn excess(&self) -> f64 {
         if self.moved() { self.moved2 / 3.0 } else { 1.0 }
     }

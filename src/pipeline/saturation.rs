@@ -1,45 +1,42 @@
-//! Axes of the magnetometer that read the same number while the board turns: they are stuck, or at the end of their range, and the
-//! chip does not say so.
+//! Detects magnetometer axes that are stuck or clipped without an overflow flag: they read the same number while the board turns.
 //!
-//! Noise keeps a sound axis from reading the same again and again, but a coarse one may, and so may one about which the board turns.
-//! The gyro tells how far an axis has swung round, and the other axes how much field there is in the plane in which it did. Where a
-//! sound axis would have changed, even around the extreme, where it changes least, this one is saturated. The number that it reads
-//! is no measurement from then on.
+//! Noise keeps a working axis from repeating a number, but a coarse axis may repeat it, and so may the axis about which the board turns.
+//! The gyro gives the angle by which an axis has swung, and the other two axes give the field in that plane. If a working axis changes
+//! under that rotation even around its extreme, where it changes least, and this one has not, its number is no measurement from
+//! then on.
 
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
 use crate::frame::{Mountings, hypot};
+use crate::frozen::{GAP_S, MOVING_RAD_S};
 use crate::reading::Reading;
 
-/// So many samples read the same: noise of a step makes that a chance of 1 in 10 000 …
+/// With noise of one step, a working axis repeats a number this often in fewer than 1 of 5000 cases.
 const SAMPLES: u32 = 10;
-/// … while the board turns about the axis by no more than this share of what the axis swings round: that changes the other axes alone.
+/// Largest rotation about the axis itself, as a share of the angle by which the axis swings: it changes the other axes alone.
 const ABOUT_ITSELF: f64 = 0.5;
-/// A sound axis would have changed by more than this, milligauss: two steps of the coarsest chip, an AK8963 of 14 bits.
+/// Change of a working axis beyond which a repeated number is a fault, milligauss: two steps of the coarsest chip, a 14-bit AK8963.
 const LEAST_CHANGE_MGAUSS: f64 = 12.0;
-/// Slower rates may be the gyro's bias, rad/s (20°/s).
-const MOVING_RAD_S: f64 = 0.35;
-/// Over a longer time the gyro does not tell how the board has turned, seconds.
-const GAP_S: f64 = 0.5;
 
-/// Readings in, readings without saturated axes out.
+/// Clears the saturated axes of readings.
 #[derive(Clone, Debug)]
 pub(super) struct Saturation {
     mountings: Mountings,
     rate: Option<(f64, Vector3<f64>)>,
     field: Option<Vector3<f64>>,
     runs: [Option<SameReading>; 3],
-    /// What each axis reads where it measures nothing; the newest first.
+    /// The numbers that each axis reads while it is saturated; the newest first.
     ends: [[Option<End>; 2]; 3],
 }
 
-/// A number that an axis read where it measured nothing.
+/// A number that an axis read while it was saturated.
 #[derive(Clone, Copy, Debug)]
 struct End {
     value: f64,
-    /// Whether it has read smaller ones and larger ones since: then it was stuck for a while, and this is no end of its range.
+    /// Whether the axis has read smaller and larger numbers since. With both, the axis was stuck for a while, and this is no end of its
+    /// range.
     smaller: bool,
     larger: bool,
 }
@@ -53,7 +50,7 @@ impl End {
         }
     }
 
-    /// As it is after the axis has read this; `None` once it is no end.
+    /// Takes what the axis reads next; `None` once this is no end.
     fn after(self, value: f64) -> Option<Self> {
         let end = Self {
             smaller: self.smaller || value < self.value,
@@ -64,11 +61,11 @@ impl End {
     }
 }
 
-/// An axis has read the same number since.
+/// A run of samples in which an axis reads the same number.
 #[derive(Clone, Copy, Debug)]
 struct SameReading {
     since_s: f64,
-    /// The field when it began.
+    /// The field at its first sample.
     first: Vector3<f64>,
     samples: u32,
     /// How far the board has turned, magnetometer chip axes, radians.
@@ -76,7 +73,7 @@ struct SameReading {
 }
 
 impl SameReading {
-    /// How much a sound axis had changed at least by now, milligauss; `None` while that is not known.
+    /// Least change of a working axis over the run, milligauss; `None` while that is not known.
     fn least_change_mgauss(&self, axis: usize, field: &Vector3<f64>) -> Option<f64> {
         let [next, third] = [(axis + 1) % 3, (axis + 2) % 3];
         let swung_rad = hypot(self.turned_rad[next], self.turned_rad[third]);
@@ -102,13 +99,13 @@ impl Saturation {
         }
     }
 
-    /// The times of the readings to come have nothing to do with those before.
+    /// Starts a new stretch: its times are unrelated to those before.
     pub(super) fn begin_stretch(&mut self) {
         self.rate = None;
         self.runs = [None; 3];
     }
 
-    /// The reading, its saturated axes empty.
+    /// Returns the reading with its saturated axes empty.
     pub(super) fn filter(&mut self, reading: &Reading) -> Reading {
         if let Some(rate) = reading.rate_rad_s {
             self.turn(reading.t_s, &rate);
@@ -124,7 +121,7 @@ impl Saturation {
         }
         if let Some(field) = &mut kept.field_mgauss {
             for (axis, ends) in field.iter_mut().zip(&self.ends) {
-                *axis = axis.filter(|value| !ends.iter().flatten().any(|end| end.value == *value));
+                *axis = axis.filter(|value| !is_end(ends, *value));
             }
         }
         kept
@@ -144,7 +141,7 @@ impl Saturation {
         }
     }
 
-    /// The gyro is wrong: what it has told of how the axes swing is no evidence.
+    /// Forgets all runs and saturated numbers: the gyro is wrong, and the angles that it gave are no evidence.
     pub(super) fn forget(&mut self) {
         self.runs = [None; 3];
         self.ends = [[None; 2]; 3];
@@ -164,13 +161,17 @@ impl Saturation {
         let ends = &mut self.ends[axis];
         *ends = ends.map(|end| end?.after(value));
         if run.samples >= SAMPLES
-            && !ends.iter().flatten().any(|end| end.value == value)
+            && !is_end(ends, value)
             && (run.least_change_mgauss(axis, field))
                 .is_some_and(|change| change > LEAST_CHANGE_MGAUSS)
         {
             *ends = [Some(End::new(value)), ends[0].or(ends[1])];
         }
     }
+}
+
+fn is_end(ends: &[Option<End>; 2], value: f64) -> bool {
+    ends.iter().flatten().any(|end| end.value == value)
 }
 
 #[cfg(test)]

@@ -77,13 +77,11 @@ impl Survey {
     pub fn take(&mut self, reading: &Reading, new_stretch: bool) {
         if new_stretch {
             self.saturation.begin_stretch();
-        }
-        let mut reading = self.saturation.filter(&self.outliers.filter(reading));
-        if new_stretch {
             // Samples are found by their times: a stretch comes after a hole, wherever its own clock began.
             self.later_s = self.last_s + STRETCHES_APART_S - reading.t_s;
             self.learn(Event::NewStretch);
         }
+        let mut reading = self.saturation.filter(&self.outliers.filter(reading));
         reading.t_s += self.later_s;
         self.last_s = reading.t_s;
         self.has_gyro |= reading.rate_rad_s.is_some();

@@ -477,6 +477,25 @@ fn a_gyro_that_dies_in_a_level_turn_is_named_within_three_seconds() {
     assert!((8.5..11.0).contains(&named_s), "{named_s}");
 }
 
+/// How many headings after this time are off by more than so many degrees, and by more than so many of their own deviations.
+fn sure(
+    headings: &[Heading],
+    truth: &[Heading],
+    after_s: f64,
+    degrees: f64,
+    deviations: f64,
+) -> usize {
+    let both = headings.iter().zip(truth).filter(|(h, _)| h.t_s > after_s);
+    let sure = both.filter(|(heading, truth)| {
+        let (Some(fused_deg), Some(true_deg)) = (heading.fused_deg, truth.fused_deg) else {
+            return false;
+        };
+        let error = apart_deg(fused_deg, true_deg).abs();
+        error > degrees && error > deviations * heading.sd_deg.unwrap_or_default()
+    });
+    sure.count()
+}
+
 /// The heading goes wrong with the gyro, and its deviation says so before the gyro's fault has a name.
 #[test]
 fn a_heading_is_not_sure_while_the_gyro_contradicts_the_field_or_stops() {
@@ -491,15 +510,8 @@ fn a_heading_is_not_sure_while_the_gyro_contradicts_the_field_or_stops() {
         }
         let headings = play(&faulty, Some(calibration), 0).headings;
         // A level board has to turn for a second until its field has changed beyond noise.
-        let both = headings.iter().zip(&truth).filter(|(h, _)| h.t_s > 9.0);
-        let sure = both.filter(|(faulty, sound)| {
-            let (Some(faulty_deg), Some(sound_deg)) = (faulty.fused_deg, sound.fused_deg) else {
-                return false;
-            };
-            let error = apart_deg(faulty_deg, sound_deg).abs();
-            error > 10.0 && error > 4.0 * faulty.sd_deg.unwrap_or_default()
-        });
-        assert_eq!(sure.count(), 0, "with rates times {factor}");
+        let sure = sure(&headings, &truth, 9.0, 10.0, 4.0);
+        assert_eq!(sure, 0, "with rates times {factor}");
     }
 }
 
@@ -526,15 +538,8 @@ fn a_heading_is_not_sure_from_the_moment_at_which_the_gyro_repeats_itself() {
             let doubt_deg = held.sd_deg.unwrap_or(180.0) - sound.sd_deg.unwrap_or(180.0);
             assert!(doubt_deg < 1.0, "{rows} rows: {held:?}");
         }
-        let after = headings.iter().zip(&truth).filter(|(h, _)| h.t_s > 8.0);
-        let sure = after.filter(|(stopped, sound)| {
-            let (Some(stopped_deg), Some(sound_deg)) = (stopped.fused_deg, sound.fused_deg) else {
-                return false;
-            };
-            let error = apart_deg(stopped_deg, sound_deg).abs();
-            error > 2.0 && error > 2.0 * stopped.sd_deg.unwrap_or_default()
-        });
-        assert_eq!(sure.count(), 0, "{rows} rows");
+        let sure = sure(&headings, &truth, 8.0, 2.0, 2.0);
+        assert_eq!(sure, 0, "{rows} rows");
     }
 }
 
