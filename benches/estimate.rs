@@ -45,20 +45,21 @@ impl Board {
             if let (Some(rate), Some(force)) = (reading.rate_rad_s, reading.specific_force_m_s2) {
                 board.ticks.push((rate.into(), force.into()));
             }
-            let pose = board.attitude.pose_at(reading.t_s);
-            let (Some(field_mgauss), Some(pose)) = (reading.whole_field_mgauss(), pose) else {
+            let motion = board.attitude.motion_at(reading.t_s);
+            let (Some(field_mgauss), Some(motion)) = (reading.whole_field_mgauss(), motion) else {
                 continue;
             };
-            if !pose.vertical_known {
+            if !motion.pose.vertical_known {
                 continue;
             }
             board.samples.push(Sample {
-                late_s: 0.0,
+                lag_s: 0.0,
                 force_m_s2: None,
                 t_s: reading.t_s,
                 field_mgauss,
-                pose,
-                rate_rad_s: board.attitude.rate_rad_s(),
+                pose: motion.pose,
+                rate_rad_s: motion.rate_rad_s,
+                turned_rad: motion.turned_rad,
                 gyro_bias_rad_s: board.attitude.gyro_bias_rad_s(),
                 tilt_tau_s: board.attitude.tilt_tau_s(),
                 tilt_sd_rad: board.attitude.tilt_sd_rad(),

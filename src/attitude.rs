@@ -15,6 +15,7 @@ mod gyro_errors;
 mod lateness;
 #[cfg(test)]
 pub(crate) mod motion;
+mod past;
 mod steadiness;
 mod stillness;
 #[cfg(test)]
@@ -25,6 +26,8 @@ use clock::{ClipWatch, ClockStep, EvenClock};
 use filter::AttitudeFilter;
 pub use gravity::GRAVITY_M_S2;
 pub use lateness::Lateness;
+pub use past::BoardMotion;
+use past::Past;
 
 /// Faster than any gyro measures: nonsense, rad/s.
 const IMPLAUSIBLE_RAD_S: f64 = 200.0;
@@ -108,6 +111,7 @@ pub struct Attitude {
     newest_s: f64,
     late: Lateness,
     filter: AttitudeFilter,
+    past: Past,
 }
 
 impl Attitude {
@@ -122,6 +126,7 @@ impl Attitude {
             newest_s: 0.0,
             late: Lateness::default(),
             filter: AttitudeFilter::new(settings.gyro_bias_limit_deg_s),
+            past: Past::default(),
         }
     }
 
@@ -152,9 +157,11 @@ impl Attitude {
             self.newest_s = t_s;
             let t_s = t_s - self.late.take(t_s);
             let rate = self.mountings.gyro.to_body(chip);
-            let filter = &mut self.filter;
+            let (filter, past) = (&mut self.filter, &mut self.past);
             let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
-                on_tick(&filter.tick(end_s, mean_rate));
+                let tick = filter.tick(end_s, mean_rate);
+                past.take(&tick);
+                on_tick(&tick);
             });
             if step == ClockStep::Restarted {
                 self.filter.resume_after_hole();
@@ -174,6 +181,11 @@ impl Attitude {
             vertical_known: self.filter.vertical_known(),
             stretch: self.filter.stretch,
         })
+    }
+
+    /// How the board lay and turned at `t_s`, which may be up to a quarter of a second ago; `None` before the first tick.
+    pub fn motion_at(&self, t_s: f64) -> Option<BoardMotion> {
+        self.past.at(t_s)
     }
 
     /// Rotation from the last tick to `t_s`, in body axes.

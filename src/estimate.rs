@@ -50,6 +50,9 @@ const MEASURED: f64 = 0.15;
 /// A fault of the gyro that clears within this much motion, seconds, was a false alarm: accelerations of a hand, or a magnet.
 const FALSE_ALARM_S: f64 = 5.0;
 
+/// Twice the longest lag of a magnetometer that was found on a recorder, seconds.
+const MOST_LAG_S: f64 = 0.12;
+
 /// One magnetometer sample, with what gyro and accelerometer say of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
@@ -57,12 +60,14 @@ pub struct Sample {
     pub t_s: f64,
     /// Raw field, magnetometer chip axes, milligauss.
     pub field_mgauss: Vector3<f64>,
-    /// How late the sample came, seconds.
-    pub late_s: f64,
-    /// The board's pose.
+    /// The lag of the magnetometer that pose and rate allow for, seconds.
+    pub lag_s: f64,
+    /// The board's pose when the field was as the sample says.
     pub pose: Pose,
     /// Angular rate freed of the gyro's bias, body axes, rad/s.
     pub rate_rad_s: Vector3<f64>,
+    /// Integral of that rate from any beginning on, radians.
+    pub turned_rad: Vector3<f64>,
     /// That bias, rad/s.
     pub gyro_bias_rad_s: Vector3<f64>,
     /// Time constant with which the accelerometer corrects the tilt, seconds.
@@ -112,7 +117,7 @@ pub struct Estimate {
     active: Filter,
     rival: Option<Rival>,
     frozen: bool,
-    last: Option<(f64, u32, Vector3<f64>)>,
+    last: Option<Sample>,
     gyro: GyroCheck,
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
@@ -179,15 +184,11 @@ impl Estimate {
 
     /// Takes a sample.
     pub fn take(&mut self, sample: &Sample) {
-        let stretch = sample.pose.stretch;
-        let (last_s, last_stretch, bias) =
-            self.last
-                .unwrap_or((sample.t_s - 0.01, stretch, sample.gyro_bias_rad_s));
-        self.last = Some((sample.t_s, stretch, sample.gyro_bias_rad_s));
-        let period_s = (sample.t_s - last_s).clamp(1e-4, 10.0);
-        let input = self.input(sample, period_s);
-        let shift = sample.gyro_bias_rad_s - bias;
-        let lost = std::mem::take(&mut self.lost) || stretch != last_stretch;
+        let before = self.last.replace(*sample).unwrap_or(*sample);
+        let input = self.input(sample, &before);
+        let period_s = input.period_s;
+        let shift = sample.gyro_bias_rad_s - before.gyro_bias_rad_s;
+        let lost = std::mem::take(&mut self.lost) || sample.pose.stretch != before.pose.stretch;
         if lost {
             self.gyro.lose_frame();
         }
@@ -260,15 +261,16 @@ impl Estimate {
         may_come_back || self.active.begun() || self.kept.is_some()
     }
 
-    /// A sample as the filters take it, so long after the one before.
-    fn input(&self, sample: &Sample, period_s: f64) -> Input {
+    /// A sample as the filters take it, after the one before.
+    fn input(&self, sample: &Sample, before: &Sample) -> Input {
         Input {
             to_frame: sample.pose.orientation.to_rotation_matrix().into_inner(),
             vertical_known: sample.pose.vertical_known,
             rate_rad_s: sample.rate_rad_s,
             field_mgauss: self.mounting.to_body(sample.field_mgauss),
-            period_s,
-            late_s: sample.late_s,
+            turned_rad: sample.turned_rad - before.turned_rad,
+            period_s: (sample.t_s - before.t_s).clamp(1e-4, 10.0),
+            lag_s: sample.lag_s,
             tilt_tau_s: sample.tilt_tau_s,
             tilt_sd_rad: sample.tilt_sd_rad,
             gyro_constant_s: sample.gyro_constant_s,
@@ -276,6 +278,11 @@ impl Estimate {
             at_rest: sample.at_rest,
             still: sample.still,
         }
+    }
+
+    /// Lag of the magnetometer behind the gyro, seconds.
+    pub fn lag_s(&self) -> f64 {
+        self.active.lag_s().clamp(0.0, MOST_LAG_S)
     }
 
     /// The frame is lost, and so is all that was carried along with it.
@@ -351,7 +358,7 @@ impl Estimate {
         };
         let mut turned = self.active.clone();
         let measured = Measured::by(calibration, &self.mounting);
-        let input = self.input(sample, 0.01);
+        let input = self.input(sample, sample);
         let better = measured
             .iter()
             .filter(|one| one.matrix == Matrix3::zeros())

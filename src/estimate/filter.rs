@@ -33,11 +33,12 @@ const STRONGEST_MGAUSS: f64 = 670.0;
 /// Bias to expect of a gyro after its filter has had its say, rad/s: data sheets allow ±5 to ±40°/s before it.
 const GYRO_BIAS_RAD_S: f64 = 0.035;
 /// Scale error to expect on an axis of a gyro; data sheets: 1 to 3 % at most.
-const GYRO_SCALE: f64 = 0.01;
+const GYRO_SCALE: f64 = 0.015;
 /// What cross-axis errors of a gyro add to the frame's turn for each radian turned, one standard deviation.
 const GYRO_CROSS: f64 = 0.002;
-/// Lag to expect of a magnetometer, seconds: half its period and some filtering; 16 ms on a real recorder.
-const LAG_S: f64 = 0.015;
+/// Lag to expect of a magnetometer and its deviation, seconds: half its period and some filtering. Recorders had 16 and 60 ms.
+const LAG_S: f64 = 0.02;
+const LAG_SD_S: f64 = 0.02;
 /// Angle random walk of the frame, rad/√s: 0.02 °/√s, four times the noise density of an ITG-3200's data sheet.
 const ANGLE_WALK_RAD: f64 = 0.000_35;
 /// Walk of the gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
@@ -111,10 +112,11 @@ pub(super) struct Input {
     pub(super) rate_rad_s: Vector3<f64>,
     /// Raw field, body axes, milligauss.
     pub(super) field_mgauss: Vector3<f64>,
-    /// Time since the sample before, seconds.
+    /// How far the gyro has turned since the sample before, radians, and how long that took, seconds.
+    pub(super) turned_rad: Vector3<f64>,
     pub(super) period_s: f64,
-    /// How late the sample came, seconds.
-    pub(super) late_s: f64,
+    /// The lag that frame and rate allow for, seconds.
+    pub(super) lag_s: f64,
     /// Time constant of the tilt's errors, seconds.
     pub(super) tilt_tau_s: f64,
     /// What the tilt is off by, one standard deviation, radians.
@@ -211,7 +213,8 @@ impl Filter {
         for axis in 0..2 {
             p[(E + axis, E + axis)] = TILT_RAD * TILT_RAD;
         }
-        p[(T, T)] = LAG_S * LAG_S;
+        x[T] = LAG_S;
+        p[(T, T)] = LAG_SD_S * LAG_SD_S;
         x.fixed_rows_mut::<3>(B).copy_from(&prior.bias_mgauss);
         x.fixed_rows_mut::<9>(D).copy_from(&prior.matrix_rows());
         p.fixed_view_mut::<3, 3>(B, B)
@@ -288,7 +291,7 @@ impl Filter {
             return;
         };
         let rate = input.turning().cross_matrix();
-        let lag = self.x[T] + input.late_s;
+        let lag = self.x[T] - input.lag_s;
         let turn = input.to_frame * (Matrix3::identity() - rate * lag);
         let map = turn * inverse;
         let corrected = inverse * (input.field_mgauss - self.vector(B));
@@ -595,11 +598,11 @@ impl Filter {
         } = *input;
         let w = input.turning();
         let tilt = Vector3::new(self.x[E], self.x[E + 1], 0.0);
-        let lag = self.x[T] + input.late_s;
+        let lag = self.x[T] - input.lag_s;
         let here = self.vector(H) + self.vector(M);
         let matrix = self.matrix();
         let body = r.transpose() * (here + tilt.cross(&here));
-        // A field fixed in the frame turns against the board: this is where it was a lag ago.
+        // A field fixed in the frame turns against the board: this is where it was by the rest of the lag ago.
         let body_rate = w.cross(&body);
         let seen = body + body_rate * lag;
         let by_field = matrix
@@ -806,8 +809,13 @@ impl Filter {
         self.vector(H).norm()
     }
 
-    /// How far the magnetometer may lag behind the gyro, seconds.
+    /// Lag of the magnetometer behind the gyro, seconds.
     pub(super) fn lag_s(&self) -> f64 {
+        self.x[T]
+    }
+
+    /// Root mean square of what that lag may be, seconds.
+    pub(super) fn lag_rms_s(&self) -> f64 {
         hypot(self.x[T], self.p[(T, T)].max(0.0).sqrt())
     }
 

@@ -107,7 +107,7 @@ impl Estimate {
         let own = (east.transpose() * covariance * east)[0];
         let tilt = tilt_sd * vertical;
         let sd = (own + tilt * tilt).sqrt() / horizontal;
-        let sd = hypot(sd, rate_rad_s * self.active.lag_s());
+        let sd = hypot(sd, rate_rad_s * self.active.lag_rms_s());
         Some(Fix {
             heading_deg: heading,
             sd_deg: sd.to_degrees().min(180.0),

@@ -236,7 +236,7 @@ impl GyroCheck {
             self.field.sums = Sums::default();
             self.gravity.sums = Sums::default();
         }
-        let (rate, dt) = (input.rate_rad_s, input.period_s);
+        let (turned_rad, dt) = (input.turned_rad, input.period_s);
         self.count_unseen(input);
         let field = input.field_mgauss / filter.strength_mgauss().max(1.0);
         let disturbed = filter.begun() && filter.disturbed();
@@ -251,11 +251,11 @@ impl GyroCheck {
                 self.begun = field;
                 self.turned_rad = 0.0;
             }
-            self.turned_rad += rate.norm() * dt;
+            self.turned_rad += turned_rad.norm();
             if (up.norm() - 1.0).abs() > SHAKEN {
                 self.gravity.moment = None;
             } else {
-                let change = self.gravity.take(up, up.cross(&rate) * dt, dt);
+                let change = self.gravity.take(up, up.cross(&turned_rad), dt);
                 if change.counts() {
                     judge = true;
                     self.compare(change.seen, &field);
@@ -270,9 +270,9 @@ impl GyroCheck {
                 return false;
             };
             let corrected = inverse * (input.field_mgauss - filter.bias_mgauss());
-            let change = matrix * corrected.cross(&rate) * (dt / filter.strength_mgauss());
+            let change = matrix * corrected.cross(&turned_rad) / filter.strength_mgauss();
             let change = self.field.take(field, change, dt);
-            self.unexplained.take(&change, rate.norm());
+            self.unexplained.take(&change, input.rate_rad_s.norm());
             judge |= change.counts();
         }
         if !judge {

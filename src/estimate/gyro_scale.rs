@@ -1,17 +1,19 @@
 //! The gyro's scale by the field, whatever iron there is.
 //!
-//! A field that stands still turns against the board. With y the raw field, b the hard iron and ω what the gyro reads,
+//! A field that stands still turns against the board. With y the raw field, b the hard iron, D the soft iron and the rotation
+//! between the chips, and ω what the gyro reads,
 //!
 //! ```text
-//! dy/dt = s (y − b) × ω
+//! dy/dt = s D (D⁻¹ (y − b) × ω)
 //! ```
 //!
 //! where s is how fast the board turns over how fast the gyro says that it does: 1 where the gyro is right. Over a moment the
 //! change of y is linear in s and in s b, so that a regression over moments gives both, and their deviations. No filter is asked
-//! for the iron: one that a wrong gyro has misled would agree with that gyro. Soft iron, and a rotation between the chips, change
-//! s by their squares only: 1 % for 15 % of soft iron or 8°.
+//! for the iron: one that a wrong gyro has misled would agree with that gyro. D and the magnetometer's lag are the filter's. Without
+//! D, soft iron of 5 % changes s by as much where the board swings about one attitude; but a wrong D hides no wrong scale, since all
+//! D agree on how long a full turn lasts: D [ω]× D⁻¹ has the eigenvalues of [ω]×.
 
-use nalgebra::{Matrix3x4, Matrix4, Vector3, Vector4};
+use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
 use super::filter::{Filter, Input};
 use super::prior::{FIELD_MGAUSS, IRON};
@@ -64,11 +66,13 @@ pub(super) struct GyroScale {
 #[derive(Clone, Copy, Debug)]
 struct TurnedMoment {
     age_s: f64,
+    /// The filter's, and its inverse.
+    d: Matrix3<f64>,
+    inverse: Matrix3<f64>,
     first: Vector3<f64>,
     /// Of the newest sample.
     last: Vector3<f64>,
-    rate: Vector3<f64>,
-    /// Integrals of y × ω and of ω.
+    /// Integrals of D⁻¹ y × ω and of ω.
     predicted: Vector3<f64>,
     turned_rad: Vector3<f64>,
 }
@@ -77,29 +81,29 @@ impl GyroScale {
     /// Takes a sample, and what the filter knows of the gyro's bias. Whether the sample ended a moment that counts.
     pub(super) fn take(&mut self, input: &Input, filter: &Filter) -> bool {
         let (bias, bias_sd) = filter.gyro_bias();
-        let rate = input.rate_rad_s - bias;
         let field = input.field_mgauss / FIELD_MGAUSS;
         let Some(moment) = &mut self.moment else {
-            self.moment = Some(TurnedMoment::at(field, rate));
+            self.moment = TurnedMoment::begin(field, filter);
             return false;
         };
         if input.period_s > GAP_S || (field - moment.last).norm() > JUMP {
-            *moment = TurnedMoment::at(field, rate);
+            self.moment = TurnedMoment::begin(field, filter);
             return false;
         }
-        let turned_rad = 0.5 * (moment.rate + rate) * input.period_s;
+        let turned_rad = input.turned_rad - bias * input.period_s;
+        let mean = 0.5 * (moment.last + field);
         moment.age_s += input.period_s;
-        moment.predicted += 0.5 * (moment.last + field).cross(&turned_rad);
+        moment.predicted += (moment.inverse * mean).cross(&turned_rad);
         moment.turned_rad += turned_rad;
-        (moment.last, moment.rate) = (field, rate);
+        moment.last = field;
         let angle_rad = moment.turned_rad.norm();
         if angle_rad < MOMENT_RAD && moment.age_s < MOMENT_S {
             return false;
         }
         let change = field - moment.first;
         let counts = angle_rad > LEAST_RAD && bias_sd * moment.age_s < BIAS_SHARE * angle_rad;
-        let ended = std::mem::replace(moment, TurnedMoment::at(field, rate));
-        if counts {
+        let ended = std::mem::replace(&mut self.moment, TurnedMoment::begin(field, filter));
+        if let Some(ended) = ended.filter(|_| counts) {
             self.learn(&ended, &change);
         }
         counts
@@ -107,10 +111,10 @@ impl GyroScale {
 
     fn learn(&mut self, moment: &TurnedMoment, change: &Vector3<f64>) {
         let mut slopes = Matrix3x4::zeros();
-        slopes.set_column(0, &moment.predicted);
+        slopes.set_column(0, &(moment.d * moment.predicted));
         slopes
             .fixed_columns_mut::<3>(1)
-            .copy_from(&moment.turned_rad.cross_matrix());
+            .copy_from(&(moment.d * moment.turned_rad.cross_matrix() * moment.inverse));
         let keep = 1.0 - 1.0 / MEMORY;
         self.information = self.information * keep + slopes.transpose() * slopes;
         self.seen = self.seen * keep + slopes.transpose() * change;
@@ -170,29 +174,38 @@ impl GyroScale {
 }
 
 impl TurnedMoment {
-    fn at(field: Vector3<f64>, rate: Vector3<f64>) -> Self {
-        Self {
+    fn begin(field: Vector3<f64>, filter: &Filter) -> Option<Self> {
+        let d = filter.matrix();
+        Some(Self {
             age_s: 0.0,
+            d,
+            inverse: d.try_inverse()?,
             first: field,
             last: field,
-            rate,
             predicted: Vector3::zeros(),
             turned_rad: Vector3::zeros(),
-        }
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::{Matrix3, Rotation3};
+    use nalgebra::Rotation3;
 
     use super::*;
     use crate::estimate::prior::Prior;
 
     /// 20 s in steps of 20 ms of a board that turns at this rate, rad/s at a time in seconds, with a gyro that reads so many times
-    /// what it should, and iron of three times the field.
-    fn judged(reads: f64, rate_rad_s: impl Fn(f64) -> Vector3<f64>) -> (ScaleVerdict, f64) {
-        let filter = Filter::new(&Prior::unknown());
+    /// what it should, iron of three times the field, and this soft iron, which the filter knows.
+    fn judged(
+        reads: f64,
+        soft: Matrix3<f64>,
+        rate_rad_s: impl Fn(f64) -> Vector3<f64>,
+    ) -> (ScaleVerdict, f64) {
+        let filter = Filter::new(&Prior {
+            matrix: soft,
+            ..Prior::unknown()
+        });
         let mut regression = GyroScale::default();
         let mut attitude = Rotation3::identity();
         let field = Vector3::new(260.0, 0.0, -590.0);
@@ -207,9 +220,10 @@ mod tests {
                 to_frame: Matrix3::identity(),
                 vertical_known: true,
                 rate_rad_s: rate * reads,
-                field_mgauss: attitude.inverse() * field + iron + noise,
+                turned_rad: rate * (reads * dt),
+                field_mgauss: soft * (attitude.inverse() * field) + iron + noise,
                 period_s: dt,
-                late_s: 0.0,
+                lag_s: 0.0,
                 tilt_tau_s: 3.0,
                 tilt_sd_rad: 0.01,
                 gyro_constant_s: 0.0,
@@ -243,9 +257,31 @@ mod tests {
             // Fast enough beside a bias that is not known.
             let speed = f64::max(2.0 / f64::abs(reads), 3.0);
             for motion in [tumbling, |_| Vector3::z()] {
-                let (found, scale) = judged(reads, |t_s| motion(t_s) * speed);
+                let (found, scale) = judged(reads, Matrix3::identity(), |t_s| motion(t_s) * speed);
                 assert_eq!(found, verdict, "{reads}: {scale}");
                 assert!((scale * reads - 1.0).abs() < 0.03, "{reads}: {scale}");
+            }
+        }
+    }
+
+    /// About a horizontal axis, 75° to either side.
+    fn swinging(t_s: f64) -> Vector3<f64> {
+        Vector3::y() * (1.3 * 3.0 * (3.0 * t_s).cos())
+    }
+
+    #[test]
+    fn soft_iron_does_not_look_like_a_wrong_scale() {
+        let soft = Matrix3::new(1.08, 0.04, 0.0, 0.04, 0.96, -0.03, 0.0, -0.03, 0.96);
+        for motion in [tumbling, swinging] {
+            for reads in [1.0, 1.25] {
+                let (found, scale) = judged(reads, soft, motion);
+                let verdict = if reads == 1.0 {
+                    ScaleVerdict::Right
+                } else {
+                    ScaleVerdict::Wrong
+                };
+                assert_eq!(found, verdict, "{scale}");
+                assert!((scale * reads - 1.0).abs() < 0.01, "{scale}");
             }
         }
     }
@@ -254,12 +290,18 @@ mod tests {
     fn swinging_to_and_fro_does_not_tell_a_scale_from_iron() {
         // 25° to either side.
         let swings = |t_s: f64| Vector3::z() * (0.44 * 4.0 * (4.0 * t_s).cos());
-        assert_eq!(judged(0.5, swings).0, ScaleVerdict::Unknown);
+        assert_eq!(
+            judged(0.5, Matrix3::identity(), swings).0,
+            ScaleVerdict::Unknown
+        );
     }
 
     #[test]
     fn a_slow_turn_does_not_tell_a_scale_from_a_bias_that_is_not_known() {
         let slow = |_| Vector3::z() * 0.5;
-        assert_eq!(judged(0.5, slow).0, ScaleVerdict::Unknown);
+        assert_eq!(
+            judged(0.5, Matrix3::identity(), slow).0,
+            ScaleVerdict::Unknown
+        );
     }
 }

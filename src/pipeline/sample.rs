@@ -24,12 +24,19 @@ impl Pipeline {
         if self.sample.is_some_and(held) {
             return Some(pose);
         }
+        // The field is that of a moment ago.
+        let lag_s = self.estimate.lag_s();
+        let seen_s = t_s - self.late.take(t_s) - lag_s;
+        let Some(motion) = self.attitude.motion_at(seen_s) else {
+            return Some(pose);
+        };
         let sample = Sample {
             t_s,
             field_mgauss: *raw,
-            late_s: self.late.take(t_s),
-            pose,
-            rate_rad_s: self.attitude.rate_rad_s(),
+            lag_s,
+            pose: motion.pose,
+            rate_rad_s: motion.rate_rad_s,
+            turned_rad: motion.turned_rad,
             gyro_bias_rad_s: self.attitude.gyro_bias_rad_s(),
             tilt_tau_s: self.attitude.tilt_tau_s(),
             tilt_sd_rad: self.attitude.tilt_sd_rad(),
