@@ -1,4 +1,9 @@
 //! One run: motion, world and chips make readings, the daemon answers, and the score is kept.
+//!
+//! A heading is that of the time its reading has, which is when it reached the host; it is compared with the board's heading then. A
+//! host that pauses reads late, while the board turns on.
+
+use std::collections::VecDeque;
 
 use headingd::frame::Mountings;
 use headingd::reading::Reading;
@@ -6,7 +11,7 @@ use headingd::recording::Entry;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::chips::Board;
-use crate::daemon::{Daemon, true_calibration};
+use crate::daemon::{Daemon, Shown, true_calibration};
 use crate::motion::{Motion, Pose};
 use crate::random::Rng;
 use crate::score::Score;
@@ -93,6 +98,33 @@ impl Past {
     }
 }
 
+/// What was shown for readings whose true heading is yet to come.
+#[derive(Default)]
+struct Awaited(VecDeque<(f64, Option<Shown>)>);
+
+impl Awaited {
+    /// Scores what has its truth by now, and keeps that with the reading if readings are kept.
+    fn score(&mut self, past: &Past, turned_deg: f64, score: &mut Score) {
+        while let Some(&(t_s, shown)) = self.0.front()
+            && t_s <= past.newest_s
+        {
+            self.0.pop_front();
+            let truth_deg = heading_deg(&past.at(t_s).attitude);
+            let kept = score.readings.iter_mut().flatten().rev();
+            for entry in kept.take_while(|entry| entry.reading.t_s >= t_s) {
+                if entry.reading.t_s == t_s {
+                    entry.heading_truth_rad =
+                        truth_deg.map(|deg| deg.rem_euclid(360.0).to_radians());
+                }
+            }
+            if let Some(shown) = shown {
+                score.turned_deg = turned_deg;
+                score.take(t_s, truth_deg, &shown);
+            }
+        }
+    }
+}
+
 /// When readings reach the host.
 struct Arrival {
     last_s: f64,
@@ -153,11 +185,13 @@ pub fn run(mut scene: Scene, rng: &mut Rng, score: &mut Score) -> (Daemon, Board
             f64::INFINITY
         },
     };
+    let mut awaited = Awaited::default();
     let steps = (scene.length_s / dt) as u64;
     for step in 1..=steps {
         let t_s = step as f64 * dt;
         let pose = scene.motion.step(rng, dt);
         past.push(pose);
+        awaited.score(&past, scene.motion.turned_deg(), score);
         // In body axes, the mean over the step: what a gyro with a low-pass tells.
         let rate = (before.attitude.inverse() * pose.attitude).scaled_axis() / dt;
         let new_velocity = (pose.position - before.position) / dt;
@@ -175,17 +209,13 @@ pub fn run(mut scene: Scene, rng: &mut Rng, score: &mut Score) -> (Daemon, Board
         while mag_s <= t_s {
             let sensed = past.at(mag_s - scene.board.mag.lag_s);
             let field = sensed.attitude.inverse() * scene.world.field(&sensed.position);
-            let truth = past.at(mag_s);
             let reading = Reading {
                 t_s: arrival.of(mag_s, &scene.board, rng),
                 field_mgauss: Some(scene.board.mag.read(&field, rng)),
                 ..Reading::default()
             };
-            keep(score, reading, heading_deg(&truth.attitude));
-            if let Some(shown) = daemon.read(reading) {
-                score.turned_deg = scene.motion.turned_deg();
-                score.take(mag_s, heading_deg(&truth.attitude), &shown);
-            }
+            keep(score, reading);
+            awaited.0.push_back((reading.t_s, daemon.read(reading)));
             // A chip's own clock is even to a thousandth.
             mag_s += scene.board.mag.period_s * (1.0 + 0.001 * rng.normal());
         }
@@ -198,18 +228,18 @@ pub fn run(mut scene: Scene, rng: &mut Rng, score: &mut Score) -> (Daemon, Board
             ..Reading::default()
         };
         if reading.rate_rad_s.is_some() || reading.specific_force_m_s2.is_some() {
-            keep(score, reading, None);
+            keep(score, reading);
             let _ = daemon.read(reading);
         }
     }
     (daemon, scene.board)
 }
 
-fn keep(score: &mut Score, reading: Reading, truth_deg: Option<f64>) {
+fn keep(score: &mut Score, reading: Reading) {
     if let Some(readings) = &mut score.readings {
         readings.push(Entry {
             reading,
-            heading_truth_rad: truth_deg.map(|deg| deg.rem_euclid(360.0).to_radians()),
+            heading_truth_rad: None,
         });
     }
 }
