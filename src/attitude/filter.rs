@@ -25,8 +25,9 @@ const TURNS_ON: f64 = 0.43;
 const TAU_S: std::ops::RangeInclusive<f64> = 1.0..=20.0;
 /// Tilt error of a board that is not accelerated, radians: what its accelerometer is off.
 const TILT_RAD: f64 = 0.012;
-/// Share of the acceleration over the time constant that passes for tilt.
-const PASSES_FOR_TILT: f64 = 0.7;
+/// Share of the acceleration over the time constant that passes for tilt: the horizontal field shows some of it. Half makes the
+/// deviations of a simulated hand and drone as large as their errors.
+const PASSES_FOR_TILT: f64 = 0.5;
 /// It follows the mean rate over this time, seconds, in steps of this factor.
 const RATE_TAU_S: f64 = 3.0;
 const TAU_STEP: f64 = 1.25;

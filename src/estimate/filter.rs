@@ -94,6 +94,10 @@ const MATRIX_TURN: f64 = 0.001;
 /// How much of unusual unevenness is taken for a change of the hard iron, and of the field, while the board turns.
 const IRON_SHARE: f64 = 1.0;
 const FIELD_SHARE: f64 = 0.003;
+/// The tilt error is found by the vertical field, and by nothing else. So it teaches the field only once the vertical field is known
+/// better than within this share: at that deviation it counts half. Without this, a car's first turns settle on a wrong vertical
+/// field, with a tilt to match. At half the value a car that turns fast learns the vertical field too late to be sure of its heading.
+const VERTICAL_KNOWN: f64 = 0.0625;
 /// A still board that has turned by so much, 6°, swings.
 const SWING_RAD: f64 = 0.1;
 /// A normalised innovation squared beyond this is no chance (3 degrees of freedom: 0.1 %).
@@ -608,7 +612,7 @@ impl Filter {
         let by_field = matrix
             * (Matrix3::identity() + w.cross_matrix() * lag)
             * r.transpose()
-            * (Matrix3::identity() + tilt.cross_matrix());
+            * (Matrix3::identity() + tilt.cross_matrix() * self.tilt_worth());
         let by_tilt = by_field * -here.cross_matrix();
         let sensitivity = Sensitivity {
             field: by_field,
@@ -682,6 +686,15 @@ impl Filter {
             self.x.fixed_rows_mut::<9>(D).copy_from(&rows);
             self.put_parameter_covariance(&covariance);
         }
+    }
+
+    /// How far the tilt error that was found is to be believed, 0 to 1. Without an accelerometer there is none.
+    fn tilt_worth(&self) -> f64 {
+        if !self.vertical_known {
+            return 1.0;
+        }
+        let known2 = (VERTICAL_KNOWN * self.x[H + 2]).powi(2);
+        known2 / (known2 + self.p[(H + 2, H + 2)]).max(f64::MIN_POSITIVE)
     }
 
     /// A board at rest does not see how strong or how steep the field is, only how the frame drifts. Its attitude's noise is in the
