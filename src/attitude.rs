@@ -183,9 +183,11 @@ impl Attitude {
         })
     }
 
-    /// How the board lay and turned at `t_s`, which may be up to a quarter of a second ago; `None` before the first tick.
+    /// How the board lay and turned at `t_s`, up to a quarter of a second ago; before and after that the nearest rate is held. `None`
+    /// before the first tick of this stretch.
     pub fn motion_at(&self, t_s: f64) -> Option<BoardMotion> {
-        self.past.at(t_s)
+        let motion = self.past.at(t_s)?;
+        (motion.pose.stretch == self.filter.stretch).then_some(motion)
     }
 
     /// Rotation from the last tick to `t_s`, in body axes.

@@ -4,10 +4,9 @@ use std::collections::VecDeque;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::clock::PERIOD_S;
 use super::{Pose, Tick};
 
-/// Longer than the lag of a magnetometer and a pause of the host together, seconds.
+/// The lag of a magnetometer, up to 0.12 s, and what a sample is late after a pause of the host, up to 0.1 s, seconds.
 const KEPT_S: f64 = 0.25;
 
 /// How the board lay and turned at one instant.
@@ -31,7 +30,7 @@ pub(super) struct Past {
 impl Past {
     /// Takes the newest tick. Poses of another stretch cannot be compared with it, and are forgotten.
     pub(super) fn take(&mut self, tick: &Tick) {
-        self.turned_rad += tick.rate_rad_s * PERIOD_S;
+        self.turned_rad += tick.rate_rad_s * tick.period_s;
         while let Some((t_s, oldest)) = self.ticks.front()
             && (tick.t_s - t_s > KEPT_S || oldest.pose.stretch != tick.pose.stretch)
         {
@@ -47,13 +46,8 @@ impl Past {
 
     /// The motion at `t_s`: within a tick, the rate is that tick's. Before the oldest tick and after the newest, the rate stays.
     pub(super) fn at(&self, t_s: f64) -> Option<BoardMotion> {
-        let after = self
-            .ticks
-            .iter()
-            .rev()
-            .take_while(|(end_s, _)| *end_s >= t_s)
-            .last();
-        let (end_s, motion) = after.or(self.ticks.back())?;
+        let after = self.ticks.partition_point(|(end_s, _)| *end_s < t_s);
+        let (end_s, motion) = self.ticks.get(after).or(self.ticks.back())?;
         let turn = motion.rate_rad_s * (t_s - end_s);
         Some(BoardMotion {
             pose: Pose {
@@ -69,6 +63,7 @@ impl Past {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::attitude::clock::PERIOD_S;
 
     /// Half a second of a board that turns faster and faster about its Z.
     fn spun_up(past: &mut Past, stretch: u32) {
@@ -108,8 +103,11 @@ mod tests {
             );
             assert!((motion.turned_rad.z - angle(t_s)).abs() < 1e-9, "{t_s}");
         }
-        // Beyond either end the rate stays.
+        // Beyond either end the rate stays: 10 rad/s, and 5 rad/s from 0.25 s back.
         assert!((past.at(0.51).unwrap().turned_rad.z - (angle(0.4999999) + 0.1)).abs() < 1e-5);
+        assert!(
+            (past.at(0.2).unwrap().turned_rad.z - (angle(0.2499999) - 5.0 * 0.05)).abs() < 1e-5
+        );
         assert!(past.ticks.len() <= 26);
     }
 

@@ -190,6 +190,22 @@ fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
 }
 
 #[test]
+fn the_motion_before_a_hole_is_not_carried_over_it() {
+    let mut board = TestBoard::default();
+    board.turn(Vector3::z(), 60.0, 30.0);
+    let (before, _) = run(&board);
+    assert!(before.motion_at(board.t_s - 0.05).is_some());
+    board.gyro = false;
+    board.turn(Vector3::z(), 24.0, 30.0);
+    board.gyro = true;
+    // One reading, in the first tick after the hole.
+    board.turn(Vector3::z(), 0.15, 30.0);
+    let (attitude, _) = run(&board);
+    assert!(attitude.pose_at(board.t_s).is_some());
+    assert!(attitude.motion_at(board.t_s).is_none());
+}
+
+#[test]
 fn clipped_rates_begin_a_new_stretch_when_they_end() {
     let mut board = TestBoard::default();
     board.rest(2.0);

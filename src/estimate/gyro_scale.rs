@@ -8,10 +8,10 @@
 //! ```
 //!
 //! where s is how fast the board turns over how fast the gyro says that it does: 1 where the gyro is right. Over a moment the
-//! change of y is linear in s and in s b, so that a regression over moments gives both, and their deviations. No filter is asked
-//! for the iron: one that a wrong gyro has misled would agree with that gyro. D and the magnetometer's lag are the filter's. Without
-//! D, soft iron of 5 % changes s by as much where the board swings about one attitude; but a wrong D hides no wrong scale, since all
-//! D agree on how long a full turn lasts: D [ω]× D⁻¹ has the eigenvalues of [ω]×.
+//! change of y is linear in s and in s b, so that a regression over moments gives both, and their deviations. The hard iron is
+//! estimated here and not taken from the filter, since a filter that a wrong gyro has misled agrees with that gyro. D and the
+//! magnetometer's lag are the filter's. Without D, soft iron of 5 % changes s by as much where the board swings about one attitude.
+//! Over full turns a wrong D cannot hide a wrong scale, since D [ω]× D⁻¹ has the eigenvalues of [ω]×; over an arc it can hide some.
 
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
@@ -66,7 +66,7 @@ pub(super) struct GyroScale {
 #[derive(Clone, Copy, Debug)]
 struct TurnedMoment {
     age_s: f64,
-    /// The filter's, and its inverse.
+    /// The filter's D when the moment began, and its inverse.
     d: Matrix3<f64>,
     inverse: Matrix3<f64>,
     first: Vector3<f64>,
@@ -195,15 +195,22 @@ mod tests {
     use super::*;
     use crate::estimate::prior::Prior;
 
+    /// A board without soft iron.
+    fn judged(reads: f64, rate_rad_s: impl Fn(f64) -> Vector3<f64>) -> (ScaleVerdict, f64) {
+        let none = Matrix3::identity();
+        judged_with(reads, none, none, rate_rad_s)
+    }
+
     /// 20 s in steps of 20 ms of a board that turns at this rate, rad/s at a time in seconds, with a gyro that reads so many times
-    /// what it should, iron of three times the field, and this soft iron, which the filter knows.
-    fn judged(
+    /// what it should, iron of three times the field, and this soft iron; the filter has another.
+    fn judged_with(
         reads: f64,
         soft: Matrix3<f64>,
+        learnt: Matrix3<f64>,
         rate_rad_s: impl Fn(f64) -> Vector3<f64>,
     ) -> (ScaleVerdict, f64) {
         let filter = Filter::new(&Prior {
-            matrix: soft,
+            matrix: learnt,
             ..Prior::unknown()
         });
         let mut regression = GyroScale::default();
@@ -257,7 +264,7 @@ mod tests {
             // Fast enough beside a bias that is not known.
             let speed = f64::max(2.0 / f64::abs(reads), 3.0);
             for motion in [tumbling, |_| Vector3::z()] {
-                let (found, scale) = judged(reads, Matrix3::identity(), |t_s| motion(t_s) * speed);
+                let (found, scale) = judged(reads, |t_s| motion(t_s) * speed);
                 assert_eq!(found, verdict, "{reads}: {scale}");
                 assert!((scale * reads - 1.0).abs() < 0.03, "{reads}: {scale}");
             }
@@ -269,17 +276,13 @@ mod tests {
         Vector3::y() * (1.3 * 3.0 * (3.0 * t_s).cos())
     }
 
+    const SOFT: Matrix3<f64> = Matrix3::new(1.08, 0.04, 0.0, 0.04, 0.96, -0.03, 0.0, -0.03, 0.96);
+
     #[test]
     fn soft_iron_does_not_look_like_a_wrong_scale() {
-        let soft = Matrix3::new(1.08, 0.04, 0.0, 0.04, 0.96, -0.03, 0.0, -0.03, 0.96);
         for motion in [tumbling, swinging] {
-            for reads in [1.0, 1.25] {
-                let (found, scale) = judged(reads, soft, motion);
-                let verdict = if reads == 1.0 {
-                    ScaleVerdict::Right
-                } else {
-                    ScaleVerdict::Wrong
-                };
+            for (reads, verdict) in [(1.0, ScaleVerdict::Right), (1.25, ScaleVerdict::Wrong)] {
+                let (found, scale) = judged_with(reads, SOFT, SOFT, motion);
                 assert_eq!(found, verdict, "{scale}");
                 assert!((scale * reads - 1.0).abs() < 0.01, "{scale}");
             }
@@ -287,21 +290,28 @@ mod tests {
     }
 
     #[test]
+    fn a_wrong_scale_shows_whatever_soft_iron_was_learnt() {
+        let none = Matrix3::identity();
+        for (soft, learnt) in [(SOFT, none), (none, SOFT)] {
+            for reads in [0.8, 1.25] {
+                let (found, scale) = judged_with(reads, soft, learnt, tumbling);
+                assert_eq!(found, ScaleVerdict::Wrong, "{reads}: {scale}");
+            }
+            let (found, scale) = judged_with(1.0, soft, learnt, tumbling);
+            assert_ne!(found, ScaleVerdict::Wrong, "{scale}");
+        }
+    }
+
+    #[test]
     fn swinging_to_and_fro_does_not_tell_a_scale_from_iron() {
         // 25° to either side.
         let swings = |t_s: f64| Vector3::z() * (0.44 * 4.0 * (4.0 * t_s).cos());
-        assert_eq!(
-            judged(0.5, Matrix3::identity(), swings).0,
-            ScaleVerdict::Unknown
-        );
+        assert_eq!(judged(0.5, swings).0, ScaleVerdict::Unknown);
     }
 
     #[test]
     fn a_slow_turn_does_not_tell_a_scale_from_a_bias_that_is_not_known() {
         let slow = |_| Vector3::z() * 0.5;
-        assert_eq!(
-            judged(0.5, Matrix3::identity(), slow).0,
-            ScaleVerdict::Unknown
-        );
+        assert_eq!(judged(0.5, slow).0, ScaleVerdict::Unknown);
     }
 }

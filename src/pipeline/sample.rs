@@ -14,8 +14,8 @@ impl Pipeline {
     pub(super) fn estimate_from(&mut self, t_s: f64, raw: &Vector3<f64>) -> Option<Pose> {
         let pose = self.attitude.pose_at(t_s)?;
         // An accelerometer that has just come has not levelled the frame yet.
-        let levelling = self.attitude.down_known(t_s) && !pose.vertical_known;
-        if levelling || self.attitude.clipping() || self.frozen.is_some() {
+        let levelled = |pose: &Pose| pose.vertical_known || !self.attitude.down_known(t_s);
+        if !levelled(&pose) || self.attitude.clipping() || self.frozen.is_some() {
             return None;
         }
         // Noise makes each sample differ: the same again is the last one, held by a source that reads faster than the chip
@@ -24,12 +24,12 @@ impl Pipeline {
         if self.sample.is_some_and(held) {
             return Some(pose);
         }
-        // The field is that of a moment ago.
+        // The magnetometer measured this field earlier: by its lag, and by what the host was late.
         let lag_s = self.estimate.lag_s();
-        let seen_s = t_s - self.late.take(t_s) - lag_s;
-        let Some(motion) = self.attitude.motion_at(seen_s) else {
-            return Some(pose);
-        };
+        let motion = self
+            .attitude
+            .motion_at(t_s - self.late.take(t_s) - lag_s)
+            .filter(|motion| levelled(&motion.pose))?;
         let sample = Sample {
             t_s,
             field_mgauss: *raw,

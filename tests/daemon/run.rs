@@ -51,7 +51,8 @@ fn it_calibrates_keeps_the_calibration_and_has_it_at_the_next_start() {
     while client.next().is_some() {}
     let said = process.said();
     assert!(!said.contains("ERROR"), "{said}");
-    assert_eq!(said.matches("calibration accepted").count(), 1, "{said}");
+    // More than once, if this process had to wait while the simulated board turned on.
+    assert!(said.contains("calibration accepted"), "{said}");
 
     // At real time: one turn would take longer than this test.
     rig.configure(1.0, &rig.path("store"), LONG);

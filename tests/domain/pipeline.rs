@@ -356,6 +356,11 @@ fn apart_and_sd_deg(
         .collect()
 }
 
+/// The largest of these differences, degrees.
+fn worst_deg(apart: &[(f64, f64)]) -> f64 {
+    apart.iter().map(|(apart, _)| *apart).fold(0.0, f64::max)
+}
+
 /// All registers at their limit, as a bus that slips reads them, at rest and in a turn.
 #[test]
 fn an_absurd_rate_turns_no_heading() {
@@ -369,7 +374,7 @@ fn an_absurd_rate_turns_no_heading() {
             .find(|reading| reading.t_s > from_s && reading.rate_rad_s.is_some());
         absurd.unwrap().rate_rad_s = Some(Vector3::repeat(2279.4_f64.to_radians()));
         let apart = apart_and_sd_deg(&faulty, &sound, calibration);
-        let worst_deg = apart.iter().map(|(apart, _)| *apart).fold(0.0, f64::max);
+        let worst_deg = worst_deg(&apart);
         assert!(
             apart.len() > 500 && worst_deg < 0.5,
             "{worst_deg} of {}",
@@ -456,14 +461,14 @@ fn a_sample_that_is_held_for_a_tenth_of_a_second_turns_no_heading() {
         *field = held.unwrap();
     }
     let apart = apart_and_sd_deg(&faulty, &sound, shifted(&settings, 0.0));
-    // A fifth of the samples is more uncertain. Taken as they are, held samples are off by a whole deviation.
-    let worst = apart
-        .iter()
-        .map(|(apart, sd)| apart / sd)
-        .fold(0.0, f64::max);
+    // With a fifth of the samples a heading is less certain, so errors are compared in deviations. Were held samples taken for new
+    // ones, the worst would be a whole deviation.
+    let worst = apart.iter().map(|(apart, sd)| apart / sd);
+    let worst = worst.fold(0.0, f64::max);
+    let worst_deg = worst_deg(&apart);
     assert!(
-        apart.len() > 500 && worst < 0.5,
-        "{worst} deviations in {}",
+        apart.len() > 500 && worst < 0.5 && worst_deg < 3.0,
+        "{worst} deviations, {worst_deg}°, in {}",
         apart.len()
     );
 }

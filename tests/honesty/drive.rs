@@ -98,7 +98,7 @@ impl Past {
     }
 }
 
-/// What was shown for readings whose true heading is yet to come.
+/// What was shown for readings whose true heading is yet to come. Those of the last moment of a run are not scored.
 #[derive(Default)]
 struct Awaited(VecDeque<(f64, Option<Shown>)>);
 
