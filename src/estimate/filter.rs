@@ -33,12 +33,11 @@ const STRONGEST_MGAUSS: f64 = 670.0;
 /// Bias to expect of a gyro after its filter has had its say, rad/s: data sheets allow ±5 to ±40°/s before it.
 const GYRO_BIAS_RAD_S: f64 = 0.035;
 /// Scale error to expect on an axis of a gyro; data sheets: 1 to 3 % at most.
-const GYRO_SCALE: f64 = 0.015;
+const GYRO_SCALE: f64 = 0.01;
 /// What cross-axis errors of a gyro add to the frame's turn for each radian turned, one standard deviation.
 const GYRO_CROSS: f64 = 0.002;
-/// Lag to expect of a magnetometer and its deviation, seconds: half its period and some filtering. Recorders had 16 and 60 ms.
-const LAG_S: f64 = 0.02;
-const LAG_SD_S: f64 = 0.02;
+/// Lag to expect of a magnetometer, seconds: half its period and some filtering; 16 ms on a real recorder.
+const LAG_S: f64 = 0.015;
 /// Angle random walk of the frame, rad/√s: 0.02 °/√s, four times the noise density of an ITG-3200's data sheet.
 const ANGLE_WALK_RAD: f64 = 0.000_35;
 /// Walk of the gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
@@ -219,8 +218,7 @@ impl Filter {
         for axis in 0..2 {
             p[(E + axis, E + axis)] = TILT_RAD * TILT_RAD;
         }
-        x[T] = LAG_S;
-        p[(T, T)] = LAG_SD_S * LAG_SD_S;
+        p[(T, T)] = LAG_S * LAG_S;
         x.fixed_rows_mut::<3>(B).copy_from(&prior.bias_mgauss);
         x.fixed_rows_mut::<9>(D).copy_from(&prior.matrix_rows());
         p.fixed_view_mut::<3, 3>(B, B)
