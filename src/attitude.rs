@@ -183,8 +183,8 @@ impl Attitude {
         })
     }
 
-    /// How the board lay and turned at `t_s`, up to a quarter of a second ago; before and after that the nearest rate is held. `None`
-    /// before the first tick of this stretch.
+    /// Pose and rate at `t_s`, up to a quarter of a second ago; outside that time the nearest rate is held. `None` before the first tick
+    /// of this stretch.
     pub fn motion_at(&self, t_s: f64) -> Option<BoardMotion> {
         let motion = self.past.at(t_s)?;
         (motion.pose.stretch == self.filter.stretch).then_some(motion)

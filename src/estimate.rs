@@ -60,13 +60,13 @@ pub struct Sample {
     pub t_s: f64,
     /// Raw field, magnetometer chip axes, milligauss.
     pub field_mgauss: Vector3<f64>,
-    /// The lag of the magnetometer that pose, rate and turn allow for, seconds.
+    /// Lag of the magnetometer for which pose, rate and turn are already corrected, seconds.
     pub lag_s: f64,
     /// The board's pose when the magnetometer measured.
     pub pose: Pose,
     /// Angular rate freed of the gyro's bias, body axes, rad/s.
     pub rate_rad_s: Vector3<f64>,
-    /// Integral of that rate since any one time, radians.
+    /// Integral of that rate since a fixed time, radians.
     pub turned_rad: Vector3<f64>,
     /// That bias, rad/s.
     pub gyro_bias_rad_s: Vector3<f64>,
@@ -261,7 +261,7 @@ impl Estimate {
         may_come_back || self.active.begun() || self.kept.is_some()
     }
 
-    /// A sample as the filters take it, after the one before; the first is its own.
+    /// Makes the filters' input from a sample and the one before it. The first sample is its own predecessor.
     fn input(&self, sample: &Sample, before: &Sample) -> Input {
         Input {
             to_frame: sample.pose.orientation.to_rotation_matrix().into_inner(),
@@ -280,7 +280,7 @@ impl Estimate {
         }
     }
 
-    /// Lag of the magnetometer behind the gyro as far as it is learnt, seconds, 0 to `MOST_LAG_S`.
+    /// Estimated lag of the magnetometer behind the gyro, seconds, 0 to `MOST_LAG_S`.
     pub fn lag_s(&self) -> f64 {
         self.active.lag_s().clamp(0.0, MOST_LAG_S)
     }

@@ -6,13 +6,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Pose, Tick};
 
-/// The lag of a magnetometer, up to 0.12 s, and what a sample is late after a pause of the host, up to 0.1 s, seconds.
+/// How long ticks are kept, seconds: a magnetometer lags by up to 0.12 s, and a pause of the host delays a sample by up to 0.1 s.
 const KEPT_S: f64 = 0.25;
 
 /// How the board lay and turned at one instant.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardMotion {
-    /// How it lay.
+    /// The pose.
     pub pose: Pose,
     /// Angular rate freed of the gyro's bias, body axes, rad/s.
     pub rate_rad_s: Vector3<f64>,
@@ -28,7 +28,7 @@ pub(super) struct Past {
 }
 
 impl Past {
-    /// Takes the newest tick. Poses of another stretch cannot be compared with it, and are forgotten.
+    /// Takes the newest tick, and forgets old ticks and those of another stretch.
     pub(super) fn take(&mut self, tick: &Tick) {
         self.turned_rad += tick.rate_rad_s * tick.period_s;
         while let Some((t_s, oldest)) = self.ticks.front()
@@ -44,7 +44,7 @@ impl Past {
         self.ticks.push_back((tick.t_s, motion));
     }
 
-    /// The motion at `t_s`: within a tick, the rate is that tick's. Before the oldest tick and after the newest, the rate stays.
+    /// The motion at `t_s`. The rate is constant within a tick, before the oldest tick and after the newest.
     pub(super) fn at(&self, t_s: f64) -> Option<BoardMotion> {
         let after = self.ticks.partition_point(|(end_s, _)| *end_s < t_s);
         let (end_s, motion) = self.ticks.get(after).or(self.ticks.back())?;

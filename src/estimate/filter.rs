@@ -93,10 +93,10 @@ const MATRIX_TURN: f64 = 0.001;
 /// How much of unusual unevenness is taken for a change of the hard iron, and of the field, while the board turns.
 const IRON_SHARE: f64 = 1.0;
 const FIELD_SHARE: f64 = 0.003;
-/// The tilt error shows through the vertical field. So it corrects the field only as far as the vertical field is known: half where
-/// the deviation of that is this share of it, and not at all at the magnetic equator. Without this, a car's first turns settle on a
-/// wrong vertical field, with a tilt to match. At half the value a car that turns fast learns the vertical field too late to be sure
-/// of its heading.
+/// The filter observes the tilt error only through the vertical field, so the tilt error may correct the field only as far as the
+/// vertical field is known: by half if the deviation of the vertical field is this share of it, and not at all at the magnetic
+/// equator. Without this limit a car's first turns converge to a wrong vertical field and a tilt that matches it. With half the value
+/// a car that turns fast learns the vertical field too late to be sure of its heading.
 const VERTICAL_KNOWN: f64 = 0.0625;
 /// A still board that has turned by so much, 6°, swings.
 const SWING_RAD: f64 = 0.1;
@@ -116,11 +116,11 @@ pub(super) struct Input {
     pub(super) rate_rad_s: Vector3<f64>,
     /// Raw field, body axes, milligauss.
     pub(super) field_mgauss: Vector3<f64>,
-    /// How far the gyro has turned from the time that the sample before shows to the time that this one shows, radians.
+    /// Integral of the rate from the measurement of the sample before to that of this one, radians.
     pub(super) turned_rad: Vector3<f64>,
-    /// Time between the arrivals of both, seconds: another, after a pause of the host.
+    /// Time between the arrivals of both samples, seconds. After a pause of the host it is not the time between their measurements.
     pub(super) period_s: f64,
-    /// The lag that frame, rate and turn allow for, seconds.
+    /// Lag for which frame, rate and turn are already corrected, seconds.
     pub(super) lag_s: f64,
     /// Time constant of the tilt's errors, seconds.
     pub(super) tilt_tau_s: f64,
@@ -309,7 +309,7 @@ impl Filter {
         for axis in 0..2 {
             self.p[(E + axis, E + axis)] = input.tilt_sd_rad.powi(2);
         }
-        // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m, with the rest of the lag
+        // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m, where the lag is what `input.lag_s` leaves of it
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
         jacobian.fixed_columns_mut::<3>(B).copy_from(&-map);
         for row in 0..3 {
@@ -606,7 +606,7 @@ impl Filter {
         let here = self.vector(H) + self.vector(M);
         let matrix = self.matrix();
         let body = r.transpose() * (here + tilt.cross(&here));
-        // A field fixed in the frame turns against the board: this is where it was by the rest of the lag ago.
+        // A field fixed in the frame turns against the board: this is where it was earlier by what `input.lag_s` leaves of the lag.
         let body_rate = w.cross(&body);
         let seen = body + body_rate * lag;
         let by_field = matrix
@@ -688,7 +688,7 @@ impl Filter {
         }
     }
 
-    /// How far the estimated tilt error may correct the field, 0 to 1. A frame without a vertical has no such limit.
+    /// How far the estimated tilt error may correct the field, 0 to 1. There is no limit if the vertical is unknown.
     fn tilt_worth(&self) -> f64 {
         if !self.vertical_known {
             return 1.0;

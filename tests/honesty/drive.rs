@@ -1,7 +1,7 @@
 //! One run: motion, world and chips make readings, the daemon answers, and the score is kept.
 //!
-//! A heading is that of the time its reading has, which is when it reached the host; it is compared with the board's heading then. A
-//! host that pauses reads late, while the board turns on.
+//! A heading holds at its reading's time, which is when the reading reached the host, and is compared with the board's heading at that
+//! time. A host that pauses reads late, while the board turns on.
 
 use std::collections::VecDeque;
 
@@ -98,12 +98,12 @@ impl Past {
     }
 }
 
-/// What was shown for readings whose true heading is yet to come. Those of the last moment of a run are not scored.
+/// Readings and what was shown for them, until the simulation reaches their time. At the end of a run the last ones are not scored.
 #[derive(Default)]
 struct Awaited(VecDeque<(f64, Option<Shown>)>);
 
 impl Awaited {
-    /// Scores what has its truth by now, and keeps that with the reading if readings are kept.
+    /// Scores the readings whose time has come. If readings are kept, each gets its true heading.
     fn score(&mut self, past: &Past, turned_deg: f64, score: &mut Score) {
         while let Some(&(t_s, shown)) = self.0.front()
             && t_s <= past.newest_s
