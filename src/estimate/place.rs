@@ -8,7 +8,8 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2, Vector3};
 
-use super::filter::{Filter, SeenNorth};
+use super::filter::Filter;
+use super::filter::known::SeenNorth;
 use crate::frame::hypot;
 use crate::true_north::EarthField;
 

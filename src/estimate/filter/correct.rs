@@ -1,0 +1,177 @@
+//! The filter's correction by one sample, and the noise and unevenness that are measured by it.
+
+use nalgebra::{Matrix3, SVector, Vector3};
+
+use super::{FORGET_MOVING_S, Filter, Input, JITTER_S};
+use crate::estimate::covariance::{B, D, E, H, M, Sensitivity, T, subtract};
+
+/// Least white noise of a sample, milligauss, and the time over which it is measured, seconds.
+const LEAST_NOISE_MGAUSS: f64 = 1.5;
+const NOISE_TAU_S: f64 = 2.0;
+/// Least unevenness of the field, as a share of it. Rooms have 1 to 2 % over half a metre.
+const LEAST_UNEVENNESS: f64 = 0.004;
+/// It is measured over so many of the lengths in which it is forgotten: quickly when it grows, slowly when it shrinks.
+const LENGTHS_UP: f64 = 3.0;
+const LENGTHS_DOWN: f64 = 4.0;
+/// The place as a whole is off by as much as it is uneven: at least and at most, as a share of the field, measured over this time, seconds.
+const LEAST_PLACE: f64 = 0.004;
+const MOST_PLACE: f64 = 0.02;
+const PLACE_TAU_S: f64 = 60.0;
+/// A place differs from the next by less than the field does within it: half of the variance.
+const PLACE_SHARE: f64 = 0.5;
+/// The filter observes the tilt error only through the vertical field, so the tilt error may correct the field only as far as the
+/// vertical field is known: by half if the deviation of the vertical field is this share of it, and not at all at the magnetic
+/// equator. Without this limit a car's first turns converge to a wrong vertical field and a tilt that matches it. With half the value
+/// a car that turns fast learns the vertical field too late to be sure of its heading.
+const VERTICAL_KNOWN: f64 = 0.0625;
+/// A normalised innovation squared beyond this is no chance (3 degrees of freedom: 0.1 %).
+const GATE: f64 = 16.0;
+
+impl Filter {
+    /// Takes the sample in.
+    pub(super) fn correct(&mut self, input: &Input, frozen: bool) {
+        let Input {
+            to_frame: r,
+            field_mgauss: y,
+            period_s: dt,
+            ..
+        } = *input;
+        let w = input.turning();
+        let tilt = Vector3::new(self.x[E], self.x[E + 1], 0.0);
+        let lag = self.x[T] - input.lag_s;
+        let here = self.vector(H) + self.vector(M);
+        let matrix = self.matrix();
+        let body = r.transpose() * (here + tilt.cross(&here));
+        // A field fixed in the frame turns against the board: this is where it was earlier by what `input.lag_s` leaves of the lag.
+        let body_rate = w.cross(&body);
+        let seen = body + body_rate * lag;
+        let by_field = matrix
+            * (Matrix3::identity() + w.cross_matrix() * lag)
+            * r.transpose()
+            * (Matrix3::identity() + tilt.cross_matrix() * self.tilt_worth());
+        let by_tilt = by_field * -here.cross_matrix();
+        let sensitivity = Sensitivity {
+            field: by_field,
+            tilt: [by_tilt.column(0).into(), by_tilt.column(1).into()],
+            lag: matrix * body_rate,
+            row: seen,
+        };
+        let mut cross = sensitivity.cross(&self.p);
+        let innovation = y - matrix * seen - self.vector(B);
+        // What linearising neglects: products of two uncertain states.
+        let neglected = self.trace(H, 3) * (self.trace(D, 9) / 9.0 + self.trace(E, 2) / 3.0)
+            + w.norm_squared() * self.p[(T, T)] * self.trace(H, 3) / 3.0;
+        let white = self.noise2 + neglected + (w.norm() * JITTER_S * self.strength_mgauss).powi(2);
+        let expected = |cross: &_| sensitivity.squared(cross) + Matrix3::identity() * white;
+        let mut s = expected(&cross);
+        let Some(mut inverse) = s.try_inverse() else {
+            return;
+        };
+        let squared = (innovation.transpose() * inverse * innovation)[0];
+        self.measure_noise(&innovation, dt);
+        // A field that changes over a board at rest says nothing of what is known: the gyro carries the heading.
+        if !input.still {
+            let now = (squared / 3.0).min(50.0);
+            self.consistency += (dt / 2.0).min(1.0) * (now - self.consistency);
+        }
+        self.jumped = false;
+        self.jumps_mgauss *= (-dt / FORGET_MOVING_S).exp();
+        self.odd_mgauss = Vector3::zeros();
+        if squared > GATE {
+            // One odd sample is a spike, two alike are a change: of the field here, until turning shows otherwise.
+            let again = self
+                .odd
+                .is_some_and(|odd| (innovation - odd).norm() < 0.5 * innovation.norm());
+            self.odd = Some(innovation);
+            if !again {
+                self.odd_mgauss = r * innovation;
+                return;
+            }
+            self.jumped = true;
+            self.jumps_mgauss += r * innovation;
+            let jump = innovation.norm_squared();
+            for axis in 0..3 {
+                self.p[(M + axis, M + axis)] += jump;
+                let mut row = cross.row_mut(M + axis);
+                row += by_field.column(axis).transpose() * jump;
+            }
+            s = expected(&cross);
+            match s.try_inverse() {
+                Some(found) => inverse = found,
+                None => return,
+            }
+        } else {
+            self.odd = None;
+        }
+        let fit = (innovation.transpose() * inverse * innovation)[0] + s.determinant().ln();
+        self.log_likelihood -= 0.5 * fit;
+        let gain = cross * inverse;
+        let kept = frozen.then(|| {
+            let bias = self.vector(B);
+            let rows: SVector<f64, 9> = self.x.fixed_rows::<9>(D).into();
+            (bias, rows, self.parameter_covariance())
+        });
+        let before = self.vector(H);
+        self.x += gain * innovation;
+        if input.still {
+            self.keep_strength_and_dip(&before);
+        }
+        subtract(&mut self.p, &gain, &cross);
+        if let Some((bias, rows, covariance)) = kept {
+            self.x.fixed_rows_mut::<3>(B).copy_from(&bias);
+            self.x.fixed_rows_mut::<9>(D).copy_from(&rows);
+            self.put_parameter_covariance(&covariance);
+        }
+    }
+
+    /// How far the estimated tilt error may correct the field, 0 to 1. There is no limit if the vertical is unknown.
+    fn tilt_worth(&self) -> f64 {
+        if !self.vertical_known {
+            return 1.0;
+        }
+        let known2 = (VERTICAL_KNOWN * self.x[H + 2]).powi(2);
+        known2 / (known2 + self.p[(H + 2, H + 2)]).max(f64::MIN_POSITIVE)
+    }
+
+    /// A board at rest does not see how strong or how steep the field is, only how the frame drifts. Its attitude's noise is in the
+    /// innovation and in its sensitivity; their product does not average out, and would bend h by a tenth in some hours.
+    fn keep_strength_and_dip(&mut self, before: &Vector3<f64>) {
+        let field = self.vector(H);
+        // Below 1 mG the direction is noise: the length stays as it is.
+        let scale = |old: f64, new: f64| if new > 1.0 { old / new } else { 1.0 };
+        let kept = if self.vertical_known {
+            let level = field.xy() * scale(before.xy().norm(), field.xy().norm());
+            Vector3::new(level.x, level.y, before.z)
+        } else {
+            field * scale(before.norm(), field.norm())
+        };
+        self.x.fixed_rows_mut::<3>(H).copy_from(&kept);
+    }
+
+    /// The steps from innovation to innovation are noise, whatever else is wrong.
+    fn measure_noise(&mut self, innovation: &Vector3<f64>, dt: f64) {
+        if let Some(before) = self.innovation.replace(*innovation) {
+            let step = (innovation - before).norm_squared() / 6.0;
+            let gain = (dt / NOISE_TAU_S).min(0.5);
+            self.noise2 += gain * (step.min(4.5 * self.noise2) - self.noise2);
+            self.noise2 = self.noise2.max(LEAST_NOISE_MGAUSS.powi(2));
+        }
+    }
+
+    pub(super) fn measure_unevenness(&mut self, input: &Input, forgotten: f64) {
+        let m = self.vector(M).norm_squared() + self.trace(M, 3);
+        let share = m / 3.0 / self.strength_mgauss.powi(2);
+        let lengths = if share > self.unevenness2 {
+            LENGTHS_UP
+        } else {
+            LENGTHS_DOWN
+        };
+        self.unevenness2 += forgotten / lengths * (share - self.unevenness2);
+        self.unevenness2 = self.unevenness2.max(LEAST_UNEVENNESS.powi(2));
+        if !input.still {
+            let here = (PLACE_SHARE * self.unevenness2).min(MOST_PLACE.powi(2));
+            self.place2 += input.period_s.min(1.0) / PLACE_TAU_S * (here - self.place2);
+            self.place2 = self.place2.max(LEAST_PLACE.powi(2));
+        }
+    }
+}

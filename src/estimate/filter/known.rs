@@ -1,0 +1,192 @@
+//! What the filter knows, and how well.
+
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SymmetricEigen, Vector3};
+
+use super::{DISTURBED, Filter, USUAL_UNEVENNESS, parameter};
+use crate::estimate::covariance::{B, D, E, G, H, M, T};
+use crate::frame::hypot;
+
+/// The field in the frame, the frame's tilt error, and their covariances.
+pub(in crate::estimate) struct SeenNorth {
+    /// Milligauss.
+    pub(in crate::estimate) field: Vector3<f64>,
+    /// A rotation vector in the frame, radians.
+    pub(in crate::estimate) tilt_rad: Vector3<f64>,
+    pub(in crate::estimate) field_covariance: Matrix3<f64>,
+    pub(in crate::estimate) tilt_covariance: Matrix2<f64>,
+    /// Of the field with the tilt error.
+    pub(in crate::estimate) cross: Matrix3x2<f64>,
+}
+
+impl Filter {
+    /// What is left of the gyro's bias, body axes, rad/s, and its largest deviation.
+    pub(in crate::estimate) fn gyro_bias(&self) -> (Vector3<f64>, f64) {
+        let variance = (G..G + 3).map(|at| self.p[(at, at)]).fold(0.0, f64::max);
+        (self.vector(G), variance.sqrt())
+    }
+
+    /// Whether a state has begun.
+    pub(in crate::estimate) fn begun(&self) -> bool {
+        self.begun
+    }
+
+    /// The field in the frame, milligauss.
+    pub(in crate::estimate) fn field(&self) -> Vector3<f64> {
+        self.vector(H)
+    }
+
+    /// The field in the frame with what disturbs it here, milligauss.
+    pub(in crate::estimate) fn field_here(&self) -> Vector3<f64> {
+        self.vector(H) + self.vector(M)
+    }
+
+    /// North in the frame, and how well it is known.
+    pub(in crate::estimate) fn north(&self) -> SeenNorth {
+        SeenNorth {
+            field: self.vector(H),
+            tilt_rad: Vector3::new(self.x[E], self.x[E + 1], 0.0),
+            field_covariance: self.field_covariance(),
+            tilt_covariance: self.p.fixed_view::<2, 2>(E, E).into(),
+            cross: self.p.fixed_view::<3, 2>(H, E).into(),
+        }
+    }
+
+    /// Whether the frame's Z is known to point up.
+    pub(in crate::estimate) fn vertical_known(&self) -> bool {
+        self.vertical_known
+    }
+
+    /// Covariance of the field in the frame, with what the place as a whole may be off, milligauss².
+    pub(in crate::estimate) fn field_covariance(&self) -> Matrix3<f64> {
+        let place = self.place2 * self.vector(H).norm_squared();
+        let own: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
+        own + Matrix3::identity() * place
+    }
+
+    /// D.
+    pub(in crate::estimate) fn matrix(&self) -> Matrix3<f64> {
+        Matrix3::identity() + Matrix3::from_row_slice(self.x.fixed_rows::<9>(D).as_slice())
+    }
+
+    /// b, body axes, milligauss.
+    pub(in crate::estimate) fn bias_mgauss(&self) -> Vector3<f64> {
+        self.vector(B)
+    }
+
+    /// Covariance of b, milligauss².
+    pub(in crate::estimate) fn bias_covariance(&self) -> Matrix3<f64> {
+        self.p.fixed_view::<3, 3>(B, B).into()
+    }
+
+    /// Covariance of b and of D, row by row.
+    pub(in crate::estimate) fn parameter_covariance(&self) -> SMatrix<f64, 12, 12> {
+        let mut covariance = SMatrix::<f64, 12, 12>::zeros();
+        for row in 0..12 {
+            for column in 0..12 {
+                covariance[(row, column)] = self.p[(parameter(row), parameter(column))];
+            }
+        }
+        covariance
+    }
+
+    /// Expected strength of the field, milligauss.
+    pub(in crate::estimate) fn strength_mgauss(&self) -> f64 {
+        self.vector(H).norm()
+    }
+
+    /// Lag of the magnetometer behind the gyro, seconds.
+    pub(in crate::estimate) fn lag_s(&self) -> f64 {
+        self.x[T]
+    }
+
+    /// Root mean square of what that lag may be, seconds.
+    pub(in crate::estimate) fn lag_rms_s(&self) -> f64 {
+        hypot(self.x[T], self.p[(T, T)].max(0.0).sqrt())
+    }
+
+    /// White noise of a sample, one standard deviation, milligauss.
+    pub(in crate::estimate) fn noise_mgauss(&self) -> f64 {
+        self.noise2.sqrt()
+    }
+
+    /// Whether the field here is not the earth's: it has just jumped, is far off, or is more uneven than places are.
+    pub(in crate::estimate) fn disturbed(&self) -> bool {
+        self.jumped
+            || self.disturbance() > DISTURBED
+            || (!self.still && self.unevenness2 > (3.0 * USUAL_UNEVENNESS).powi(2))
+    }
+
+    /// Whether the board did not move at the last sample, by gyro and accelerometer.
+    pub(in crate::estimate) fn still(&self) -> bool {
+        self.still
+    }
+
+    /// The disturbance here, as a share of the field.
+    pub(in crate::estimate) fn disturbance(&self) -> f64 {
+        self.vector(M).norm() / self.strength_mgauss
+    }
+
+    /// Recent jumps of the field and the innovation of a rejected sample, in the frame, milligauss.
+    pub(in crate::estimate) fn missed_mgauss(&self) -> Vector3<f64> {
+        self.jumps_mgauss + self.odd_mgauss
+    }
+
+    /// Sum of the log-likelihoods of the samples taken.
+    pub(in crate::estimate) fn log_likelihood(&self) -> f64 {
+        self.log_likelihood
+    }
+
+    /// Mean normalised innovation squared for each degree of freedom; 1 where all is as expected.
+    pub(in crate::estimate) fn consistency(&self) -> f64 {
+        self.consistency
+    }
+
+    /// The least known direction of the hard iron, body axes: turning about an axis across it would teach most.
+    pub(in crate::estimate) fn least_known(&self) -> Vector3<f64> {
+        let eigen = SymmetricEigen::new(self.bias_covariance());
+        eigen.eigenvectors.column(eigen.eigenvalues.imax()).into()
+    }
+
+    /// Whether the hard iron has a deviation below this in every direction, milligauss.
+    pub(in crate::estimate) fn iron_known_within(&self, limit_mgauss: f64) -> bool {
+        // What is left up to the limit is positive definite: no eigenvalue needs to be found.
+        let left = Matrix3::identity() * limit_mgauss.powi(2) - self.bias_covariance();
+        left.m11 > 0.0 && left.m11 * left.m22 > left.m12 * left.m21 && left.determinant() > 0.0
+    }
+
+    /// Covariance of one corrected sample: parameters, unevenness and noise, milligauss².
+    pub(in crate::estimate) fn sample_covariance(&self, corrected: &Vector3<f64>) -> Matrix3<f64> {
+        let mut jacobian = SMatrix::<f64, 3, 12>::zeros();
+        jacobian
+            .fixed_columns_mut::<3>(0)
+            .copy_from(&Matrix3::identity());
+        for row in 0..3 {
+            for column in 0..3 {
+                jacobian[(row, 3 + 3 * row + column)] = corrected[column];
+            }
+        }
+        let uneven = (self.unevenness2 + self.place2) * self.strength_mgauss.powi(2);
+        jacobian * self.parameter_covariance() * jacobian.transpose()
+            + Matrix3::identity() * (uneven + self.noise2)
+    }
+
+    /// One standard deviation of the hard iron along each body axis, milligauss.
+    pub(in crate::estimate) fn bias_sd_mgauss(&self) -> Vector3<f64> {
+        Vector3::from_fn(|axis, _| self.p[(B + axis, B + axis)].max(0.0).sqrt())
+    }
+}
+
+impl SeenNorth {
+    /// Variance of an angle that depends on the field in the frame and on its tilt error, as these slopes say.
+    pub(in crate::estimate) fn variance(
+        &self,
+        by_field: &Vector3<f64>,
+        by_tilt: &Vector3<f64>,
+    ) -> f64 {
+        let field = (by_field.transpose() * self.field_covariance * by_field)[0];
+        let tilt = by_tilt.xy();
+        field
+            + (tilt.transpose() * self.tilt_covariance * tilt)[0]
+            + 2.0 * (by_field.transpose() * self.cross * tilt)[0]
+    }
+}

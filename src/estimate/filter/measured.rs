@@ -1,0 +1,62 @@
+//! Puts the result of a full turn into the filter.
+
+use super::{FIRST_PLACE, Filter, Input, State, USUAL_UNEVENNESS, parameter};
+use crate::estimate::covariance::{D, H};
+use crate::estimate::prior::Measured;
+
+impl Filter {
+    /// Puts what a turn has measured in the place of what was known of it. The samples of the turn have been used
+    /// before, so nothing is multiplied.
+    pub(in crate::estimate) fn replace(&mut self, measured: &[Measured], input: &Input) {
+        for one in measured {
+            let weights = one.weights();
+            for row in 0..12 {
+                for column in 0..12 {
+                    let at = (parameter(row), parameter(column));
+                    self.p[at] += one.forgotten * weights[row] * weights[column];
+                }
+            }
+        }
+        // The verdict has found the field even all the way round.
+        self.unevenness2 = self.unevenness2.min(USUAL_UNEVENNESS.powi(2));
+        self.place2 = self.place2.min(FIRST_PLACE.powi(2));
+        self.restart_frame(input);
+        for one in measured {
+            self.learn(one);
+        }
+    }
+
+    /// Variance of what a turn has measured, as far as it is known here.
+    pub(in crate::estimate) fn variance_of(&self, measured: &Measured) -> f64 {
+        let jacobian = self.jacobian_of(measured);
+        jacobian.dot(&(self.p * jacobian))
+    }
+
+    fn jacobian_of(&self, measured: &Measured) -> State {
+        let mut jacobian = State::zeros();
+        let weights = measured.weights();
+        for index in 0..12 {
+            jacobian[parameter(index)] = weights[index];
+        }
+        jacobian[H + 2] = measured.up;
+        if let Some(across) = measured.across {
+            // The turn was level: across its plane is up or down.
+            let field = -across.z * self.x[H + 2];
+            for row in 0..3 {
+                for column in 0..3 {
+                    jacobian[D + 3 * row + column] += measured.bias[row] * across[column] * field;
+                }
+            }
+        }
+        jacobian
+    }
+
+    pub(super) fn learn(&mut self, measured: &Measured) {
+        let jacobian = self.jacobian_of(measured);
+        let told = jacobian.dot(&self.x) + measured.matrix.trace();
+        let cross = self.p * jacobian;
+        let gain = cross / (jacobian.dot(&cross) + measured.variance);
+        self.x += gain * (measured.value - told);
+        self.p -= gain * cross.transpose();
+    }
+}

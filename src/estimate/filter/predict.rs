@@ -1,0 +1,183 @@
+//! The filter's step in time: what turns, what fades, and the process noise.
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use super::{DISTURBED, FORGET_MOVING_S, Filter, Input, USUAL_UNEVENNESS};
+use crate::estimate::covariance::{B, D, E, G, H, M, S, Step};
+
+/// The strongest field anywhere: an iron that is not known yet makes it no stronger.
+const STRONGEST_MGAUSS: f64 = 670.0;
+/// What cross-axis errors of a gyro add to the frame's turn for each radian turned, one standard deviation.
+const GYRO_CROSS: f64 = 0.002;
+/// Angle random walk of the frame, rad/√s: 0.02 °/√s, four times the noise density of an ITG-3200's data sheet.
+const ANGLE_WALK_RAD: f64 = 0.000_35;
+/// Walk of the gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
+const BIAS_WALK_RAD_S: f64 = 0.000_087;
+/// Besides by moving, unevenness is forgotten by turning this far, radians, or by resting this long, seconds: people, doors and lifts
+/// near a board at rest.
+const FORGET_RAD: f64 = 0.52;
+const FORGET_RESTING_S: f64 = 60.0;
+/// Uncertain iron may have absorbed some of the field's unevenness, which is therefore taken for at least this fraction of the iron's
+/// deviation (as a share of the field), up to `USUAL_UNEVENNESS`. At 0 a simulated car that others pass before its first turn learns
+/// wrong iron and is sure of it; at twice the value cars learn later, for nothing.
+const IRON_HIDES: f64 = 0.3;
+/// Least change of the field around a board at rest over `FORGET_RESTING_S`, as a share, however even the place was in motion.
+const RESTING_UNEVENNESS: f64 = 0.01;
+/// After this time in motion the board is at another place, seconds.
+const PLACE_LASTS_S: f64 = 100.0;
+/// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s.
+const FIELD_WALK: f64 = 0.0002;
+const IRON_WALK_MGAUSS: f64 = 0.05;
+/// What the model leaves out is the same whenever the board is in the same attitude, and does not average out by
+/// swinging to and fro: for each radian turned, so much is lost of what is known, as a share of the field, of D's entries.
+const IRON_TURN: f64 = 0.003;
+const MATRIX_TURN: f64 = 0.001;
+/// How much of unusual unevenness is taken for a change of the hard iron, and of the field, while the board turns.
+const IRON_SHARE: f64 = 1.0;
+const FIELD_SHARE: f64 = 0.003;
+/// A still board that has turned by so much, 6°, swings.
+const SWING_RAD: f64 = 0.1;
+
+impl Filter {
+    /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten.
+    pub(super) fn predict(&mut self, input: &Input) -> f64 {
+        let Input {
+            to_frame: r,
+            period_s: dt,
+            still,
+            ..
+        } = *input;
+        let h = self.vector(H);
+        let strength2 = h.norm_squared() + self.trace(H, 3);
+        let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
+        let w = input.turning();
+        let rate = w.norm();
+        let turned_rad = self.turned_rad(input);
+        // The turn that the gyro's errors add to the frame; its tilt is the accelerometer's, if there is one.
+        let mut turn = r * (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
+        let mut by_errors = SMatrix::<f64, 3, 6>::zeros();
+        by_errors.fixed_columns_mut::<3>(0).copy_from(&(r * dt));
+        by_errors
+            .fixed_columns_mut::<3>(3)
+            .copy_from(&(r * Matrix3::from_diagonal(&w) * dt));
+        if input.vertical_known {
+            (turn.x, turn.y) = (0.0, 0.0);
+            by_errors.fixed_rows_mut::<2>(0).fill(0.0);
+        }
+        let length = turned_rad / FORGET_RAD
+            + dt / if still {
+                FORGET_RESTING_S
+            } else {
+                FORGET_MOVING_S
+            };
+        let kept = (-length).exp();
+        let tilt_kept = (-dt / input.tilt_tau_s).exp();
+
+        let step = Step {
+            field: Matrix3::identity() + turn.cross_matrix(),
+            by_gyro: -h.cross_matrix() * by_errors,
+            tilt: tilt_kept,
+            unevenness: kept,
+        };
+        step.carry(&mut self.p);
+        self.x.fixed_rows_mut::<3>(H).copy_from(&(step.field * h));
+        self.x.fixed_rows_mut::<2>(E).scale_mut(tilt_kept);
+        self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
+
+        let uneven = self.unevenness_ahead2(still) * strength2;
+
+        // Process noise. The frame's walk turns h, which is itself uncertain: second order.
+        let walk = ANGLE_WALK_RAD.powi(2) * dt * if still { 0.1 } else { 1.0 }
+            + 2.0 * GYRO_CROSS.powi(2) * turned_rad;
+        let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
+        let axes = if input.vertical_known { 2..3 } else { 0..3 };
+        let uncertain: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
+        let mut noise = Matrix3::zeros();
+        for axis in axes {
+            let lever = r.row(axis) * dt;
+            let drift = (lever * bias * lever.transpose())[0] / dt.max(1e-3);
+            let mut unit = Vector3::zeros();
+            unit[axis] = 1.0;
+            let cross = unit.cross_matrix();
+            let turned = h * h.transpose() * walk + uncertain * (walk + drift);
+            noise += cross * turned * cross.transpose();
+        }
+        let unusual = (self.unevenness2 - USUAL_UNEVENNESS.powi(2)).max(0.0);
+        let turned = 1.0 - (-2.0 * (rate - 0.05).max(0.0) * dt / FORGET_RAD).exp();
+        let moved_iron = unusual * turned * strength2;
+        let moved = if still {
+            0.0
+        } else {
+            (self.place2 * 2.0 / PLACE_LASTS_S + FIELD_WALK.powi(2)) * dt * strength2
+        };
+        let field = moved + FIELD_SHARE * moved_iron;
+        let iron = if still {
+            0.0
+        } else {
+            IRON_WALK_MGAUSS.powi(2) * dt
+        } + IRON_SHARE * moved_iron
+            + IRON_TURN.powi(2) * strength2 * turned_rad;
+        for axis in 0..3 {
+            self.p[(H + axis, H + axis)] += field;
+            self.p[(B + axis, B + axis)] += iron;
+            self.p[(G + axis, G + axis)] += BIAS_WALK_RAD_S.powi(2) * dt;
+            self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * uneven;
+        }
+        let third = 1.0 / 3.0;
+        for entry in 0..9 {
+            for other in 0..9 {
+                let held = match (entry == other, entry % 4 == 0 && other % 4 == 0) {
+                    (true, true) => 1.0 - third,
+                    (true, false) => 1.0,
+                    (false, true) => -third,
+                    (false, false) => continue,
+                };
+                self.p[(D + entry, D + other)] += held * MATRIX_TURN.powi(2) * turned_rad;
+            }
+        }
+        for axis in 0..2 {
+            self.p[(E + axis, E + axis)] +=
+                (1.0 - tilt_kept * tilt_kept) * input.tilt_sd_rad.powi(2);
+        }
+        for row in 0..3 {
+            for column in 0..3 {
+                self.p[(H + row, H + column)] += noise[(row, column)];
+            }
+        }
+        self.strength_mgauss = strength2.sqrt();
+        1.0 - kept
+    }
+
+    /// Variance of the unevenness to come, as a share of the field. Iron near a board at rest is expected to move on: the field
+    /// may change by all that the iron adds, and tells nothing about the frame.
+    fn unevenness_ahead2(&self, still: bool) -> f64 {
+        if !still {
+            let iron2 = self.trace(B, 3) / 3.0 / self.strength_mgauss.powi(2);
+            let hidden2 = (IRON_HIDES.powi(2) * iron2).min(USUAL_UNEVENNESS.powi(2));
+            return self.unevenness2.max(hidden2);
+        }
+        let resting2 = self.unevenness2.max(RESTING_UNEVENNESS.powi(2));
+        let disturbance = self.disturbance();
+        if disturbance > DISTURBED {
+            resting2.max(disturbance.powi(2) / 3.0)
+        } else {
+            resting2
+        }
+    }
+
+    /// How far the board has turned since the sample before, radians. A still board that swings turns in steps: all else that
+    /// its gyro reads is noise, which would add up.
+    fn turned_rad(&mut self, input: &Input) -> f64 {
+        if !input.still {
+            self.lay = input.to_frame;
+            return input.rate_rad_s.norm() * input.period_s;
+        }
+        let cosine = 0.5 * (self.lay.component_mul(&input.to_frame).sum() - 1.0);
+        let turned_rad = cosine.clamp(-1.0, 1.0).acos();
+        if turned_rad < SWING_RAD {
+            return 0.0;
+        }
+        self.lay = input.to_frame;
+        turned_rad
+    }
+}
