@@ -1,9 +1,9 @@
 //! The filter's correction by one sample, and the noise and unevenness that are measured by it.
 
-use nalgebra::{Matrix3, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::{FORGET_MOVING_S, Filter, Input, JITTER_S};
-use crate::estimate::covariance::{B, D, E, H, M, Sensitivity, T, subtract};
+use crate::estimate::covariance::{B, D, E, H, M, N, Sensitivity, T, subtract};
 
 /// Least white noise of a sample, milligauss, and the time over which it is measured, seconds.
 const LEAST_NOISE_MGAUSS: f64 = 1.5;
@@ -36,32 +36,10 @@ impl Filter {
             period_s: dt,
             ..
         } = *input;
-        let w = input.turning();
-        let tilt = Vector3::new(self.x[E], self.x[E + 1], 0.0);
-        let lag = self.x[T] - input.lag_s;
-        let here = self.vector(H) + self.vector(M);
-        let matrix = self.matrix();
-        let body = r.transpose() * (here + tilt.cross(&here));
-        // A field fixed in the frame turns against the board: this is where it was earlier by what `input.lag_s` leaves of the lag.
-        let body_rate = w.cross(&body);
-        let seen = body + body_rate * lag;
-        let by_field = matrix
-            * (Matrix3::identity() + w.cross_matrix() * lag)
-            * r.transpose()
-            * (Matrix3::identity() + tilt.cross_matrix() * self.tilt_worth());
-        let by_tilt = by_field * -here.cross_matrix();
-        let sensitivity = Sensitivity {
-            field: by_field,
-            tilt: [by_tilt.column(0).into(), by_tilt.column(1).into()],
-            lag: matrix * body_rate,
-            row: seen,
-        };
+        let sensitivity = self.sensitivity(input);
         let mut cross = sensitivity.cross(&self.p);
-        let innovation = y - matrix * seen - self.vector(B);
-        // What linearising neglects: products of two uncertain states.
-        let neglected = self.trace(H, 3) * (self.trace(D, 9) / 9.0 + self.trace(E, 2) / 3.0)
-            + w.norm_squared() * self.p[(T, T)] * self.trace(H, 3) / 3.0;
-        let white = self.noise2 + neglected + (w.norm() * JITTER_S * self.strength_mgauss).powi(2);
+        let innovation = y - self.matrix() * sensitivity.row - self.vector(B);
+        let white = self.white_noise2(&input.turning());
         let expected = |cross: &_| sensitivity.squared(cross) + Matrix3::identity() * white;
         let mut s = expected(&cross);
         let Some(mut inverse) = s.try_inverse() else {
@@ -78,22 +56,15 @@ impl Filter {
         self.jumps_mgauss *= (-dt / FORGET_MOVING_S).exp();
         self.odd_mgauss = Vector3::zeros();
         if squared > GATE {
-            // One odd sample is a spike, two alike are a change: of the field here, until turning shows otherwise.
-            let again = self
-                .odd
-                .is_some_and(|odd| (innovation - odd).norm() < 0.5 * innovation.norm());
-            self.odd = Some(innovation);
-            if !again {
-                self.odd_mgauss = r * innovation;
+            if !self.jumps(&innovation, &r) {
                 return;
             }
-            self.jumped = true;
-            self.jumps_mgauss += r * innovation;
+            // It is taken for unevenness of the field here, until turning shows otherwise.
             let jump = innovation.norm_squared();
             for axis in 0..3 {
                 self.p[(M + axis, M + axis)] += jump;
                 let mut row = cross.row_mut(M + axis);
-                row += by_field.column(axis).transpose() * jump;
+                row += sensitivity.field.column(axis).transpose() * jump;
             }
             s = expected(&cross);
             match s.try_inverse() {
@@ -105,7 +76,65 @@ impl Filter {
         }
         let fit = (innovation.transpose() * inverse * innovation)[0] + s.determinant().ln();
         self.log_likelihood -= 0.5 * fit;
-        let gain = cross * inverse;
+        self.update(&(cross * inverse), &cross, &innovation, frozen);
+    }
+
+    /// How the sample depends on the states. What it reads but for the hard iron is `matrix · row`.
+    fn sensitivity(&self, input: &Input) -> Sensitivity {
+        let w = input.turning();
+        let to_body = input.to_frame.transpose();
+        let tilt = Vector3::new(self.x[E], self.x[E + 1], 0.0);
+        let lag = self.x[T] - input.lag_s;
+        let here = self.vector(H) + self.vector(M);
+        let matrix = self.matrix();
+        let body = to_body * (here + tilt.cross(&here));
+        // A field fixed in the frame turns against the board: this is where it was earlier by what `input.lag_s` leaves of the lag.
+        let body_rate = w.cross(&body);
+        let by_field = matrix
+            * (Matrix3::identity() + w.cross_matrix() * lag)
+            * to_body
+            * (Matrix3::identity() + tilt.cross_matrix() * self.tilt_worth());
+        let by_tilt = by_field * -here.cross_matrix();
+        Sensitivity {
+            field: by_field,
+            tilt: [by_tilt.column(0).into(), by_tilt.column(1).into()],
+            lag: matrix * body_rate,
+            row: body + body_rate * lag,
+        }
+    }
+
+    /// Variance of what is white in a sample of a board that turns at this rate, rad/s: noise, jitter, and the products of two
+    /// uncertain states, which linearising neglects. Milligauss².
+    fn white_noise2(&self, rate_rad_s: &Vector3<f64>) -> f64 {
+        let neglected = self.trace(H, 3) * (self.trace(D, 9) / 9.0 + self.trace(E, 2) / 3.0)
+            + rate_rad_s.norm_squared() * self.p[(T, T)] * self.trace(H, 3) / 3.0;
+        let jitter = rate_rad_s.norm() * JITTER_S * self.strength_mgauss;
+        self.noise2 + neglected + jitter.powi(2)
+    }
+
+    /// Takes note of an innovation beyond the gate. Whether the field has jumped: one odd sample is a spike, two alike are a change.
+    fn jumps(&mut self, innovation: &Vector3<f64>, to_frame: &Matrix3<f64>) -> bool {
+        let again = self
+            .odd
+            .is_some_and(|odd| (innovation - odd).norm() < 0.5 * innovation.norm());
+        self.odd = Some(*innovation);
+        if again {
+            self.jumped = true;
+            self.jumps_mgauss += to_frame * innovation;
+        } else {
+            self.odd_mgauss = to_frame * innovation;
+        }
+        again
+    }
+
+    /// x ← x + K ν, P ← P − K Cᵀ. With `frozen`, bias, matrix and their covariance stay.
+    fn update(
+        &mut self,
+        gain: &SMatrix<f64, N, 3>,
+        cross: &SMatrix<f64, N, 3>,
+        innovation: &Vector3<f64>,
+        frozen: bool,
+    ) {
         let kept = frozen.then(|| {
             let bias = self.vector(B);
             let rows: SVector<f64, 9> = self.x.fixed_rows::<9>(D).into();
@@ -113,10 +142,10 @@ impl Filter {
         });
         let before = self.vector(H);
         self.x += gain * innovation;
-        if input.still {
+        if self.still {
             self.keep_strength_and_dip(&before);
         }
-        subtract(&mut self.p, &gain, &cross);
+        subtract(&mut self.p, gain, cross);
         if let Some((bias, rows, covariance)) = kept {
             self.x.fixed_rows_mut::<3>(B).copy_from(&bias);
             self.x.fixed_rows_mut::<9>(D).copy_from(&rows);

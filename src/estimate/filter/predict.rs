@@ -51,7 +51,6 @@ impl Filter {
         let strength2 = h.norm_squared() + self.trace(H, 3);
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
         let w = input.turning();
-        let rate = w.norm();
         let turned_rad = self.turned_rad(input);
         // The turn that the gyro's errors add to the frame; its tilt is the accelerometer's, if there is one.
         let mut turn = r * (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
@@ -85,16 +84,35 @@ impl Filter {
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
 
         let uneven = self.unevenness_ahead2(still) * strength2;
+        let turned = self.frame_noise(input, &h, turned_rad);
+        self.add_walks(input, strength2, turned_rad);
+        for axis in 0..3 {
+            self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * uneven;
+        }
+        for axis in 0..2 {
+            self.p[(E + axis, E + axis)] +=
+                (1.0 - tilt_kept * tilt_kept) * input.tilt_sd_rad.powi(2);
+        }
+        for row in 0..3 {
+            for column in 0..3 {
+                self.p[(H + row, H + column)] += turned[(row, column)];
+            }
+        }
+        self.strength_mgauss = strength2.sqrt();
+        1.0 - kept
+    }
 
-        // Process noise. The frame's walk turns h, which is itself uncertain: second order.
-        let walk = ANGLE_WALK_RAD.powi(2) * dt * if still { 0.1 } else { 1.0 }
+    /// Covariance that the frame's walk adds to the field, which it turns. The field is itself uncertain: second order.
+    fn frame_noise(&self, input: &Input, h: &Vector3<f64>, turned_rad: f64) -> Matrix3<f64> {
+        let dt = input.period_s;
+        let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.still { 0.1 } else { 1.0 }
             + 2.0 * GYRO_CROSS.powi(2) * turned_rad;
         let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
         let axes = if input.vertical_known { 2..3 } else { 0..3 };
         let uncertain: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
         let mut noise = Matrix3::zeros();
         for axis in axes {
-            let lever = r.row(axis) * dt;
+            let lever = input.to_frame.row(axis) * dt;
             let drift = (lever * bias * lever.transpose())[0] / dt.max(1e-3);
             let mut unit = Vector3::zeros();
             unit[axis] = 1.0;
@@ -102,27 +120,30 @@ impl Filter {
             let turned = h * h.transpose() * walk + uncertain * (walk + drift);
             noise += cross * turned * cross.transpose();
         }
+        noise
+    }
+
+    /// Adds the walks of field, hard iron, matrix and gyro bias.
+    fn add_walks(&mut self, input: &Input, strength2: f64, turned_rad: f64) {
+        let dt = input.period_s;
         let unusual = (self.unevenness2 - USUAL_UNEVENNESS.powi(2)).max(0.0);
+        let rate = input.turning().norm();
         let turned = 1.0 - (-2.0 * (rate - 0.05).max(0.0) * dt / FORGET_RAD).exp();
         let moved_iron = unusual * turned * strength2;
-        let moved = if still {
-            0.0
+        let (moved, iron_walk) = if input.still {
+            (0.0, 0.0)
         } else {
-            (self.place2 * 2.0 / PLACE_LASTS_S + FIELD_WALK.powi(2)) * dt * strength2
+            let place = (self.place2 * 2.0 / PLACE_LASTS_S + FIELD_WALK.powi(2)) * dt * strength2;
+            (place, IRON_WALK_MGAUSS.powi(2) * dt)
         };
         let field = moved + FIELD_SHARE * moved_iron;
-        let iron = if still {
-            0.0
-        } else {
-            IRON_WALK_MGAUSS.powi(2) * dt
-        } + IRON_SHARE * moved_iron
-            + IRON_TURN.powi(2) * strength2 * turned_rad;
+        let iron = iron_walk + IRON_SHARE * moved_iron + IRON_TURN.powi(2) * strength2 * turned_rad;
         for axis in 0..3 {
             self.p[(H + axis, H + axis)] += field;
             self.p[(B + axis, B + axis)] += iron;
             self.p[(G + axis, G + axis)] += BIAS_WALK_RAD_S.powi(2) * dt;
-            self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * uneven;
         }
+        // D's trace is held.
         let third = 1.0 / 3.0;
         for entry in 0..9 {
             for other in 0..9 {
@@ -135,17 +156,6 @@ impl Filter {
                 self.p[(D + entry, D + other)] += held * MATRIX_TURN.powi(2) * turned_rad;
             }
         }
-        for axis in 0..2 {
-            self.p[(E + axis, E + axis)] +=
-                (1.0 - tilt_kept * tilt_kept) * input.tilt_sd_rad.powi(2);
-        }
-        for row in 0..3 {
-            for column in 0..3 {
-                self.p[(H + row, H + column)] += noise[(row, column)];
-            }
-        }
-        self.strength_mgauss = strength2.sqrt();
-        1.0 - kept
     }
 
     /// Variance of the unevenness to come, as a share of the field. Iron near a board at rest is expected to move on: the field
