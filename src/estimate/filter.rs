@@ -9,11 +9,11 @@
 //!
 //! | state | what it is | changes by |
 //! |---|---|---|
-//! | h | field in the frame, milligauss; its azimuth is north | the gyro's errors, which turn the frame |
+//! | h | field in the frame, milligauss; its azimuth is north | the gyro's errors, which turn the frame; a slow walk, and from place to place |
 //! | ε | tilt error of the frame, two angles, radians | acceleration: forgotten over the time constant of the tilt |
-//! | b | hard iron, body axes, milligauss | a slow walk |
-//! | m | unevenness of the field here, in the frame, milligauss | forgotten by turning and moving |
-//! | D | soft iron, scale factors and rotation between the chips; trace held at 3 | nothing |
+//! | b | hard iron, body axes, milligauss | a slow walk, and by turning |
+//! | m | unevenness of the field here, in the frame, milligauss | forgotten by turning and moving, and slowly at rest |
+//! | D | soft iron, scale factors and rotation between the chips; trace held at 3; the state has D − I, row by row | turning |
 //! | T | lag of the magnetometer behind the gyro, seconds | nothing |
 //! | G | what is left of the gyro's bias, body axes, rad/s | a slow walk |
 //! | S | scale error of each axis of the gyro | nothing |
@@ -35,11 +35,12 @@ mod predict;
 
 type State = SVector<f64, N>;
 
-/// Bias to expect of a gyro after its filter has had its say, rad/s: data sheets allow ±5 to ±40°/s before it.
+/// Bias to expect of a gyro after the attitude has removed what it has learnt of it, rad/s (2°/s): data sheets allow ±5 to ±40°/s
+/// before.
 const GYRO_BIAS_RAD_S: f64 = 0.035;
 /// Scale error to expect on an axis of a gyro; data sheets: 1 to 3 % at most.
 const GYRO_SCALE: f64 = 0.01;
-/// Lag to expect of a magnetometer, seconds: half its period and some filtering; 16 ms on a real recorder.
+/// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering; 16 ms on a real recorder.
 const LAG_S: f64 = 0.015;
 /// A gyro at rest reads its bias within this over one second, rad/s (0.3°/s).
 const REST_RATE_RAD_S: f64 = 0.0052;
@@ -47,11 +48,12 @@ const REST_RATE_RAD_S: f64 = 0.0052;
 const JITTER_S: f64 = 0.002;
 /// White noise of a sample at first, milligauss; then it is measured.
 const NOISE_MGAUSS: f64 = 7.0;
-/// Tilt error of the frame, radians.
+/// Tilt error of the frame until the attitude states its own, radians.
 const TILT_RAD: f64 = 0.012;
 /// Unevenness of the field at first, as a share of it.
 const FIRST_UNEVENNESS: f64 = 0.035;
-/// Unevenness of usual places: more than that, while the board turns, is iron that came to stay on the board.
+/// Unevenness of usual places, as a share of the field: rooms have 1 to 2 % over half a metre. More than that, while the board turns,
+/// is iron that came to stay on the board.
 const USUAL_UNEVENNESS: f64 = 0.015;
 /// A disturbance by this share of the field is no place's unevenness: four deviations.
 const DISTURBED: f64 = 4.0 * USUAL_UNEVENNESS;
@@ -94,8 +96,8 @@ pub(super) struct Input {
 }
 
 impl Input {
-    /// How the board turns, body axes, rad/s. What the gyro of a still board reads is noise, and the same noise is in the
-    /// frame: a lag would be learnt from it.
+    /// Angular rate of the board, body axes, rad/s; 0 while it is still. The gyro then reads only noise, which is in `to_frame` too:
+    /// the correlation would bias the lag.
     fn turning(&self) -> Vector3<f64> {
         if self.still {
             Vector3::zeros()
@@ -115,7 +117,7 @@ pub(super) struct Filter {
     /// The frame when the first sample came.
     first: Option<Matrix3<f64>>,
     vertical_known: bool,
-    /// Expected strength of the field, milligauss.
+    /// Root mean square of what the field's strength may be, milligauss.
     strength_mgauss: f64,
     /// What a turn has measured, until there is a field to go with it.
     measured: Vec<Measured>,
@@ -142,7 +144,7 @@ impl Filter {
     pub(super) fn new(prior: &Prior) -> Self {
         let mut x = State::zeros();
         let mut p = Covariance::zeros();
-        // What is off under a calibration is the place; without one, it may be anything.
+        // With a calibration only the field here is in doubt; without one the model may be wrong too.
         let calibrated = prior.strength_mgauss.is_some() || !prior.measured.is_empty();
         let unevenness = if calibrated {
             USUAL_UNEVENNESS
@@ -315,7 +317,8 @@ impl Filter {
         }
     }
 
-    /// Once the board has turned a little, the state begins with half of the field taken for iron.
+    /// Begins the state: at once if the iron is known or measured, else once the board has turned a little, with half of the field
+    /// taken for iron.
     fn begin(&mut self, input: &Input) -> bool {
         let first = *self.first.get_or_insert(input.to_frame);
         let known = self.iron_known_within(FIELD_MGAUSS);

@@ -8,19 +8,19 @@ use crate::estimate::covariance::{B, D, E, H, M, N, Sensitivity, T, subtract};
 /// Least white noise of a sample, milligauss, and the time over which it is measured, seconds.
 const LEAST_NOISE_MGAUSS: f64 = 1.5;
 const NOISE_TAU_S: f64 = 2.0;
-/// Least unevenness of the field, as a share of it. Rooms have 1 to 2 % over half a metre.
+/// Least unevenness of the field, as a share of it.
 const LEAST_UNEVENNESS: f64 = 0.004;
-/// It is measured over so many of the lengths in which it is forgotten: quickly when it grows, slowly when it shrinks.
+/// It is measured over so many of the lengths in which it is forgotten, when it grows and when it shrinks.
 const LENGTHS_UP: f64 = 3.0;
 const LENGTHS_DOWN: f64 = 4.0;
-/// The place as a whole is off by as much as it is uneven: at least and at most, as a share of the field, measured over this time, seconds.
+/// Offset of the place as a whole: at least and at most, as a share of the field, and the time over which it is measured, seconds.
 const LEAST_PLACE: f64 = 0.004;
 const MOST_PLACE: f64 = 0.02;
 const PLACE_TAU_S: f64 = 60.0;
 /// A place differs from the next by less than the field does within it: half of the variance.
 const PLACE_SHARE: f64 = 0.5;
-/// The filter observes the tilt error only through the vertical field, so the tilt error may correct the field only as far as the
-/// vertical field is known: by half if the deviation of the vertical field is this share of it, and not at all at the magnetic
+/// The filter observes the tilt error mostly through the vertical field, so in the Jacobian the tilt error may correct the field only as
+/// far as the vertical field is known: by half if the deviation of the vertical field is this share of it, and not at all at the magnetic
 /// equator. Without this limit a car's first turns converge to a wrong vertical field and a tilt that matches it. With half the value
 /// a car that turns fast learns the vertical field too late to be sure of its heading.
 const VERTICAL_KNOWN: f64 = 0.0625;
@@ -47,7 +47,7 @@ impl Filter {
         };
         let squared = (innovation.transpose() * inverse * innovation)[0];
         self.measure_noise(&innovation, dt);
-        // A field that changes over a board at rest says nothing of what is known: the gyro carries the heading.
+        // At rest a large innovation means that the surroundings have changed; it does not test what is known.
         if !input.still {
             let now = (squared / 3.0).min(50.0);
             self.consistency += (dt / 2.0).min(1.0) * (now - self.consistency);
@@ -88,7 +88,7 @@ impl Filter {
         let here = self.vector(H) + self.vector(M);
         let matrix = self.matrix();
         let body = to_body * (here + tilt.cross(&here));
-        // A field fixed in the frame turns against the board: this is where it was earlier by what `input.lag_s` leaves of the lag.
+        // First order in what `input.lag_s` leaves of the lag: the field in body axes when the magnetometer measured.
         let body_rate = w.cross(&body);
         let by_field = matrix
             * (Matrix3::identity() + w.cross_matrix() * lag)
@@ -153,7 +153,7 @@ impl Filter {
         }
     }
 
-    /// How far the estimated tilt error may correct the field, 0 to 1. There is no limit if the vertical is unknown.
+    /// How far the estimated tilt error may correct the field in the Jacobian, 0 to 1. There is no limit if the vertical is unknown.
     fn tilt_worth(&self) -> f64 {
         if !self.vertical_known {
             return 1.0;
@@ -162,11 +162,11 @@ impl Filter {
         known2 / (known2 + self.p[(H + 2, H + 2)]).max(f64::MIN_POSITIVE)
     }
 
-    /// A board at rest does not see how strong or how steep the field is, only how the frame drifts. Its attitude's noise is in the
-    /// innovation and in its sensitivity; their product does not average out, and would bend h by a tenth in some hours.
+    /// At rest only the drift of the frame is observable. The attitude's noise is in the innovation and in the Jacobian; the correlation
+    /// would bias h by a tenth in some hours. So strength and dip stay, or the strength alone where the vertical is unknown.
     fn keep_strength_and_dip(&mut self, before: &Vector3<f64>) {
         let field = self.vector(H);
-        // Below 1 mG the direction is noise: the length stays as it is.
+        // Below 1 mG the direction is noise: the length is not restored.
         let scale = |old: f64, new: f64| if new > 1.0 { old / new } else { 1.0 };
         let kept = if self.vertical_known {
             let level = field.xy() * scale(before.xy().norm(), field.xy().norm());

@@ -89,7 +89,7 @@ impl Filter {
         covariance
     }
 
-    /// Expected strength of the field, milligauss.
+    /// Estimated strength of the field, milligauss.
     pub(in crate::estimate) fn strength_mgauss(&self) -> f64 {
         self.vector(H).norm()
     }
@@ -131,7 +131,7 @@ impl Filter {
         self.jumps_mgauss + self.odd_mgauss
     }
 
-    /// Sum of the log-likelihoods of the samples taken.
+    /// Sum of the log-likelihoods of the samples taken, but for the constant that each has.
     pub(in crate::estimate) fn log_likelihood(&self) -> f64 {
         self.log_likelihood
     }
@@ -154,7 +154,7 @@ impl Filter {
         left.m11 > 0.0 && left.m11 * left.m22 > left.m12 * left.m21 && left.determinant() > 0.0
     }
 
-    /// Covariance of one corrected sample: parameters, unevenness and noise, milligauss².
+    /// Covariance of one raw sample whose corrected field is this: parameters, unevenness, place and noise, milligauss².
     pub(in crate::estimate) fn sample_covariance(&self, corrected: &Vector3<f64>) -> Matrix3<f64> {
         let mut jacobian = SMatrix::<f64, 3, 12>::zeros();
         jacobian

@@ -5,8 +5,8 @@ use crate::estimate::covariance::{D, H};
 use crate::estimate::prior::Measured;
 
 impl Filter {
-    /// Puts what a turn has measured in the place of what was known of it. The samples of the turn have been used
-    /// before, so nothing is multiplied.
+    /// Replaces what was known of what a turn has measured. The filter has used these samples before, so it first forgets what they taught:
+    /// they do not count twice.
     pub(in crate::estimate) fn replace(&mut self, measured: &[Measured], input: &Input) {
         for one in measured {
             let weights = one.weights();
@@ -40,7 +40,7 @@ impl Filter {
         }
         jacobian[H + 2] = measured.up;
         if let Some(across) = measured.across {
-            // The turn was level: across its plane is up or down.
+            // The turn was level: the normal of its plane is vertical. Body Z points down where the frame's Z points up.
             let field = -across.z * self.x[H + 2];
             for row in 0..3 {
                 for column in 0..3 {

@@ -5,34 +5,34 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::{DISTURBED, FORGET_MOVING_S, Filter, Input, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, G, H, M, S, Step};
 
-/// The strongest field anywhere: an iron that is not known yet makes it no stronger.
+/// Upper limit of the expected strength, the strongest field on earth: uncertain iron makes the field uncertain, not stronger.
 const STRONGEST_MGAUSS: f64 = 670.0;
-/// What cross-axis errors of a gyro add to the frame's turn for each radian turned, one standard deviation.
+/// Walk of the frame by a gyro's cross-axis errors, one standard deviation, radians per √rad turned.
 const GYRO_CROSS: f64 = 0.002;
-/// Angle random walk of the frame, rad/√s: 0.02 °/√s, four times the noise density of an ITG-3200's data sheet.
+/// Angle random walk of the frame, rad/√s (0.02 °/√s): data sheets state noise densities of 0.005 (MPU-6050) to 0.03 °/s/√Hz
+/// (ITG-3200).
 const ANGLE_WALK_RAD: f64 = 0.000_35;
 /// Walk of the gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
 const BIAS_WALK_RAD_S: f64 = 0.000_087;
-/// Besides by moving, unevenness is forgotten by turning this far, radians, or by resting this long, seconds: people, doors and lifts
-/// near a board at rest.
+/// Unevenness is forgotten by turning this far, radians, and at rest, where people, doors and lifts move nearby, in this time, seconds.
 const FORGET_RAD: f64 = 0.52;
 const FORGET_RESTING_S: f64 = 60.0;
-/// Uncertain iron may have absorbed some of the field's unevenness, which is therefore taken for at least this fraction of the iron's
-/// deviation (as a share of the field), up to `USUAL_UNEVENNESS`. At 0 a simulated car that others pass before its first turn learns
+/// Uncertain iron may have absorbed some of the field's unevenness. While the board moves, the unevenness is therefore taken for at least
+/// this fraction of the iron's deviation (both as shares of the field), but for no more than `USUAL_UNEVENNESS`. At 0 a simulated car that others pass before its first turn learns
 /// wrong iron and is sure of it; at twice the value cars learn later, for nothing.
 const IRON_HIDES: f64 = 0.3;
-/// Least change of the field around a board at rest over `FORGET_RESTING_S`, as a share, however even the place was in motion.
+/// Least unevenness at rest, as a share of the field, even if less was measured in motion.
 const RESTING_UNEVENNESS: f64 = 0.01;
 /// After this time in motion the board is at another place, seconds.
 const PLACE_LASTS_S: f64 = 100.0;
 /// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s.
 const FIELD_WALK: f64 = 0.0002;
 const IRON_WALK_MGAUSS: f64 = 0.05;
-/// What the model leaves out is the same whenever the board is in the same attitude, and does not average out by
-/// swinging to and fro: for each radian turned, so much is lost of what is known, as a share of the field, of D's entries.
+/// What the model leaves out is the same whenever the board is in the same attitude, and does not average out by swinging to and fro.
+/// So iron and matrix walk by turning: the iron by this share of the field per √rad, each entry of D by this much per √rad.
 const IRON_TURN: f64 = 0.003;
 const MATRIX_TURN: f64 = 0.001;
-/// How much of unusual unevenness is taken for a change of the hard iron, and of the field, while the board turns.
+/// Shares of the variance of unusual unevenness that a change of the hard iron, and of the field, may have caused while the board turns.
 const IRON_SHARE: f64 = 1.0;
 const FIELD_SHARE: f64 = 0.003;
 /// A still board that has turned by so much, 6°, swings.
@@ -52,7 +52,7 @@ impl Filter {
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
         let w = input.turning();
         let turned_rad = self.turned_rad(input);
-        // The turn that the gyro's errors add to the frame; its tilt is the accelerometer's, if there is one.
+        // The turn that the gyro's errors add to the frame. If the vertical is known, the accelerometer holds the tilt.
         let mut turn = r * (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
         let mut by_errors = SMatrix::<f64, 3, 6>::zeros();
         by_errors.fixed_columns_mut::<3>(0).copy_from(&(r * dt));
@@ -102,7 +102,8 @@ impl Filter {
         1.0 - kept
     }
 
-    /// Covariance that the frame's walk adds to the field, which it turns. The field is itself uncertain: second order.
+    /// Covariance that the frame's walk adds to the field, which it turns: to first order by the field, to second order by its covariance.
+    /// There the drift of an uncertain gyro bias counts as a walk, as though it changed every second.
     fn frame_noise(&self, input: &Input, h: &Vector3<f64>, turned_rad: f64) -> Matrix3<f64> {
         let dt = input.period_s;
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.still { 0.1 } else { 1.0 }
@@ -158,8 +159,8 @@ impl Filter {
         }
     }
 
-    /// Variance of the unevenness to come, as a share of the field. Iron near a board at rest is expected to move on: the field
-    /// may change by all that the iron adds, and tells nothing about the frame.
+    /// Variance of the unevenness to come on each axis, as a share of the field. Iron near a board at rest may move on: the variance covers
+    /// all that the iron adds, so that the change is not taken for drift of the frame.
     fn unevenness_ahead2(&self, still: bool) -> f64 {
         if !still {
             let iron2 = self.trace(B, 3) / 3.0 / self.strength_mgauss.powi(2);
