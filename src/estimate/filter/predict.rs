@@ -17,9 +17,10 @@ const BIAS_WALK_RAD_S: f64 = 0.000_087;
 /// Unevenness is forgotten by turning this far, radians, and at rest, where people, doors and lifts move nearby, in this time, seconds.
 const FORGET_RAD: f64 = 0.52;
 const FORGET_RESTING_S: f64 = 60.0;
-/// Uncertain iron may have absorbed some of the field's unevenness. While the board moves, the unevenness is therefore taken for at least
-/// this fraction of the iron's deviation (both as shares of the field), but for no more than `USUAL_UNEVENNESS`. At 0 a simulated car that others pass before its first turn learns
-/// wrong iron and is sure of it; at twice the value cars learn later, for nothing.
+/// Uncertain iron may have absorbed some of the field's unevenness. While the board moves, the unevenness is therefore taken for at
+/// least this fraction of the iron's deviation (both as shares of the field), but for no more than `USUAL_UNEVENNESS`. At 0 a
+/// simulated car that others pass before its first turn learns wrong iron and is sure of it; at twice the value cars learn later,
+/// for nothing.
 const IRON_HIDES: f64 = 0.3;
 /// Least unevenness at rest, as a share of the field, even if less was measured in motion.
 const RESTING_UNEVENNESS: f64 = 0.01;
