@@ -20,8 +20,8 @@
 //!
 //! The trace of D is held since only the product of D and h can be seen.
 //!
-//! This file has how the state begins and begins anew, `filter/predict.rs` its step in time, `filter/correct.rs` the correction by a
-//! sample, `filter/measured.rs` the result of a full turn, and `filter/known.rs` what it tells.
+//! This file starts and restarts the state, `filter/predict.rs` carries it on in time, `filter/correct.rs` corrects it by a sample,
+//! `filter/measured.rs` puts in the result of a full turn, and `filter/known.rs` answers what is known.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -168,15 +168,7 @@ impl Filter {
         p[(T, T)] = LAG_S * LAG_S;
         x.fixed_rows_mut::<3>(B).copy_from(&prior.bias_mgauss);
         x.fixed_rows_mut::<9>(D).copy_from(&prior.matrix_rows());
-        p.fixed_view_mut::<3, 3>(B, B)
-            .copy_from(&prior.covariance.fixed_view::<3, 3>(0, 0));
-        p.fixed_view_mut::<3, 9>(B, D)
-            .copy_from(&prior.covariance.fixed_view::<3, 9>(0, 3));
-        p.fixed_view_mut::<9, 3>(D, B)
-            .copy_from(&prior.covariance.fixed_view::<9, 3>(3, 0));
-        p.fixed_view_mut::<9, 9>(D, D)
-            .copy_from(&prior.covariance.fixed_view::<9, 9>(3, 3));
-        Self {
+        let mut filter = Self {
             x,
             p,
             begun: false,
@@ -196,7 +188,9 @@ impl Filter {
             lay: Matrix3::identity(),
             log_likelihood: 0.0,
             consistency: 1.0,
-        }
+        };
+        filter.put_parameter_covariance(&prior.covariance);
+        filter
     }
 
     /// The gyro's filter has changed its own bias by this much, body axes, rad/s: what is left changes the other way.
@@ -248,11 +242,7 @@ impl Filter {
         let corrected = inverse * (input.field_mgauss - self.vector(B));
         let field = turn * corrected;
         self.clear(H, 5);
-        self.clear(M, 3);
-        let unevenness = self.unevenness2 * self.strength_mgauss.powi(2);
-        for axis in 0..3 {
-            self.p[(M + axis, M + axis)] = unevenness;
-        }
+        self.restart_unevenness();
         for axis in 0..2 {
             self.p[(E + axis, E + axis)] = input.tilt_sd_rad.powi(2);
         }
@@ -296,12 +286,18 @@ impl Filter {
     /// even as places are.
     pub(super) fn doubt_iron(&mut self) {
         let disturbance = self.vector(M).norm() + 0.1 * self.strength_mgauss;
-        self.clear(M, 3);
         self.unevenness2 = USUAL_UNEVENNESS.powi(2);
-        let unevenness = self.unevenness2 * self.strength_mgauss.powi(2);
+        self.restart_unevenness();
         for axis in 0..3 {
-            self.p[(M + axis, M + axis)] = unevenness;
             self.p[(B + axis, B + axis)] += disturbance * disturbance;
+        }
+    }
+
+    /// Forgets the unevenness of the field here, but for how large it is.
+    fn restart_unevenness(&mut self) {
+        self.clear(M, 3);
+        for axis in 0..3 {
+            self.p[(M + axis, M + axis)] = self.unevenness2 * self.strength_mgauss.powi(2);
         }
     }
 
@@ -353,6 +349,11 @@ impl Filter {
 
     fn vector(&self, at: usize) -> Vector3<f64> {
         self.x.fixed_rows::<3>(at).into()
+    }
+
+    /// The tilt error, a rotation vector in the frame, radians.
+    fn tilt_rad(&self) -> Vector3<f64> {
+        Vector3::new(self.x[E], self.x[E + 1], 0.0)
     }
 
     fn trace(&self, at: usize, count: usize) -> f64 {

@@ -45,7 +45,7 @@ impl Filter {
         let Some(mut inverse) = s.try_inverse() else {
             return;
         };
-        let squared = (innovation.transpose() * inverse * innovation)[0];
+        let mut squared = (innovation.transpose() * inverse * innovation)[0];
         self.measure_noise(&innovation, dt);
         // At rest a large innovation means that the surroundings have changed; it does not test what is known.
         if !input.still {
@@ -56,7 +56,7 @@ impl Filter {
         self.jumps_mgauss *= (-dt / FORGET_MOVING_S).exp();
         self.odd_mgauss = Vector3::zeros();
         if squared > GATE {
-            if !self.jumps(&innovation, &r) {
+            if !self.record_odd(&innovation, &r) {
                 return;
             }
             // It is taken for unevenness of the field here, until turning shows otherwise.
@@ -71,19 +71,19 @@ impl Filter {
                 Some(found) => inverse = found,
                 None => return,
             }
+            squared = (innovation.transpose() * inverse * innovation)[0];
         } else {
             self.odd = None;
         }
-        let fit = (innovation.transpose() * inverse * innovation)[0] + s.determinant().ln();
-        self.log_likelihood -= 0.5 * fit;
+        self.log_likelihood -= 0.5 * (squared + s.determinant().ln());
         self.update(&(cross * inverse), &cross, &innovation, frozen);
     }
 
-    /// How the sample depends on the states. What it reads but for the hard iron is `matrix · row`.
+    /// How the sample depends on the states. The predicted sample is `matrix · row + bias`.
     fn sensitivity(&self, input: &Input) -> Sensitivity {
         let w = input.turning();
         let to_body = input.to_frame.transpose();
-        let tilt = Vector3::new(self.x[E], self.x[E + 1], 0.0);
+        let tilt = self.tilt_rad();
         let lag = self.x[T] - input.lag_s;
         let here = self.vector(H) + self.vector(M);
         let matrix = self.matrix();
@@ -112,8 +112,8 @@ impl Filter {
         self.noise2 + neglected + jitter.powi(2)
     }
 
-    /// Takes note of an innovation beyond the gate. Whether the field has jumped: one odd sample is a spike, two alike are a change.
-    fn jumps(&mut self, innovation: &Vector3<f64>, to_frame: &Matrix3<f64>) -> bool {
+    /// Records an innovation beyond the gate. Returns whether the field has jumped: one odd sample is a spike, two alike are a change.
+    fn record_odd(&mut self, innovation: &Vector3<f64>, to_frame: &Matrix3<f64>) -> bool {
         let again = self
             .odd
             .is_some_and(|odd| (innovation - odd).norm() < 0.5 * innovation.norm());

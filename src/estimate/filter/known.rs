@@ -44,7 +44,7 @@ impl Filter {
     pub(in crate::estimate) fn north(&self) -> SeenNorth {
         SeenNorth {
             field: self.vector(H),
-            tilt_rad: Vector3::new(self.x[E], self.x[E + 1], 0.0),
+            tilt_rad: self.tilt_rad(),
             field_covariance: self.field_covariance(),
             tilt_covariance: self.p.fixed_view::<2, 2>(E, E).into(),
             cross: self.p.fixed_view::<3, 2>(H, E).into(),

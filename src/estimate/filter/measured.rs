@@ -5,8 +5,8 @@ use crate::estimate::covariance::{D, H};
 use crate::estimate::prior::Measured;
 
 impl Filter {
-    /// Replaces what was known of what a turn has measured. The filter has used these samples before, so it first forgets what they taught:
-    /// they do not count twice.
+    /// Replaces the parameters that a turn has measured. The filter has already used these samples, so it first forgets what it knew of
+    /// these parameters: no sample counts twice.
     pub(in crate::estimate) fn replace(&mut self, measured: &[Measured], input: &Input) {
         for one in measured {
             let weights = one.weights();
@@ -51,6 +51,7 @@ impl Filter {
         jacobian
     }
 
+    /// Updates the state by one sum of parameters that a turn has measured.
     pub(super) fn learn(&mut self, measured: &Measured) {
         let jacobian = self.jacobian_of(measured);
         let told = jacobian.dot(&self.x) + measured.matrix.trace();

@@ -52,7 +52,7 @@ impl Filter {
         let strength2 = h.norm_squared() + self.trace(H, 3);
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
         let w = input.turning();
-        let turned_rad = self.turned_rad(input);
+        let turned_rad = self.turned_since_last(input);
         // The turn that the gyro's errors add to the frame. If the vertical is known, the accelerometer holds the tilt.
         let mut turn = r * (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
         let mut by_errors = SMatrix::<f64, 3, 6>::zeros();
@@ -85,7 +85,7 @@ impl Filter {
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
 
         let uneven = self.unevenness_ahead2(still) * strength2;
-        let turned = self.frame_noise(input, &h, turned_rad);
+        let noise = self.frame_noise(input, &h, turned_rad);
         self.add_walks(input, strength2, turned_rad);
         for axis in 0..3 {
             self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * uneven;
@@ -94,17 +94,14 @@ impl Filter {
             self.p[(E + axis, E + axis)] +=
                 (1.0 - tilt_kept * tilt_kept) * input.tilt_sd_rad.powi(2);
         }
-        for row in 0..3 {
-            for column in 0..3 {
-                self.p[(H + row, H + column)] += turned[(row, column)];
-            }
-        }
+        let mut field = self.p.fixed_view_mut::<3, 3>(H, H);
+        field += noise;
         self.strength_mgauss = strength2.sqrt();
         1.0 - kept
     }
 
     /// Covariance that the frame's walk adds to the field, which it turns: to first order by the field, to second order by its covariance.
-    /// There the drift of an uncertain gyro bias counts as a walk, as though it changed every second.
+    /// To second order the drift by an uncertain gyro bias counts as a walk, as though the bias changed every second.
     fn frame_noise(&self, input: &Input, h: &Vector3<f64>, turned_rad: f64) -> Matrix3<f64> {
         let dt = input.period_s;
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.still { 0.1 } else { 1.0 }
@@ -179,7 +176,7 @@ impl Filter {
 
     /// How far the board has turned since the sample before, radians. A still board that swings turns in steps: all else that
     /// its gyro reads is noise, which would add up.
-    fn turned_rad(&mut self, input: &Input) -> f64 {
+    fn turned_since_last(&mut self, input: &Input) -> f64 {
         if !input.still {
             self.lay = input.to_frame;
             return input.rate_rad_s.norm() * input.period_s;
