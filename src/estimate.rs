@@ -15,6 +15,7 @@ use crate::calibration::model::Calibration;
 use crate::frame::Mounting;
 use crate::true_north::EarthField;
 
+mod checkpoint;
 mod covariance;
 mod filter;
 mod fix;
@@ -27,6 +28,7 @@ mod level;
 mod place;
 mod prior;
 
+use checkpoint::Checkpoint;
 use filter::{Filter, Input};
 use gyro_check::GyroCheck;
 pub use gyro_check::GyroFault;
@@ -122,6 +124,7 @@ pub struct Estimate {
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
     suspended: Option<Suspended>,
+    checkpoint: Option<Checkpoint>,
     iron: IronWatch,
     disturbed_s: f64,
     replaced: bool,
@@ -144,6 +147,7 @@ impl Estimate {
             gyro: GyroCheck::default(),
             proven: None,
             suspended: None,
+            checkpoint: None,
             iron: IronWatch::default(),
             disturbed_s: 0.0,
             replaced: false,
@@ -191,6 +195,7 @@ impl Estimate {
         let lost = std::mem::take(&mut self.lost) || sample.pose.stretch != before.pose.stretch;
         if lost {
             self.gyro.lose_frame();
+            self.checkpoint = None;
         }
         let checked = (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter);
         let right = self.gyro.take(&input, checked);
@@ -290,6 +295,7 @@ impl Estimate {
         self.last = None;
         self.lost = true;
         self.rival = None;
+        self.checkpoint = None;
     }
 
     /// Whether the active filter has been replaced by its rival since this was last asked.
@@ -364,6 +370,8 @@ impl Estimate {
             .filter(|one| one.matrix == Matrix3::zeros())
             .all(|one| one.variance < self.active.variance_of(one));
         turned.replace(&measured, &input);
+        // To go back would undo the turn.
+        self.checkpoint = None;
         if better {
             self.kept = Some(*calibration);
             self.proven = None;

@@ -37,7 +37,7 @@ use crate::reading::Reading;
 use crate::true_north::EarthField;
 use crate::turn::{self, Turn, TurnDetector};
 use learn::Learning;
-use saturation::Saturation;
+use saturation::{Saturation, Suspicion};
 
 pub use motion::MotionMeasures;
 pub use settings::Settings;
@@ -261,7 +261,12 @@ impl Pipeline {
         if reading.t_s < last_s || !reading.t_s.is_finite() {
             return;
         }
-        let reading = &self.saturation.filter(&self.outliers.filter(reading));
+        let (reading, suspicion) = &self.saturation.filter(&self.outliers.filter(reading));
+        match suspicion {
+            Suspicion::None => self.estimate.drop_checkpoint(),
+            Suspicion::Suspected => self.estimate.set_checkpoint(),
+            Suspicion::Saturated => self.estimate.go_back(),
+        }
         self.watch(reading);
         self.readings_s = Some((first_s, reading.t_s));
         self.now_s = reading.t_s;

@@ -209,6 +209,13 @@ impl Filter {
         }
     }
 
+    /// Carries the state on to a sample that is no measurement.
+    pub(super) fn pass(&mut self, input: &Input) {
+        if self.begun {
+            self.predict(input);
+        }
+    }
+
     /// Takes a sample. With `frozen`, bias and matrix stay as they are, and only their uncertainty is counted
     /// (a Schmidt–Kalman filter).
     fn take(&mut self, input: &Input, frozen: bool) {

@@ -17,8 +17,21 @@ use crate::reading::Reading;
 const SAMPLES: u32 = 10;
 /// Largest rotation about the axis itself, as a share of the angle by which the axis swings: it changes the other axes alone.
 const ABOUT_ITSELF: f64 = 0.5;
-/// Change of a working axis beyond which a repeated number is a fault, milligauss: two steps of the coarsest chip, a 14-bit AK8963.
-const LEAST_CHANGE_MGAUSS: f64 = 12.0;
+/// Change of a working axis beyond which a repeated number is a fault, in steps of that axis.
+const LEAST_STEPS: f64 = 2.0;
+/// Step of the coarsest chip, a 14-bit AK8963, milligauss: the most that a step is taken for.
+const COARSEST_STEP_MGAUSS: f64 = 6.0;
+
+/// Whether samples before a reading are suspect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Suspicion {
+    /// No axis repeats a number.
+    None,
+    /// An axis repeats a number: it may be saturated.
+    Suspected,
+    /// An axis has turned out to be saturated since it began to repeat its number.
+    Saturated,
+}
 
 /// Clears the saturated axes of readings.
 #[derive(Clone, Debug)]
@@ -27,6 +40,8 @@ pub(super) struct Saturation {
     rate: Option<(f64, Vector3<f64>)>,
     field: Option<Vector3<f64>>,
     runs: [Option<SameReading>; 3],
+    /// The least by which each axis has changed from one sample to the next, milligauss.
+    steps_mgauss: [f64; 3],
     /// The numbers that each axis reads while it is saturated; the newest first.
     ends: [[Option<End>; 2]; 3],
 }
@@ -95,6 +110,7 @@ impl Saturation {
             rate: None,
             field: None,
             runs: [None; 3],
+            steps_mgauss: [COARSEST_STEP_MGAUSS; 3],
             ends: [[None; 2]; 3],
         }
     }
@@ -105,18 +121,24 @@ impl Saturation {
         self.runs = [None; 3];
     }
 
-    /// Returns the reading with its saturated axes empty.
-    pub(super) fn filter(&mut self, reading: &Reading) -> Reading {
+    /// Returns the reading with its saturated axes empty, and whether samples before it are suspect.
+    pub(super) fn filter(&mut self, reading: &Reading) -> (Reading, Suspicion) {
+        let mut saturated = false;
         if let Some(rate) = reading.rate_rad_s {
             self.turn(reading.t_s, &rate);
         }
         let mut kept = *reading;
-        if let Some(field) = reading.whole_field_mgauss()
+        if let Some(field) = reading.whole_field_mgauss() {
+            let last = self.field.replace(field).unwrap_or(field);
             // Rows may repeat the last sample until there is a new one.
-            && self.field.replace(field) != Some(field)
-        {
-            for axis in 0..3 {
-                self.compare(axis, reading.t_s, &field);
+            if last != field {
+                for axis in 0..3 {
+                    let step = (field[axis] - last[axis]).abs();
+                    if step > 0.0 {
+                        self.steps_mgauss[axis] = self.steps_mgauss[axis].min(step);
+                    }
+                    saturated |= self.compare(axis, reading.t_s, &field);
+                }
             }
         }
         if let Some(field) = &mut kept.field_mgauss {
@@ -124,7 +146,14 @@ impl Saturation {
                 *axis = axis.filter(|value| !is_end(ends, *value));
             }
         }
-        kept
+        let suspicion = if saturated {
+            Suspicion::Saturated
+        } else if self.runs.iter().flatten().any(|run| run.samples > 1) {
+            Suspicion::Suspected
+        } else {
+            Suspicion::None
+        };
+        (kept, suspicion)
     }
 
     fn turn(&mut self, t_s: f64, rate_rad_s: &Vector3<f64>) {
@@ -147,7 +176,8 @@ impl Saturation {
         self.ends = [[None; 2]; 3];
     }
 
-    fn compare(&mut self, axis: usize, t_s: f64, field: &Vector3<f64>) {
+    /// Compares an axis with the sample before. Returns whether it has turned out to be saturated.
+    fn compare(&mut self, axis: usize, t_s: f64, field: &Vector3<f64>) -> bool {
         let same = self.runs[axis].filter(|run| run.first[axis] == field[axis]);
         let mut run = same.unwrap_or(SameReading {
             since_s: t_s,
@@ -160,13 +190,14 @@ impl Saturation {
         let value = field[axis];
         let ends = &mut self.ends[axis];
         *ends = ends.map(|end| end?.after(value));
-        if run.samples >= SAMPLES
+        let least_mgauss = LEAST_STEPS * self.steps_mgauss[axis];
+        let saturated = run.samples >= SAMPLES
             && !is_end(ends, value)
-            && (run.least_change_mgauss(axis, field))
-                .is_some_and(|change| change > LEAST_CHANGE_MGAUSS)
-        {
+            && (run.least_change_mgauss(axis, field)).is_some_and(|change| change > least_mgauss);
+        if saturated {
             *ends = [Some(End::new(value)), ends[0].or(ends[1])];
         }
+        saturated
     }
 }
 
@@ -203,7 +234,8 @@ mod tests {
                 rate_rad_s: Some(rate),
                 specific_force_m_s2: None,
             };
-            saturation.filter(&reading).field_mgauss.unwrap()
+            let (kept, _) = saturation.filter(&reading);
+            kept.field_mgauss.unwrap()
         };
         (0..500).map(reading).collect()
     }

@@ -81,8 +81,12 @@ impl Survey {
             self.later_s = self.last_s + STRETCHES_APART_S - reading.t_s;
             self.learn(Event::NewStretch);
         }
-        let mut reading = self.saturation.filter(&self.outliers.filter(reading));
-        reading.t_s += self.later_s;
+        let reading = Reading {
+            t_s: reading.t_s + self.later_s,
+            ..*reading
+        };
+        self.learn(Event::Reading(reading));
+        let (reading, _) = self.saturation.filter(&self.outliers.filter(&reading));
         self.last_s = reading.t_s;
         self.has_gyro |= reading.rate_rad_s.is_some();
         let (turns, detector, rotation_s) =
@@ -97,7 +101,6 @@ impl Survey {
         if !self.turns.is_empty() {
             self.motion = None;
         }
-        self.learn(Event::Reading(reading));
         let field = reading
             .field_mgauss
             .and_then(|field| needed(&field, self.plane));
