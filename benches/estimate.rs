@@ -64,6 +64,7 @@ impl Board {
                 tilt_tau_s: board.attitude.tilt_tau_s(),
                 tilt_sd_rad: board.attitude.tilt_sd_rad(),
                 gyro_constant_s: board.attitude.gyro_constant_s(),
+                otherwise_rad: board.attitude.otherwise_rad(reading.t_s),
                 at_rest: board.attitude.at_rest(),
                 still: board.attitude.still(),
             });

@@ -16,6 +16,7 @@ mod lateness;
 #[cfg(test)]
 pub(crate) mod motion;
 mod past;
+mod rate_jump;
 mod steadiness;
 mod stillness;
 #[cfg(test)]
@@ -28,6 +29,7 @@ pub use gravity::GRAVITY_M_S2;
 pub use lateness::Lateness;
 pub use past::BoardMotion;
 use past::Past;
+use rate_jump::RateJumps;
 
 /// Faster than any gyro measures: nonsense, rad/s.
 const IMPLAUSIBLE_RAD_S: f64 = 200.0;
@@ -109,6 +111,7 @@ pub struct Attitude {
     /// How long the source usually repeats a gyro reading before the next one, seconds. The rows of a log may.
     held_s: f64,
     newest_s: f64,
+    jumps: RateJumps,
     late: Lateness,
     filter: AttitudeFilter,
     past: Past,
@@ -124,6 +127,7 @@ impl Attitude {
             constant: None,
             held_s: 0.0,
             newest_s: 0.0,
+            jumps: RateJumps::default(),
             late: Lateness::default(),
             filter: AttitudeFilter::new(settings.gyro_bias_limit_deg_s),
             past: Past::default(),
@@ -155,6 +159,7 @@ impl Attitude {
                 self.constant = Some((chip, t_s));
             }
             self.newest_s = t_s;
+            self.jumps.take(t_s, &chip);
             let t_s = t_s - self.late.take(t_s);
             let rate = self.mountings.gyro.to_body(chip);
             let (filter, past) = (&mut self.filter, &mut self.past);
@@ -266,6 +271,11 @@ impl Attitude {
     pub fn gyro_constant_s(&self) -> f64 {
         let repeats_s = |(_, since_s)| self.newest_s - since_s - self.held_s;
         self.constant.map_or(0.0, repeats_s).max(0.0)
+    }
+
+    /// How far the board may have turned otherwise than the gyro reads at `t_s`, because its rate has jumped, radians.
+    pub fn otherwise_rad(&self, t_s: f64) -> f64 {
+        self.jumps.otherwise_rad(t_s)
     }
 
     /// The newest gyro reading differs from the one before: learns how long that one was repeated.

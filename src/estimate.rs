@@ -78,6 +78,8 @@ pub struct Sample {
     pub tilt_sd_rad: f64,
     /// For how long the gyro has read the same to the last bit, seconds.
     pub gyro_constant_s: f64,
+    /// How far the board may have turned otherwise than the gyro reads, because its rate has jumped, radians.
+    pub otherwise_rad: f64,
     /// Specific force, body axes, m/s²; `None` without an accelerometer.
     pub force_m_s2: Option<Vector3<f64>>,
     /// At rest by gyro, accelerometer and field.
@@ -279,6 +281,7 @@ impl Estimate {
             tilt_tau_s: sample.tilt_tau_s,
             tilt_sd_rad: sample.tilt_sd_rad,
             gyro_constant_s: sample.gyro_constant_s,
+            otherwise_rad: sample.otherwise_rad,
             force_m_s2: sample.force_m_s2,
             at_rest: sample.at_rest,
             still: sample.still,

@@ -87,6 +87,8 @@ pub(super) struct Input {
     pub(super) tilt_sd_rad: f64,
     /// For how long the gyro has read the same to the last bit, seconds.
     pub(super) gyro_constant_s: f64,
+    /// How far the board may have turned otherwise than the gyro reads, because its rate has jumped, radians.
+    pub(super) otherwise_rad: f64,
     /// Specific force, body axes, m/s².
     pub(super) force_m_s2: Option<Vector3<f64>>,
     /// The board is at rest, by gyro, accelerometer and field: the gyro's rate is its bias.
