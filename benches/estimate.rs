@@ -64,7 +64,6 @@ impl Board {
                 tilt_tau_s: board.attitude.tilt_tau_s(),
                 tilt_sd_rad: board.attitude.tilt_sd_rad(),
                 gyro_constant_s: board.attitude.gyro_constant_s(),
-                otherwise_rad: board.attitude.otherwise_rad(reading.t_s),
                 at_rest: board.attitude.at_rest(),
                 still: board.attitude.still(),
             });
@@ -77,7 +76,7 @@ impl Board {
         let mut estimate = Estimate::new(Default::default(), None);
         for sample in black_box(&self.samples) {
             estimate.take(sample);
-            black_box(estimate.fix(&sample.pose));
+            black_box(estimate.fix(&sample.pose, 0.0));
         }
         estimate
     }

@@ -156,10 +156,11 @@ impl Attitude {
         {
             if self.constant.is_none_or(|(same, _)| same != chip) {
                 self.learn_hold();
-                self.constant = Some((chip, t_s));
+                if let Some((last, since_s)) = self.constant.replace((chip, t_s)) {
+                    self.jumps.take(since_s, t_s, (chip - last).norm());
+                }
             }
             self.newest_s = t_s;
-            self.jumps.take(t_s, &chip);
             let t_s = t_s - self.late.take(t_s);
             let rate = self.mountings.gyro.to_body(chip);
             let (filter, past) = (&mut self.filter, &mut self.past);
@@ -273,9 +274,9 @@ impl Attitude {
         self.constant.map_or(0.0, repeats_s).max(0.0)
     }
 
-    /// How far the board may have turned otherwise than the gyro reads at `t_s`, because its rate has jumped, radians.
-    pub fn otherwise_rad(&self, t_s: f64) -> f64 {
-        self.jumps.otherwise_rad(t_s)
+    /// Rotation that the gyro may have missed by `t_s` since its rate jumped, radians.
+    pub fn missed_turn_rad(&self, t_s: f64) -> f64 {
+        self.jumps.missed_turn_rad(t_s)
     }
 
     /// The newest gyro reading differs from the one before: learns how long that one was repeated.

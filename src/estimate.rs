@@ -78,8 +78,6 @@ pub struct Sample {
     pub tilt_sd_rad: f64,
     /// For how long the gyro has read the same to the last bit, seconds.
     pub gyro_constant_s: f64,
-    /// How far the board may have turned otherwise than the gyro reads, because its rate has jumped, radians.
-    pub otherwise_rad: f64,
     /// Specific force, body axes, m/s²; `None` without an accelerometer.
     pub force_m_s2: Option<Vector3<f64>>,
     /// At rest by gyro, accelerometer and field.
@@ -98,6 +96,7 @@ pub struct Fix {
 }
 
 /// A second explanation of the samples.
+#[derive(Clone)]
 struct Rival {
     filter: Filter,
     /// Log-likelihood of the rival less that of the active one, at the sample before.
@@ -126,7 +125,8 @@ pub struct Estimate {
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
     suspended: Option<Suspended>,
-    checkpoint: Option<Checkpoint>,
+    /// For each axis of the magnetometer that may be saturated, from when it began to repeat its number.
+    checkpoints: [Option<Checkpoint>; 3],
     iron: IronWatch,
     disturbed_s: f64,
     replaced: bool,
@@ -149,7 +149,7 @@ impl Estimate {
             gyro: GyroCheck::default(),
             proven: None,
             suspended: None,
-            checkpoint: None,
+            checkpoints: [const { None }; 3],
             iron: IronWatch::default(),
             disturbed_s: 0.0,
             replaced: false,
@@ -197,7 +197,7 @@ impl Estimate {
         let lost = std::mem::take(&mut self.lost) || sample.pose.stretch != before.pose.stretch;
         if lost {
             self.gyro.lose_frame();
-            self.checkpoint = None;
+            self.forget_checkpoints();
         }
         let checked = (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter);
         let right = self.gyro.take(&input, checked);
@@ -281,7 +281,6 @@ impl Estimate {
             tilt_tau_s: sample.tilt_tau_s,
             tilt_sd_rad: sample.tilt_sd_rad,
             gyro_constant_s: sample.gyro_constant_s,
-            otherwise_rad: sample.otherwise_rad,
             force_m_s2: sample.force_m_s2,
             at_rest: sample.at_rest,
             still: sample.still,
@@ -298,7 +297,7 @@ impl Estimate {
         self.last = None;
         self.lost = true;
         self.rival = None;
-        self.checkpoint = None;
+        self.forget_checkpoints();
     }
 
     /// Whether the active filter has been replaced by its rival since this was last asked.
@@ -374,7 +373,7 @@ impl Estimate {
             .all(|one| one.variance < self.active.variance_of(one));
         turned.replace(&measured, &input);
         // To go back would undo the turn.
-        self.checkpoint = None;
+        self.forget_checkpoints();
         if better {
             self.kept = Some(*calibration);
             self.proven = None;

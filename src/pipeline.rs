@@ -37,7 +37,7 @@ use crate::reading::Reading;
 use crate::true_north::EarthField;
 use crate::turn::{self, Turn, TurnDetector};
 use learn::Learning;
-use saturation::{Saturation, Suspicion};
+use saturation::{RunState, Saturation};
 
 pub use motion::MotionMeasures;
 pub use settings::Settings;
@@ -261,11 +261,14 @@ impl Pipeline {
         if reading.t_s < last_s || !reading.t_s.is_finite() {
             return;
         }
-        let (reading, suspicion) = &self.saturation.filter(&self.outliers.filter(reading));
-        match suspicion {
-            Suspicion::None => self.estimate.drop_checkpoint(),
-            Suspicion::Suspected => self.estimate.set_checkpoint(),
-            Suspicion::Saturated => self.estimate.go_back(),
+        let (reading, runs) = &self.saturation.filter(&self.outliers.filter(reading));
+        for (axis, run) in runs.iter().enumerate() {
+            match run {
+                RunState::NoRun => self.estimate.drop_checkpoint(axis),
+                RunState::Begun => self.estimate.set_checkpoint(axis),
+                RunState::Running => {}
+                RunState::Saturated => self.estimate.go_back(axis),
+            }
         }
         self.watch(reading);
         self.readings_s = Some((first_s, reading.t_s));
@@ -322,7 +325,7 @@ impl Pipeline {
         let certain = |fix: &Fix| fix.sd_deg <= publish_sd_deg;
         let fused = pose
             .filter(|_| trusted)
-            .and_then(|pose| self.estimate.fix(&pose));
+            .and_then(|pose| self.estimate.fix(&pose, self.attitude.missed_turn_rad(t_s)));
         let rate_rad_s = self.attitude.rate_rad_s().norm();
         let instantaneous = self.estimate.instantaneous(raw, level, rate_rad_s);
         let best = if trusted { fused } else { instantaneous };

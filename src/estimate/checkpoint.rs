@@ -1,52 +1,76 @@
 //! The way back to before samples that were no measurements: a saturated axis is recognised only after some of its samples have been taken.
 
 use super::filter::Filter;
-use super::{Estimate, Sample};
+use super::gyro_check::GyroCheck;
+use super::iron_watch::IronWatch;
+use super::{Estimate, Rival, Sample};
 
 /// What was known at a sample.
 pub(super) struct Checkpoint {
     active: Filter,
+    rival: Option<Rival>,
     proven: Option<Filter>,
-    /// The newest sample that it knows of.
+    gyro: GyroCheck,
+    iron: IronWatch,
+    disturbed_s: f64,
     sample: Sample,
 }
 
 impl Estimate {
-    /// Keeps what is known now: the samples to come may turn out to be no measurements. An earlier checkpoint stays.
-    pub fn set_checkpoint(&mut self) {
-        if let (None, Some(sample)) = (&self.checkpoint, self.last) {
-            self.checkpoint = Some(Checkpoint {
+    /// Keeps what is known now: the samples of a magnetometer axis to come may turn out to be no measurements.
+    pub fn set_checkpoint(&mut self, axis: usize) {
+        if let (None, Some(sample)) = (&self.checkpoints[axis], self.last) {
+            self.checkpoints[axis] = Some(Checkpoint {
                 active: self.active.clone(),
+                rival: self.rival.clone(),
                 proven: self.proven.clone(),
+                gyro: self.gyro.clone(),
+                iron: self.iron.clone(),
+                disturbed_s: self.disturbed_s,
                 sample,
             });
         }
     }
 
-    /// The samples since the checkpoint were measurements.
-    pub fn drop_checkpoint(&mut self) {
-        self.checkpoint = None;
+    /// Nothing has shown that the samples of this axis were no measurements.
+    pub fn drop_checkpoint(&mut self, axis: usize) {
+        self.checkpoints[axis] = None;
     }
 
-    /// The samples since the checkpoint were no measurements: goes back to what was known before them.
-    pub fn go_back(&mut self) {
-        let (Some(checkpoint), Some(last)) = (self.checkpoint.take(), self.last) else {
+    /// The samples of this axis since its checkpoint were no measurements: goes back to what was known before them.
+    pub fn go_back(&mut self, axis: usize) {
+        let (Some(mut kept), Some(last)) = (self.checkpoints[axis].take(), self.last) else {
             return;
         };
-        let Checkpoint {
-            mut active,
-            mut proven,
-            sample,
-        } = checkpoint;
-        let shift = last.gyro_bias_rad_s - sample.gyro_bias_rad_s;
-        active.shift_gyro_bias(&shift);
-        active.pass(&self.input(&last, &sample));
-        if let Some(proven) = &mut proven {
+        let shift = last.gyro_bias_rad_s - kept.sample.gyro_bias_rad_s;
+        let meanwhile = self.input(&last, &kept.sample);
+        let rival = kept.rival.as_mut().map(|rival| &mut rival.filter);
+        for filter in [&mut kept.active].into_iter().chain(rival) {
+            filter.shift_gyro_bias(&shift);
+            filter.pass(&meanwhile);
+        }
+        if let Some(proven) = &mut kept.proven {
             proven.shift_gyro_bias(&shift);
         }
-        self.active = active;
-        self.proven = proven;
-        // It knows these samples.
-        self.rival = None;
+        self.active = kept.active;
+        self.rival = kept.rival;
+        self.proven = kept.proven;
+        self.gyro = kept.gyro;
+        self.gyro.lose_frame();
+        self.iron = kept.iron;
+        self.disturbed_s = kept.disturbed_s;
+        // What another axis has kept since has these samples in it.
+        for other in 0..3 {
+            let kept_s = self.checkpoints[other].as_ref().map(|one| one.sample.t_s);
+            if kept_s.is_some_and(|kept_s| kept_s > kept.sample.t_s) {
+                self.checkpoints[other] = None;
+                self.set_checkpoint(other);
+            }
+        }
+    }
+
+    /// What was known cannot be carried on any more.
+    pub(super) fn forget_checkpoints(&mut self) {
+        self.checkpoints = [const { None }; 3];
     }
 }

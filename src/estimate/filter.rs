@@ -87,8 +87,6 @@ pub(super) struct Input {
     pub(super) tilt_sd_rad: f64,
     /// For how long the gyro has read the same to the last bit, seconds.
     pub(super) gyro_constant_s: f64,
-    /// How far the board may have turned otherwise than the gyro reads, because its rate has jumped, radians.
-    pub(super) otherwise_rad: f64,
     /// Specific force, body axes, m/s².
     pub(super) force_m_s2: Option<Vector3<f64>>,
     /// The board is at rest, by gyro, accelerometer and field: the gyro's rate is its bias.
@@ -214,8 +212,17 @@ impl Filter {
     /// Carries the state on to a sample that is no measurement.
     pub(super) fn pass(&mut self, input: &Input) {
         if self.begun {
-            self.predict(input);
+            self.advance(input);
+            self.innovation = None;
+            self.odd = None;
         }
+    }
+
+    /// Carries the state on to a sample. Returns how much of the unevenness has been forgotten.
+    fn advance(&mut self, input: &Input) -> f64 {
+        self.still = input.still;
+        self.vertical_known = input.vertical_known;
+        self.predict(input)
     }
 
     /// Takes a sample. With `frozen`, bias and matrix stay as they are, and only their uncertainty is counted
@@ -227,9 +234,7 @@ impl Filter {
         if !self.begun && !self.begin(input) {
             return;
         }
-        self.still = input.still;
-        self.vertical_known = input.vertical_known;
-        let forgotten = self.predict(input);
+        let forgotten = self.advance(input);
         // A board that does not turn cannot tell iron from north: what changes then is the place or the frame.
         self.correct(input, frozen || input.still);
         self.measure_unevenness(input, forgotten);

@@ -14,8 +14,9 @@ const NO_HEADING: f64 = 0.17;
 
 impl Estimate {
     /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` where X is vertical, or
-    /// before the estimate has begun. Its deviation has the field's, the place's and the tilt's in it.
-    pub fn fix(&self, pose: &Pose) -> Option<Fix> {
+    /// before the estimate has begun. Its deviation has the field's, the place's and the tilt's in it, and the rotation, radians,
+    /// that the gyro may have missed.
+    pub fn fix(&self, pose: &Pose, missed_turn_rad: f64) -> Option<Fix> {
         if !self.active.begun() {
             return None;
         }
@@ -42,7 +43,7 @@ impl Estimate {
         let variance = north.variance(&by_field(&field), &by_tilt).max(0.0);
         // Innovations larger than expected: what is known is known less well than it seems.
         let variance = variance * self.active.consistency().max(self.iron.excess());
-        let sd = hypot(variance.sqrt(), self.doubt_rad());
+        let sd = hypot(variance.sqrt(), self.doubt_rad(missed_turn_rad));
         Some(Fix {
             heading_deg: wrap_360(heading.to_degrees()),
             sd_deg: sd.to_degrees().min(180.0),
@@ -50,7 +51,7 @@ impl Estimate {
     }
 
     /// What the heading of a moving board may be off because the gyro is wrong and the field right, radians.
-    fn doubt_rad(&self) -> f64 {
+    fn doubt_rad(&self, missed_turn_rad: f64) -> f64 {
         if self.active.still() {
             return 0.0;
         }
@@ -65,7 +66,7 @@ impl Estimate {
         let missed = self.active.missed_mgauss().xy().norm() / horizontal;
         let contradicted = DOUBT * hypot(contradicted, differ);
         // Neither the filter nor the check of the gyro has explained these yet, so they count in full.
-        let unseen = hypot(missed, self.gyro.unseen_rad());
+        let unseen = hypot(missed, hypot(self.gyro.unseen_rad(), missed_turn_rad));
         hypot(contradicted, unseen)
     }
 

@@ -12,7 +12,6 @@ use nalgebra::Vector3;
 use super::filter::{Filter, Input};
 use super::gyro_scale::{GyroScale, ScaleVerdict};
 use crate::attitude::GRAVITY_M_S2;
-use crate::frame::hypot;
 
 /// A moment ends when the field has changed by this share of it (a turn of 9°), or after this time, seconds.
 const CHANGE: f64 = 0.15;
@@ -100,8 +99,6 @@ pub(super) struct GyroCheck {
     /// Mean rate while the readings differ, rad/s, and how far the board may have turned since they repeat, radians.
     rate_rad_s: f64,
     unseen_rad: f64,
-    /// How far it may have turned otherwise since its rate jumped, radians.
-    otherwise_rad: f64,
 }
 
 /// A vector that stands still in the world, as the board has seen it change and as the gyro predicts.
@@ -301,7 +298,6 @@ impl GyroCheck {
 
     /// A gyro that reads the same again and again does not see how the board turns.
     fn count_unseen(&mut self, input: &Input) {
-        self.otherwise_rad = input.otherwise_rad;
         if input.gyro_constant_s == 0.0 {
             self.unseen_rad = 0.0;
             let share = (input.period_s / RATE_TAU_S).min(1.0);
@@ -318,7 +314,7 @@ impl GyroCheck {
 
     /// How far the board may have turned without the gyro, radians.
     pub(super) fn unseen_rad(&self) -> f64 {
-        hypot(self.unseen_rad, self.otherwise_rad)
+        self.unseen_rad
     }
 
     /// Gravity has changed by `seen` in a moment.

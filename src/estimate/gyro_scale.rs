@@ -234,7 +234,6 @@ mod tests {
                 tilt_tau_s: 3.0,
                 tilt_sd_rad: 0.01,
                 gyro_constant_s: 0.0,
-                otherwise_rad: 0.0,
                 force_m_s2: None,
                 at_rest: false,
                 still: false,

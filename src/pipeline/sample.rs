@@ -41,7 +41,6 @@ impl Pipeline {
             tilt_tau_s: self.attitude.tilt_tau_s(),
             tilt_sd_rad: self.attitude.tilt_sd_rad(),
             gyro_constant_s: self.attitude.gyro_constant_s(),
-            otherwise_rad: self.attitude.otherwise_rad(t_s),
             force_m_s2: self.attitude.low_passed_force_m_s2(t_s),
             at_rest: self.attitude.at_rest(),
             still: self.attitude.still(),

@@ -21,15 +21,19 @@ const ABOUT_ITSELF: f64 = 0.5;
 const LEAST_STEPS: f64 = 2.0;
 /// Step of the coarsest chip, a 14-bit AK8963, milligauss: the most that a step is taken for.
 const COARSEST_STEP_MGAUSS: f64 = 6.0;
+/// The step that was measured grows by this factor with each sample, doubling in 70: a chip may have changed its range.
+const STEP_GROWS: f64 = 1.01;
 
-/// Whether samples before a reading are suspect.
+/// Whether an axis repeats a number while the board turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Suspicion {
-    /// No axis repeats a number.
-    None,
-    /// An axis repeats a number: it may be saturated.
-    Suspected,
-    /// An axis has turned out to be saturated since it began to repeat its number.
+pub(super) enum RunState {
+    /// It does not, or the board is too slow to tell.
+    NoRun,
+    /// It has read the same number twice: it may be saturated.
+    Begun,
+    /// It goes on to read the same number.
+    Running,
+    /// It has turned out to be saturated since it began to repeat the number.
     Saturated,
 }
 
@@ -40,7 +44,7 @@ pub(super) struct Saturation {
     rate: Option<(f64, Vector3<f64>)>,
     field: Option<Vector3<f64>>,
     runs: [Option<SameReading>; 3],
-    /// The least by which each axis has changed from one sample to the next, milligauss.
+    /// The least by which each axis has lately changed from one sample to the next, milligauss.
     steps_mgauss: [f64; 3],
     /// The numbers that each axis reads while it is saturated; the newest first.
     ends: [[Option<End>; 2]; 3],
@@ -121,9 +125,9 @@ impl Saturation {
         self.runs = [None; 3];
     }
 
-    /// Returns the reading with its saturated axes empty, and whether samples before it are suspect.
-    pub(super) fn filter(&mut self, reading: &Reading) -> (Reading, Suspicion) {
-        let mut saturated = false;
+    /// Returns the reading with its saturated axes empty, and the state of each axis.
+    pub(super) fn filter(&mut self, reading: &Reading) -> (Reading, [RunState; 3]) {
+        let mut saturated = [false; 3];
         if let Some(rate) = reading.rate_rad_s {
             self.turn(reading.t_s, &rate);
         }
@@ -133,11 +137,8 @@ impl Saturation {
             // Rows may repeat the last sample until there is a new one.
             if last != field {
                 for axis in 0..3 {
-                    let step = (field[axis] - last[axis]).abs();
-                    if step > 0.0 {
-                        self.steps_mgauss[axis] = self.steps_mgauss[axis].min(step);
-                    }
-                    saturated |= self.compare(axis, reading.t_s, &field);
+                    self.measure_step(axis, (field[axis] - last[axis]).abs());
+                    saturated[axis] = self.compare(axis, reading.t_s, &field);
                 }
             }
         }
@@ -146,14 +147,21 @@ impl Saturation {
                 *axis = axis.filter(|value| !is_end(ends, *value));
             }
         }
-        let suspicion = if saturated {
-            Suspicion::Saturated
-        } else if self.runs.iter().flatten().any(|run| run.samples > 1) {
-            Suspicion::Suspected
-        } else {
-            Suspicion::None
-        };
-        (kept, suspicion)
+        let states = std::array::from_fn(|axis| match self.runs[axis] {
+            _ if saturated[axis] => RunState::Saturated,
+            Some(run) if run.samples > 2 => RunState::Running,
+            Some(run) if run.samples == 2 => RunState::Begun,
+            _ => RunState::NoRun,
+        });
+        (kept, states)
+    }
+
+    fn measure_step(&mut self, axis: usize, change_mgauss: f64) {
+        let step = &mut self.steps_mgauss[axis];
+        *step = (*step * STEP_GROWS).min(COARSEST_STEP_MGAUSS);
+        if change_mgauss > 0.0 {
+            *step = step.min(change_mgauss);
+        }
     }
 
     fn turn(&mut self, t_s: f64, rate_rad_s: &Vector3<f64>) {
@@ -342,6 +350,23 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_sound_axis_is_not_empty_after_a_change_of_range() {
+        for motion in [level, tumbling] {
+            let (mut fine, mut coarse) = (noisy_by(0.5, 0.77), noisy_by(0.5, 3.57));
+            let mut count = 0;
+            let kept = kept(motion, |field| {
+                count += 1;
+                if count < 100 {
+                    fine(field)
+                } else {
+                    coarse(field)
+                }
+            });
+            assert_eq!((0..3).map(|axis| empty(&kept, axis)).sum::<usize>(), 0);
         }
     }
 }

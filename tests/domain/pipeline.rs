@@ -485,6 +485,9 @@ fn what_a_clipped_axis_taught_before_it_was_recognised_is_forgotten() {
     let readings: Vec<_> = (readings(&settings).into_iter())
         .filter(|reading| reading.t_s < 11.0)
         .collect();
+    let fields = readings.iter().filter_map(|reading| reading.field_mgauss);
+    let clipped = fields.filter(|field| field[0].is_some_and(|x| x < least));
+    assert!(clipped.count() > 50);
     let bias_mgauss = |clip: fn(f64, f64) -> Option<f64>| {
         let mut pipeline = Pipeline::new(Setup::default(), None);
         for mut reading in readings.clone() {
