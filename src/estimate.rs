@@ -297,7 +297,6 @@ impl Estimate {
         self.last = None;
         self.lost = true;
         self.rival = None;
-        self.forget_checkpoints();
     }
 
     /// Whether the active filter has been replaced by its rival since this was last asked.

@@ -1,32 +1,34 @@
 //! Jumps of the gyro's rate. A board changes its rate smoothly, but for a knock; a gyro that fails changes its reading at once.
 //!
-//! The field shows only later which of the two it was: by the lag of the magnetometer, and once the board has turned by a few degrees.
+//! The field tells the two apart only later: the magnetometer lags behind the gyro, and the board must have turned by a few degrees.
 
 use super::follow;
 use crate::frame::hypot;
 
-/// A step from one reading to the next is a jump if it is so many times the usual one: steps of a swinging hand are 1.4 times their
-/// mean at most, and noise is 4 times.
+/// A step from one reading to the next is a jump if it is larger than the usual step by this factor. The usual step is a root mean
+/// square: the steps of a swinging hand reach 1.4 times theirs, and those of noise 4 times.
 const JUMP_FACTOR: f64 = 8.0;
-/// The usual step is a mean over this time, seconds: knocks follow each other within it.
+/// The usual step is averaged over this time, seconds: it includes the knocks of a hand that handles the board.
 const USUAL_S: f64 = 3.0;
 /// Least usual step, rad/s: twice the noise of an ITG-3200.
 const LEAST_STEP_RAD_S: f64 = 0.01;
 /// A hand starts a turn with this acceleration, rad/s²: 60°/s within a tenth of a second.
 const START_RAD_S2: f64 = 10.0;
-/// After a longer hole in the gyro's readings, their difference is no step, seconds.
+/// Readings further apart than this are not compared, seconds.
 const GAP_S: f64 = 0.2;
-/// The doubt grows for this long, seconds: by then the field has shown the fault, or the board counts as still. Then it fades by 1/e
-/// over `FADES_S`.
+/// The doubt grows for this long, seconds: by then the field has shown the fault, or the board counts as still.
 const GROWS_S: f64 = 0.5;
+/// Then it fades with this time constant, seconds.
 const FADES_S: f64 = 0.2;
 
 /// Watches for jumps of the rate.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RateJumps {
-    /// Mean square of the steps, (rad/s)², their mean length in time, and for how long they were watched, seconds.
+    /// Mean square of the steps, (rad/s)².
     usual2: f64,
+    /// Mean time between readings that differ, seconds.
     usual_s: f64,
+    /// For how long steps have been taken, seconds.
     watched_s: f64,
     newest: Option<RateJump>,
 }
@@ -35,18 +37,18 @@ pub(super) struct RateJumps {
 struct RateJump {
     since_s: f64,
     by_rad_s: f64,
-    /// What was in doubt before it, radians.
+    /// Rotation that was in doubt when it came, radians.
     before_rad: f64,
 }
 
 impl RateJumps {
-    /// Takes a step from one reading to the next one that differs, rad/s.
+    /// Takes the step, rad/s, from the reading at `last_s` to the next one that differs.
     pub(super) fn take(&mut self, last_s: f64, t_s: f64, by_rad_s: f64) {
         let period_s = t_s - last_s;
         if !(0.0..GAP_S).contains(&period_s) {
             return;
         }
-        // A step over readings that were lost is longer.
+        // Where readings were lost, a step covers more time.
         let longer = (period_s / self.usual_s.max(1e-3)).max(1.0);
         let usual_rad_s = self.usual2.sqrt().max(LEAST_STEP_RAD_S);
         let most_rad_s = (JUMP_FACTOR * usual_rad_s * longer).max(START_RAD_S2 * period_s);
@@ -102,6 +104,7 @@ mod tests {
         4.0 * (3.0 * t_s).cos()
     }
 
+    /// What is in doubt at the first reading after this time.
     fn at(missed: &[(f64, f64)], t_s: f64) -> f64 {
         missed.iter().find(|(now_s, _)| *now_s > t_s).unwrap().1
     }
@@ -124,11 +127,11 @@ mod tests {
             swinging(t_s) * if t_s < flips_s { 1.0 } else { -1.0 }
         });
         assert_eq!(at(&missed, 5.975), 0.0);
-        for after_s in [0.05, 0.1, 0.2] {
-            // The true rate hardly changes meanwhile. The first wrong reading comes up to a period earlier.
-            let truth = 2.0 * swinging(flips_s).abs() * after_s;
+        for after_s in [0.055, 0.105, 0.205] {
+            // The true rate hardly changes meanwhile. The doubt counts from the last right reading to the one after this time.
+            let truth = 2.0 * swinging(flips_s).abs() * (after_s + 0.015);
             let apart = at(&missed, flips_s + after_s) / truth - 1.0;
-            assert!(apart.abs() < 0.45, "{after_s} s: {apart}");
+            assert!(apart.abs() < 0.05, "{after_s} s: {apart}");
         }
         assert!(at(&missed, 7.5) < 0.1, "{}", at(&missed, 7.5));
     }

@@ -1,4 +1,4 @@
-//! The way back to before samples that were no measurements: a saturated axis is recognised only after some of its samples have been taken.
+//! Undoes what samples of a saturated axis have taught: the axis is recognised only after some of its samples have been taken.
 
 use super::filter::Filter;
 use super::gyro_check::GyroCheck;
@@ -17,7 +17,8 @@ pub(super) struct Checkpoint {
 }
 
 impl Estimate {
-    /// Keeps what is known now: the samples of a magnetometer axis to come may turn out to be no measurements.
+    /// Keeps what is known now, since the next samples of this magnetometer axis may turn out to be no measurements. An earlier checkpoint
+    /// of the axis stays.
     pub fn set_checkpoint(&mut self, axis: usize) {
         if let (None, Some(sample)) = (&self.checkpoints[axis], self.last) {
             self.checkpoints[axis] = Some(Checkpoint {
@@ -69,7 +70,7 @@ impl Estimate {
         }
     }
 
-    /// What was known cannot be carried on any more.
+    /// Drops all checkpoints: the frame that they refer to is gone, or a turn was adopted since.
     pub(super) fn forget_checkpoints(&mut self) {
         self.checkpoints = [const { None }; 3];
     }

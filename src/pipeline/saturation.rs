@@ -21,7 +21,7 @@ const ABOUT_ITSELF: f64 = 0.5;
 const LEAST_STEPS: f64 = 2.0;
 /// Step of the coarsest chip, a 14-bit AK8963, milligauss: the most that a step is taken for.
 const COARSEST_STEP_MGAUSS: f64 = 6.0;
-/// The step that was measured grows by this factor with each sample, doubling in 70: a chip may have changed its range.
+/// The measured step grows by this factor with each sample (it doubles in 70), since a chip may change its range.
 const STEP_GROWS: f64 = 1.01;
 
 /// Whether an axis repeats a number while the board turns.
@@ -156,6 +156,7 @@ impl Saturation {
         (kept, states)
     }
 
+    /// Takes by how much an axis has changed since the sample before.
     fn measure_step(&mut self, axis: usize, change_mgauss: f64) {
         let step = &mut self.steps_mgauss[axis];
         *step = (*step * STEP_GROWS).min(COARSEST_STEP_MGAUSS);
