@@ -1,7 +1,7 @@
 //! VQF on the even clock, and what it must be told: where the accelerometer comes and goes, when the board
 //! may be at rest, which field it sees.
 
-use nalgebra::{UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
 use vqf_rs::{Params, VQF};
 
 use super::clock::PERIOD_S;
@@ -21,10 +21,10 @@ const TILT_BUDGET_RAD: f64 = 0.025;
 /// Error of the gyro for each rad/s that the board turns, as a share of an entry's deviation: a board seldom turns about
 /// one axis for as long as the time constant.
 const TURNS_ON: f64 = 0.43;
-/// Limits of that time constant, seconds.
-const TAU_S: std::ops::RangeInclusive<f64> = 1.0..=20.0;
-/// Tilt error of a board that is not accelerated, radians: what its accelerometer is off.
-const TILT_RAD: f64 = 0.012;
+/// Limits of that time constant, seconds. The shortest is what the budget allows a gyro whose bias is unknown: 3.3°/s, one deviation.
+const TAU_S: std::ops::RangeInclusive<f64> = 0.4..=20.0;
+/// Tilt error of a board that is not accelerated, radians, but for the gyro's: what its accelerometer is off, a hundredth of g.
+const TILT_RAD: f64 = 0.01;
 /// Share of the acceleration over the time constant that passes for tilt. With half, the deviations of a simulated hand and drone are
 /// 1.3 and 1.4 times their errors, with 0.7 they are 1.4 and 1.5 times.
 const PASSES_FOR_TILT: f64 = 0.5;
@@ -48,6 +48,8 @@ pub(super) struct AttitudeFilter {
     vertical_known: bool,
     /// Horizontal specific force in the frame over the time constant of the tilt, m/s².
     pull: Vector2<f64>,
+    /// Rotation into the frame, integrated over the time constant of the tilt, seconds: so a bias of the gyro tilts the frame.
+    leaning_s: Matrix3<f64>,
     /// Mean rate over the last seconds, rad/s.
     mean_rate_rad_s: f64,
     rate_rad_s: Vector3<f64>,
@@ -74,6 +76,7 @@ impl AttitudeFilter {
             levelled_since_s: None,
             vertical_known: false,
             pull: Vector2::zeros(),
+            leaning_s: Matrix3::zeros(),
             mean_rate_rad_s: 0.0,
             rate_rad_s: Vector3::zeros(),
         }
@@ -99,6 +102,7 @@ impl AttitudeFilter {
         let after = unit(self.vqf.state().gyr_quat);
         let middle = UnitQuaternion::new_normalize(before.lerp(&after, 0.5));
         let to_frame = middle.to_rotation_matrix().into_inner();
+        self.leaning_s += (to_frame - self.leaning_s / self.tilt_tau_s()) * PERIOD_S;
         self.trim.turn(PERIOD_S, &rate);
         let at_rest = self.at_rest();
         let force = force.map(|force| self.levelled(force, at_rest));
@@ -156,8 +160,12 @@ impl AttitudeFilter {
 
     /// What the tilt is off by now, one standard deviation, radians.
     pub(super) fn tilt_sd_rad(&self) -> f64 {
-        let own = hypot(TILT_RAD, self.trim.tilt_sd_rad());
-        hypot(own, PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2)
+        let by_accelerometer = hypot(TILT_RAD, self.trim.tilt_sd_rad());
+        let by_acceleration = PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2;
+        let level = self.leaning_s.fixed_rows::<2>(0);
+        let leaning = level * self.errors.tilting_bias_covariance() * level.transpose();
+        let by_gyro = (0.5 * leaning.trace()).max(0.0).sqrt();
+        hypot(by_accelerometer, hypot(by_acceleration, by_gyro))
     }
 
     /// Time constant of the tilt, seconds.
@@ -181,6 +189,7 @@ impl AttitudeFilter {
 
     fn forget_force(&mut self) {
         self.trim = Trim::default();
+        self.leaning_s.fill(0.0);
         let state = self.vqf.state_mut();
         state.acc_lp_state = [[f64::NAN; 2]; 3];
         state.rest_acc_lp_state = [[f64::NAN; 2]; 3];

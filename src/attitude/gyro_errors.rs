@@ -157,6 +157,11 @@ impl GyroErrors {
         (across / (3.0 - up.norm_squared())).max(0.0).sqrt()
     }
 
+    /// Covariance of the bias, body axes, (rad/s)², without the vertical of a board that stays upright: about that it does not tilt.
+    pub(super) fn tilting_bias_covariance(&self) -> Matrix3<f64> {
+        self.seen() * self.p.fixed_view::<3, 3>(B, B) * self.seen()
+    }
+
     /// Deviation of an entry of M.
     pub(super) fn matrix_sd(&self) -> f64 {
         (self.p.fixed_view::<9, 9>(M, M).trace() / 9.0).sqrt()

@@ -101,6 +101,36 @@ fn pose_and_tilt_follow_the_truth() {
 }
 
 #[test]
+fn tilt_by_an_unknown_bias_is_small_and_part_of_its_deviation() {
+    let mut board = TestBoard {
+        gyro_bias_deg_s: Vector3::new(4.5, -4.5, 0.0),
+        ..TestBoard::default()
+    };
+    let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
+    let mut done = 0;
+    let mut compared = 0;
+    for _ in 0..20 {
+        // From power-on, without a rest that would tell the bias.
+        board.turn_up(10.0, 45.0);
+        for reading in &board.readings[done..] {
+            attitude.take(reading, |_| {});
+        }
+        done = board.readings.len();
+        let pose = attitude.pose_at(board.t_s).unwrap();
+        if !pose.vertical_known {
+            continue;
+        }
+        compared += 1;
+        let up = board.attitude.inverse() * Vector3::z();
+        let off_rad = (pose.orientation.inverse() * Vector3::z()).angle(&up);
+        assert!(off_rad.to_degrees() < 3.5, "{off_rad}");
+        let share = off_rad / (attitude.tilt_sd_rad() * 2f64.sqrt());
+        assert!((0.6..1.4).contains(&share), "{share}");
+    }
+    assert!(compared > 10);
+}
+
+#[test]
 fn tilt_signs_are_nose_up_and_right_wing_down() {
     let tilt = Tilt::of_down(&Vector3::new(-0.5, 0.0, 0.75f64.sqrt()));
     assert!((tilt.pitch_rad.to_degrees() - 30.0).abs() < 1e-9);
