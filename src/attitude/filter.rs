@@ -21,9 +21,9 @@ const TILT_BUDGET_RAD: f64 = 0.025;
 /// Error of the gyro for each rad/s that the board turns, as a share of an entry's deviation: a board seldom turns about
 /// one axis for as long as the time constant.
 const TURNS_ON: f64 = 0.43;
-/// Limits of that time constant, seconds. The shortest is what the budget allows a gyro whose bias is unknown: 3.3°/s, one deviation.
+/// Limits of that time constant, seconds. The shortest keeps the budget with an unknown bias of 3.3°/s, one deviation.
 const TAU_S: std::ops::RangeInclusive<f64> = 0.4..=20.0;
-/// Tilt error of a board that is not accelerated, radians, but for the gyro's: what its accelerometer is off, a hundredth of g.
+/// Tilt error by the accelerometer alone, without acceleration, radians: a hundredth of g.
 const TILT_RAD: f64 = 0.01;
 /// Share of the acceleration over the time constant that passes for tilt. With half, the deviations of a simulated hand and drone are
 /// 1.3 and 1.4 times their errors, with 0.7 they are 1.4 and 1.5 times.
@@ -48,8 +48,8 @@ pub(super) struct AttitudeFilter {
     vertical_known: bool,
     /// Horizontal specific force in the frame over the time constant of the tilt, m/s².
     pull: Vector2<f64>,
-    /// Rotation into the frame, integrated over the time constant of the tilt, seconds: so a bias of the gyro tilts the frame.
-    leaning_s: Matrix3<f64>,
+    /// Tilt for each rad/s of the gyro's bias, body axes, seconds: the rotation into the frame, integrated over the time constant.
+    tilt_by_bias_s: Matrix3<f64>,
     /// Mean rate over the last seconds, rad/s.
     mean_rate_rad_s: f64,
     rate_rad_s: Vector3<f64>,
@@ -76,7 +76,7 @@ impl AttitudeFilter {
             levelled_since_s: None,
             vertical_known: false,
             pull: Vector2::zeros(),
-            leaning_s: Matrix3::zeros(),
+            tilt_by_bias_s: Matrix3::zeros(),
             mean_rate_rad_s: 0.0,
             rate_rad_s: Vector3::zeros(),
         }
@@ -102,7 +102,7 @@ impl AttitudeFilter {
         let after = unit(self.vqf.state().gyr_quat);
         let middle = UnitQuaternion::new_normalize(before.lerp(&after, 0.5));
         let to_frame = middle.to_rotation_matrix().into_inner();
-        self.leaning_s += (to_frame - self.leaning_s / self.tilt_tau_s()) * PERIOD_S;
+        self.tilt_by_bias_s += (to_frame - self.tilt_by_bias_s / self.tilt_tau_s()) * PERIOD_S;
         self.trim.turn(PERIOD_S, &rate);
         let at_rest = self.at_rest();
         let force = force.map(|force| self.levelled(force, at_rest));
@@ -162,9 +162,9 @@ impl AttitudeFilter {
     pub(super) fn tilt_sd_rad(&self) -> f64 {
         let by_accelerometer = hypot(TILT_RAD, self.trim.tilt_sd_rad());
         let by_acceleration = PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2;
-        let level = self.leaning_s.fixed_rows::<2>(0);
-        let leaning = level * self.errors.tilting_bias_covariance() * level.transpose();
-        let by_gyro = (0.5 * leaning.trace()).max(0.0).sqrt();
+        let level = self.tilt_by_bias_s.fixed_rows::<2>(0);
+        let drift = level * self.errors.tilting_bias_covariance() * level.transpose();
+        let by_gyro = (0.5 * drift.trace()).max(0.0).sqrt();
         hypot(by_accelerometer, hypot(by_acceleration, by_gyro))
     }
 
@@ -189,7 +189,7 @@ impl AttitudeFilter {
 
     fn forget_force(&mut self) {
         self.trim = Trim::default();
-        self.leaning_s.fill(0.0);
+        self.tilt_by_bias_s.fill(0.0);
         let state = self.vqf.state_mut();
         state.acc_lp_state = [[f64::NAN; 2]; 3];
         state.rest_acc_lp_state = [[f64::NAN; 2]; 3];

@@ -157,9 +157,10 @@ impl GyroErrors {
         (across / (3.0 - up.norm_squared())).max(0.0).sqrt()
     }
 
-    /// Covariance of the bias, body axes, (rad/s)², without the vertical of a board that stays upright: about that it does not tilt.
+    /// Covariance of the bias that tilts the frame, body axes, (rad/s)²: that about the vertical of an upright board does not.
     pub(super) fn tilting_bias_covariance(&self) -> Matrix3<f64> {
-        self.seen() * self.p.fixed_view::<3, 3>(B, B) * self.seen()
+        let seen = self.seen();
+        seen * self.p.fixed_view::<3, 3>(B, B) * seen
     }
 
     /// Deviation of an entry of M.
