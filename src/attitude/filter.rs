@@ -23,7 +23,7 @@ const TILT_BUDGET_RAD: f64 = 0.025;
 const TURNS_ON: f64 = 0.43;
 /// Limits of that time constant, seconds. The shortest keeps the budget with an unknown bias of 3.3°/s, one deviation.
 const TAU_S: std::ops::RangeInclusive<f64> = 0.4..=20.0;
-/// Tilt error by the accelerometer alone, without acceleration, radians: a hundredth of g.
+/// Tilt error of a board that is not accelerated, by the accelerometer's bias, radians: a hundredth of g.
 const TILT_RAD: f64 = 0.01;
 /// Share of the acceleration over the time constant that passes for tilt. With half, the deviations of a simulated hand and drone are
 /// 1.3 and 1.4 times their errors, with 0.7 they are 1.4 and 1.5 times.
@@ -48,7 +48,8 @@ pub(super) struct AttitudeFilter {
     vertical_known: bool,
     /// Horizontal specific force in the frame over the time constant of the tilt, m/s².
     pull: Vector2<f64>,
-    /// Tilt for each rad/s of the gyro's bias, body axes, seconds: the rotation into the frame, integrated over the time constant.
+    /// Rotation of the frame for each rad/s of the gyro's bias, body axes, seconds: the rotation into the levelled frame, integrated over the
+    /// time constant of the tilt.
     tilt_by_bias_s: Matrix3<f64>,
     /// Mean rate over the last seconds, rad/s.
     mean_rate_rad_s: f64,
@@ -102,7 +103,7 @@ impl AttitudeFilter {
         let after = unit(self.vqf.state().gyr_quat);
         let middle = UnitQuaternion::new_normalize(before.lerp(&after, 0.5));
         let to_frame = middle.to_rotation_matrix().into_inner();
-        self.tilt_by_bias_s += (to_frame - self.tilt_by_bias_s / self.tilt_tau_s()) * PERIOD_S;
+        self.follow_drift(middle);
         self.trim.turn(PERIOD_S, &rate);
         let at_rest = self.at_rest();
         let force = force.map(|force| self.levelled(force, at_rest));
@@ -158,13 +159,20 @@ impl AttitudeFilter {
         self.pull += (horizontal - self.pull) * (PERIOD_S / self.tilt_tau_s());
     }
 
-    /// What the tilt is off by now, one standard deviation, radians.
+    /// Turns by the rotation of this tick into the gyro's own frame, which is not level.
+    fn follow_drift(&mut self, to_gyro_frame: UnitQuaternion<f64>) {
+        let to_frame = unit(self.vqf.state().acc_quat) * to_gyro_frame;
+        let to_frame = to_frame.to_rotation_matrix().into_inner();
+        self.tilt_by_bias_s += (to_frame - self.tilt_by_bias_s / self.tilt_tau_s()) * PERIOD_S;
+    }
+
+    /// What the tilt is off by now, one standard deviation on each horizontal axis, radians.
     pub(super) fn tilt_sd_rad(&self) -> f64 {
         let by_accelerometer = hypot(TILT_RAD, self.trim.tilt_sd_rad());
         let by_acceleration = PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2;
         let level = self.tilt_by_bias_s.fixed_rows::<2>(0);
-        let drift = level * self.errors.tilting_bias_covariance() * level.transpose();
-        let by_gyro = (0.5 * drift.trace()).max(0.0).sqrt();
+        let drift = level * self.errors.bias_covariance() * level.transpose();
+        let by_gyro = (drift.trace() / 2.0).max(0.0).sqrt();
         hypot(by_accelerometer, hypot(by_acceleration, by_gyro))
     }
 

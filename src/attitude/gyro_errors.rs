@@ -151,16 +151,15 @@ impl GyroErrors {
 
     /// Deviation of the bias across the vertical, rad/s: what tilts the frame.
     pub(super) fn bias_sd_rad_s(&self) -> f64 {
-        let own: Matrix3<f64> = self.p.fixed_view::<3, 3>(B, B).into();
+        let own = self.bias_covariance();
         let up = self.upright;
         let across = own.trace() - (up.transpose() * own * up)[0];
         (across / (3.0 - up.norm_squared())).max(0.0).sqrt()
     }
 
-    /// Covariance of the bias that tilts the frame, body axes, (rad/s)²: that about the vertical of an upright board does not.
-    pub(super) fn tilting_bias_covariance(&self) -> Matrix3<f64> {
-        let seen = self.seen();
-        seen * self.p.fixed_view::<3, 3>(B, B) * seen
+    /// Covariance of the bias, body axes, (rad/s)².
+    pub(super) fn bias_covariance(&self) -> Matrix3<f64> {
+        self.p.fixed_view::<3, 3>(B, B).into()
     }
 
     /// Deviation of an entry of M.

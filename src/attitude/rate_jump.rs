@@ -5,10 +5,10 @@
 use super::follow;
 use crate::frame::hypot;
 
-/// A step from one reading to the next is a jump if it is larger than the usual step by this factor. The usual step is a root mean
-/// square: the steps of a swinging hand reach 1.4 times theirs, and those of noise 4 times.
+/// A step from one reading to the next is a jump if it exceeds the usual step, a root mean square, by this factor. The largest steps of a
+/// swinging hand are 1.4 times their root mean square, and those of noise 4 times.
 const JUMP_FACTOR: f64 = 8.0;
-/// The usual step is averaged over this time, seconds: it includes the knocks of a hand that handles the board.
+/// The usual step is averaged over this time, seconds: long enough to contain several knocks of a hand that handles the board.
 const USUAL_S: f64 = 3.0;
 /// Least usual step, rad/s: twice the noise of an ITG-3200.
 const LEAST_STEP_RAD_S: f64 = 0.01;
@@ -18,7 +18,7 @@ const START_RAD_S2: f64 = 10.0;
 const GAP_S: f64 = 0.2;
 /// The doubt grows for this long, seconds: by then the field has shown the fault, or the board counts as still.
 const GROWS_S: f64 = 0.5;
-/// Then it fades with this time constant, seconds.
+/// After `GROWS_S` the doubt fades with this time constant, seconds.
 const FADES_S: f64 = 0.2;
 
 /// Watches for jumps of the rate.
@@ -128,10 +128,12 @@ mod tests {
         });
         assert_eq!(at(&missed, 5.975), 0.0);
         for after_s in [0.055, 0.105, 0.205] {
-            // The true rate hardly changes meanwhile. The doubt counts from the last right reading to the one after this time.
-            let truth = 2.0 * swinging(flips_s).abs() * (after_s + 0.015);
+            // Up to the reading that is compared. The doubt takes the rate at the flip to last; the true one grows by half in .2 s.
+            let steps = f64::round((after_s + 0.005) * 1000.0) as u32;
+            let missed_in = |step: u32| swinging(flips_s + f64::from(step) * 0.001).abs() * 0.001;
+            let truth = 2.0 * (0..steps).map(missed_in).sum::<f64>();
             let apart = at(&missed, flips_s + after_s) / truth - 1.0;
-            assert!(apart.abs() < 0.05, "{after_s} s: {apart}");
+            assert!((-0.25..0.1).contains(&apart), "{after_s} s: {apart}");
         }
         assert!(at(&missed, 7.5) < 0.1, "{}", at(&missed, 7.5));
     }

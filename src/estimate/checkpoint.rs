@@ -1,4 +1,4 @@
-//! Undoes what samples of a saturated axis have taught: the axis is recognised only after some of its samples have been taken.
+//! Restores what was known before an axis saturated, which is recognised only after some of its samples have been taken.
 
 use super::filter::Filter;
 use super::gyro_check::GyroCheck;
@@ -70,7 +70,7 @@ impl Estimate {
         }
     }
 
-    /// Drops all checkpoints: the frame that they refer to is gone, or a turn was adopted since.
+    /// Drops all checkpoints: the frame that they refer to is gone, or a turn has been adopted since they were set.
     pub(super) fn forget_checkpoints(&mut self) {
         self.checkpoints = [const { None }; 3];
     }

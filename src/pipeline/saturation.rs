@@ -156,7 +156,7 @@ impl Saturation {
         (kept, states)
     }
 
-    /// Takes by how much an axis has changed since the sample before.
+    /// Takes the change of an axis since the previous sample.
     fn measure_step(&mut self, axis: usize, change_mgauss: f64) {
         let step = &mut self.steps_mgauss[axis];
         *step = (*step * STEP_GROWS).min(COARSEST_STEP_MGAUSS);
