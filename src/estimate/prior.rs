@@ -11,7 +11,7 @@ pub(super) const FIELD_MGAUSS: f64 = 500.0;
 pub(super) const IRON: f64 = 3.0;
 /// Deviation of D's diagonal, scale factors and soft iron, and of the entries beside it, which hold the rotation
 /// between the chips too: 2° and 5 %.
-const SCALE: f64 = 0.08;
+pub(super) const SCALE: f64 = 0.08;
 const SKEW: f64 = 0.035;
 /// What the place of a turn may have added to its result, as a share of the field: rooms are uneven by 1 to 2 %.
 const PLACE: f64 = 0.015;

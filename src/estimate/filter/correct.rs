@@ -2,8 +2,9 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::{FORGET_MOVING_S, Filter, Input, JITTER_S};
+use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, parameter};
 use crate::estimate::covariance::{B, D, E, H, M, N, Sensitivity, T, subtract};
+use crate::estimate::prior::SCALE;
 
 /// Least white noise of a sample, milligauss, and the time over which it is measured, seconds.
 const LEAST_NOISE_MGAUSS: f64 = 1.5;
@@ -127,7 +128,8 @@ impl Filter {
         again
     }
 
-    /// x ← x + K ν, P ← P − K Cᵀ. With `frozen`, bias, matrix and their covariance stay.
+    /// x ← x + K ν, P ← P − K Cᵀ, where a part of bias and matrix stays, all of them with `frozen`: a partial-update Schmidt–Kalman filter
+    /// (Brink, J. Guid. Control Dyn. 40, 2017). What stays of a covariance is the product of both parts.
     fn update(
         &mut self,
         gain: &SMatrix<f64, N, 3>,
@@ -135,22 +137,37 @@ impl Filter {
         innovation: &Vector3<f64>,
         frozen: bool,
     ) {
-        let kept = frozen.then(|| {
-            let bias = self.vector(B);
-            let rows: SVector<f64, 9> = self.x.fixed_rows::<9>(D).into();
-            (bias, rows, self.parameter_covariance())
+        let of_matrix = self.matrix_held();
+        let held = SVector::<f64, 12>::from_fn(|index, _| match index {
+            _ if frozen => 1.0,
+            0..3 => 0.0,
+            _ => of_matrix,
         });
         let before = self.vector(H);
+        let (parameters, covariance) = (self.parameters(), self.parameter_covariance());
         self.x += gain * innovation;
         if self.still {
             self.keep_strength_and_dip(&before);
         }
         subtract(&mut self.p, gain, cross);
-        if let Some((bias, rows, covariance)) = kept {
-            self.x.fixed_rows_mut::<3>(B).copy_from(&bias);
-            self.x.fixed_rows_mut::<9>(D).copy_from(&rows);
-            self.put_parameter_covariance(&covariance);
+        let now = self.parameters();
+        for index in 0..12 {
+            self.x[parameter(index)] =
+                held[index] * parameters[index] + (1.0 - held[index]) * now[index];
+            for other in 0..12 {
+                let both = held[index] * held[other];
+                let now = &mut self.p[(parameter(index), parameter(other))];
+                *now = both * covariance[(index, other)] + (1.0 - both) * *now;
+            }
         }
+    }
+
+    /// The part of D that stays when a sample corrects the state: half while the field is known as badly as D is at first. The model
+    /// multiplies D by the field, and linearising it neglects the product of their errors. Without this, cars that pass before or in a car's
+    /// first turn teach a wrong D for good.
+    fn matrix_held(&self) -> f64 {
+        let unknown2 = self.trace(H, 3) / 3.0;
+        unknown2 / (unknown2 + SCALE.powi(2) * self.vector(H).norm_squared()).max(f64::MIN_POSITIVE)
     }
 
     /// How far the estimated tilt error may correct the field in the Jacobian, 0 to 1. There is no limit if the vertical is unknown.
