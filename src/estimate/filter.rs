@@ -21,17 +21,20 @@
 //! The trace of D is held since only the product of D and h can be seen.
 //!
 //! This file starts and restarts the state, `filter/predict.rs` carries it on in time, `filter/correct.rs` corrects it by a sample,
-//! `filter/measured.rs` puts in the result of a full turn, and `filter/known.rs` answers what is known.
+//! `filter/measured.rs` puts in the result of a full turn, `filter/rest.rs` tells a board at rest from one that swings, and
+//! `filter/known.rs` answers what is known.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::covariance::{B, Covariance, D, E, G, H, M, N, S, T, subtract};
 use super::prior::{FIELD_MGAUSS, Measured, Prior};
+use rest::RestWatch;
 
 mod correct;
 pub(super) mod known;
 mod measured;
 mod predict;
+mod rest;
 
 type State = SVector<f64, N>;
 
@@ -42,7 +45,8 @@ const GYRO_BIAS_RAD_S: f64 = 0.035;
 const GYRO_SCALE: f64 = 0.01;
 /// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering; 16 ms on a real recorder.
 const LAG_S: f64 = 0.015;
-/// A gyro at rest reads its bias within this over one second, rad/s (0.3°/s).
+/// A gyro at rest reads its bias within this over one second, rad/s (0.3°/s): four times the noise of an ITG-3200, since a boat that
+/// swings slowly may pass for resting.
 const REST_RATE_RAD_S: f64 = 0.0052;
 /// Jitter of the times of samples, seconds.
 const JITTER_S: f64 = 0.002;
@@ -96,6 +100,11 @@ pub(super) struct Input {
 }
 
 impl Input {
+    /// Whether the board is at rest, by gyro, accelerometer and field, and stands still by what is seen sooner.
+    fn rests(&self) -> bool {
+        self.at_rest && self.still
+    }
+
     /// Angular rate of the board, body axes, rad/s; 0 while it is still. The gyro then reads only noise, which is in `to_frame` too:
     /// the correlation would bias the lag.
     fn turning(&self) -> Vector3<f64> {
@@ -132,6 +141,7 @@ pub(super) struct Filter {
     jumps_mgauss: Vector3<f64>,
     odd_mgauss: Vector3<f64>,
     still: bool,
+    rest: RestWatch,
     /// How the board lay when it last moved or swung.
     lay: Matrix3<f64>,
     /// Sum of the log-likelihoods of the samples taken.
@@ -185,6 +195,7 @@ impl Filter {
             jumps_mgauss: Vector3::zeros(),
             odd_mgauss: Vector3::zeros(),
             still: false,
+            rest: RestWatch::default(),
             lay: Matrix3::identity(),
             log_likelihood: 0.0,
             consistency: 1.0,
@@ -228,8 +239,12 @@ impl Filter {
     /// Takes a sample. With `frozen`, bias and matrix stay as they are, and only their uncertainty is counted
     /// (a Schmidt–Kalman filter).
     fn take(&mut self, input: &Input, frozen: bool) {
-        if input.at_rest && input.still {
+        if input.rests() {
             self.learn_bias_at_rest(input);
+        } else if input.still {
+            self.rest.interrupt();
+        } else {
+            self.rest = RestWatch::default();
         }
         if !self.begun && !self.begin(input) {
             return;
@@ -317,6 +332,9 @@ impl Filter {
 
     /// A rest tells the gyro's bias.
     fn learn_bias_at_rest(&mut self, input: &Input) {
+        let turned_rad = input.turned_rad - self.vector(G) * input.period_s;
+        self.rest
+            .take(turned_rad, input.period_s, self.trace(G, 3) / 3.0);
         let variance = REST_RATE_RAD_S.powi(2) / input.period_s;
         for axis in 0..3 {
             let innovation = input.rate_rad_s[axis] - self.x[G + axis];

@@ -37,9 +37,16 @@ impl Filter {
             period_s: dt,
             ..
         } = *input;
-        let sensitivity = self.sensitivity(input);
-        let mut cross = sensitivity.cross(&self.p);
+        let tilt = self.tilt_rad();
+        let disturbed = self.vector(H) + self.vector(M);
+        let mut sensitivity = self.sensitivity(input, &disturbed, &tilt);
         let innovation = y - self.matrix() * sensitivity.row - self.vector(B);
+        if input.still {
+            // Unevenness and tilt error follow the innovation. Were they in the gain too, their product would turn the field
+            // steadily, by 10° in some hours of a field that swells by 1 %.
+            sensitivity = self.sensitivity(input, &self.vector(H), &Vector3::zeros());
+        }
+        let mut cross = sensitivity.cross(&self.p);
         let white = self.white_noise2(&input.turning());
         let expected = |cross: &_| sensitivity.squared(cross) + Matrix3::identity() * white;
         let mut s = expected(&cross);
@@ -80,15 +87,14 @@ impl Filter {
         self.update(&(cross * inverse), &cross, &innovation, frozen);
     }
 
-    /// How the sample depends on the states. The predicted sample is `matrix · row + bias`.
-    fn sensitivity(&self, input: &Input) -> Sensitivity {
+    /// How the sample depends on the states where field and tilt error are these, in the frame. The predicted sample is
+    /// `matrix · row + bias`.
+    fn sensitivity(&self, input: &Input, here: &Vector3<f64>, tilt: &Vector3<f64>) -> Sensitivity {
         let w = input.turning();
         let to_body = input.to_frame.transpose();
-        let tilt = self.tilt_rad();
         let lag = self.x[T] - input.lag_s;
-        let here = self.vector(H) + self.vector(M);
         let matrix = self.matrix();
-        let body = to_body * (here + tilt.cross(&here));
+        let body = to_body * (here + tilt.cross(here));
         // First order in what `input.lag_s` leaves of the lag: the field in body axes when the magnetometer measured.
         let body_rate = w.cross(&body);
         let by_field = matrix

@@ -53,10 +53,15 @@ impl Filter {
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
         let w = input.turning();
         let turned_rad = self.turned_since_last(input);
-        // The turn that the gyro's errors add to the frame. If the vertical is known, the accelerometer holds the tilt.
-        let mut turn = r * (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
+        // The turn that the gyro's errors add to the frame. At rest it is what the gyro reads. If the vertical is known, the accelerometer
+        // holds the tilt.
+        let own = self.own_share(input);
+        let by_bias = (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
+        let mut turn = r * (by_bias * (1.0 - own) + input.turned_rad * own);
         let mut by_errors = SMatrix::<f64, 3, 6>::zeros();
-        by_errors.fixed_columns_mut::<3>(0).copy_from(&(r * dt));
+        by_errors
+            .fixed_columns_mut::<3>(0)
+            .copy_from(&(r * dt * (1.0 - own)));
         by_errors
             .fixed_columns_mut::<3>(3)
             .copy_from(&(r * Matrix3::from_diagonal(&w) * dt));
@@ -107,6 +112,7 @@ impl Filter {
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.still { 0.1 } else { 1.0 }
             + 2.0 * GYRO_CROSS.powi(2) * turned_rad;
         let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
+        let bias = bias * (1.0 - self.own_share(input)).powi(2);
         let axes = if input.vertical_known { 2..3 } else { 0..3 };
         let uncertain: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
         let mut noise = Matrix3::zeros();
@@ -120,6 +126,15 @@ impl Filter {
             noise += cross * turned * cross.transpose();
         }
         noise
+    }
+
+    /// The share of the turn since the sample before that the gyro only reads, 0 to 1: all of it if the board rests for sure.
+    fn own_share(&self, input: &Input) -> f64 {
+        if input.rests() {
+            self.rest.own_share()
+        } else {
+            0.0
+        }
     }
 
     /// Adds the walks of field, hard iron, matrix and gyro bias.
