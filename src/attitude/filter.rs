@@ -16,8 +16,11 @@ use crate::frame::hypot;
 /// So long must the accelerometer have had its part before the vertical is called known.
 const LEVELLING_S: f64 = 1.0;
 /// What gyro errors may add to the tilt, radians (1.4°): the accelerometer's time constant is as long as that allows, since
-/// a vehicle's acceleration lasts for seconds, and an error of the gyro for ever.
+/// a vehicle's acceleration lasts for seconds, and an error of the gyro for ever. Where acceleration adds more than that, they may add
+/// as much as it does: a shorter time constant would let more of it pass.
 const TILT_BUDGET_RAD: f64 = 0.025;
+/// No more than this, radians: with a wrong gyro the tilt that it causes looks like acceleration.
+const MOST_BUDGET_RAD: f64 = 0.1;
 /// Error of the gyro for each rad/s that the board turns, as a share of an entry's deviation: a board seldom turns about
 /// one axis for as long as the time constant.
 const TURNS_ON: f64 = 0.43;
@@ -28,8 +31,8 @@ const TILT_RAD: f64 = 0.01;
 /// Share of the acceleration over the time constant that passes for tilt. With half, the deviations of a simulated hand and drone are
 /// 1.3 and 1.4 times their errors, with 0.7 they are 1.4 and 1.5 times.
 const PASSES_FOR_TILT: f64 = 0.5;
-/// It follows the mean rate over this time, seconds, in steps of this factor.
-const RATE_TAU_S: f64 = 3.0;
+/// The time constant follows the means of rate and acceleration over this time, seconds, in steps of this factor.
+const MEAN_S: f64 = 3.0;
 const TAU_STEP: f64 = 1.25;
 /// Without a magnetometer, a rate that differs by more from the bias learnt so far is motion, rad/s.
 const BLIND_REST_RAD_S: f64 = 2.0 * std::f64::consts::PI / 180.0;
@@ -51,8 +54,9 @@ pub(super) struct AttitudeFilter {
     /// Rotation of the frame for each rad/s of the gyro's bias, body axes, seconds: the rotation into the levelled frame, integrated over the
     /// time constant of the tilt.
     tilt_by_bias_s: Matrix3<f64>,
-    /// Mean rate over the last seconds, rad/s.
+    /// Means over the last seconds: the rate, rad/s, and the tilt error by acceleration, radians.
     mean_rate_rad_s: f64,
+    mean_pull_rad: f64,
     rate_rad_s: Vector3<f64>,
 }
 
@@ -79,6 +83,7 @@ impl AttitudeFilter {
             pull: Vector2::zeros(),
             tilt_by_bias_s: Matrix3::zeros(),
             mean_rate_rad_s: 0.0,
+            mean_pull_rad: 0.0,
             rate_rad_s: Vector3::zeros(),
         }
     }
@@ -144,9 +149,10 @@ impl AttitudeFilter {
 
     /// Chooses how long the accelerometer's time constant is.
     fn follow_rate(&mut self, rate_rad_s: f64) {
-        self.mean_rate_rad_s += (rate_rad_s - self.mean_rate_rad_s) * PERIOD_S / RATE_TAU_S;
+        self.mean_rate_rad_s += (rate_rad_s - self.mean_rate_rad_s) * (PERIOD_S / MEAN_S);
         let by_turning = TURNS_ON * self.errors.matrix_sd() * self.mean_rate_rad_s;
-        let wanted = TILT_BUDGET_RAD / (self.errors.bias_sd_rad_s() + by_turning);
+        let budget = TILT_BUDGET_RAD.max(self.mean_pull_rad.min(MOST_BUDGET_RAD));
+        let wanted = budget / (self.errors.bias_sd_rad_s() + by_turning);
         let wanted = wanted.clamp(*TAU_S.start(), *TAU_S.end());
         let now = self.tilt_tau_s();
         if wanted > now * TAU_STEP || wanted * TAU_STEP < now {
@@ -157,6 +163,12 @@ impl AttitudeFilter {
     fn follow_force(&mut self, force: &Vector3<f64>) {
         let horizontal = (self.orientation() * force).xy();
         self.pull += (horizontal - self.pull) * (PERIOD_S / self.tilt_tau_s());
+        self.mean_pull_rad += (self.pull_rad() - self.mean_pull_rad) * (PERIOD_S / MEAN_S);
+    }
+
+    /// What acceleration adds to the tilt, radians.
+    fn pull_rad(&self) -> f64 {
+        PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2
     }
 
     /// Turns by the rotation of this tick into the gyro's own frame, which is not level.
@@ -169,11 +181,10 @@ impl AttitudeFilter {
     /// What the tilt is off by now, one standard deviation on each horizontal axis, radians.
     pub(super) fn tilt_sd_rad(&self) -> f64 {
         let by_accelerometer = hypot(TILT_RAD, self.trim.tilt_sd_rad());
-        let by_acceleration = PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2;
         let level = self.tilt_by_bias_s.fixed_rows::<2>(0);
         let drift = level * self.errors.bias_covariance() * level.transpose();
         let by_gyro = (drift.trace() / 2.0).max(0.0).sqrt();
-        hypot(by_accelerometer, hypot(by_acceleration, by_gyro))
+        hypot(by_accelerometer, hypot(self.pull_rad(), by_gyro))
     }
 
     /// Time constant of the tilt, seconds.
