@@ -97,7 +97,7 @@ impl AttitudeFilter {
         let rate = self.errors.corrected(&mean_rate);
         self.rate_rad_s = rate;
         self.stillness.take(PERIOD_S, rate, force);
-        self.follow_rate(rate.norm());
+        self.choose_tilt_tau(rate.norm());
 
         let before = unit(self.vqf.state().gyr_quat);
         // Rest shows in the rate as it is read: a bias that is being learnt would look like motion.
@@ -147,8 +147,8 @@ impl AttitudeFilter {
         self.trim.levelled(PERIOD_S, &to_frame, &force, at_rest)
     }
 
-    /// Chooses how long the accelerometer's time constant is.
-    fn follow_rate(&mut self, rate_rad_s: f64) {
+    /// Chooses the accelerometer's time constant.
+    fn choose_tilt_tau(&mut self, rate_rad_s: f64) {
         self.mean_rate_rad_s += (rate_rad_s - self.mean_rate_rad_s) * (PERIOD_S / MEAN_S);
         let by_turning = TURNS_ON * self.errors.matrix_sd() * self.mean_rate_rad_s;
         let budget = TILT_BUDGET_RAD.max(self.mean_pull_rad.min(MOST_BUDGET_RAD));

@@ -55,13 +55,13 @@ impl Filter {
         let turned_rad = self.turned_since_last(input);
         // The turn that the gyro's errors add to the frame. At rest it is what the gyro reads. If the vertical is known, the accelerometer
         // holds the tilt.
-        let own = self.own_share(input);
+        let noise_share = self.noise_share(input);
         let by_bias = (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
-        let mut turn = r * (by_bias * (1.0 - own) + input.turned_rad * own);
+        let mut turn = r * (by_bias * (1.0 - noise_share) + input.turned_rad * noise_share);
         let mut by_errors = SMatrix::<f64, 3, 6>::zeros();
         by_errors
             .fixed_columns_mut::<3>(0)
-            .copy_from(&(r * dt * (1.0 - own)));
+            .copy_from(&(r * dt * (1.0 - noise_share)));
         by_errors
             .fixed_columns_mut::<3>(3)
             .copy_from(&(r * Matrix3::from_diagonal(&w) * dt));
@@ -90,7 +90,7 @@ impl Filter {
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
 
         let uneven = self.unevenness_ahead2(still) * strength2;
-        let noise = self.frame_noise(input, &h, turned_rad);
+        let noise = self.frame_noise(input, &h, turned_rad, noise_share);
         self.add_walks(input, strength2, turned_rad);
         for axis in 0..3 {
             self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * uneven;
@@ -107,12 +107,18 @@ impl Filter {
 
     /// Covariance that the frame's walk adds to the field, which it turns: to first order by the field, to second order by its covariance.
     /// To second order the drift by an uncertain gyro bias counts as a walk, as though the bias changed every second.
-    fn frame_noise(&self, input: &Input, h: &Vector3<f64>, turned_rad: f64) -> Matrix3<f64> {
+    fn frame_noise(
+        &self,
+        input: &Input,
+        h: &Vector3<f64>,
+        turned_rad: f64,
+        noise_share: f64,
+    ) -> Matrix3<f64> {
         let dt = input.period_s;
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.still { 0.1 } else { 1.0 }
             + 2.0 * GYRO_CROSS.powi(2) * turned_rad;
         let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
-        let bias = bias * (1.0 - self.own_share(input)).powi(2);
+        let bias = bias * (1.0 - noise_share).powi(2);
         let axes = if input.vertical_known { 2..3 } else { 0..3 };
         let uncertain: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
         let mut noise = Matrix3::zeros();
@@ -128,10 +134,10 @@ impl Filter {
         noise
     }
 
-    /// The share of the turn since the sample before that the gyro only reads, 0 to 1: all of it if the board rests for sure.
-    fn own_share(&self, input: &Input) -> f64 {
+    /// The share of the measured turn that is the gyro's noise, 0 to 1; 0 unless the board rests.
+    fn noise_share(&self, input: &Input) -> f64 {
         if input.rests() {
-            self.rest.own_share()
+            self.rest.noise_share()
         } else {
             0.0
         }

@@ -60,8 +60,8 @@ impl RestWatch {
         (self.turned_rad, self.window_s, self.last) = (Vector3::zeros(), 0.0, None);
     }
 
-    /// The share of the turn that is the gyro's own, 0 to 1.
-    pub(super) fn own_share(&self) -> f64 {
+    /// The share of the measured turn that is the gyro's noise, 0 to 1.
+    pub(super) fn noise_share(&self) -> f64 {
         if self.windows < LEAST_WINDOWS {
             return 0.0;
         }
@@ -82,8 +82,8 @@ mod tests {
 
     use super::*;
 
-    /// The gyro's own share after 10 minutes at 10 Hz with a noise density of 0.05 °/s/√Hz, on a board that swings by 20° in
-    /// `period_s`, and whose bias is known to 0.01°/s.
+    /// The noise's share after 10 minutes at 10 Hz with a noise density of 0.05 °/s/√Hz, on a board that swings by `swing_deg` to either
+    /// side in `period_s`, and whose bias is known to 0.01°/s.
     fn share(swing_deg: f64, period_s: f64) -> f64 {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
         let mut watch = RestWatch::default();
@@ -95,20 +95,20 @@ mod tests {
             let turned = white + Vector3::z() * (swing * 0.1);
             watch.take(turned, 0.1, 0.01f64.to_radians().powi(2));
         }
-        watch.own_share()
+        watch.noise_share()
     }
 
     #[test]
-    fn what_a_gyro_on_a_table_reads_is_its_own() {
-        let own = share(0.0, 300.0);
-        assert!(own > 0.8, "{own}");
+    fn a_gyro_on_a_table_reads_noise() {
+        let noise = share(0.0, 300.0);
+        assert!(noise > 0.8, "{noise}");
     }
 
     #[test]
-    fn what_it_reads_on_a_boat_at_anchor_is_the_boats() {
+    fn a_gyro_on_a_boat_at_anchor_reads_its_swing() {
         for (swing_deg, period_s) in [(40.0, 240.0), (15.0, 600.0)] {
-            let own = share(swing_deg, period_s);
-            assert!(own < 0.1, "{own} while swinging by {swing_deg}°");
+            let noise = share(swing_deg, period_s);
+            assert!(noise < 0.1, "{noise} while swinging by {swing_deg}°");
         }
     }
 }
