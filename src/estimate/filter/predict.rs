@@ -22,8 +22,6 @@ const FORGET_RESTING_S: f64 = 60.0;
 /// simulated car that others pass before its first turn learns wrong iron and is sure of it; at twice the value cars learn later,
 /// for nothing.
 const IRON_HIDES: f64 = 0.3;
-/// Least unevenness at rest, as a share of the field, even if less was measured in motion.
-const RESTING_UNEVENNESS: f64 = 0.01;
 /// After this time in motion the board is at another place, seconds.
 const PLACE_LASTS_S: f64 = 100.0;
 /// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s.
@@ -186,7 +184,7 @@ impl Filter {
             let hidden2 = (IRON_HIDES.powi(2) * iron2).min(USUAL_UNEVENNESS.powi(2));
             return self.unevenness2.max(hidden2);
         }
-        let resting2 = self.unevenness2.max(RESTING_UNEVENNESS.powi(2));
+        let resting2 = self.unevenness2.max(USUAL_UNEVENNESS.powi(2));
         let disturbance = self.disturbance();
         if disturbance > DISTURBED {
             resting2.max(disturbance.powi(2) / 3.0)
