@@ -149,12 +149,16 @@ impl FromStr for Mounting {
 
 impl fmt::Display for Mounting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Only an exact axis has a name: what is kept is compared with what was written.
         let name = |row: usize| {
-            (0..3).find_map(|column| match self.matrix[(row, column)] {
-                1.0 => Some(["+x", "+y", "+z"][column]),
-                -1.0 => Some(["-x", "-y", "-z"][column]),
+            let row = self.matrix.row(row).transpose();
+            let column = row.iamax();
+            let rest = row.map(f64::abs).sum() - row[column].abs();
+            match (row[column], rest) {
+                (1.0, 0.0) => Some(["+x", "+y", "+z"][column]),
+                (-1.0, 0.0) => Some(["-x", "-y", "-z"][column]),
                 _ => None,
-            })
+            }
         };
         if let (Some(x), Some(y), Some(z)) = (name(0), name(1), name(2)) {
             return write!(f, "{x} {y} {z}");
@@ -270,6 +274,15 @@ mod tests {
             (Vector3::new(0.0, 163.0, 527.0), 270.0),
         ] {
             assert!((heading_deg(&field, &Vector3::z()).unwrap() - heading).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_mounting_that_is_written_and_read_is_the_same() {
+        for tilt_rad in [0.0, 1e-6, 3e-4, 9e-4, 0.2] {
+            let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), tilt_rad);
+            let mounting = Mounting::from_matrix(turn.into_inner()).unwrap().rounded();
+            assert_eq!(mounting.to_string().parse(), Ok(mounting), "{mounting}");
         }
     }
 

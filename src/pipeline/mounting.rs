@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::Pipeline;
 use super::saturation::Saturation;
 use crate::frame::Mountings;
+use crate::reading::Reading;
 
 impl Pipeline {
     /// Where down is now, a unit vector of body axes, and how fast the board turns, rad/s; `None` while nothing feels it.
@@ -19,10 +20,18 @@ impl Pipeline {
     /// carried along in body axes is forgotten.
     pub(super) fn mount(&mut self, mountings: Mountings) {
         let calibration = self.calibration();
+        let force = self.attitude.specific_force_m_s2(self.now_s);
+        let felt = Reading {
+            t_s: self.now_s,
+            specific_force_m_s2: force.map(|body| self.setup.mountings.accel.to_chip(body)),
+            ..Reading::default()
+        };
         self.setup.mountings = mountings;
         self.saturation = Saturation::new(&mountings);
         self.unwanted |= self.calibrating;
         self.forget_estimate(calibration);
         self.begin_stretch();
+        // The accelerometer still feels that, and is not silent until its next reading.
+        self.attitude.take(&felt, |_| {});
     }
 }
