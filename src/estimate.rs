@@ -37,14 +37,15 @@ use level::Level;
 use place::PlaceEvidence;
 use prior::{Measured, Prior};
 
-/// Two filters are told apart when one explains the samples better by so much log-likelihood: e¹² to 1, since samples
-/// beside each other share their errors.
+/// A filter wins when its log-likelihood leads by this much. The limit is high (e¹² to 1) because the errors of consecutive samples are
+/// correlated.
 const DECIDED: f64 = 12.0;
-/// No sample says more than this: one that came late or was disturbed fits the less certain filter better, whichever is right.
+/// A sample adds no more than this to the lead: one that came late or was disturbed fits the less certain filter better, whichever is
+/// right.
 const MOST_A_SAMPLE: f64 = 0.5;
-/// A rival that has explained nothing better after this much motion is dropped, seconds.
+/// A rival that has not won after this much motion, seconds, is dropped.
 const RIVAL_LASTS_S: f64 = 30.0;
-/// Strength of a disturbance, as a share of the field, for this long in motion, after which iron on the board is tried as its cause.
+/// If a disturbance exceeds this share of the field for this long in motion, a rival assumes that iron on the board causes it.
 const IRON_TRIED_FROM: f64 = 0.08;
 const IRON_TRIED_AFTER_S: f64 = 1.0;
 /// An axis whose bias is known less well than this share of the field is not measured.
@@ -125,7 +126,7 @@ pub struct Estimate {
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
     suspended: Option<Suspended>,
-    /// For each axis of the magnetometer that may be saturated, from when it began to repeat its number.
+    /// One for each axis of the magnetometer, set when the axis begins to repeat a number and may be saturated.
     checkpoints: [Option<Checkpoint>; 3],
     iron: IronWatch,
     disturbed_s: f64,
@@ -234,8 +235,9 @@ impl Estimate {
         self.iron.take(&self.active, period_s);
     }
 
-    /// The gyro is at fault, or was until now. Falls back to the filter of when it was last shown to be right. The present one is
-    /// suspended, and comes back if the fault clears within `FALSE_ALARM_S` of motion.
+    /// Takes a sample during a fault of the gyro, or the first after it. The first sample of a fault suspends the active filter, and the
+    /// filter of when the gyro was last shown to be right takes its place. The suspended one follows the samples, and returns if
+    /// the fault clears within `FALSE_ALARM_S` of motion.
     fn follow_gyro_fault(&mut self, input: &Input, lost: bool) {
         match self.suspended.take() {
             Some(mut suspended) if self.gyro.fault().is_some() => {
@@ -292,7 +294,7 @@ impl Estimate {
         self.active.lag_s().clamp(0.0, MOST_LAG_S)
     }
 
-    /// The frame is lost, and so is all that was carried along with it.
+    /// The frame is lost: drops the last sample and the rival. The next sample begins a new frame.
     pub fn lose_frame(&mut self) {
         self.last = None;
         self.lost = true;
@@ -393,7 +395,7 @@ impl Estimate {
         Some(self.active.matrix().try_inverse()? * (body - self.active.bias_mgauss()))
     }
 
-    /// The calibration to start with, as long as there is nothing else.
+    /// The kept calibration, until the active filter has begun.
     fn kept_alone(&self) -> Option<&Calibration> {
         self.kept.as_ref().filter(|_| !self.active.begun())
     }

@@ -16,8 +16,8 @@ use crate::frame::hypot;
 /// So long must the accelerometer have had its part before the vertical is called known.
 const LEVELLING_S: f64 = 1.0;
 /// What gyro errors may add to the tilt, radians (1.4°): the accelerometer's time constant is as long as that allows, since
-/// a vehicle's acceleration lasts for seconds, and an error of the gyro for ever. Where acceleration adds more than that, they may add
-/// as much as it does: a shorter time constant would let more of it pass.
+/// a vehicle's acceleration lasts for seconds, and an error of the gyro for ever. If acceleration adds more tilt than this, the gyro's
+/// errors may add as much as the acceleration does: a shorter time constant would let more acceleration pass.
 const TILT_BUDGET_RAD: f64 = 0.025;
 /// No more than this, radians: with a wrong gyro the tilt that it causes looks like acceleration.
 const MOST_BUDGET_RAD: f64 = 0.1;
@@ -31,7 +31,8 @@ const TILT_RAD: f64 = 0.01;
 /// Share of the acceleration over the time constant that passes for tilt. With half, the deviations of a simulated hand and drone are
 /// 1.3 and 1.4 times their errors, with 0.7 they are 1.4 and 1.5 times.
 const PASSES_FOR_TILT: f64 = 0.5;
-/// The time constant follows the means of rate and acceleration over this time, seconds, in steps of this factor.
+/// Rate and acceleration are averaged over this time, seconds. The time constant is replaced when the wanted one differs by more than
+/// this factor.
 const MEAN_S: f64 = 3.0;
 const TAU_STEP: f64 = 1.25;
 /// Without a magnetometer, a rate that differs by more from the bias learnt so far is motion, rad/s.
@@ -51,8 +52,8 @@ pub(super) struct AttitudeFilter {
     vertical_known: bool,
     /// Horizontal specific force in the frame over the time constant of the tilt, m/s².
     pull: Vector2<f64>,
-    /// Rotation of the frame for each rad/s of the gyro's bias, body axes, seconds: the rotation into the levelled frame, integrated over the
-    /// time constant of the tilt.
+    /// Rotation of the levelled frame for each rad/s of the gyro's bias, body axes, seconds: the rotation matrix from body to that frame,
+    /// integrated, and forgotten over the time constant of the tilt.
     tilt_by_bias_s: Matrix3<f64>,
     /// Means over the last seconds: the rate, rad/s, and the tilt error by acceleration, radians.
     mean_rate_rad_s: f64,
@@ -63,7 +64,7 @@ pub(super) struct AttitudeFilter {
 impl AttitudeFilter {
     pub(super) fn new(bias_limit_deg_s: f64) -> Self {
         let params = Params {
-            // It is told the bias.
+            // `GyroErrors` estimates the bias.
             motion_bias_est_enabled: false,
             bias_clip: bias_limit_deg_s,
             tau_acc: *TAU_S.start(),
@@ -118,10 +119,10 @@ impl AttitudeFilter {
             self.vqf.update_acc(force.into());
             self.follow_force(&force);
         } else if !live {
-            // VQF counts the time at rest with the accelerometer. A made-up one serves for that, but must
-            // not level the frame.
+            // VQF counts the time at rest only when the accelerometer reads. Without one it gets a constant, which must not
+            // level the frame.
             let frame = self.vqf.state().acc_quat;
-            self.vqf.update_acc([0.0, 0.0, 9.81]);
+            self.vqf.update_acc([0.0, 0.0, GRAVITY_M_S2]);
             self.vqf.state_mut().acc_quat = frame;
         }
         self.ticked = true;
@@ -171,7 +172,8 @@ impl AttitudeFilter {
         PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2
     }
 
-    /// Turns by the rotation of this tick into the gyro's own frame, which is not level.
+    /// Integrates the rotation from body to the levelled frame. The argument is the rotation from body to the gyro's own frame, which is
+    /// not level.
     fn follow_drift(&mut self, to_gyro_frame: UnitQuaternion<f64>) {
         let to_frame = unit(self.vqf.state().acc_quat) * to_gyro_frame;
         let to_frame = to_frame.to_rotation_matrix().into_inner();

@@ -1,5 +1,5 @@
-//! The large products of the filter, on its symmetric covariance. They are most of its cost, so that each touches
-//! only what it changes, a column at a time, and of what is symmetric computes one half.
+//! The large products of the filter, on its symmetric covariance. They are most of its cost. So each touches
+//! only the entries that it changes, a column at a time, and computes one half of what is symmetric.
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
@@ -59,7 +59,7 @@ impl Step {
                 *value *= kept;
             }
         }
-        // Then F from the left: where only the column moves, the row is the same by symmetry.
+        // Then F from the left. F leaves the lasting states alone, so that their rows follow by symmetry.
         for moving in MOVING {
             let mut column = p.column_mut(moving);
             let errors = column.fixed_rows::<6>(G).into_owned();

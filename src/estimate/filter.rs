@@ -100,7 +100,7 @@ pub(super) struct Input {
 }
 
 impl Input {
-    /// Whether the board is at rest, by gyro, accelerometer and field, and stands still by what is seen sooner.
+    /// Whether both say that the board rests. `still` ends sooner when it begins to move.
     fn rests(&self) -> bool {
         self.at_rest && self.still
     }
@@ -223,21 +223,14 @@ impl Filter {
     /// Carries the state on to a sample that is no measurement.
     pub(super) fn pass(&mut self, input: &Input) {
         if self.begun {
-            self.advance(input);
+            self.predict(input);
             self.innovation = None;
             self.odd = None;
         }
     }
 
-    /// Carries the state on to a sample. Returns how much of the unevenness has been forgotten.
-    fn advance(&mut self, input: &Input) -> f64 {
-        self.still = input.still;
-        self.vertical_known = input.vertical_known;
-        self.predict(input)
-    }
-
-    /// Takes a sample. With `frozen`, bias and matrix stay as they are, and only their uncertainty is counted
-    /// (a Schmidt–Kalman filter).
+    /// Takes a sample. With `frozen`, or while the board is still, bias and matrix stay as they are, and only their uncertainty is
+    /// counted (a Schmidt–Kalman filter).
     fn take(&mut self, input: &Input, frozen: bool) {
         if input.rests() {
             self.learn_bias_at_rest(input);
@@ -249,7 +242,7 @@ impl Filter {
         if !self.begun && !self.begin(input) {
             return;
         }
-        let forgotten = self.advance(input);
+        let forgotten = self.predict(input);
         // A board that does not turn cannot tell iron from north: what changes then is the place or the frame.
         self.correct(input, frozen || input.still);
         self.measure_unevenness(input, forgotten);
@@ -330,7 +323,7 @@ impl Filter {
         }
     }
 
-    /// A rest tells the gyro's bias.
+    /// Learns the gyro's bias at rest, and what the rest shows of its noise.
     fn learn_bias_at_rest(&mut self, input: &Input) {
         let turned_rad = input.turned_rad - self.vector(G) * input.period_s;
         self.rest

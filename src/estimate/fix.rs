@@ -12,10 +12,19 @@ const DOUBT: f64 = 0.45;
 /// Body X this near the vertical (sine of 10°) has no heading.
 const NO_HEADING: f64 = 0.17;
 
+impl Fix {
+    pub(super) fn new(heading_deg: f64, sd_rad: f64) -> Self {
+        Self {
+            heading_deg,
+            sd_deg: sd_rad.to_degrees().min(180.0),
+        }
+    }
+}
+
 impl Estimate {
     /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` where X is vertical, or
-    /// before the estimate has begun. Its deviation has the field's, the place's and the tilt's in it, and the rotation, radians,
-    /// that the gyro may have missed.
+    /// before the estimate has begun. The deviation covers the field, the place and the tilt. On a
+    /// moving board whose vertical is known it also covers the rotation, radians, that the gyro may have missed.
     pub fn fix(&self, pose: &Pose, missed_turn_rad: f64) -> Option<Fix> {
         if !self.active.begun() {
             return None;
@@ -44,10 +53,7 @@ impl Estimate {
         // Innovations larger than expected: what is known is known less well than it seems.
         let variance = variance * self.active.consistency().max(self.iron.excess());
         let sd = hypot(variance.sqrt(), self.doubt_rad(missed_turn_rad));
-        Some(Fix {
-            heading_deg: wrap_360(heading.to_degrees()),
-            sd_deg: sd.to_degrees().min(180.0),
-        })
+        Some(Fix::new(wrap_360(heading.to_degrees()), sd))
     }
 
     /// What the heading of a moving board may be off because the gyro is wrong and the field right, radians.
@@ -82,10 +88,7 @@ impl Estimate {
         // A board that leans has its vertical anywhere.
         let tilt2 = tilt * tilt + (leaning_rad * seen.norm()).powi(2);
         let sd = (own + tilt2).sqrt() / horizontal;
-        Some(Fix {
-            heading_deg: heading_deg(seen, &down)?,
-            sd_deg: sd.to_degrees().min(180.0),
-        })
+        Some(Fix::new(heading_deg(seen, &down)?, sd))
     }
 
     /// The heading from one sample alone: what is left where the gyro is not to be trusted. Down is a unit vector of body
@@ -109,10 +112,7 @@ impl Estimate {
         let tilt = tilt_sd * vertical;
         let sd = (own + tilt * tilt).sqrt() / horizontal;
         let sd = hypot(sd, rate_rad_s * self.active.lag_rms_s());
-        Some(Fix {
-            heading_deg: heading,
-            sd_deg: sd.to_degrees().min(180.0),
-        })
+        Some(Fix::new(heading, sd))
     }
 
     /// Deviation of north in the gyro's frame, degrees: that of every heading of a level board.
@@ -120,18 +120,18 @@ impl Estimate {
         if !self.active.begun() {
             return 180.0;
         }
-        let east = by_field(&self.active.field());
-        let variance = (east.transpose() * self.active.field_covariance() * east)[0];
+        let slope = by_field(&self.active.field());
+        let variance = (slope.transpose() * self.active.field_covariance() * slope)[0];
         variance.max(0.0).sqrt().to_degrees().min(180.0)
     }
 }
 
-/// How the azimuth of a field depends on it, radians a milligauss. Within 1 mG of the vertical the slope is that at 1 mG: the
-/// azimuth of such a field is unknown.
+/// Slope of the heading by the field, radians a milligauss: minus that of the field's azimuth. For a field within 1 mG of the
+/// vertical it is the slope at 1 mG: the azimuth of such a field is unknown.
 fn by_field(field: &Vector3<f64>) -> Vector3<f64> {
     let level = field.xy();
-    let east = level
+    let across = level
         .try_normalize(0.0)
         .map_or(Vector3::y(), |north| Vector3::new(-north.y, north.x, 0.0));
-    east / level.norm().max(1.0)
+    across / level.norm().max(1.0)
 }

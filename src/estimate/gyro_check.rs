@@ -16,19 +16,19 @@ use crate::attitude::GRAVITY_M_S2;
 /// A moment ends when the field has changed by this share of it (a turn of 9°), or after this time, seconds.
 const CHANGE: f64 = 0.15;
 const MOMENT_S: f64 = 1.0;
-/// Changes below this are noise, and those above more than a moment: a jump.
+/// Smaller changes are noise. Larger ones are too large for one moment: the field has jumped.
 const NOISE: f64 = 0.05;
 const JUMP: f64 = 0.6;
-/// Sum of squared changes, as shares of the field, over which evidence is forgotten. A level board at a dip of 70° changes its
-/// field by 0.02 in 30° of turning, a tumbling one in 9°.
+/// Sum of squared changes, as shares of the field, over which evidence is forgotten. A level board at a dip of 70°
+/// adds 0.02 in 25° of turning, a tumbling one in 9°.
 const MEMORY: f64 = 0.15;
 /// Of that, so much must have been seen before anything is said.
 const ENOUGH: f64 = 0.6;
 /// Correlation of both changes below which gyro and field turn different ways.
 const OPPOSES: f64 = -0.3;
-/// Accelerations of the board move gravity as well.
+/// The same for gravity. The limit is stricter, since accelerations change the measured gravity too.
 const GRAVITY_OPPOSES: f64 = -0.5;
-/// Below this a gyro that reads the same to the last bit is not the one of a turntable.
+/// Readings that are the same to the last bit are a real rotation, that of a turntable, only above this correlation.
 const AGREES: f64 = 0.5;
 /// Specific force that is longer or shorter than gravity by more than this share is not gravity.
 const SHAKEN: f64 = 0.1;
@@ -38,6 +38,7 @@ const TOGETHER: u32 = 3;
 const MOVED: f64 = 0.1;
 /// A gyro that turns by less than this share of what gravity does is silent.
 const SILENT: f64 = 0.3;
+/// A gyro that was at fault explains the field again from this correlation on.
 const EXPLAINS_AGAIN: f64 = 0.8;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, are no measurement if the field
 /// changes by so much meanwhile (squares summed: a level turn of 30° at a dip of 65°).
@@ -61,7 +62,7 @@ const RATE_TAU_S: f64 = 1.0;
 /// What is wrong with the gyro.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GyroFault {
-    /// It reads a constant while the field turns.
+    /// Field or gravity turn, and the gyro does not measure it.
     Dead,
     /// Its axes or signs are wrong.
     Sign,

@@ -82,14 +82,12 @@ impl GyroScale {
     pub(super) fn take(&mut self, input: &Input, filter: &Filter) -> bool {
         let (bias, bias_sd) = filter.gyro_bias();
         let field = input.field_mgauss / FIELD_MGAUSS;
-        let Some(moment) = &mut self.moment else {
+        let unbroken =
+            |moment: &TurnedMoment| input.period_s <= GAP_S && (field - moment.last).norm() <= JUMP;
+        let Some(mut moment) = self.moment.filter(unbroken) else {
             self.moment = TurnedMoment::begin(field, filter);
             return false;
         };
-        if input.period_s > GAP_S || (field - moment.last).norm() > JUMP {
-            self.moment = TurnedMoment::begin(field, filter);
-            return false;
-        }
         let turned_rad = input.turned_rad - bias * input.period_s;
         let mean = 0.5 * (moment.last + field);
         moment.age_s += input.period_s;
@@ -98,13 +96,14 @@ impl GyroScale {
         moment.last = field;
         let angle_rad = moment.turned_rad.norm();
         if angle_rad < MOMENT_RAD && moment.age_s < MOMENT_S {
+            self.moment = Some(moment);
             return false;
         }
         let change = field - moment.first;
         let counts = angle_rad > LEAST_RAD && bias_sd * moment.age_s < BIAS_SHARE * angle_rad;
-        let ended = std::mem::replace(&mut self.moment, TurnedMoment::begin(field, filter));
-        if let Some(ended) = ended.filter(|_| counts) {
-            self.learn(&ended, &change);
+        self.moment = TurnedMoment::begin(field, filter);
+        if counts {
+            self.learn(&moment, &change);
         }
         counts
     }

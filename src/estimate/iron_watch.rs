@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::MEASURED;
 use super::filter::Filter;
 
-/// A known iron is kept for one to two of these times, seconds: a magnet must be detected within 5 s.
+/// The older of the two kept irons is one to two of these times old, seconds: a magnet must be detected within 5 s.
 const KEPT_S: f64 = 2.5;
 /// Normalised squared distance beyond which the iron has moved: five deviations.
 const MOVED: f64 = 25.0;

@@ -43,10 +43,7 @@ pub(super) fn fix(
     let own = calibration.heading_sd_deg.to_radians() * horizontal;
     let place = PLACE * FIELD_MGAUSS.max(calibration.strength_mgauss);
     let squares = own.powi(2) + place.powi(2) + unseen.powi(2) + (tilt_sd * vertical).powi(2);
-    Some(Fix {
-        heading_deg: heading,
-        sd_deg: (squares.sqrt() / horizontal).to_degrees().min(180.0),
-    })
+    Some(Fix::new(heading, squares.sqrt() / horizontal))
 }
 
 /// Which body axes it has measured.

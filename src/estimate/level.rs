@@ -8,7 +8,7 @@ use crate::frame::hypot;
 pub(super) const SD_RAD: f64 = 0.052;
 /// Tilt error of a still board with an accelerometer: that one's bias, radians.
 const KNOWN_SD_RAD: f64 = 0.01;
-/// Over this time it is level on average, seconds; one that leans is found out in this time.
+/// A level board is level on average over the first time, seconds; a board that leans shows it within the second.
 const LEVEL_S: f64 = 60.0;
 const LEANS_S: f64 = 5.0;
 

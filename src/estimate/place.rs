@@ -116,7 +116,7 @@ impl PlaceEvidence {
         ))
     }
 
-    /// North with this evidence.
+    /// North with this evidence, and without it while anything contradicts it.
     pub(super) fn on(&self, north: SeenNorth) -> SeenNorth {
         let innovation = match self.innovation(&north) {
             Some(innovation) if self.against_s == 0.0 => innovation,

@@ -5,12 +5,12 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use crate::calibration::model::{Calibration, Model, Parameters};
 use crate::frame::Mounting;
 
-/// The middle of what the earth's field is anywhere (220 to 670 mG): where nothing else is known.
+/// The earth's field where nothing else is known: it is 220 to 670 mG, and above 450 mG in most inhabited places.
 pub(super) const FIELD_MGAUSS: f64 = 500.0;
 /// Hard iron to expect, on an axis, as a share of the field.
 pub(super) const IRON: f64 = 3.0;
-/// Deviation of D's diagonal, scale factors and soft iron, and of the entries beside it, which hold the rotation
-/// between the chips too: 2° and 5 %.
+/// Deviation of an entry of D: on the diagonal by scale factors (data sheets: 5 %) and soft iron (15 % at most), beside the diagonal
+/// by 2° of rotation between the chips.
 pub(super) const SCALE: f64 = 0.08;
 const SKEW: f64 = 0.035;
 /// What the place of a turn may have added to its result, as a share of the field: rooms are uneven by 1 to 2 %.
@@ -57,15 +57,9 @@ pub(super) struct Prior {
 impl Prior {
     /// Nothing is known but what boards are like.
     pub(super) fn unknown() -> Self {
-        let mut entries = SMatrix::<f64, 9, 9>::zeros();
-        let mut held = SMatrix::<f64, 9, 9>::identity();
-        for row in 0..9 {
-            let diagonal = row % 4 == 0;
-            entries[(row, row)] = if diagonal { SCALE } else { SKEW }.powi(2);
-            for column in (0..9).step_by(4).filter(|_| diagonal) {
-                held[(row, column)] -= 1.0 / 3.0;
-            }
-        }
+        let variance = |row| if row % 4 == 0 { SCALE } else { SKEW }.powi(2);
+        let entries = SMatrix::from_diagonal(&SVector::<f64, 9>::from_fn(|row, _| variance(row)));
+        let held = without_trace();
         let mut covariance = ParameterCovariance::zeros();
         covariance
             .fixed_view_mut::<3, 3>(0, 0)
@@ -167,8 +161,7 @@ impl Measured {
                 let matrix = to_body * spatial.matrix() * to_body.transpose();
                 let matrix = matrix * (3.0 / matrix.trace());
                 for axis in 0..3 {
-                    let unit = Matrix3::<f64>::identity().column(axis).into_owned();
-                    bias(unit, 0.0, None, centre[axis]);
+                    bias(Vector3::ith(axis, 1.0), 0.0, None, centre[axis]);
                 }
                 for row in 0..3 {
                     for column in row..3 {
@@ -200,6 +193,12 @@ impl Measured {
 pub(super) fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
     let by_rows = matrix.transpose();
     SVector::from_column_slice(by_rows.as_slice())
+}
+
+/// Takes the trace out of D's entries, row by row: I − d dᵀ / 3, where d has the entries of the identity.
+pub(super) fn without_trace() -> SMatrix<f64, 9, 9> {
+    let diagonal = rows(&Matrix3::identity());
+    SMatrix::identity() - diagonal * diagonal.transpose() / 3.0
 }
 
 /// Turns bias and matrix, row by row, from one frame into another: b into Q b, D into Q D Qᵀ.

@@ -11,7 +11,7 @@ const LEAST_NOISE_MGAUSS: f64 = 1.5;
 const NOISE_TAU_S: f64 = 2.0;
 /// Least unevenness of the field, as a share of it.
 const LEAST_UNEVENNESS: f64 = 0.004;
-/// It is measured over so many of the lengths in which it is forgotten, when it grows and when it shrinks.
+/// Time constants of the measured unevenness when it grows and when it shrinks, in units of the length in which it is forgotten.
 const LENGTHS_UP: f64 = 3.0;
 const LENGTHS_DOWN: f64 = 4.0;
 /// Offset of the place as a whole: at least and at most, as a share of the field, and the time over which it is measured, seconds.
@@ -37,23 +37,29 @@ impl Filter {
             period_s: dt,
             ..
         } = *input;
-        let tilt = self.tilt_rad();
-        let disturbed = self.vector(H) + self.vector(M);
-        let mut sensitivity = self.sensitivity(input, &disturbed, &tilt);
-        let innovation = y - self.matrix() * sensitivity.row - self.vector(B);
-        if input.still {
-            // Unevenness and tilt error follow the innovation. Were they in the gain too, their product would turn the field
-            // steadily, by 10° in some hours of a field that swells by 1 %.
-            sensitivity = self.sensitivity(input, &self.vector(H), &Vector3::zeros());
-        }
+        let predicted = self.sensitivity(input, &self.field_here(), &self.tilt_rad());
+        let innovation = y - self.matrix() * predicted.row - self.vector(B);
+        let sensitivity = if input.still {
+            // At rest the Jacobian leaves out the estimated unevenness and tilt error: both are correlated with the innovation, which
+            // would turn the field steadily, by 10° in some hours of a field that swells by 1 %.
+            self.sensitivity(input, &self.vector(H), &Vector3::zeros())
+        } else {
+            predicted
+        };
         let mut cross = sensitivity.cross(&self.p);
         let white = self.white_noise2(&input.turning());
-        let expected = |cross: &_| sensitivity.squared(cross) + Matrix3::identity() * white;
-        let mut s = expected(&cross);
-        let Some(mut inverse) = s.try_inverse() else {
+        let weigh = |cross: &_| {
+            let s = sensitivity.squared(cross) + Matrix3::identity() * white;
+            let inverse = s.try_inverse()?;
+            Some((
+                s,
+                inverse,
+                (innovation.transpose() * inverse * innovation)[0],
+            ))
+        };
+        let Some((mut s, mut inverse, mut squared)) = weigh(&cross) else {
             return;
         };
-        let mut squared = (innovation.transpose() * inverse * innovation)[0];
         self.measure_noise(&innovation, dt);
         // At rest a large innovation means that the surroundings have changed; it does not test what is known.
         if !input.still {
@@ -74,12 +80,10 @@ impl Filter {
                 let mut row = cross.row_mut(M + axis);
                 row += sensitivity.field.column(axis).transpose() * jump;
             }
-            s = expected(&cross);
-            match s.try_inverse() {
-                Some(found) => inverse = found,
-                None => return,
-            }
-            squared = (innovation.transpose() * inverse * innovation)[0];
+            let Some(again) = weigh(&cross) else {
+                return;
+            };
+            (s, inverse, squared) = again;
         } else {
             self.odd = None;
         }
@@ -134,7 +138,7 @@ impl Filter {
         again
     }
 
-    /// x ← x + K ν, P ← P − K Cᵀ, where a part of bias and matrix stays, all of them with `frozen`: a partial-update Schmidt–Kalman filter
+    /// x ← x + K ν, P ← P − K Cᵀ, where D is corrected only in part, and with `frozen` neither b nor D: a partial-update Schmidt–Kalman filter
     /// (Brink, J. Guid. Control Dyn. 40, 2017). What stays of a covariance is the product of both parts.
     fn update(
         &mut self,
@@ -210,6 +214,7 @@ impl Filter {
         }
     }
 
+    /// Measures how uneven the field is, and how far off places as a whole are.
     pub(super) fn measure_unevenness(&mut self, input: &Input, forgotten: f64) {
         let m = self.vector(M).norm_squared() + self.trace(M, 3);
         let share = m / 3.0 / self.strength_mgauss.powi(2);

@@ -85,13 +85,7 @@ impl Filter {
 
     /// Covariance of b and of D, row by row.
     pub(in crate::estimate) fn parameter_covariance(&self) -> SMatrix<f64, 12, 12> {
-        let mut covariance = SMatrix::<f64, 12, 12>::zeros();
-        for row in 0..12 {
-            for column in 0..12 {
-                covariance[(row, column)] = self.p[(parameter(row), parameter(column))];
-            }
-        }
-        covariance
+        SMatrix::from_fn(|row, column| self.p[(parameter(row), parameter(column))])
     }
 
     /// Estimated strength of the field, milligauss.
@@ -154,7 +148,7 @@ impl Filter {
 
     /// Whether the hard iron has a deviation below this in every direction, milligauss.
     pub(in crate::estimate) fn iron_known_within(&self, limit_mgauss: f64) -> bool {
-        // What is left up to the limit is positive definite: no eigenvalue needs to be found.
+        // Sylvester's criterion on limit² I − P: no eigenvalue needs to be found.
         let left = Matrix3::identity() * limit_mgauss.powi(2) - self.bias_covariance();
         left.m11 > 0.0 && left.m11 * left.m22 > left.m12 * left.m21 && left.determinant() > 0.0
     }

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{DISTURBED, FORGET_MOVING_S, Filter, Input, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, G, H, M, S, Step};
+use crate::estimate::prior::without_trace;
 
 /// Upper limit of the expected strength, the strongest field on earth: uncertain iron makes the field uncertain, not stronger.
 const STRONGEST_MGAUSS: f64 = 670.0;
@@ -31,8 +32,8 @@ const IRON_WALK_MGAUSS: f64 = 0.05;
 /// So iron and matrix walk by turning: the iron by this share of the field per √rad, each entry of D by this much per √rad.
 const IRON_TURN: f64 = 0.003;
 const MATRIX_TURN: f64 = 0.001;
-/// Shares of the variance of unusual unevenness that a change of the hard iron, and of the field, may have caused while the board turns.
-const IRON_SHARE: f64 = 1.0;
+/// While the board turns, a change of the hard iron may have caused all of the variance of unusual unevenness, and a change of the field
+/// this share of it.
 const FIELD_SHARE: f64 = 0.003;
 /// A still board that has turned by so much, 6°, swings.
 const SWING_RAD: f64 = 0.1;
@@ -40,6 +41,8 @@ const SWING_RAD: f64 = 0.1;
 impl Filter {
     /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten.
     pub(super) fn predict(&mut self, input: &Input) -> f64 {
+        self.still = input.still;
+        self.vertical_known = input.vertical_known;
         let Input {
             to_frame: r,
             period_s: dt,
@@ -51,7 +54,8 @@ impl Filter {
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
         let w = input.turning();
         let turned_rad = self.turned_since_last(input);
-        // The turn that the gyro's errors add to the frame. At rest it is what the gyro reads. If the vertical is known, the accelerometer
+        // The turn that the gyro's errors add to the frame. At rest the true turn is 0: all that is measured is error, as far as the
+        // gyro's noise explains it. If the vertical is known, the accelerometer
         // holds the tilt.
         let noise_share = self.noise_share(input);
         let by_bias = (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
@@ -123,9 +127,7 @@ impl Filter {
         for axis in axes {
             let lever = input.to_frame.row(axis) * dt;
             let drift = (lever * bias * lever.transpose())[0] / dt.max(1e-3);
-            let mut unit = Vector3::zeros();
-            unit[axis] = 1.0;
-            let cross = unit.cross_matrix();
+            let cross = Vector3::ith(axis, 1.0).cross_matrix();
             let turned = h * h.transpose() * walk + uncertain * (walk + drift);
             noise += cross * turned * cross.transpose();
         }
@@ -155,29 +157,19 @@ impl Filter {
             (place, IRON_WALK_MGAUSS.powi(2) * dt)
         };
         let field = moved + FIELD_SHARE * moved_iron;
-        let iron = iron_walk + IRON_SHARE * moved_iron + IRON_TURN.powi(2) * strength2 * turned_rad;
+        let iron = iron_walk + moved_iron + IRON_TURN.powi(2) * strength2 * turned_rad;
         for axis in 0..3 {
             self.p[(H + axis, H + axis)] += field;
             self.p[(B + axis, B + axis)] += iron;
             self.p[(G + axis, G + axis)] += BIAS_WALK_RAD_S.powi(2) * dt;
         }
-        // D's trace is held.
-        let third = 1.0 / 3.0;
-        for entry in 0..9 {
-            for other in 0..9 {
-                let held = match (entry == other, entry % 4 == 0 && other % 4 == 0) {
-                    (true, true) => 1.0 - third,
-                    (true, false) => 1.0,
-                    (false, true) => -third,
-                    (false, false) => continue,
-                };
-                self.p[(D + entry, D + other)] += held * MATRIX_TURN.powi(2) * turned_rad;
-            }
-        }
+        let mut matrix = self.p.fixed_view_mut::<9, 9>(D, D);
+        matrix += without_trace() * MATRIX_TURN.powi(2) * turned_rad;
     }
 
-    /// Variance of the unevenness to come on each axis, as a share of the field. Iron near a board at rest may move on: the variance covers
-    /// all that the iron adds, so that the change is not taken for drift of the frame.
+    /// Variance of the unevenness to come on each axis, as a share of the field. At rest, where it is not
+    /// measured, it is at least that of usual places. Iron nearby may move on: from `DISTURBED` on the variance covers all that the
+    /// iron adds, so that the change is not taken for drift of the frame.
     fn unevenness_ahead2(&self, still: bool) -> f64 {
         if !still {
             let iron2 = self.trace(B, 3) / 3.0 / self.strength_mgauss.powi(2);

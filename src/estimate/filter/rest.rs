@@ -1,6 +1,6 @@
 //! How much of what a gyro reads at rest is its own noise, and how much may be motion.
 //!
-//! A resting board does not turn, so all that its gyro reads has turned the frame and nothing else. A boat at anchor may pass
+//! A resting board does not turn: what its gyro reads turns the frame, but not the board. A boat at anchor may pass
 //! for resting while it swings slowly. White noise averages out over seconds, and a slow swing does not: comparing both tells them
 //! apart.
 
@@ -70,7 +70,7 @@ impl RestWatch {
     }
 }
 
-/// Gain of the mean of all that was taken at first, and then of a low-pass.
+/// Gain of an average: the plain mean at first, later a low-pass over `MEAN_S`.
 fn gain(count: f64, period_s: f64) -> f64 {
     (1.0 / count).max((period_s / MEAN_S).min(1.0))
 }

@@ -4,7 +4,6 @@ use headingd::calibration::model::Parameters;
 use headingd::calibration::outcome::Verdict;
 use headingd::calibration::policy::{Policy, Reason};
 use headingd::condition::SourceFault;
-use headingd::frame::Mountings;
 use headingd::pipeline::Event;
 use nalgebra::Vector3;
 
@@ -313,7 +312,7 @@ fn without_a_gyro_a_kept_calibration_gives_the_headings_of_single_samples() {
 #[test]
 fn a_board_that_is_mounted_otherwise_keeps_its_accelerometer() {
     let mut board = Board::rested(Some(spatial(0.0)));
-    board.tell(Event::Mounted(Box::new(Mountings::default())));
+    board.tell(Event::Mounted(Box::default()));
     board.with_accel = false;
     board.rest(0.1);
     assert_ne!(board.state().1, "no_accelerometer");
