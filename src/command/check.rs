@@ -16,6 +16,7 @@ use crate::frame::rounded;
 use crate::sensor::bus::LinuxBus;
 use crate::sensor::clock::SystemClock;
 use crate::sensor::i2c::examine::{CheckReport, Expected, examine};
+use serde_json::json;
 
 /// Try the chips on an I2C bus: which answer, what they are, and whether they are well
 ///
@@ -23,7 +24,7 @@ use crate::sensor::i2c::examine::{CheckReport, Expected, examine};
 /// meanwhile. Stop the daemon first. The status is 0 only when all is well, 3 when something is not.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The configuration file; its tables i2c and mounting say what to try [default: /etc/headingd/headingd.toml]
+    /// The configuration file; its tables i2c and mounting say what to try [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Print one JSON object
@@ -35,8 +36,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let path = config_file::path(args.config.as_deref());
     let config = config_file::read(&path)?;
     if config.source.kind != Some(Kind::I2c) {
-        let why = "source.kind must be \"i2c\": there are no chips to check";
-        let message = format!("{}: {why}", path.display());
+        let found = (config.source.kind)
+            .map_or_else(|| "not set".to_owned(), |kind| json!(kind).to_string());
+        let message = format!(
+            "{}: source.kind is {found}, but must be \"i2c\": there are no chips to check",
+            path.display()
+        );
         return Err(Failure::new(Failure::CONFIG, message));
     }
     let mut bus = LinuxBus::new(config.i2c.bus);

@@ -1,7 +1,9 @@
 //! A client of the control socket: how the commands that look after the daemon reach it, and what helps if they
 //! do not.
 
+use std::fs;
 use std::io::{self, BufRead, BufReader, ErrorKind, Read, Write};
+use std::os::unix::fs::FileTypeExt;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -29,7 +31,7 @@ pub struct ControlTarget {
     /// The daemon's control socket; without it, that of the configuration
     #[arg(long, value_name = "PATH", global = true, conflicts_with = "config")]
     pub socket: Option<PathBuf>,
-    /// The daemon's configuration file [default: /etc/headingd/headingd.toml, if there is one]
+    /// The daemon's configuration file [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE", global = true)]
     pub config: Option<PathBuf>,
 }
@@ -140,6 +142,12 @@ fn stranger(path: &Path, answer: &Value) -> Failure {
 /// Why the daemon with this socket cannot be reached, and what helps.
 pub(super) fn unreachable(path: &Path, error: &io::Error) -> Failure {
     let name = path.display();
+    if fs::metadata(path).is_ok_and(|found| !found.file_type().is_socket()) {
+        let message = format!(
+            "{name} is no socket: name the daemon's with --socket, or its configuration with --config"
+        );
+        return Failure::new(Failure::DATA, message);
+    }
     match error.kind() {
         ErrorKind::NotFound | ErrorKind::ConnectionRefused => Failure::new(
             Failure::UNAVAILABLE,

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Failure, print, print_json};
+use super::{Failure, number, print, print_json};
 use crate::date;
 use crate::frame::rounded;
 use crate::true_north::{EarthField, Known, Position};
@@ -22,11 +22,11 @@ use crate::wall_clock;
 )]
 pub struct Args {
     /// Degrees north of the equator; the south is negative
-    #[arg(long, value_name = "DEGREES")]
+    #[arg(long, value_name = "DEGREES", value_parser = number("degrees", -90.0..=90.0))]
     pub lat: f64,
 
     /// Degrees east of Greenwich; the west is negative
-    #[arg(long, value_name = "DEGREES")]
+    #[arg(long, value_name = "DEGREES", value_parser = number("degrees", -180.0..=180.0))]
     pub lon: f64,
 
     /// Metres above the ellipsoid of WGS 84, which is near the level of the sea

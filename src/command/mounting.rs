@@ -1,7 +1,7 @@
 //! `headingd mounting`: how the board of a running daemon is mounted.
 
 use super::control::ControlTarget;
-use super::{Failure, print, print_json, text};
+use super::{Failure, number, print, print_json, text};
 use crate::publish::control::ControlRequest;
 
 /// Tell the running daemon how the board is mounted, or show it
@@ -9,7 +9,10 @@ use crate::publish::control::ControlRequest;
 /// The daemon keeps the mounting beside the calibration, which stays as it is. A later change of board_axes or
 /// heading_offset_deg in the configuration replaces it.
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Example: headingd mounting --level --heading 270")]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "Example: headingd mounting --level --heading 270"
+)]
 pub struct Args {
     #[command(flatten)]
     pub target: ControlTarget,
@@ -17,7 +20,7 @@ pub struct Args {
     #[arg(long)]
     pub level: bool,
     /// The magnetic heading is this now, 0 to 360 degrees
-    #[arg(long, value_name = "DEGREES")]
+    #[arg(long, value_name = "DEGREES", value_parser = number("a heading in degrees", 0.0..=360.0))]
     pub heading: Option<f64>,
     /// The board is mounted as the configuration says
     #[arg(long, conflicts_with_all = ["level", "heading"])]

@@ -15,6 +15,7 @@ use crate::store::replace_file;
 /// factors and noise, a gyro with bias, and an accelerometer. Its first lines say the true parameters,
 /// so that you can compare what a calibration finds. The same options always give the same log.
 #[derive(Clone, Debug, clap::Args)]
+#[command(allow_negative_numbers = true)]
 pub struct Args {
     /// File to write; an existing one is replaced. "-" is standard output
     #[arg(long, value_name = "LOG")]
@@ -30,7 +31,7 @@ pub struct Args {
     pub seed: u64,
 
     /// Turns about the vertical, -100 to 100; negative is counter-clockwise. Not used by "free"
-    #[arg(long, value_name = "N", default_value_t = Settings::default().turns, allow_negative_numbers = true)]
+    #[arg(long, value_name = "N", default_value_t = Settings::default().turns)]
     pub turns: f64,
 
     /// Scale factors of the magnetometer's axes, 0.1 to 10; 1 is a perfect axis

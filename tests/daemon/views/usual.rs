@@ -43,7 +43,9 @@ fn every_command_finds_the_same_configuration() {
     let (status, _, err) = headingd(&usual, &["check"]);
     assert_eq!(status, 78);
     assert!(
-        err.contains(&format!("{config}: source.kind must be \"i2c\"")),
+        err.contains(&format!(
+            "{config}: source.kind is \"simulator\", but must be \"i2c\""
+        )),
         "{err}"
     );
     // Another one may be named all the same.

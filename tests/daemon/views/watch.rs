@@ -54,12 +54,15 @@ fn who_cannot_be_watched_is_named_with_what_helps() {
     let (mut process, _client) = rig.watched();
     let control = rig.path("control.sock");
     let none = rig.path("none.sock");
+    let plain = rig.path("plain.txt");
+    std::fs::write(&plain, "").unwrap();
     crate::rig::until("the control socket", || {
         UnixStream::connect(&control).is_ok()
     });
     for (socket, status, part) in [
         (&control, 65, "is not headingd's socket for headings"),
         (&none, 69, "no headingd is running at"),
+        (&plain, 65, "plain.txt is no socket"),
     ] {
         let (found, out, err) = headingd(&[], &["watch", "--socket", socket.to_str().unwrap()]);
         assert_eq!((found, out.as_str()), (status, ""), "{err}");
