@@ -22,7 +22,7 @@ pub struct Args {
     pub out: PathBuf,
 
     /// How the board moves: level turns; rolls after them (spatial); tumbling that shows the field from all sides (free);
-    /// small changes of heading and tilt after level turns (demo)
+    /// changes of heading and tilt after level turns (demo)
     #[arg(long, value_parser = word::<Scenario>(&["planar", "spatial", "free", "demo"]), default_value = "planar")]
     pub scenario: Scenario,
 

@@ -196,7 +196,7 @@ pub(super) fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
 }
 
 /// Takes the trace out of D's entries, row by row: I − d dᵀ / 3, where d has the entries of the identity.
-pub(super) fn without_trace() -> SMatrix<f64, 9, 9> {
+fn without_trace() -> SMatrix<f64, 9, 9> {
     let diagonal = rows(&Matrix3::identity());
     SMatrix::identity() - diagonal * diagonal.transpose() / 3.0
 }

@@ -4,7 +4,6 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{DISTURBED, FORGET_MOVING_S, Filter, Input, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, G, H, M, S, Step};
-use crate::estimate::prior::without_trace;
 
 /// Upper limit of the expected strength, the strongest field on earth: uncertain iron makes the field uncertain, not stronger.
 const STRONGEST_MGAUSS: f64 = 670.0;
@@ -35,6 +34,8 @@ const MATRIX_TURN: f64 = 0.001;
 /// While the board turns, a change of the hard iron may have caused all of the variance of unusual unevenness, and a change of the field
 /// this share of it.
 const FIELD_SHARE: f64 = 0.003;
+/// Which of D's entries, row by row, are on the diagonal.
+const DIAGONAL: [usize; 3] = [0, 4, 8];
 /// A still board that has turned by so much, 6°, swings.
 const SWING_RAD: f64 = 0.1;
 
@@ -163,8 +164,16 @@ impl Filter {
             self.p[(B + axis, B + axis)] += iron;
             self.p[(G + axis, G + axis)] += BIAS_WALK_RAD_S.powi(2) * dt;
         }
-        let mut matrix = self.p.fixed_view_mut::<9, 9>(D, D);
-        matrix += without_trace() * MATRIX_TURN.powi(2) * turned_rad;
+        let matrix = MATRIX_TURN.powi(2) * turned_rad;
+        for entry in 0..9 {
+            self.p[(D + entry, D + entry)] += matrix;
+        }
+        // D's trace is held.
+        for row in DIAGONAL {
+            for column in DIAGONAL {
+                self.p[(D + row, D + column)] -= matrix / 3.0;
+            }
+        }
     }
 
     /// Variance of the unevenness to come on each axis, as a share of the field. At rest, where it is not

@@ -170,7 +170,7 @@ impl Motion {
     }
 }
 
-/// Slow changes of heading by up to 60° and of tilt by up to 5°, from rest and back to it.
+/// Changes of heading by up to 60° and of tilt by up to 20° on either axis, from rest and back to it: as a hand carries a board.
 fn wander(since_s: f64) -> Angles {
     if !(0.0..WANDER_S).contains(&since_s) {
         return [0.0; 3];
@@ -182,8 +182,8 @@ fn wander(since_s: f64) -> Angles {
     };
     [
         wave(40.0, 11.0) + wave(20.0, 6.1),
-        wave(5.0, 4.3),
-        wave(5.0, 5.2),
+        wave(20.0, 4.3),
+        wave(20.0, 5.2),
     ]
 }
 
@@ -247,14 +247,14 @@ mod tests {
     }
 
     #[test]
-    fn the_wander_stays_within_5_degrees_of_level() {
+    fn the_wander_stays_within_29_degrees_of_level() {
         let motion = motion(Scenario::Demo);
         let mut most = 0f64;
         for i in 0..4000 {
             let down = motion.attitude(f64::from(i) * 0.01) * Vector3::z();
             most = most.max(down.z.acos().to_degrees());
         }
-        assert!((4.0..7.1).contains(&most), "{most}");
+        assert!((18.0..29.0).contains(&most), "{most}");
     }
 
     #[test]

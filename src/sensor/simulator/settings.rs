@@ -15,7 +15,7 @@ pub enum Scenario {
     Spatial,
     /// Tumbling that shows the field from all sides.
     Free,
-    /// Rest, level turns, then small changes of heading and tilt.
+    /// Rest, level turns, then changes of heading and tilt, as a hand carries a board.
     Demo,
     /// That of `demo`, again and again.
     Endless,
