@@ -197,6 +197,9 @@ impl AttitudeFilter {
     fn follow_accelerometer(&mut self, end_s: f64, live: bool) {
         if live != self.levelled_since_s.is_some() {
             self.forget_force();
+            if !live {
+                (self.pull, self.mean_pull_rad) = (Vector2::zeros(), 0.0);
+            }
             self.levelled_since_s = live.then_some(end_s);
             // Levelling turns the frame: poses before and after cannot be compared.
             if live && self.ticked {

@@ -126,8 +126,8 @@ pub(super) struct Filter {
     /// The frame when the first sample came.
     first: Option<Matrix3<f64>>,
     vertical_known: bool,
-    /// Root mean square of what the field's strength may be, milligauss.
-    strength_mgauss: f64,
+    /// Root mean square of what the field's strength may be, milligauss: √(|h|² + tr P_h), at most the strongest field on earth.
+    strength_rms_mgauss: f64,
     /// What a turn has measured, until there is a field to go with it.
     measured: Vec<Measured>,
     /// Variances: unevenness and place as shares of the field, noise in milligauss².
@@ -184,7 +184,7 @@ impl Filter {
             begun: false,
             first: None,
             vertical_known: false,
-            strength_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),
+            strength_rms_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),
             measured: prior.measured.clone(),
             unevenness2: unevenness.powi(2),
             place2: FIRST_PLACE.powi(2),
@@ -307,7 +307,7 @@ impl Filter {
     /// Iron may have come or gone: the hard iron is as unknown as the disturbance is large, and the field here is as
     /// even as places are.
     pub(super) fn doubt_iron(&mut self) {
-        let disturbance = self.vector(M).norm() + 0.1 * self.strength_mgauss;
+        let disturbance = self.vector(M).norm() + 0.1 * self.strength_rms_mgauss;
         self.unevenness2 = USUAL_UNEVENNESS.powi(2);
         self.restart_unevenness();
         for axis in 0..3 {
@@ -319,7 +319,7 @@ impl Filter {
     fn restart_unevenness(&mut self) {
         self.clear(M, 3);
         for axis in 0..3 {
-            self.p[(M + axis, M + axis)] = self.unevenness2 * self.strength_mgauss.powi(2);
+            self.p[(M + axis, M + axis)] = self.unevenness2 * self.strength_rms_mgauss.powi(2);
         }
     }
 

@@ -220,7 +220,7 @@ impl Unexplained {
         };
         self.current = if change.ended { 0.0 } else { unexplained };
         if change.ended && unexplained > 0.0 {
-            // Half a turn is all that a heading can be off.
+            // At most what half a turn of a level field is: a heading cannot be off by more.
             self.recent = (self.recent + unexplained).min(PI);
         } else if change.counts() {
             self.recent *= (-change.larger / FADES).exp();

@@ -119,7 +119,7 @@ impl Filter {
     fn white_noise2(&self, rate_rad_s: &Vector3<f64>) -> f64 {
         let neglected = self.trace(H, 3) * (self.trace(D, 9) / 9.0 + self.trace(E, 2) / 3.0)
             + rate_rad_s.norm_squared() * self.p[(T, T)] * self.trace(H, 3) / 3.0;
-        let jitter = rate_rad_s.norm() * JITTER_S * self.strength_mgauss;
+        let jitter = rate_rad_s.norm() * JITTER_S * self.strength_rms_mgauss;
         self.noise2 + neglected + jitter.powi(2)
     }
 
@@ -217,7 +217,7 @@ impl Filter {
     /// Measures how uneven the field is, and how far off places as a whole are.
     pub(super) fn measure_unevenness(&mut self, input: &Input, forgotten: f64) {
         let m = self.vector(M).norm_squared() + self.trace(M, 3);
-        let share = m / 3.0 / self.strength_mgauss.powi(2);
+        let share = m / 3.0 / self.strength_rms_mgauss.powi(2);
         let lengths = if share > self.unevenness2 {
             LENGTHS_UP
         } else {

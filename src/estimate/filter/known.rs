@@ -122,7 +122,7 @@ impl Filter {
 
     /// The disturbance here, as a share of the field.
     pub(in crate::estimate) fn disturbance(&self) -> f64 {
-        self.vector(M).norm() / self.strength_mgauss
+        self.vector(M).norm() / self.strength_rms_mgauss
     }
 
     /// Recent jumps of the field and the innovation of a rejected sample, in the frame, milligauss.
@@ -164,7 +164,7 @@ impl Filter {
                 jacobian[(row, 3 + 3 * row + column)] = corrected[column];
             }
         }
-        let uneven = (self.unevenness2 + self.place2) * self.strength_mgauss.powi(2);
+        let uneven = (self.unevenness2 + self.place2) * self.strength_rms_mgauss.powi(2);
         jacobian * self.parameter_covariance() * jacobian.transpose()
             + Matrix3::identity() * (uneven + self.noise2)
     }

@@ -104,7 +104,7 @@ impl Filter {
         }
         let mut field = self.p.fixed_view_mut::<3, 3>(H, H);
         field += noise;
-        self.strength_mgauss = strength2.sqrt();
+        self.strength_rms_mgauss = strength2.sqrt();
         1.0 - kept
     }
 
@@ -181,7 +181,7 @@ impl Filter {
     /// iron adds, so that the change is not taken for drift of the frame.
     fn unevenness_ahead2(&self, still: bool) -> f64 {
         if !still {
-            let iron2 = self.trace(B, 3) / 3.0 / self.strength_mgauss.powi(2);
+            let iron2 = self.trace(B, 3) / 3.0 / self.strength_rms_mgauss.powi(2);
             let hidden2 = (IRON_HIDES.powi(2) * iron2).min(USUAL_UNEVENNESS.powi(2));
             return self.unevenness2.max(hidden2);
         }
