@@ -149,16 +149,14 @@ impl FromStr for Mounting {
 
 impl fmt::Display for Mounting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // Only an exact axis has a name: what is kept is compared with what was written.
+        // Only an exact axis has a name, so that reading gives back what was written.
         let name = |row: usize| {
             let row = self.matrix.row(row).transpose();
-            let column = row.iamax();
-            let rest = row.map(f64::abs).sum() - row[column].abs();
-            match (row[column], rest) {
-                (1.0, 0.0) => Some(["+x", "+y", "+z"][column]),
-                (-1.0, 0.0) => Some(["-x", "-y", "-z"][column]),
+            (0..3).find_map(|axis| match Vector3::ith(axis, 1.0) {
+                unit if row == unit => Some(["+x", "+y", "+z"][axis]),
+                unit if row == -unit => Some(["-x", "-y", "-z"][axis]),
                 _ => None,
-            }
+            })
         };
         if let (Some(x), Some(y), Some(z)) = (name(0), name(1), name(2)) {
             return write!(f, "{x} {y} {z}");

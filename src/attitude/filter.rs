@@ -19,7 +19,7 @@ const LEVELLING_S: f64 = 1.0;
 /// a vehicle's acceleration lasts for seconds, and an error of the gyro for ever. If acceleration adds more tilt than this, the gyro's
 /// errors may add as much as the acceleration does: a shorter time constant would let more acceleration pass.
 const TILT_BUDGET_RAD: f64 = 0.025;
-/// No more than this, radians: with a wrong gyro the tilt that it causes looks like acceleration.
+/// Upper limit of what they may add then, radians: the tilt that a wrong gyro causes looks like acceleration.
 const MOST_BUDGET_RAD: f64 = 0.1;
 /// Error of the gyro for each rad/s that the board turns, as a share of an entry's deviation: a board seldom turns about
 /// one axis for as long as the time constant.
@@ -197,12 +197,11 @@ impl AttitudeFilter {
     fn follow_accelerometer(&mut self, end_s: f64, live: bool) {
         if live != self.levelled_since_s.is_some() {
             self.forget_force();
+            self.levelled_since_s = live.then_some(end_s);
             if !live {
                 (self.pull, self.mean_pull_rad) = (Vector2::zeros(), 0.0);
-            }
-            self.levelled_since_s = live.then_some(end_s);
-            // Levelling turns the frame: poses before and after cannot be compared.
-            if live && self.ticked {
+            } else if self.ticked {
+                // Levelling turns the frame: poses before and after cannot be compared.
                 self.stretch = self.stretch.wrapping_add(1);
             }
         }

@@ -56,7 +56,7 @@ pub struct Args {
     /// Seed of the swarm
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
-    /// Configuration, for everything that has no option here [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
+    /// Configuration, for everything that has no option here [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Write an accepted calibration to this file (`headingd replay --calibration` reads it)

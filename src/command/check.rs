@@ -8,15 +8,17 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use serde_json::json;
+
 use super::progress::Progress;
 use super::{Failure, config_file, print, print_json};
+use crate::check::Fault;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::frame::rounded;
 use crate::sensor::bus::LinuxBus;
 use crate::sensor::clock::SystemClock;
 use crate::sensor::i2c::examine::{CheckReport, Expected, examine};
-use serde_json::json;
 
 /// Try the chips on an I2C bus: which answer, what they are, and whether they are well
 ///
@@ -24,7 +26,7 @@ use serde_json::json;
 /// meanwhile. Stop the daemon first. The status is 0 only when all is well, 3 when something is not.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The configuration file; its tables i2c and mounting say what to try [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml]
+    /// The configuration file; its tables i2c and mounting say what to try [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Print one JSON object
@@ -38,10 +40,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if config.source.kind != Some(Kind::I2c) {
         let found = (config.source.kind)
             .map_or_else(|| "not set".to_owned(), |kind| json!(kind).to_string());
-        let message = format!(
-            "{}: source.kind is {found}, but must be \"i2c\": there are no chips to check",
-            path.display()
-        );
+        let right = "\"i2c\": there are no chips to check";
+        let fault = Fault::new("source.kind", found, right);
+        let message = format!("{}: {fault}", path.display());
         return Err(Failure::new(Failure::CONFIG, message));
     }
     let mut bus = LinuxBus::new(config.i2c.bus);

@@ -25,12 +25,12 @@ pub struct Args {
 pub enum ConfigAction {
     /// Check a file and list every fault in it. What has no effect, or is not there yet, is a warning
     Check {
-        /// The configuration file [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml]
+        /// The configuration file [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml]
         file: Option<PathBuf>,
     },
     /// Print all settings as TOML, with the defaults of those that the file leaves out
     Show {
-        /// The configuration file [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml; where there is none, the defaults are shown]
+        /// The configuration file [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml; where there is none, the defaults are shown]
         file: Option<PathBuf>,
     },
 }

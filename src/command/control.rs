@@ -31,7 +31,7 @@ pub struct ControlTarget {
     /// The daemon's control socket; without it, that of the configuration
     #[arg(long, value_name = "PATH", global = true, conflicts_with = "config")]
     pub socket: Option<PathBuf>,
-    /// The daemon's configuration file [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
+    /// The daemon's configuration file [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE", global = true)]
     pub config: Option<PathBuf>,
 }
@@ -144,7 +144,7 @@ pub(super) fn unreachable(path: &Path, error: &io::Error) -> Failure {
     let name = path.display();
     if fs::metadata(path).is_ok_and(|found| !found.file_type().is_socket()) {
         let message = format!(
-            "{name} is no socket: name the daemon's with --socket, or its configuration with --config"
+            "{name} is not a socket: name the daemon's with --socket, or its configuration with --config"
         );
         return Failure::new(Failure::DATA, message);
     }

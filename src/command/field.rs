@@ -22,11 +22,11 @@ use crate::wall_clock;
 )]
 pub struct Args {
     /// Degrees north of the equator; the south is negative
-    #[arg(long, value_name = "DEGREES", value_parser = number("degrees", -90.0..=90.0))]
+    #[arg(long, value_name = "DEGREES", value_parser = number("a number of degrees", -90.0..=90.0))]
     pub lat: f64,
 
     /// Degrees east of Greenwich; the west is negative
-    #[arg(long, value_name = "DEGREES", value_parser = number("degrees", -180.0..=180.0))]
+    #[arg(long, value_name = "DEGREES", value_parser = number("a number of degrees", -180.0..=180.0))]
     pub lon: f64,
 
     /// Metres above the ellipsoid of WGS 84, which is near the level of the sea

@@ -19,7 +19,7 @@ pub struct HeadingTarget {
     /// The daemon's socket for headings; without it, that of the configuration
     #[arg(long, value_name = "PATH", conflicts_with = "config")]
     pub socket: Option<PathBuf>,
-    /// The daemon's configuration file [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
+    /// The daemon's configuration file [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }

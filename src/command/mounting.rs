@@ -20,7 +20,7 @@ pub struct Args {
     #[arg(long)]
     pub level: bool,
     /// The magnetic heading is this now, 0 to 360 degrees
-    #[arg(long, value_name = "DEGREES", value_parser = number("a heading in degrees", 0.0..=360.0))]
+    #[arg(long, value_name = "DEGREES", value_parser = number("a number of degrees", 0.0..=360.0))]
     pub heading: Option<f64>,
     /// The board is mounted as the configuration says
     #[arg(long, conflicts_with_all = ["level", "heading"])]

@@ -20,7 +20,7 @@ pub struct Args {
     /// The log to write; an existing one is replaced. "-" is standard output
     #[arg(long, value_name = "LOG")]
     pub out: PathBuf,
-    /// The configuration file [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
+    /// The configuration file [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Stop after so many seconds, 0.1 to 10000000

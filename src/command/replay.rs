@@ -32,7 +32,7 @@ use crate::wall_clock::unix_now_s;
 pub struct Args {
     /// The log (`headingd simulate` writes one)
     pub log: PathBuf,
-    /// Configuration; its table source and the chips' axes are of no effect here [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if
+    /// Configuration; its table source and the chips' axes are of no effect here [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if
     /// there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,

@@ -47,7 +47,7 @@ pub struct Args {
     /// The page to write; an existing one is replaced. "-" is standard output
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Configuration [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
+    /// Configuration [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }

@@ -23,7 +23,7 @@ use crate::service::Service;
 /// A file with a fault changes nothing. SIGUSR1 logs a summary.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The configuration file; "headingd config show" prints all settings [default: HEADINGD_CONFIG, else /etc/headingd/headingd.toml]
+    /// The configuration file; "headingd config show" prints all settings [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }

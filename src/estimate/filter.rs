@@ -100,7 +100,7 @@ pub(super) struct Input {
 }
 
 impl Input {
-    /// Whether both say that the board rests. `still` ends sooner when it begins to move.
+    /// Whether both detectors see rest. `still` ends sooner when the board begins to move.
     fn rests(&self) -> bool {
         self.at_rest && self.still
     }
@@ -323,7 +323,7 @@ impl Filter {
         }
     }
 
-    /// Learns the gyro's bias at rest, and what the rest shows of its noise.
+    /// Learns the gyro's bias at rest, and measures its noise.
     fn learn_bias_at_rest(&mut self, input: &Input) {
         let turned_rad = input.turned_rad - self.vector(G) * input.period_s;
         self.rest

@@ -13,6 +13,7 @@ const DOUBT: f64 = 0.45;
 const NO_HEADING: f64 = 0.17;
 
 impl Fix {
+    /// A heading in degrees with its deviation in radians, which is at most half a turn.
     pub(super) fn new(heading_deg: f64, sd_rad: f64) -> Self {
         Self {
             heading_deg,

@@ -220,7 +220,7 @@ impl Unexplained {
         };
         self.current = if change.ended { 0.0 } else { unexplained };
         if change.ended && unexplained > 0.0 {
-            // At most what half a turn of a level field is: a heading cannot be off by more.
+            // Bounded, so that it fades in time: a heading is off by half a turn at most.
             self.recent = (self.recent + unexplained).min(PI);
         } else if change.counts() {
             self.recent *= (-change.larger / FADES).exp();

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use crate::calibration::model::{Calibration, Model, Parameters};
 use crate::frame::Mounting;
 
-/// The earth's field where nothing else is known: it is 220 to 670 mG, and above 450 mG in most inhabited places.
+/// Strength of the earth's field where nothing else is known, that of northern mid-latitudes; anywhere it is 220 to 670 mG.
 pub(super) const FIELD_MGAUSS: f64 = 500.0;
 /// Hard iron to expect, on an axis, as a share of the field.
 pub(super) const IRON: f64 = 3.0;

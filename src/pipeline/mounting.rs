@@ -21,7 +21,7 @@ impl Pipeline {
     pub(super) fn mount(&mut self, mountings: Mountings) {
         let calibration = self.calibration();
         let force = self.attitude.specific_force_m_s2(self.now_s);
-        let felt = Reading {
+        let last_force = Reading {
             t_s: self.now_s,
             specific_force_m_s2: force.map(|body| self.setup.mountings.accel.to_chip(body)),
             ..Reading::default()
@@ -31,7 +31,7 @@ impl Pipeline {
         self.unwanted |= self.calibrating;
         self.forget_estimate(calibration);
         self.begin_stretch();
-        // The accelerometer still feels that, and is not silent until its next reading.
-        self.attitude.take(&felt, |_| {});
+        // Otherwise the accelerometer would count as silent until its next reading.
+        self.attitude.take(&last_force, |_| {});
     }
 }

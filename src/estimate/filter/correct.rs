@@ -40,7 +40,7 @@ impl Filter {
         let predicted = self.sensitivity(input, &self.field_here(), &self.tilt_rad());
         let innovation = y - self.matrix() * predicted.row - self.vector(B);
         let sensitivity = if input.still {
-            // At rest the Jacobian leaves out the estimated unevenness and tilt error: both are correlated with the innovation, which
+            // At rest the Jacobian leaves out the estimated unevenness and tilt error: both follow the innovation, and the correlation
             // would turn the field steadily, by 10° in some hours of a field that swells by 1 %.
             self.sensitivity(input, &self.vector(H), &Vector3::zeros())
         } else {

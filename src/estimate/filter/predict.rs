@@ -34,8 +34,6 @@ const MATRIX_TURN: f64 = 0.001;
 /// While the board turns, a change of the hard iron may have caused all of the variance of unusual unevenness, and a change of the field
 /// this share of it.
 const FIELD_SHARE: f64 = 0.003;
-/// Which of D's entries, row by row, are on the diagonal.
-const DIAGONAL: [usize; 3] = [0, 4, 8];
 /// A still board that has turned by so much, 6°, swings.
 const SWING_RAD: f64 = 0.1;
 
@@ -56,8 +54,7 @@ impl Filter {
         let w = input.turning();
         let turned_rad = self.turned_since_last(input);
         // The turn that the gyro's errors add to the frame. At rest the true turn is 0: all that is measured is error, as far as the
-        // gyro's noise explains it. If the vertical is known, the accelerometer
-        // holds the tilt.
+        // gyro's noise explains it. If the vertical is known, the accelerometer holds the tilt.
         let noise_share = self.noise_share(input);
         let by_bias = (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
         let mut turn = r * (by_bias * (1.0 - noise_share) + input.turned_rad * noise_share);
@@ -164,21 +161,21 @@ impl Filter {
             self.p[(B + axis, B + axis)] += iron;
             self.p[(G + axis, G + axis)] += BIAS_WALK_RAD_S.powi(2) * dt;
         }
-        let matrix = MATRIX_TURN.powi(2) * turned_rad;
+        let matrix_walk = MATRIX_TURN.powi(2) * turned_rad;
         for entry in 0..9 {
-            self.p[(D + entry, D + entry)] += matrix;
+            self.p[(D + entry, D + entry)] += matrix_walk;
         }
-        // D's trace is held.
-        for row in DIAGONAL {
-            for column in DIAGONAL {
-                self.p[(D + row, D + column)] -= matrix / 3.0;
+        // D's trace is held: of its entries, row by row, 0, 4 and 8 are on the diagonal.
+        for row in (0..9).step_by(4) {
+            for column in (0..9).step_by(4) {
+                self.p[(D + row, D + column)] -= matrix_walk / 3.0;
             }
         }
     }
 
-    /// Variance of the unevenness to come on each axis, as a share of the field. At rest, where it is not
-    /// measured, it is at least that of usual places. Iron nearby may move on: from `DISTURBED` on the variance covers all that the
-    /// iron adds, so that the change is not taken for drift of the frame.
+    /// Variance of the unevenness to come on each axis, as a share of the field. At rest, where it is not measured, it is
+    /// at least that of usual places. Iron nearby may move on: above `DISTURBED` the variance covers all that the iron adds, so that the
+    /// change is not taken for drift of the frame.
     fn unevenness_ahead2(&self, still: bool) -> f64 {
         if !still {
             let iron2 = self.trace(B, 3) / 3.0 / self.strength_rms_mgauss.powi(2);

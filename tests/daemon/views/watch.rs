@@ -62,7 +62,7 @@ fn who_cannot_be_watched_is_named_with_what_helps() {
     for (socket, status, part) in [
         (&control, 65, "is not headingd's socket for headings"),
         (&none, 69, "no headingd is running at"),
-        (&plain, 65, "plain.txt is no socket"),
+        (&plain, 65, "plain.txt is not a socket"),
     ] {
         let (found, out, err) = headingd(&[], &["watch", "--socket", socket.to_str().unwrap()]);
         assert_eq!((found, out.as_str()), (status, ""), "{err}");
