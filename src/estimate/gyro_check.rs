@@ -340,9 +340,9 @@ impl GyroCheck {
         if self.together >= TOGETHER || constant || frozen {
             return Some(GyroFault::Dead);
         }
-        // The filter's iron may be an old one; the scale needs none.
+        // The filter's iron may be an old one, or taught by a gyro of a wrong scale; the scale's verdict needs none.
         let opposes = self.gravity.opposes(GRAVITY_OPPOSES)
-            || (scale != ScaleVerdict::Right && self.field.opposes(OPPOSES));
+            || (scale == ScaleVerdict::Unknown && self.field.opposes(OPPOSES));
         if opposes || scale == ScaleVerdict::Opposed {
             return Some(GyroFault::Sign);
         }
