@@ -12,15 +12,16 @@ pub(super) const D: usize = 11;
 pub(super) const T: usize = 20;
 pub(super) const G: usize = 21;
 pub(super) const S: usize = 24;
+pub(super) const Q: usize = 27;
 /// Length of the state.
-pub(super) const N: usize = 27;
+pub(super) const N: usize = 30;
 
 pub(super) type Covariance = SMatrix<f64, N, N>;
 
-/// The states that move by themselves: the field, the tilt error and the unevenness.
-const MOVING: [usize; 8] = [H, H + 1, H + 2, E, E + 1, M, M + 1, M + 2];
+/// The states that move by themselves: the field, the tilt error, the unevenness and the offset of the place.
+const MOVING: [usize; 11] = [H, H + 1, H + 2, E, E + 1, M, M + 1, M + 2, Q, Q + 1, Q + 2];
 /// All others.
-const LASTING: [usize; N - 8] = [
+const LASTING: [usize; N - 11] = [
     5, 6, 7, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26,
 ];
 
@@ -34,6 +35,8 @@ pub(super) struct Step {
     pub(super) tilt: f64,
     /// What is left of the unevenness.
     pub(super) unevenness: f64,
+    /// What is left of the offset of the place.
+    pub(super) place: f64,
 }
 
 impl Step {
@@ -54,7 +57,11 @@ impl Step {
                 columns[H + axis][row] = sum;
             }
         }
-        for (at, count, kept) in [(E, 2, self.tilt), (M, 3, self.unevenness)] {
+        for (at, count, kept) in [
+            (E, 2, self.tilt),
+            (M, 3, self.unevenness),
+            (Q, 3, self.place),
+        ] {
             for value in columns[at..at + count].as_flattened_mut() {
                 *value *= kept;
             }
@@ -67,6 +74,7 @@ impl Step {
             column.fixed_rows_mut::<3>(H).copy_from(&field);
             column.fixed_rows_mut::<2>(E).scale_mut(self.tilt);
             column.fixed_rows_mut::<3>(M).scale_mut(self.unevenness);
+            column.fixed_rows_mut::<3>(Q).scale_mut(self.place);
         }
         for lasting in LASTING {
             for moving in MOVING {
@@ -78,7 +86,7 @@ impl Step {
 
 /// J, how a sample depends on the states, without its zeros.
 pub(super) struct Sensitivity {
-    /// To field and unevenness alike.
+    /// To the field, the unevenness and the offset of the place alike.
     pub(super) field: Matrix3<f64>,
     /// To the tilt error.
     pub(super) tilt: [Vector3<f64>; 2],
@@ -101,7 +109,8 @@ impl Sensitivity {
             for (state, sum) in sums.iter_mut().enumerate() {
                 let mut all = columns[B + axis][state] + lag * columns[T][state];
                 for from in 0..3 {
-                    all += field[from] * (columns[H + from][state] + columns[M + from][state]);
+                    let here = columns[H + from][state] + columns[M + from][state];
+                    all += field[from] * (here + columns[Q + from][state]);
                     all += self.row[from] * row_of_d[from][state];
                 }
                 *sum = all + tilt[0] * columns[E][state] + tilt[1] * columns[E + 1][state];
@@ -113,7 +122,7 @@ impl Sensitivity {
     /// J P Jᵀ, from P Jᵀ.
     pub(super) fn squared(&self, cross: &SMatrix<f64, N, 3>) -> Matrix3<f64> {
         let mut s: Matrix3<f64> = self.field
-            * (cross.fixed_rows::<3>(H) + cross.fixed_rows::<3>(M))
+            * (cross.fixed_rows::<3>(H) + cross.fixed_rows::<3>(M) + cross.fixed_rows::<3>(Q))
             + cross.fixed_rows::<3>(B)
             + self.lag * cross.row(T)
             + self.tilt[0] * cross.row(E)

@@ -4,15 +4,16 @@
 //! frame, a magnetometer sample at time t is
 //!
 //! ```text
-//! y(t) = D · R(t − T)ᵀ · (I + [ε]×) · (h + m) + b + white noise
+//! y(t) = D · R(t − T)ᵀ · (I + [ε]×) · (h + m + q) + b + white noise
 //! ```
 //!
 //! | state | what it is | changes by |
 //! |---|---|---|
-//! | h | field in the frame, milligauss; its azimuth is north | the gyro's errors, which turn the frame; a slow walk, and from place to place |
+//! | h | field in the frame, milligauss; its azimuth is north | the gyro's errors, which turn the frame; a slow walk |
 //! | ε | tilt error of the frame, two angles, radians | acceleration: forgotten over the time constant of the tilt |
 //! | b | hard iron, body axes, milligauss | a slow walk, and by turning |
 //! | m | unevenness of the field here, in the frame, milligauss | forgotten by turning and moving, and slowly at rest |
+//! | q | offset of the place as a whole, in the frame, milligauss | forgotten by moving on, more slowly |
 //! | D | soft iron, scale factors and rotation between the chips; trace held at 3; the state has D − I, row by row | turning |
 //! | T | lag of the magnetometer behind the gyro, seconds | nothing |
 //! | G | what is left of the gyro's bias, body axes, rad/s | a slow walk |
@@ -26,7 +27,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::covariance::{B, Covariance, D, E, G, H, M, N, S, T, subtract};
+use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T, subtract};
 use super::prior::{FIELD_MGAUSS, Measured, Prior};
 use rest::RestWatch;
 
@@ -63,8 +64,9 @@ const USUAL_UNEVENNESS: f64 = 0.015;
 const DISTURBED: f64 = 4.0 * USUAL_UNEVENNESS;
 /// Unevenness is forgotten by moving this long, seconds.
 const FORGET_MOVING_S: f64 = 1.0;
-/// How far off a place as a whole is at first, as a share of the field.
-const FIRST_PLACE: f64 = 0.01;
+/// After this time in motion the board is at another place, seconds: a robot has gone some metres, as far as the iron in a room is
+/// apart. At 10 s a robot's headings are falsely sure twice as often; at 30 s those of a hand are less certain than they need be.
+const PLACE_LASTS_S: f64 = 20.0;
 /// Before the board has turned this far, the field does not tell iron from north, radians.
 const BEGIN_RAD: f64 = 0.1;
 
@@ -164,6 +166,7 @@ impl Filter {
         let diagonal = [
             (H, 1.5 * FIELD_MGAUSS),
             (M, unevenness * FIELD_MGAUSS),
+            (Q, USUAL_UNEVENNESS * FIELD_MGAUSS),
             (G, GYRO_BIAS_RAD_S),
             (S, GYRO_SCALE),
         ];
@@ -187,7 +190,7 @@ impl Filter {
             strength_rms_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),
             measured: prior.measured.clone(),
             unevenness2: unevenness.powi(2),
-            place2: FIRST_PLACE.powi(2),
+            place2: USUAL_UNEVENNESS.powi(2),
             noise2: NOISE_MGAUSS.powi(2),
             innovation: None,
             odd: None,
@@ -265,10 +268,11 @@ impl Filter {
         let field = turn * corrected;
         self.clear(H, 5);
         self.restart_unevenness();
+        self.restart_place();
         for axis in 0..2 {
             self.p[(E + axis, E + axis)] = input.tilt_sd_rad.powi(2);
         }
-        // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m, where the lag is what `input.lag_s` leaves of it
+        // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
         jacobian.fixed_columns_mut::<3>(B).copy_from(&-map);
         for row in 0..3 {
@@ -279,9 +283,11 @@ impl Filter {
                     .copy_from(&change);
             }
         }
-        jacobian
-            .fixed_columns_mut::<3>(M)
-            .copy_from(&-Matrix3::identity());
+        for at in [M, Q] {
+            jacobian
+                .fixed_columns_mut::<3>(at)
+                .copy_from(&-Matrix3::identity());
+        }
         let by_tilt = field.cross_matrix();
         jacobian
             .fixed_columns_mut::<2>(E)
@@ -320,6 +326,14 @@ impl Filter {
         self.clear(M, 3);
         for axis in 0..3 {
             self.p[(M + axis, M + axis)] = self.unevenness2 * self.strength_rms_mgauss.powi(2);
+        }
+    }
+
+    /// Forgets the offset of the place, but for how large it is.
+    fn restart_place(&mut self) {
+        self.clear(Q, 3);
+        for axis in 0..3 {
+            self.p[(Q + axis, Q + axis)] = self.place2 * self.strength_rms_mgauss.powi(2);
         }
     }
 

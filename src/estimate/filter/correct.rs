@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, parameter};
+use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, PLACE_LASTS_S, parameter};
 use crate::estimate::covariance::{B, D, E, H, M, N, Sensitivity, T, subtract};
 use crate::estimate::prior::SCALE;
 
@@ -14,12 +14,9 @@ const LEAST_UNEVENNESS: f64 = 0.004;
 /// Time constants of the measured unevenness when it grows and when it shrinks, in units of the length in which it is forgotten.
 const LENGTHS_UP: f64 = 3.0;
 const LENGTHS_DOWN: f64 = 4.0;
-/// Offset of the place as a whole: at least and at most, as a share of the field, and the time over which it is measured, seconds.
-const LEAST_PLACE: f64 = 0.004;
+/// Most that a place as a whole is taken to be off, as a share of the field: rooms are uneven by 1 to 2 %. More is a magnet nearby,
+/// which ends within the place.
 const MOST_PLACE: f64 = 0.02;
-const PLACE_TAU_S: f64 = 60.0;
-/// A place differs from the next by less than the field does within it: half of the variance.
-const PLACE_SHARE: f64 = 0.5;
 /// The filter observes the tilt error mostly through the vertical field, so in the Jacobian the tilt error may correct the field only as
 /// far as the vertical field is known: by half if the deviation of the vertical field is this share of it, and not at all at the magnetic
 /// equator. Without this limit a car's first turns converge to a wrong vertical field and a tilt that matches it. With half the value
@@ -214,7 +211,8 @@ impl Filter {
         }
     }
 
-    /// Measures how uneven the field is, and how far off places as a whole are.
+    /// Measures how uneven the field is. Places differ from each other as much as the field does within them, on average over as long as the
+    /// board is at one place.
     pub(super) fn measure_unevenness(&mut self, input: &Input, forgotten: f64) {
         let m = self.vector(M).norm_squared() + self.trace(M, 3);
         let share = m / 3.0 / self.strength_rms_mgauss.powi(2);
@@ -226,9 +224,8 @@ impl Filter {
         self.unevenness2 += forgotten / lengths * (share - self.unevenness2);
         self.unevenness2 = self.unevenness2.max(LEAST_UNEVENNESS.powi(2));
         if !input.still {
-            let here = (PLACE_SHARE * self.unevenness2).min(MOST_PLACE.powi(2));
-            self.place2 += input.period_s.min(1.0) / PLACE_TAU_S * (here - self.place2);
-            self.place2 = self.place2.max(LEAST_PLACE.powi(2));
+            let here = self.unevenness2.min(MOST_PLACE.powi(2));
+            self.place2 += input.period_s.min(1.0) / PLACE_LASTS_S * (here - self.place2);
         }
     }
 }

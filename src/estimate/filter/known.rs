@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, SymmetricEigen, Vector3};
 
 use super::{DISTURBED, Filter, USUAL_UNEVENNESS, parameter};
-use crate::estimate::covariance::{B, D, E, G, H, M, T};
+use crate::estimate::covariance::{B, D, E, G, H, M, Q, T};
 use crate::frame::hypot;
 
 /// The field in the frame, the frame's tilt error, and their covariances.
@@ -37,7 +37,7 @@ impl Filter {
 
     /// The field in the frame with what disturbs it here, milligauss.
     pub(in crate::estimate) fn field_here(&self) -> Vector3<f64> {
-        self.vector(H) + self.vector(M)
+        self.vector(H) + self.vector(M) + self.vector(Q)
     }
 
     /// North in the frame, and how well it is known.
@@ -56,11 +56,9 @@ impl Filter {
         self.vertical_known
     }
 
-    /// Covariance of the field in the frame, with what the place as a whole may be off, milligauss².
+    /// Covariance of the field in the frame, milligauss².
     pub(in crate::estimate) fn field_covariance(&self) -> Matrix3<f64> {
-        let place = self.place2 * self.vector(H).norm_squared();
-        let own: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
-        own + Matrix3::identity() * place
+        self.p.fixed_view::<3, 3>(H, H).into()
     }
 
     /// D.

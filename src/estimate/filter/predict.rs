@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::{DISTURBED, FORGET_MOVING_S, Filter, Input, USUAL_UNEVENNESS};
-use crate::estimate::covariance::{B, D, E, G, H, M, S, Step};
+use super::{DISTURBED, FORGET_MOVING_S, Filter, Input, PLACE_LASTS_S, USUAL_UNEVENNESS};
+use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
 
 /// Upper limit of the expected strength, the strongest field on earth: uncertain iron makes the field uncertain, not stronger.
 const STRONGEST_MGAUSS: f64 = 670.0;
@@ -22,8 +22,6 @@ const FORGET_RESTING_S: f64 = 60.0;
 /// simulated car that others pass before its first turn learns wrong iron and is sure of it; at twice the value cars learn later,
 /// for nothing.
 const IRON_HIDES: f64 = 0.3;
-/// After this time in motion the board is at another place, seconds.
-const PLACE_LASTS_S: f64 = 100.0;
 /// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s.
 const FIELD_WALK: f64 = 0.0002;
 const IRON_WALK_MGAUSS: f64 = 0.05;
@@ -77,23 +75,32 @@ impl Filter {
             };
         let kept = (-length).exp();
         let tilt_kept = (-dt / input.tilt_tau_s).exp();
+        let place_kept = if still {
+            1.0
+        } else {
+            (-dt / PLACE_LASTS_S).exp()
+        };
 
         let step = Step {
             field: Matrix3::identity() + turn.cross_matrix(),
             by_gyro: -h.cross_matrix() * by_errors,
             tilt: tilt_kept,
             unevenness: kept,
+            place: place_kept,
         };
         step.carry(&mut self.p);
         self.x.fixed_rows_mut::<3>(H).copy_from(&(step.field * h));
         self.x.fixed_rows_mut::<2>(E).scale_mut(tilt_kept);
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
+        self.x.fixed_rows_mut::<3>(Q).scale_mut(place_kept);
 
         let uneven = self.unevenness_ahead2(still) * strength2;
+        let place = self.place2 * strength2;
         let noise = self.frame_noise(input, &h, turned_rad, noise_share);
         self.add_walks(input, strength2, turned_rad);
         for axis in 0..3 {
             self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * uneven;
+            self.p[(Q + axis, Q + axis)] += (1.0 - place_kept * place_kept) * place;
         }
         for axis in 0..2 {
             self.p[(E + axis, E + axis)] +=
@@ -148,14 +155,11 @@ impl Filter {
         let rate = input.turning().norm();
         let turned = 1.0 - (-2.0 * (rate - 0.05).max(0.0) * dt / FORGET_RAD).exp();
         let moved_iron = unusual * turned * strength2;
-        let (moved, iron_walk) = if input.still {
-            (0.0, 0.0)
-        } else {
-            let place = (self.place2 * 2.0 / PLACE_LASTS_S + FIELD_WALK.powi(2)) * dt * strength2;
-            (place, IRON_WALK_MGAUSS.powi(2) * dt)
-        };
-        let field = moved + FIELD_SHARE * moved_iron;
-        let iron = iron_walk + moved_iron + IRON_TURN.powi(2) * strength2 * turned_rad;
+        let moving_s = if input.still { 0.0 } else { dt };
+        let field = FIELD_WALK.powi(2) * moving_s * strength2 + FIELD_SHARE * moved_iron;
+        let iron = IRON_WALK_MGAUSS.powi(2) * moving_s
+            + moved_iron
+            + IRON_TURN.powi(2) * strength2 * turned_rad;
         for axis in 0..3 {
             self.p[(H + axis, H + axis)] += field;
             self.p[(B + axis, B + axis)] += iron;
