@@ -38,17 +38,18 @@ use place::PlaceEvidence;
 use prior::{Measured, Prior};
 
 /// A filter wins when its log-likelihood leads by this much. The limit is high (e¹² to 1) because the errors of consecutive samples are
-/// correlated.
+/// correlated. Half or twice as much decides the simulated cases alike, and so for the limit below.
 const DECIDED: f64 = 12.0;
 /// A sample adds no more than this to the lead: one that came late or was disturbed fits the less certain filter better, whichever is
 /// right.
 const MOST_A_SAMPLE: f64 = 0.5;
-/// A rival that has not won after this much motion, seconds, is dropped.
+/// A rival that has not won after this much motion, seconds, is dropped: twice the 15 s in which a magnet is to be learnt.
 const RIVAL_LASTS_S: f64 = 30.0;
 /// If a disturbance exceeds this share of the field for this long in motion, a rival assumes that iron on the board causes it.
 const IRON_TRIED_FROM: f64 = 0.08;
 const IRON_TRIED_AFTER_S: f64 = 1.0;
-/// An axis whose bias is known less well than this share of the field is not measured.
+/// An axis whose bias is known less well than this share of the field is not measured: headings would be off by 9°, and are published
+/// from 10° on by default.
 const MEASURED: f64 = 0.15;
 /// A fault of the gyro that clears within this much motion, seconds, was a false alarm: accelerations of a hand, or a magnet.
 const FALSE_ALARM_S: f64 = 5.0;

@@ -22,11 +22,14 @@ const FORGET_RESTING_S: f64 = 60.0;
 /// simulated car that others pass before its first turn learns wrong iron and is sure of it; at twice the value cars learn later,
 /// for nothing.
 const IRON_HIDES: f64 = 0.3;
-/// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s.
+/// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s: 1.2 % and 3 mG in an hour, as the chip's gain and
+/// offset drift while it warms up. Half or twice as much changes no simulated family by more than a few per cent.
 const FIELD_WALK: f64 = 0.0002;
 const IRON_WALK_MGAUSS: f64 = 0.05;
 /// What the model leaves out is the same whenever the board is in the same attitude, and does not average out by swinging to and fro.
-/// So iron and matrix walk by turning: the iron by this share of the field per √rad, each entry of D by this much per √rad.
+/// So iron and matrix walk by turning: the iron by this share of the field per √rad, each entry of D by this much per √rad. With half of
+/// the first, a simulated board to which a magnet is attached in motion is falsely sure; with twice of either, a robot on an uneven
+/// floor is not sure enough.
 const IRON_TURN: f64 = 0.003;
 const MATRIX_TURN: f64 = 0.001;
 /// While the board turns, a change of the hard iron may have caused all of the variance of unusual unevenness, and a change of the field
