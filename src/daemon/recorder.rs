@@ -1,7 +1,7 @@
 //! Writes raw readings into logs, on a thread of its own: a slow or full disk delays no heading.
 
 use std::fs::File;
-use std::io::{self, BufWriter, ErrorKind, Write};
+use std::io::{self, BufWriter, ErrorKind};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -136,27 +136,9 @@ impl Recorder {
     }
 }
 
-/// A file that counts the bytes written.
-struct Counted {
-    file: File,
-    bytes: u64,
-}
-
-impl Write for Counted {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let count = self.file.write(bytes)?;
-        self.bytes += count as u64;
-        Ok(count)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
-    }
-}
-
 struct OpenLog {
     path: PathBuf,
-    writer: Writer<BufWriter<Counted>>,
+    writer: Writer<BufWriter<File>>,
 }
 
 /// Names the file of an attempt that failed.
@@ -204,19 +186,19 @@ impl OpenLog {
         {
             header.truth.push((RECORDED_FROM.to_owned(), time));
         }
-        let writer = Writer::new(BufWriter::new(Counted { file, bytes: 0 }), &header)
-            .map_err(failed("begin", &path))?;
+        let writer = Writer::new(BufWriter::new(file), &header).map_err(failed("begin", &path))?;
         Ok(Self { path, writer })
     }
 
-    /// Writes readings until there are no more, or the file has its full size.
+    /// Writes readings until there are no more, or the file has its full size; whether it has.
     fn fill(
         &mut self,
         first: Reading,
         readings: &Receiver<Reading>,
         most_bytes: u64,
         written: &mut u64,
-    ) -> Result<(), RecordError> {
+    ) -> Result<bool, RecordError> {
+        let mut bytes = 0;
         let mut next = Ok(first);
         let mut flushed = Instant::now();
         loop {
@@ -226,17 +208,20 @@ impl OpenLog {
                         reading,
                         heading_truth_rad: None,
                     };
-                    self.writer.write(&entry).map(|()| *written += 1)
+                    self.writer.write(&entry).map(|length| {
+                        *written += 1;
+                        bytes += length as u64;
+                    })
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     flushed = Instant::now();
                     self.writer.flush()
                 }
-                Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                Err(RecvTimeoutError::Disconnected) => return Ok(false),
             };
             done.map_err(failed("go on with", &self.path))?;
-            if self.writer.get_ref().get_ref().bytes >= most_bytes {
-                return Ok(());
+            if bytes >= most_bytes {
+                return Ok(true);
             }
             next = readings.recv_timeout(FLUSH.saturating_sub(flushed.elapsed()));
         }
@@ -257,12 +242,13 @@ fn record(
         // Then the header is written, which has the first reading's time.
         let first = readings.recv();
         let mut log = OpenLog::begin(path, file, header)?;
-        if let Ok(first) = first {
-            log.fill(first, readings, target.most_bytes(), written)?;
-        }
+        let full = match first {
+            Ok(first) => log.fill(first, readings, target.most_bytes(), written)?,
+            Err(_) => false,
+        };
         let closed = log.writer.flush();
         closed.map_err(failed("go on with", &log.path))?;
-        if log.writer.get_ref().get_ref().bytes < target.most_bytes() {
+        if !full {
             return Ok(());
         }
         (path, file) = target.open()?;

@@ -65,12 +65,12 @@ impl<W: Write> Writer<W> {
         })
     }
 
-    /// Writes one row. A number that is not finite is no measurement, and left empty.
+    /// Writes one row, and returns its length in bytes. A number that is not finite is no measurement, and left empty.
     ///
     /// # Errors
     ///
     /// `InvalidInput` if the time is not finite; any other when writing fails.
-    pub fn write(&mut self, entry: &Entry) -> io::Result<()> {
+    pub fn write(&mut self, entry: &Entry) -> io::Result<usize> {
         if !entry.reading.t_s.is_finite() {
             return Err(invalid(format!(
                 "cannot write a row with time {} into a log",
@@ -79,12 +79,8 @@ impl<W: Write> Writer<W> {
         }
         self.line.clear();
         row(&mut self.line, entry).map_err(io::Error::other)?;
-        self.output.write_all(self.line.as_bytes())
-    }
-
-    /// What it writes to.
-    pub fn get_ref(&self) -> &W {
-        &self.output
+        self.output.write_all(self.line.as_bytes())?;
+        Ok(self.line.len())
     }
 
     /// Flushes the output.

@@ -27,6 +27,7 @@ pub fn write(path: &Path, rng: &mut impl Rng) -> Truth {
     let mut truth = Truth::new();
     let mut hole_until_s = 0.0;
     let mut garbage: Vec<(usize, Vec<u8>)> = Vec::new();
+    let mut written = 0;
     for mut entry in simulator {
         let t_s = entry.reading.t_s;
         // A gap about every 20 s, after there was time to calibrate.
@@ -39,7 +40,7 @@ pub fn write(path: &Path, rng: &mut impl Rng) -> Truth {
         if t_s > 25.0 && rng.random_bool(0.002) {
             let length = rng.random_range(1..300);
             let bytes = (0..length).map(|_| rng.random_range(0x20..=0xff));
-            garbage.push((writer.get_ref().len(), bytes.collect()));
+            garbage.push((written, bytes.collect()));
         }
         if let Some(field) = &mut entry.reading.field_mgauss {
             if t_s > 25.0 && rng.random_bool(0.01) {
@@ -48,12 +49,14 @@ pub fn write(path: &Path, rng: &mut impl Rng) -> Truth {
                 truth.insert(micros(t_s), heading);
             }
         }
-        writer.write(&entry).unwrap();
+        written += writer.write(&entry).unwrap();
     }
     let clean = writer.into_inner().unwrap();
+    let header = clean.len() - written;
     let mut bytes = Vec::with_capacity(clean.len());
     let mut from = 0;
     for (at, spoilt) in garbage {
+        let at = header + at;
         bytes.extend(&clean[from..at]);
         bytes.extend(spoilt);
         bytes.push(b'\n');

@@ -19,7 +19,9 @@ fn perfect(scenario: Scenario) -> Settings {
 fn log(settings: Settings) -> Vec<u8> {
     let simulator = simulator(settings);
     let mut writer = Writer::new(Vec::new(), &simulator.header()).unwrap();
-    simulator.for_each(|entry| writer.write(&entry).unwrap());
+    for entry in simulator {
+        writer.write(&entry).unwrap();
+    }
     writer.into_inner().unwrap()
 }
 

@@ -160,7 +160,9 @@ fn a_log_through_bridge_and_daemon_gives_the_headings_of_its_replay() {
     let folder = folder();
     let log = folder.path().join("log.csv");
     let mut writer = Writer::new(Vec::new(), &board().header()).unwrap();
-    board().for_each(|entry| writer.write(&entry).unwrap());
+    for entry in board() {
+        writer.write(&entry).unwrap();
+    }
     fs::write(&log, writer.into_inner().unwrap()).unwrap();
     until_quiet(|| assert_same_headings(&log, "hmc5843", 1300.0, 0.5));
 }
