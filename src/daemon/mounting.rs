@@ -1,7 +1,6 @@
 //! How the board is mounted, told or changed at the control socket.
 
 use super::Daemon;
-use super::orders::{Done, changed, told};
 use crate::frame::{Mounting, wrap_pi};
 use crate::pipeline::Event;
 use crate::publish::control::Answer;
@@ -18,9 +17,9 @@ impl Daemon {
         level: bool,
         heading_deg: Option<f64>,
         reset: bool,
-    ) -> Result<Done, Answer> {
+    ) -> Result<Answer, Answer> {
         if !(level || reset || heading_deg.is_some()) {
-            return Ok(told(self.mounted()));
+            return Ok(self.mounted());
         }
         let session = &self.session;
         let (configured, chips) = (
@@ -52,7 +51,7 @@ impl Daemon {
         session.store.history_mut().mounting = changes.then(|| Box::new(told));
         session.heading_deg = None;
         self.handle(Event::Mounted(Box::new(chips.on(&board))));
-        Ok(changed(self.mounted()))
+        Ok(self.mounted())
     }
 
     fn levelling(&self) -> Result<Mounting, Answer> {

@@ -19,12 +19,6 @@ use crate::store::{Contents, FormatError, History, KeptCalibration, Made};
 use crate::true_north::EarthField;
 use crate::wall_clock;
 
-/// The result of a request: an answer, and whether something is saved before it is sent.
-pub(super) struct Done {
-    answer: Answer,
-    changed: bool,
-}
-
 impl From<HistoryError> for Answer {
     fn from(refusal: HistoryError) -> Self {
         Self::refused(refusal.code(), refusal.to_string())
@@ -35,51 +29,49 @@ impl Daemon {
     /// Carries out a request. A change is answered once it is on disk.
     pub(super) fn order(&mut self, order: ControlCall) {
         let ControlCall { request, answer } = order;
-        let done = self.carry_out_order(request).unwrap_or_else(told);
-        // A client that has left need not be told.
-        if !done.changed {
-            let _ = answer.send(done.answer);
-            return;
-        }
+        self.session.store.changed = false;
+        let done = match self.carry_out_order(request) {
+            Ok(done) if self.session.store.changed => done,
+            Ok(other) | Err(other) => {
+                // A client that has left need not be told.
+                let _ = answer.send(other);
+                return;
+            }
+        };
         self.session.store.save(Box::new(move |kept| {
             let _ = answer.send(match kept {
-                Ok(()) => done.answer,
+                Ok(()) => done,
                 Err(why) => Answer {
                     ok: false,
                     code: "not_kept",
-                    message: format!(
-                        "{}; but only until the daemon stops: {why}",
-                        done.answer.message
-                    ),
-                    ..done.answer
+                    message: format!("{}; but only until the daemon stops: {why}", done.message),
+                    ..done
                 },
             });
         }));
     }
 
-    fn carry_out_order(&mut self, request: ControlRequest) -> Result<Done, Answer> {
+    fn carry_out_order(&mut self, request: ControlRequest) -> Result<Answer, Answer> {
         match request {
-            ControlRequest::Status {} => Ok(told(self.status())),
-            ControlRequest::List {} => Ok(told(self.list())),
+            ControlRequest::Status {} => Ok(self.status()),
+            ControlRequest::List {} => Ok(self.list()),
             ControlRequest::Show { number } => {
                 let history = self.session.store.history();
                 let entry = history.find(number)?;
                 let shown = serde_json::to_value(entry.made.calibration).map_err(failed)?;
-                Ok(told(
-                    Answer::done(sentence(entry))
-                        .with_all(&json!({ "calibration": described(entry, history) }))
-                        .with("parameters", shown),
-                ))
+                Ok(Answer::done(sentence(entry))
+                    .with_all(&json!({ "calibration": described(entry, history) }))
+                    .with("parameters", shown))
             }
-            ControlRequest::Export { number } => self.export(number).map(told),
+            ControlRequest::Export { number } => self.export(number),
             ControlRequest::Import { file } => self.import(file),
             ControlRequest::Rollback { number } => {
                 let entry = *self.session.store.history_mut().roll_back(number)?;
                 self.handle(Event::Activate(Some(Box::new(entry.made.calibration))));
-                Ok(changed(
+                Ok(
                     Answer::done(format!("calibration {} is active", entry.number))
                         .with("number", entry.number),
-                ))
+                )
             }
             ControlRequest::Forget { number, all } => self.forget(match number {
                 _ if all => Forget::All,
@@ -90,22 +82,22 @@ impl Daemon {
             ControlRequest::Unlock {} if self.session.store.history().mode != Policy::Locked => {
                 let mode = self.session.store.history().mode.word();
                 let message = format!("nothing was locked: mode {mode} stays");
-                Ok(told(Answer::done(message).with("mode", mode)))
+                Ok(Answer::done(message).with("mode", mode))
             }
             ControlRequest::Unlock {} => self.set_mode(Policy::On),
             ControlRequest::Mode { mode: Some(mode) } => self.set_mode(mode),
             ControlRequest::Mode { mode: None } => {
                 let mode = self.session.store.history().mode;
-                Ok(told(mode_answer(mode)))
+                Ok(mode_answer(mode))
             }
             ControlRequest::Start {} => {
                 if self.session.store.history().is_locked() {
                     return Err(HistoryError::Locked.into());
                 }
                 self.handle(Event::Start);
-                Ok(told(Answer::done(
+                Ok(Answer::done(
                     "turn the board once all the way round, level and away from iron: that turn is calibrated on",
-                )))
+                ))
             }
             ControlRequest::Cancel {} => {
                 let started = self.session.pipeline.wanted() == Some(Reason::Start);
@@ -116,7 +108,7 @@ impl Daemon {
                     ));
                 }
                 self.handle(Event::Cancel);
-                Ok(told(Answer::done("given up: the active calibration stays")))
+                Ok(Answer::done("given up: the active calibration stays"))
             }
             ControlRequest::Mounting {
                 level,
@@ -126,13 +118,13 @@ impl Daemon {
         }
     }
 
-    fn set_mode(&mut self, mode: Policy) -> Result<Done, Answer> {
+    fn set_mode(&mut self, mode: Policy) -> Result<Answer, Answer> {
         self.session.store.history_mut().set_mode(mode)?;
         self.handle(Event::Policy(mode));
-        Ok(changed(mode_answer(mode)))
+        Ok(mode_answer(mode))
     }
 
-    fn forget(&mut self, what: Forget) -> Result<Done, Answer> {
+    fn forget(&mut self, what: Forget) -> Result<Answer, Answer> {
         let history = self.session.store.history_mut();
         let was_active = history.active.is_some();
         let count = history.forget(what)?;
@@ -146,10 +138,10 @@ impl Daemon {
         if was_active && !goes_on {
             self.handle(Event::Activate(None));
         }
-        Ok(changed(
+        Ok(
             Answer::done(format!("forgot {count} of the calibrations; {rest}"))
                 .with("count", count),
-        ))
+        )
     }
 
     fn export(&self, number: Option<u64>) -> Result<Answer, Answer> {
@@ -160,7 +152,7 @@ impl Daemon {
         Ok(Answer::done(sentence(entry)).with("file", file))
     }
 
-    fn import(&mut self, file: Value) -> Result<Done, Answer> {
+    fn import(&mut self, file: Value) -> Result<Answer, Answer> {
         let contents = Contents::from_value(file).map_err(|error| {
             let code = match &error {
                 FormatError::Unreadable(_) => "unreadable",
@@ -190,9 +182,7 @@ impl Daemon {
         };
         let number = self.session.store.keep(made);
         self.handle(Event::Activate(Some(Box::new(made.calibration))));
-        Ok(changed(
-            Answer::done(format!("calibration {number} is active")).with("number", number),
-        ))
+        Ok(Answer::done(format!("calibration {number} is active")).with("number", number))
     }
 
     fn list(&self) -> Answer {
@@ -274,20 +264,6 @@ impl Daemon {
 /// To two decimal places, as headings are published.
 fn brief(value: f64) -> f64 {
     rounded(value, 2)
-}
-
-pub(super) fn told(answer: Answer) -> Done {
-    Done {
-        answer,
-        changed: false,
-    }
-}
-
-pub(super) fn changed(answer: Answer) -> Done {
-    Done {
-        answer,
-        changed: true,
-    }
 }
 
 fn mode_answer(mode: Policy) -> Answer {

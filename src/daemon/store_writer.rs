@@ -20,6 +20,8 @@ pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
 pub(super) struct StoreWriter {
     history: History,
     most: usize,
+    /// Whether the history may have changed since this was last cleared.
+    pub(super) changed: bool,
     disk: Option<Arc<Disk>>,
 }
 
@@ -62,6 +64,7 @@ impl StoreWriter {
             return Ok(Self {
                 history: History::new(identity),
                 most,
+                changed: false,
                 disk: None,
             });
         };
@@ -73,6 +76,7 @@ impl StoreWriter {
         Ok(Self {
             history: loaded.unwrap_or_else(|| History::new(identity)),
             most,
+            changed: false,
             disk: Some(disk),
         })
     }
@@ -87,6 +91,7 @@ impl StoreWriter {
 
     /// What is kept, to be changed; [`StoreWriter::save`] makes it last.
     pub(super) fn history_mut(&mut self) -> &mut History {
+        self.changed = true;
         &mut self.history
     }
 
@@ -104,6 +109,7 @@ impl StoreWriter {
 
     /// Makes a calibration the active one, until [`StoreWriter::save`] only in memory; its number.
     pub(super) fn keep(&mut self, made: Made) -> u64 {
+        self.changed = true;
         self.history.keep(made, self.most);
         self.history.last_number
     }
