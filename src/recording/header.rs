@@ -3,7 +3,7 @@
 use std::io::BufRead;
 
 use super::lines::{LogLine, LogLines};
-use super::rows::{Layout, Rows, Rule};
+use super::rows::{Rows, Rule};
 use super::{ACCEL, COLUMNS, GYRO, HEADING, Header, MAG, MAGIC, RecordingError, VERSION, shown};
 use crate::reading::STANDARD_GRAVITY_M_S2;
 
@@ -54,7 +54,11 @@ impl HeaderLines {
                 let columns = columns(text)?;
                 let rules = self.keys.rules()?;
                 let header = std::mem::take(&mut self.keys.header);
-                Ok(Some(Rows::new(header, Layout { columns, rules })))
+                Ok(Some(Rows {
+                    header,
+                    columns,
+                    rules,
+                }))
             }
         }
     }
@@ -64,11 +68,13 @@ impl Rows {
     /// Rows without a header, of this many cells: `t_s,mx,my,mz`, or with `gx,gy,gz`, or with `ax,ay,az`
     /// too, or with `heading_deg` too; in milligauss, rad/s and m/s². `None` for any other count.
     pub fn plain(cells: usize) -> Option<Self> {
-        let rules = Keys::default().rules().ok()?;
-        let columns = (0..cells).map(Some).collect();
-        [GYRO, ACCEL, HEADING, COLUMNS.len()]
-            .contains(&cells)
-            .then(|| Self::new(Header::default(), Layout { columns, rules }))
+        let rows = Self {
+            header: Header::default(),
+            columns: (0..cells).map(Some).collect(),
+            rules: Keys::default().rules().ok()?,
+        };
+        let known = [GYRO, ACCEL, HEADING, COLUMNS.len()].contains(&cells);
+        known.then_some(rows)
     }
 }
 
@@ -262,15 +268,17 @@ fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
 mod tests {
     use super::*;
 
-    fn header(text: &str) -> Result<(Header, Layout), String> {
-        read("a.csv", &mut LogLines::new(text.as_bytes()))
-            .map(|rows| (rows.header().clone(), rows.layout().clone()))
-            .map_err(|error| error.to_string())
+    fn rows(text: &str) -> Result<Rows, String> {
+        read("a.csv", &mut LogLines::new(text.as_bytes())).map_err(|error| error.to_string())
     }
 
     #[test]
     fn keys_are_understood_and_unknown_ones_are_kept() {
-        let (header, layout) = header(
+        let Rows {
+            header,
+            columns,
+            rules,
+        } = rows(
             "\u{feff}# headingd-log 1\r\n#sensor=hmc5843\r\n# a remark\r\n# mag_unit = counts\r\n\
              # counts_per_gauss = 1300\r\n# gyro_axes = -x +y -z\r\n# truth_scale = 1 2 3\r\n\
              az,ax,ay,t_s,temperature\r\n",
@@ -280,8 +288,8 @@ mod tests {
         assert_eq!(header.mountings.gyro, "-x +y -z".parse().unwrap());
         assert_eq!(header.mountings.mag, Default::default());
         assert_eq!(header.truth, [("truth_scale".into(), "1 2 3".into())]);
-        assert_eq!(layout.columns, [Some(9), Some(7), Some(8), Some(0), None]);
-        assert_eq!(layout.rules[MAG].factor, 1000.0 / 1300.0);
+        assert_eq!(columns, [Some(9), Some(7), Some(8), Some(0), None]);
+        assert_eq!(rules[MAG].factor, 1000.0 / 1300.0);
     }
 
     #[test]
@@ -313,7 +321,7 @@ mod tests {
             ("# headingd-log 1\nt_s,t_s\n", 2, "more than once"),
             ("# headingd-log 1\nt_s,mx,my\n", 2, "mx, my, mz must"),
         ] {
-            let message = header(text).unwrap_err();
+            let message = rows(text).unwrap_err();
             assert!(message.contains(why), "{text:?}: {message}");
             assert!(
                 message.contains(&format!("a.csv, line {line}: ")),
@@ -325,6 +333,6 @@ mod tests {
     #[test]
     fn a_header_that_never_ends_is_given_up() {
         let text = "# headingd-log 1\n".to_owned() + &"# x = 1\n".repeat(2000);
-        assert!(header(&text).unwrap_err().contains("more than 1000"));
+        assert!(rows(&text).unwrap_err().contains("more than 1000"));
     }
 }

@@ -18,42 +18,27 @@ pub(super) struct Rule {
     pub(super) unit: &'static str,
 }
 
-/// Where each column of the log belongs.
+/// How to read a log's rows, and its header.
 #[derive(Clone, Debug)]
-pub(super) struct Layout {
+pub struct Rows {
+    pub(super) header: Header,
     /// For each column of the log, its index in [`COLUMNS`]; `None` if it is unknown.
     pub(super) columns: Vec<Option<usize>>,
     /// For each of [`COLUMNS`].
     pub(super) rules: [Rule; COLUMNS.len()],
 }
 
-/// How to read a log's rows, and its header.
-#[derive(Clone, Debug)]
-pub struct Rows {
-    header: Header,
-    layout: Layout,
-}
-
 /// What is wrong with a row: the column, if one cell is to blame, and what was found.
 pub(super) type RowFault = (Option<usize>, String);
 
 impl Rows {
-    pub(super) fn new(header: Header, layout: Layout) -> Self {
-        Self { header, layout }
-    }
-
     pub fn header(&self) -> &Header {
         &self.header
     }
 
     /// How many cells a row has.
     pub fn columns(&self) -> usize {
-        self.layout.columns.len()
-    }
-
-    #[cfg(test)]
-    pub(super) fn layout(&self) -> &Layout {
-        &self.layout
+        self.columns.len()
     }
 
     /// One row, without its line's end. Its time may be anything.
@@ -70,7 +55,7 @@ impl Rows {
     /// Number of one of [`COLUMNS`] in the log, from 1, and its name.
     pub(super) fn place(&self, column: usize) -> (usize, &'static str) {
         let found = |c: &Option<usize>| *c == Some(column);
-        let number = 1 + self.layout.columns.iter().position(found).unwrap_or(0);
+        let number = 1 + self.columns.iter().position(found).unwrap_or(0);
         (number, COLUMNS[column])
     }
 
@@ -104,7 +89,7 @@ impl Rows {
             )
         })?;
         let count = 1 + line.iter().filter(|byte| **byte == b',').count();
-        let expected = self.layout.columns.len();
+        let expected = self.columns.len();
         if count != expected {
             return Err((
                 None,
@@ -115,13 +100,13 @@ impl Rows {
             ));
         }
         let mut cells = [None; COLUMNS.len()];
-        for (column, cell) in self.layout.columns.iter().zip(text.split(',')) {
+        for (column, cell) in self.columns.iter().zip(text.split(',')) {
             let Some(column) = *column else { continue };
             let cell = cell.trim_ascii();
             if cell.is_empty() {
                 continue;
             }
-            let rule = &self.layout.rules[column];
+            let rule = &self.rules[column];
             // NaN fails the comparison too.
             match cell.parse::<f64>() {
                 Ok(number) if number.abs() <= rule.limit => {
