@@ -9,7 +9,7 @@ use tokio::signal::unix::SignalKind;
 use super::{Failure, OrFail, config_file};
 use crate::config::Config;
 use crate::daemon::signals::Signals;
-use crate::daemon::{Daemon, DaemonError, Ended, Notice};
+use crate::daemon::{Daemon, DaemonError, Notice};
 use crate::logging::Log;
 use crate::recording::RecordingError;
 use crate::service::Service;
@@ -79,6 +79,7 @@ fn serve(args: &Args) -> Result<(), Failure> {
                 // The terminal it was started from has gone.
                 || on_terminal && !io::stderr().is_terminal()
             {
+                tracing::info!("told to stop");
                 Notice::Stop
             } else {
                 let (path, log) = (path.clone(), log.clone());
@@ -90,11 +91,7 @@ fn serve(args: &Args) -> Result<(), Failure> {
                 }))
             }
         };
-        match daemon.run(order).await? {
-            Ended::Told => tracing::info!("told to stop"),
-            Ended::Source => {}
-        }
-        Ok(())
+        Ok(daemon.run(order).await?)
     })
 }
 

@@ -92,12 +92,6 @@ pub enum DaemonError {
     Timer(io::Error),
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ended {
-    Source,
-    Told,
-}
-
 pub enum Notice {
     Stop,
     /// Go on with this configuration; if that is impossible, log why and go on as before.
@@ -214,7 +208,7 @@ impl Daemon {
 
     /// Serves until the source is at its end and the last calibration on it is published, or until
     /// `shutdown` is ready. Then the socket is gone, and what was to be kept is on disk.
-    pub async fn run_until(self, shutdown: impl Future<Output = ()>) -> Result<Ended, DaemonError> {
+    pub async fn run_until(self, shutdown: impl Future<Output = ()>) -> Result<(), DaemonError> {
         let mut shutdown = pin!(shutdown);
         let notice = async || {
             (&mut shutdown).await;
@@ -225,26 +219,23 @@ impl Daemon {
 
     /// The same, with other notices than the last one too. `notice` waits for the next; nothing may be lost when
     /// the wait is given up.
-    pub async fn run(
-        mut self,
-        mut notice: impl AsyncFnMut() -> Notice,
-    ) -> Result<Ended, DaemonError> {
+    pub async fn run(mut self, mut notice: impl AsyncFnMut() -> Notice) -> Result<(), DaemonError> {
         self.start_session()?;
         let ended = loop {
             if self.session.is_over() {
                 tracing::info!("the source is at its end");
-                break Some(Ended::Source);
+                break Ok(());
             }
             let listening = self.session.listens();
             let mut fresh = false;
             tokio::select! {
                 biased;
                 notice = notice() => match notice {
-                    Notice::Stop => break Some(Ended::Told),
+                    Notice::Stop => break Ok(()),
                     Notice::Summary => self.log_summary(),
                     Notice::Reload(load) => self.begin_reload(load),
                 },
-                _ = &mut self.server.task => break None,
+                _ = &mut self.server.task => break Err(io::Error::other("the server has stopped")),
                 prepared = self.reload.prepared() => {
                     self.end_reload(prepared).await?;
                     self.inactivity.restart();
@@ -273,8 +264,8 @@ impl Daemon {
         drop(self.reload);
         let served = async {
             match ended {
-                Some(_) => self.server.stop().await,
-                None => Err(io::Error::other("the server has stopped")),
+                Ok(()) => self.server.stop().await,
+                failed => failed,
             }
         };
         let controlled = async {
@@ -293,7 +284,7 @@ impl Daemon {
         })?;
         match unusable {
             Some(summary) => Err(DaemonError::Unusable(summary)),
-            None => Ok(ended.unwrap_or(Ended::Told)),
+            None => Ok(()),
         }
     }
 }

@@ -80,7 +80,7 @@ impl Recording {
         let heard = match self.origin {
             ReadingsFrom::Daemon(mut daemon) => {
                 daemon.session.recorder = Some(recorder);
-                daemon.run_until(stop).await.map(|_| ())
+                daemon.run_until(stop).await
             }
             ReadingsFrom::Service(listener) => from_service(*listener, recorder, stop).await,
             ReadingsFrom::Source(source) => {
