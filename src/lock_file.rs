@@ -21,12 +21,29 @@ const PAUSE: Duration = Duration::from_millis(2);
 /// Longest content, bytes: a number and the end of its line.
 const LONGEST: u64 = 32;
 
-/// A lock that is held; dropping it removes its file.
+/// A file of ours; dropping it removes the file, unless another is there under its name by then.
 #[derive(Debug)]
-pub struct LockFile {
+pub struct OwnFile {
     path: PathBuf,
     /// Device and inode, by which it is known again.
     identity: (u64, u64),
+}
+
+impl OwnFile {
+    /// The file of which this was `found`, and which is at `path` or will be.
+    pub fn new(path: &Path, found: &fs::Metadata) -> Self {
+        Self {
+            path: path.to_owned(),
+            identity: identity(found),
+        }
+    }
+}
+
+/// A lock that is held; dropping it removes its file.
+#[derive(Debug)]
+pub struct LockFile {
+    /// Fields are dropped in their order: removed while it is still locked, and so while nobody else can have it.
+    own: OwnFile,
     /// Its end ends the lock.
     file: File,
 }
@@ -56,17 +73,14 @@ impl LockFile {
                 ),
                 Err(TryLockError::Error(error)) => return Err(LockError::System(error)),
             }
-            let identity = identity(&file.metadata().map_err(LockError::System)?);
+            let found = file.metadata().map_err(LockError::System)?;
             // Its owner has removed it meanwhile: the next one is made under the same name.
-            if !fs::symlink_metadata(path).is_ok_and(|found| self::identity(&found) == identity) {
+            if !is_at(path, identity(&found)) {
                 continue;
             }
             writable.map_err(LockError::System)?;
-            let lock = Self {
-                path: path.to_owned(),
-                identity,
-                file,
-            };
+            let own = OwnFile::new(path, &found);
+            let lock = Self { own, file };
             // Where there is no room for it, nobody is told who has the lock.
             let _ = lock.sign();
             return Ok(lock);
@@ -78,11 +92,8 @@ impl LockFile {
     pub fn share(path: &Path) -> Result<Arc<Self>, LockError> {
         let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
         shared.retain(|lock| lock.strong_count() > 0);
-        let found = fs::symlink_metadata(path)
-            .ok()
-            .map(|found| identity(&found));
         let mut held = shared.iter().filter_map(Weak::upgrade);
-        if let Some(lock) = held.find(|lock| Some(lock.identity) == found) {
+        if let Some(lock) = held.find(|lock| is_at(path, lock.own.identity)) {
             return Ok(lock);
         }
         let lock = Arc::new(Self::take(path)?);
@@ -96,14 +107,18 @@ impl LockFile {
     }
 }
 
-impl Drop for LockFile {
+impl Drop for OwnFile {
     fn drop(&mut self) {
-        // Still locked: nobody else can have it meanwhile. What is there under its name may be another by now.
-        if fs::symlink_metadata(&self.path).is_ok_and(|found| identity(&found) == self.identity) {
-            // An error leaves a file of a few bytes, which the next one takes over.
-            let _ = fs::remove_file(&self.path);
+        if is_at(&self.path, self.identity)
+            && let Err(error) = fs::remove_file(&self.path)
+        {
+            tracing::warn!("cannot remove {}: {error}", self.path.display());
         }
     }
+}
+
+fn is_at(path: &Path, identity: (u64, u64)) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|found| self::identity(&found) == identity)
 }
 
 /// Opens the file, or makes it; also whether its holder could sign it. Who may only read it can still learn who has it.

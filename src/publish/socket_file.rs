@@ -4,7 +4,7 @@
 use std::fs::{self, Permissions};
 use std::io::{self, ErrorKind};
 use std::os::unix::ffi::OsStrExt;
-use std::os::unix::fs::{FileTypeExt, MetadataExt, PermissionsExt};
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::process;
@@ -14,7 +14,7 @@ use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, 
 use thiserror::Error;
 
 use crate::check::Fault;
-use crate::lock_file::{LockError, LockFile};
+use crate::lock_file::{LockError, LockFile, OwnFile};
 
 /// The longest path of a socket, bytes: the system takes 107, and the name under which it is made needs some.
 const LONGEST_PATH: usize = 100;
@@ -134,10 +134,8 @@ impl OpenSocket {
 /// The file of our own socket; dropping it removes the file.
 #[derive(Debug)]
 pub(super) struct SocketFile {
-    path: PathBuf,
-    /// Device and inode, by which it is known again.
-    identity: (u64, u64),
-    /// Held until the file is gone.
+    _own: OwnFile,
+    /// Held until the file is gone: fields are dropped in their order.
     _lock: LockFile,
 }
 
@@ -166,29 +164,25 @@ fn claim(path: &Path, mode: u32) -> Result<OpenSocket, BindFault> {
     }
     let listener =
         UnixListener::bind(&temporary).map_err(failed("cannot make a socket in its directory"))?;
-    let finish = || -> Result<(u64, u64), BindFault> {
+    let finish = || -> Result<OwnFile, BindFault> {
         fs::set_permissions(&temporary, Permissions::from_mode(mode))
             .map_err(failed("cannot set its permissions"))?;
         listener
             .set_nonblocking(true)
             .map_err(failed("cannot make it non-blocking"))?;
-        let identity =
-            identity(&temporary).map_err(failed("cannot look at the socket just made"))?;
+        let found = fs::symlink_metadata(&temporary)
+            .map_err(failed("cannot look at the socket just made"))?;
         fs::rename(&temporary, path).map_err(failed("cannot put the socket in its place"))?;
-        Ok(identity)
+        Ok(OwnFile::new(path, &found))
     };
     match finish() {
-        Ok(identity) => {
-            let file = SocketFile {
-                path: path.to_owned(),
-                identity,
+        Ok(own) => Ok(OpenSocket {
+            listener,
+            file: Some(SocketFile {
+                _own: own,
                 _lock: lock,
-            };
-            Ok(OpenSocket {
-                listener,
-                file: Some(file),
-            })
-        }
+            }),
+        }),
         Err(error) => {
             // Best effort: the error that is reported is the one that led here.
             let _ = fs::remove_file(&temporary);
@@ -245,21 +239,6 @@ fn lock(path: &Path) -> Result<LockFile, BindFault> {
             BindFault::failed(path, "cannot lock the file .lock beside it", source)
         }
     })
-}
-
-fn identity(path: &Path) -> io::Result<(u64, u64)> {
-    fs::symlink_metadata(path).map(|found| (found.dev(), found.ino()))
-}
-
-impl Drop for SocketFile {
-    fn drop(&mut self) {
-        // Another daemon may have put its own there in the meantime.
-        if identity(&self.path).is_ok_and(|found| found == self.identity)
-            && let Err(error) = fs::remove_file(&self.path)
-        {
-            tracing::warn!("cannot remove the socket {}: {error}", self.path.display());
-        }
-    }
 }
 
 /// What is wrong with the path of a socket is the error.
