@@ -1,4 +1,5 @@
-//! Checking settings: every fault is collected, with its key, what was found and what would be right.
+//! Declaring settings and words, and checking settings: every fault is collected, with its key, what was found and what
+//! would be right.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -140,7 +141,32 @@ macro_rules! settings {
     };
 }
 
-pub(crate) use settings;
+/// Declares an enum of words: each variant once, with its word as published and kept.
+macro_rules! words {
+    (
+        $(#[$about:meta])*
+        pub enum $name:ident {
+            $($(#[$word_about:meta])* $variant:ident = $word:literal,)*
+        }
+    ) => {
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+        $(#[$about])*
+        pub enum $name {
+            $($(#[$word_about])* #[serde(rename = $word)] $variant,)*
+        }
+
+        impl $name {
+            /// The word as published and kept.
+            pub fn word(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $word,)*
+                }
+            }
+        }
+    };
+}
+
+pub(crate) use {settings, words};
 
 #[cfg(test)]
 mod tests {

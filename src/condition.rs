@@ -42,44 +42,33 @@ use std::borrow::Cow;
 
 use serde::Serialize;
 
-/// What the daemon can say about its headings right now.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Condition {
-    /// No calibration yet: no heading.
-    #[default]
-    Uncalibrated,
-    /// Uncalibrated, and the board is on its way round.
-    Turning,
-    /// Uncalibrated, and a calibration is being computed.
-    Calibrating,
-    /// Calibrated, and the field is as the calibration expects it.
-    Good,
-    /// Calibrated, but something has made the headings less certain.
-    Degraded,
-    /// Calibrated, but something magnetic is near: the field is too strong, too weak or too steep.
-    Disturbed,
-    /// The magnetometer has been silent for too long: no heading.
-    Stale,
-    /// The source is broken or gone: no heading.
-    Fault,
+use crate::check::words;
+
+words! {
+    /// What the daemon can say about its headings right now.
+    #[derive(Default)]
+    pub enum Condition {
+        /// No calibration yet: no heading.
+        #[default]
+        Uncalibrated = "uncalibrated",
+        /// Uncalibrated, and the board is on its way round.
+        Turning = "turning",
+        /// Uncalibrated, and a calibration is being computed.
+        Calibrating = "calibrating",
+        /// Calibrated, and the field is as the calibration expects it.
+        Good = "good",
+        /// Calibrated, but something has made the headings less certain.
+        Degraded = "degraded",
+        /// Calibrated, but something magnetic is near: the field is too strong, too weak or too steep.
+        Disturbed = "disturbed",
+        /// The magnetometer has been silent for too long: no heading.
+        Stale = "stale",
+        /// The source is broken or gone: no heading.
+        Fault = "fault",
+    }
 }
 
 impl Condition {
-    /// The word as published.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Uncalibrated => "uncalibrated",
-            Self::Turning => "turning",
-            Self::Calibrating => "calibrating",
-            Self::Good => "good",
-            Self::Degraded => "degraded",
-            Self::Disturbed => "disturbed",
-            Self::Stale => "stale",
-            Self::Fault => "fault",
-        }
-    }
-
     /// Whether a heading may be published at all.
     pub fn may_steer(self) -> bool {
         matches!(self, Self::Good | Self::Degraded | Self::Disturbed)

@@ -3,23 +3,15 @@
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// What a calibration corrects.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Mode {
-    /// The plane of one turn: two biases, two scale factors.
-    Planar,
-    /// All three axes.
-    Spatial,
-}
+use crate::check::words;
 
-impl Mode {
-    /// The word as published and kept.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Planar => "planar",
-            Self::Spatial => "spatial",
-        }
+words! {
+    /// What a calibration corrects.
+    pub enum Mode {
+        /// The plane of one turn: two biases, two scale factors.
+        Planar = "planar",
+        /// All three axes.
+        Spatial = "spatial",
     }
 }
 

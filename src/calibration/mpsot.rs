@@ -5,25 +5,17 @@
 //! the L iterations before; when more than half of the parameters differ by no more than a threshold,
 //! the swarm has converged.
 
-/// What stopped a swarm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stop {
-    /// Level 1: the maximum number of iterations.
-    Iterations,
-    /// Level 2: the fit value reached the minimum error.
-    Error,
-    /// Level 3: the parameters no longer change.
-    Change,
-}
+use crate::check::words;
 
-impl Stop {
-    /// The word as published.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Iterations => "iterations",
-            Self::Error => "error",
-            Self::Change => "change",
-        }
+words! {
+    /// What stopped a swarm.
+    pub enum Stop {
+        /// Level 1: the maximum number of iterations.
+        Iterations = "iterations",
+        /// Level 2: the fit value reached the minimum error.
+        Error = "error",
+        /// Level 3: the parameters no longer change.
+        Change = "change",
     }
 }
 

@@ -6,28 +6,19 @@ use serde::Serialize;
 
 use super::model::{Calibration, Mode, Model, Parameters};
 use super::verdict::{Measures, Refusal};
+use crate::check::words;
 
-/// What became of a candidate.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Verdict {
-    /// Good, and active from now on.
-    Accepted,
-    /// Not better than the active calibration, which stays.
-    Kept,
-    /// Not to be trusted.
-    #[default]
-    Rejected,
-}
-
-impl Verdict {
-    /// The word as published.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Accepted => "accepted",
-            Self::Kept => "kept",
-            Self::Rejected => "rejected",
-        }
+words! {
+    /// What became of a candidate.
+    #[derive(Default)]
+    pub enum Verdict {
+        /// Good, and active from now on.
+        Accepted = "accepted",
+        /// Not better than the active calibration, which stays.
+        Kept = "kept",
+        /// Not to be trusted.
+        #[default]
+        Rejected = "rejected",
     }
 }
 

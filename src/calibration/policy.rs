@@ -1,30 +1,22 @@
 //! When the daemon calibrates, and what started a calibration.
 
-use serde::{Deserialize, Serialize};
+use crate::check::words;
 
-/// Whether the daemon calibrates by itself.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Policy {
-    /// On every turn that is seen.
-    #[default]
-    On,
-    /// Only on request.
-    Off,
-    /// Never, while there is an active calibration: that one is not replaced.
-    Locked,
+words! {
+    /// Whether the daemon calibrates by itself.
+    #[derive(Default)]
+    pub enum Policy {
+        /// On every turn that is seen.
+        #[default]
+        On = "on",
+        /// Only on request.
+        Off = "off",
+        /// Never, while there is an active calibration: that one is not replaced.
+        Locked = "locked",
+    }
 }
 
 impl Policy {
-    /// The word as published and kept.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::On => "on",
-            Self::Off => "off",
-            Self::Locked => "locked",
-        }
-    }
-
     /// For people: what helps where no calibration is active.
     pub fn remedy(self) -> &'static str {
         match self {
@@ -34,30 +26,18 @@ impl Policy {
     }
 }
 
-/// What started a calibration, or where it came from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Reason {
-    /// The board was turned or moved. Version 0.1 told apart turns that were to replace a calibration.
-    #[serde(alias = "stale")]
-    Turn,
-    /// Somebody asked for it.
-    Start,
-    /// Somebody brought it in a file.
-    Import,
-    /// It was made on a recorded log.
-    Log,
-}
-
-impl Reason {
-    /// The word as published and kept.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Turn => "turn",
-            Self::Start => "start",
-            Self::Import => "import",
-            Self::Log => "log",
-        }
+words! {
+    /// What started a calibration, or where it came from.
+    pub enum Reason {
+        /// The board was turned or moved. Version 0.1 told apart turns that were to replace a calibration.
+        #[serde(alias = "stale")]
+        Turn = "turn",
+        /// Somebody asked for it.
+        Start = "start",
+        /// Somebody brought it in a file.
+        Import = "import",
+        /// It was made on a recorded log.
+        Log = "log",
     }
 }
 

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::mpsot::StopLimits;
 use super::swarm::{CONSTRICTION, Coefficients, PAPER, SwarmParams};
-use crate::check::settings;
+use crate::check::{settings, words};
 
 /// Which parameters to look for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -32,16 +32,17 @@ pub enum ModelChoice {
     Symmetric,
 }
 
-/// A set of swarm coefficients.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Profile {
-    /// Constriction, one particle started at the linear conic fit, the objective through its
-    /// triangular factor.
-    #[default]
-    Standard,
-    /// The paper's: w = 1, c1 = c2 = 2, every particle at random, the direct sum of Equation 8.
-    Paper,
+words! {
+    /// A set of swarm coefficients.
+    #[derive(Default)]
+    pub enum Profile {
+        /// Constriction, one particle started at the linear conic fit, the objective through its
+        /// triangular factor.
+        #[default]
+        Standard = "standard",
+        /// The paper's: w = 1, c1 = c2 = 2, every particle at random, the direct sum of Equation 8.
+        Paper = "paper",
+    }
 }
 
 /// Which samples the swarm sees.
@@ -158,14 +159,6 @@ impl Profile {
         match self {
             Self::Standard => 15,
             Self::Paper => 60,
-        }
-    }
-
-    /// The word as published.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Standard => "standard",
-            Self::Paper => "paper",
         }
     }
 }

@@ -94,7 +94,7 @@ impl SourceTask {
                 (name, Source::I2c(config.i2c.clone()))
             }
             Kind::Serial => {
-                header.sensor = Some(config.serial.chip.name().to_owned());
+                header.sensor = Some(config.serial.chip.word().to_owned());
                 header.mountings = config.mounting.chips();
                 bps = Some(config.serial.baud);
                 let bridge = Bridge::new(&config.serial, config.mounting.chips());

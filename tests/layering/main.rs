@@ -27,7 +27,7 @@ const fn room(name: &'static str, floor: u8, may: &'static [&'static str]) -> Ro
     Room { name, floor, may }
 }
 
-/// On floor 0 and imported by whoever has settings: what a fault in a setting is.
+/// On floor 0 and imported by whoever has settings or words: how they are declared, and what a fault in a setting is.
 const EVERYBODY_MAY: &str = "check";
 
 #[rustfmt::skip]

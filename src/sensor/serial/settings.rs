@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use crate::check::{Fault, absolute_or_empty, settings};
+use crate::check::{Fault, absolute_or_empty, settings, words};
 
 settings! {
     /// The port, and the protocol of the device behind it.
@@ -55,26 +55,19 @@ impl Protocol {
     }
 }
 
-/// The magnetometer behind the line.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Chip {
-    /// HMC5843: Razor SEN-10125, sticks SEN-10183 and SEN-10321.
-    #[default]
-    Hmc5843,
-    /// HMC5883L: Razor SEN-10736, stick SEN-10724.
-    Hmc5883l,
+words! {
+    /// The magnetometer behind the line.
+    #[derive(Default)]
+    pub enum Chip {
+        /// HMC5843: Razor SEN-10125, sticks SEN-10183 and SEN-10321.
+        #[default]
+        Hmc5843 = "hmc5843",
+        /// HMC5883L: Razor SEN-10736, stick SEN-10724.
+        Hmc5883l = "hmc5883l",
+    }
 }
 
 impl Chip {
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Hmc5843 => "hmc5843",
-            Self::Hmc5883l => "hmc5883l",
-        }
-    }
-
     /// Counts per gauss at the gain after power-on, which the Razor never changes (data sheets, register
     /// 0x01, CRB).
     pub fn counts_per_gauss(self) -> f64 {
