@@ -30,6 +30,9 @@ impl Fault {
 
 /// Settings that can say what is wrong with themselves.
 pub trait Check {
+    /// Their keys.
+    const KEYS: &[&str];
+
     /// Every fault at once; empty when all is well.
     fn check(&self) -> Vec<Fault>;
 }
@@ -127,6 +130,8 @@ macro_rules! settings {
         }
 
         impl $crate::check::Check for $name {
+            const KEYS: &[&str] = &[$(stringify!($key)),*];
+
             fn check(&self) -> Vec<$crate::check::Fault> {
                 let mut faults = Vec::new();
                 $($(

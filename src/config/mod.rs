@@ -32,7 +32,7 @@ pub struct Table {
     /// Its name.
     pub name: &'static str,
     /// Its keys.
-    pub keys: Vec<String>,
+    pub keys: &'static [&'static str],
     /// Its defaults. A key that has none is missing here.
     pub defaults: toml::Table,
 }
@@ -152,7 +152,7 @@ impl Config {
     /// The first table with this key.
     fn table_of(key: &str) -> Option<&'static str> {
         let tables = Self::tables().into_iter();
-        let mut with_key = tables.filter(|table| table.keys.iter().any(|known| known == key));
+        let mut with_key = tables.filter(|table| table.keys.contains(&key));
         Some(with_key.next()?.name)
     }
 
@@ -181,7 +181,7 @@ impl Config {
 fn table<T: Settings>(name: &'static str) -> Table {
     Table {
         name,
-        keys: reader::keys::<T>(),
+        keys: T::KEYS,
         defaults: toml::Table::try_from(T::default())
             .expect("settings are made of what TOML can write"),
     }

@@ -12,16 +12,13 @@ use super::fault::ConfigFault;
 use super::retired;
 use super::syntax;
 use super::syntax::{LineIndex, column};
-use super::words::{choices, explain, suggest};
+use super::words::{explain, suggest};
 use crate::check::{Check, Fault};
 
 /// What a table of the configuration is read into.
 pub trait Settings: Default + Serialize + DeserializeOwned + Check {}
 
 impl<T: Default + Serialize + DeserializeOwned + Check> Settings for T {}
-
-/// In a table within a table so many keys are looked at, one by one.
-const MOST_NESTED: usize = 100;
 
 type Key<'i> = Spanned<DeString<'i>>;
 type Value<'i> = Spanned<DeValue<'i>>;
@@ -30,21 +27,8 @@ type Value<'i> = Spanned<DeValue<'i>>;
 /// for each of 20 tables.
 struct Target<'i> {
     table: Table,
-    /// Reads the settings from a table that has only the value, under the nested keys; the deserialiser's message if
-    /// it cannot.
-    attempt: fn(&[Key<'i>], &Value<'i>) -> Result<(), String>,
-}
-
-impl Target<'_> {
-    /// The default of a key whose value is a row of numbers.
-    fn default_numbers(&self, path: &[Key<'_>]) -> Option<&Vec<toml::Value>> {
-        let (first, rest) = path.split_first()?;
-        let mut value = self.table.defaults.get(first.get_ref().as_ref())?;
-        for key in rest {
-            value = value.get(key.get_ref().as_ref())?;
-        }
-        value.as_array()
-    }
+    /// Reads the settings from a table that has only this key; the deserialiser's message if it cannot.
+    attempt: fn(&Key<'i>, &Value<'i>) -> Result<(), String>,
 }
 
 pub(super) struct TableReader<'i> {
@@ -97,18 +81,17 @@ impl<'i> TableReader<'i> {
         names: &[&str],
         table_of: fn(&str) -> Option<&'static str>,
     ) {
-        let known: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
         for (key, value) in &self.root {
             let name: &str = key.get_ref();
             if names.contains(&name) {
                 continue;
             }
             let sentence = if value.get_ref().is_table() {
-                format!("unknown table; {}", suggest(name, &known))
+                format!("unknown table; {}", suggest(name, names))
             } else {
                 let help = match table_of(name) {
                     Some(table) => format!("move it below [{table}]"),
-                    None => suggest(name, &known),
+                    None => suggest(name, names),
                 };
                 format!("this key is outside any table: {help}")
             };
@@ -121,22 +104,28 @@ impl<'i> TableReader<'i> {
     pub(super) fn table<T: Settings>(&mut self, name: &'static str) -> T {
         let target = Target {
             table: super::table::<T>(name),
-            attempt: |path, value| match deserialize::<T>(path, value) {
-                Ok(_) => Ok(()),
-                Err(error) => Err(error.message().to_owned()),
+            attempt: |key, value| {
+                let mut table = DeTable::new();
+                table.insert(key.clone(), value.clone());
+                let table = Spanned::new(value.span(), DeValue::Table(table));
+                match T::deserialize(ValueDeserializer::from(table)) {
+                    Ok(_) => Ok(()),
+                    Err(error) => Err(error.message().to_owned()),
+                }
             },
         };
         let Some(usable) = self.usable(&target) else {
             return T::default();
         };
-        match deserialize::<T>(&[], &usable) {
+        let at = usable.span().start;
+        match T::deserialize(ValueDeserializer::from(usable)) {
             Ok(settings) => {
                 self.collect(&format!("{name}."), settings.check());
                 settings
             }
             Err(error) => {
                 let sentence = format!("{name}: {}", error.message());
-                let fault = self.fault(Some(usable.span().start), sentence);
+                let fault = self.fault(Some(at), sentence);
                 self.faults.push(fault);
                 T::default()
             }
@@ -186,16 +175,12 @@ impl<'i> TableReader<'i> {
                 gone.push((at, sentence));
                 continue;
             }
-            let known = &target.table.keys;
-            if !known.is_empty() && !known.iter().any(|known| known == key.get_ref()) {
-                faults.push(self.unknown(name, key, known));
-                continue;
+            match self.probe(target, key, value) {
+                Ok(()) => {
+                    usable.insert(key.clone(), value.clone());
+                }
+                Err(sentence) => faults.push(self.fault(Some(key.span().start), sentence)),
             }
-            let wrong = self.probe(target, std::slice::from_ref(key), value);
-            if wrong.is_empty() {
-                usable.insert(key.clone(), value.clone());
-            }
-            faults.extend(wrong);
         }
         (usable, faults, gone)
     }
@@ -238,61 +223,45 @@ impl<'i> TableReader<'i> {
         }
     }
 
-    fn unknown(&self, table: &str, key: &Key<'i>, known: &[String]) -> ConfigFault {
+    /// What is wrong with one key alone, all others at their defaults.
+    fn probe(&self, target: &Target<'i>, key: &Key<'i>, value: &Value<'i>) -> Result<(), String> {
+        let Table {
+            name: table,
+            keys,
+            defaults,
+        } = &target.table;
         let name: &str = key.get_ref();
-        let sentence = format!("{table}.{name}: unknown key; {}", suggest(name, known));
-        self.fault(Some(key.span().start), sentence)
-    }
-
-    /// The faults of one key alone, all others at their defaults. `path` leads from the table to the key.
-    fn probe(&self, target: &Target<'i>, path: &[Key<'i>], value: &Value<'i>) -> Vec<ConfigFault> {
-        let numbers = target.default_numbers(path);
+        let dotted = format!("{table}.{name}");
+        if !keys.contains(&name) {
+            return Err(format!("{dotted}: unknown key; {}", suggest(name, keys)));
+        }
+        let numbers = defaults.get(name).and_then(toml::Value::as_array);
         // The deserialiser ignores surplus numbers.
-        let too_many = match (value.get_ref(), &numbers) {
+        let too_many = match (value.get_ref(), numbers) {
             (DeValue::Array(found), Some(numbers)) => found.len() > numbers.len(),
             _ => false,
         };
-        let mut message = match (target.attempt)(path, value) {
+        let mut message = match (target.attempt)(key, value) {
             Ok(()) if too_many => String::new(),
-            Ok(()) => return Vec::new(),
+            Ok(()) => return Ok(()),
             Err(message) => message,
         };
-        // In a table within the table the same holds: look for every wrong key.
-        if let DeValue::Table(inner) = value.get_ref() {
-            let faults: Vec<ConfigFault> = inner
-                .iter()
-                .take(MOST_NESTED)
-                .flat_map(|(key, value)| {
-                    let path: Vec<Key<'i>> = path.iter().chain([key]).cloned().collect();
-                    self.probe(target, &path, value)
-                })
-                .collect();
-            if !faults.is_empty() {
-                return faults;
+        // The parser refuses a choice that is no string before it looks at the choices.
+        if message == WANTED_CHOICE {
+            let text = DeValue::String(DeString::from(""));
+            if let Err(refused) = (target.attempt)(key, &Spanned::new(value.span(), text)) {
+                message = refused;
             }
         }
-        // The parser refuses a choice that is no string before it looks at the choices.
-        if message == WANTED_CHOICE
-            && let Err(refused) = (target.attempt)(path, &text_value(value.span()))
-        {
-            message = refused;
-        }
-        let names: Vec<&str> = path.iter().map(|key| key.get_ref().as_ref()).collect();
-        let at = match path.last() {
-            Some(key) => key.span().start,
-            None => value.span().start,
-        };
-        let key = format!("{}.{}", target.table.name, names.join("."));
         let found = self.snippet(&value.span());
-        let sentence = match numbers {
+        Err(match numbers {
             Some(numbers) => {
                 let default = toml::Value::Array(numbers.clone());
                 let right = format!("{} numbers, as the default is: {default}", numbers.len());
-                Fault::new(&key, found, right).to_string()
+                Fault::new(&dotted, found, right).to_string()
             }
-            None => explain(&key, found, &message),
-        };
-        vec![self.fault(Some(at), sentence)]
+            None => explain(&dotted, found, &message),
+        })
     }
 
     /// A value as written in the file, cut to a part of one line.
@@ -309,55 +278,22 @@ impl<'i> TableReader<'i> {
     }
 }
 
-/// The keys that a table may have, as its settings' deserialiser names them.
-pub(super) fn keys<T: Settings>() -> Vec<String> {
-    // No key can have this name, so it is refused, and the refusal lists those that can.
-    let stranger = Spanned::new(0..0, DeString::from("\0"));
-    match deserialize::<T>(&[stranger], &text_value(0..0)) {
-        Ok(_) => Vec::new(),
-        Err(error) => choices(error.message()),
-    }
-}
-
-/// Reads settings from a table that has only `value`, under the nested keys `path`.
-fn deserialize<T: DeserializeOwned>(
-    path: &[Key<'_>],
-    value: &Value<'_>,
-) -> Result<T, toml::de::Error> {
-    T::deserialize(ValueDeserializer::from(nested(path, value)))
-}
-
-/// A table that has only `value`, under the nested keys `path`.
-fn nested<'i>(path: &[Key<'i>], value: &Value<'i>) -> Value<'i> {
-    let mut value = value.clone();
-    for key in path.iter().rev() {
-        let span = value.span();
-        let mut table = DeTable::new();
-        table.insert(key.clone(), value);
-        value = Spanned::new(span, DeValue::Table(table));
-    }
-    value
-}
-
 const WANTED_CHOICE: &str = "wanted string or table";
-
-fn text_value<'i>(span: Range<usize>) -> Value<'i> {
-    Spanned::new(span, DeValue::String(DeString::from("")))
-}
 
 fn find<'t, 'i>(table: &'t DeTable<'i>, name: &str) -> Option<(&'t Key<'i>, &'t Value<'i>)> {
     table.iter().find(|(key, _)| key.get_ref() == name)
 }
 
-/// The place of the key in the text; of a dotted key, as much of it as is there.
-fn position(table: &DeTable<'_>, dotted: &str) -> Option<usize> {
-    let (first, rest) = dotted.split_once('.').unwrap_or((dotted, ""));
-    let (key, value) = find(table, first)?;
-    let deeper = match value.get_ref() {
-        DeValue::Table(inner) => position(inner, rest),
-        _ => None,
-    };
-    Some(deeper.unwrap_or(key.span().start))
+/// The place of `table.key` in the text, or that of its table if the key is not there.
+fn position(root: &DeTable<'_>, dotted: &str) -> Option<usize> {
+    let (table, name) = dotted.split_once('.').unwrap_or((dotted, ""));
+    let (mut key, value) = find(root, table)?;
+    if let DeValue::Table(table) = value.get_ref()
+        && let Some((inner, _)) = find(table, name)
+    {
+        key = inner;
+    }
+    Some(key.span().start)
 }
 
 #[cfg(test)]

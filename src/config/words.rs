@@ -6,11 +6,6 @@ use crate::check::Fault;
 
 /// Says a deserialiser's message about what was `found` at a key in the words of a user.
 pub(super) fn explain(key: &str, found: String, message: &str) -> String {
-    if let Some(rest) = message.strip_prefix("unknown field `") {
-        let name = rest.split('`').next().unwrap_or_default();
-        let hint = suggest(name, &choices(message));
-        return format!("{key}: unknown key; {hint}");
-    }
     let wrong = |right: String| Fault::new(key, found, right).to_string();
     if message.starts_with("unknown variant `") {
         let choices = choices(message);
@@ -43,7 +38,7 @@ fn right_type(expected: &str) -> String {
 }
 
 /// The words in backquotes after "expected" in a deserialiser's message.
-pub(super) fn choices(message: &str) -> Vec<String> {
+fn choices(message: &str) -> Vec<String> {
     let Some((_, list)) = message.rsplit_once(", expected ") else {
         return Vec::new();
     };
@@ -55,7 +50,7 @@ pub(super) fn choices(message: &str) -> Vec<String> {
 }
 
 /// What to write in place of an unknown word: the nearest known one, or all of them.
-pub(super) fn suggest(unknown: &str, known: &[String]) -> String {
+pub(super) fn suggest(unknown: &str, known: &[&str]) -> String {
     let nearest = known
         .iter()
         .map(|word| (levenshtein(unknown, word), word))
@@ -74,7 +69,7 @@ mod tests {
 
     #[test]
     fn a_far_word_gets_the_whole_list() {
-        let known = ["kind".to_owned(), "speed".to_owned()];
+        let known = ["kind", "speed"];
         assert_eq!(suggest("sped", &known), "did you mean speed?");
         assert_eq!(suggest("frequency", &known), "known are kind, speed");
     }

@@ -37,16 +37,11 @@ fn the_default_file_says_every_default() {
             .unwrap_or_else(|| panic!("config/headingd.toml has no table [{}]", table.name))
             .as_table()
             .unwrap();
-        assert!(
-            !table.keys.is_empty(),
-            "[{}] must refuse unknown keys: #[serde(deny_unknown_fields, default)]",
-            table.name
-        );
-        for key in &table.keys {
+        for key in table.keys {
             let name = format!("{}.{key}", table.name);
-            match table.defaults.get(key) {
+            match table.defaults.get(*key) {
                 Some(default) => assert_eq!(
-                    found.get(key),
+                    found.get(*key),
                     Some(default),
                     "{name} in config/headingd.toml (left) must be the default"
                 ),

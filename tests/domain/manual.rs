@@ -31,7 +31,7 @@ fn it_has_every_table_and_key_of_the_code_and_no_other() {
     assert_eq!(names(&of_file), code_names);
     for (code, file) in of_code.iter().zip(&of_file) {
         let mut found: Vec<&str> = file.keys.iter().map(|key| key.name.as_str()).collect();
-        let mut known: Vec<&str> = code.keys.iter().map(String::as_str).collect();
+        let mut known = code.keys.to_vec();
         found.sort_unstable();
         known.sort_unstable();
         assert_eq!(found, known, "[{}]", code.name);
