@@ -21,7 +21,6 @@ mod start;
 mod steady_clock;
 
 pub use bridge::Bridge;
-pub use device_clock::DeviceClock;
 pub use log_rows::LogRows;
 pub use razor_binary::RazorBinary;
 pub use razor_text::RazorText;
