@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen};
 
-use super::curve::{PAIRS, ParameterVector, symmetric};
+use super::curve::{PAIRS, ParameterVector};
 
 /// Equation 8 by the direct sum over samples, under the diagonal model: the reference that the factor is held
 /// to, and what profile `paper` evaluates.
@@ -173,9 +173,7 @@ impl<const D: usize> Normal<D> {
         position: &ParameterVector<P>,
         reference_mgauss: f64,
     ) -> [f64; F] {
-        if P > 2 * D {
-            return self.symmetric_coefficients(position, reference_mgauss);
-        }
+        const { assert!(P == 2 * D && F == 2 * D + 1, "a bias and a scale per axis") };
         let mut coefficients = [1.0; F];
         for axis in 0..D {
             let beta = (position[axis] - self.centre[axis]) / self.length;
@@ -184,32 +182,6 @@ impl<const D: usize> Normal<D> {
             coefficients[0] -= beta * beta * inverse;
             coefficients[1 + 2 * axis] = -inverse;
             coefficients[2 + 2 * axis] = 2.0 * beta * inverse;
-        }
-        coefficients
-    }
-
-    /// The same with |α⁻¹(u − β)|², α = A·Hm/d a symmetric matrix; infinite if it cannot be inverted.
-    fn symmetric_coefficients<const P: usize, const F: usize>(
-        &self,
-        position: &ParameterVector<P>,
-        reference_mgauss: f64,
-    ) -> [f64; F] {
-        let alpha = symmetric(&position[D..]) * (reference_mgauss / self.length);
-        let Some(inverse) = alpha.try_inverse() else {
-            return [f64::INFINITY; F];
-        };
-        let form = inverse * inverse;
-        let beta = SVector::<f64, 3>::from_fn(|axis, _| {
-            (position[axis] - self.centre[axis]) / self.length
-        });
-        let linear = form * beta;
-        let mut coefficients = [1.0 - beta.dot(&linear); F];
-        for axis in 0..D {
-            coefficients[1 + 2 * axis] = -form[(axis, axis)];
-            coefficients[2 + 2 * axis] = 2.0 * linear[axis];
-        }
-        for (k, pair) in PAIRS.into_iter().enumerate() {
-            coefficients[2 * D + 1 + k] = -2.0 * form[pair];
         }
         coefficients
     }

@@ -37,6 +37,7 @@ fn it_has_every_table_and_key_of_the_code_and_no_other() {
         assert_eq!(found, known, "[{}]", code.name);
         assert!(file.about.len() > 10, "[{}] is not explained", code.name);
         for key in &file.keys {
+            assert!(!key.about.is_empty(), "{} is not explained", key.name);
             let default = key.default.as_ref().map(|text| {
                 let text = format!("key = {text}");
                 text.parse::<toml::Table>().unwrap()["key"].clone()

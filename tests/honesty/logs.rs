@@ -132,13 +132,7 @@ pub const ALL: &[Recording] = &[
             first_s: None,
             ..NONE
         },
-        play: |log, _, score| {
-            score.starts_s = motion_starts_s(log);
-            let mut daemon = Daemon::new(log.0, None);
-            play(log, &mut daemon, |_, reading, truth, shown| {
-                score.take(reading.t_s, truth, &shown);
-            });
-        },
+        play: |log, _, score| by_truth(log, score),
     },
     Recording {
         name: "xio_fusion_calibrated",
