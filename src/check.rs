@@ -30,7 +30,7 @@ impl Fault {
 
 /// Settings that can say what is wrong with themselves.
 pub trait Check {
-    /// Their keys.
+    /// Their keys, as in the file: the names of the fields.
     const KEYS: &[&str];
 
     /// Every fault at once; empty when all is well.

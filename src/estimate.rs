@@ -38,7 +38,7 @@ use place::PlaceEvidence;
 use prior::{Measured, Prior};
 
 /// A filter wins when its log-likelihood leads by this much. The limit is high (e¹² to 1) because the errors of consecutive samples are
-/// correlated. Half or twice as much decides the simulated cases alike, and so for the limit below.
+/// correlated. Half or twice this value, or the one below, decides the simulated cases in the same way.
 const DECIDED: f64 = 12.0;
 /// A sample adds no more than this to the lead: one that came late or was disturbed fits the less certain filter better, whichever is
 /// right.
@@ -48,8 +48,8 @@ const RIVAL_LASTS_S: f64 = 30.0;
 /// If a disturbance exceeds this share of the field for this long in motion, a rival assumes that iron on the board causes it.
 const IRON_TRIED_FROM: f64 = 0.08;
 const IRON_TRIED_AFTER_S: f64 = 1.0;
-/// An axis whose bias is known less well than this share of the field is not measured: headings would be off by 9°, and are published
-/// from 10° on by default.
+/// An axis whose bias is known less well than this share of the field is not measured: where the field is horizontal, that much turns
+/// headings by 9°, and by default they are published only up to 10°.
 const MEASURED: f64 = 0.15;
 /// A fault of the gyro that clears within this much motion, seconds, was a false alarm: accelerations of a hand, or a magnet.
 const FALSE_ALARM_S: f64 = 5.0;

@@ -154,3 +154,82 @@ pub(super) fn subtract<const K: usize>(
     }
     p.fill_upper_triangle_with_lower_triangle();
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::RowVector3;
+    use rand::{RngExt, SeedableRng};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    use super::*;
+
+    fn random<const R: usize, const C: usize>(rng: &mut Xoshiro256PlusPlus) -> SMatrix<f64, R, C> {
+        SMatrix::from_fn(|_, _| rng.random_range(-1.0..1.0))
+    }
+
+    fn covariance(rng: &mut Xoshiro256PlusPlus) -> Covariance {
+        let root: Covariance = random(rng);
+        root * root.transpose()
+    }
+
+    #[test]
+    fn a_step_is_the_full_product() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        let step = Step {
+            field: random(&mut rng),
+            by_gyro: random(&mut rng),
+            tilt: 0.9,
+            unevenness: 0.7,
+            place: 0.8,
+        };
+        let mut full = Covariance::identity();
+        full.fixed_view_mut::<3, 3>(H, H).copy_from(&step.field);
+        full.fixed_view_mut::<3, 6>(H, G).copy_from(&step.by_gyro);
+        for (at, count, kept) in [(E, 2, 0.9), (M, 3, 0.7), (Q, 3, 0.8)] {
+            for state in at..at + count {
+                full[(state, state)] = kept;
+            }
+        }
+        let before = covariance(&mut rng);
+        let mut after = before;
+        step.carry(&mut after);
+        assert!((after - full * before * full.transpose()).amax() < 1e-12);
+    }
+
+    #[test]
+    fn a_correction_is_the_full_product() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(2);
+        let sensitivity = Sensitivity {
+            field: random(&mut rng),
+            tilt: [random(&mut rng), random(&mut rng)],
+            lag: random(&mut rng),
+            row: random(&mut rng),
+        };
+        let mut full = SMatrix::<f64, 3, N>::zeros();
+        for at in [H, M, Q] {
+            full.fixed_columns_mut::<3>(at)
+                .copy_from(&sensitivity.field);
+        }
+        full.fixed_columns_mut::<3>(B)
+            .copy_from(&Matrix3::identity());
+        full.set_column(E, &sensitivity.tilt[0]);
+        full.set_column(E + 1, &sensitivity.tilt[1]);
+        full.set_column(T, &sensitivity.lag);
+        let row: RowVector3<f64> = sensitivity.row.transpose();
+        for axis in 0..3 {
+            full.fixed_view_mut::<1, 3>(axis, D + 3 * axis)
+                .copy_from(&row);
+        }
+        let before = covariance(&mut rng);
+        let cross = sensitivity.cross(&before);
+        assert!((cross - before * full.transpose()).amax() < 1e-12);
+        let squared = sensitivity.squared(&cross);
+        assert!((squared - full * before * full.transpose()).amax() < 1e-11);
+
+        let gain = cross * squared.try_inverse().unwrap();
+        let mut after = before;
+        subtract(&mut after, &gain, &cross);
+        assert!((after - (before - gain * cross.transpose())).amax() < 1e-9);
+        assert_eq!(after, after.transpose());
+    }
+}

@@ -340,9 +340,10 @@ impl GyroCheck {
         if self.together >= TOGETHER || constant || frozen {
             return Some(GyroFault::Dead);
         }
-        // The filter's iron may be an old one, or taught by a gyro of a wrong scale; the scale's verdict needs none.
+        // What the field is to change by depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong scale.
+        // The scale depends on no iron, so it goes first.
         let opposes = self.gravity.opposes(GRAVITY_OPPOSES)
-            || (scale == ScaleVerdict::Unknown && self.field.opposes(OPPOSES));
+            || (!self.scale.same_way() && self.field.opposes(OPPOSES));
         if opposes || scale == ScaleVerdict::Opposed {
             return Some(GyroFault::Sign);
         }

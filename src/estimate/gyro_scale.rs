@@ -154,6 +154,12 @@ impl GyroScale {
         told.then(|| (found[0], (scatter2 * inverse[(0, 0)]).sqrt()))
     }
 
+    /// Whether the gyro clearly turns the same way as the field shows, whatever its scale.
+    pub(super) fn same_way(&self) -> bool {
+        self.scale()
+            .is_some_and(|(scale, sd)| scale > DEVIATIONS * sd)
+    }
+
     /// Whether the scale is right, as far as the moments tell.
     pub(super) fn verdict(&self) -> ScaleVerdict {
         let Some((scale, sd)) = self.scale() else {

@@ -11,13 +11,13 @@ const LEAST_NOISE_MGAUSS: f64 = 1.5;
 const NOISE_TAU_S: f64 = 2.0;
 /// Least unevenness of the field, as a share of it.
 const LEAST_UNEVENNESS: f64 = 0.004;
-/// Time constants of the measured unevenness when it grows and when it shrinks, in units of the length in which it is forgotten: so many
-/// independent values are in the mean. With half of the first a robot on an uneven floor is not sure enough, with half of the second
+/// Time constants of the measured unevenness when it grows and when it shrinks, in units of the length in which it is forgotten: about as
+/// many independent values are in the mean. With half of the first a robot on an uneven floor is not sure enough, with half of the second
 /// a board to which a magnet is attached in motion is falsely sure.
 const LENGTHS_UP: f64 = 3.0;
 const LENGTHS_DOWN: f64 = 4.0;
-/// Most that a place as a whole is taken to be off, as a share of the field: rooms are uneven by 1 to 2 %. More is a magnet nearby,
-/// which ends within the place.
+/// Most that a place as a whole is taken to be off, as a share of the field: rooms are uneven by 1 to 2 %. More than that is a magnet
+/// nearby, whose field does not reach across a whole place.
 const MOST_PLACE: f64 = 0.02;
 /// The filter observes the tilt error mostly through the vertical field, so in the Jacobian the tilt error may correct the field only as
 /// far as the vertical field is known: by half if the deviation of the vertical field is this share of it, and not at all at the magnetic
@@ -39,7 +39,7 @@ impl Filter {
         let predicted = self.sensitivity(input, &self.field_here(), &self.tilt_rad());
         let innovation = y - self.matrix() * predicted.row - self.vector(B);
         let sensitivity = if input.still {
-            // At rest the Jacobian leaves out the estimated unevenness and tilt error: both follow the innovation, and the correlation
+            // At rest the Jacobian leaves out the estimates of unevenness, place and tilt error: they follow the innovation, and the correlation
             // would turn the field steadily, by 10° in some hours of a field that swells by 1 %.
             self.sensitivity(input, &self.vector(H), &Vector3::zeros())
         } else {
@@ -213,8 +213,8 @@ impl Filter {
         }
     }
 
-    /// Measures how uneven the field is. Places differ from each other as much as the field does within them, on average over as long as the
-    /// board is at one place.
+    /// Measures how uneven the field is. Places are taken to differ from each other as much as the field does within one, so that
+    /// `place2` is the unevenness averaged over the time at one place.
     pub(super) fn measure_unevenness(&mut self, input: &Input, forgotten: f64) {
         let m = self.vector(M).norm_squared() + self.trace(M, 3);
         let share = m / 3.0 / self.strength_rms_mgauss.powi(2);

@@ -22,8 +22,8 @@ const FORGET_RESTING_S: f64 = 60.0;
 /// simulated car that others pass before its first turn learns wrong iron and is sure of it; at twice the value cars learn later,
 /// for nothing.
 const IRON_HIDES: f64 = 0.3;
-/// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s: 1.2 % and 3 mG in an hour, as the chip's gain and
-/// offset drift while it warms up. Half or twice as much changes no simulated family by more than a few per cent.
+/// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s: 1.2 % and 3 mG in an hour of motion, as the
+/// chip's gain and offset drift while it warms up. Half or twice as much changes no simulated family by more than a few per cent.
 const FIELD_WALK: f64 = 0.0002;
 const IRON_WALK_MGAUSS: f64 = 0.05;
 /// What the model leaves out is the same whenever the board is in the same attitude, and does not average out by swinging to and fro.
@@ -95,6 +95,7 @@ impl Filter {
         self.x.fixed_rows_mut::<3>(H).copy_from(&(step.field * h));
         self.x.fixed_rows_mut::<2>(E).scale_mut(tilt_kept);
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
+        // At most 2 % of the field: how the gyro's errors turn it is neglected, here as in P.
         self.x.fixed_rows_mut::<3>(Q).scale_mut(place_kept);
 
         let uneven = self.unevenness_ahead2(still) * strength2;
