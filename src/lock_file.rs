@@ -30,7 +30,7 @@ pub struct OwnFile {
 }
 
 impl OwnFile {
-    /// The file of which this was `found`, and which is at `path` or will be.
+    /// The file with this metadata, which is or will be at `path`.
     pub fn new(path: &Path, found: &fs::Metadata) -> Self {
         Self {
             path: path.to_owned(),
@@ -42,7 +42,7 @@ impl OwnFile {
 /// A lock that is held; dropping it removes its file.
 #[derive(Debug)]
 pub struct LockFile {
-    /// Fields are dropped in their order: removed while it is still locked, and so while nobody else can have it.
+    /// Dropped before the lock ends, so that the file goes while nobody else can hold it.
     own: OwnFile,
     /// Its end ends the lock.
     file: File,
@@ -75,7 +75,7 @@ impl LockFile {
             }
             let found = file.metadata().map_err(LockError::System)?;
             // Its owner has removed it meanwhile: the next one is made under the same name.
-            if !is_at(path, identity(&found)) {
+            if identity_at(path) != Some(identity(&found)) {
                 continue;
             }
             writable.map_err(LockError::System)?;
@@ -92,8 +92,9 @@ impl LockFile {
     pub fn share(path: &Path) -> Result<Arc<Self>, LockError> {
         let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
         shared.retain(|lock| lock.strong_count() > 0);
+        let found = identity_at(path);
         let mut held = shared.iter().filter_map(Weak::upgrade);
-        if let Some(lock) = held.find(|lock| is_at(path, lock.own.identity)) {
+        if let Some(lock) = held.find(|lock| Some(lock.own.identity) == found) {
             return Ok(lock);
         }
         let lock = Arc::new(Self::take(path)?);
@@ -109,7 +110,7 @@ impl LockFile {
 
 impl Drop for OwnFile {
     fn drop(&mut self) {
-        if is_at(&self.path, self.identity)
+        if identity_at(&self.path) == Some(self.identity)
             && let Err(error) = fs::remove_file(&self.path)
         {
             tracing::warn!("cannot remove {}: {error}", self.path.display());
@@ -117,8 +118,9 @@ impl Drop for OwnFile {
     }
 }
 
-fn is_at(path: &Path, identity: (u64, u64)) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|found| self::identity(&found) == identity)
+fn identity_at(path: &Path) -> Option<(u64, u64)> {
+    let found = fs::symlink_metadata(path).ok()?;
+    Some(identity(&found))
 }
 
 /// Opens the file, or makes it; also whether its holder could sign it. Who may only read it can still learn who has it.

@@ -38,7 +38,7 @@ mod tests {
         let tables = Config::tables();
         for (table, key, instead) in RETIRED {
             let known = tables.iter().find(|known| known.name == *table);
-            let keys = &known.unwrap_or_else(|| panic!("no table {table}")).keys;
+            let keys = known.unwrap_or_else(|| panic!("no table {table}")).keys;
             assert!(!keys.contains(key), "{table}.{key}");
             assert!(instead.len() > 20, "{table}.{key}: {instead}");
         }

@@ -29,12 +29,12 @@ impl Daemon {
     /// Carries out a request. A change is answered once it is on disk.
     pub(super) fn order(&mut self, order: ControlCall) {
         let ControlCall { request, answer } = order;
-        self.session.store.changed = false;
+        self.session.store.take_changed();
         let done = match self.carry_out_order(request) {
-            Ok(done) if self.session.store.changed => done,
-            Ok(other) | Err(other) => {
+            Ok(done) if self.session.store.take_changed() => done,
+            Ok(unchanged) | Err(unchanged) => {
                 // A client that has left need not be told.
-                let _ = answer.send(other);
+                let _ = answer.send(unchanged);
                 return;
             }
         };

@@ -20,8 +20,7 @@ pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
 pub(super) struct StoreWriter {
     history: History,
     most: usize,
-    /// Whether the history may have changed since this was last cleared.
-    pub(super) changed: bool,
+    changed: bool,
     disk: Option<Arc<Disk>>,
 }
 
@@ -95,6 +94,11 @@ impl StoreWriter {
         &mut self.history
     }
 
+    /// Whether the history may have been changed since this was last asked.
+    pub(super) fn take_changed(&mut self) -> bool {
+        std::mem::take(&mut self.changed)
+    }
+
     /// Goes on from the history of the session before a reload, which was `loaded` when this was opened, unless the
     /// folder knows better.
     pub(super) fn take_over(&mut self, last: &History, loaded: &History) {
@@ -109,8 +113,8 @@ impl StoreWriter {
 
     /// Makes a calibration the active one, until [`StoreWriter::save`] only in memory; its number.
     pub(super) fn keep(&mut self, made: Made) -> u64 {
-        self.changed = true;
-        self.history.keep(made, self.most);
+        let most = self.most;
+        self.history_mut().keep(made, most);
         self.history.last_number
     }
 

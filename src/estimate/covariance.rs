@@ -57,11 +57,12 @@ impl Step {
                 columns[H + axis][row] = sum;
             }
         }
-        for (at, count, kept) in [
+        let fading = [
             (E, 2, self.tilt),
             (M, 3, self.unevenness),
             (Q, 3, self.place),
-        ] {
+        ];
+        for (at, count, kept) in fading {
             for value in columns[at..at + count].as_flattened_mut() {
                 *value *= kept;
             }
@@ -72,9 +73,9 @@ impl Step {
             let errors = column.fixed_rows::<6>(G).into_owned();
             let field = self.field * column.fixed_rows::<3>(H) + self.by_gyro * errors;
             column.fixed_rows_mut::<3>(H).copy_from(&field);
-            column.fixed_rows_mut::<2>(E).scale_mut(self.tilt);
-            column.fixed_rows_mut::<3>(M).scale_mut(self.unevenness);
-            column.fixed_rows_mut::<3>(Q).scale_mut(self.place);
+            for (at, count, kept) in fading {
+                column.rows_mut(at, count).scale_mut(kept);
+            }
         }
         for lasting in LASTING {
             for moving in MOVING {

@@ -24,8 +24,8 @@ impl Fix {
 
 impl Estimate {
     /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` where X is vertical, or
-    /// before the estimate has begun. The deviation covers the field, the place and the tilt. On a
-    /// moving board whose vertical is known it also covers the rotation, radians, that the gyro may have missed.
+    /// before the estimate has begun. The deviation covers the field and the tilt. On a moving board
+    /// whose vertical is known it also covers the rotation, radians, that the gyro may have missed.
     pub fn fix(&self, pose: &Pose, missed_turn_rad: f64) -> Option<Fix> {
         if !self.active.begun() {
             return None;

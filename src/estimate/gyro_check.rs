@@ -343,7 +343,7 @@ impl GyroCheck {
         // What the field is to change by depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong scale.
         // The scale depends on no iron, so it goes first.
         let opposes = self.gravity.opposes(GRAVITY_OPPOSES)
-            || (!self.scale.same_way() && self.field.opposes(OPPOSES));
+            || (self.field.opposes(OPPOSES) && !self.scale.same_way());
         if opposes || scale == ScaleVerdict::Opposed {
             return Some(GyroFault::Sign);
         }
