@@ -64,10 +64,6 @@ const USUAL_UNEVENNESS: f64 = 0.015;
 const DISTURBED: f64 = 4.0 * USUAL_UNEVENNESS;
 /// Unevenness is forgotten by moving this long, seconds.
 const FORGET_MOVING_S: f64 = 1.0;
-/// How far off a place as a whole is at first, as a share of the field: less than the unevenness at hand, since the iron that makes it is
-/// further away. With twice as much a clean turn with some tilts, as in the demo, does not make headings `good`; with 1.5 %, a turn on a
-/// radius beside iron is falsely sure half as often.
-const FIRST_PLACE: f64 = 0.007;
 /// After this time in motion the board is at another place, seconds: a robot has then gone some metres, the distance
 /// between pieces of iron in a room. At 10 s its headings are falsely sure 1.5 times as often; at 30 s a hand's are less certain than they
 /// need be. A board that turns on one spot for minutes counts as moving on: north is then the field's mean over that spot.
@@ -137,8 +133,9 @@ pub(super) struct Filter {
     strength_rms_mgauss: f64,
     /// What a turn has measured, until there is a field to go with it.
     measured: Vec<Measured>,
-    /// Variances: unevenness and place as shares of the field, noise in milligauss².
+    /// Variances: unevenness, its mean in motion, and place as shares of the field, noise in milligauss².
     unevenness2: f64,
+    mean_unevenness2: f64,
     place2: f64,
     noise2: f64,
     innovation: Option<Vector3<f64>>,
@@ -171,7 +168,7 @@ impl Filter {
         let diagonal = [
             (H, 1.5 * FIELD_MGAUSS),
             (M, unevenness * FIELD_MGAUSS),
-            (Q, FIRST_PLACE * FIELD_MGAUSS),
+            (Q, USUAL_UNEVENNESS * FIELD_MGAUSS),
             (G, GYRO_BIAS_RAD_S),
             (S, GYRO_SCALE),
         ];
@@ -195,7 +192,8 @@ impl Filter {
             strength_rms_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),
             measured: prior.measured.clone(),
             unevenness2: unevenness.powi(2),
-            place2: FIRST_PLACE.powi(2),
+            mean_unevenness2: USUAL_UNEVENNESS.powi(2),
+            place2: USUAL_UNEVENNESS.powi(2),
             noise2: NOISE_MGAUSS.powi(2),
             innovation: None,
             odd: None,
@@ -253,7 +251,7 @@ impl Filter {
         let forgotten = self.predict(input);
         // A board that does not turn cannot tell iron from north: what changes then is the place or the frame.
         self.correct(input, frozen || input.still);
-        self.measure_unevenness(input, forgotten);
+        self.measure_unevenness(input, forgotten, frozen);
     }
 
     /// The frame has been lost: the field in it comes anew from one sample.

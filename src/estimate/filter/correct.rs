@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, PLACE_LASTS_S, parameter};
-use crate::estimate::covariance::{B, D, E, H, M, N, Sensitivity, T, subtract};
+use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, parameter};
+use crate::estimate::covariance::{B, D, E, H, M, N, Q, Sensitivity, T, subtract};
 use crate::estimate::prior::SCALE;
 
 /// Least white noise of a sample, milligauss, and the time over which it is measured, seconds.
@@ -19,6 +19,9 @@ const LENGTHS_DOWN: f64 = 4.0;
 /// Most that a place as a whole is taken to be off, as a share of the field: rooms are uneven by 1 to 2 %. More than that is a magnet
 /// nearby, whose field does not reach across a whole place.
 const MOST_PLACE: f64 = 0.02;
+/// The variance of a place's offset follows the mean unevenness in steps of this share: to follow it at each sample costs a quarter
+/// more time.
+const PLACE_STEP: f64 = 0.05;
 /// The filter observes the tilt error mostly through the vertical field, so in the Jacobian the tilt error may correct the field only as
 /// far as the vertical field is known: by half if the deviation of the vertical field is this share of it, and not at all at the magnetic
 /// equator. Without this limit a car's first turns converge to a wrong vertical field and a tilt that matches it. With half the value
@@ -213,9 +216,8 @@ impl Filter {
         }
     }
 
-    /// Measures how uneven the field is. Places are taken to differ from each other as much as the field does within one, so that
-    /// `place2` is the unevenness averaged over the time at one place.
-    pub(super) fn measure_unevenness(&mut self, input: &Input, forgotten: f64) {
+    /// Measures how uneven the field is. Places are taken to differ from each other as much as the field does within one.
+    pub(super) fn measure_unevenness(&mut self, input: &Input, forgotten: f64, frozen: bool) {
         let m = self.vector(M).norm_squared() + self.trace(M, 3);
         let share = m / 3.0 / self.strength_rms_mgauss.powi(2);
         let lengths = if share > self.unevenness2 {
@@ -227,7 +229,89 @@ impl Filter {
         self.unevenness2 = self.unevenness2.max(LEAST_UNEVENNESS.powi(2));
         if !input.still {
             let here = self.unevenness2.min(MOST_PLACE.powi(2));
-            self.place2 += input.period_s.min(1.0) / PLACE_LASTS_S * (here - self.place2);
+            self.mean_unevenness2 += forgotten / LENGTHS_DOWN * (here - self.mean_unevenness2);
+            let ratio = self.mean_unevenness2 / self.place2;
+            if (ratio - 1.0).abs() > PLACE_STEP {
+                self.place2 = self.mean_unevenness2;
+                if !frozen {
+                    self.scale_offset(ratio);
+                }
+            }
+        }
+    }
+
+    /// Multiplies the variance of the place's offset. It was an assumption, since samples hardly tell the offset from the earth's field.
+    /// So a better one applies to the offset that is there, and to all states as far as they depend on it.
+    fn scale_offset(&mut self, ratio: f64) {
+        let cross: SMatrix<f64, N, 3> = self.p.fixed_columns::<3>(Q).into();
+        let own: Matrix3<f64> = cross.fixed_rows::<3>(Q).into();
+        let Some(inverse) = own.try_inverse() else {
+            return;
+        };
+        let gain = cross * inverse * (1.0 - ratio);
+        self.x -= gain * self.vector(Q);
+        subtract(&mut self.p, &gain, &cross);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix2, Rotation3};
+
+    use super::*;
+    use crate::estimate::prior::Prior;
+
+    /// A filter that has seen a level turn, which began with this variance of the place's offset, milligauss².
+    fn turned(offset2: f64) -> Filter {
+        let mut filter = Filter::new(&Prior::unknown());
+        for axis in Q..Q + 3 {
+            filter.p[(axis, axis)] = offset2;
+        }
+        for step in 0..200 {
+            let rate_rad_s = Vector3::z() * 0.5;
+            let to_frame = Rotation3::new(rate_rad_s * 0.1 * f64::from(step)).into_inner();
+            let earth = Vector3::new(60.0, 190.0, -420.0);
+            let iron = Vector3::new(90.0, -40.0, 150.0);
+            filter.correct(
+                &Input {
+                    to_frame,
+                    vertical_known: true,
+                    rate_rad_s,
+                    field_mgauss: to_frame.transpose() * earth + iron,
+                    turned_rad: rate_rad_s * 0.1,
+                    period_s: 0.1,
+                    lag_s: 0.0,
+                    tilt_tau_s: 2.0,
+                    tilt_sd_rad: 0.01,
+                    gyro_constant_s: 0.0,
+                    force_m_s2: None,
+                    at_rest: false,
+                    still: false,
+                },
+                false,
+            );
+        }
+        filter
+    }
+
+    /// The covariance of the horizontal field, which is what a level turn shows.
+    fn level(filter: &Filter) -> Matrix2<f64> {
+        filter.field_covariance().fixed_view::<2, 2>(0, 0).into()
+    }
+
+    #[test]
+    fn a_new_variance_of_the_offset_is_as_though_it_had_been_there_from_the_start() {
+        let (usual2, other2) = (56.0, 400.0);
+        for (before2, after2) in [(usual2, other2), (other2, usual2)] {
+            let expected = turned(after2);
+            let apart = |filter: &Filter| (level(filter) - level(&expected)).amax();
+            let mut filter = turned(before2);
+            let before = apart(&filter);
+            filter.scale_offset(after2 / before2);
+            let off = (filter.x - expected.x).amax();
+            assert!(off < 1.0, "{off} mG");
+            let after = apart(&filter);
+            assert!(after < 0.02 * before, "{after} and {before} mG²");
         }
     }
 }

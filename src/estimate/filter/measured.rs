@@ -1,6 +1,6 @@
 //! Puts the result of a full turn into the filter.
 
-use super::{FIRST_PLACE, Filter, Input, State, USUAL_UNEVENNESS, parameter};
+use super::{Filter, Input, State, USUAL_UNEVENNESS, parameter};
 use crate::estimate::covariance::{D, H};
 use crate::estimate::prior::Measured;
 
@@ -18,8 +18,13 @@ impl Filter {
             }
         }
         // The verdict has found the field even all the way round.
-        self.unevenness2 = self.unevenness2.min(USUAL_UNEVENNESS.powi(2));
-        self.place2 = self.place2.min(FIRST_PLACE.powi(2));
+        for variance in [
+            &mut self.unevenness2,
+            &mut self.mean_unevenness2,
+            &mut self.place2,
+        ] {
+            *variance = variance.min(USUAL_UNEVENNESS.powi(2));
+        }
         self.restart_frame(input);
         for one in measured {
             self.learn(one);
