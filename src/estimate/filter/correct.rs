@@ -12,7 +12,7 @@ const NOISE_TAU_S: f64 = 2.0;
 /// Least unevenness of the field, as a share of it.
 const LEAST_UNEVENNESS: f64 = 0.004;
 /// Time constants of the measured unevenness when it grows and when it shrinks, in units of the length in which it is forgotten: about as
-/// many independent values are in the mean. With half of the first a robot on an uneven floor is not sure enough, with half of the second
+/// many independent values are in the mean. The second is that of `mean_unevenness2`, too. With half of the first a robot on an uneven floor is not sure enough, with half of the second
 /// a board to which a magnet is attached in motion is falsely sure.
 const LENGTHS_UP: f64 = 3.0;
 const LENGTHS_DOWN: f64 = 4.0;
