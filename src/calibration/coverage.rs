@@ -5,38 +5,15 @@ use nalgebra::{Matrix3, SVector, SymmetricEigen};
 /// How much of the circle directions cover: 360 degrees less what lies in gaps wider than 15 degrees.
 pub fn coverage_deg<const D: usize>(directions: &[SVector<f64, D>]) -> f64 {
     const GAP_DEG: f64 = 15.0;
-    /// Sectors narrower than a gap: there is none inside one, and nothing needs to be sorted.
-    const SECTORS: usize = 36;
-    // The way round a square instead of a circle grows with the angle, and needs no arc tangent: from -2 to 2.
-    let mut ends = [(f64::INFINITY, f64::NEG_INFINITY); SECTORS];
-    for u in directions {
-        let along = u[1] / (u[0].abs() + u[1].abs());
-        let way = if u[0] >= 0.0 {
-            along
-        } else {
-            2f64.copysign(u[1]) - along
-        };
-        let sector = (way + 2.0) * (SECTORS as f64 / 4.0);
-        let (least, most) = &mut ends[(sector as usize).min(SECTORS - 1)];
-        (*least, *most) = (least.min(way), most.max(way));
-    }
-    let seen: Vec<(f64, f64)> = ends
-        .into_iter()
-        .filter(|(least, most)| least <= most)
-        .map(|(least, most)| (degrees(least), degrees(most)))
-        .collect();
-    let (Some(first), Some(last)) = (seen.first(), seen.last()) else {
+    let angle = |u: &SVector<f64, D>| u[1].atan2(u[0]).to_degrees();
+    let mut angles: Vec<f64> = directions.iter().map(angle).collect();
+    angles.sort_unstable_by(f64::total_cmp);
+    let (Some(first), Some(last)) = (angles.first(), angles.last()) else {
         return 0.0;
     };
-    let around = 360.0 - (last.1 - first.0);
-    let gaps = seen.windows(2).map(|w| w[1].0 - w[0].1).chain([around]);
+    let around = 360.0 - (last - first);
+    let gaps = angles.windows(2).map(|two| two[1] - two[0]).chain([around]);
     360.0 - gaps.filter(|&gap| gap > GAP_DEG).sum::<f64>()
-}
-
-/// The angle of this way round the square |x| + |y| = 1.
-fn degrees(way: f64) -> f64 {
-    let y = 1.0 - (way.abs() - 1.0).abs();
-    y.atan2(1.0 - way.abs()).copysign(way).to_degrees()
 }
 
 /// Smallest eigenvalue of the directions' covariance: 1/3 where all directions are alike frequent, 0

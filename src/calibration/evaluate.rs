@@ -8,7 +8,7 @@ use super::cross_validation::without_each_part;
 use super::curve::{Curve, Distance, symmetric};
 use super::fit::{Fitted, Normalised};
 use super::fit_turn::Work;
-use super::gyro_check::{self, GyroAgreement, Sighting};
+use super::gyro_agreement::{self, GyroAgreement, Sighting};
 use super::jump::largest_jump;
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::outcome::Outcome;
@@ -74,7 +74,7 @@ impl<const D: usize> Work<'_, D> {
         } else {
             self.sightings(points, |_| &curve, fits)
         };
-        let dip = gyro_check::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
+        let dip = gyro_agreement::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
         let heading_sd_deg = correlation(&residuals).sqrt()
             * heading_sd_deg(
                 self.plan.mode,
@@ -129,7 +129,7 @@ impl<const D: usize> Work<'_, D> {
             dip_spread_deg: if planar {
                 None
             } else {
-                gyro_check::dip_spread_deg(&sightings)
+                gyro_agreement::dip_spread_deg(&sightings)
             },
         };
         let judged = verdict::judge(&measures, &self.request.limits);
@@ -229,8 +229,8 @@ impl<const D: usize> Work<'_, D> {
 
     fn agreement(&self, sightings: &[Sighting]) -> Option<GyroAgreement> {
         match self.plan.mode {
-            Mode::Planar => gyro_check::planar(sightings, &self.normal_body()),
-            Mode::Spatial => gyro_check::spatial(sightings),
+            Mode::Planar => gyro_agreement::planar(sightings, &self.normal_body()),
+            Mode::Spatial => gyro_agreement::spatial(sightings),
         }
     }
 

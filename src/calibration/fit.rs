@@ -3,7 +3,7 @@
 use nalgebra::SMatrix;
 
 use super::curve::{Curve, ParameterVector};
-use super::medians::medians_of_5;
+use super::medians::median_of_5;
 use super::objective::{Factored, Normal, direct};
 use super::refine::{Refined, median, refine};
 use super::settings::{Profile, Settings};
@@ -94,11 +94,11 @@ pub fn without_spikes<const D: usize>(points: &[[f64; D]]) -> Vec<[f64; D]> {
     let mut keep = vec![true; points.len()];
     let mut deviations = Vec::with_capacity(points.len());
     for axis in 0..D {
-        let medians = medians_of_5(points.iter().map(|point| point[axis]).collect());
         deviations.clear();
         deviations.extend(points.iter().enumerate().map(|(i, point)| {
             let first = i.saturating_sub(2).min(points.len() - 5);
-            (point[axis] - medians[first]).abs()
+            let around = std::array::from_fn(|k| points[first + k][axis]);
+            (point[axis] - median_of_5(around)).abs()
         }));
         let Some(typical) = median(&mut deviations.clone()) else {
             continue;

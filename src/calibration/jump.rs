@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::gyro_check::Sighting;
-use super::medians::medians_of_7;
+use super::gyro_agreement::Sighting;
+use super::medians::median_of_7;
 use super::refine::median;
 
 /// Samples before and after a jump, whose medians are compared: a spike or three do not count.
@@ -42,23 +42,15 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
             (count + 1.0, sum + step)
         });
     let period_s = (sum_s / count.max(1.0)).max(1e-3);
-    // An axis at a time: medians of neighbouring moments are then found several at once.
-    let mut axes = [(); 3].map(|()| Vec::with_capacity(sightings.len()));
-    let mut strength = 0.0;
-    for sighting in sightings {
-        let field = sighting.pose.orientation * sighting.field_body;
-        strength += field.norm() / sightings.len() as f64;
-        for (axis, component) in axes.iter_mut().zip(&field) {
-            axis.push(*component);
-        }
-    }
-    let [x, y, z] = axes.map(medians_of_7);
-    let middles: Vec<Vector3<f64>> = x
-        .into_iter()
-        .zip(y)
-        .zip(z)
-        .map(|((x, y), z)| Vector3::new(x, y, z))
+    let fields: Vec<Vector3<f64>> = sightings
+        .iter()
+        .map(|sighting| sighting.pose.orientation * sighting.field_body)
         .collect();
+    let strength = fields.iter().map(Vector3::norm).sum::<f64>() / fields.len() as f64;
+    let middle = |seven: &[Vector3<f64>]| {
+        Vector3::from_fn(|axis, _| median_of_7(std::array::from_fn(|k| seven[k][axis])))
+    };
+    let middles: Vec<Vector3<f64>> = fields.windows(7).map(middle).collect();
     DURING_S
         .iter()
         .filter_map(|during_s| {

@@ -1,14 +1,14 @@
 //! Calibration: from raw samples of a turn to parameters and a verdict.
 //!
 //! `plane` chooses samples, mode and plane, and `rist` the window; `swarm` searches with the `objective` until `mpsot`
-//! stops it; `refine` takes the result to maximum likelihood over all samples of the turn; `gyro_check` compares it with
+//! stops it; `refine` takes the result to maximum likelihood over all samples of the turn; `gyro_agreement` compares it with
 //! the gyro; `verdict` accepts or rejects it.
 //! Everything here is a pure function of its arguments: the same request gives the same outcome.
 
 pub mod coverage;
 pub mod curve;
 pub mod fit;
-pub mod gyro_check;
+pub mod gyro_agreement;
 pub mod jump;
 pub mod model;
 pub mod mpsot;

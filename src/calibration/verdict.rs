@@ -1,6 +1,6 @@
 //! Whether a candidate deserves trust, always with a reason.
 
-use super::gyro_check::GyroAgreement;
+use super::gyro_agreement::GyroAgreement;
 use super::jump::Jump;
 
 pub mod imported;

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Unit, UnitQuaternion, Vector3};
+use nalgebra::{Unit, Vector3};
 
 use crate::attitude::Pose;
 use crate::frame::{hypot, wrap_pi};
@@ -44,7 +44,6 @@ pub fn planar(sightings: &[Sighting], normal_body: &Vector3<f64>) -> Option<Gyro
     let e1 = Unit::new_normalize(first - normal.scale(normal.dot(&first)));
     let e2 = normal.cross(&e1);
     let mut rotation = 0.0;
-    let mut bearing = Bearing::default();
     let mut previous: Option<&Pose> = None;
     let phases = sightings.iter().map(|sighting| {
         if let Some(previous) = previous.filter(|p| p.stretch == sighting.pose.stretch) {
@@ -52,7 +51,7 @@ pub fn planar(sightings: &[Sighting], normal_body: &Vector3<f64>) -> Option<Gyro
         }
         previous = Some(&sighting.pose);
         let field = &sighting.field_body;
-        let angle = bearing.follow(field.dot(&e1), field.dot(&e2));
+        let angle = field.dot(&e2).atan2(field.dot(&e1));
         (
             sighting.t_s,
             sighting.pose.stretch,
@@ -89,14 +88,13 @@ pub fn spatial(sightings: &[Sighting]) -> Option<GyroAgreement> {
         )
     };
     let mut turned = 0.0;
-    let mut bearing = Bearing::default();
     let mut previous: Option<&Pose> = None;
     let phases = sightings.iter().zip(&earth).map(|(sighting, field)| {
         if let Some(previous) = previous.filter(|p| p.stretch == sighting.pose.stretch) {
             turned += step(previous, &sighting.pose).norm();
         }
         previous = Some(&sighting.pose);
-        let azimuth = bearing.follow(field.dot(&e1), field.dot(&e2));
+        let azimuth = field.dot(&e2).atan2(field.dot(&e1));
         (sighting.t_s, sighting.pose.stretch, azimuth, turned)
     });
     detrend(phases.collect())
@@ -129,54 +127,9 @@ fn dip_rad(sighting: &Sighting) -> f64 {
     (-earth.z).atan2(hypot(earth.x, earth.y))
 }
 
-/// A direction in a plane, followed from sample to sample.
-#[derive(Default)]
-struct Bearing {
-    x: f64,
-    y: f64,
-    angle: f64,
-}
-
-impl Bearing {
-    /// The angle of the next direction, up to whole turns, radians.
-    fn follow(&mut self, x: f64, y: f64) -> f64 {
-        let cross = self.x * y - self.y * x;
-        let dot = self.x * x + self.y * y;
-        if cross.abs() < 0.1 * dot {
-            // The arc tangent by its series, exact to 1e-16 here, where nearly all samples are.
-            let t = cross / dot;
-            let s = t * t;
-            self.angle += t
-                * (1.0
-                    - s * (1.0 / 3.0
-                        - s * (1.0 / 5.0
-                            - s * (1.0 / 7.0
-                                - s * (1.0 / 9.0 - s * (1.0 / 11.0 - s * (1.0 / 13.0)))))));
-        } else {
-            self.angle = y.atan2(x);
-        }
-        (self.x, self.y) = (x, y);
-        self.angle
-    }
-}
-
 /// The rotation from one pose to the next, as a vector in the body frame.
 fn step(from: &Pose, to: &Pose) -> Vector3<f64> {
-    let step: UnitQuaternion<f64> = from.orientation.inverse() * to.orientation;
-    let squared = step.imag().norm_squared();
-    if squared > 1e-3 || step.w < 0.0 {
-        return step.scaled_axis();
-    }
-    // 2·asin(n)/n by its series: between two samples there is hardly ever more, and it is exact to 1e-16.
-    let series = 1.0
-        + squared
-            * (1.0 / 6.0
-                + squared
-                    * (3.0 / 40.0
-                        + squared
-                            * (15.0 / 336.0
-                                + squared * (105.0 / 3456.0 + squared * (945.0 / 42240.0)))));
-    step.imag() * (2.0 * series)
+    (from.orientation.inverse() * to.orientation).scaled_axis()
 }
 
 /// Takes an offset for each stretch and one drift off the unwrapped phases (time, stretch, phase,
@@ -282,6 +235,8 @@ fn without_lone(phases: Vec<(f64, u32, f64, f64)>) -> Vec<(f64, u32, f64, f64)> 
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::UnitQuaternion;
+
     use super::*;
 
     /// A level board turning at `rate` with a field that turns back at `seen`.
@@ -356,22 +311,6 @@ mod tests {
         }
         let found = planar(&sightings, &Vector3::z()).unwrap();
         assert!(found.drift_share < 0.01 && found.rms_deg < 2.0, "{found:?}");
-    }
-
-    #[test]
-    fn a_bearing_is_the_angle_up_to_whole_turns() {
-        let mut bearing = Bearing::default();
-        for i in 0..2000u32 {
-            // Two turns forward and two back in steps of up to 0.1, with a spike and no field at all.
-            let angle = 12.0 * (f64::from(i) * 0.008).sin();
-            let (x, y) = match i {
-                500 => (-80.0, -60.0),
-                700 => (0.0, 0.0),
-                _ => (150.0 * angle.cos(), 150.0 * angle.sin()),
-            };
-            let off = wrap_pi(bearing.follow(x, y) - y.atan2(x));
-            assert!(off.abs() < 1e-12, "{i}: {off}");
-        }
     }
 
     #[test]
