@@ -322,6 +322,20 @@ mod tests {
     }
 
     #[test]
+    fn a_table_is_no_number() {
+        for (line, text) in [
+            (2, "[simulator]\nnoise_mgauss = { a = 1 }"),
+            (1, "[simulator.noise_mgauss]\na = 1"),
+            (1, "simulator.noise_mgauss.a = 1"),
+        ] {
+            let right = format!(
+                "file.toml:{line}: simulator.noise_mgauss is a table, but must be a number"
+            );
+            assert_eq!(faults(text), [right]);
+        }
+    }
+
+    #[test]
     fn what_a_kind_needs_is_asked_for() {
         assert_eq!(
             faults("[source]\nkind = \"replay\""),

@@ -253,7 +253,11 @@ impl<'i> TableReader<'i> {
                 message = refused;
             }
         }
-        let found = self.snippet(&value.span());
+        let found = match value.get_ref() {
+            // Its place in the file may be that of a header or of a dotted key.
+            DeValue::Table(_) => "a table".to_owned(),
+            _ => self.snippet(&value.span()),
+        };
         Err(match numbers {
             Some(numbers) => {
                 let default = toml::Value::Array(numbers.clone());
