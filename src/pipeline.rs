@@ -7,6 +7,7 @@
 mod active;
 mod blank;
 mod collector;
+mod held;
 mod learn;
 mod motion;
 mod mounting;
@@ -36,6 +37,7 @@ use crate::outliers::Outliers;
 use crate::reading::Reading;
 use crate::true_north::EarthField;
 use crate::turn::{self, Turn, TurnDetector};
+use held::Newest;
 use learn::Learning;
 use saturation::{RunState, Saturation};
 
@@ -128,6 +130,7 @@ pub struct Pipeline {
     frozen: Option<SourceFault>,
     attitude: Attitude,
     late: attitude::Lateness,
+    newest: Newest,
     turns: TurnDetector,
     estimate: Estimate,
     learning: Learning,
@@ -170,6 +173,7 @@ impl Pipeline {
             frozen_watch: FrozenWatch::default(),
             frozen: None,
             late: attitude::Lateness::default(),
+            newest: Newest::default(),
             attitude: Attitude::new(&setup.attitude, &setup.mountings),
             turns: TurnDetector::new(&setup.turn),
             estimate: Estimate::new(setup.mountings.mag, calibration.as_ref()),
@@ -280,7 +284,10 @@ impl Pipeline {
         let turns = &mut self.turns;
         self.attitude
             .take(reading, |tick| turn = turns.tick(tick).or(turn.take()));
-        if let Some(field) = reading.whole_field_mgauss() {
+        let field = reading.whole_field_mgauss();
+        let still = self.attitude.still();
+        let new = field.is_some_and(|field| self.newest.take(reading.t_s, field, still));
+        if let Some(field) = field.filter(|_| new) {
             self.buffer_sample(reading.t_s, field);
         }
         if let Some(turn) = turn {
@@ -290,10 +297,10 @@ impl Pipeline {
             self.update_condition(actions);
             return;
         }
-        match reading.whole_field_mgauss() {
+        match field {
             Some(field) => {
                 self.whole_field_s = reading.t_s;
-                self.publish(reading.t_s, &field, actions);
+                self.publish(reading.t_s, &field, new, actions);
             }
             None => {
                 self.overflow_s = reading.t_s;
@@ -303,8 +310,8 @@ impl Pipeline {
         }
     }
 
-    fn publish(&mut self, t_s: f64, raw: &Vector3<f64>, actions: &mut Vec<Action>) {
-        let pose = self.estimate_from(t_s, raw);
+    fn publish(&mut self, t_s: f64, raw: &Vector3<f64>, new: bool, actions: &mut Vec<Action>) {
+        let pose = self.estimate_from(t_s, raw, new);
         actions.extend(self.estimate.take_news().map(Action::Warn));
         let trusted = pose.is_some() && self.gyro_is_right();
         let level = self.attitude.down_and_sd(t_s, trusted);

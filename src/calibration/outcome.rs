@@ -143,7 +143,7 @@ impl Outcome {
 /// Counts of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Samples {
-    /// In the buffer or log.
+    /// In the buffer or log; a value that the source holds counts once.
     pub total: usize,
     /// In the turns.
     pub turn: usize,

@@ -6,22 +6,21 @@ use super::Pipeline;
 use crate::attitude::Pose;
 use crate::estimate::Sample;
 
-/// No magnetometer in use measures less often, seconds: the same for longer is a board at rest.
-const HELD_S: f64 = 0.2;
-
 impl Pipeline {
-    /// Lets the estimate take a sample, if the gyro tells a pose for it. That pose.
-    pub(super) fn estimate_from(&mut self, t_s: f64, raw: &Vector3<f64>) -> Option<Pose> {
+    /// Lets the estimate take a new sample, if the gyro tells a pose for it. That pose.
+    pub(super) fn estimate_from(
+        &mut self,
+        t_s: f64,
+        raw: &Vector3<f64>,
+        new: bool,
+    ) -> Option<Pose> {
         let pose = self.attitude.pose_at(t_s)?;
         // An accelerometer that has just come has not levelled the frame yet.
         let levelled = |pose: &Pose| pose.vertical_known || !self.attitude.down_known(t_s);
         if !levelled(&pose) || self.attitude.clipping() || self.frozen.is_some() {
             return None;
         }
-        // Noise makes each sample differ: the same again is the last one, held by a source that reads faster than the chip
-        // measures, and tells where the field was some time ago.
-        let held = |last: Sample| last.field_mgauss == *raw && t_s - last.t_s < HELD_S;
-        if self.sample.is_some_and(held) {
+        if !new {
             return Some(pose);
         }
         // The magnetometer measured this field earlier: by its lag, and by what the host was late.

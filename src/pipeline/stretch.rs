@@ -1,6 +1,7 @@
 //! A new stretch of readings, whose times have nothing to do with those before.
 
 use super::Pipeline;
+use super::held::Newest;
 use crate::attitude::Attitude;
 use crate::turn::TurnDetector;
 
@@ -15,6 +16,7 @@ impl Pipeline {
         self.completed.clear();
         self.waiting = false;
         self.sample = None;
+        self.newest = Newest::default();
         self.estimate.lose_frame();
         self.report = None;
         self.readings_s = None;

@@ -4,6 +4,7 @@ use std::convert::Infallible;
 
 use nalgebra::Vector3;
 
+use super::held::Newest;
 use super::saturation::Saturation;
 use super::{Event, Pipeline, Setup};
 use crate::attitude::Attitude;
@@ -28,6 +29,7 @@ pub struct Survey {
     plane: Option<[usize; 2]>,
     outliers: Outliers,
     saturation: Saturation,
+    newest: Newest,
     attitude: Attitude,
     detector: TurnDetector,
     samples: Thinned,
@@ -59,6 +61,7 @@ impl Survey {
         Self {
             outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
             saturation: Saturation::new(&setup.mountings),
+            newest: Newest::default(),
             attitude: Attitude::new(&setup.attitude, &setup.mountings),
             detector: TurnDetector::new(&setup.turn),
             motion: motion_counts.then(|| Pipeline::new(setup.clone(), None)),
@@ -104,7 +107,10 @@ impl Survey {
         let field = reading
             .field_mgauss
             .and_then(|field| needed(&field, self.plane));
-        if let Some(field_mgauss) = field {
+        let still = self.attitude.still();
+        if let Some(field_mgauss) = field
+            && self.newest.take(reading.t_s, field_mgauss, still)
+        {
             let sample = FieldSample {
                 t_s: reading.t_s,
                 field_mgauss,

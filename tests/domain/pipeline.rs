@@ -606,7 +606,8 @@ fn a_turn_has_the_sample_at_its_beginning_and_that_at_its_end_live_as_of_a_log()
             field_mgauss: Some([
                 Some(180.0 * turned.cos()),
                 Some(-180.0 * turned.sin()),
-                Some(424.0),
+                // No measurement is the same as the one before.
+                Some(424.0 + f64::from(index % 2)),
             ]),
             rate_rad_s: Some(Vector3::z() * rate_rad_s),
             specific_force_m_s2: Some(Vector3::z() * -9.81),
