@@ -10,7 +10,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use headingd::recording::Entry;
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+
+use crate::rig::pty;
 
 /// Counts of accelerometer, magnetometer and gyro, as the Razor has them.
 pub type Counts = [[i32; 3]; 3];
@@ -70,10 +71,7 @@ pub struct Device {
 impl Device {
     /// Plugs it in at `link`, which as in `/dev/serial/by-id` points to a node of any name.
     pub fn plug(link: &Path, firmware: Firmware, habits: Habits) -> Self {
-        let pty = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-        grantpt(&pty).unwrap();
-        unlockpt(&pty).unwrap();
-        let node = ptsname(&pty, Vec::new()).unwrap().into_string().unwrap();
+        let (pty, node) = pty();
         rustix::io::ioctl_fionbio(&pty, true).unwrap();
         // Until it has been opened once, nobody knows that it is not.
         drop(File::open(&node).unwrap());

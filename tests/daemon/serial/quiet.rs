@@ -9,7 +9,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use crate::rig::pty;
 
 /// Whoever hears nothing for this long may notice it.
 const STILL: Duration = Duration::from_millis(100);
@@ -40,10 +40,7 @@ pub fn until_quiet(check: impl Fn()) {
 
 /// The longest that a byte was on its way through a pseudo-terminal until it is over.
 fn longest_way(over: &AtomicBool) -> Duration {
-    let pty = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-    grantpt(&pty).unwrap();
-    unlockpt(&pty).unwrap();
-    let node = ptsname(&pty, Vec::new()).unwrap().into_string().unwrap();
+    let (pty, node) = pty();
     let mut device = OpenOptions::new().write(true).open(node).unwrap();
     rustix::io::ioctl_fionbio(&pty, true).unwrap();
     let mut host = File::from(pty);
