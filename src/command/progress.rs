@@ -1,6 +1,6 @@
-//! How far a command is that takes longer than a second: on standard error, and a bar only where that is a terminal.
+//! How far a command is that takes longer than a second: on standard error, where indicatif shows nothing unless that is a
+//! terminal.
 
-use std::io::{self, IsTerminal};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -22,7 +22,7 @@ pub fn bar(share: f64) -> String {
     format!("[{}{}]", "#".repeat(done), ".".repeat(BAR - done))
 }
 
-/// A bar, from nothing to all of the work. It is removed with the command, or by [`Progress::finish`].
+/// A bar, from nothing to all of the work. Dropped, it is removed.
 #[derive(Debug)]
 pub struct Progress {
     bar: ProgressBar,
@@ -43,22 +43,15 @@ impl Progress {
     fn with(template: &str) -> Self {
         let style = ProgressStyle::with_template(template);
         let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-        Self::on_terminal(|| ProgressBar::new(PARTS).with_style(style.progress_chars("#>.")))
-    }
-
-    fn on_terminal(bar: impl FnOnce() -> ProgressBar) -> Self {
-        let shown = io::stderr().is_terminal();
-        let bar = if shown { bar() } else { ProgressBar::hidden() };
+        let bar = ProgressBar::new(PARTS).with_style(style.progress_chars("#>."));
         Self { bar, rows: 0 }
     }
 
     /// A sign of life for work of unknown length.
     pub fn spinner(message: &'static str) -> Self {
-        Self::on_terminal(|| {
-            let bar = ProgressBar::new_spinner().with_message(message);
-            bar.enable_steady_tick(Duration::from_millis(200));
-            bar
-        })
+        let bar = ProgressBar::new_spinner().with_message(message);
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Self { bar, rows: 0 }
     }
 
     /// Whether somebody sees it.
@@ -82,14 +75,10 @@ impl Progress {
             self.set(log.share_read());
         }
     }
-
-    pub fn finish(&self) {
-        self.bar.finish_and_clear();
-    }
 }
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        self.finish();
+        self.bar.finish_and_clear();
     }
 }

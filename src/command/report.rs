@@ -145,7 +145,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
             _ => {}
         }
     }
-    bar.finish();
+    drop(bar);
     if gpsd.is_some_and(|gpsd| !gpsd.has_position()) {
         eprintln!(
             "headingd: no position from the gpsd at {}",

@@ -12,7 +12,7 @@ use tokio::sync::{broadcast, watch};
 use tokio::task::yield_now;
 
 use super::connection::Connection;
-use super::feed::{Broadcast, Feed, NumberedLine, PublishedHeading};
+use super::feed::{Broadcast, EventKind, Feed, NumberedLine, PublishedHeading};
 use super::gpsd::{self, LINE_END, WatchPolicy};
 use super::inbox::Inbox;
 use super::rate_limit::RateLimit;
@@ -52,8 +52,7 @@ pub(super) async fn serve(
         nmea_pace: RateLimit::default(),
         ring: None,
         readings: None,
-        state_seen: 0,
-        calibration_seen: 0,
+        seen: [0; 2],
         lines: String::new(),
     };
     let mut inbox = Inbox::new(request_limit_bytes);
@@ -105,10 +104,12 @@ fn waiting<T: Clone>(ring: &mut Option<broadcast::Receiver<T>>) -> Option<Result
     }
 }
 
-/// Whether an event is newer than the last one seen, which it then is.
-fn newer(seen: &mut u64, event: &NumberedLine) -> bool {
-    let before = std::mem::replace(seen, event.number.max(*seen));
-    event.number > before
+fn wants(policy: &WatchPolicy, kind: EventKind) -> bool {
+    policy.enable
+        && match kind {
+            EventKind::State => policy.state,
+            EventKind::Calibration => policy.calibration,
+        }
 }
 
 struct Client<'a> {
@@ -122,9 +123,8 @@ struct Client<'a> {
     /// Only while something is watched for: an idle client costs the publisher nothing.
     ring: Option<broadcast::Receiver<Broadcast>>,
     readings: Option<broadcast::Receiver<(u64, Reading)>>,
-    /// Numbers of the last events sent, or passed over while they were not watched for.
-    state_seen: u64,
-    calibration_seen: u64,
+    /// By their kinds, the numbers of the last events sent, or passed over while they were not watched for.
+    seen: [u64; 2],
     /// Lines on their way to the client, together.
     lines: String,
 }
@@ -170,25 +170,18 @@ impl Client<'_> {
         }
         let before = self.policy;
         watch.apply(&mut self.policy);
-        let WatchPolicy {
-            enable,
-            json,
-            nmea,
-            rate_hz,
-            calibration,
-            state,
-            readings,
-        } = self.policy;
-        self.att_pace = RateLimit::new(rate_hz);
-        self.nmea_pace = RateLimit::new(rate_hz.or(Some(self.feed.nmea_rate_hz())));
+        let policy = self.policy;
+        self.att_pace = RateLimit::new(policy.rate_hz);
+        self.nmea_pace = RateLimit::new(policy.rate_hz.or(Some(self.feed.nmea_rate_hz())));
         // Before the answer: what is published after a client has read the answer must reach it.
-        if !(enable && (json || nmea || calibration || state)) {
+        let events = EventKind::ALL.into_iter().any(|kind| wants(&policy, kind));
+        if !(events || policy.enable && (policy.json || policy.nmea)) {
             self.ring = None;
         } else if self.ring.is_none() {
             self.ring = Some(self.feed.subscribe());
         }
         let announced = self.readings.is_some();
-        if !(enable && readings) {
+        if !(policy.enable && policy.readings) {
             self.readings = None;
         } else if !announced {
             self.readings = Some(self.feed.subscribe_readings());
@@ -202,11 +195,10 @@ impl Client<'_> {
             return;
         }
         // A client that turns events on gets the latest at once, even if it has had it before.
-        if state && !(before.enable && before.state) {
-            self.state_seen = 0;
-        }
-        if calibration && !(before.enable && before.calibration) {
-            self.calibration_seen = 0;
+        for kind in EventKind::ALL {
+            if !wants(&before, kind) {
+                self.seen[kind as usize] = 0;
+            }
         }
         self.catch_up();
     }
@@ -214,8 +206,7 @@ impl Client<'_> {
     fn forward(&mut self, message: Result<Broadcast, RecvError>) {
         match message {
             Ok(Broadcast::Heading(heading)) => self.put_heading(&heading),
-            Ok(Broadcast::State(event)) => self.put_state(&event),
-            Ok(Broadcast::Calibration(event)) => self.put_calibration(&event),
+            Ok(Broadcast::Event(kind, event)) => self.put_event(kind, &event),
             // Missed headings are gone, and their `seq` says so. Missed events are made up for.
             Err(RecvError::Lagged(_)) => self.catch_up(),
             Err(RecvError::Closed) => self.ring = None,
@@ -264,22 +255,21 @@ impl Client<'_> {
         Ok(more)
     }
 
-    /// Puts the latest state and calibration, where they are watched for and have not been sent.
+    /// Puts the latest events, where they are watched for and have not been sent.
     fn catch_up(&mut self) {
-        let (state, calibration) = self.feed.events();
-        self.put_state(&state);
-        self.put_calibration(&calibration);
-    }
-
-    fn put_state(&mut self, event: &NumberedLine) {
-        if newer(&mut self.state_seen, event) && self.policy.state {
-            self.put(&event.line);
+        let events = self.feed.events();
+        for (kind, event) in EventKind::ALL.into_iter().zip(events) {
+            self.put_event(kind, &event);
         }
     }
 
-    fn put_calibration(&mut self, event: &NumberedLine) {
-        if newer(&mut self.calibration_seen, event) && self.policy.calibration {
-            self.put(&event.line);
+    fn put_event(&mut self, kind: EventKind, event: &NumberedLine) {
+        let seen = &mut self.seen[kind as usize];
+        if event.number > *seen {
+            *seen = event.number;
+            if wants(&self.policy, kind) {
+                self.put(&event.line);
+            }
         }
     }
 

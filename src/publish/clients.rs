@@ -1,5 +1,6 @@
 //! Accepts clients, as far as there are places for them, and sees them off at the end.
 
+use std::collections::HashMap;
 use std::future::Future;
 use std::io::{self, Write};
 use std::pin::pin;
@@ -9,11 +10,11 @@ use std::time::Duration;
 use rustix::process::geteuid;
 use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::watch;
-use tokio::task::JoinSet;
+use tokio::task::{Id, JoinError, JoinSet};
 use tokio::time::{sleep, timeout};
 
 use super::client::ClientError;
-use super::places::{Full, Places};
+use super::places::{Full, admit};
 use super::socket_file::OpenSocket;
 
 /// How long clients have at the end to take what is on its way to them.
@@ -46,34 +47,34 @@ where
     let listener = UnixListener::from_std(door.socket.listener)?;
     let (stop, stopped) = watch::channel(false);
     let mut clients: JoinSet<Result<(), ClientError>> = JoinSet::new();
-    let places = Places::new(door.most, geteuid().as_raw());
+    // Whose they are.
+    let mut held: HashMap<Id, u32> = HashMap::new();
+    let own = geteuid().as_raw();
     let mut shutdown = pin!(shutdown);
     let mut pause = None;
     loop {
         let accepted = tokio::select! {
             () = &mut shutdown => break,
-            Some(left) = clients.join_next() => {
-                log_leave(left);
+            Some(left) = clients.join_next_with_id() => {
+                held.remove(&leave(left));
                 None
             }
             accepted = accept(&listener, pause) => Some(accepted),
         };
         // All who have left make room before the next is refused.
-        while let Some(left) = clients.try_join_next() {
-            log_leave(left);
+        while let Some(left) = clients.try_join_next_with_id() {
+            held.remove(&leave(left));
         }
         match accepted {
             None => {}
             Some(Ok(stream)) => {
                 pause = None;
                 let peer = stream.peer_cred().ok();
-                match places.take(peer.map(|peer| peer.uid())) {
-                    Ok(place) => {
-                        let served = serve(stream, stopped.clone());
-                        clients.spawn(async move {
-                            let _place = place;
-                            served.await
-                        });
+                let uid = peer.map(|peer| peer.uid());
+                match admit(door.most, own, held.values().copied(), uid) {
+                    Ok(uid) => {
+                        let served = clients.spawn(serve(stream, stopped.clone()));
+                        held.insert(served.id(), uid);
                     }
                     Err(full) => {
                         refuse(stream, &(door.refusal)(full));
@@ -119,11 +120,20 @@ fn refuse(stream: UnixStream, line: &str) {
     }
 }
 
-fn log_leave(left: Result<Result<(), ClientError>, tokio::task::JoinError>) {
+/// Logs that a client has left; which of them.
+fn leave(left: Result<(Id, Result<(), ClientError>), JoinError>) -> Id {
     match left {
-        Ok(Ok(())) => tracing::debug!("a client left"),
-        Ok(Err(error @ ClientError::Broken(_))) => tracing::debug!("a client left: {error}"),
-        Ok(Err(error)) => tracing::info!("let a client go: {error}"),
-        Err(error) => tracing::error!("a client's task failed: {error}"),
+        Ok((id, ended)) => {
+            match ended {
+                Ok(()) => tracing::debug!("a client left"),
+                Err(error @ ClientError::Broken(_)) => tracing::debug!("a client left: {error}"),
+                Err(error) => tracing::info!("let a client go: {error}"),
+            }
+            id
+        }
+        Err(error) => {
+            tracing::error!("a client's task failed: {error}");
+            error.id()
+        }
     }
 }

@@ -54,17 +54,22 @@ impl Publisher {
 
     /// Sends the condition to all who watch for `STATE`, and keeps it for those who will.
     pub fn state(&self, report: &Report) {
-        let mut latest = self.feed.lock();
-        latest.state = NumberedLine::after(&latest.state, gpsd::state(report));
-        self.feed.send(Broadcast::State(latest.state.clone()));
+        self.event(EventKind::State, gpsd::state(report));
     }
 
     /// Sends the outcome to all who watch for `CALIBRATION`, and keeps it for those who will.
     pub fn calibration(&self, outcome: &Outcome) {
+        self.event(EventKind::Calibration, gpsd::calibration(outcome));
+    }
+
+    fn event(&self, kind: EventKind, line: String) {
         let mut latest = self.feed.lock();
-        latest.calibration = NumberedLine::after(&latest.calibration, gpsd::calibration(outcome));
-        self.feed
-            .send(Broadcast::Calibration(latest.calibration.clone()));
+        let last = &mut latest.events[kind as usize];
+        *last = NumberedLine {
+            number: last.number + 1,
+            line: line.into(),
+        };
+        self.feed.send(Broadcast::Event(kind, last.clone()));
     }
 
     /// Says whose raw readings will come, for clients that ask for them. A header that cannot be written is logged, and
@@ -126,8 +131,8 @@ pub(super) struct Feed {
 #[derive(Debug, Default)]
 struct Latest {
     heading: Option<Arc<PublishedHeading>>,
-    state: NumberedLine,
-    calibration: NumberedLine,
+    /// By their kinds.
+    events: [NumberedLine; 2],
     board: Arc<str>,
     cycle_s: Option<f64>,
 }
@@ -160,8 +165,18 @@ pub(super) struct PublishedHeading {
 #[derive(Clone, Debug)]
 pub(super) enum Broadcast {
     Heading(Arc<PublishedHeading>),
-    State(NumberedLine),
-    Calibration(NumberedLine),
+    Event(EventKind, NumberedLine),
+}
+
+/// What is sent when it happens, and to whoever begins to watch for it.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum EventKind {
+    State,
+    Calibration,
+}
+
+impl EventKind {
+    pub(super) const ALL: [Self; 2] = [Self::State, Self::Calibration];
 }
 
 /// A line with its number, by which a client that fell behind knows what it has missed. Number 0 stands for no line.
@@ -169,15 +184,6 @@ pub(super) enum Broadcast {
 pub(super) struct NumberedLine {
     pub(super) number: u64,
     pub(super) line: Arc<str>,
-}
-
-impl NumberedLine {
-    fn after(previous: &Self, line: String) -> Self {
-        Self {
-            number: previous.number + 1,
-            line: line.into(),
-        }
-    }
 }
 
 impl Feed {
@@ -235,10 +241,9 @@ impl Feed {
         gpsd::devices(&self.device, self.lock().cycle_s)
     }
 
-    /// The latest state and calibration.
-    pub(super) fn events(&self) -> (NumberedLine, NumberedLine) {
-        let latest = self.lock();
-        (latest.state.clone(), latest.calibration.clone())
+    /// The latest event of each kind.
+    pub(super) fn events(&self) -> [NumberedLine; 2] {
+        self.lock().events.clone()
     }
 
     /// Whether a heading read at `taken` is too old to be shown to anybody.

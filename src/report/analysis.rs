@@ -18,7 +18,7 @@ const MOST_HEADINGS: usize = 4000;
 /// How many verdicts and warnings are listed, and changes of condition drawn.
 const MOST_EVENTS: usize = 1000;
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Point {
     pub(super) t_s: f64,
     /// The heading that would have been published, degrees.
@@ -49,6 +49,7 @@ pub struct Analysis {
     pub(super) found: Findings,
 }
 
+#[derive(Default)]
 pub(super) struct Findings {
     north: TrueNorth,
     since_1970: Option<Duration>,
@@ -79,20 +80,8 @@ impl Analysis {
             pipeline: Pipeline::new(setup, calibration),
             found: Findings {
                 north,
-                since_1970: None,
-                declination_deg: None,
-                warnings: Vec::new(),
-                newest: None,
                 points: Thin::to(MOST_HEADINGS),
-                spans: Vec::new(),
-                verdicts: Vec::new(),
-                turn: None,
-                first_s: None,
-                now_s: 0.0,
-                readings: 0,
-                headings: 0,
-                turns: 0,
-                last: None,
+                ..Findings::default()
             },
         }
     }

@@ -1,7 +1,7 @@
 //! Evenly thinned sequences: a log of a day takes no more room than one of a minute.
 
 /// Keeps at most so many of what it is given: every first, then every second, then every fourth.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Thin<T> {
     kept: Vec<T>,
     most: usize,

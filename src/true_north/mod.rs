@@ -4,9 +4,11 @@ mod model;
 
 use std::time::Duration;
 
+use world_magnetic_model::WarningZone;
+
 use crate::check::{Fault, settings};
 
-pub use model::{EarthField, Known, ModelError, Position, Zone};
+pub use model::{EarthField, Known, ModelError, Position};
 
 /// The declination is the same within this, degrees north and east: it changes by some hundredths of a degree.
 const NEAR_DEG: f64 = 0.02;
@@ -152,7 +154,7 @@ fn answer(
             )),
         ),
         Ok(field) => {
-            let reliable = field.zone != Some(Zone::Blackout);
+            let reliable = field.zone != Some(WarningZone::BlackoutZone);
             (reliable.then_some(field), field.warning())
         }
     }
@@ -163,11 +165,11 @@ impl EarthField {
     pub fn warning(&self) -> Option<String> {
         let horizontal = self.horizontal_mgauss.value;
         Some(match self.zone? {
-            Zone::Caution => format!(
+            WarningZone::CautionZone => format!(
                 "near a magnetic pole: the horizontal field is {horizontal:.0} mG, and headings are less accurate than \
                  heading_sd says"
             ),
-            Zone::Blackout => format!(
+            WarningZone::BlackoutZone => format!(
                 "no true headings: so near a magnetic pole, with a horizontal field of {horizontal:.0} mG, no compass \
                  is to be relied on"
             ),

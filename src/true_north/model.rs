@@ -45,17 +45,9 @@ pub struct EarthField {
     pub strength_mgauss: Known,
     /// Strength of its horizontal part.
     pub horizontal_mgauss: Known,
-    /// Whether a compass is to be trusted there.
-    pub zone: Option<Zone>,
-}
-
-/// Regions around the magnetic poles, as the model defines them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Zone {
-    /// Horizontal field below 60 mG: a compass may be inaccurate.
-    Caution,
-    /// Horizontal field below 20 mG: compass and declination are not to be relied on.
-    Blackout,
+    /// Whether it is near a magnetic pole, where a compass is inaccurate (horizontal field below 60 mG) or not to be relied on
+    /// (below 20 mG).
+    pub zone: Option<WarningZone>,
 }
 
 /// Why the model has no answer.
@@ -105,10 +97,7 @@ impl EarthField {
             dip_deg: angle(field.inclination(), field.inclination_uncertainty()),
             strength_mgauss: strength(field.f(), field.f_uncertainty()),
             horizontal_mgauss: strength(field.h(), field.h_uncertainty()),
-            zone: field.declination_warning().map(|zone| match zone {
-                WarningZone::CautionZone => Zone::Caution,
-                WarningZone::BlackoutZone => Zone::Blackout,
-            }),
+            zone: field.declination_warning(),
         })
     }
 }
@@ -208,9 +197,9 @@ mod tests {
         }
         for (place, zone) in [
             (at(51.0, -114.0), None),
-            (at(80.0, 135.0), Some(Zone::Caution)),
-            (at(86.0, 139.0), Some(Zone::Blackout)),
-            (at(-64.0, 136.0), Some(Zone::Blackout)),
+            (at(80.0, 135.0), Some(WarningZone::CautionZone)),
+            (at(86.0, 139.0), Some(WarningZone::BlackoutZone)),
+            (at(-64.0, 136.0), Some(WarningZone::BlackoutZone)),
         ] {
             let field = EarthField::new(&place, now).unwrap();
             assert_eq!(field.zone, zone, "{place:?}: {field:?}");

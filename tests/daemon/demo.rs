@@ -32,7 +32,7 @@ fn it_ends_when_interrupted() {
         });
         assert_eq!(entries(&folder.path().join("tmp")), 1);
         process.signal(signal);
-        assert_eq!(process.wait().code(), Some(right));
+        process.ends(right);
         assert_eq!(entries(&folder.path().join("tmp")), 0);
     }
 }
@@ -47,6 +47,6 @@ fn its_socket_can_be_put_elsewhere() {
     );
     until("the socket", || socket.exists());
     process.signal("INT");
-    assert_eq!(process.wait().code(), Some(130));
+    process.ends(130);
     assert!(!socket.exists());
 }

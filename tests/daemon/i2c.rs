@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use crate::rig::{Process, Rig, spawn, start};
+use crate::rig::{Process, Rig, finished, spawn};
 
 /// The last number that a bus can have: no machine has so many.
 const NO_BUS: &str = "kind = \"i2c\"\n[i2c]\nbus = 255\n";
@@ -18,9 +18,7 @@ fn a_missing_bus_is_a_fault_told_once_and_does_not_hinder_the_end() {
         message.contains("/dev/i2c-255") && message.contains("modprobe i2c-dev"),
         "{message}"
     );
-    process.signal("TERM");
-    assert!(process.wait().success(), "{}", process.said());
-    let said = process.said();
+    let said = process.stop();
     assert_eq!(said.matches("WARN magnetometer: ").count(), 1, "{said}");
     // There was no reading, and so there is no time of one.
     assert!(said.contains("no_bus") && !said.contains("t_s="), "{said}");
@@ -29,11 +27,8 @@ fn a_missing_bus_is_a_fault_told_once_and_does_not_hinder_the_end() {
 #[test]
 fn the_check_says_it_too() {
     let rig = Rig::new(1.0, NO_BUS);
-    let config = rig.path("headingd.toml");
-    let arguments = ["check", "--json", "--config", config.to_str().unwrap()];
-    let mut process = start(rig.folder.path(), &arguments);
-    assert_eq!(process.wait().code(), Some(3));
-    let shown = std::fs::read_to_string(rig.path("stdout")).unwrap();
+    let (status, shown, _) = finished(&mut rig.command(&["check", "--json"]));
+    assert_eq!(status, 3);
     let report: serde_json::Value = serde_json::from_str(&shown).unwrap();
     assert_eq!(report["problems"][0]["code"], "no_bus");
     assert_eq!(report["problems"].as_array().unwrap().len(), 1);
@@ -59,11 +54,7 @@ fn on_bus_with(rig: &Rig, variables: &[(&str, &str)], verb: &[&str]) -> Process 
             .unwrap()
             .success()
     );
-    let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
-    command
-        .args(verb)
-        .arg("--config")
-        .arg(rig.path("headingd.toml"));
+    let mut command = rig.command(verb);
     command.env("LD_PRELOAD", library);
     command.envs(variables.iter().copied());
     spawn(rig.folder.path(), &mut command)

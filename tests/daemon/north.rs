@@ -6,7 +6,7 @@ use std::os::unix::net::UnixListener;
 
 use serde_json::Value;
 
-use crate::rig::{Client, FAST, LONG, Rig, until};
+use crate::rig::{Client, FAST, LONG, Rig};
 
 /// What a gpsd says first, then what is not to be used, and a position at last.
 fn greet(stream: &mut TcpStream, position: &str) {
@@ -63,9 +63,7 @@ fn a_gpsd_says_where_true_north_is_and_may_come_and_go() {
     declined(&mut client, |degrees| (0.2..3.0).contains(&degrees));
     // The gpsd goes: what it said last stays, and it is asked again.
     drop(stream);
-    until("the log of it", || {
-        process.said().contains("it has closed the connection")
-    });
+    process.says("it has closed the connection");
     declined(&mut client, |degrees| (0.2..3.0).contains(&degrees));
     let (mut stream, _) = gpsd.accept().unwrap();
     greet(&mut stream, "\"lat\":-33.9,\"lon\":151.2");
@@ -79,8 +77,7 @@ fn a_gpsd_says_where_true_north_is_and_may_come_and_go() {
         by_hand["seq"].as_u64() > last["seq"].as_u64(),
         "{last} {by_hand}"
     );
-    process.signal("TERM");
-    assert!(process.wait().success());
+    process.stop();
 }
 
 #[test]
@@ -93,9 +90,7 @@ fn a_gpsd_on_a_unix_socket_that_is_not_there_yet_costs_one_line_in_the_log() {
     let (mut process, mut client) = rig.watched();
     // Until it comes, the compass is where the configuration says.
     declined(&mut client, |degrees| (degrees - 13.3).abs() < 0.3);
-    until("the log of it", || {
-        process.said().contains("no position from the gpsd at")
-    });
+    process.says("no position from the gpsd at");
     let gpsd = UnixListener::bind(&place).unwrap();
     let (mut stream, _) = gpsd.accept().unwrap();
     writeln!(
@@ -106,6 +101,5 @@ fn a_gpsd_on_a_unix_socket_that_is_not_there_yet_costs_one_line_in_the_log() {
     declined(&mut client, |degrees| (0.2..3.0).contains(&degrees));
     let told = process.said().matches("no position from the gpsd").count();
     assert_eq!(told, 1);
-    process.signal("TERM");
-    assert!(process.wait().success());
+    process.stop();
 }

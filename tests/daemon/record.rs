@@ -3,12 +3,11 @@
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::{UnixDatagram, UnixListener};
-use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread::JoinHandle;
 
-use crate::rig::{LONG, Process, Rig, start, until};
+use crate::rig::{LONG, Process, Rig, spawn, start, until};
 use headingd::reading::Reading;
 use headingd::recording::Header;
 use headingd::sensor::replay::Replay;
@@ -41,15 +40,8 @@ fn simulated(turns: f64) -> impl Iterator<Item = Reading> {
 }
 
 fn record(rig: &Rig, out: &Path, more: &[&str]) -> Process {
-    let config = rig.path("headingd.toml");
-    let arguments = [
-        "record",
-        "--config",
-        config.to_str().unwrap(),
-        "--out",
-        out.to_str().unwrap(),
-    ];
-    start(rig.folder.path(), &[&arguments[..], more].concat())
+    let mut command = rig.command(&["record"]);
+    spawn(rig.folder.path(), command.arg("--out").arg(out).args(more))
 }
 
 #[test]
@@ -58,7 +50,7 @@ fn a_source_is_recorded_to_its_end_while_the_socket_is_served() {
     let out = rig.path("a.csv");
     let mut process = record(&rig, &out, &[]);
     until("the socket", || rig.path("heading.sock").exists());
-    assert!(process.wait().success(), "{}", process.said());
+    process.ends(0);
     assert!(recorded(&out).into_iter().eq(simulated(2.0)));
 }
 
@@ -95,7 +87,7 @@ fn what_is_recorded_from_a_service_is_what_it_records_by_itself() {
     // One that ends before the service does.
     let early = rig.path("b.csv");
     let mut second = record(&rig, &early, &["--duration", "0.5"]);
-    assert!(second.wait().success(), "{}", second.said());
+    second.ends(0);
     // Whoever has not asked hears of none of it; and the service goes on.
     let seq = client.find("ATT", |_| true)["seq"].as_u64().unwrap();
     loop {
@@ -106,10 +98,9 @@ fn what_is_recorded_from_a_service_is_what_it_records_by_itself() {
             break;
         }
     }
-    service.signal("TERM");
-    assert!(service.wait().success(), "{}", service.said());
-    assert!(process.wait().success(), "{}", process.said());
-    assert!(process.said().contains("has hung up"), "{}", process.said());
+    service.stop();
+    let said = process.ends(0);
+    assert!(said.contains("has hung up"), "{said}");
 
     let right = recorded(&by_itself(&rig));
     for (log, whole) in [(&out, true), (&early, false)] {
@@ -136,12 +127,9 @@ fn a_recording_that_is_too_slow_says_how_much_it_lost() {
     let seq = client.find("ATT", |_| true)["seq"].as_u64().unwrap();
     client.find("ATT", |att| att["seq"].as_u64() > Some(seq + 3000));
     process.signal("CONT");
-    until("the loss", || process.said().contains("too slow"));
-    service.signal("TERM");
-    assert!(service.wait().success(), "{}", service.said());
-    assert!(process.wait().success(), "{}", process.said());
-
-    let said = process.said();
+    process.says("too slow");
+    service.stop();
+    let said = process.ends(0);
     let lost: usize = said
         .split_once("lost on the way into the recording readings=")
         .and_then(|(_, rest)| rest.split_whitespace().next()?.parse().ok())
@@ -196,8 +184,8 @@ fn a_service_that_hands_out_no_readings_is_told_of() {
         let rig = Rig::new(1.0, "");
         let serving = answering(&rig, answer);
         let mut process = record(&rig, &rig.path("a.csv"), &[]);
-        assert_eq!(process.wait().code(), Some(69), "{}", process.said());
-        assert!(process.said().contains(part), "{}", process.said());
+        let said = process.ends(69);
+        assert!(said.contains(part), "{said}");
         assert!(!rig.path("a.csv").exists());
         // What was not taken of the endless line breaks its pipe.
         let _ = serving.join();
@@ -209,13 +197,10 @@ fn a_socket_that_says_nothing_of_its_server_is_left_alone() {
     let rig = Rig::new(1.0, "");
     let _other = UnixDatagram::bind(rig.path("heading.sock")).unwrap();
     let mut process = record(&rig, &rig.path("a.csv"), &[]);
-    assert_eq!(process.wait().code(), Some(69), "{}", process.said());
+    let said = process.ends(69);
     assert!(
-        process
-            .said()
-            .contains("cannot find out whether a daemon is serving"),
-        "{}",
-        process.said()
+        said.contains("cannot find out whether a daemon is serving"),
+        "{said}"
     );
     assert!(!rig.path("a.csv").exists());
 }
@@ -230,12 +215,8 @@ fn without_a_socket_it_is_recorded_all_the_same() {
     fs::write(&config, text).unwrap();
     let out = rig.path("a.csv");
     let mut process = record(&rig, &out, &["--duration", "1.5"]);
-    assert!(process.wait().success(), "{}", process.said());
-    assert!(
-        process.said().contains("recording without a socket"),
-        "{}",
-        process.said()
-    );
+    let said = process.ends(0);
+    assert!(said.contains("recording without a socket"), "{said}");
     let readings = recorded(&out);
     assert!(readings.len() > 100);
     assert!(
@@ -262,13 +243,8 @@ fn a_log_that_cannot_be_written_ends_the_command() {
         ),
     ] {
         let mut process = record(&rig, Path::new(out), &[]);
-        assert_eq!(process.wait().code(), Some(status), "{}", process.said());
-        assert_eq!(
-            process.said().matches(part).count(),
-            1,
-            "{}",
-            process.said()
-        );
+        let said = process.ends(status);
+        assert_eq!(said.matches(part).count(), 1, "{said}");
         assert!(!rig.path("heading.sock").exists());
     }
 }
@@ -290,8 +266,7 @@ fn the_daemon_keeps_a_ring_of_logs() {
     rig.configure(100.0, &rig.path("store"), &more);
     let mut process = rig.start();
     until("a fourth file", || ring.join("record-000004.csv").exists());
-    process.signal("TERM");
-    assert!(process.wait().success(), "{}", process.said());
+    let said = process.stop();
     let files = files(&ring);
     assert!(
         files.len() == 2 && files[1] >= ring.join("record-000004.csv"),
@@ -303,11 +278,7 @@ fn the_daemon_keeps_a_ring_of_logs() {
     let from_s = earlier[0].t_s;
     let all: Vec<Reading> = earlier.into_iter().chain(later).collect();
     let right = simulated(100.0).skip_while(|reading| reading.t_s < from_s);
-    assert!(
-        all.iter().copied().eq(right.take(all.len())),
-        "{}",
-        process.said()
-    );
+    assert!(all.iter().copied().eq(right.take(all.len())), "{said}");
 }
 
 #[test]
@@ -317,32 +288,23 @@ fn a_full_disk_ends_the_recording_and_not_the_headings() {
     let more = format!("{LONG}[record]\ndirectory = {ring:?}\n");
     rig.configure(50.0, &rig.path("store"), &more);
     // No file may become longer than 64 KiB: what a full disk is, without filling one.
-    let said = fs::File::create(rig.path("said")).unwrap();
-    let mut child = Command::new("bash")
-        .args([
-            "-c",
-            "trap '' XFSZ; ulimit -f 64; exec \"$0\" run --config \"$1\"",
-        ])
-        .arg(env!("CARGO_BIN_EXE_headingd"))
-        .arg(rig.path("headingd.toml"))
-        .stderr(said)
-        .process_group(0)
-        .spawn()
-        .unwrap();
-    let said = || fs::read_to_string(rig.path("said")).unwrap();
-    until("the end of the recording", || {
-        said().contains("nothing is recorded any more")
-    });
+    let script = "trap '' XFSZ; ulimit -f 64; exec \"$0\" run --config \"$1\"";
+    let process = spawn(
+        rig.folder.path(),
+        Command::new("bash")
+            .args(["-c", script])
+            .arg(env!("CARGO_BIN_EXE_headingd"))
+            .arg(rig.path("headingd.toml")),
+    );
+    process.says("nothing is recorded any more");
     let mut client = rig.client();
     let first = client.find("ATT", |_| true)["seq"].as_u64().unwrap();
     client.find("ATT", |att| att["seq"].as_u64() > Some(first + 100));
-    child.kill().unwrap();
-    child.wait().unwrap();
+    let said = process.said();
     assert_eq!(
-        said().matches("cannot go on with recording").count(),
+        said.matches("cannot go on with recording").count(),
         1,
-        "{}",
-        said()
+        "{said}"
     );
     assert!(fs::metadata(&files(&ring)[0]).unwrap().len() <= 64 << 10);
 }
@@ -352,8 +314,7 @@ fn it_is_said_where_readings_come_from_and_how_many_they_were() {
     let rig = Rig::new(1.0, "[log]\nfilter = \"off\"\n");
     let out = rig.path("a.csv");
     let mut process = record(&rig, &out, &["--duration", "0.5"]);
-    assert!(process.wait().success(), "{}", process.said());
-    let said = process.said();
+    let said = process.ends(0);
     let lines: Vec<&str> = said.lines().collect();
     let [first, last] = lines[..] else {
         panic!("{said}");
@@ -381,17 +342,11 @@ fn without_a_service_and_a_source_there_is_nothing_to_record() {
     }
     let rig = Rig::new(1.0, "");
     let out = rig.path("a.csv");
-    let arguments = [
-        "record",
-        "--out",
-        out.to_str().unwrap(),
-        "--duration",
-        "0.5",
-    ];
+    let arguments = ["record", "--out", &rig.text("a.csv"), "--duration", "0.5"];
     let mut process = start(rig.folder.path(), &arguments);
-    assert_eq!(process.wait().code(), Some(78), "{}", process.said());
+    let said = process.ends(78);
     for part in ["/run/headingd/heading.sock", "source.kind is not set"] {
-        assert!(process.said().contains(part), "{}", process.said());
+        assert!(said.contains(part), "{said}");
     }
     assert!(!out.exists());
 }
@@ -401,8 +356,7 @@ fn an_empty_recording_is_a_failure() {
     let rig = Rig::new(1.0, "kind = \"i2c\"\n[i2c]\nbus = 255\n");
     let out = rig.path("a.csv");
     let mut process = record(&rig, &out, &["--duration", "0.5"]);
-    assert_eq!(process.wait().code(), Some(74), "{}", process.said());
-    let said = process.said();
+    let said = process.ends(74);
     let last = said.lines().last().unwrap();
     assert!(
         last.starts_with("headingd: 0 readings in ")
@@ -424,20 +378,19 @@ fn a_full_service_says_so_itself() {
     // It hangs up before or after it is asked.
     for _ in 0..5 {
         let mut process = record(&rig, &rig.path("a.csv"), &[]);
-        assert_eq!(process.wait().code(), Some(69), "{}", process.said());
+        let said = process.ends(69);
         let part = "it says: headingd serves 1 clients already";
-        assert!(process.said().contains(part), "{}", process.said());
+        assert!(said.contains(part), "{said}");
     }
-    service.signal("TERM");
-    assert!(service.wait().success(), "{}", service.said());
+    service.stop();
 }
 
 #[test]
 fn a_hyphen_is_standard_output_and_nothing_else_goes_there() {
     let rig = Rig::new(1.0, "");
     let mut process = record(&rig, Path::new("-"), &["--duration", "0.5"]);
-    assert!(process.wait().success(), "{}", process.said());
-    assert!(process.said().contains("into standard output"));
+    let said = process.ends(0);
+    assert!(said.contains("into standard output"));
     assert!(!Path::new("-").exists());
     let readings = recorded(&rig.path("stdout"));
     assert!(readings.len() > 10);

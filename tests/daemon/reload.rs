@@ -5,25 +5,20 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::Command;
 
-use headingd::recording::Writer;
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
 
 use crate::control::link::Link;
-use crate::rig::{Client, Process, Rig, until};
+use crate::rig::{Client, Process, Rig, log, until};
 
 /// A log of a simulated board that makes these turns.
-fn log(turns: f64) -> Vec<u8> {
+fn turning(turns: f64) -> Vec<u8> {
     let settings = Settings {
         turns,
         ..Settings::default()
     };
     let simulator = Simulator::new(settings).unwrap();
-    let mut writer = Writer::new(Vec::new(), &simulator.header()).unwrap();
-    for entry in simulator {
-        writer.write(&entry).unwrap();
-    }
-    writer.into_inner().unwrap()
+    log(&simulator.header(), simulator)
 }
 
 /// A daemon that plays a log, and is in the midst of a reload that waits for the header of the next.
@@ -43,9 +38,8 @@ fn reloading() -> Reloading {
     let rig = Rig::new(1.0, "");
     let log = rig.path("log.csv");
     // It lasts longer than a test may.
-    fs::write(&log, self::log(10.0)).unwrap();
-    let more = format!("kind = \"replay\"\nlog = {log:?}\n");
-    rig.configure(1.0, &rig.path("store"), &more);
+    fs::write(&log, turning(10.0)).unwrap();
+    rig.replay(1.0, &log);
     let (process, mut client) = rig.watched();
     client.find("ATT", |att| seq(att) > 20);
 
@@ -55,7 +49,7 @@ fn reloading() -> Reloading {
     // Open for both, so that neither end waits for the other.
     let pipe = File::options().read(true).write(true).open(&fifo).unwrap();
     fs::rename(&fifo, &log).unwrap();
-    rig.configure(2.0, &rig.path("store"), &more);
+    rig.replay(2.0, &log);
     process.signal("HUP");
     until("the daemon to open the pipe", || {
         let files = fs::read_dir(format!("/proc/{}/fd", process.id())).unwrap();
@@ -90,7 +84,7 @@ fn clients_are_served_while_a_reload_waits_for_its_source() {
     assert_eq!(status["source"], log.to_str().unwrap());
     assert!(!process.said().contains("reloaded"), "{}", process.said());
 
-    pipe.write_all(&self::log(0.1)).unwrap();
+    pipe.write_all(&turning(0.1)).unwrap();
     let last = seq(&client.find("ATT", |_| true));
     client.find("ATT", |att| seq(att) < last.min(20));
     let said = process.said();
@@ -98,16 +92,14 @@ fn clients_are_served_while_a_reload_waits_for_its_source() {
 
     // By now the source waits for the rest of the pipe, and does not end by itself.
     fs::remove_file(&log).unwrap();
-    fs::write(&log, self::log(10.0)).unwrap();
-    let more = format!("kind = \"replay\"\nlog = {log:?}\n");
-    rig.configure(1.0, &rig.path("store"), &more);
+    fs::write(&log, turning(10.0)).unwrap();
+    rig.replay(1.0, &log);
     process.signal("HUP");
     until("the second reload", || {
         process.said().matches("reloaded: ").count() == 2
     });
     rig.client().find("ATT", |_| true);
-    process.signal("TERM");
-    assert!(process.wait().success(), "{}", process.said());
+    process.stop();
 }
 
 #[test]
@@ -118,8 +110,7 @@ fn a_stop_does_not_wait_for_a_reload() {
         pipe: _pipe,
         ..
     } = reloading();
-    process.signal("TERM");
-    assert!(process.wait().success(), "{}", process.said());
+    process.stop();
     assert!(!rig.path("heading.sock").exists());
 }
 
@@ -133,13 +124,12 @@ fn of_two_reloads_the_second_follows_the_first() {
         ..
     } = reloading();
     fs::remove_file(&log).unwrap();
-    fs::write(&log, self::log(10.0)).unwrap();
-    let more = format!("kind = \"replay\"\nlog = {log:?}\n");
-    rig.configure(4.0, &rig.path("store"), &more);
+    fs::write(&log, turning(10.0)).unwrap();
+    rig.replay(4.0, &log);
     process.signal("HUP");
     // The signal has come before the answer to this.
     Link::new(&rig).told("status");
-    pipe.write_all(&self::log(0.1)).unwrap();
+    pipe.write_all(&turning(0.1)).unwrap();
     until("both", || {
         process.said().matches("reloaded: source.speed").count() == 2
     });

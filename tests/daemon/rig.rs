@@ -2,12 +2,15 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
+use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
+use headingd::recording::{Entry, Header, Writer};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, socket};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
 
 /// Longer than anything takes on the slowest machine.
@@ -28,14 +31,32 @@ pub struct Process {
     stderr: PathBuf,
 }
 
+/// The program, ready for arguments. It reads nothing and finds no settings in the environment.
+pub fn program() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
+    command
+        .stdin(Stdio::null())
+        .env_remove("RUST_LOG")
+        .env_remove("HEADINGD_CONFIG");
+    command
+}
+
+/// Runs a command to its end: exit status, standard output and standard error.
+pub fn finished(command: &mut Command) -> (i32, String, String) {
+    let output = command.output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    let (out, err) = (text(output.stdout), text(output.stderr));
+    (output.status.code().unwrap(), out, err)
+}
+
+/// The same for the program with these arguments.
+pub fn headingd(arguments: &[&str]) -> (i32, String, String) {
+    finished(program().args(arguments))
+}
+
 /// The program with these arguments; what it says goes into `folder`, which is also its TMPDIR.
 pub fn start(folder: &Path, arguments: &[&str]) -> Process {
-    spawn(
-        folder,
-        Command::new(env!("CARGO_BIN_EXE_headingd"))
-            .args(arguments)
-            .stdin(Stdio::null()),
-    )
+    spawn(folder, program().args(arguments))
 }
 
 /// The same for a command that starts the program.
@@ -88,6 +109,25 @@ impl Process {
     pub fn said(&self) -> String {
         fs::read_to_string(&self.stderr).unwrap()
     }
+
+    /// Waits until it has said this.
+    pub fn says(&self, part: &str) {
+        until(part, || self.said().contains(part));
+    }
+
+    /// Waits until it has ended, with this exit status; all that it has said.
+    pub fn ends(&mut self, status: i32) -> String {
+        let found = self.wait();
+        let said = self.said();
+        assert_eq!(found.code(), Some(status), "{said}");
+        said
+    }
+
+    /// Has it end, well; all that it has said.
+    pub fn stop(&mut self) -> String {
+        self.signal("TERM");
+        self.ends(0)
+    }
 }
 
 impl Drop for Process {
@@ -134,16 +174,31 @@ impl Rig {
         fs::write(self.path("headingd.toml"), text).unwrap();
     }
 
+    /// Has it replay a log.
+    pub fn replay(&self, speed: f64, log: &Path) {
+        let more = format!("kind = \"replay\"\nlog = {log:?}\n");
+        self.configure(speed, &self.path("store"), &more);
+    }
+
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
     }
 
+    /// The same as text, for an argument.
+    pub fn text(&self, name: &str) -> String {
+        self.path(name).to_str().unwrap().to_owned()
+    }
+
+    /// The program with these arguments and the rig's configuration.
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = program();
+        command.args(arguments).arg("--config");
+        command.arg(self.path("headingd.toml"));
+        command
+    }
+
     pub fn start(&self) -> Process {
-        let config = self.path("headingd.toml");
-        start(
-            self.folder.path(),
-            &["run", "--config", config.to_str().unwrap()],
-        )
+        spawn(self.folder.path(), &mut self.command(&["run"]))
     }
 
     /// A daemon and a client that watches it.
@@ -199,9 +254,27 @@ impl Client {
 
 /// Leaves a socket there at which nobody listens. Nobody ever did: a listener of this process would go on for as long
 /// as a program that another test is just starting has a copy of it.
-pub fn leave_dead_socket(path: &Path) {
+pub fn leave_dead_socket(path: impl AsRef<Path>) {
     let socket = socket(AddressFamily::UNIX, SocketType::STREAM, None).unwrap();
-    bind(&socket, &SocketAddrUnix::new(path).unwrap()).unwrap();
+    bind(&socket, &SocketAddrUnix::new(path.as_ref()).unwrap()).unwrap();
+}
+
+/// A log as bytes.
+pub fn log(header: &Header, entries: impl IntoIterator<Item = Entry>) -> Vec<u8> {
+    let mut writer = Writer::new(Vec::new(), header).unwrap();
+    for entry in entries {
+        writer.write(&entry).unwrap();
+    }
+    writer.into_inner().unwrap()
+}
+
+/// A pseudo-terminal, and the path of its other side.
+pub fn pty() -> (OwnedFd, String) {
+    let pty = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    grantpt(&pty).unwrap();
+    unlockpt(&pty).unwrap();
+    let name = ptsname(&pty, Vec::new()).unwrap();
+    (pty, name.into_string().unwrap())
 }
 
 pub fn until(what: &str, mut condition: impl FnMut() -> bool) {

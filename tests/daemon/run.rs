@@ -7,7 +7,7 @@ use std::process::Command;
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
 
-use crate::rig::{FAST, LONG, Rig, start};
+use crate::rig::{FAST, LONG, Rig, finished, headingd, log, start, until};
 
 /// The way from the truth to the heading of an `ATT`, degrees.
 fn error_deg(att: &Value, settings: &Settings) -> f64 {
@@ -54,15 +54,13 @@ fn it_calibrates_keeps_the_calibration_and_has_it_at_the_next_start() {
         }
     }
     let file = rig.path("store/calibration.json");
-    crate::rig::until("the calibration to be kept", || file.exists());
+    until("the calibration to be kept", || file.exists());
 
-    process.signal("TERM");
-    assert!(process.wait().success(), "{}", process.said());
+    let said = process.stop();
     assert!(!rig.path("heading.sock").exists());
     while let Some(message) = client.next() {
         accepted += usize::from(is_accepted(&message));
     }
-    let said = process.said();
     assert!(!said.contains("ERROR"), "{said}");
     let logged = said.matches("calibration accepted").count();
     assert_eq!(logged, accepted, "{said}");
@@ -74,7 +72,7 @@ fn it_calibrates_keeps_the_calibration_and_has_it_at_the_next_start() {
     assert!(has_heading(&att), "{att}");
     assert!(error_deg(&att, &settings).abs() < 5.0, "{att}");
     process.signal("INT");
-    assert!(process.wait().success());
+    process.ends(0);
     assert!(!rig.path("heading.sock").exists());
 }
 
@@ -98,9 +96,9 @@ fn at_real_time_headings_go_on_and_a_simulation_ends_the_daemon() {
     assert!(seqs.is_sorted_by(|a, b| a < b));
     let last = usize::try_from(seqs[seqs.len() - 1]).unwrap();
     assert!(seqs.len() * 10 > last * 8, "{} of {last}", seqs.len());
-    assert!(process.wait().success(), "{}", process.said());
-    assert_eq!(accepted, 1, "{}", process.said());
-    assert!(process.said().contains("the source is at its end"));
+    let said = process.ends(0);
+    assert_eq!(accepted, 1, "{said}");
+    assert!(said.contains("the source is at its end"));
     assert!(!rig.path("heading.sock").exists());
 }
 
@@ -108,35 +106,23 @@ fn at_real_time_headings_go_on_and_a_simulation_ends_the_daemon() {
 fn a_calibration_at_the_very_end_of_a_log_is_published_and_kept() {
     let rig = Rig::new(10.0, "");
     let whole = rig.path("whole.csv");
-    let text = {
-        let mut writer = headingd::recording::Writer::new(
-            Vec::new(),
-            &Simulator::new(Settings::default()).unwrap().header(),
-        )
-        .unwrap();
-        // The first turn is complete at about 10.04 s.
-        for entry in Simulator::new(Settings::default()).unwrap() {
-            if entry.reading.t_s > 10.1 {
-                break;
-            }
-            writer.write(&entry).unwrap();
-        }
-        String::from_utf8(writer.into_inner().unwrap()).unwrap()
-    };
+    let simulator = Simulator::new(Settings::default()).unwrap();
+    let header = simulator.header();
+    // The first turn is complete at about 10.04 s.
+    let first_turn = simulator.take_while(|entry| entry.reading.t_s <= 10.1);
+    let text = String::from_utf8(log(&header, first_turn)).unwrap();
     let spoilt = text.replacen("\n1.003,", "\nhello,", 1);
     assert_ne!(spoilt, text);
     fs::write(&whole, spoilt).unwrap();
-    let more = format!("kind = \"replay\"\nlog = {whole:?}\n");
-    rig.configure(10.0, &rig.path("store"), &more);
+    rig.replay(10.0, &whole);
     let (mut process, mut client) = rig.watched();
     let devices = client.find("DEVICES", |_| true);
     assert_eq!(devices["devices"][0]["path"], whole.to_str().unwrap());
     let outcome = client.find("CALIBRATION", |_| true);
     assert_eq!(outcome["verdict"], "accepted", "{outcome}");
     while client.next().is_some() {}
-    assert!(process.wait().success());
+    let said = process.ends(0);
     assert!(rig.path("store/calibration.json").exists());
-    let said = process.said();
     assert!(said.contains("skipping rows that cannot be used; the first: log "));
     assert!(
         said.contains("skipped rows that cannot be used: 1 in all"),
@@ -149,8 +135,7 @@ fn a_second_daemon_is_refused_and_the_first_goes_on() {
     let rig = Rig::new(1.0, LONG);
     let (first, mut client) = rig.watched();
     let mut second = rig.start();
-    assert_eq!(second.wait().code(), Some(69));
-    let said = second.said();
+    let said = second.ends(69);
     let right = format!(
         "another daemon is serving there (process {}); stop it, or set another socket",
         first.id()
@@ -170,9 +155,7 @@ fn a_store_that_cannot_be_written_is_complained_of_once_and_headings_are_served(
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
     client.find("ATT", has_heading);
     client.find("CALIBRATION", |_| true);
-    process.signal("TERM");
-    assert!(process.wait().success());
-    let said = process.said();
+    let said = process.stop();
     assert_eq!(
         said.matches("cannot keep calibrations in folder").count(),
         1,
@@ -226,11 +209,11 @@ fn a_start_that_cannot_be_says_why() {
     ] {
         rig.configure(1.0, &rig.path("store"), more);
         let mut process = rig.start();
-        assert_eq!(process.wait().code(), Some(status), "{}", process.said());
-        assert!(process.said().contains(sentence), "{}", process.said());
+        let said = process.ends(status);
+        assert!(said.contains(sentence), "{said}");
         // Each of several faults too.
         let whose = |line: &str| line.starts_with("headingd: ");
-        assert!(process.said().lines().all(whose), "{}", process.said());
+        assert!(said.lines().all(whose), "{said}");
         assert!(!rig.path("heading.sock").exists());
     }
     fs::remove_file(rig.path("headingd.toml")).unwrap();
@@ -247,23 +230,17 @@ fn a_log_of_which_most_is_skipped_is_a_failure_as_for_replay() {
         format!("# headingd-log 1\nt_s,mx,my,mz\n0,1,2,3\n{rows}0.02,1,2,3\n"),
     )
     .unwrap();
-    let more = format!("kind = \"replay\"\nlog = {log:?}\n");
-    rig.configure(1000.0, &rig.path("store"), &more);
+    rig.replay(1000.0, &log);
     let mut run = rig.start();
-    assert_eq!(run.wait().code(), Some(65), "{}", run.said());
+    let said = run.ends(65);
     let summary = "most of the log cannot be used: 10 rows skipped; the first: log ";
-    assert_eq!(run.said().matches(summary).count(), 1, "{}", run.said());
+    assert_eq!(said.matches(summary).count(), 1, "{said}");
     assert!(!rig.path("heading.sock").exists());
 
-    let config = rig.path("headingd.toml");
-    let out = rig.path("out.csv");
-    let arguments = ["record", "--config", config.to_str().unwrap(), "--out"];
-    let mut record = start(
-        rig.folder.path(),
-        &[&arguments[..], &[out.to_str().unwrap()]].concat(),
-    );
-    assert_eq!(record.wait().code(), Some(65), "{}", record.said());
-    assert!(record.said().contains(summary), "{}", record.said());
+    let record = ["record", "--out", &rig.text("out.csv")];
+    let (status, _, said) = finished(&mut rig.command(&record));
+    assert_eq!(status, 65, "{said}");
+    assert!(said.contains(summary), "{said}");
 }
 
 /// The system would wait for ever for somebody to write to it.
@@ -289,26 +266,22 @@ fn a_pipe_is_no_configuration_and_without_an_end_no_log() {
         &["status", "--config", name],
     ] {
         let mut process = start(rig.folder.path(), arguments);
-        assert_eq!(process.wait().code(), Some(66), "{}", process.said());
-        let said = process.said();
+        let said = process.ends(66);
         assert!(said.contains("it is no regular file"), "{said}");
     }
 
-    let more = format!("kind = \"replay\"\nlog = {pipe:?}\n");
-    rig.configure(1.0, &rig.path("store"), &more);
-    let config = rig.path("headingd.toml");
-    let check = ["config", "check", config.to_str().unwrap()];
-    assert!(start(rig.folder.path(), &check).wait().success());
+    rig.replay(1.0, &pipe);
+    let check = ["config", "check", &rig.text("headingd.toml")];
+    assert_eq!(headingd(&check).0, 0);
     let replay = |pipe: &Path| start(rig.folder.path(), &["replay", pipe.to_str().unwrap()]);
     for mut process in [rig.start(), replay(&other)] {
-        assert_eq!(process.wait().code(), Some(66), "{}", process.said());
-        let said = process.said();
+        let said = process.ends(66);
         assert!(said.contains("nobody has opened for writing"), "{said}");
     }
 
     let mut process = replay(&pipe);
     fs::write(&pipe, "# headingd-log 1\nt_s,mx,my,mz\n0,1,2,3\n").unwrap();
-    assert!(process.wait().success(), "{}", process.said());
+    process.ends(0);
 }
 
 /// A year lies between its two parts, and one row is from another century.
@@ -320,21 +293,20 @@ fn nobody_waits_for_a_time_that_jumps() {
         turns: 1.0,
         ..Settings::default()
     };
-    let simulator = Simulator::new(settings.clone()).unwrap();
-    let mut writer = headingd::recording::Writer::new(Vec::new(), &simulator.header()).unwrap();
+    let simulated = || Simulator::new(settings.clone()).unwrap();
+    let mut entries = Vec::new();
     for later_s in [0.0, 31_536_000.0] {
-        for (count, mut entry) in Simulator::new(settings.clone()).unwrap().enumerate() {
+        for (count, mut entry) in simulated().enumerate() {
             entry.reading.t_s += later_s;
-            writer.write(&entry).unwrap();
+            entries.push(entry);
             if count == 100 {
                 entry.reading.t_s = 9e9;
-                writer.write(&entry).unwrap();
+                entries.push(entry);
             }
         }
     }
-    fs::write(&path, writer.into_inner().unwrap()).unwrap();
-    let more = format!("kind = \"replay\"\nlog = {path:?}\n");
-    rig.configure(10.0, &rig.path("store"), &more);
+    fs::write(&path, log(&simulated().header(), entries)).unwrap();
+    rig.replay(10.0, &path);
     let (mut process, mut client) = rig.watched();
     let mut last_s: f64 = 0.0;
     while let Some(message) = client.next() {
@@ -342,9 +314,8 @@ fn nobody_waits_for_a_time_that_jumps() {
             last_s = message["t_s"].as_f64().unwrap();
         }
     }
-    assert!(process.wait().success(), "{}", process.said());
+    let said = process.ends(0);
     assert!((31_536_000.0..8e9).contains(&last_s), "{last_s}");
-    let said = process.said();
     assert!(said.contains("the time of the log jumps"), "{said}");
     assert!(said.contains("cannot be used: 2 in all"), "{said}");
 }
@@ -357,8 +328,7 @@ fn two_daemons_never_share_a_store_and_the_second_says_who_has_it() {
     let other = Rig::new(1.0, LONG);
     other.configure(1.0, &rig.path("store"), LONG);
     let mut second = other.start();
-    assert_eq!(second.wait().code(), Some(69), "{}", second.said());
-    let said = second.said();
+    let said = second.ends(69);
     assert!(
         said.contains("another daemon keeps its own there"),
         "{said}"
@@ -375,28 +345,25 @@ fn two_daemons_never_share_a_store_and_the_second_says_who_has_it() {
     other_client.find("ATT", |_| true);
     other.configure(1.0, &rig.path("store"), LONG);
     second.signal("HUP");
-    crate::rig::until("the refusal", || second.said().contains("not reloaded"));
+    second.says("not reloaded");
     let seq = other_client.find("ATT", |_| true)["seq"].as_u64();
     other_client.find("ATT", |att| att["seq"].as_u64() > seq);
 
     // A reload opens its own store again, and a process that is killed leaves it to the next.
     rig.configure(2.0, &rig.path("store"), LONG);
     first.signal("HUP");
-    crate::rig::until("the reload", || {
-        first.said().contains("reloaded: source.speed")
-    });
+    first.says("reloaded: source.speed");
     client.find("ATT", |_| true);
     assert!(!first.said().contains("ERROR"), "{}", first.said());
     first.signal("KILL");
     first.wait();
     second.signal("HUP");
     let lock = rig.path("store/.lock");
-    crate::rig::until("its lock", || {
+    until("its lock", || {
         fs::read_to_string(&lock).is_ok_and(|text| text == format!("{}\n", second.id()))
     });
     // The lock comes first; only a daemon that has done with the reload leaves nothing behind.
-    crate::rig::until("the reload", || second.said().contains("reloaded: store."));
-    second.signal("TERM");
-    assert!(second.wait().success(), "{}", second.said());
+    second.says("reloaded: store.");
+    second.stop();
     assert!(!lock.exists());
 }

@@ -8,9 +8,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-
-use crate::rig::{FAST, LONG, PATIENCE, Process, Rig, spawn, until};
+use crate::rig::{FAST, LONG, PATIENCE, Process, Rig, finished, pty, spawn};
 
 /// A manager that is told how the daemon is.
 struct Manager(UnixDatagram);
@@ -25,12 +23,9 @@ impl Manager {
     fn start(&self, rig: &Rig) -> Process {
         spawn(
             rig.folder.path(),
-            Command::new(env!("CARGO_BIN_EXE_headingd"))
-                .args(["run", "--config"])
-                .arg(rig.path("headingd.toml"))
+            rig.command(&["run"])
                 .env("NOTIFY_SOCKET", rig.path("notify"))
-                .env("WATCHDOG_USEC", "400000")
-                .stdin(Stdio::null()),
+                .env("WATCHDOG_USEC", "400000"),
         )
     }
 
@@ -73,7 +68,7 @@ fn the_manager_is_told_how_things_stand_until_the_end() {
     let mut process = manager.start(&rig);
     manager.find("READY=1");
     // Ready means that it is there at once.
-    std::os::unix::net::UnixStream::connect(rig.path("heading.sock")).unwrap();
+    UnixStream::connect(rig.path("heading.sock")).unwrap();
     let status = manager.find("STATUS=");
     assert!(status.starts_with("STATUS=uncalibrated ("), "{status}");
     // No more often than is needed; a machine that is busy only makes it take longer.
@@ -84,7 +79,7 @@ fn the_manager_is_told_how_things_stand_until_the_end() {
     assert!(taken > Duration::from_millis(300), "{taken:?}");
     process.signal("TERM");
     manager.find("STOPPING=1");
-    assert!(process.wait().success());
+    process.ends(0);
 }
 
 #[test]
@@ -109,8 +104,7 @@ fn a_socket_that_was_handed_over_is_served_on_and_left_behind() {
     let mut process = start_by_shell(&rig, script, OwnedFd::from(listener).into());
     // It was there before the daemon, so this waits in its queue.
     rig.client().find("ATT", |_| true);
-    process.signal("TERM");
-    assert!(process.wait().success(), "{}", process.said());
+    process.stop();
     assert!(rig.path("heading.sock").exists());
 }
 
@@ -155,14 +149,8 @@ fn a_reload_keeps_clients_and_the_active_calibration() {
     process.signal("HUP");
     manager.find("RELOADING=1");
     manager.find("READY=1");
-    until("the refusal", || {
-        process.said().contains("all goes on as before")
-    });
-    assert!(
-        process
-            .said()
-            .contains("turns: unknown table; did you mean turn?")
-    );
+    process.says("all goes on as before");
+    process.says("turns: unknown table; did you mean turn?");
 
     fs::write(
         rig.path("headingd.toml"),
@@ -170,14 +158,10 @@ fn a_reload_keeps_clients_and_the_active_calibration() {
     )
     .unwrap();
     process.signal("HUP");
-    until("the remark", || {
-        process
-            .said()
-            .contains("changes only with a restart: socket.backlog")
-    });
+    process.says("changes only with a restart: socket.backlog");
 
     process.signal("USR1");
-    until("the summary", || process.said().contains("summary: "));
+    process.says("summary: ");
     let said = process.said();
     let summary = said
         .lines()
@@ -200,21 +184,14 @@ fn a_reload_keeps_clients_and_the_active_calibration() {
     assert!(said.contains("from_s="), "{said}");
     assert_eq!(said.split_whitespace().find(long), None);
     client.find("ATT", |att| att.get("mheading").is_some());
-    process.signal("TERM");
-    assert!(process.wait().success());
+    process.stop();
 }
 
 #[test]
 fn a_hangup_ends_it_only_when_its_terminal_has_gone() {
     let rig = Rig::new(1.0, LONG);
-    let terminal = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-    grantpt(&terminal).unwrap();
-    unlockpt(&terminal).unwrap();
-    let name = ptsname(&terminal, Vec::new()).unwrap();
-    let stderr = File::options()
-        .write(true)
-        .open(name.to_str().unwrap())
-        .unwrap();
+    let (terminal, name) = pty();
+    let stderr = File::options().write(true).open(name).unwrap();
     let script = "exec \"$@\" 2>&0 0</dev/null";
     let mut process = start_by_shell(&rig, script, stderr.into());
     let mut client = rig.client();
@@ -225,7 +202,7 @@ fn a_hangup_ends_it_only_when_its_terminal_has_gone() {
     client.find("ATT", |att| att["seq"].as_u64().unwrap() < 3);
     drop(terminal);
     process.signal("HUP");
-    assert!(process.wait().success());
+    process.ends(0);
     assert!(!rig.path("heading.sock").exists());
 }
 
@@ -238,7 +215,7 @@ fn without_a_source_it_does_not_start_and_says_what_to_set() {
     std::fs::write(rig.path("headingd.toml"), installed).unwrap();
     let manager = Manager::new(&rig);
     let mut process = manager.start(&rig);
-    assert_eq!(process.wait().code(), Some(78), "{}", process.said());
+    process.ends(78);
     let status = manager.next();
     for part in [
         "headingd.toml: source.kind is not set",
@@ -271,13 +248,7 @@ fn with_few_open_files_fewer_clients_are_served_and_all_else_works() {
     );
     let mut first = rig.client();
     first.find("ATT", |_| true);
-    assert!(
-        process
-            .said()
-            .contains("socket.max_clients = 32 needs 112 open files, but the limit is 64 here"),
-        "{}",
-        process.said()
-    );
+    process.says("socket.max_clients = 32 needs 112 open files, but the limit is 64 here");
     let clients: Vec<UnixStream> = (0..40)
         .map(|_| UnixStream::connect(rig.path("heading.sock")).unwrap())
         .collect();
@@ -301,11 +272,7 @@ fn with_few_open_files_fewer_clients_are_served_and_all_else_works() {
     }
     rig.configure(2.0, &rig.path("other"), LONG);
     process.signal("HUP");
-    until("the reload", || {
-        process
-            .said()
-            .contains("reloaded: source.speed, store.directory")
-    });
+    process.says("reloaded: source.speed, store.directory");
     let seq = first.find("ATT", |_| true)["seq"].as_u64().unwrap();
     first.find("ATT", |att| att["seq"].as_u64().unwrap() != seq);
     let said = process.said();
@@ -319,15 +286,15 @@ fn with_few_open_files_fewer_clients_are_served_and_all_else_works() {
 fn a_limit_that_is_too_low_is_named_by_config_check() {
     let rig = Rig::new(1.0, LONG);
     let check = |limit: &str| {
-        let output = Command::new("sh")
-            .args(["-c", "ulimit -n $2; exec \"$0\" config check \"$1\""])
-            .arg(env!("CARGO_BIN_EXE_headingd"))
-            .arg(rig.path("headingd.toml"))
-            .arg(limit)
-            .output()
-            .unwrap();
-        assert!(output.status.success());
-        String::from_utf8(output.stderr).unwrap()
+        let (status, _, said) = finished(
+            Command::new("sh")
+                .args(["-c", "ulimit -n $2; exec \"$0\" config check \"$1\""])
+                .arg(env!("CARGO_BIN_EXE_headingd"))
+                .arg(rig.path("headingd.toml"))
+                .arg(limit),
+        );
+        assert_eq!(status, 0);
+        said
     };
     let said = check("64");
     assert!(

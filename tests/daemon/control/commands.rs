@@ -5,27 +5,13 @@ use std::io::{Read, Write};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::os::unix::process::CommandExt;
-use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 use serde_json::Value;
 
 use super::link::Link;
-use crate::rig::{FAST, LONG, Rig, leave_dead_socket, start};
-
-fn headingd(arguments: &[&str]) -> (i32, String, String) {
-    let Output {
-        status,
-        stdout,
-        stderr,
-    } = Command::new(env!("CARGO_BIN_EXE_headingd"))
-        .args(arguments)
-        .output()
-        .unwrap();
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    (status.code().unwrap(), text(stdout), text(stderr))
-}
+use crate::rig::{FAST, LONG, Rig, finished, headingd, leave_dead_socket, start};
 
 /// Whoever is not of the daemon's group.
 #[test]
@@ -33,7 +19,7 @@ fn who_may_not_connect_is_told_what_helps() {
     let rig = Rig::new(1.0, LONG);
     let _process = rig.start();
     Link::new(&rig).told("status");
-    let socket = rig.path("control.sock");
+    let socket = rig.text("control.sock");
     // Where somebody else can run it. Copied by a process of its own: a program that this one has open for writing while
     // another test forks cannot be run.
     let program = rig.path("headingd");
@@ -44,21 +30,16 @@ fn who_may_not_connect_is_told_what_helps() {
     assert!(copied.unwrap().success());
     fs::set_permissions(rig.folder.path(), Permissions::from_mode(0o755)).unwrap();
     let mut command = Command::new(&program);
-    command.args(["status", "--socket", text(&socket)]);
+    command.args(["status", "--socket", &socket]);
     if fs::metadata(&socket).unwrap().uid() == 0 {
         // The superuser may connect anywhere.
         command.uid(65534).gid(65534);
     } else {
         fs::set_permissions(&socket, Permissions::from_mode(0o000)).unwrap();
     }
-    let output = command.output().unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(77), "{said}");
+    let (status, _, said) = finished(&mut command);
+    assert_eq!(status, 77, "{said}");
     assert!(said.contains("usermod -aG headingd $USER"), "{said}");
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
 }
 
 #[test]
@@ -66,10 +47,10 @@ fn every_command_does_what_it_says() {
     let rig = Rig::new(FAST, LONG);
     let (_process, mut client) = rig.watched();
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
-    let config = rig.path("headingd.toml");
+    let config = rig.text("headingd.toml");
     let run = |arguments: &[&str]| {
         let (status, out, err) =
-            headingd(&[&["calibration"], arguments, &["--config", text(&config)]].concat());
+            headingd(&[&["calibration"], arguments, &["--config", &config]].concat());
         assert_eq!((status, err.as_str()), (0, ""), "{arguments:?}");
         out
     };
@@ -88,14 +69,14 @@ fn every_command_does_what_it_says() {
     let list: Value = serde_json::from_str(&run(&["list", "--json"])).unwrap();
     let number = list["in_force"].as_u64().unwrap();
 
-    let file = rig.path("exported.json");
-    assert_eq!(run(&["export", "--out", text(&file)]), "");
+    let file = rig.text("exported.json");
+    assert_eq!(run(&["export", "--out", &file]), "");
     let exported = fs::read_to_string(&file).unwrap();
     assert_eq!(run(&["export", &number.to_string()]), exported);
     assert_eq!(run(&["export", "--out", "-"]), exported);
-    let nowhere = rig.path("none/exported.json");
-    let arguments = ["calibration", "export", "--out", text(&nowhere), "--config"];
-    let (status, _, err) = headingd(&[&arguments[..], &[text(&config)]].concat());
+    let nowhere = rig.text("none/exported.json");
+    let arguments = ["calibration", "export", "--out", &nowhere, "--config"];
+    let (status, _, err) = headingd(&[&arguments[..], &[&config]].concat());
     assert_eq!(status, 73);
     assert!(
         err.ends_with("exported.json: No such file or directory (os error 2)\n"),
@@ -103,7 +84,7 @@ fn every_command_does_what_it_says() {
     );
     let next = number + 1;
     assert_eq!(
-        run(&["import", text(&file)]),
+        run(&["import", &file]),
         format!("calibration {next} is active\n")
     );
     assert!(run(&["show"]).contains("\"bias_mgauss\""));
@@ -116,8 +97,8 @@ fn every_command_does_what_it_says() {
     run(&["cancel"]);
     run(&["lock"]);
 
-    let socket = rig.path("control.sock");
-    let (status, out, _) = headingd(&["status", "--socket", text(&socket)]);
+    let socket = rig.text("control.sock");
+    let (status, out, _) = headingd(&["status", "--socket", &socket]);
     assert_eq!(status, 0);
     for part in [
         "mode         locked\n",
@@ -131,7 +112,7 @@ fn every_command_does_what_it_says() {
     // sent away.
     let mut another = rig.client();
     let state = another.find("STATE", |_| true);
-    let (_, out, _) = headingd(&["status", "--json", "--config", text(&config)]);
+    let (_, out, _) = headingd(&["status", "--json", "--config", &config]);
     let status: Value = serde_json::from_str(&out).unwrap();
     for (ours, theirs) in [
         ("cal_state", "cal_state"),
@@ -143,14 +124,13 @@ fn every_command_does_what_it_says() {
     assert!(status["clients"].as_u64().unwrap() > 0);
     assert_eq!(status["source"], "simulator");
 
-    let (status, out, err) = headingd(&["calibration", "start", "--config", text(&config)]);
+    let (status, out, err) = headingd(&["calibration", "start", "--config", &config]);
     assert_eq!((status, out.as_str()), (3, ""));
     assert!(
         err.contains("headingd calibration unlock lets it go (locked)"),
         "{err}"
     );
-    let (status, out, again) =
-        headingd(&["calibration", "start", "--json", "--config", text(&config)]);
+    let (status, out, again) = headingd(&["calibration", "start", "--json", "--config", &config]);
     let answer: Value = serde_json::from_str(&out).unwrap();
     assert_eq!((status, again), (3, err));
     assert_eq!(
@@ -169,7 +149,7 @@ fn every_command_does_what_it_says() {
         "{said}"
     );
     for action in ["show", "export", "forget"] {
-        let (status, _, err) = headingd(&["calibration", action, "--config", text(&config)]);
+        let (status, _, err) = headingd(&["calibration", action, "--config", &config]);
         assert_eq!(status, 3);
         assert!(err.contains(remedy), "{action}: {err}");
     }
@@ -178,42 +158,41 @@ fn every_command_does_what_it_says() {
 #[test]
 fn each_way_to_fail_has_its_status_and_its_remedy() {
     let rig = Rig::new(1.0, LONG);
-    let nobody = rig.path("none.sock");
-    let dead = rig.path("dead.sock");
+    let nobody = rig.text("none.sock");
+    let dead = rig.text("dead.sock");
     leave_dead_socket(&dead);
-    let bad = rig.path("bad.json");
+    let bad = rig.text("bad.json");
     fs::write(&bad, "{\"headingd_store\": 2").unwrap();
-    let missing = rig.path("missing.json");
+    let missing = rig.text("missing.json");
     let _process = rig.start();
     Link::new(&rig).told("status");
-    let socket = rig.path("control.sock");
-    let socket = text(&socket);
-    let headings = rig.path("heading.sock");
-    let log = rig.path("turn.csv");
-    assert_eq!(headingd(&["simulate", "--out", text(&log)]).0, 0);
-    let other = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/store-2.json");
+    let socket = rig.text("control.sock");
+    let headings = rig.text("heading.sock");
+    let log = rig.text("turn.csv");
+    assert_eq!(headingd(&["simulate", "--out", &log]).0, 0);
+    let other = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/store-2.json");
     for (expected, arguments, sentence) in [
         (
             69,
-            vec!["status", "--socket", text(&nobody)],
+            vec!["status", "--socket", &nobody],
             "systemctl start headingd",
         ),
         (
             65,
-            vec!["calibration", "list", "--socket", text(&headings)],
+            vec!["calibration", "list", "--socket", &headings],
             &format!("heading.sock is the socket for headings: the control socket is {socket}"),
         ),
         (
             69,
-            vec!["status", "--socket", text(&dead)],
+            vec!["status", "--socket", &dead],
             "no headingd is running at",
         ),
         (
             66,
-            vec!["status", "--config", text(&missing)],
+            vec!["status", "--config", &missing],
             "cannot read configuration",
         ),
-        (78, vec!["status", "--config", text(&bad)], "bad.json"),
+        (78, vec!["status", "--config", &bad], "bad.json"),
         (
             2,
             vec!["status", "--socket", "a", "--config", "b"],
@@ -231,32 +210,32 @@ fn each_way_to_fail_has_its_status_and_its_remedy() {
         ),
         (
             66,
-            vec!["calibration", "import", text(&missing), "--socket", socket],
+            vec!["calibration", "import", &missing, "--socket", &socket],
             "missing.json",
         ),
         (
             65,
-            vec!["calibration", "import", text(&bad), "--socket", socket],
+            vec!["calibration", "import", &bad, "--socket", &socket],
             "bad.json is not a usable",
         ),
         (
             3,
-            vec!["calibration", "import", text(&other), "--socket", socket],
+            vec!["calibration", "import", other, "--socket", &socket],
             "(other_mounting)",
         ),
         (
             3,
-            vec!["calibration", "lock", "--socket", socket],
+            vec!["calibration", "lock", "--socket", &socket],
             "turn the board once (no_calibration)",
         ),
         (
             3,
-            vec!["calibration", "show", "7", "--socket", socket],
+            vec!["calibration", "show", "7", "--socket", &socket],
             "headingd calibration list shows",
         ),
         (
             73,
-            vec!["replay", text(&log), "--store", "/proc/x"],
+            vec!["replay", &log, "--store", "/proc/x"],
             "name a folder with --store",
         ),
     ] {
@@ -277,12 +256,12 @@ fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
     rig.configure(FAST, &rig.path("file/store"), LONG);
     let (_process, mut client) = rig.watched();
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
-    let socket = rig.path("control.sock");
-    let (status, out, err) = headingd(&["calibration", "lock", "--socket", text(&socket)]);
+    let socket = rig.text("control.sock");
+    let (status, out, err) = headingd(&["calibration", "lock", "--socket", &socket]);
     assert_eq!((status, out.as_str()), (74, ""), "{err}");
     assert!(err.contains("(not_kept)"), "{err}");
 
-    let stranger = rig.path("stranger.sock");
+    let stranger = rig.text("stranger.sock");
     let listener = UnixListener::bind(&stranger).unwrap();
     let thread = std::thread::spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
@@ -290,15 +269,15 @@ fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
         // Until the command has read it and leaves.
         let _ = stream.read_to_end(&mut Vec::new());
     });
-    let (status, _, err) = headingd(&["status", "--socket", text(&stranger)]);
+    let (status, _, err) = headingd(&["status", "--socket", &stranger]);
     thread.join().unwrap();
     assert_eq!(status, 65, "{err}");
     assert!(err.contains("is not headingd's control socket"), "{err}");
 
-    let hangs_up = rig.path("hangs-up.sock");
+    let hangs_up = rig.text("hangs-up.sock");
     let listener = UnixListener::bind(&hangs_up).unwrap();
     let thread = std::thread::spawn(move || drop(listener.accept().unwrap()));
-    let (status, _, err) = headingd(&["status", "--socket", text(&hangs_up)]);
+    let (status, _, err) = headingd(&["status", "--socket", &hangs_up]);
     thread.join().unwrap();
     assert_eq!(status, 69, "{err}");
 }
@@ -307,13 +286,12 @@ fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
 #[test]
 fn a_daemon_that_takes_no_connections_is_not_waited_for() {
     let rig = Rig::new(1.0, "");
-    let path = rig.path("full.sock");
+    let path = rig.text("full.sock");
     let listener = socket(AddressFamily::UNIX, SocketType::STREAM, None).unwrap();
     bind(&listener, &SocketAddrUnix::new(&path).unwrap()).unwrap();
     listen(&listener, 0).unwrap();
     let _waiting = UnixStream::connect(&path).unwrap();
-    let mut process = start(rig.folder.path(), &["status", "--socket", text(&path)]);
-    assert_eq!(process.wait().code(), Some(69), "{}", process.said());
-    let said = process.said();
+    let mut process = start(rig.folder.path(), &["status", "--socket", &path]);
+    let said = process.ends(69);
     assert!(said.contains("headingd does not answer at"), "{said}");
 }

@@ -31,8 +31,7 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
         (&answer["board_axes"], &answer["from"]),
         (&json!("+x +y +z"), &json!("configuration"))
     );
-    process.signal("TERM");
-    assert!(process.wait().success());
+    process.stop();
 
     rig.configure(1.0, &rig.path("store"), SLOW);
     let (mut process, mut client) = rig.watched();
@@ -81,14 +80,9 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     let tilted = client.find("ATT", |att| steered(att) && number(att, "pitch") > 5.0);
     let found = apart(number(&tilted, "mheading"), number(&before, "mheading"));
     assert!(apart(found, 45.0).abs() < 20.0, "{before} {tilted}");
-    assert!(
-        process.said().contains("[mounting] has changed"),
-        "{}",
-        process.said()
-    );
+    process.says("[mounting] has changed");
     assert_eq!(link.told("mounting")["from"], "configuration");
-    process.signal("TERM");
-    assert!(process.wait().success());
+    process.stop();
 
     // As it was, the daemon is told to forget it.
     rig.configure(1.0, &rig.path("store"), SLOW);
@@ -99,8 +93,7 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     assert_eq!(answer["from"], "configuration", "{answer}");
     rig.client()
         .find("ATT", |att| steered(att) && number(att, "pitch") > 9.0);
-    process.signal("TERM");
-    assert!(process.wait().success());
+    process.stop();
     let text = std::fs::read_to_string(rig.path("store/calibration.json")).unwrap();
     assert!(text.contains("\"headingd_store\": 2"), "{text}");
 }

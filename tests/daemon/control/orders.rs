@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::link::Link;
-use crate::rig::{Client, FAST, LONG, Process, Rig};
+use crate::rig::{Client, FAST, LONG, Process, Rig, until};
 
 /// A daemon that has calibrated, and does so no more by itself; the number of the active calibration.
 fn calibrated(rig: &Rig) -> (Process, Client, Link, u64) {
@@ -180,14 +180,13 @@ fn locked_means_never_replaced_not_even_over_a_restart() {
         (&json!("locked"), &json!(false))
     );
     assert_eq!(status["calibration"]["number"], number);
-    crate::rig::until("two turns", || {
+    until("two turns", || {
         process.said().matches("full turn").count() > 1
     });
     assert_eq!(active(&mut link), number);
     link.told("unlock");
     client.find("CALIBRATION", |_| true);
-    process.signal("TERM");
-    assert!(process.wait().success());
+    process.stop();
 }
 
 #[test]
@@ -195,7 +194,7 @@ fn mode_off_calibrates_only_when_told_to() {
     let rig = Rig::new(FAST, LONG);
     let (process, mut client, mut link, _) = calibrated(&rig);
     let seen = process.said().matches("full turn").count();
-    crate::rig::until("two more turns", || {
+    until("two more turns", || {
         process.said().matches("full turn").count() > seen + 1
     });
     let before = process.said().matches("active calibration kept").count();

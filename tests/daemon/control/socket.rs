@@ -7,7 +7,7 @@ use std::os::unix::fs::PermissionsExt;
 use serde_json::json;
 
 use super::link::Link;
-use crate::rig::{LONG, Rig};
+use crate::rig::{LONG, Rig, until};
 
 #[test]
 fn whatever_is_not_understood_gets_a_code_and_a_sentence_and_the_daemon_goes_on() {
@@ -45,8 +45,7 @@ fn whatever_is_not_understood_gets_a_code_and_a_sentence_and_the_daemon_goes_on(
     assert_eq!(link.next().unwrap()["ok"], true);
     let status = link.status("a reading", |status| status.get("cal_state").is_some());
     assert_eq!(status["cal_state"], "uncalibrated");
-    process.signal("TERM");
-    assert!(process.wait().success());
+    process.stop();
     assert!(!rig.path("control.sock").exists());
     assert!(link.next().is_none());
     // Refusals and orders are in the log, with who it was.
@@ -81,7 +80,7 @@ fn every_change_of_a_burst_is_in_the_log_with_who_asked() {
         "asked for rollback 7: there is no calibration 7: headingd calibration list shows which there are pid={}",
         std::process::id()
     );
-    crate::rig::until("the last line", || process.said().contains(&who));
+    process.says(&who);
     let said = process.said();
     let asked: Vec<_> = said
         .lines()
@@ -131,7 +130,7 @@ fn there_is_room_for_eight_and_those_who_leave_make_room() {
     assert_eq!(ninth.next().unwrap()["code"], "too_many_clients");
     assert!(ninth.next().is_none());
     drop(links);
-    crate::rig::until("room", || {
+    until("room", || {
         let mut link = Link::new(&rig);
         link.send(b"{\"request\":\"status\"}\n");
         link.next().is_some_and(|answer| answer["ok"] == true)
@@ -151,7 +150,7 @@ fn it_is_there_for_user_and_group_only_wherever_it_is() {
     let more = format!("{LONG}[control]\nsocket = {elsewhere:?}\nmode = \"0600\"\n");
     rig.configure(1.0, &rig.path("store"), &more);
     let _process = rig.start();
-    crate::rig::until("the socket", || elsewhere.exists());
+    until("the socket", || elsewhere.exists());
     assert_eq!(mode(elsewhere), 0o600);
 }
 

@@ -81,7 +81,7 @@ fn a_file_of_a_newer_version_or_half_a_one_is_served_without_said_and_set_aside(
         });
         let aside = store.join(format!("calibration.json.{name}"));
         assert_eq!(fs::read_to_string(aside).unwrap(), text);
-        assert!(process.said().contains("set aside the file that was there"));
+        process.says("set aside the file that was there");
     }
 }
 

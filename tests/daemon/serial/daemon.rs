@@ -2,12 +2,11 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use headingd::recording::{Entry, Writer};
+use headingd::recording::Entry;
 use headingd::sensor::replay::Replay;
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
@@ -15,7 +14,7 @@ use serde_json::Value;
 use super::device::{Device, Firmware, Habits, counts_of};
 use super::quiet::until_quiet;
 use crate::effort::slow;
-use crate::rig::{Rig, folder, until};
+use crate::rig::{Rig, folder, headingd, until};
 
 /// Rest, two turns in two seconds each, rest.
 fn board() -> Simulator {
@@ -120,9 +119,7 @@ fn assert_same_headings(log: &Path, chip: &str, counts_per_gauss: f64, within: f
     while !over(&live[live.len() - 1]) {
         live.push(client.next().unwrap());
     }
-    process.signal("TERM");
-    assert!(process.wait().success(), "{}", process.said());
-    let said = process.said();
+    let said = process.stop();
     assert_eq!(said.matches("cannot open serial port").count(), 1, "{said}");
     // On a turn made by hand the first candidate may be refused.
     let outcomes: Vec<_> = live
@@ -136,14 +133,10 @@ fn assert_same_headings(log: &Path, chip: &str, counts_per_gauss: f64, within: f
         "{outcomes:?}"
     );
 
-    let replay = Command::new(env!("CARGO_BIN_EXE_headingd"))
-        .arg("replay")
-        .arg(log)
-        .output()
-        .unwrap();
-    let lines = replay.stdout.split(|byte| *byte == b'\n');
+    let (_, replayed, _) = headingd(&["replay", log.to_str().unwrap()]);
+    let lines = replayed.lines();
     let replayed: Vec<Value> = lines
-        .filter_map(|line| serde_json::from_slice(line).ok())
+        .filter_map(|line| serde_json::from_str(line).ok())
         .collect();
     let (live, direct) = (headings(&live), headings(&replayed));
     // The first headings came with the burst after the board's first frames.
@@ -159,11 +152,7 @@ fn assert_same_headings(log: &Path, chip: &str, counts_per_gauss: f64, within: f
 fn a_log_through_bridge_and_daemon_gives_the_headings_of_its_replay() {
     let folder = folder();
     let log = folder.path().join("log.csv");
-    let mut writer = Writer::new(Vec::new(), &board().header()).unwrap();
-    for entry in board() {
-        writer.write(&entry).unwrap();
-    }
-    fs::write(&log, writer.into_inner().unwrap()).unwrap();
+    fs::write(&log, crate::rig::log(&board().header(), board())).unwrap();
     until_quiet(|| assert_same_headings(&log, "hmc5843", 1300.0, 0.5));
 }
 
@@ -199,14 +188,8 @@ fn unplugged_and_plugged_in_again_readings_go_on() {
         until("the second to be told of", || {
             process.said().matches("is gone").count() == 2
         });
-        process.signal("TERM");
-        assert!(process.wait().success(), "{}", process.said());
-        assert_eq!(
-            process.said().matches("is gone").count(),
-            2,
-            "{}",
-            process.said()
-        );
+        let said = process.stop();
+        assert_eq!(said.matches("is gone").count(), 2, "{said}");
     });
 }
 
@@ -265,7 +248,6 @@ fn what_waited_for_a_stopped_daemon_is_as_old_as_it_is() {
                 after += 1;
             }
         }
-        process.signal("TERM");
-        assert!(process.wait().success(), "{}", process.said());
+        process.stop();
     });
 }

@@ -186,8 +186,7 @@ async fn poll_gives_the_latest_heading_while_it_is_fresh() {
     assert!(poll["att"][0]["age_ms"].as_u64().unwrap() >= 2000);
     assert_eq!(poll["tpv"], Value::Array(vec![]));
 
-    rig.publisher
-        .heading(heading(3), Instant::now() - Duration::from_secs(31), None);
+    rig.stale_heading(3);
     let poll = client.ask("?POLL;").await;
     assert_eq!(
         (&poll["active"], poll["att"].as_array().map(Vec::len)),
@@ -199,8 +198,7 @@ async fn poll_gives_the_latest_heading_while_it_is_fresh() {
 async fn a_stale_heading_is_sent_to_nobody() {
     let rig = rig(|_| {});
     let mut client = rig.watcher("{\"enable\":true}").await;
-    rig.publisher
-        .heading(heading(1), Instant::now() - Duration::from_secs(31), None);
+    rig.stale_heading(1);
     rig.heading(2);
     assert_eq!(client.next().await["seq"], 2);
 }

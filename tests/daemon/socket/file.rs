@@ -5,11 +5,11 @@ use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::UnixStream;
 use std::sync::{Barrier, mpsc};
 
-use headingd::publish::server::{BindFault, Settings};
+use headingd::publish::server::BindFault;
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 
-use super::rig::{PATIENCE, report, rig, serve};
-use crate::rig::{folder, leave_dead_socket};
+use super::rig::{report, rig, serve, settings};
+use crate::rig::{PATIENCE, leave_dead_socket};
 
 #[tokio::test]
 async fn stopping_delivers_what_was_published_and_removes_the_socket() {
@@ -42,11 +42,7 @@ async fn the_socket_has_the_permissions_set_and_nothing_else_is_left() {
 
 #[test]
 fn a_daemon_that_has_only_locked_the_socket_so_far_comes_first() {
-    let directory = folder();
-    let settings = Settings {
-        socket: directory.path().join("heading.sock"),
-        ..Settings::default()
-    };
+    let (directory, settings) = settings();
     let path = directory.path().join("heading.sock.lock");
     fs::write(&path, "4321\n").unwrap();
     let lock = fs::File::open(&path).unwrap();
@@ -62,11 +58,7 @@ fn a_daemon_that_has_only_locked_the_socket_so_far_comes_first() {
 
 #[test]
 fn of_many_that_start_together_one_serves() {
-    let directory = folder();
-    let settings = Settings {
-        socket: directory.path().join("heading.sock"),
-        ..Settings::default()
-    };
+    let (_directory, settings) = settings();
     for _ in 0..100 {
         leave_dead_socket(&settings.socket);
         let start = Barrier::new(4);
@@ -90,11 +82,7 @@ fn of_many_that_start_together_one_serves() {
 /// Somebody listens there and answers nobody; who connects has to wait as soon as one other does.
 #[test]
 fn a_listener_with_a_full_backlog_is_not_waited_for() {
-    let directory = folder();
-    let settings = Settings {
-        socket: directory.path().join("heading.sock"),
-        ..Settings::default()
-    };
+    let (_directory, settings) = settings();
     let address = SocketAddrUnix::new(&settings.socket).unwrap();
     let listener = socket(AddressFamily::UNIX, SocketType::STREAM, None).unwrap();
     bind(&listener, &address).unwrap();
@@ -121,11 +109,7 @@ async fn a_dead_daemons_socket_is_replaced_and_a_living_ones_respected() {
 
 #[test]
 fn a_file_that_is_no_socket_and_a_folder_that_will_not_do_are_refused() {
-    let directory = folder();
-    let mut settings = Settings {
-        socket: directory.path().join("file"),
-        ..Settings::default()
-    };
+    let (directory, mut settings) = settings();
     fs::write(&settings.socket, "precious").unwrap();
     let refused = serve(&settings).unwrap_err();
     assert!(matches!(refused.why, BindFault::NotASocket), "{refused}");
@@ -150,11 +134,7 @@ fn a_file_that_is_no_socket_and_a_folder_that_will_not_do_are_refused() {
 
 #[test]
 fn a_server_removes_only_its_own_socket() {
-    let directory = folder();
-    let settings = Settings {
-        socket: directory.path().join("heading.sock"),
-        ..Settings::default()
-    };
+    let (directory, settings) = settings();
     let first = serve(&settings).unwrap();
     // Somebody clears up.
     for file in fs::read_dir(directory.path()).unwrap() {

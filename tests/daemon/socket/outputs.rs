@@ -2,7 +2,7 @@
 
 use std::fs::{self, File};
 use std::io::Read;
-use std::net::{SocketAddr, TcpListener, TcpStream as StdTcpStream, UdpSocket};
+use std::net::{SocketAddr, TcpListener, TcpStream as StdTcpStream};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -11,10 +11,13 @@ use headingd::heading::Heading;
 use headingd::publish::nmea::sentences;
 use headingd::publish::outputs::{Format, Outputs, pty, tcp, udp};
 use rustix::io::ioctl_fionread;
+use serde_json::Value;
 use tokio::io::AsyncReadExt;
-use tokio::net::TcpStream;
+use tokio::net::{TcpStream, UdpSocket};
+use tokio::time::timeout;
 
-use super::rig::{PATIENCE, Rig, heading, rig, until};
+use super::rig::{Rig, heading, rig, until};
+use crate::rig::PATIENCE;
 
 /// Publishes a heading in so many degrees, in its turn: ten a second go out.
 fn publish(rig: &Rig, degrees: f64) -> String {
@@ -41,6 +44,25 @@ fn tcp_on(listen: impl ToString) -> tcp::Settings {
     }
 }
 
+/// Of an output that is off.
+fn off<T: Default>() -> T {
+    T::default()
+}
+
+/// Somebody to whom datagrams go.
+async fn receiver() -> (UdpSocket, udp::Settings) {
+    let receiver = UdpSocket::bind("127.0.0.1:0").await.unwrap();
+    let to = udp_to(receiver.local_addr().unwrap());
+    (receiver, to)
+}
+
+/// The next datagram.
+async fn received(receiver: &UdpSocket) -> String {
+    let mut bytes = [0; 1500];
+    let count = timeout(PATIENCE, receiver.recv(&mut bytes)).await;
+    String::from_utf8(bytes[..count.unwrap().unwrap()].into()).unwrap()
+}
+
 /// An address that nobody else listens at: each process has its own loopback address, and this port is not among those
 /// that the kernel gives away. A port that was asked for and given back would not do: a process that another test is
 /// starting has a copy of each descriptor until it executes its program, and keeps the port for so long.
@@ -52,49 +74,22 @@ fn own_address() -> SocketAddr {
 #[tokio::test]
 async fn each_heading_is_a_datagram() {
     let rig = rig(|_| {});
-    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
-    receiver.set_read_timeout(Some(PATIENCE)).unwrap();
-    let to = udp_to(receiver.local_addr().unwrap());
-    let outputs = Outputs::open(
-        &to,
-        &Default::default(),
-        &Default::default(),
-        &rig.publisher,
-    );
-    let right = [1.0, 2.0, 3.0].map(|degrees| publish(&rig, degrees));
-    let received = tokio::task::spawn_blocking(move || {
-        [(); 3].map(|()| {
-            let mut bytes = [0; 1500];
-            let count = receiver.recv(&mut bytes).unwrap();
-            String::from_utf8(bytes[..count].into()).unwrap()
-        })
-    });
-    assert_eq!(received.await.unwrap(), right);
+    let (receiver, udp) = receiver().await;
+    let outputs = Outputs::open(&udp, &off(), &off(), &rig.publisher);
+    for right in [1.0, 2.0, 3.0].map(|degrees| publish(&rig, degrees)) {
+        assert_eq!(received(&receiver).await, right);
+    }
     outputs.close().await;
 }
 
 #[tokio::test]
 async fn signal_k_comes_as_deltas() {
     let rig = rig(|_| {});
-    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
-    receiver.set_read_timeout(Some(PATIENCE)).unwrap();
-    let to = udp::Settings {
-        format: Format::SignalK,
-        ..udp_to(receiver.local_addr().unwrap())
-    };
-    let outputs = Outputs::open(
-        &to,
-        &Default::default(),
-        &Default::default(),
-        &rig.publisher,
-    );
+    let (receiver, mut udp) = receiver().await;
+    udp.format = Format::SignalK;
+    let outputs = Outputs::open(&udp, &off(), &off(), &rig.publisher);
     publish(&rig, 57.0);
-    let received = tokio::task::spawn_blocking(move || {
-        let mut bytes = [0; 1500];
-        let count = receiver.recv(&mut bytes).unwrap();
-        serde_json::from_slice::<serde_json::Value>(&bytes[..count]).unwrap()
-    });
-    let delta = received.await.unwrap();
+    let delta: Value = serde_json::from_str(&received(&receiver).await).unwrap();
     let first = &delta["updates"][0]["values"][0];
     assert_eq!(first["path"], "navigation.headingMagnetic");
     assert_eq!(first["value"], 0.994838);
@@ -105,12 +100,7 @@ async fn signal_k_comes_as_deltas() {
 async fn whoever_connects_gets_what_comes_from_then_on() {
     let rig = rig(|_| {});
     let port = own_address();
-    let outputs = Outputs::open(
-        &Default::default(),
-        &tcp_on(port),
-        &Default::default(),
-        &rig.publisher,
-    );
+    let outputs = Outputs::open(&off(), &tcp_on(port), &off(), &rig.publisher);
     let mut clients = Vec::new();
     for _ in 0..8 {
         let client = TcpStream::connect(port).await.unwrap();
@@ -136,7 +126,7 @@ async fn whoever_connects_gets_what_comes_from_then_on() {
         let mut text = String::new();
         while !text.ends_with(&right) {
             let mut bytes = [0; 4096];
-            let count = tokio::time::timeout(PATIENCE, client.read(&mut bytes)).await;
+            let count = timeout(PATIENCE, client.read(&mut bytes)).await;
             let count = count.unwrap().unwrap();
             assert!(count > 0, "{text}");
             text += std::str::from_utf8(&bytes[..count]).unwrap();
@@ -154,12 +144,7 @@ async fn a_port_has_the_newest_heading_alone_until_it_is_read() {
     // What an earlier daemon left.
     std::os::unix::fs::symlink("/dev/pts/nowhere", &path).unwrap();
     let settings = pty::Settings { path: path.clone() };
-    let outputs = Outputs::open(
-        &Default::default(),
-        &Default::default(),
-        &settings,
-        &rig.publisher,
-    );
+    let outputs = Outputs::open(&off(), &off(), &settings, &rig.publisher);
     let mut port = File::options().read(true).write(true).open(&path).unwrap();
     let unread = |port: &File, right: &str| ioctl_fionread(port).unwrap() == right.len() as u64;
     // Each is of another length.
@@ -183,17 +168,15 @@ async fn what_cannot_be_had_is_done_without() {
     let path = folder.path().join("file");
     fs::write(&path, "of somebody else").unwrap();
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
-    let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
-    receiver.set_read_timeout(Some(PATIENCE)).unwrap();
+    let (receiver, udp) = receiver().await;
     let outputs = Outputs::open(
-        &udp_to(receiver.local_addr().unwrap()),
+        &udp,
         &tcp_on(taken.local_addr().unwrap()),
         &pty::Settings { path: path.clone() },
         &rig.publisher,
     );
     let right = publish(&rig, 1.0);
-    let received = tokio::task::spawn_blocking(move || receiver.recv(&mut [0; 1500]).unwrap());
-    assert_eq!(received.await.unwrap(), right.len());
+    assert_eq!(received(&receiver).await, right);
     outputs.close().await;
     assert_eq!(fs::read_to_string(&path).unwrap(), "of somebody else");
 }

@@ -15,13 +15,10 @@ use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
-use crate::rig::folder;
-
-/// Longer than anything takes on the slowest machine.
-pub const PATIENCE: Duration = Duration::from_secs(30);
+use crate::rig::{PATIENCE, folder};
 
 /// Older headings than this are stale.
-pub const STALE: Duration = Duration::from_secs(30);
+const STALE: Duration = Duration::from_secs(30);
 
 /// A running server in its own directory.
 pub struct Rig {
@@ -32,7 +29,7 @@ pub struct Rig {
     _directory: tempfile::TempDir,
 }
 
-pub fn device() -> Device {
+fn device() -> Device {
     Device {
         path: "/dev/i2c-1".into(),
         activated: None,
@@ -46,13 +43,19 @@ pub fn serve(settings: &Settings) -> Result<Server, BindError> {
     Server::bind(None, settings, &nmea::Settings::default(), device(), STALE)
 }
 
-pub fn rig(change: impl FnOnce(&mut Settings)) -> Rig {
+/// Settings of a socket in a folder of its own.
+pub fn settings() -> (tempfile::TempDir, Settings) {
     let directory = folder();
-    let mut settings = Settings {
+    let settings = Settings {
         socket: directory.path().join("heading.sock"),
         write_timeout_s: 60.0,
         ..Settings::default()
     };
+    (directory, settings)
+}
+
+pub fn rig(change: impl FnOnce(&mut Settings)) -> Rig {
+    let (directory, mut settings) = settings();
     change(&mut settings);
     let server = serve(&settings).unwrap();
     let publisher = server.publisher();
@@ -99,6 +102,12 @@ impl Rig {
 
     pub fn heading(&self, seq: u64) {
         self.publisher.heading(heading(seq), Instant::now(), None);
+    }
+
+    /// Publishes a heading that is stale already.
+    pub fn stale_heading(&self, seq: u64) {
+        let taken = Instant::now() - STALE - Duration::from_secs(1);
+        self.publisher.heading(heading(seq), taken, None);
     }
 }
 

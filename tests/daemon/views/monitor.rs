@@ -3,7 +3,6 @@
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixListener;
-use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
@@ -12,13 +11,11 @@ use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags};
 use rustix::fs::{Mode, OFlags};
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 use serde_json::json;
 
-use super::headingd;
 use crate::control::link::Link;
-use crate::rig::{FAST, PATIENCE, Process, Rig, spawn};
+use crate::rig::{FAST, PATIENCE, Process, Rig, headingd, program, pty, spawn_on};
 
 /// A screen that draws nothing for so long has drawn all: it is drawn five times a second.
 const SETTLED: Duration = Duration::from_millis(50);
@@ -36,39 +33,32 @@ struct Screen {
     process: Process,
 }
 
+/// A terminal's size.
+fn lines_of(columns: u16) -> Winsize {
+    Winsize {
+        ws_row: 24,
+        ws_col: columns,
+        ws_xpixel: 0,
+        ws_ypixel: 0,
+    }
+}
+
 impl Screen {
     fn monitor(rig: &Rig) -> Self {
-        let pty = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-        grantpt(&pty).unwrap();
-        unlockpt(&pty).unwrap();
-        let name = ptsname(&pty, Vec::new()).unwrap();
+        let (pty, name) = pty();
         let open = || {
             let node = rustix::fs::open(&name, OFlags::RDWR | OFlags::NOCTTY, Mode::empty());
             File::from(node.unwrap())
         };
-        let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
-        command.args([
-            "monitor",
-            "--socket",
-            rig.path("heading.sock").to_str().unwrap(),
-        ]);
+        let mut command = program();
         command
+            .args(["monitor", "--socket", &rig.text("heading.sock")])
             .env("TERM", "xterm")
             .env("LC_ALL", "C.UTF-8")
-            .env("NO_COLOR", "1");
-        command.stdin(open());
-        let output = open();
-        tcsetwinsize(
-            &pty,
-            Winsize {
-                ws_row: 24,
-                ws_col: 80,
-                ws_xpixel: 0,
-                ws_ypixel: 0,
-            },
-        )
-        .unwrap();
-        let process = crate::rig::spawn_on(rig.folder.path(), &mut command, output, Some(open()));
+            .env("NO_COLOR", "1")
+            .stdin(open());
+        tcsetwinsize(&pty, lines_of(80)).unwrap();
+        let process = spawn_on(rig.folder.path(), &mut command, open(), Some(open()));
         let master = File::from(pty);
         let (sender, shown) = channel();
         let mut other = master.try_clone().unwrap();
@@ -122,13 +112,7 @@ impl Screen {
 
     fn resize(&mut self) {
         self.columns = if self.columns == 80 { 81 } else { 80 };
-        let size = Winsize {
-            ws_row: 24,
-            ws_col: self.columns,
-            ws_xpixel: 0,
-            ws_ypixel: 0,
-        };
-        tcsetwinsize(&self.master, size).unwrap();
+        tcsetwinsize(&self.master, lines_of(self.columns)).unwrap();
     }
 
     fn press(&mut self, key: &str) {
@@ -165,11 +149,10 @@ fn the_screen_shows_the_daemon_and_keys_reach_it() {
     screen.press("n");
     link.ask(&json!({"request": "status"}));
     // Without colour there is none, and it is no reason to hide the daemon's end.
-    process.signal("TERM");
-    assert!(process.wait().success());
+    process.stop();
     screen.shows("lost");
     screen.press("q");
-    assert!(screen.process.wait().success());
+    screen.process.ends(0);
     // The terminal is as it was.
     let modes = tcgetattr(&screen.master).unwrap().local_modes;
     assert!(modes.contains(LocalModes::ICANON | LocalModes::ECHO));
@@ -181,8 +164,7 @@ fn a_signal_ends_it_and_gives_the_terminal_back() {
     let (_process, _client) = rig.watched();
     let mut screen = Screen::monitor(&rig);
     screen.shows("heading");
-    screen.process.signal("TERM");
-    assert!(screen.process.wait().success());
+    screen.process.stop();
     let modes = tcgetattr(&screen.master).unwrap().local_modes;
     assert!(modes.contains(LocalModes::ICANON | LocalModes::ECHO));
 }
@@ -199,7 +181,7 @@ fn it_ends_with_its_terminal() {
 
 #[test]
 fn without_a_terminal_or_a_daemon_it_says_so() {
-    let (status, _, err) = headingd(&[], &["monitor"]);
+    let (status, _, err) = headingd(&["monitor"]);
     assert_eq!(status, 2);
     assert!(err.contains("headingd watch"), "{err}");
 }
@@ -209,25 +191,15 @@ fn a_running_daemon_is_reported_on() {
     let rig = Rig::new(FAST, ENDLESS);
     let (_process, mut client) = rig.watched();
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
-    let (socket, out) = (rig.path("heading.sock"), rig.path("report.html"));
-    let (status, _, err) = headingd(
-        &[],
-        &[
-            "report",
-            "--socket",
-            socket.to_str().unwrap(),
-            "--duration",
-            "3",
-            "--out",
-            out.to_str().unwrap(),
-        ],
-    );
+    let (socket, out) = (rig.text("heading.sock"), rig.text("report.html"));
+    let report = ["report", "--socket", &socket, "--out"];
+    let (status, _, err) = headingd(&[&report[..], &[&out, "--duration", "3"]].concat());
     assert_eq!(status, 0, "{err}");
     let page = std::fs::read_to_string(&out).unwrap();
     assert!(page.contains("hmc5843") && page.contains("<figure>"));
     // With a place, its headings are true ones, too.
     let gpsd = UnixListener::bind(rig.path("gpsd.sock")).unwrap();
-    let config = rig.folder.path().join("north.toml");
+    let config = rig.text("north.toml");
     let north = format!("[true_north]\ngpsd = {:?}\n", rig.path("gpsd.sock"));
     std::fs::write(&config, north).unwrap();
     thread::spawn(move || {
@@ -238,20 +210,15 @@ fn a_running_daemon_is_reported_on() {
         // Until the report ends.
         let _ = stream.read_to_end(&mut Vec::new());
     });
-    let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
-    command.args(["report", "--duration", "10", "--out", "-", "--socket"]);
-    command.arg(socket).arg("--config").arg(config);
-    let ran = command.output().unwrap();
-    assert!(ran.status.success(), "{ran:?}");
-    let page = String::from_utf8(ran.stdout).unwrap();
+    let north = ["-", "--duration", "10", "--config", &config];
+    let (status, page, err) = headingd(&[&report[..], &north].concat());
+    assert_eq!(status, 0, "{err}");
     for part in [
         "°, magnetic north is east of true north",
         "<b class=other>true</b>",
     ] {
         assert!(page.contains(part), "{part} is missing");
     }
-    let mut other = Command::new(env!("CARGO_BIN_EXE_headingd"));
-    other.args(["report", "--socket", "/none.sock", "--out", "-"]);
-    let mut process = spawn(rig.folder.path(), &mut other);
-    assert_eq!(process.wait().code(), Some(69), "{}", process.said());
+    let (status, _, err) = headingd(&["report", "--socket", "/none.sock", "--out", "-"]);
+    assert_eq!(status, 69, "{err}");
 }

@@ -9,7 +9,7 @@ use clap::Parser;
 use clap::error::ErrorKind;
 use headingd::command::line::Cli;
 
-use crate::rig::{FAST, Rig};
+use crate::rig::{FAST, Rig, finished, program};
 
 const README: &str = include_str!("../../../README.md");
 
@@ -80,15 +80,10 @@ fn every_command_that_readme_shows_does_what_it_should() {
         if let Some(duration) = words.iter_mut().find(|word| **word == "60") {
             *duration = "3";
         }
-        let output = Command::new(env!("CARGO_BIN_EXE_headingd"))
-            .args(&words)
-            .current_dir(rig.folder.path())
-            .env("HEADINGD_CONFIG", &config)
-            .output()
-            .unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        let printed = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success(), "{command}: {said}{printed:.300}");
+        let mut program = program();
+        program.args(&words).current_dir(rig.folder.path());
+        let (status, printed, said) = finished(program.env("HEADINGD_CONFIG", &config));
+        assert_eq!(status, 0, "{command}: {said}{printed:.300}");
         run += 1;
     }
     assert!(run >= 8, "{run}");

@@ -2,45 +2,46 @@
 
 use std::process::Command;
 
-use super::headingd;
-use crate::rig::{FAST, Rig, spawn};
+use crate::rig::{FAST, Rig, finished, program, spawn};
+
+/// The program, which finds this configuration.
+fn usual(config: &str, arguments: &[&str]) -> Command {
+    let mut command = program();
+    command.env("HEADINGD_CONFIG", config).args(arguments);
+    command
+}
 
 /// One file for the daemon and for all that talk to it; the variable stands for /etc/headingd/headingd.toml, which a test
 /// may not write.
 #[test]
 fn every_command_finds_the_same_configuration() {
     let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
-    let config = rig.path("headingd.toml");
-    let config = config.to_str().unwrap();
-    let usual = [("HEADINGD_CONFIG", config)];
-    let mut program = Command::new(env!("CARGO_BIN_EXE_headingd"));
-    let _process = spawn(
-        rig.folder.path(),
-        program.arg("run").envs(usual.iter().copied()),
-    );
+    let config = rig.text("headingd.toml");
+    let usual = |arguments: &[&str]| finished(&mut usual(&config, arguments));
+    let _process = spawn(rig.folder.path(), &mut self::usual(&config, &["run"]));
     rig.client()
         .find("ATT", |att| att["mheading"].as_f64().is_some());
 
-    let (status, out, err) = headingd(&usual, &["status"]);
+    let (status, out, err) = usual(&["status"]);
     assert_eq!((status, err.as_str()), (0, ""));
     let first = out.lines().next().unwrap();
     assert!(
         first.starts_with("heading ") && first.contains("° magnetic ± "),
         "{out}"
     );
-    let (status, out, _) = headingd(&usual, &["watch", "--count", "1"]);
+    let (status, out, _) = usual(&["watch", "--count", "1"]);
     assert_eq!(status, 0);
     assert!(out.contains("° magnetic ± "), "{out}");
-    let (status, out, _) = headingd(&usual, &["calibration", "list"]);
+    let (status, out, _) = usual(&["calibration", "list"]);
     assert_eq!(status, 0, "{out}");
-    let (status, out, _) = headingd(&usual, &["config", "check"]);
+    let (status, out, _) = usual(&["config", "check"]);
     assert_eq!(
         (status, out.as_str()),
         (0, format!("{config}: good\n").as_str())
     );
-    let (_, out, _) = headingd(&usual, &["config", "show"]);
+    let (_, out, _) = usual(&["config", "show"]);
     assert!(out.contains("scenario = \"endless\""), "{out}");
-    let (status, _, err) = headingd(&usual, &["check"]);
+    let (status, _, err) = usual(&["check"]);
     assert_eq!(status, 78);
     assert!(
         err.contains(&format!(
@@ -49,7 +50,7 @@ fn every_command_finds_the_same_configuration() {
         "{err}"
     );
     // Another one may be named all the same.
-    let (status, _, err) = headingd(&usual, &["status", "--config", "/none.toml"]);
+    let (status, _, err) = usual(&["status", "--config", "/none.toml"]);
     assert_eq!(status, 66, "{err}");
 }
 
@@ -57,19 +58,19 @@ fn every_command_finds_the_same_configuration() {
 fn a_fault_in_the_usual_file_keeps_nobody_from_looking_at_the_daemon() {
     let rig = Rig::new(FAST, "");
     std::fs::write(rig.path("headingd.toml"), "[source]\nspeed = 0\n").unwrap();
-    let config = rig.path("headingd.toml");
-    let usual = [("HEADINGD_CONFIG", config.to_str().unwrap())];
-    let socket = rig.path("control.sock");
-    let (status, _, err) = headingd(&usual, &["status"]);
+    let config = rig.text("headingd.toml");
+    let usual = |arguments: &[&str]| finished(&mut usual(&config, arguments));
+    let socket = rig.text("control.sock");
+    let (status, _, err) = usual(&["status"]);
     assert!(
         err.contains("speed is 0") && err.contains("trying the usual sockets"),
         "{err}"
     );
     // Whether a daemon is on them or not.
     assert!(status == 69 || status == 0, "{status}: {err}");
-    let (status, _, err) = headingd(&usual, &["status", "--socket", socket.to_str().unwrap()]);
+    let (status, _, err) = usual(&["status", "--socket", &socket]);
     assert_eq!(status, 69, "{err}");
     assert!(!err.contains("speed"), "{err}");
-    let (status, _, err) = headingd(&usual, &["run"]);
+    let (status, _, err) = usual(&["run"]);
     assert_eq!(status, 78, "{err}");
 }

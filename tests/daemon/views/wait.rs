@@ -2,8 +2,7 @@
 
 use serde_json::Value;
 
-use super::headingd;
-use crate::rig::{FAST, LONG, Rig, start};
+use crate::rig::{FAST, LONG, Rig, headingd, start};
 
 fn start_and_wait(socket: &str) -> [&str; 5] {
     ["calibration", "start", "--wait", "--socket", socket]
@@ -15,16 +14,16 @@ fn it_waits_for_the_verdict_on_a_turn() {
     let (_process, mut client) = rig.watched();
     // What was accepted before is not what it waits for.
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
-    let socket = rig.path("control.sock");
-    let wait = start_and_wait(socket.to_str().unwrap());
-    let (status, out, err) = headingd(&[], &wait);
+    let socket = rig.text("control.sock");
+    let wait = start_and_wait(&socket);
+    let (status, out, err) = headingd(&wait);
     assert_eq!(status, 0, "{err}");
     assert!(
         out.starts_with("accepted (good): ") || out.starts_with("kept ("),
         "{out}"
     );
     assert!(err.contains("turn the board once"), "{err}");
-    let (status, out, _) = headingd(&[], &[&wait[..], &["--json"]].concat());
+    let (status, out, _) = headingd(&[&wait[..], &["--json"]].concat());
     assert_eq!(status, 0);
     let outcome: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(
@@ -32,12 +31,9 @@ fn it_waits_for_the_verdict_on_a_turn() {
         (&"CALIBRATION".into(), &"turn".into())
     );
 
-    let (status, _, err) = headingd(
-        &[],
-        &["calibration", "lock", "--socket", socket.to_str().unwrap()],
-    );
+    let (status, _, err) = headingd(&["calibration", "lock", "--socket", &socket]);
     assert_eq!(status, 0, "{err}");
-    let (status, out, err) = headingd(&[], &wait);
+    let (status, out, err) = headingd(&wait);
     assert_eq!((status, out.as_str()), (3, ""), "{err}");
     assert!(err.contains("(locked)"), "{err}");
 }
@@ -48,9 +44,9 @@ fn a_refusal_has_its_status_its_reason_and_what_to_do() {
     let rig = Rig::new(FAST, &strict);
     let (_process, mut client) = rig.watched();
     client.find("STATE", |_| true);
-    let socket = rig.path("control.sock");
-    let wait = start_and_wait(socket.to_str().unwrap());
-    let (status, out, err) = headingd(&[], &wait);
+    let socket = rig.text("control.sock");
+    let wait = start_and_wait(&socket);
+    let (status, out, err) = headingd(&wait);
     assert_eq!(status, 3, "{out}{err}");
     assert!(out.starts_with("rejected (residual): "), "{out}");
     assert!(
@@ -66,18 +62,11 @@ fn it_ends_when_somebody_else_cancels() {
     let rig = Rig::new(1.0, "[simulator]\nturn_deg_s = 1.0\nturns = 100\n");
     let (_process, mut client) = rig.watched();
     client.find("ATT", |_| true);
-    let socket = rig.path("control.sock");
-    let socket = socket.to_str().unwrap();
-    let mut waiting = start(rig.folder.path(), &start_and_wait(socket));
-    crate::rig::until("the start", || {
-        waiting.said().contains("turn the board once")
-    });
-    let (status, _, err) = headingd(&[], &["calibration", "cancel", "--socket", socket]);
+    let socket = rig.text("control.sock");
+    let mut waiting = start(rig.folder.path(), &start_and_wait(&socket));
+    waiting.says("turn the board once");
+    let (status, _, err) = headingd(&["calibration", "cancel", "--socket", &socket]);
     assert_eq!(status, 0, "{err}");
-    assert_eq!(waiting.wait().code(), Some(3), "{}", waiting.said());
-    assert!(
-        waiting.said().contains("somebody has cancelled it"),
-        "{}",
-        waiting.said()
-    );
+    let said = waiting.ends(3);
+    assert!(said.contains("somebody has cancelled it"), "{said}");
 }

@@ -4,18 +4,16 @@ use std::os::unix::net::UnixStream;
 
 use serde_json::Value;
 
-use super::headingd;
-use crate::rig::{FAST, Rig};
+use crate::rig::{FAST, Rig, headingd, start, until};
 
 #[test]
 fn headings_are_printed_as_text_json_and_nmea() {
     let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
     let (_process, mut client) = rig.watched();
-    let socket = rig.path("heading.sock");
-    let socket = socket.to_str().unwrap();
+    let socket = rig.text("heading.sock");
     let watch = |more: &[&str]| {
-        let arguments = [&["watch", "--socket", socket, "--count", "3"], more].concat();
-        let (status, out, err) = headingd(&[], &arguments);
+        let arguments = [&["watch", "--socket", &socket, "--count", "3"], more].concat();
+        let (status, out, err) = headingd(&arguments);
         assert_eq!((status, err.as_str()), (0, ""), "{more:?}");
         out
     };
@@ -52,11 +50,10 @@ fn headings_are_printed_as_text_json_and_nmea() {
 fn who_cannot_be_watched_is_named_with_what_helps() {
     let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
     let (mut process, _client) = rig.watched();
-    let control = rig.path("control.sock");
-    let none = rig.path("none.sock");
-    let plain = rig.path("plain.txt");
+    let [control, none, plain] =
+        ["control.sock", "none.sock", "plain.txt"].map(|name| rig.text(name));
     std::fs::write(&plain, "").unwrap();
-    crate::rig::until("the control socket", || {
+    until("the control socket", || {
         UnixStream::connect(&control).is_ok()
     });
     for (socket, status, part) in [
@@ -64,23 +61,18 @@ fn who_cannot_be_watched_is_named_with_what_helps() {
         (&none, 69, "no headingd is running at"),
         (&plain, 65, "plain.txt is not a socket"),
     ] {
-        let (found, out, err) = headingd(&[], &["watch", "--socket", socket.to_str().unwrap()]);
+        let (found, out, err) = headingd(&["watch", "--socket", socket]);
         assert_eq!((found, out.as_str()), (status, ""), "{err}");
         assert!(err.contains(part), "{err}");
     }
     // It ends with its daemon, and says so.
-    let headings = rig.path("heading.sock");
-    let arguments = ["watch", "--json", "--socket", headings.to_str().unwrap()];
-    let mut watching = crate::rig::start(rig.folder.path(), &arguments);
-    crate::rig::until("the first line", || {
+    let headings = rig.text("heading.sock");
+    let arguments = ["watch", "--json", "--socket", &headings];
+    let mut watching = start(rig.folder.path(), &arguments);
+    until("the first line", || {
         std::fs::read_to_string(rig.path("stdout")).is_ok_and(|text| text.contains("ATT"))
     });
-    process.signal("TERM");
-    assert_eq!(process.wait().code(), Some(0));
-    assert_eq!(watching.wait().code(), Some(69));
-    assert!(
-        watching.said().contains("headingd has closed"),
-        "{}",
-        watching.said()
-    );
+    process.stop();
+    let said = watching.ends(69);
+    assert!(said.contains("headingd has closed"), "{said}");
 }
