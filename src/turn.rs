@@ -27,15 +27,10 @@ pub struct Turn {
     pub start_s: f64,
     /// When it was complete, seconds.
     pub end_s: f64,
-    /// Unit vector in the body frame about which the board turned, right-handed: the board turned by
-    /// `+angle_rad` about it.
+    /// Unit vector in the body frame about which the board turned, right-handed.
     pub axis_body: Vector3<f64>,
-    /// Net rotation, radians, above 0.
-    pub angle_rad: f64,
     /// Angle between the axis and the vertical, 0 to 90 degrees, if the vertical is known.
     pub from_vertical_deg: Option<f64>,
-    /// How far the axis strayed in the body during the turn, degrees RMS.
-    pub spread_deg: f64,
 }
 
 settings! {

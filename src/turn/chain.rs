@@ -151,7 +151,8 @@ impl Chain {
         let (rise, fall) = (now - self.least.1, self.most.1 - now);
         self.span = rise.max(fall);
         if self.span >= self.angle {
-            let turn = self.close(tick.t_s, if rise > fall { 1.0 } else { -1.0 });
+            let (first, _) = if rise > fall { self.least } else { self.most };
+            let turn = self.close(tick.t_s, first);
             let upright = |turn: &Turn| turn.from_vertical_deg.is_some_and(|deg| deg < UPRIGHT_DEG);
             if !(patient
                 && self.span < self.angle + PATIENCE_RAD
@@ -215,32 +216,19 @@ impl Chain {
         self.span = (self.net - self.least.1).max(self.most.1 - self.net);
     }
 
-    /// The turn since the extreme link, which the open one has completed.
-    fn close(&self, end_s: f64, sign: f64) -> Option<Turn> {
-        let (first, from) = if sign > 0.0 { self.least } else { self.most };
+    /// The turn since the link `first`, which the open one has completed.
+    fn close(&self, end_s: f64, first: usize) -> Option<Turn> {
         let last = self.open.as_ref()?.link();
         let links = || self.links.range(first..).chain([&last]);
-        let angle = (self.net + self.axis.dot(&last.turned) - from) * sign;
         let axis = links().map(|link| link.turned).sum::<Vector3<f64>>();
-        let axis = axis.try_normalize(1e-9)?;
-        // Each link's axis against the mean, weighted with its angle.
-        let (mut stray, mut weight) = (0.0, 0.0);
-        for link in links() {
-            let length = link.turned.norm();
-            let along = (link.turned.dot(&axis).abs() / length.max(1e-12)).min(1.0);
-            stray += length * along.acos().powi(2);
-            weight += length;
-        }
         Some(Turn {
             start_s: links().next()?.start_s,
             end_s,
-            axis_body: axis,
-            angle_rad: angle,
+            axis_body: axis.try_normalize(1e-9)?,
             from_vertical_deg: links()
                 .map(|link| link.earth)
                 .sum::<Option<Vector3<f64>>>()
                 .and_then(from_vertical_deg),
-            spread_deg: (stray / weight).sqrt().to_degrees(),
         })
     }
 }

@@ -199,8 +199,6 @@ impl Vertical {
             return Look::NotYet;
         }
         let up = (now.up - first.up) / (now.travel - first.travel);
-        // The mean of unit vectors is the shorter, the wider they spread: 1 − δ²/2.
-        let spread = (2.0 * (1.0 - up.norm())).max(0.0).sqrt();
         let Some(axis) = up.try_normalize(1e-3) else {
             return Look::NeverFrom(start);
         };
@@ -208,9 +206,7 @@ impl Vertical {
             start_s: first.t_s,
             end_s: now.t_s,
             axis_body: axis * sign,
-            angle_rad: angle,
             from_vertical_deg: from_vertical_deg(now.earth - first.earth),
-            spread_deg: spread.to_degrees(),
         })
     }
 
