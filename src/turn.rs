@@ -6,7 +6,7 @@
 
 use nalgebra::{UnitVector3, Vector3};
 
-use crate::attitude::Tick;
+use crate::attitude::{TICK_S, Tick};
 use crate::check::settings;
 
 mod chain;
@@ -67,7 +67,7 @@ impl TurnDetector {
     ///
     /// A tick that does not follow the one before voids what has been counted.
     pub fn tick(&mut self, tick: &Tick) -> Option<Turn> {
-        let follows = |newest_s| (0.0..=1.5 * tick.period_s).contains(&(tick.t_s - newest_s));
+        let follows = |newest_s| (0.0..=1.5 * TICK_S).contains(&(tick.t_s - newest_s));
         if !self.newest_s.is_some_and(follows) {
             self.reset();
         }

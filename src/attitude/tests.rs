@@ -220,7 +220,7 @@ fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
         assert_eq!(stretches(&ticks), holes);
         let hops = ticks
             .windows(2)
-            .filter(|pair| pair[1].t_s - pair[0].t_s > 1.5 * pair[0].period_s)
+            .filter(|pair| pair[1].t_s - pair[0].t_s > 1.5 * TICK_S)
             .count();
         assert_eq!(hops, holes as usize);
         assert!(attitude.pose_at(board.t_s).unwrap().vertical_known);

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Settings, Turn, from_vertical_deg};
-use crate::attitude::Tick;
+use crate::attitude::{TICK_S, Tick};
 
 /// Rotation that makes a link, radians: enough to tell its axis from a hand's tremor.
 const LINK_RAD: f64 = 20.0 * PI / 180.0;
@@ -121,9 +121,7 @@ impl Chain {
             self.measure();
         }
         self.open.take_if(|open| open.start_s < oldest_s);
-        let mut open = self
-            .open
-            .unwrap_or_else(|| Open::at(tick.t_s - tick.period_s));
+        let mut open = self.open.unwrap_or_else(|| Open::at(tick.t_s - TICK_S));
         if tick.at_rest {
             if !open.begun() {
                 open.start_s = tick.t_s;
@@ -132,7 +130,7 @@ impl Chain {
             self.open = (!self.links.is_empty()).then_some(open);
             return None;
         }
-        let step = tick.rate_rad_s * tick.period_s;
+        let step = tick.rate_rad_s * TICK_S;
         open.turned *= UnitQuaternion::from_scaled_axis(step);
         open.earth = open
             .earth

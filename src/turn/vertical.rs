@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Settings, Turn, from_vertical_deg};
-use crate::attitude::Tick;
+use crate::attitude::{TICK_S, Tick};
 use crate::frame::{hypot, wrap_pi};
 
 /// Time between two notes, seconds.
@@ -132,7 +132,7 @@ impl Vertical {
     fn advance(&mut self, tick: &Tick) -> Note {
         let orientation = tick.pose.orientation;
         let before = self.now.get_or_insert(Note {
-            t_s: tick.t_s - tick.period_s,
+            t_s: tick.t_s - TICK_S,
             angle: 0.0,
             travel: 0.0,
             up: Vector3::zeros(),
@@ -145,7 +145,7 @@ impl Vertical {
         before.t_s = tick.t_s;
         before.orientation = orientation;
         if !tick.at_rest {
-            let turned = tick.rate_rad_s * tick.period_s;
+            let turned = tick.rate_rad_s * TICK_S;
             let up = orientation.inverse_transform_vector(&Vector3::z());
             let about_up = turned.dot(&up);
             before.angle += about_up;
