@@ -7,12 +7,14 @@
 mod carried;
 mod solve;
 
+use std::cmp::Ordering;
+
 use nalgebra::{Matrix3, Vector3};
 
 use crate::frame::Mounting;
 use crate::reading::Reading;
-use carried::{Carried, Knot, KnotPair, Linear, pairs};
-use solve::{RefinedAxes, SensorData, axes, cost, refine};
+use carried::{Carried, Knot, Linear, pairs};
+use solve::{FoundAxes, SensorData, axes, cost, refine};
 
 /// Fewer pairs of attitudes 30° apart tell nothing.
 const FEWEST_PAIRS: usize = 8;
@@ -140,11 +142,12 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
         let carried = Carried::new(readings, &bias, 1.0);
         for (sensor, found) in [(&accel, &mut accel_found), (&mag, &mut mag_found)] {
             if let Some(found) = found {
-                *found = sensor.refine(&carried, found)?;
+                *found = refine(&sensor.data(&carried), found)
+                    .ok_or(AlignmentError::Ambiguous(sensor.name))?;
             }
         }
         if let Some(found) = mag_found.as_ref().or(accel_found.as_ref()) {
-            bias += found.refined.as_ref().map_or(bias, |r| r.bias_rad_s);
+            bias += found.bias_rad_s;
         }
     }
     let carried = Carried::new(readings, &bias, 1.0);
@@ -155,27 +158,21 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
     let (fields, forces) = (vectors(&mag, &mag_found), vectors(&accel, &accel_found));
     let sign = sign(&fields, &forces, dips_down);
     let upward = if sign == Sign::Gravity { -1.0 } else { 1.0 };
-    let begin_s = forces
-        .iter()
-        .flatten()
-        .map(|(t_s, _)| t_s + UPRIGHT_S)
-        .next();
-    let up: Vector3<f64> = forces
-        .iter()
-        .flatten()
-        .take_while(|(t_s, _)| begin_s.is_some_and(|begin_s| *t_s <= begin_s))
+    let known = || forces.iter().flatten();
+    let until_s = known().next().map_or(0.0, |(t_s, _)| t_s + UPRIGHT_S);
+    let up: Vector3<f64> = known()
+        .take_while(|(t_s, _)| *t_s <= until_s)
         .map(|(_, force)| force * upward)
         .sum();
     let body = upright(&up);
     let chip = |found: Option<FoundAxes>, sign: f64| {
-        let FoundAxes { axes, refined } = found?;
-        let refined = refined?;
+        let found = found?;
         let mounting = |matrix: Matrix3<f64>| Mounting::from_matrix(matrix * sign);
         Some(ChipAlignment {
-            axes: mounting(body * axes)?,
-            exact: mounting(body * refined.rotation)?,
-            turn_deg: (body * refined.turn_rad).map(f64::to_degrees).into(),
-            turn_sd_deg: (body * refined.turn_sd_rad)
+            axes: mounting(body * found.axes)?,
+            exact: mounting(body * found.rotation)?,
+            turn_deg: (body * found.turn_rad).map(f64::to_degrees).into(),
+            turn_sd_deg: (body * found.turn_sd_rad)
                 .map(|sd| sd.abs().to_degrees())
                 .into(),
         })
@@ -196,23 +193,17 @@ struct VectorSensor {
     half_window_s: f64,
 }
 
-/// Its axes in the gyro's, and what is beside them.
-struct FoundAxes {
-    axes: Matrix3<f64>,
-    refined: Option<RefinedAxes>,
-}
-
 impl VectorSensor {
-    fn with<T>(&self, carried: &Carried, work: impl FnOnce(&SensorData<'_>) -> T) -> T {
-        let knots: Vec<Knot> = carried.knots();
-        let means: Vec<Option<Linear>> = carried.means(&knots, &self.samples, self.half_window_s);
-        let pairs: Vec<KnotPair> = pairs(&knots, &means, 2.0 * self.half_window_s);
-        work(&SensorData {
-            knots: &knots,
-            means: &means,
-            pairs: &pairs,
+    /// What it says, with the gyro's account of the motion.
+    fn data(&self, carried: &Carried) -> SensorData {
+        let knots = carried.knots();
+        let means = carried.means(&knots, &self.samples, self.half_window_s);
+        SensorData {
+            pairs: pairs(&knots, &means, 2.0 * self.half_window_s),
+            knots,
+            means,
             offset_sd: self.offset_sd,
-        })
+        }
     }
 
     /// The best of all axes; `None` without samples.
@@ -222,12 +213,9 @@ impl VectorSensor {
         }
         let candidates = axes();
         let costs = [1.0, -1.0].map(|sense| {
-            let carried = Carried::new(readings, &Vector3::zeros(), sense);
-            self.with(&carried, |data| {
-                let of = |axes: &Matrix3<f64>| cost(data, axes);
-                let costs: Vec<f64> = candidates.iter().map(of).collect();
-                (data.pairs.len(), costs)
-            })
+            let data = self.data(&Carried::new(readings, &Vector3::zeros(), sense));
+            let costs: Vec<f64> = candidates.iter().map(|axes| cost(&data, axes)).collect();
+            (data.pairs.len(), costs)
         });
         let [(count, costs), (_, mirrored)] = costs;
         if count < FEWEST_PAIRS {
@@ -246,32 +234,16 @@ impl VectorSensor {
         if best > CLEAR * second {
             return Err(AlignmentError::Ambiguous(self.name));
         }
-        Ok(Some(FoundAxes {
-            axes: candidates[order[0]],
-            refined: None,
-        }))
-    }
-
-    fn refine(&self, carried: &Carried, found: &FoundAxes) -> Result<FoundAxes, AlignmentError> {
-        let start = found.refined.as_ref().map(|r| (r.matrix, r.offset));
-        let refined = self.with(carried, |data| refine(data, &found.axes, start));
-        Ok(FoundAxes {
-            axes: found.axes,
-            refined: Some(refined.ok_or(AlignmentError::Ambiguous(self.name))?),
-        })
+        Ok(Some(FoundAxes::new(candidates[order[0]])))
     }
 
     /// The vector at each knot with its time, gyro axes.
     fn vectors(&self, carried: &Carried, found: &FoundAxes) -> Vec<Option<(f64, Vector3<f64>)>> {
-        let refined = found.refined.as_ref();
-        let (matrix, offset) =
-            refined.map_or((found.axes, Vector3::zeros()), |r| (r.matrix, r.offset));
-        self.with(carried, |data| {
-            let at = |(knot, mean): (&Knot, &Option<Linear>)| {
-                Some((knot.t_s, mean.as_ref()?.at(&matrix, &offset)))
-            };
-            data.knots.iter().zip(data.means).map(at).collect()
-        })
+        let data = self.data(carried);
+        let at = |(knot, mean): (&Knot, &Option<Linear>)| {
+            Some((knot.t_s, mean.as_ref()?.at(&found.matrix, &found.offset)))
+        };
+        data.knots.iter().zip(&data.means).map(at).collect()
     }
 }
 
@@ -310,17 +282,13 @@ fn sign(
 fn upright(up: &Vector3<f64>) -> Matrix3<f64> {
     let score = |body: &Matrix3<f64>| [-(body * up).z, body.trace(), body.m11];
     let better = |a: &Matrix3<f64>, b: &Matrix3<f64>| {
-        let (a, b) = (score(a), score(b));
-        let pairs = a.iter().zip(&b);
-        pairs.fold(std::cmp::Ordering::Equal, |order, (a, b)| {
-            order.then(a.total_cmp(b))
-        })
+        score(a).partial_cmp(&score(b)).unwrap_or(Ordering::Equal)
     };
-    let all = axes();
     if up.norm() < 1e-9 {
         return Matrix3::identity();
     }
-    all.into_iter()
+    axes()
+        .into_iter()
         .max_by(better)
         .unwrap_or_else(Matrix3::identity)
 }

@@ -8,6 +8,7 @@ use crate::check::settings;
 use crate::frame::Mountings;
 use crate::reading::Reading;
 
+mod clipping;
 mod clock;
 mod filter;
 mod gravity;
@@ -17,28 +18,28 @@ mod lateness;
 pub(crate) mod motion;
 mod past;
 mod rate_jump;
+mod repetition;
 mod steadiness;
 mod stillness;
 #[cfg(test)]
 mod tests;
 mod trim;
 
-use clock::{ClipWatch, ClockStep, EvenClock};
+use clipping::ClipWatch;
+pub use clock::TICK_S;
+use clock::{ClockStep, EvenClock};
 use filter::AttitudeFilter;
 pub use gravity::GRAVITY_M_S2;
 pub use lateness::Lateness;
 pub use past::BoardMotion;
 use past::Past;
 use rate_jump::RateJumps;
+use repetition::Repetition;
 
 /// Faster than any gyro measures: nonsense, rad/s.
 const IMPLAUSIBLE_RAD_S: f64 = 200.0;
 /// Stronger than any magnetometer measures: nonsense, milligauss.
 const IMPLAUSIBLE_MGAUSS: f64 = 1e6;
-/// A log repeats a reading of a 5 Hz gyro for this long, seconds. A longer repetition is a rest, or a gyro that hangs.
-const MOST_HELD_S: f64 = 0.2;
-/// The usual repetition grows with one reading and shrinks over ten: one reading of ten may be the same by chance.
-const HOLD_READINGS: (f64, f64) = (1.0, 10.0);
 
 /// Where the board points at one instant, by gyro and accelerometer alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,8 +58,6 @@ pub struct Pose {
 pub struct Tick {
     /// When, seconds. Ticks follow each other evenly except across a hole in the gyro's account.
     pub t_s: f64,
-    /// Length of the tick, seconds.
-    pub period_s: f64,
     /// The pose at its end.
     pub pose: Pose,
     /// Angular rate in the body frame, freed of its bias, rad/s.
@@ -106,11 +105,7 @@ pub struct Attitude {
     mountings: Mountings,
     clock: EvenClock,
     clip: ClipWatch,
-    /// The gyro's newest reading, and since when it has read the same.
-    constant: Option<(Vector3<f64>, f64)>,
-    /// How long the source usually repeats a gyro reading before the next one, seconds. The rows of a log may.
-    held_s: f64,
-    newest_s: f64,
+    repetition: Repetition,
     jumps: RateJumps,
     late: Lateness,
     filter: AttitudeFilter,
@@ -124,9 +119,7 @@ impl Attitude {
             mountings: *mountings,
             clock: EvenClock::new(settings.gap_s),
             clip: ClipWatch::new(settings.gyro_range_deg_s),
-            constant: None,
-            held_s: 0.0,
-            newest_s: 0.0,
+            repetition: Repetition::default(),
             jumps: RateJumps::default(),
             late: Lateness::default(),
             filter: AttitudeFilter::new(settings.gyro_bias_limit_deg_s),
@@ -154,13 +147,9 @@ impl Attitude {
         if let Some(chip) = reading.rate_rad_s
             && chip.norm() < IMPLAUSIBLE_RAD_S
         {
-            if self.constant.is_none_or(|(same, _)| same != chip) {
-                self.learn_hold();
-                if let Some((last, since_s)) = self.constant.replace((chip, t_s)) {
-                    self.jumps.take(since_s, t_s, (chip - last).norm());
-                }
+            if let Some((since_s, last)) = self.repetition.take(t_s, chip) {
+                self.jumps.take(since_s, t_s, (chip - last).norm());
             }
-            self.newest_s = t_s;
             let t_s = t_s - self.late.take(t_s);
             let rate = self.mountings.gyro.to_body(chip);
             let (filter, past) = (&mut self.filter, &mut self.past);
@@ -182,9 +171,10 @@ impl Attitude {
     /// The pose at `t_s`, carried on from the last tick with the current rate; `None` if the gyro has been
     /// silent for longer than a gap, or never spoke.
     pub fn pose_at(&self, t_s: f64) -> Option<Pose> {
+        let beyond = self.clock.beyond_tick_rad(t_s, self.filter.bias())?;
         Some(Pose {
-            orientation: self.filter.orientation() * self.since_tick(t_s)?,
-            vertical_known: self.filter.vertical_known(),
+            orientation: self.filter.orientation() * UnitQuaternion::from_scaled_axis(beyond),
+            vertical_known: self.filter.vertical_known,
             stretch: self.filter.stretch,
         })
     }
@@ -194,12 +184,6 @@ impl Attitude {
     pub fn motion_at(&self, t_s: f64) -> Option<BoardMotion> {
         let motion = self.past.at(t_s)?;
         (motion.pose.stretch == self.filter.stretch).then_some(motion)
-    }
-
-    /// Rotation from the last tick to `t_s`, in body axes.
-    fn since_tick(&self, t_s: f64) -> Option<UnitQuaternion<f64>> {
-        let beyond = self.clock.beyond_tick_rad(t_s, self.filter.bias())?;
-        Some(UnitQuaternion::from_scaled_axis(beyond))
     }
 
     /// Where down is at `t_s`, a unit vector of body axes: from gyro and accelerometer, from the accelerometer
@@ -245,12 +229,12 @@ impl Attitude {
 
     /// Whether gyro and accelerometer have been quiet for half a second; a field that changes does not matter.
     pub fn still(&self) -> bool {
-        self.filter.still()
+        self.filter.stillness.still()
     }
 
     /// Rate of the last tick freed of its bias, body axes, rad/s.
     pub fn rate_rad_s(&self) -> Vector3<f64> {
-        self.filter.rate_rad_s()
+        self.filter.rate_rad_s
     }
 
     /// What the tilt is off by now, one standard deviation, radians.
@@ -270,21 +254,12 @@ impl Attitude {
 
     /// How long the gyro has read the same to the last bit, seconds, beyond the usual repetition of its readings.
     pub fn gyro_constant_s(&self) -> f64 {
-        let repeats_s = |(_, since_s)| self.newest_s - since_s - self.held_s;
-        self.constant.map_or(0.0, repeats_s).max(0.0)
+        self.repetition.unusual_s()
     }
 
     /// Rotation that the gyro may have missed by `t_s` since its rate jumped, radians.
     pub fn missed_turn_rad(&self, t_s: f64) -> f64 {
         self.jumps.missed_turn_rad(t_s)
-    }
-
-    /// The newest gyro reading differs from the one before: learns how long that one was repeated.
-    fn learn_hold(&mut self) {
-        let lasted_s = self.constant.map(|(_, since_s)| self.newest_s - since_s);
-        if let Some(lasted_s) = lasted_s.filter(|lasted_s| *lasted_s <= MOST_HELD_S) {
-            follow(&mut self.held_s, lasted_s, 1.0, HOLD_READINGS);
-        }
     }
 
     /// Whether the gyro's newest reading is at its full scale: the board turns faster than it says.

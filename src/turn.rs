@@ -6,7 +6,7 @@
 
 use nalgebra::{UnitVector3, Vector3};
 
-use crate::attitude::Tick;
+use crate::attitude::{TICK_S, Tick};
 use crate::check::settings;
 
 mod chain;
@@ -27,15 +27,10 @@ pub struct Turn {
     pub start_s: f64,
     /// When it was complete, seconds.
     pub end_s: f64,
-    /// Unit vector in the body frame about which the board turned, right-handed: the board turned by
-    /// `+angle_rad` about it.
+    /// Unit vector in the body frame about which the board turned, right-handed.
     pub axis_body: Vector3<f64>,
-    /// Net rotation, radians, above 0.
-    pub angle_rad: f64,
     /// Angle between the axis and the vertical, 0 to 90 degrees, if the vertical is known.
     pub from_vertical_deg: Option<f64>,
-    /// How far the axis strayed in the body during the turn, degrees RMS.
-    pub spread_deg: f64,
 }
 
 settings! {
@@ -72,7 +67,7 @@ impl TurnDetector {
     ///
     /// A tick that does not follow the one before voids what has been counted.
     pub fn tick(&mut self, tick: &Tick) -> Option<Turn> {
-        let follows = |newest_s| (0.0..=1.5 * tick.period_s).contains(&(tick.t_s - newest_s));
+        let follows = |newest_s| (0.0..=1.5 * TICK_S).contains(&(tick.t_s - newest_s));
         if !self.newest_s.is_some_and(follows) {
             self.reset();
         }

@@ -1,6 +1,6 @@
 //! What the gyro says of a motion, and what a vector sensor says in the frame that the gyro carries along.
 
-use nalgebra::{Matrix3, Rotation3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 
 use crate::reading::Reading;
 
@@ -24,10 +24,13 @@ pub(super) struct Linear {
 impl Linear {
     /// The vector by this matrix and offset.
     pub(super) fn at(&self, matrix: &Matrix3<f64>, offset: &Vector3<f64>) -> Vector3<f64> {
-        let rows = matrix.transpose();
-        let rows = SMatrix::<f64, 9, 1>::from_column_slice(rows.as_slice());
-        self.by_matrix * rows - self.by_offset * offset
+        self.by_matrix * rows(matrix) - self.by_offset * offset
     }
+}
+
+/// A matrix row by row.
+pub(super) fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
+    SVector::from_column_slice(matrix.transpose().as_slice())
 }
 
 /// The gyro's account of a motion, with this bias taken out, gyro axes.

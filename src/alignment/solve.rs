@@ -9,7 +9,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::carried::{Knot, KnotPair, Linear};
+use super::carried::{Knot, KnotPair, Linear, rows};
 
 /// Deviation of M from three signed axes, entry by entry: 6° of rotation, 10 % of scale and soft iron.
 const ENTRY: f64 = 0.1;
@@ -34,10 +34,10 @@ const G: usize = 12;
 const T: usize = 15;
 
 /// What is known of one sensor.
-pub(super) struct SensorData<'a> {
-    pub(super) knots: &'a [Knot],
-    pub(super) means: &'a [Option<Linear>],
-    pub(super) pairs: &'a [KnotPair],
+pub(super) struct SensorData {
+    pub(super) knots: Vec<Knot>,
+    pub(super) means: Vec<Option<Linear>>,
+    pub(super) pairs: Vec<KnotPair>,
     /// Standard deviation of the offset to expect, in the sensor's unit.
     pub(super) offset_sd: f64,
 }
@@ -68,7 +68,7 @@ pub(super) fn axes() -> Vec<Matrix3<f64>> {
 
 /// How well these axes explain the pairs, with the best small rotation, scale, offset, gyro bias and lag beside them: what is
 /// left of the vector, as a share of it.
-pub(super) fn cost(data: &SensorData<'_>, axes: &Matrix3<f64>) -> f64 {
+pub(super) fn cost(data: &SensorData, axes: &Matrix3<f64>) -> f64 {
     let rows = PairEquations::all(data, axes, axes, &Vector3::zeros());
     // However much evidence there is, it must not turn these axes into others.
     let sd = EXPECTED * size(data) * (rows.len() as f64).sqrt();
@@ -84,8 +84,10 @@ pub(super) fn cost(data: &SensorData<'_>, axes: &Matrix3<f64>) -> f64 {
     (solution.left.max(0.0) / rows.len().max(1) as f64 * count / sum).sqrt()
 }
 
-/// What M and the offset are refined to.
-pub(super) struct RefinedAxes {
+/// A sensor's axes in the gyro's, and what is beside them.
+pub(super) struct FoundAxes {
+    /// Three signed axes.
+    pub(super) axes: Matrix3<f64>,
     /// Chip to gyro axes: three signed axes with the small rotation.
     pub(super) rotation: Matrix3<f64>,
     /// That small rotation, gyro axes, radians, and its standard deviation.
@@ -98,13 +100,24 @@ pub(super) struct RefinedAxes {
     pub(super) bias_rad_s: Vector3<f64>,
 }
 
-/// The small rotation beside these axes, by least squares. `start` are matrix and offset to start from.
-pub(super) fn refine(
-    data: &SensorData<'_>,
-    axes: &Matrix3<f64>,
-    start: Option<(Matrix3<f64>, Vector3<f64>)>,
-) -> Option<RefinedAxes> {
-    let (mut matrix, mut offset) = start.unwrap_or((*axes, Vector3::zeros()));
+impl FoundAxes {
+    /// These axes, with nothing beside them yet.
+    pub(super) fn new(axes: Matrix3<f64>) -> Self {
+        Self {
+            axes,
+            rotation: axes,
+            turn_rad: Vector3::zeros(),
+            turn_sd_rad: Vector3::zeros(),
+            matrix: axes,
+            offset: Vector3::zeros(),
+            bias_rad_s: Vector3::zeros(),
+        }
+    }
+}
+
+/// The small rotation beside the axes, by least squares, from what was found before.
+pub(super) fn refine(data: &SensorData, found: &FoundAxes) -> Option<FoundAxes> {
+    let (axes, mut matrix, mut offset) = (&found.axes, found.matrix, found.offset);
     let mut sd = EXPECTED * size(data);
     let mut kept: Option<(Solution, f64)> = None;
     for _ in 0..ROUNDS {
@@ -141,7 +154,8 @@ pub(super) fn refine(
     }
     let own = solution.inverse.fixed_view::<9, 9>(0, 0) * (sd * DOUBT).powi(2);
     let variance = (by_entries * own * by_entries.transpose()).diagonal();
-    Some(RefinedAxes {
+    Some(FoundAxes {
+        axes: *axes,
         rotation,
         turn_rad: turn(&(rotation * axes.transpose())),
         turn_sd_rad: variance.map(|v| v.max(0.0).sqrt()),
@@ -160,7 +174,7 @@ struct PairEquations {
 impl PairEquations {
     /// Of all pairs, with vectors about as this matrix and offset make them. M is the axes and the unknown entries.
     fn all(
-        data: &SensorData<'_>,
+        data: &SensorData,
         axes: &Matrix3<f64>,
         matrix: &Matrix3<f64>,
         offset: &Vector3<f64>,
@@ -205,7 +219,7 @@ struct Solution {
 
 impl Solution {
     fn of<'a>(
-        data: &SensorData<'_>,
+        data: &SensorData,
         axes: &Matrix3<f64>,
         sd: f64,
         all: impl Iterator<Item = &'a PairEquations>,
@@ -251,16 +265,11 @@ impl Solution {
 }
 
 /// How long the vector is, about, with its offset in it.
-fn size(data: &SensorData<'_>) -> f64 {
+fn size(data: &SensorData) -> f64 {
     let means = data.means.iter().flatten();
     let lengths = means.map(|mean| mean.at(&Matrix3::identity(), &Vector3::zeros()).norm());
     let (sum, count) = lengths.fold((0.0, 0.0), |(sum, count), length| {
         (sum + length, count + 1.0)
     });
     sum / f64::max(count, 1.0)
-}
-
-fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
-    let by_rows = matrix.transpose();
-    SVector::from_column_slice(by_rows.as_slice())
 }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 /// Length of a tick, seconds.
-pub(super) const PERIOD_S: f64 = 0.01;
+pub const TICK_S: f64 = 0.01;
 
 /// What a reading did to the clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,13 +58,13 @@ impl EvenClock {
         }
         let slope = (rate - from_rate) / span_s;
         loop {
-            let end_s = self.base_s + (self.ticks + 1) as f64 * PERIOD_S;
+            let end_s = self.base_s + (self.ticks + 1) as f64 * TICK_S;
             if end_s > t_s {
                 break;
             }
             let step_s = end_s - from_s;
             let at_end = from_rate + slope * step_s;
-            let mean = (self.open_rad + (from_rate + at_end) * (0.5 * step_s)) / PERIOD_S;
+            let mean = (self.open_rad + (from_rate + at_end) * (0.5 * step_s)) / TICK_S;
             (from_s, from_rate) = (end_s, at_end);
             self.open_rad = Vector3::zeros();
             self.ticks += 1;
@@ -88,82 +88,11 @@ impl EvenClock {
         let (newest_s, rate) = self.newest?;
         // Also false for a time that is no number.
         if (t_s - newest_s).abs() <= self.gap_s {
-            let since_tick_s = t_s - (self.base_s + self.ticks as f64 * PERIOD_S);
+            let since_tick_s = t_s - (self.base_s + self.ticks as f64 * TICK_S);
             Some(self.open_rad + rate * (t_s - newest_s) - bias * since_tick_s)
         } else {
             None
         }
-    }
-}
-
-/// A reading within this part of a full scale that is known is taken as clipped.
-const NEAR: f64 = 0.005;
-/// A full scale that is not known shows itself: an axis reads its largest value so often in a row, to the last bit, …
-const SAME: u32 = 3;
-/// … and that is faster than this, degrees per second. Gyros have 250 or more; some are set to less.
-const LEAST_RANGE_DEG_S: f64 = 100.0;
-
-/// Notices readings at the gyro's full scale: the board turned faster than they say.
-pub(super) struct ClipWatch {
-    range_deg_s: Option<f64>,
-    /// Whether the configuration or the chip has told it.
-    told: bool,
-    largest: f64,
-    newest: Vector3<f64>,
-    /// How often in a row each axis has read the same.
-    same: [u32; 3],
-    clipped: bool,
-}
-
-impl ClipWatch {
-    pub(super) fn new(range_deg_s: Option<f64>) -> Self {
-        Self {
-            range_deg_s,
-            told: range_deg_s.is_some(),
-            largest: 0.0,
-            newest: Vector3::zeros(),
-            same: [1; 3],
-            clipped: false,
-        }
-    }
-
-    /// Takes a reading in chip axes; `true` when it is the first good one after clipped ones.
-    pub(super) fn take(&mut self, rate: &Vector3<f64>) -> bool {
-        if !self.told {
-            self.seek_range(rate);
-        }
-        let was = self.clipped;
-        self.clipped = self
-            .range_deg_s
-            .is_some_and(|range| rate.amax().to_degrees() >= range * (1.0 - NEAR));
-        was && !self.clipped
-    }
-
-    /// A gyro that turns faster than it can tell reads the same on that axis, while the others go on.
-    fn seek_range(&mut self, rate: &Vector3<f64>) {
-        let constant = *rate == self.newest;
-        for axis in 0..3 {
-            self.same[axis] = if rate[axis] == self.newest[axis] {
-                self.same[axis] + 1
-            } else {
-                1
-            };
-        }
-        self.newest = *rate;
-        if rate.amax() > self.largest {
-            self.largest = rate.amax();
-            // Whoever reads more has another full scale.
-            self.range_deg_s = None;
-        }
-        let at_largest = |axis: usize| self.same[axis] >= SAME && rate[axis].abs() >= self.largest;
-        if !constant && self.largest.to_degrees() > LEAST_RANGE_DEG_S && (0..3).any(at_largest) {
-            self.range_deg_s = Some(self.largest.to_degrees());
-        }
-    }
-
-    /// Whether the newest reading is at the full scale.
-    pub(super) fn clipping(&self) -> bool {
-        self.clipped
     }
 }
 
@@ -178,7 +107,7 @@ mod tests {
         let mut ends = Vec::new();
         for t in [0.0, 0.003, 0.004, 0.064, 0.07, 0.3, 0.301, 0.405] {
             clock.take(t, Vector3::new(t, 1.0, -t), |end, mean| {
-                sum += mean * PERIOD_S;
+                sum += mean * TICK_S;
                 ends.push(end);
             });
         }
@@ -208,37 +137,5 @@ mod tests {
         assert!((24..=25).contains(&ticks));
         assert!(clock.beyond_tick_rad(0.9, rate).is_none());
         assert!(clock.beyond_tick_rad(f64::NAN, rate).is_none());
-    }
-
-    #[test]
-    fn the_full_scale_is_known_or_found_until_a_larger_rate_shows_it_wrong() {
-        let at = |deg: f64| Vector3::new(0.0, -deg.to_radians(), 0.0);
-        let mut known = ClipWatch::new(Some(300.0));
-        assert!(!known.take(&at(250.0)) && !known.clipped);
-        assert!(!known.take(&at(299.0)) && known.clipped);
-        assert!(known.take(&at(100.0)));
-
-        // 250 °/s is passed at full speed, 300 °/s is where this one ends.
-        let mut found = ClipWatch::new(None);
-        let rates = [
-            250.0, 280.0, 300.0, 300.0, 300.0, 300.0, 260.0, 300.0, 310.0, 300.0,
-        ];
-        let clipped: Vec<bool> = rates
-            .iter()
-            .enumerate()
-            .map(|(i, deg)| {
-                found.take(&(at(*deg) + Vector3::x() * i as f64 * 0.01));
-                found.clipped
-            })
-            .collect();
-        assert_eq!(
-            clipped,
-            [
-                false, false, false, false, true, true, false, true, false, false
-            ]
-        );
-        // A gyro that reads the same on all axes says nothing.
-        let mut frozen = ClipWatch::new(None);
-        assert!((0..20).all(|_| !frozen.take(&at(300.0)) && !frozen.clipped));
     }
 }

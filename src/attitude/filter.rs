@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
 use vqf_rs::{Params, VQF};
 
-use super::clock::PERIOD_S;
+use super::clock::TICK_S;
 use super::gravity::{GRAVITY_M_S2, Gravity};
 use super::gyro_errors::GyroErrors;
 use super::steadiness::Steadiness;
@@ -43,13 +43,13 @@ pub(super) struct AttitudeFilter {
     errors: GyroErrors,
     pub(super) gravity: Gravity,
     pub(super) steadiness: Steadiness,
-    stillness: Stillness,
+    pub(super) stillness: Stillness,
     trim: Trim,
     pub(super) stretch: u32,
     ticked: bool,
     /// Since when the accelerometer has had its part without a break.
     levelled_since_s: Option<f64>,
-    vertical_known: bool,
+    pub(super) vertical_known: bool,
     /// Horizontal specific force in the frame over the time constant of the tilt, m/s².
     pull: Vector2<f64>,
     /// Rotation of the levelled frame for each rad/s of the gyro's bias, body axes, seconds: the rotation matrix from body to that frame,
@@ -58,7 +58,7 @@ pub(super) struct AttitudeFilter {
     /// Means over the last seconds: the rate, rad/s, and the tilt error by acceleration, radians.
     mean_rate_rad_s: f64,
     mean_pull_rad: f64,
-    rate_rad_s: Vector3<f64>,
+    pub(super) rate_rad_s: Vector3<f64>,
 }
 
 impl AttitudeFilter {
@@ -72,7 +72,7 @@ impl AttitudeFilter {
         };
         Self {
             errors: GyroErrors::new(bias_limit_deg_s.to_radians()),
-            vqf: VQF::new(PERIOD_S, None, None, Some(params)),
+            vqf: VQF::new(TICK_S, None, None, Some(params)),
             gravity: Gravity::default(),
             steadiness: Steadiness::default(),
             stillness: Stillness::default(),
@@ -97,7 +97,7 @@ impl AttitudeFilter {
         self.guard_rest(end_s, &mean_rate);
         let rate = self.errors.corrected(&mean_rate);
         self.rate_rad_s = rate;
-        self.stillness.take(PERIOD_S, rate, force);
+        self.stillness.take(rate, force);
         self.choose_tilt_tau(rate.norm());
 
         let before = unit(self.vqf.state().gyr_quat);
@@ -110,11 +110,10 @@ impl AttitudeFilter {
         let middle = UnitQuaternion::new_normalize(before.lerp(&after, 0.5));
         let to_frame = middle.to_rotation_matrix().into_inner();
         self.follow_drift(middle);
-        self.trim.turn(PERIOD_S, &rate);
+        self.trim.turn(&rate);
         let at_rest = self.at_rest();
         let force = force.map(|force| self.levelled(force, at_rest));
-        self.errors
-            .take(PERIOD_S, &to_frame, &rate, force.as_ref(), at_rest);
+        self.errors.take(&to_frame, &rate, force.as_ref(), at_rest);
         if let Some(force) = force {
             self.vqf.update_acc(force.into());
             self.follow_force(&force);
@@ -128,7 +127,6 @@ impl AttitudeFilter {
         self.ticked = true;
         Tick {
             t_s: end_s,
-            period_s: PERIOD_S,
             pose: Pose {
                 orientation: self.orientation(),
                 vertical_known: self.vertical_known,
@@ -145,12 +143,12 @@ impl AttitudeFilter {
             return force;
         }
         let to_frame = self.orientation().to_rotation_matrix().into_inner();
-        self.trim.levelled(PERIOD_S, &to_frame, &force, at_rest)
+        self.trim.levelled(&to_frame, &force, at_rest)
     }
 
     /// Chooses the accelerometer's time constant.
     fn choose_tilt_tau(&mut self, rate_rad_s: f64) {
-        self.mean_rate_rad_s += (rate_rad_s - self.mean_rate_rad_s) * (PERIOD_S / MEAN_S);
+        self.mean_rate_rad_s += (rate_rad_s - self.mean_rate_rad_s) * (TICK_S / MEAN_S);
         let by_turning = TURNS_ON * self.errors.matrix_sd() * self.mean_rate_rad_s;
         let budget = TILT_BUDGET_RAD.max(self.mean_pull_rad.min(MOST_BUDGET_RAD));
         let wanted = budget / (self.errors.bias_sd_rad_s() + by_turning);
@@ -163,8 +161,8 @@ impl AttitudeFilter {
 
     fn follow_force(&mut self, force: &Vector3<f64>) {
         let horizontal = (self.orientation() * force).xy();
-        self.pull += (horizontal - self.pull) * (PERIOD_S / self.tilt_tau_s());
-        self.mean_pull_rad += (self.pull_rad() - self.mean_pull_rad) * (PERIOD_S / MEAN_S);
+        self.pull += (horizontal - self.pull) * (TICK_S / self.tilt_tau_s());
+        self.mean_pull_rad += (self.pull_rad() - self.mean_pull_rad) * (TICK_S / MEAN_S);
     }
 
     /// What acceleration adds to the tilt, radians.
@@ -177,7 +175,7 @@ impl AttitudeFilter {
     fn follow_drift(&mut self, to_gyro_frame: UnitQuaternion<f64>) {
         let to_frame = unit(self.vqf.state().acc_quat) * to_gyro_frame;
         let to_frame = to_frame.to_rotation_matrix().into_inner();
-        self.tilt_by_bias_s += (to_frame - self.tilt_by_bias_s / self.tilt_tau_s()) * PERIOD_S;
+        self.tilt_by_bias_s += (to_frame - self.tilt_by_bias_s / self.tilt_tau_s()) * TICK_S;
     }
 
     /// What the tilt is off by now, one standard deviation on each horizontal axis, radians.
@@ -246,23 +244,11 @@ impl AttitudeFilter {
         unit(self.vqf.quat_6d())
     }
 
-    pub(super) fn vertical_known(&self) -> bool {
-        self.vertical_known
-    }
-
     pub(super) fn bias(&self) -> Vector3<f64> {
         self.errors.bias()
     }
 
     pub(super) fn at_rest(&self) -> bool {
         self.vqf.rest_detected()
-    }
-
-    pub(super) fn rate_rad_s(&self) -> Vector3<f64> {
-        self.rate_rad_s
-    }
-
-    pub(super) fn still(&self) -> bool {
-        self.stillness.still()
     }
 }

@@ -19,6 +19,7 @@ use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
+use super::clock::TICK_S;
 use super::follow;
 use super::gravity::GRAVITY_M_S2;
 
@@ -173,11 +174,10 @@ impl GyroErrors {
         self.window = Window::default();
     }
 
-    /// Takes a tick of this length: the rotation into the gyro's frame in its middle, the corrected rate, the specific force
-    /// if it is known, and whether the board is at rest.
+    /// Takes a tick: the rotation into the gyro's frame in its middle, the corrected rate, the specific force if it is known,
+    /// and whether the board is at rest.
     pub(super) fn take(
         &mut self,
-        period_s: f64,
         to_frame: &Matrix3<f64>,
         rate: &Vector3<f64>,
         force: Option<&Vector3<f64>>,
@@ -188,20 +188,20 @@ impl GyroErrors {
             window.at_rest = true;
             window.force = Some(Vector3::zeros());
         }
-        window.s += period_s;
+        window.s += TICK_S;
         window.at_rest &= at_rest;
         window.force = window
             .force
             .zip(force)
-            .map(|(sum, force)| sum + to_frame * force * period_s);
-        window.turn += to_frame * period_s;
+            .map(|(sum, force)| sum + to_frame * force * TICK_S);
+        window.turn += to_frame * TICK_S;
         for axis in 0..3 {
-            window.turn_by[axis] += to_frame * (rate[axis] * period_s);
+            window.turn_by[axis] += to_frame * (rate[axis] * TICK_S);
         }
-        window.rate += rate * period_s;
-        window.turned += rate.norm() * period_s;
+        window.rate += rate * TICK_S;
+        window.turned += rate.norm() * TICK_S;
         // Half a tick, for sums of floats.
-        if window.s > WINDOW_S - 0.5 * period_s {
+        if window.s > WINDOW_S - 0.5 * TICK_S {
             let window = std::mem::take(&mut self.window);
             self.take_window(&window);
         }
@@ -367,8 +367,6 @@ mod tests {
 
     use super::*;
 
-    const PERIOD_S: f64 = 0.01;
-
     /// A gyro with these errors on a board that turns at `rate` and is shaken with `shake`, m/s², for so long. The filter
     /// afterwards.
     fn learnt(
@@ -380,19 +378,19 @@ mod tests {
     ) -> GyroErrors {
         let mut errors = GyroErrors::new(0.17);
         let (mut truth, mut frame) = (UnitQuaternion::identity(), UnitQuaternion::identity());
-        for i in 0..(seconds / PERIOD_S) as u32 {
-            let t_s = f64::from(i) * PERIOD_S;
+        for i in 0..(seconds / TICK_S) as u32 {
+            let t_s = f64::from(i) * TICK_S;
             let turn = rate(t_s);
             let read = turn + matrix * turn + bias;
             let corrected = errors.corrected(&read);
-            let step = UnitQuaternion::from_scaled_axis(corrected * PERIOD_S);
-            truth *= UnitQuaternion::from_scaled_axis(turn * PERIOD_S);
+            let step = UnitQuaternion::from_scaled_axis(corrected * TICK_S);
+            truth *= UnitQuaternion::from_scaled_axis(turn * TICK_S);
             let felt = Vector3::z() * GRAVITY_M_S2 + shake(t_s);
             let force = truth.inverse_transform_vector(&felt);
             let middle = frame * step.powf(0.5);
             frame *= step;
             let to_frame = middle.to_rotation_matrix().into_inner();
-            errors.take(PERIOD_S, &to_frame, &corrected, Some(&force), false);
+            errors.take(&to_frame, &corrected, Some(&force), false);
         }
         errors
     }

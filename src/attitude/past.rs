@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::clock::TICK_S;
 use super::{Pose, Tick};
 
 /// How long ticks are kept, seconds: a magnetometer lags by up to 0.12 s, and a pause of the host delays a sample by up to 0.1 s.
@@ -30,7 +31,7 @@ pub(super) struct Past {
 impl Past {
     /// Takes the newest tick, and forgets old ticks and those of another stretch.
     pub(super) fn take(&mut self, tick: &Tick) {
-        self.turned_rad += tick.rate_rad_s * tick.period_s;
+        self.turned_rad += tick.rate_rad_s * TICK_S;
         while let Some((t_s, oldest)) = self.ticks.front()
             && (tick.t_s - t_s > KEPT_S || oldest.pose.stretch != tick.pose.stretch)
         {
@@ -63,17 +64,15 @@ impl Past {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attitude::clock::PERIOD_S;
 
     /// Half a second of a board that turns faster and faster about its Z.
     fn spun_up(past: &mut Past, stretch: u32) {
         let mut angle = 0.0;
         for tick in 1..=50 {
             let rate = 0.2 * f64::from(tick);
-            angle += rate * PERIOD_S;
+            angle += rate * TICK_S;
             past.take(&Tick {
-                t_s: f64::from(tick) * PERIOD_S,
-                period_s: PERIOD_S,
+                t_s: f64::from(tick) * TICK_S,
                 pose: Pose {
                     orientation: UnitQuaternion::from_scaled_axis(Vector3::z() * angle),
                     vertical_known: true,
@@ -92,8 +91,8 @@ mod tests {
         spun_up(&mut past, 0);
         // Rates of 0.2, 0.4, … rad/s, each for 10 ms.
         let angle = |t_s: f64| {
-            let ticks = (t_s / PERIOD_S).floor();
-            0.002 * ticks * (ticks + 1.0) / 2.0 + 0.2 * (ticks + 1.0) * (t_s - ticks * PERIOD_S)
+            let ticks = (t_s / TICK_S).floor();
+            0.002 * ticks * (ticks + 1.0) / 2.0 + 0.2 * (ticks + 1.0) * (t_s - ticks * TICK_S)
         };
         for t_s in [0.2512, 0.3777, 0.444, 0.4999] {
             let motion = past.at(t_s).unwrap();

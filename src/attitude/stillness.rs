@@ -3,6 +3,8 @@
 
 use nalgebra::Vector3;
 
+use super::clock::TICK_S;
+
 /// Gyro and accelerometer are compared with their means over this time, seconds.
 const MEAN_S: f64 = 0.5;
 /// A rate further from the bias learnt so far, or from its own mean, is motion, rad/s (2°/s, as VQF has it).
@@ -22,8 +24,8 @@ pub(super) struct Stillness {
 
 impl Stillness {
     /// Takes one tick: the rate freed of its bias and the specific force, if there is one.
-    pub(super) fn take(&mut self, period_s: f64, rate: Vector3<f64>, force: Option<Vector3<f64>>) {
-        let gain = period_s / (period_s + MEAN_S);
+    pub(super) fn take(&mut self, rate: Vector3<f64>, force: Option<Vector3<f64>>) {
+        let gain = TICK_S / (TICK_S + MEAN_S);
         self.rate += (rate - self.rate) * gain;
         let mut quiet = self.rate.norm() < RATE_RAD_S && (rate - self.rate).norm() < RATE_RAD_S;
         if let Some(force) = force {
@@ -31,7 +33,7 @@ impl Stillness {
             *mean += (force - *mean) * gain;
             quiet &= (force - *mean).norm() < FORCE_M_S2;
         }
-        self.quiet_s = if quiet { self.quiet_s + period_s } else { 0.0 };
+        self.quiet_s = if quiet { self.quiet_s + TICK_S } else { 0.0 };
     }
 
     /// Whether the board has stood still lately.

@@ -7,6 +7,7 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use super::clock::TICK_S;
 use super::follow;
 use super::gravity::GRAVITY_M_S2;
 
@@ -56,10 +57,10 @@ struct Learnt {
 }
 
 impl Trim {
-    /// Takes the rate of a tick of this length, rad/s.
-    pub(super) fn turn(&mut self, period_s: f64, rate: &Vector3<f64>) {
+    /// Takes the rate of a tick, rad/s.
+    pub(super) fn turn(&mut self, rate: &Vector3<f64>) {
         if let Some(learnt) = &mut self.learnt {
-            learnt.turn(period_s, rate);
+            learnt.turn(rate);
         }
     }
 
@@ -67,7 +68,6 @@ impl Trim {
     /// likely feel without acceleration, m/s².
     pub(super) fn levelled(
         &mut self,
-        period_s: f64,
         to_frame: &Matrix3<f64>,
         force: &Vector3<f64>,
         at_rest: bool,
@@ -76,7 +76,7 @@ impl Trim {
         let learnt = self
             .learnt
             .get_or_insert_with(|| Learnt::new(to_frame.transpose() * Vector3::z()));
-        learnt.feel(period_s, to_frame, &felt, at_rest);
+        learnt.feel(to_frame, &felt, at_rest);
         let kept2 = learnt.swing2 + learnt.variance;
         let share = learnt.acceleration2 / (learnt.acceleration2 + kept2 + LEAST2)
             * (1.0 - kept2 / NO_TRIM_RAD.powi(2)).max(0.0);
@@ -104,16 +104,16 @@ impl Learnt {
         }
     }
 
-    fn turn(&mut self, dt: f64, rate: &Vector3<f64>) {
+    fn turn(&mut self, rate: &Vector3<f64>) {
         // A vector that stands still in the world turns against the board.
-        let turn = UnitQuaternion::from_scaled_axis(rate * dt);
+        let turn = UnitQuaternion::from_scaled_axis(rate * TICK_S);
         self.carried = turn.inverse_transform_vector(&self.carried);
-        self.carried += (self.up - self.carried) * (dt / SWING_S);
+        self.carried += (self.up - self.carried) * (TICK_S / SWING_S);
         let swing2 = 0.5 * (self.carried - self.up).norm_squared();
-        follow(&mut self.swing2, swing2, dt, SWING_MEAN_S);
+        follow(&mut self.swing2, swing2, TICK_S, SWING_MEAN_S);
     }
 
-    fn feel(&mut self, dt: f64, to_frame: &Matrix3<f64>, felt: &Vector3<f64>, at_rest: bool) {
+    fn feel(&mut self, to_frame: &Matrix3<f64>, felt: &Vector3<f64>, at_rest: bool) {
         if at_rest {
             // Whatever the board feels is gravity.
             self.carried = to_frame.transpose() * felt;
@@ -122,20 +122,20 @@ impl Learnt {
             self.acceleration2 = 0.0;
         }
         let residual = felt - to_frame * self.carried;
-        self.acceleration += (residual - self.acceleration) * (dt / ACCELERATED_S);
-        self.heel += (residual - self.heel) * (dt / HEEL_S);
+        self.acceleration += (residual - self.acceleration) * (TICK_S / ACCELERATED_S);
+        self.heel += (residual - self.heel) * (TICK_S / HEEL_S);
         let acceleration2 = 0.5 * (self.acceleration - self.heel).xy().norm_squared();
         follow(
             &mut self.acceleration2,
             acceleration2,
-            dt,
+            TICK_S,
             ACCELERATION_MEAN_S,
         );
 
-        self.felt += (felt - self.felt) * (dt / FELT_S);
-        self.variance += dt / LASTS_S * self.swing2;
+        self.felt += (felt - self.felt) * (TICK_S / FELT_S);
+        self.variance += TICK_S / LASTS_S * self.swing2;
         // Neighbouring ticks share what is felt.
-        let noise = (self.acceleration2 + self.swing2 + LEAST2) * 2.0 * FELT_S / dt;
+        let noise = (self.acceleration2 + self.swing2 + LEAST2) * 2.0 * FELT_S / TICK_S;
         let gain = self.variance / (self.variance + noise);
         if let Some(up) = (to_frame.transpose() * self.felt).try_normalize(0.1) {
             self.up = (self.up + (up - self.up) * gain).normalize();
@@ -147,8 +147,6 @@ impl Learnt {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const PERIOD_S: f64 = 0.01;
 
     /// A board in motion, with its true attitude as the frame's.
     struct Ride {
@@ -174,18 +172,18 @@ mod tests {
             acceleration: Vector3<f64>,
         ) -> f64 {
             let mut off_deg = 0.0;
-            for _ in 0..(seconds / PERIOD_S) as u32 {
-                self.t_s += PERIOD_S;
+            for _ in 0..(seconds / TICK_S) as u32 {
+                self.t_s += TICK_S;
                 let rate = rate(self.t_s);
-                self.attitude *= UnitQuaternion::from_scaled_axis(rate * PERIOD_S);
+                self.attitude *= UnitQuaternion::from_scaled_axis(rate * TICK_S);
                 let gravity = self
                     .attitude
                     .inverse_transform_vector(&(Vector3::z() * GRAVITY_M_S2));
                 let force = gravity + self.attitude.inverse_transform_vector(&acceleration);
                 let to_frame = self.attitude.to_rotation_matrix().into_inner();
                 let at_rest = rate == Vector3::zeros();
-                self.trim.turn(PERIOD_S, &rate);
-                let levelled = self.trim.levelled(PERIOD_S, &to_frame, &force, at_rest);
+                self.trim.turn(&rate);
+                let levelled = self.trim.levelled(&to_frame, &force, at_rest);
                 off_deg = levelled.angle(&gravity).to_degrees();
             }
             off_deg
@@ -260,8 +258,8 @@ mod tests {
         car.go(300.0, springs, Vector3::zeros());
         let turn = Vector3::x() * 0.5;
         for _ in 0..20 {
-            car.attitude *= UnitQuaternion::from_scaled_axis(turn * PERIOD_S);
-            car.trim.turn(PERIOD_S, &turn);
+            car.attitude *= UnitQuaternion::from_scaled_axis(turn * TICK_S);
+            car.trim.turn(&turn);
         }
         let off_deg = car.go(1.0, |_| Vector3::zeros(), Vector3::zeros());
         assert!(off_deg < 0.5, "{off_deg}");

@@ -113,9 +113,7 @@ mod tests {
             start_s,
             end_s,
             axis_body: Vector3::z(),
-            angle_rad: 6.0,
             from_vertical_deg: None,
-            spread_deg: 0.0,
         }
     }
 

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Settings, Turn, from_vertical_deg};
-use crate::attitude::Tick;
+use crate::attitude::{TICK_S, Tick};
 
 /// Rotation that makes a link, radians: enough to tell its axis from a hand's tremor.
 const LINK_RAD: f64 = 20.0 * PI / 180.0;
@@ -121,9 +121,7 @@ impl Chain {
             self.measure();
         }
         self.open.take_if(|open| open.start_s < oldest_s);
-        let mut open = self
-            .open
-            .unwrap_or_else(|| Open::at(tick.t_s - tick.period_s));
+        let mut open = self.open.unwrap_or_else(|| Open::at(tick.t_s - TICK_S));
         if tick.at_rest {
             if !open.begun() {
                 open.start_s = tick.t_s;
@@ -132,7 +130,7 @@ impl Chain {
             self.open = (!self.links.is_empty()).then_some(open);
             return None;
         }
-        let step = tick.rate_rad_s * tick.period_s;
+        let step = tick.rate_rad_s * TICK_S;
         open.turned *= UnitQuaternion::from_scaled_axis(step);
         open.earth = open
             .earth
@@ -151,7 +149,8 @@ impl Chain {
         let (rise, fall) = (now - self.least.1, self.most.1 - now);
         self.span = rise.max(fall);
         if self.span >= self.angle {
-            let turn = self.close(tick.t_s, if rise > fall { 1.0 } else { -1.0 });
+            let (first, _) = if rise > fall { self.least } else { self.most };
+            let turn = self.close(tick.t_s, first);
             let upright = |turn: &Turn| turn.from_vertical_deg.is_some_and(|deg| deg < UPRIGHT_DEG);
             if !(patient
                 && self.span < self.angle + PATIENCE_RAD
@@ -215,32 +214,19 @@ impl Chain {
         self.span = (self.net - self.least.1).max(self.most.1 - self.net);
     }
 
-    /// The turn since the extreme link, which the open one has completed.
-    fn close(&self, end_s: f64, sign: f64) -> Option<Turn> {
-        let (first, from) = if sign > 0.0 { self.least } else { self.most };
+    /// The turn since the link `first`, which the open one has completed.
+    fn close(&self, end_s: f64, first: usize) -> Option<Turn> {
         let last = self.open.as_ref()?.link();
         let links = || self.links.range(first..).chain([&last]);
-        let angle = (self.net + self.axis.dot(&last.turned) - from) * sign;
         let axis = links().map(|link| link.turned).sum::<Vector3<f64>>();
-        let axis = axis.try_normalize(1e-9)?;
-        // Each link's axis against the mean, weighted with its angle.
-        let (mut stray, mut weight) = (0.0, 0.0);
-        for link in links() {
-            let length = link.turned.norm();
-            let along = (link.turned.dot(&axis).abs() / length.max(1e-12)).min(1.0);
-            stray += length * along.acos().powi(2);
-            weight += length;
-        }
         Some(Turn {
             start_s: links().next()?.start_s,
             end_s,
-            axis_body: axis,
-            angle_rad: angle,
+            axis_body: axis.try_normalize(1e-9)?,
             from_vertical_deg: links()
                 .map(|link| link.earth)
                 .sum::<Option<Vector3<f64>>>()
                 .and_then(from_vertical_deg),
-            spread_deg: (stray / weight).sqrt().to_degrees(),
         })
     }
 }

@@ -1,7 +1,6 @@
 use super::*;
 use crate::attitude::motion::TestBoard;
 use crate::attitude::{Attitude, Settings as AttitudeSettings};
-use crate::check::Check;
 use crate::frame::Mountings;
 
 fn turns_with(board: &TestBoard, settings: &Settings) -> Vec<Turn> {
@@ -52,14 +51,7 @@ fn once_round_is_one_turn_and_a_little_less_is_none() {
             assert!(degrees_off(&turn, Vector3::z() * sign) < 2.0);
             assert!((turn.start_s - 5.0).abs() < 0.3, "{turn:?}");
             assert!((turn.end_s - 12.7).abs() < 0.3, "{turn:?}");
-            let angle_deg = turn.angle_rad.to_degrees();
-            assert!((345.0..350.0).contains(&angle_deg), "{turn:?}");
-            assert!(
-                (angle_deg - 45.0 * (turn.end_s - 5.0)).abs() < 1.0,
-                "{turn:?}"
-            );
             assert!(turn.from_vertical_deg.is_none_or(|deg| deg < 2.0));
-            assert!(turn.spread_deg < 2.0);
 
             let mut short = board();
             short.turn(Vector3::z(), sign * 340.0, 45.0);
@@ -252,15 +244,4 @@ fn a_turn_past_the_time_limit_is_none() {
             assert_eq!(turns_with(&board, &settings).len(), expected, "{deg_s}");
         }
     }
-}
-
-#[test]
-fn settings_are_checked() {
-    assert!(Settings::default().check().is_empty());
-    let bad = Settings {
-        angle_deg: 90.0,
-        axis_tolerance_deg: 50.0,
-        time_limit_s: f64::NAN,
-    };
-    assert_eq!(bad.check().len(), 3);
 }

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Settings, Turn, from_vertical_deg};
-use crate::attitude::Tick;
+use crate::attitude::{TICK_S, Tick};
 use crate::frame::{hypot, wrap_pi};
 
 /// Time between two notes, seconds.
@@ -132,7 +132,7 @@ impl Vertical {
     fn advance(&mut self, tick: &Tick) -> Note {
         let orientation = tick.pose.orientation;
         let before = self.now.get_or_insert(Note {
-            t_s: tick.t_s - tick.period_s,
+            t_s: tick.t_s - TICK_S,
             angle: 0.0,
             travel: 0.0,
             up: Vector3::zeros(),
@@ -145,7 +145,7 @@ impl Vertical {
         before.t_s = tick.t_s;
         before.orientation = orientation;
         if !tick.at_rest {
-            let turned = tick.rate_rad_s * tick.period_s;
+            let turned = tick.rate_rad_s * TICK_S;
             let up = orientation.inverse_transform_vector(&Vector3::z());
             let about_up = turned.dot(&up);
             before.angle += about_up;
@@ -199,8 +199,6 @@ impl Vertical {
             return Look::NotYet;
         }
         let up = (now.up - first.up) / (now.travel - first.travel);
-        // The mean of unit vectors is the shorter, the wider they spread: 1 − δ²/2.
-        let spread = (2.0 * (1.0 - up.norm())).max(0.0).sqrt();
         let Some(axis) = up.try_normalize(1e-3) else {
             return Look::NeverFrom(start);
         };
@@ -208,9 +206,7 @@ impl Vertical {
             start_s: first.t_s,
             end_s: now.t_s,
             axis_body: axis * sign,
-            angle_rad: angle,
             from_vertical_deg: from_vertical_deg(now.earth - first.earth),
-            spread_deg: spread.to_degrees(),
         })
     }
 
