@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::frame::Mounting;
 use crate::reading::Reading;
-use carried::{Carried, Knot, Linear, pairs};
+use carried::{Carried, KNOT_S, Knot, Linear, pairs};
 use solve::{FoundAxes, SensorData, axes, cost, refine};
 
 /// Fewer pairs of attitudes 30° apart tell nothing.
@@ -126,7 +126,7 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
         name: "magnetometer",
         samples: field,
         offset_sd: 1000.0,
-        half_window_s: 0.05,
+        half_window_s: 0.5 * KNOT_S,
     };
     let accel = VectorSensor {
         name: "accelerometer",
@@ -247,12 +247,15 @@ impl VectorSensor {
     }
 }
 
+/// The samples of a sensor. A value that the source holds until there is a new one counts once: it is out of date.
 fn samples(
     readings: &[Reading],
     of: impl Fn(&Reading) -> Option<Vector3<f64>>,
 ) -> Vec<(f64, Vector3<f64>)> {
     let sample = |reading: &Reading| Some((reading.t_s, of(reading)?));
-    readings.iter().filter_map(sample).collect()
+    let mut samples: Vec<_> = readings.iter().filter_map(sample).collect();
+    samples.dedup_by_key(|(_, value)| *value);
+    samples
 }
 
 /// By which way the field points, if it points up or down clearly enough.

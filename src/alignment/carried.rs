@@ -7,9 +7,7 @@ use crate::reading::Reading;
 /// A gyro that is silent for longer has left a hole, seconds.
 const GAP_S: f64 = 0.3;
 /// Knots are this far apart, seconds.
-const KNOT_S: f64 = 0.2;
-/// The shortest mean of a sensor at a knot has so many samples.
-const FEWEST: usize = 2;
+pub(super) const KNOT_S: f64 = 0.2;
 /// Two knots make a pair when the board has turned this far between them, radians (30°), in at most this time, seconds.
 const PAIR_RAD: f64 = 0.52;
 const PAIR_S: f64 = 4.0;
@@ -137,7 +135,7 @@ impl Carried {
             .collect()
     }
 
-    /// Samples (time and chip axes) within half a window of each knot, carried to it. `None` where there are too few.
+    /// Samples (time and chip axes) within half a window of each knot, carried to it. `None` where there is none.
     pub(super) fn means(
         &self,
         knots: &[Knot],
@@ -167,7 +165,7 @@ impl Carried {
                 linear.by_offset += turn;
                 count += 1;
             }
-            (count >= FEWEST).then(|| {
+            (count > 0).then(|| {
                 let share = 1.0 / count as f64;
                 Linear {
                     by_matrix: linear.by_matrix * share,

@@ -189,6 +189,38 @@ fn the_rotation_beside_the_axes_is_found_as_certain_as_it_says() {
     );
 }
 
+/// At 10 Hz, a chip's usual rate, and at 5 Hz, in rows at 100 Hz that give the last value again.
+#[test]
+fn a_slow_magnetometer_is_found_whether_its_values_are_held_or_not() {
+    let mountings = Mountings {
+        mag: axes("+y -x +z"),
+        ..Mountings::default()
+    };
+    let board = Board {
+        mountings,
+        turn_deg: [3.0, -2.0, 0.0],
+        ..Board::default()
+    };
+    for rows in [10, 20] {
+        let mut all = readings(&board);
+        for holds in [false, true] {
+            let mut last = None;
+            for (row, reading) in all.iter_mut().enumerate() {
+                if row % rows == 0 {
+                    last = reading.field_mgauss;
+                }
+                reading.field_mgauss = last.filter(|_| holds || row % rows == 0);
+            }
+            let found = align(&all, true).unwrap().mag.unwrap();
+            let case = format!("every {rows} rows, {holds}: {found:?}");
+            assert_eq!(found.axes, mountings.mag, "{case}");
+            for (angle, right) in found.turn_deg.iter().zip(board.turn_deg) {
+                assert!((angle - right).abs() < 1.0, "{case}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_mirrored_gyro_a_turn_about_one_axis_and_rest_are_refused() {
     for mirrored in ["-x +y +z", "-x -y -z", "+y +x +z"] {
