@@ -8,70 +8,60 @@ use super::settings::{Protocol, Settings};
 use crate::frame::Mountings;
 
 #[derive(Debug)]
-pub(super) enum Decoder {
-    /// Boxed since only one of the two will stay.
-    Listening(Box<(RazorText, LogRows)>),
-    RazorText(RazorText),
-    RazorBinary(RazorBinary),
-    LogRows(Box<LogRows>),
+pub(super) struct Decoder {
+    protocol: Protocol,
+    razor_text: RazorText,
+    razor_binary: RazorBinary,
+    log_rows: LogRows,
 }
 
 impl Decoder {
     pub(super) fn new(settings: &Settings, board: Mountings) -> Self {
         let gain = settings.chip.counts_per_gauss();
-        match settings.protocol {
-            Protocol::Auto => {
-                Self::Listening(Box::new((RazorText::new(gain), LogRows::new(board))))
-            }
-            Protocol::Razor => Self::RazorText(RazorText::new(gain)),
-            Protocol::RazorBinary => Self::RazorBinary(RazorBinary::new(gain)),
-            Protocol::LogRows => Self::LogRows(Box::new(LogRows::new(board))),
+        Self {
+            protocol: settings.protocol,
+            razor_text: RazorText::new(gain),
+            razor_binary: RazorBinary::new(gain),
+            log_rows: LogRows::new(board),
         }
     }
 
     /// The device's protocol; [`Protocol::Auto`] while that is not known.
     pub(super) fn protocol(&self) -> Protocol {
-        match self {
-            Self::Listening(_) => Protocol::Auto,
-            Self::RazorText(_) => Protocol::Razor,
-            Self::RazorBinary(_) => Protocol::RazorBinary,
-            Self::LogRows(_) => Protocol::LogRows,
-        }
+        self.protocol
     }
 
     /// Hands over what `bytes` complete, in order.
-    pub(super) fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
-        let both = match self {
-            Self::RazorText(codec) => return codec.feed(bytes, found),
-            Self::RazorBinary(codec) => return codec.feed(bytes, found),
-            Self::LogRows(codec) => return codec.feed(bytes, found),
-            Self::Listening(both) => both,
-        };
-        let (mut razor, mut rows) = (false, false);
-        both.0.feed(bytes, |item| {
-            if matches!(item, Item::Frame(_) | Item::OtherMode(_) | Item::Synch(_)) {
-                razor = true;
-                found(item);
-            }
-        });
-        // A line that the one understands is a remark or a fault to the other.
-        both.1.feed(bytes, |item| {
-            rows |= matches!(item, Item::Timed(_));
-            if !razor {
-                found(item);
-            }
-        });
-        let (text, log_rows) = (both.0.clone(), rows && !razor);
-        if razor {
-            *self = Self::RazorText(text);
-        } else if log_rows && let Self::Listening(both) = self {
-            let board = LogRows::new(Mountings::default());
-            *self = Self::LogRows(Box::new(std::mem::replace(&mut both.1, board)));
+    pub(super) fn feed(&mut self, bytes: &[u8], found: impl FnMut(Item)) {
+        match self.protocol {
+            Protocol::Razor => self.razor_text.feed(bytes, found),
+            Protocol::RazorBinary => self.razor_binary.feed(bytes, found),
+            Protocol::LogRows => self.log_rows.feed(bytes, found),
+            Protocol::Auto => self.listen(bytes, found),
         }
+    }
+
+    fn listen(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
+        self.razor_text.feed(bytes, |item| {
+            if matches!(item, Item::Frame(_) | Item::OtherMode(_) | Item::Synch(_)) {
+                self.protocol = Protocol::Razor;
+                found(item);
+            }
+        });
+        if self.protocol == Protocol::Razor {
+            return;
+        }
+        // A line that the one understands is a remark or a fault to the other.
+        self.log_rows.feed(bytes, |item| {
+            if matches!(item, Item::Timed(_)) {
+                self.protocol = Protocol::LogRows;
+            }
+            found(item);
+        });
     }
 
     /// Whether it has lost its place, and only the device can help.
     pub(super) fn is_lost(&self) -> bool {
-        matches!(self, Self::RazorBinary(codec) if !codec.is_aligned())
+        self.protocol == Protocol::RazorBinary && !self.razor_binary.is_aligned()
     }
 }
