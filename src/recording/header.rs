@@ -25,10 +25,15 @@ pub(super) fn read<R: BufRead>(log: &str, lines: &mut LogLines<R>) -> Result<Row
 }
 
 /// A header on its way, line by line: from a file, or over a serial line.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct HeaderLines {
-    keys: Keys,
     count: u64,
+    header: Header,
+    given: Vec<&'static str>,
+    mag: Option<Unit>,
+    counts_per_gauss: Option<f64>,
+    gyro: Option<Unit>,
+    accel: Option<Unit>,
 }
 
 impl HeaderLines {
@@ -36,8 +41,8 @@ impl HeaderLines {
     pub fn begin(text: &str) -> Result<Self, String> {
         check_version(text)?;
         Ok(Self {
-            keys: Keys::default(),
             count: 1,
+            ..Self::default()
         })
     }
 
@@ -45,15 +50,15 @@ impl HeaderLines {
     pub fn add(&mut self, text: &str) -> Result<Option<Rows>, String> {
         self.count += 1;
         match text.strip_prefix('#') {
-            Some(comment) if self.count <= MOST_LINES => self.keys.add(comment).map(|()| None),
+            Some(comment) if self.count <= MOST_LINES => self.add_key(comment).map(|()| None),
             Some(_) => Err(format!(
                 "more than {MOST_LINES} # lines, but the line of column names must follow them"
             )),
             None if text.trim().is_empty() => Ok(None),
             None => {
                 let columns = columns(text)?;
-                let rules = self.keys.rules()?;
-                let header = std::mem::take(&mut self.keys.header);
+                let rules = self.rules()?;
+                let header = std::mem::take(&mut self.header);
                 Ok(Some(Rows {
                     header,
                     columns,
@@ -61,6 +66,76 @@ impl HeaderLines {
                 }))
             }
         }
+    }
+
+    /// Whether one of the [`KEYS`] was given.
+    pub fn gave(&self, key: &str) -> bool {
+        self.given.contains(&key)
+    }
+
+    /// Takes what follows the `#`; text that is no `key = value` is a remark.
+    fn add_key(&mut self, comment: &str) -> Result<(), String> {
+        let Some((key, value)) = comment.split_once('=') else {
+            return Ok(());
+        };
+        let (key, value) = (key.trim(), value.trim());
+        let Some(known) = KEYS.iter().find(|known| **known == key) else {
+            self.header.truth.push((key.to_owned(), value.to_owned()));
+            return Ok(());
+        };
+        if self.given.contains(known) {
+            return Err(format!("{key} is given a second time"));
+        }
+        self.given.push(known);
+        let bad =
+            |right: &str| format!("{key} is {}, but must be {right}", shown(value.as_bytes()));
+        let unit = |known: &[Unit], right: &str| {
+            let found = known.iter().find(|(name, _)| *name == value);
+            found.copied().ok_or_else(|| bad(right))
+        };
+        let axes = || {
+            value
+                .parse()
+                .map_err(|error| format!("{key} is wrong: {error}"))
+        };
+        match key {
+            "sensor" => self.header.sensor = Some(value.to_owned()),
+            "mag_unit" => self.mag = Some(unit(&MAG_UNITS, "mgauss, gauss, uT, nT or counts")?),
+            "counts_per_gauss" => {
+                let counts = value.parse().ok().filter(|n| (1.0..=1e6).contains(n));
+                self.counts_per_gauss =
+                    Some(counts.ok_or_else(|| bad("a number from 1 to 1000000"))?);
+            }
+            "gyro_unit" => self.gyro = Some(unit(&GYRO_UNITS, "rad/s or deg/s")?),
+            "accel_unit" => self.accel = Some(unit(&ACCEL_UNITS, "m/s2 or g")?),
+            "mag_axes" => self.header.mountings.mag = axes()?,
+            "gyro_axes" => self.header.mountings.gyro = axes()?,
+            _ => self.header.mountings.accel = axes()?,
+        }
+        Ok(())
+    }
+
+    fn rules(&self) -> Result<[Rule; COLUMNS.len()], String> {
+        let mag = match (self.mag, self.counts_per_gauss) {
+            (Some((COUNTS, _)), Some(counts)) => (COUNTS, 1000.0 / counts),
+            (Some((COUNTS, _)), None) => {
+                return Err(
+                    "mag_unit is counts, so \"# counts_per_gauss = …\" must stand above".to_owned(),
+                );
+            }
+            (unit, _) => unit.unwrap_or(MAG_UNITS[0]),
+        };
+        let rule = |(unit, factor): Unit, limit: f64| Rule {
+            factor,
+            limit: limit / factor,
+            unit,
+        };
+        let mut rules = [rule(("s", 1.0), 1e12); COLUMNS.len()];
+        rules[MAG..GYRO].fill(rule(mag, 1e6));
+        rules[GYRO..ACCEL].fill(rule(self.gyro.unwrap_or(GYRO_UNITS[0]), 1e3));
+        rules[ACCEL..HEADING].fill(rule(self.accel.unwrap_or(ACCEL_UNITS[0]), 1e4));
+        rules[HEADING] = rule(("degrees", 1.0), 360.0);
+        Ok(rules)
     }
 }
 
@@ -71,7 +146,7 @@ impl Rows {
         let rows = Self {
             header: Header::default(),
             columns: (0..cells).map(Some).collect(),
-            rules: Keys::default().rules().ok()?,
+            rules: HeaderLines::default().rules().ok()?,
         };
         let known = [GYRO, ACCEL, HEADING, COLUMNS.len()].contains(&cells);
         known.then_some(rows)
@@ -129,16 +204,6 @@ fn check_version(text: &str) -> Result<(), String> {
     }
 }
 
-#[derive(Debug, Default)]
-struct Keys {
-    header: Header,
-    seen: Vec<&'static str>,
-    mag: Option<Unit>,
-    counts_per_gauss: Option<f64>,
-    gyro: Option<Unit>,
-    accel: Option<Unit>,
-}
-
 /// A unit's name in a log, and what one of it is in ours.
 type Unit = (&'static str, f64);
 
@@ -165,73 +230,6 @@ pub(super) const KEYS: [&str; 8] = [
     "gyro_axes",
     "accel_axes",
 ];
-
-impl Keys {
-    /// Takes what follows the `#`; text that is no `key = value` is a remark.
-    fn add(&mut self, comment: &str) -> Result<(), String> {
-        let Some((key, value)) = comment.split_once('=') else {
-            return Ok(());
-        };
-        let (key, value) = (key.trim(), value.trim());
-        let Some(known) = KEYS.iter().find(|known| **known == key) else {
-            self.header.truth.push((key.to_owned(), value.to_owned()));
-            return Ok(());
-        };
-        if self.seen.contains(known) {
-            return Err(format!("{key} is given a second time"));
-        }
-        self.seen.push(known);
-        let bad =
-            |right: &str| format!("{key} is {}, but must be {right}", shown(value.as_bytes()));
-        let unit = |known: &[Unit], right: &str| {
-            let found = known.iter().find(|(name, _)| *name == value);
-            found.copied().ok_or_else(|| bad(right))
-        };
-        let axes = || {
-            value
-                .parse()
-                .map_err(|error| format!("{key} is wrong: {error}"))
-        };
-        match key {
-            "sensor" => self.header.sensor = Some(value.to_owned()),
-            "mag_unit" => self.mag = Some(unit(&MAG_UNITS, "mgauss, gauss, uT, nT or counts")?),
-            "counts_per_gauss" => {
-                let counts = value.parse().ok().filter(|n| (1.0..=1e6).contains(n));
-                self.counts_per_gauss =
-                    Some(counts.ok_or_else(|| bad("a number from 1 to 1000000"))?);
-            }
-            "gyro_unit" => self.gyro = Some(unit(&GYRO_UNITS, "rad/s or deg/s")?),
-            "accel_unit" => self.accel = Some(unit(&ACCEL_UNITS, "m/s2 or g")?),
-            "mag_axes" => self.header.mountings.mag = axes()?,
-            "gyro_axes" => self.header.mountings.gyro = axes()?,
-            _ => self.header.mountings.accel = axes()?,
-        }
-        Ok(())
-    }
-
-    fn rules(&self) -> Result<[Rule; COLUMNS.len()], String> {
-        let mag = match (self.mag, self.counts_per_gauss) {
-            (Some((COUNTS, _)), Some(counts)) => (COUNTS, 1000.0 / counts),
-            (Some((COUNTS, _)), None) => {
-                return Err(
-                    "mag_unit is counts, so \"# counts_per_gauss = …\" must stand above".to_owned(),
-                );
-            }
-            (unit, _) => unit.unwrap_or(MAG_UNITS[0]),
-        };
-        let rule = |(unit, factor): Unit, limit: f64| Rule {
-            factor,
-            limit: limit / factor,
-            unit,
-        };
-        let mut rules = [rule(("s", 1.0), 1e12); COLUMNS.len()];
-        rules[MAG..GYRO].fill(rule(mag, 1e6));
-        rules[GYRO..ACCEL].fill(rule(self.gyro.unwrap_or(GYRO_UNITS[0]), 1e3));
-        rules[ACCEL..HEADING].fill(rule(self.accel.unwrap_or(ACCEL_UNITS[0]), 1e4));
-        rules[HEADING] = rule(("degrees", 1.0), 360.0);
-        Ok(rules)
-    }
-}
 
 fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
     let columns: Vec<Option<usize>> = text

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::Item;
 use super::lines::{SerialLine, SerialLines};
 use super::shown;
-use crate::frame::{Mounting, Mountings};
+use crate::frame::Mountings;
 use crate::reading::{Field, Reading};
 use crate::recording::{HeaderLines, Rows, check_row};
 
@@ -24,8 +24,8 @@ pub struct LogRows {
 struct Wire {
     /// How the daemon holds the chips to be mounted.
     board: Mountings,
-    /// A header on its way, and which mountings it has named.
-    header: Option<(HeaderLines, [bool; 3])>,
+    /// A header on its way.
+    header: Option<HeaderLines>,
     rows: Option<Rows>,
     turns: [Option<Matrix3<f64>>; 3],
     /// The device has sent a part of a header: rows count only after the whole.
@@ -69,32 +69,24 @@ impl Wire {
         let bad = |what: String| Item::Bad(format!("found {}: {what}", shown(line)));
         let text = str::from_utf8(line).ok();
         if let Some(begun) = text.and_then(|text| HeaderLines::begin(text).ok()) {
-            (self.header, self.has_header) = (Some((begun, [false; 3])), true);
+            (self.header, self.has_header) = (Some(begun), true);
             return found(Item::Remark);
         }
         let is_header = line.starts_with(b"#") || names(line);
         match (text, &mut self.header) {
-            (Some(text), Some((header, named))) if is_header => {
-                for (named, key) in named
-                    .iter_mut()
-                    .zip(["mag_axes", "gyro_axes", "accel_axes"])
-                {
-                    *named |= text.trim_start_matches('#').trim_start().starts_with(key);
+            (Some(text), Some(header)) if is_header => match header.add(text) {
+                Ok(None) => found(Item::Remark),
+                Ok(Some(rows)) => {
+                    let named = ["mag_axes", "gyro_axes", "accel_axes"].map(|key| header.gave(key));
+                    self.header = None;
+                    self.begin(rows, named);
+                    found(Item::Remark);
                 }
-                match header.add(text) {
-                    Ok(None) => found(Item::Remark),
-                    Ok(Some(rows)) => {
-                        let named = *named;
-                        self.header = None;
-                        self.begin(rows, named);
-                        found(Item::Remark);
-                    }
-                    Err(what) => {
-                        self.header = None;
-                        found(bad(what));
-                    }
+                Err(what) => {
+                    self.header = None;
+                    found(bad(what));
                 }
-            }
+            },
             // Its beginning was lost, or it is a mere remark. Who sends headers sends the next one too.
             _ if is_header => {
                 self.has_header |= names(line) || line.contains(&b'=');
@@ -119,7 +111,9 @@ impl Wire {
             (theirs.accel, self.board.accel),
         ];
         for ((turn, named), (theirs, ours)) in self.turns.iter_mut().zip(named).zip(pairs) {
-            *turn = (named && theirs != ours).then(|| between(theirs, ours));
+            // From the axes of a chip that is mounted like theirs into those of one mounted like ours.
+            let between = || ours.rotation().transpose() * theirs.rotation();
+            *turn = (named && theirs != ours).then(between);
         }
         self.rows = Some(rows);
     }
@@ -173,12 +167,6 @@ impl Wire {
 fn names(line: &[u8]) -> bool {
     line.split(|byte| *byte == b',')
         .any(|cell| cell.trim_ascii() == b"t_s")
-}
-
-/// From the axes of a chip that is mounted like `theirs` into those of one mounted like `ours`.
-fn between(theirs: Mounting, ours: Mounting) -> Matrix3<f64> {
-    let axis = |axis: Vector3<f64>| ours.to_chip(theirs.to_body(axis));
-    Matrix3::from_columns(&[axis(Vector3::x()), axis(Vector3::y()), axis(Vector3::z())])
 }
 
 /// A field in other axes; an axis into which one that overflowed enters is unknown.
