@@ -65,72 +65,37 @@ pub enum Loaded {
     Others(Vec<Identity>),
 }
 
-/// What went wrong with a calibration file.
+/// What went wrong with a calibration file or its folder, and with which one.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// The folder cannot be used.
-    #[error("cannot keep calibrations in folder {}: {source}", directory.display())]
-    Directory {
-        /// The folder.
-        directory: PathBuf,
-        /// The error of the system.
-        source: io::Error,
-    },
-    /// Another process has the folder.
+    #[error("cannot keep calibrations in folder {}: {}", .0.display(), .1)]
+    Directory(PathBuf, #[source] io::Error),
+    /// Another process has the folder: this one, if it is known.
     #[error(
         "cannot keep calibrations in folder {}: another daemon keeps its own there{}; stop it, or set another \
          store.directory",
-        directory.display(), pid.map(|pid| format!(" (process {pid})")).unwrap_or_default()
+        .0.display(), .1.map(|pid| format!(" (process {pid})")).unwrap_or_default()
     )]
-    InUse {
-        /// The folder.
-        directory: PathBuf,
-        /// The process, if it is known.
-        pid: Option<u32>,
-    },
+    InUse(PathBuf, Option<u32>),
     /// The file cannot be read.
-    #[error("cannot read calibration {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The error of the system.
-        source: io::Error,
-    },
-    /// The file can be read, but is no calibration: half-written or damaged.
-    #[error("{} is not a usable calibration file: {why}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong in it.
-        why: String,
-    },
-    /// A newer program wrote the file.
+    #[error("cannot read calibration {}: {}", .0.display(), .1)]
+    Read(PathBuf, #[source] io::Error),
+    /// The file can be read, but is no calibration, and why: half-written or damaged.
+    #[error("{} is not a usable calibration file: {}", .0.display(), .1)]
+    Unreadable(PathBuf, String),
+    /// A newer program wrote the file, in this version.
     #[error(
-        "calibration {} has version {version}, which is newer than this headingd supports: upgrade headingd",
-        path.display()
+        "calibration {} has version {}, which is newer than this headingd supports: upgrade headingd",
+        .0.display(), .1
     )]
-    Newer {
-        /// The file.
-        path: PathBuf,
-        /// Its version.
-        version: u64,
-    },
-    /// The calibration has values that cannot be kept. The file is as it was.
-    #[error("cannot save calibration {}: {why}", path.display())]
-    Unsavable {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with the calibration.
-        why: String,
-    },
+    Newer(PathBuf, u64),
+    /// The calibration has values that cannot be kept, and which. The file is as it was.
+    #[error("cannot save calibration {}: {}", .0.display(), .1)]
+    Unsavable(PathBuf, String),
     /// The file cannot be written.
-    #[error("cannot save calibration {}: {source}", path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// The error of the system.
-        source: io::Error,
-    },
+    #[error("cannot save calibration {}: {}", .0.display(), .1)]
+    Write(PathBuf, #[source] io::Error),
 }
 
 /// A folder that calibrations are kept in.
@@ -148,10 +113,7 @@ impl Store {
     ///
     /// When the folder cannot be made or used, or when another process has it.
     pub fn open(directory: &Path) -> Result<Self, StoreError> {
-        let fail = |source| StoreError::Directory {
-            directory: directory.to_owned(),
-            source,
-        };
+        let fail = |error| StoreError::Directory(directory.to_owned(), error);
         fs::create_dir_all(directory).map_err(fail)?;
         let store = Self {
             directory: directory.to_owned(),
@@ -166,8 +128,8 @@ impl Store {
     fn lock(directory: &Path) -> Result<Arc<LockFile>, StoreError> {
         let directory = directory.to_owned();
         LockFile::share(&directory.join(LOCK_NAME)).map_err(|error| match error {
-            LockError::Held(pid) => StoreError::InUse { directory, pid },
-            LockError::System(source) => StoreError::Directory { directory, source },
+            LockError::Held(pid) => StoreError::InUse(directory, pid),
+            LockError::System(error) => StoreError::Directory(directory, error),
         })
     }
 
@@ -206,17 +168,14 @@ impl Store {
         known: Option<&History>,
     ) -> Result<Option<PathBuf>, StoreError> {
         let path = self.path();
-        let fail = |source| StoreError::Write {
-            path: path.clone(),
-            source,
-        };
+        let fail = |error| StoreError::Write(path.clone(), error);
         let (mut contents, reason) = match self.contents() {
             Ok(contents) => {
                 let found = contents.find(&history.identity);
                 let reason = (found.is_some() && found != known).then_some("changed");
                 (contents, reason)
             }
-            Err(StoreError::Newer { .. }) => (Contents::default(), Some("newer")),
+            Err(StoreError::Newer(..)) => (Contents::default(), Some("newer")),
             Err(_) => (Contents::default(), Some("unreadable")),
         };
         contents.put(history.clone());
@@ -236,10 +195,10 @@ impl Store {
         // A pipe would be waited for, and a device has no end.
         if fs::metadata(&path).is_ok_and(|found| !found.is_file()) {
             let why = "it is no regular file".to_owned();
-            return Err(StoreError::Unreadable { path, why });
+            return Err(StoreError::Unreadable(path, why));
         }
         match Self::read_file(&path) {
-            Err(StoreError::Read { source, .. }) if source.kind() == io::ErrorKind::NotFound => {
+            Err(StoreError::Read(_, error)) if error.kind() == io::ErrorKind::NotFound => {
                 Ok(Contents::default())
             }
             read => read,
@@ -255,23 +214,14 @@ impl Store {
         let mut bytes = Vec::new();
         File::open(path)
             .and_then(|file| file.take(LONGEST + 1).read_to_end(&mut bytes))
-            .map_err(|source| StoreError::Read {
-                path: path.to_owned(),
-                source,
-            })?;
-        let unreadable = |why| StoreError::Unreadable {
-            path: path.to_owned(),
-            why,
-        };
+            .map_err(|error| StoreError::Read(path.to_owned(), error))?;
+        let unreadable = |why| StoreError::Unreadable(path.to_owned(), why);
         if bytes.len() as u64 > LONGEST {
             return Err(unreadable(format!("it is longer than {LONGEST} bytes")));
         }
         Contents::from_json(&bytes).map_err(|error| match error {
             FormatError::Unreadable(why) => unreadable(why),
-            FormatError::Newer(version) => StoreError::Newer {
-                path: path.to_owned(),
-                version,
-            },
+            FormatError::Newer(version) => StoreError::Newer(path.to_owned(), version),
         })
     }
 
@@ -282,10 +232,8 @@ impl Store {
     /// When the file cannot be written.
     pub fn write_file(path: &Path, contents: &Contents) -> Result<(), StoreError> {
         let text = text(path, contents)?;
-        replace_file(path, text.as_bytes()).map_err(|source| StoreError::Write {
-            path: path.to_owned(),
-            source,
-        })
+        replace_file(path, text.as_bytes())
+            .map_err(|error| StoreError::Write(path.to_owned(), error))
     }
 
     /// The file that the calibrations are kept in.
@@ -295,8 +243,7 @@ impl Store {
 }
 
 fn text(path: &Path, contents: &Contents) -> Result<String, StoreError> {
-    contents.to_json().map_err(|why| StoreError::Unsavable {
-        path: path.to_owned(),
-        why,
-    })
+    contents
+        .to_json()
+        .map_err(|why| StoreError::Unsavable(path.to_owned(), why))
 }

@@ -318,7 +318,7 @@ fn a_file_cut_anywhere_is_refused_and_left_alone() {
         for length in 0..whole.len() - 1 {
             fs::write(&path, &whole[..length]).unwrap();
             let error = store.load(&identity()).unwrap_err();
-            assert!(matches!(error, StoreError::Unreadable { .. }), "{error}");
+            assert!(matches!(error, StoreError::Unreadable(..)), "{error}");
             assert_eq!(fs::read(&path).unwrap(), whole[..length]);
         }
     }
@@ -335,7 +335,9 @@ fn a_file_that_is_not_understood_is_set_aside_before_the_next_save() {
         ("{\"headingd_store\": 4, \"future\": []}", "newer-1"),
     ] {
         fs::write(store.path(), text).unwrap();
-        store.load(&identity()).unwrap_err();
+        let error = store.load(&identity()).unwrap_err();
+        let newer = matches!(error, StoreError::Newer(_, 4));
+        assert_eq!(newer, name == "newer-1", "{error}");
         let aside = store.save(&good, None).unwrap().unwrap();
         let name = format!("calibration.json.{name}");
         assert_eq!(aside.file_name().unwrap().to_str(), Some(name.as_str()));
@@ -359,7 +361,7 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
         let text = good.replacen("\"last_number\": 1", &format!("\"last_number\": {last}"), 1);
         fs::write(store.path(), &text).unwrap();
         let error = store.load(&identity()).unwrap_err();
-        assert!(matches!(error, StoreError::Unreadable { .. }), "{error}");
+        assert!(matches!(error, StoreError::Unreadable(..)), "{error}");
         kept.keep(made(planar()), 10);
         let aside = store.save(&kept, None).unwrap().unwrap();
         assert_eq!(fs::read_to_string(aside).unwrap(), text);
@@ -374,17 +376,6 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
     found.keep(made(planar()), 10);
     assert_eq!(store.save(&found, Some(&known)).unwrap(), None);
     assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(found));
-}
-
-#[test]
-fn a_newer_file_is_told_from_a_damaged_one() {
-    let (_folder, store) = store();
-    fs::write(store.path(), "{\"headingd_store\": 4, \"sensors\": []}").unwrap();
-    let error = store.load(&identity()).unwrap_err();
-    assert!(
-        matches!(error, StoreError::Newer { version: 4, .. }),
-        "{error}"
-    );
 }
 
 #[test]
@@ -558,22 +549,6 @@ fn a_folder_that_cannot_be_used_is_refused() {
 }
 
 #[test]
-fn a_folder_that_may_not_be_written_is_refused_at_the_start() {
-    use std::os::unix::fs::PermissionsExt;
-    let folder = tempfile::tempdir().unwrap();
-    fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o555)).unwrap();
-    // The superuser may write anywhere.
-    if fs::write(folder.path().join("probe"), "").is_ok() {
-        return;
-    }
-    let message = message(Store::open(folder.path()));
-    assert!(
-        message.ends_with(": Permission denied (os error 13)"),
-        "{message}"
-    );
-}
-
-#[test]
 fn a_killed_save_leaves_nothing_behind() {
     let (_folder, store) = store();
     let good = history(planar());
@@ -604,7 +579,7 @@ fn a_link_stays_a_link_and_a_device_a_device() {
     // Every write to /dev/full fails as on a full disk.
     let full = PathBuf::from("/dev/full");
     let error = Store::write_file(&full, &Contents::of(history(planar()))).unwrap_err();
-    assert!(matches!(error, StoreError::Write { .. }), "{error}");
+    assert!(matches!(error, StoreError::Write(..)), "{error}");
     assert!(fs::metadata(&full).unwrap().file_type().is_char_device());
 }
 
