@@ -25,16 +25,8 @@
 //! | `mag_axes`, `gyro_axes`, `accel_axes` | a [mounting](crate::frame::Mounting) | `+x +y +z` |
 //!
 //! Times do not decrease. A row whose time is far from that of its neighbours is dropped, as one that cannot be
-//! understood; where the time really jumps, back or by more than a minute, a new stretch begins. One row more decides
-//! which it is:
-//!
-//! - a row up to a second earlier than the last one used is dropped;
-//! - one that is more than a second away is dropped where the next row goes on from the last one used, and not from it;
-//! - one that is up to a minute later otherwise follows: the log has a hole;
-//! - one that is further away begins a new stretch where the next row goes on from it, and is dropped otherwise.
-//!
-//! To go on from a time is to be the same or up to a minute later; in the last case it must be later. What is known of the board's motion ends with its
-//! stretch, and nobody waits for the next one.
+//! understood; where the time really jumps, back or by more than a minute, a new stretch begins. `stretch.rs` has the
+//! rules. What is known of the board's motion ends with its stretch, and nobody waits for the next one.
 //!
 //! An empty cell means no reading from that sensor, or an overflowed magnetometer axis. A row whose
 //! three magnetometer cells are all empty says nothing of the magnetometer: the format cannot tell an

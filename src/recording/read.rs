@@ -158,7 +158,6 @@ mod tests {
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
-    use super::super::Skips;
     use super::*;
     use crate::reading::Reading;
 
@@ -283,6 +282,15 @@ mod tests {
             ("0 30", "0 30", &[]),
             ("0 1 0.98 0.99 1.01", "0 1 1.01", &[3, 4]),
             ("50 51 0 0 0 52", "50 51 52", &[3, 4, 5]),
+            // The ends of a second, either way, …
+            ("7 8 7.5", "7 8", &[3]),
+            ("7 8.1 7.5", "7 7.5", &[2]),
+            ("7 6 6.02", "7", &[2, 3]),
+            ("7 5.9 5.92", "7 | 5.9 5.92", &[]),
+            // … and of a minute.
+            ("7 67 500", "7 67", &[3]),
+            ("7 67.1 67.12", "7 | 67.1 67.12", &[]),
+            ("7 67.1 67.1", "7", &[2, 3]),
         ] {
             let (kept, lines) = used(times);
             assert_eq!((kept.as_str(), &lines[..]), (right, dropped), "{times}");
@@ -299,18 +307,6 @@ mod tests {
             "{message}"
         );
         assert!(rows[1].is_ok());
-    }
-
-    #[test]
-    fn skips_are_counted_and_the_first_is_kept() {
-        let text = format!("{HEAD}0,,,,,,,,,,\nx,,,,,,,,,,\ny,,,,,,,,,,\n1,,,,,,,,,,");
-        let mut skips = Skips::default();
-        let kept = rows(text.as_bytes())
-            .into_iter()
-            .filter_map(|row| skips.keep(row));
-        assert_eq!(kept.count(), 1);
-        assert_eq!(skips.count(), 3);
-        assert!(skips.first().unwrap().what.contains("\"x\""));
     }
 
     #[test]
