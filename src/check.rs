@@ -5,6 +5,9 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
 /// One setting that cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{key} is {found}, but must be {right}")]
@@ -28,8 +31,8 @@ impl Fault {
     }
 }
 
-/// Settings that can say what is wrong with themselves.
-pub trait Check {
+/// Settings of a table of the configuration, which can say what is wrong with themselves.
+pub trait Check: Default + Serialize + DeserializeOwned {
     /// Their keys, as in the file: the names of the fields.
     const KEYS: &[&str];
 
@@ -172,20 +175,3 @@ macro_rules! words {
 }
 
 pub(crate) use {settings, words};
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_value_outside_its_range_is_named_with_key_range_and_unit() {
-        let mut faults = Vec::new();
-        within(&mut faults, "angle_deg", 345.0, 180.0..=720.0, "degrees");
-        assert!(faults.is_empty());
-        within(&mut faults, "angle_deg", f64::NAN, 180.0..=720.0, "degrees");
-        assert_eq!(
-            faults[0].to_string(),
-            "angle_deg is NaN, but must be from 180 to 720 degrees"
-        );
-    }
-}

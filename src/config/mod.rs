@@ -16,7 +16,7 @@ mod words;
 
 use serde::Serialize;
 
-use crate::check::Fault;
+use crate::check::{Check, Fault};
 use crate::position::Gpsd;
 use crate::publish::outputs::{pty, tcp, udp};
 use crate::publish::{control, nmea, server};
@@ -24,7 +24,6 @@ use crate::sensor::{i2c, serial, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, true_north, turn};
 
 use fault::ConfigError;
-use reader::Settings;
 
 /// A table of the configuration, as the code knows it.
 #[derive(Clone, Debug, PartialEq)]
@@ -178,7 +177,7 @@ impl Config {
     }
 }
 
-fn table<T: Settings>(name: &'static str) -> Table {
+fn table<T: Check>(name: &'static str) -> Table {
     Table {
         name,
         keys: T::KEYS,

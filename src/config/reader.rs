@@ -2,23 +2,15 @@
 
 use std::ops::Range;
 
-use serde::Serialize;
-use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
 use super::Table;
 use super::fault::ConfigFault;
 use super::retired;
-use super::syntax;
-use super::syntax::{LineIndex, column};
+use super::syntax::{self, LineIndex, column};
 use super::words::{explain, suggest};
 use crate::check::{Check, Fault};
-
-/// What a table of the configuration is read into.
-pub trait Settings: Default + Serialize + DeserializeOwned + Check {}
-
-impl<T: Default + Serialize + DeserializeOwned + Check> Settings for T {}
 
 type Key<'i> = Spanned<DeString<'i>>;
 type Value<'i> = Spanned<DeValue<'i>>;
@@ -45,16 +37,16 @@ impl<'i> TableReader<'i> {
     /// the syntax errors are all.
     pub(super) fn new(text: &'i str) -> Result<Self, Vec<ConfigFault>> {
         let (root, errors) = DeTable::parse_recoverable(text);
+        let places = LineIndex::of(text);
         if errors.is_empty() {
             return Ok(Self {
                 text,
-                places: LineIndex::of(text),
+                places,
                 root: root.into_inner(),
                 faults: Vec::new(),
                 retired: Vec::new(),
             });
         }
-        let places = LineIndex::of(text);
         let mut faults: Vec<ConfigFault> = errors
             .iter()
             .map(|error| {
@@ -95,13 +87,14 @@ impl<'i> TableReader<'i> {
                 };
                 format!("this key is outside any table: {help}")
             };
-            let fault = self.fault(Some(key.span().start), format!("{name}: {sentence}"));
-            self.faults.push(fault);
+            let at = Some(key.span().start);
+            self.faults
+                .push(fault(&self.places, at, format!("{name}: {sentence}")));
         }
     }
 
     /// The settings in table `name`; the defaults if there is no such table or it cannot be used.
-    pub(super) fn table<T: Settings>(&mut self, name: &'static str) -> T {
+    pub(super) fn table<T: Check>(&mut self, name: &'static str) -> T {
         let target = Target {
             table: super::table::<T>(name),
             attempt: |key, value| {
@@ -125,64 +118,44 @@ impl<'i> TableReader<'i> {
             }
             Err(error) => {
                 let sentence = format!("{name}: {}", error.message());
-                let fault = self.fault(Some(at), sentence);
-                self.faults.push(fault);
+                self.faults.push(fault(&self.places, Some(at), sentence));
                 T::default()
             }
         }
     }
 
     /// What can be used of a table, with the faults of the rest collected: nothing where the document does not have it.
-    /// `None` where it is no table.
+    /// `None` where it is no table. Key by key, since a deserialiser stops at its first error.
     fn usable(&mut self, target: &Target<'i>) -> Option<Value<'i>> {
         let name = target.table.name;
+        let mut usable = DeTable::new();
         let Some((key, value)) = find(&self.root, name) else {
-            return Some(Spanned::new(0..0, DeValue::Table(DeTable::new())));
+            return Some(Spanned::new(0..0, DeValue::Table(usable)));
         };
         let span = key.span();
         let DeValue::Table(table) = value.get_ref() else {
             let found = self.snippet(&value.span());
-            let fault = Fault::new(name, found, format!("a table, [{name}]"));
-            let fault = self.fault(Some(span.start), fault.to_string());
-            self.faults.push(fault);
+            let sentence = Fault::new(name, found, format!("a table, [{name}]")).to_string();
+            self.faults
+                .push(fault(&self.places, Some(span.start), sentence));
             return None;
         };
-        let (usable, faults, gone) = self.usable_keys(table, target);
-        self.faults.extend(faults);
-        self.retired.extend(gone);
-        Some(Spanned::new(span, DeValue::Table(usable)))
-    }
-
-    /// The keys of a table that can be used, the faults of the others, and the keys that no longer exist, with their
-    /// offsets. Key by key, since a deserialiser stops at its first error.
-    fn usable_keys(
-        &self,
-        table: &DeTable<'i>,
-        target: &Target<'i>,
-    ) -> (DeTable<'i>, Vec<ConfigFault>, Vec<(usize, String)>) {
-        let name = target.table.name;
-        let mut usable = DeTable::new();
-        let mut faults = Vec::new();
-        let mut gone = Vec::new();
         for (key, value) in table {
+            let at = key.span().start;
             if let Some(instead) = retired::instead(name, key.get_ref()) {
-                let at = key.span().start;
                 let sentence = format!(
                     "line {}: {name}.{} no longer exists and has no effect: {instead}",
                     self.places.line(at),
                     key.get_ref()
                 );
-                gone.push((at, sentence));
-                continue;
-            }
-            match self.probe(target, key, value) {
-                Ok(()) => {
-                    usable.insert(key.clone(), value.clone());
-                }
-                Err(sentence) => faults.push(self.fault(Some(key.span().start), sentence)),
+                self.retired.push((at, sentence));
+            } else if let Err(sentence) = self.probe(target, key, value) {
+                self.faults.push(fault(&self.places, Some(at), sentence));
+            } else {
+                usable.insert(key.clone(), value.clone());
             }
         }
-        (usable, faults, gone)
+        Some(Spanned::new(span, DeValue::Table(usable)))
     }
 
     /// The keys that no longer exist, as sentences in the order of the lines.
@@ -194,11 +167,11 @@ impl<'i> TableReader<'i> {
 
     /// Collects faults that settings found in themselves; with `below` before them their keys are `table.key`.
     pub(super) fn collect(&mut self, below: &str, faults: Vec<Fault>) {
-        for fault in faults {
-            let key = format!("{below}{}", fault.key);
+        for found in faults {
+            let key = format!("{below}{}", found.key);
             let at = position(&self.root, &key);
-            self.faults
-                .push(self.fault(at, Fault { key, ..fault }.to_string()));
+            let sentence = Fault { key, ..found }.to_string();
+            self.faults.push(fault(&self.places, at, sentence));
         }
     }
 
@@ -212,15 +185,6 @@ impl<'i> TableReader<'i> {
         self.faults
             .sort_by_key(|fault| fault.line.unwrap_or(usize::MAX));
         self.faults
-    }
-
-    /// A fault at this place of the text.
-    fn fault(&self, at: Option<usize>, sentence: String) -> ConfigFault {
-        ConfigFault {
-            line: at.map(|at| self.places.line(at)),
-            column: None,
-            sentence,
-        }
     }
 
     /// What is wrong with one key alone, all others at their defaults.
@@ -286,6 +250,15 @@ const WANTED_CHOICE: &str = "wanted string or table";
 
 fn find<'t, 'i>(table: &'t DeTable<'i>, name: &str) -> Option<(&'t Key<'i>, &'t Value<'i>)> {
     table.iter().find(|(key, _)| key.get_ref() == name)
+}
+
+/// A fault at this place of the text.
+fn fault(places: &LineIndex, at: Option<usize>, sentence: String) -> ConfigFault {
+    ConfigFault {
+        line: at.map(|at| places.line(at)),
+        column: None,
+        sentence,
+    }
 }
 
 /// The place of `table.key` in the text, or that of its table if the key is not there.

@@ -8,8 +8,10 @@ use crate::check::Fault;
 pub(super) fn explain(key: &str, found: String, message: &str) -> String {
     let wrong = |right: String| Fault::new(key, found, right).to_string();
     if message.starts_with("unknown variant `") {
-        let choices = choices(message);
-        let quoted: Vec<String> = choices.iter().map(|choice| format!("{choice:?}")).collect();
+        // The words in backquotes after "expected".
+        let (_, list) = message.rsplit_once(", expected ").unwrap_or_default();
+        let choices = list.split('`').skip(1).step_by(2);
+        let quoted: Vec<String> = choices.map(|choice| format!("{choice:?}")).collect();
         return wrong(quoted.join(" or "));
     }
     let is_type = ["invalid type: ", "invalid value: ", "invalid length "]
@@ -24,29 +26,15 @@ pub(super) fn explain(key: &str, found: String, message: &str) -> String {
 /// A type's name as a deserialiser gives it, in the words of a user.
 fn right_type(expected: &str) -> String {
     match expected {
-        "f32" | "f64" => "a number",
+        "f64" => "a number",
         "u8" => "a whole number from 0 to 255",
-        "u16" => "a whole number from 0 to 65535",
         "u32" => "a whole number from 0 to 4294967295",
-        "u64" | "u128" | "usize" => "a whole number, 0 or more",
-        "i8" | "i16" | "i32" | "i64" | "i128" | "isize" => "a whole number",
+        "u64" | "usize" => "a whole number, 0 or more",
         "a boolean" => "true or false",
         "a string" | "path string" => "a text in quotes",
         other => other,
     }
     .to_owned()
-}
-
-/// The words in backquotes after "expected" in a deserialiser's message.
-fn choices(message: &str) -> Vec<String> {
-    let Some((_, list)) = message.rsplit_once(", expected ") else {
-        return Vec::new();
-    };
-    list.split('`')
-        .skip(1)
-        .step_by(2)
-        .map(str::to_owned)
-        .collect()
 }
 
 /// What to write in place of an unknown word: the nearest known one, or all of them.

@@ -15,7 +15,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::history::{History, Identity, Made};
-use super::plausible::{faults, join, no_number};
+use super::plausible::{faults, no_number};
+use crate::check::Fault;
 
 const VERSION: u64 = 3;
 
@@ -176,7 +177,8 @@ impl Contents {
             for entry in &history.entries {
                 let faults = faults(&entry.made.calibration);
                 if !faults.is_empty() {
-                    return Some(join(&faults));
+                    let texts: Vec<String> = faults.iter().map(Fault::to_string).collect();
+                    return Some(texts.join("; "));
                 }
                 if let Some(rms) = entry.made.gyro_rms_deg.filter(|rms| !rms.is_finite()) {
                     return Some(format!("gyro_rms_deg is {rms}, but must be a number"));

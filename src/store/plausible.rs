@@ -144,8 +144,3 @@ fn bias_faults(faults: &mut Vec<Fault>, bias_mgauss: &[f64]) {
         within(faults, &key, *bias, -1e5..=1e5, "milligauss");
     }
 }
-
-pub(super) fn join(faults: &[Fault]) -> String {
-    let texts: Vec<String> = faults.iter().map(Fault::to_string).collect();
-    texts.join("; ")
-}

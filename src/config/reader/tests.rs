@@ -1,32 +1,21 @@
 use std::cell::Cell;
 
-use serde::Deserialize;
-
 use super::*;
+use crate::check::settings;
 
 thread_local! {
     /// How often defaults were made: each look at a key makes some.
     static MADE: Cell<u32> = const { Cell::new(0) };
 }
 
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct CountedSettings {
-    count: u32,
+fn counted() -> u32 {
+    MADE.set(MADE.get() + 1);
+    0
 }
 
-impl Default for CountedSettings {
-    fn default() -> Self {
-        MADE.set(MADE.get() + 1);
-        Self { count: 0 }
-    }
-}
-
-impl Check for CountedSettings {
-    const KEYS: &[&str] = &["count"];
-
-    fn check(&self) -> Vec<Fault> {
-        Vec::new()
+settings! {
+    pub struct CountedSettings {
+        count: u32 = counted(), 0..=9, "";
     }
 }
 
