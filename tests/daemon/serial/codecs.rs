@@ -44,15 +44,13 @@ fn readings(items: &[Item]) -> Vec<Reading> {
 }
 
 fn bad(items: &[Item]) -> Vec<&str> {
-    let why = |item: &'_ Item| matches!(item, Item::Bad(_));
-    items
-        .iter()
-        .filter(|item| why(item))
-        .map(|item| match item {
-            Item::Bad(why) => why.as_str(),
-            _ => "",
-        })
-        .collect()
+    fn why(item: &Item) -> Option<&str> {
+        match item {
+            Item::Bad(why) => Some(why),
+            _ => None,
+        }
+    }
+    items.iter().filter_map(why).collect()
 }
 
 /// The field's X, which tells frames apart.
@@ -72,7 +70,9 @@ fn a_frame_of_three_lines_is_one_reading() {
         reading.field_mgauss,
         Some([Some(100.0), Some(-10.0), Some(0.0)])
     );
-    assert_eq!(reading.specific_force_m_s2.unwrap().z, -9.80665);
+    // Level, the right way up: gravity down is a force up.
+    let force = reading.specific_force_m_s2.unwrap();
+    assert_eq!((force.y, force.z), (9.80665 / 2.0, -9.80665));
     let rate_deg_s = reading.rate_rad_s.unwrap().map(f64::to_degrees);
     assert!((rate_deg_s - Vector3::new(14.0 / 14.375, 0.0, -1.0 / 14.375)).norm() < 1e-12);
 }
@@ -85,7 +85,10 @@ fn what_is_no_number_is_unknown_and_never_0() {
         ("ovf,-ovf,3.00", [None, None, Some(3.0)]),
         (",2,", [None, Some(2.0), None]),
         (",,", [None; 3]),
+        // A lost sign, and overflows.
         ("65535.00,-1,-4096", [Some(-1.0), Some(-1.0), None]),
+        ("63488,2049,4096", [Some(-2048.0), None, None]),
+        ("61440,2048,-2049", [None, Some(2048.0), None]),
     ] {
         let items = of_text(&[format!("#M-R={numbers}\r\n#G-R=0,nan,0\r\n").as_bytes()]);
         let reading = readings(&items)[0];

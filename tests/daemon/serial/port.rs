@@ -275,46 +275,6 @@ fn log_rows_are_found_and_timed_by_the_device() {
     });
 }
 
-/// As a daemon is that SIGSTOP has stopped: the kernel goes on to take what the board sends.
-#[test]
-fn what_has_waited_is_as_old_as_it_is() {
-    const STOPPED: Duration = Duration::from_millis(2500);
-    // Each says when it was made, in hundredths of a second or in thousandths. Log rows have no header here: what a
-    // board says while it is opened may be lost.
-    let razor = || {
-        let counts = |t_s: f64| COUNTS.map(|[_, y, z]| [(100.0 * t_s).round() as i32, y, z]);
-        Firmware::Razor(Box::new(counts))
-    };
-    let rows = || Firmware::Plain(Vec::new(), "{t},{t},200,300\r\n".into());
-    type Case = (fn() -> Firmware, f64);
-    let cases: [(Protocol, Case); 2] = [
-        (Protocol::Razor, (razor, 1.3 / 100.0)),
-        (Protocol::LogRows, (rows, 1.0)),
-    ];
-    at_once(&cases, |rig, (firmware, unit_s)| {
-        let _device = rig.plug(firmware());
-        // How much later than it was made a reading is said to be, but for what both clocks began with.
-        let late_s = |(reading, _): &(Reading, Instant)| match reading.field_mgauss {
-            Some([Some(made), ..]) => reading.t_s - made * unit_s,
-            other => panic!("{other:?}"),
-        };
-        let before: Vec<f64> = rig.readings(150).iter().map(late_s).collect();
-        let usual_s = before[100..].iter().copied().fold(f64::INFINITY, f64::min);
-        std::thread::sleep(STOPPED);
-        let (mut after, mut ages) = (Vec::new(), Vec::new());
-        for _ in 0..200 {
-            let reading = rig.readings(1)[0];
-            ages.push(reading.1.elapsed());
-            after.push(late_s(&reading) - usual_s);
-        }
-        let worst_s = after.iter().copied().fold(0.0, f64::max);
-        assert!(
-            worst_s < 0.3 && ages[0] > STOPPED / 2 && ages[199] < STOPPED / 2,
-            "{worst_s}: {after:?}, {ages:?}"
-        );
-    });
-}
-
 #[test]
 fn whatever_comes_instead_has_one_message() {
     fn noise() -> Firmware {
