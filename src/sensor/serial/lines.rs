@@ -12,7 +12,7 @@ pub(super) enum SerialLine<'a> {
 }
 
 /// Cuts bytes into lines. It keeps at most one unfinished line.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub(super) struct SerialLines {
     pending: Vec<u8>,
     skipping: bool,

@@ -52,9 +52,8 @@ impl LogRows {
 
     /// Hands over what `bytes` complete, in order.
     pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
-        let rows = &mut self.rows;
         self.lines.feed(bytes, |line| match line {
-            SerialLine::Whole(line) => rows.line(line, &mut found),
+            SerialLine::Whole(line) => self.rows.line(line, &mut found),
             SerialLine::TooLong => found(Item::TooLong),
         });
     }

@@ -19,7 +19,7 @@ const MOST: f32 = 65536.0;
 const STILL: u32 = 25;
 
 /// Bytes in, frames out.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct RazorBinary {
     counts_per_gauss: f64,
     /// Less than a frame while aligned, less than a mark while not.

@@ -28,7 +28,7 @@ const OTHER_MODES: [(&str, &str); 9] = [
 const GYRO: usize = 2;
 
 /// Bytes in, frames out.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct RazorText {
     counts_per_gauss: f64,
     lines: SerialLines,
@@ -36,7 +36,7 @@ pub struct RazorText {
 }
 
 /// The frame that is coming in.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 struct Pending {
     frame: RazorFrame,
     /// Sensors that could not be read: their numbers are old.
@@ -55,9 +55,10 @@ impl RazorText {
 
     /// Hands over what `bytes` complete, in order.
     pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
-        let (pending, gain) = (&mut self.pending, self.counts_per_gauss);
         self.lines.feed(bytes, |line| match line {
-            SerialLine::Whole(line) => pending.line(line, gain, &mut found),
+            SerialLine::Whole(line) => {
+                self.pending.line(line, self.counts_per_gauss, &mut found);
+            }
             SerialLine::TooLong => found(Item::TooLong),
         });
     }

@@ -85,32 +85,24 @@ impl PortSession {
     pub(super) fn bytes(&mut self, bytes: &[u8], now_s: f64, mut reading: impl FnMut(Reading)) {
         self.heard_s = now_s;
         self.diagnosis.bytes(bytes);
-        let Self {
-            decoder,
-            start,
-            frames,
-            device,
-            diagnosis,
-            ..
-        } = self;
         let mut good = false;
-        decoder.feed(bytes, |item| {
+        self.decoder.feed(bytes, |item| {
             let timed = match item {
                 Item::Frame(frame) => Reading {
-                    t_s: frames.time(now_s),
+                    t_s: self.frames.time(now_s),
                     ..frame
                 },
                 Item::Timed(row) => Reading {
-                    t_s: device.time(row.t_s, now_s),
+                    t_s: self.device.time(row.t_s, now_s),
                     ..row
                 },
                 other => {
                     match &other {
-                        Item::Synch(id) => start.answered(*id),
-                        Item::OtherMode(_) => start.order_again(),
+                        Item::Synch(id) => self.start.answered(*id),
+                        Item::OtherMode(_) => self.start.order_again(),
                         _ => {}
                     }
-                    return diagnosis.item(other);
+                    return self.diagnosis.item(other);
                 }
             };
             let says_something = timed.field_mgauss.is_some()
@@ -120,11 +112,11 @@ impl PortSession {
                 good = true;
                 reading(timed);
             } else {
-                diagnosis.item(Item::Frame(timed));
+                self.diagnosis.item(Item::Frame(timed));
             }
         });
-        if decoder.is_lost() {
-            start.order_again();
+        if self.decoder.is_lost() {
+            self.start.order_again();
         }
         if good {
             self.good_s = now_s;
