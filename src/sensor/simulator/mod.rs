@@ -13,7 +13,6 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::calibration::model::Spatial;
 use crate::check::{Check, Fault};
 use crate::frame::{rounded, wrap_360};
 use crate::reading::{Field, Reading};
@@ -38,7 +37,6 @@ const NO_HEADING_DEG: f64 = 10.0;
 #[derive(Clone, Debug)]
 pub struct Simulator {
     settings: Settings,
-    parameters: Spatial,
     motion: Motion,
     /// One generator a chip: the magnetometer reads the same with and without a gyro beside it.
     mag_noise: Xoshiro256PlusPlus,
@@ -55,18 +53,15 @@ impl Simulator {
     /// Everything that is wrong with the settings.
     pub fn new(settings: Settings) -> Result<Self, Vec<Fault>> {
         let faults = settings.check();
-        let parameters = Spatial::diagonal(settings.bias_mgauss.into(), settings.scale.into());
-        // Scales within their range can always be inverted, so that the faults say it all.
-        let (true, Some(parameters)) = (faults.is_empty(), parameters) else {
+        if !faults.is_empty() {
             return Err(faults);
-        };
+        }
         let mag_noise = Xoshiro256PlusPlus::seed_from_u64(settings.seed);
         let mut gyro_noise = mag_noise.clone();
         gyro_noise.jump();
         Ok(Self {
             motion: Motion::new(&settings),
             settings,
-            parameters,
             mag_noise,
             gyro_noise,
             mag_count: 0,
@@ -83,12 +78,8 @@ impl Simulator {
     pub fn header(&self) -> Header {
         let settings = &self.settings;
         let three = |numbers: [f64; 3]| numbers.map(|n| n.to_string()).join(" ");
-        let scenario = serde_json::json!(settings.scenario);
         let truth = [
-            (
-                "simulated",
-                scenario.as_str().unwrap_or_default().to_owned(),
-            ),
+            ("simulated", settings.scenario.word().to_owned()),
             ("seed", settings.seed.to_string()),
             ("truth_scale", three(settings.scale)),
             ("truth_bias_mgauss", three(settings.bias_mgauss)),
@@ -129,7 +120,9 @@ impl Simulator {
     fn mag_entry(&mut self, t_s: f64) -> Entry {
         let settings = &self.settings;
         let true_mgauss = self.true_field_mgauss(t_s);
-        let mut raw_mgauss = self.parameters.matrix() * true_mgauss + self.parameters.bias_mgauss();
+        let scale = Vector3::from(settings.scale);
+        let mut raw_mgauss =
+            true_mgauss.component_mul(&scale) + Vector3::from(settings.bias_mgauss);
         let rng = &mut self.mag_noise;
         raw_mgauss += normal(rng) * settings.noise_mgauss;
         // Drawn with and without spikes, so that a log with them differs in them alone.

@@ -1,24 +1,23 @@
 //! What can be set of the simulated board.
 
-use serde::{Deserialize, Serialize};
+use crate::check::{settings, words};
 
-use crate::check::settings;
-
-/// What the simulated board does.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Scenario {
-    /// Rest, level turns about the vertical, rest.
-    #[default]
-    Planar,
-    /// Rest, level turns, a full roll at heading 30° and one at 120°, rest.
-    Spatial,
-    /// Tumbling that shows the field from all sides.
-    Free,
-    /// Rest, level turns, then changes of heading and tilt, as a hand carries a board.
-    Demo,
-    /// That of `demo`, again and again.
-    Endless,
+words! {
+    /// What the simulated board does.
+    #[derive(Default)]
+    pub enum Scenario {
+        /// Rest, level turns about the vertical, rest.
+        #[default]
+        Planar = "planar",
+        /// Rest, level turns, a full roll at heading 30° and one at 120°, rest.
+        Spatial = "spatial",
+        /// Tumbling that shows the field from all sides.
+        Free = "free",
+        /// Rest, level turns, then changes of heading and tilt, as a hand carries a board.
+        Demo = "demo",
+        /// That of `demo`, again and again.
+        Endless = "endless",
+    }
 }
 
 settings! {

@@ -1,4 +1,5 @@
 use super::*;
+use crate::calibration::model::Spatial;
 use crate::recording::Writer;
 
 fn simulator(settings: Settings) -> Simulator {
@@ -49,8 +50,9 @@ fn a_level_board_at_heading_90_sees_the_horizontal_field_to_its_left() {
 
 #[test]
 fn the_parameters_take_the_raw_field_back_to_the_true_one() {
-    let mut simulator = simulator(perfect(Scenario::Spatial));
-    let parameters = simulator.parameters;
+    let settings = perfect(Scenario::Spatial);
+    let parameters = Spatial::diagonal(settings.bias_mgauss.into(), settings.scale.into()).unwrap();
+    let mut simulator = simulator(settings);
     while let Some(entry) = simulator.next() {
         if let Some(raw) = entry.reading.whole_field_mgauss() {
             let error = parameters.correct(&raw) - simulator.true_field_mgauss(entry.reading.t_s);
