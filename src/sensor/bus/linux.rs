@@ -2,6 +2,8 @@
 //! (I2C_RDWR), and the kernel refuses to open a chip for them (I2C_SLAVE) while a driver is bound to it. This refusal is
 //! never overridden.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -19,7 +21,7 @@ pub struct LinuxBus {
     number: u8,
     /// One open file a chip: its address belongs to the file. After any error the file is closed, so that a bus
     /// that has gone and come back, or a chip that a driver has freed, is found by the next transfer.
-    devices: Vec<(u8, LinuxI2CDevice)>,
+    devices: BTreeMap<u8, LinuxI2CDevice>,
 }
 
 impl LinuxBus {
@@ -27,7 +29,7 @@ impl LinuxBus {
     pub fn new(number: u8) -> Self {
         Self {
             number,
-            devices: Vec::new(),
+            devices: BTreeMap::new(),
         }
     }
 
@@ -37,35 +39,29 @@ impl LinuxBus {
     }
 
     fn device(&mut self, address: u8) -> Result<&mut LinuxI2CDevice, BusError> {
-        let found = self.devices.iter().position(|(open, _)| *open == address);
-        let at = match found {
-            Some(at) => at,
-            None => {
-                let opened = LinuxI2CDevice::new(Self::path(self.number), address.into());
-                let device = opened.map_err(|error| {
-                    self.error(
-                        Attempt::Open { address },
-                        opening(&error, self.number, address),
-                    )
-                })?;
-                self.devices.push((address, device));
-                self.devices.len() - 1
+        match self.devices.entry(address) {
+            Entry::Occupied(open) => Ok(open.into_mut()),
+            Entry::Vacant(place) => {
+                let path = Self::path(self.number);
+                match LinuxI2CDevice::new(&path, address.into()) {
+                    Ok(device) => Ok(place.insert(device)),
+                    Err(error) => Err(BusError {
+                        bus: path.display().to_string(),
+                        attempt: Attempt::Open { address },
+                        cause: opening(&error, self.number, address),
+                    }),
+                }
             }
-        };
-        Ok(&mut self.devices[at].1)
+        }
     }
 
-    fn error(&self, attempt: Attempt, cause: Cause) -> BusError {
+    fn failed(&mut self, address: u8, attempt: Attempt, cause: Cause) -> BusError {
+        self.devices.remove(&address);
         BusError {
             bus: Self::path(self.number).display().to_string(),
             attempt,
             cause,
         }
-    }
-
-    fn failed(&mut self, address: u8, attempt: Attempt, cause: Cause) -> BusError {
-        self.devices.retain(|(open, _)| *open != address);
-        self.error(attempt, cause)
     }
 }
 
