@@ -113,9 +113,7 @@ mod tests {
         for board in [Board::Sparkfun9dofStick, Board::Gy85, Board::Gy86] {
             let m = board.mountings(&Mountings::default());
             for mounting in [m.mag, m.gyro, m.accel] {
-                let [x, y, z] =
-                    [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| mounting.to_body(axis));
-                assert_eq!(x.cross(&y), z);
+                assert!(!mounting.is_mirrored());
             }
         }
     }
@@ -152,19 +150,6 @@ mod tests {
         let gy = Board::Gy85.mountings(&Mountings::default());
         let field = gy.mag.to_body(Vector3::new(-170.0, 0.0, -500.0));
         assert_eq!(field, Vector3::new(0.0, -170.0, 500.0));
-    }
-
-    #[test]
-    fn the_names_are_those_of_the_boards() {
-        for (board, name) in [
-            (Board::Sparkfun9dofStick, "sparkfun-9dof-stick"),
-            (Board::Gy85, "gy-85"),
-            (Board::Gy86, "gy-86"),
-            (Board::Gy271, "gy-271"),
-            (Board::Custom, "custom"),
-        ] {
-            assert_eq!(toml::Value::try_from(board).unwrap().as_str(), Some(name));
-        }
     }
 
     #[test]

@@ -44,8 +44,8 @@ impl Gain {
 impl DataSheet {
     /// The code of the smallest rate ≥ `rate_hz`, else of the fastest.
     pub fn rate_code(&self, rate_hz: f64) -> u8 {
-        let slower = self.rates_hz.iter().take_while(|rate| **rate < rate_hz);
-        slower.count().min(self.rates_hz.len() - 1) as u8
+        let slower = self.rates_hz.partition_point(|rate| *rate < rate_hz);
+        slower.min(self.rates_hz.len() - 1) as u8
     }
 
     /// The gain with this code; the coarsest one for a code that the chip does not have.

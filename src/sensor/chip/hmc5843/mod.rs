@@ -145,9 +145,11 @@ mod tests {
     }
 
     #[test]
-    fn an_hmc5883l_sends_x_z_y() {
+    fn all_but_an_hmc5843_send_x_z_y() {
         let mut bus = ready(&[0x00, 0x01, 0x00, 0x03, 0x00, 0x02]);
-        assert_eq!(Variant::Hmc5883l.poll(&mut bus).unwrap(), Some([1, 2, 3]));
+        for chip in [Variant::Hmc5883, Variant::Hmc5883l, Variant::Hmc5983] {
+            assert_eq!(chip.poll(&mut bus).unwrap(), Some([1, 2, 3]));
+        }
     }
 
     #[test]
