@@ -199,12 +199,14 @@ fn axis_sentence(axis: &str, test: &AxisTest) -> String {
 /// What the chips gave while they were read.
 #[derive(Default)]
 struct Observed {
-    fields: u32,
-    overflows: u32,
-    field_sum_mgauss: Vector3<f64>,
+    fields: Vec<Vector3<f64>>,
+    overflows: usize,
     rates: Vec<Vector3<f64>>,
-    force_sum_m_s2: Vector3<f64>,
-    forces: u32,
+    forces: Vec<Vector3<f64>>,
+}
+
+fn mean(vectors: &[Vector3<f64>]) -> Option<Vector3<f64>> {
+    (!vectors.is_empty()).then(|| vectors.iter().sum::<Vector3<f64>>() / vectors.len() as f64)
 }
 
 /// Reads all chips as the daemon does.
@@ -218,26 +220,16 @@ fn read_all(
     let begin_s = clock.now_s() + SETTLING_S;
     let end_s = begin_s + READING_S;
     let mut chips = Chips::new(expected.i2c);
-    let mut last_s = begin_s;
     let mut listen = |event| {
-        let SourceEvent::Reading(reading, _) = event else {
-            // A chip that does not come back gives no more readings.
-            return last_s < end_s;
-        };
-        last_s = reading.t_s;
-        if reading.t_s >= begin_s {
-            if let Some(field) = reading.whole_field_mgauss() {
-                observed.field_sum_mgauss += field;
-                observed.fields += 1;
-            }
-            observed.overflows += u32::from(reading.field_overflowed());
+        if let SourceEvent::Reading(reading, _) = event
+            && reading.t_s >= begin_s
+        {
+            observed.fields.extend(reading.whole_field_mgauss());
+            observed.overflows += usize::from(reading.field_overflowed());
             observed.rates.extend(reading.rate_rad_s);
-            if let Some(force) = reading.specific_force_m_s2 {
-                observed.force_sum_m_s2 += force;
-                observed.forces += 1;
-            }
+            observed.forces.extend(reading.specific_force_m_s2);
         }
-        reading.t_s < end_s
+        true
     };
     let mut until = Until { clock, end_s };
     chips.run(bus, &mut until, &mut listen);
@@ -247,7 +239,7 @@ fn read_all(
     judge(expected, report, &observed);
 }
 
-/// A clock that stops at a time of its own, even if no chip gives a reading.
+/// A clock that stops at a time of its own.
 struct Until<'a> {
     clock: &'a mut dyn Clock,
     end_s: f64,
@@ -266,11 +258,8 @@ impl Clock for Until<'_> {
 fn judge(expected: &Expected<'_>, report: &mut CheckReport, observed: &Observed) {
     judge_field(expected, report, observed);
     judge_gyro(expected, report, observed);
-    if observed.forces > 0 {
-        let force = expected
-            .mountings
-            .accel
-            .to_body(observed.force_sum_m_s2 / f64::from(observed.forces));
+    if let Some(force) = mean(&observed.forces) {
+        let force = expected.mountings.accel.to_body(force);
         report.accel_m_s2 = Some(force.into());
         let strength = force.norm();
         if (strength / GRAVITY_M_S2 - 1.0).abs() > GRAVITY_TOLERANCE {
@@ -296,16 +285,16 @@ fn judge(expected: &Expected<'_>, report: &mut CheckReport, observed: &Observed)
 }
 
 fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, observed: &Observed) {
-    if observed.overflows > observed.fields {
+    if observed.overflows > observed.fields.len() {
         report.problem(
             "overflow",
             "the field is beyond the magnetometer's range; take magnets away, or leave out i2c.gain".to_owned(),
         );
     }
-    if observed.fields == 0 {
+    let Some(field) = mean(&observed.fields) else {
         return;
-    }
-    let strength = (observed.field_sum_mgauss / f64::from(observed.fields)).norm();
+    };
+    let strength = field.norm();
     report.field_mgauss = Some(strength);
     let (low, high) = PLAUSIBLE_MGAUSS;
     if !(low..=high).contains(&strength) {
@@ -317,7 +306,7 @@ fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, observed: &Obs
             ),
         );
     }
-    let rate_hz = f64::from(observed.fields + observed.overflows) / READING_S;
+    let rate_hz = (observed.fields.len() + observed.overflows) as f64 / READING_S;
     report.mag_rate_hz = Some(rate_hz);
     // A chip may have a slower rate than was asked for as its fastest.
     let wanted_hz = expected.i2c.rate_hz.min(50.0);
@@ -327,11 +316,10 @@ fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, observed: &Obs
 }
 
 fn judge_gyro(expected: &Expected<'_>, report: &mut CheckReport, observed: &Observed) {
-    let count = observed.rates.len() as f64;
-    if count == 0.0 {
+    let Some(mean) = mean(&observed.rates) else {
         return;
-    }
-    let mean = observed.rates.iter().sum::<Vector3<f64>>() / count;
+    };
+    let count = observed.rates.len() as f64;
     let square = |rate: &Vector3<f64>| (rate - mean).component_mul(&(rate - mean));
     let variance = observed.rates.iter().map(square).sum::<Vector3<f64>>() / count;
     let noise_deg_s = variance.max().sqrt().to_degrees();
