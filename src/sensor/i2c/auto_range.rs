@@ -7,62 +7,41 @@ const ROOM: f64 = 0.6;
 /// … for this long, seconds.
 const QUIET_S: f64 = 10.0;
 
-/// The gain in use, and whether it may change.
-#[derive(Clone, Debug)]
+/// Since when the field has been small.
+#[derive(Default)]
 pub(super) struct AutoRange {
-    sheet: &'static DataSheet,
-    code: u8,
-    automatic: bool,
     small_since_s: Option<f64>,
 }
 
 impl AutoRange {
-    /// A fixed gain, or an automatic one. A chip that does not have the fixed one has its coarsest.
-    pub(super) fn new(sheet: &'static DataSheet, fixed: Option<u8>) -> Self {
-        let coarsest = sheet.gains.len() as u8 - 1;
-        Self {
-            sheet,
-            code: fixed.unwrap_or(sheet.automatic_gains.0).min(coarsest),
-            automatic: fixed.is_none(),
-            small_since_s: None,
-        }
-    }
-
-    pub(super) fn code(&self) -> u8 {
-        self.code
-    }
-
-    /// Takes a sample, and returns the code of a new gain if the chip should change to it.
-    pub(super) fn take(&mut self, t_s: f64, sample: &Measurement) -> Option<u8> {
-        if !self.automatic {
-            return None;
-        }
-        let (finest, coarsest) = self.sheet.automatic_gains;
-        if sample.overflowed() {
+    /// Takes a sample with this gain, and returns the code of a new gain if the chip should change to it.
+    pub(super) fn take(
+        &mut self,
+        sheet: &DataSheet,
+        gain: u8,
+        t_s: f64,
+        sample: &Measurement,
+    ) -> Option<u8> {
+        let (finest, coarsest) = sheet.automatic_gains;
+        if sample.overflowed() || gain <= finest || !is_small(sheet, gain, sample) {
             self.small_since_s = None;
-            return (self.code < coarsest).then(|| self.change_to(self.code + 1));
-        }
-        if self.code <= finest || !self.is_small(sample) {
-            self.small_since_s = None;
-            return None;
+            return (sample.overflowed() && gain < coarsest).then(|| gain + 1);
         }
         let since_s = *self.small_since_s.get_or_insert(t_s);
-        (t_s - since_s >= QUIET_S).then(|| self.change_to(self.code - 1))
-    }
-
-    fn change_to(&mut self, code: u8) -> u8 {
-        self.code = code;
+        if t_s - since_s < QUIET_S {
+            return None;
+        }
         self.small_since_s = None;
-        code
+        Some(gain - 1)
     }
+}
 
-    /// Whether the finer gain would have had ample room for it.
-    fn is_small(&self, sample: &Measurement) -> bool {
-        let [now, finer] = [self.code, self.code - 1].map(|code| self.sheet.gain(code));
-        let ratio = finer.counts_per_gauss / now.counts_per_gauss;
-        let largest = sample.raw.iter().map(|count| f64::from(*count).abs());
-        largest.fold(0.0, f64::max) * ratio < ROOM * f64::from(self.sheet.counts.1)
-    }
+/// Whether the finer gain would have had ample room for it.
+fn is_small(sheet: &DataSheet, gain: u8, sample: &Measurement) -> bool {
+    let [now, finer] = [gain, gain - 1].map(|code| sheet.gain(code));
+    let ratio = finer.counts_per_gauss / now.counts_per_gauss;
+    let largest = sample.raw.iter().map(|count| f64::from(*count).abs());
+    largest.fold(0.0, f64::max) * ratio < ROOM * f64::from(sheet.counts.1)
 }
 
 #[cfg(test)]
@@ -70,49 +49,36 @@ mod tests {
     use super::*;
     use crate::sensor::chip::drivers::magnetometer;
 
-    fn sheet() -> &'static DataSheet {
-        magnetometer("hmc5843").unwrap().sheet()
-    }
-
-    fn sample(count: i16) -> Measurement {
-        Measurement::new(sheet(), 1, [count, 0, 0])
+    /// The gains after samples at these times with these counts on one axis, from gain 1 on.
+    fn gains(samples: &[(f64, i16)]) -> Vec<u8> {
+        let sheet = magnetometer("hmc5843").unwrap().sheet();
+        let (mut range, mut gain) = (AutoRange::default(), 1);
+        let mut after = |(t_s, count): &(f64, i16)| {
+            let sample = Measurement::new(sheet, gain, [*count, 0, 0]);
+            gain = range.take(sheet, gain, *t_s, &sample).unwrap_or(gain);
+            gain
+        };
+        samples.iter().map(&mut after).collect()
     }
 
     #[test]
     fn an_overflow_steps_up_to_the_coarsest_and_no_further() {
-        let mut range = AutoRange::new(sheet(), None);
-        let steps: Vec<_> = (0..7)
-            .map(|i| range.take(i.into(), &sample(-4096)))
-            .collect();
-        let up = |code| Some(code);
-        assert_eq!(steps, [up(2), up(3), up(4), up(5), up(6), None, None]);
+        let overflows: Vec<_> = (0..7).map(|i| (f64::from(i), -4096)).collect();
+        assert_eq!(gains(&overflows), [2, 3, 4, 5, 6, 6, 6]);
     }
 
     #[test]
     fn it_steps_down_only_after_ten_seconds_of_ample_room() {
-        let mut range = AutoRange::new(sheet(), None);
-        range.take(0.0, &sample(-4096));
-        // 900 counts at gain 2 are 1206 at gain 1: 59 %. A larger one begins the wait anew.
-        assert_eq!(range.take(1.0, &sample(900)), None);
-        assert_eq!(range.take(10.0, &sample(930)), None);
-        assert_eq!(range.take(11.0, &sample(-900)), None);
-        assert_eq!(range.take(20.9, &sample(0)), None);
-        assert_eq!(range.take(21.0, &sample(0)), Some(1));
-        assert_eq!(range.take(50.0, &sample(0)), None);
-        assert_eq!(range.code(), 1);
-    }
-
-    #[test]
-    fn a_fixed_gain_stays() {
-        let mut range = AutoRange::new(sheet(), Some(3));
-        assert_eq!(range.take(0.0, &sample(-4096)), None);
-        assert_eq!(range.code(), 3);
-    }
-
-    #[test]
-    fn a_gain_that_the_chip_does_not_have_is_its_coarsest() {
-        let sheet = magnetometer("qmc5883l").unwrap().sheet();
-        assert_eq!(AutoRange::new(sheet, Some(5)).code(), 1);
-        assert_eq!(AutoRange::new(sheet, None).code(), 0);
+        let samples = [
+            (0.0, -4096),
+            // 900 counts at gain 2 are 1206 at gain 1: 59 %. A larger one begins the wait anew.
+            (1.0, 900),
+            (10.0, 930),
+            (11.0, -900),
+            (20.9, 0),
+            (21.0, 0),
+            (50.0, 0),
+        ];
+        assert_eq!(gains(&samples), [2, 2, 2, 2, 2, 1, 1]);
     }
 }

@@ -1,13 +1,11 @@
 //! Sets up, reads and watches a chip beside the magnetometer.
 
+use super::VERIFY_S;
 use super::health::Health;
 use crate::sensor::bus::Bus;
 use crate::sensor::chip::companion::{Companion, InertialSample};
 use crate::sensor::chip::{ChipError, RepeatWatch};
 use crate::sensor::clock::Clock;
-
-/// How often a chip's configuration is read back, seconds.
-const VERIFY_S: f64 = 1.0;
 
 pub(super) struct CompanionPoller {
     pub(super) health: Health,

@@ -11,6 +11,7 @@ mod magnetometer;
 mod settings;
 #[cfg(test)]
 mod tests;
+mod timetable;
 
 use super::SourceEvent;
 use super::board::Companions;
@@ -24,6 +25,9 @@ use health::Health;
 use magnetometer::MagnetometerPoller;
 
 pub use settings::Settings;
+
+/// How often a chip's configuration is read back, seconds.
+const VERIFY_S: f64 = 1.0;
 
 /// A reading of the gyro and one of the magnetometer that are nearer than this share of the gyro's period are made
 /// together.

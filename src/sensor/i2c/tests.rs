@@ -389,11 +389,11 @@ fn an_overflow_steps_the_range_up_and_is_never_published() {
 }
 
 #[test]
-fn at_the_end_of_the_range_the_overflow_is_said_so() {
+fn with_a_fixed_gain_an_overflow_is_said_so() {
     let bus = stick();
     bus.set(MAG, 0x03, &[0, 5, 0xF0, 0x00, 0, 5, 1]);
     let settings = Settings {
-        gain: Some(7),
+        gain: Some(3),
         companions: Companions::None,
         ..settings()
     };
@@ -401,6 +401,7 @@ fn at_the_end_of_the_range_the_overflow_is_said_so() {
     let first = readings(&said).next().unwrap().field_mgauss.unwrap();
     assert!(first[0].is_some() && first[1].is_none() && first[2].is_some());
     assert!(codes(&said).is_empty());
+    assert_eq!(bus.world.borrow().get(MAG, 0x01) >> 5, 3);
 }
 
 #[test]

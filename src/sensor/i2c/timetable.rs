@@ -1,0 +1,112 @@
+//! When a measurement of the magnetometer is started, and when it is looked for: learnt from when it was ready.
+
+/// A chip that is not ready when it should be is looked at again after this, seconds.
+const LOOK_S: f64 = 0.002;
+/// Its own clock may be this much faster or slower than it should be.
+const FAST: f64 = 0.9;
+const SLOW: f64 = 1.1;
+
+pub(super) struct Timetable {
+    pub(super) period_s: f64,
+    /// The longest that a single measurement takes, seconds; `None` for a chip that measures by itself.
+    pub(super) single_s: Option<f64>,
+    /// When the next thing is to be done.
+    pub(super) due_s: f64,
+    /// When the measurement that is waited for began: as a single one, or after the last one.
+    pub(super) measuring_since_s: Option<f64>,
+    /// When the last single measurement was to begin.
+    slot_s: f64,
+    /// How long after the beginning of a measurement it is looked for: as learnt.
+    patience_s: f64,
+    looked: bool,
+    /// So many in a row were found at the first look.
+    at_once: u32,
+}
+
+impl Timetable {
+    /// Of a chip that was set up now.
+    pub(super) fn new(now_s: f64, period_s: f64, single_s: Option<f64>) -> Self {
+        // After a configuration the first measurement takes two periods.
+        let (due_s, measuring_since_s) = match single_s {
+            Some(_) => (now_s, None),
+            None => (now_s + 2.0 * period_s, Some(now_s + period_s)),
+        };
+        Self {
+            period_s,
+            single_s,
+            due_s,
+            measuring_since_s,
+            slot_s: now_s,
+            // A chip whose clock is fast is not to run away before that is learnt.
+            patience_s: single_s.unwrap_or(FAST * period_s),
+            looked: false,
+            at_once: 0,
+        }
+    }
+
+    /// A single measurement was started.
+    pub(super) fn started(&mut self, now_s: f64) {
+        self.measuring_since_s = Some(now_s);
+        self.due_s = now_s + self.patience_s;
+    }
+
+    /// The measurement was not ready.
+    pub(super) fn looked_in_vain(&mut self, now_s: f64) {
+        self.looked = true;
+        self.due_s = now_s + self.look_s();
+    }
+
+    /// A transfer failed: it is tried again with the next measurement.
+    pub(super) fn failed(&mut self, now_s: f64) {
+        self.due_s = now_s + self.period_s;
+        if self.single_s.is_some() {
+            self.measuring_since_s = None;
+            self.slot_s = self.due_s;
+        }
+    }
+
+    /// A measurement was read.
+    pub(super) fn measured(&mut self, now_s: f64) {
+        self.learn();
+        if self.single_s.is_some() {
+            self.measuring_since_s = None;
+            self.slot_s += self.period_s;
+            if now_s > self.slot_s + self.period_s {
+                self.slot_s = now_s;
+            }
+            self.due_s = self.slot_s;
+        } else {
+            // Counted from when it was due, in whole steps: the chip does not wait for a board that is late.
+            let since_s = now_s - (now_s - self.due_s) % self.patience_s;
+            self.measuring_since_s = Some(since_s);
+            self.due_s = since_s + self.patience_s;
+        }
+    }
+
+    fn look_s(&self) -> f64 {
+        match self.single_s {
+            Some(_) => LOOK_S,
+            None => LOOK_S.max(self.period_s / 20.0),
+        }
+    }
+
+    /// Adaptive poll delay: shortens until a poll is early, then backs off slightly. A measurement that is ready at the
+    /// first poll may have been so for long; an early poll costs a wake-up, and so must be rare: after many steps the
+    /// delay is well known, and the step back is small.
+    fn learn(&mut self) {
+        let steps = f64::from(self.at_once);
+        let looks = if self.looked {
+            self.at_once = 0;
+            0.5 / (2.0 + steps)
+        } else {
+            self.at_once = self.at_once.saturating_add(1);
+            -(2e-5 * steps * steps).min(0.1)
+        };
+        let (least_s, most_s) = match self.single_s {
+            Some(longest_s) => (LOOK_S, longest_s),
+            None => (FAST * self.period_s, SLOW * self.period_s),
+        };
+        self.patience_s = (self.patience_s + looks * self.look_s()).clamp(least_s, most_s);
+        self.looked = false;
+    }
+}
