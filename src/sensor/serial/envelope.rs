@@ -91,7 +91,7 @@ impl Envelope {
     }
 
     fn fit(&mut self) {
-        let (Some(first), Some(last)) = (self.points.front(), self.points.back()) else {
+        let (Some(&first), Some(&last)) = (self.points.front(), self.points.back()) else {
             return;
         };
         if last.0 - first.0 >= SLOPE_FROM_S
@@ -113,8 +113,7 @@ impl Envelope {
             .take(followed)
             .map(|(device_s, ours_s)| ours_s - slope * device_s);
         let height = lowest.fold(f64::INFINITY, f64::min);
-        let at_s = self.points.back().map_or(0.0, |point| point.0);
-        self.anchor = Some((at_s, height + slope * at_s));
+        self.anchor = Some((last.0, height + slope * last.0));
     }
 
     /// Slope of the lower hull's edge under the middle of the points: of all lines beneath them that is the

@@ -4,12 +4,12 @@
 //! that has once ended a row in a checksum does so with every row. Without a header, rows have the first 4, 7, 10 or 11
 //! columns of the log format, in our units.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 use super::Item;
 use super::lines::{SerialLine, SerialLines};
 use super::shown;
-use crate::frame::Mountings;
+use crate::frame::{Mounting, Mountings};
 use crate::reading::{Field, Reading};
 use crate::recording::{HeaderLines, Rows, check_row};
 
@@ -27,7 +27,8 @@ struct Wire {
     /// A header on its way.
     header: Option<HeaderLines>,
     rows: Option<Rows>,
-    turns: [Option<Matrix3<f64>>; 3],
+    /// Turn field, rate and force into the axes of the board's chips.
+    turns: [Matrix3<f64>; 3],
     /// The device has sent a part of a header: rows count only after the whole.
     has_header: bool,
     first: bool,
@@ -44,6 +45,7 @@ impl LogRows {
             lines: SerialLines::default(),
             rows: Wire {
                 board,
+                turns: [Matrix3::identity(); 3],
                 first: true,
                 ..Wire::default()
             },
@@ -69,17 +71,16 @@ impl Wire {
         let text = str::from_utf8(line).ok();
         if let Some(begun) = text.and_then(|text| HeaderLines::begin(text).ok()) {
             (self.header, self.has_header) = (Some(begun), true);
-            return found(Item::Remark);
+            return;
         }
         let is_header = line.starts_with(b"#") || names(line);
         match (text, &mut self.header) {
             (Some(text), Some(header)) if is_header => match header.add(text) {
-                Ok(None) => found(Item::Remark),
+                Ok(None) => {}
                 Ok(Some(rows)) => {
                     let named = ["mag_axes", "gyro_axes", "accel_axes"].map(|key| header.gave(key));
                     self.header = None;
                     self.begin(rows, named);
-                    found(Item::Remark);
                 }
                 Err(what) => {
                     self.header = None;
@@ -89,7 +90,6 @@ impl Wire {
             // Its beginning was lost, or it is a mere remark. Who sends headers sends the next one too.
             _ if is_header => {
                 self.has_header |= names(line) || line.contains(&b'=');
-                found(Item::Remark);
             }
             _ => {
                 // A row where the header should go on: its column names were lost.
@@ -103,17 +103,16 @@ impl Wire {
     }
 
     fn begin(&mut self, rows: Rows, named: [bool; 3]) {
-        let theirs = rows.header().mountings;
-        let pairs = [
-            (theirs.mag, self.board.mag),
-            (theirs.gyro, self.board.gyro),
-            (theirs.accel, self.board.accel),
+        let (theirs, ours) = (rows.header().mountings, self.board);
+        let turn = |named, theirs: Mounting, ours: Mounting| match named && theirs != ours {
+            true => ours.rotation().transpose() * theirs.rotation(),
+            false => Matrix3::identity(),
+        };
+        self.turns = [
+            turn(named[0], theirs.mag, ours.mag),
+            turn(named[1], theirs.gyro, ours.gyro),
+            turn(named[2], theirs.accel, ours.accel),
         ];
-        for ((turn, named), (theirs, ours)) in self.turns.iter_mut().zip(named).zip(pairs) {
-            // From the axes of a chip that is mounted like theirs into those of one mounted like ours.
-            let between = || ours.rotation().transpose() * theirs.rotation();
-            *turn = (named && theirs != ours).then(between);
-        }
         self.rows = Some(rows);
     }
 
@@ -148,16 +147,9 @@ impl Wire {
         };
         let mut reading = rows.row(line)?.reading;
         let [mag, gyro, accel] = &self.turns;
-        if let (Some(turn), Some(field)) = (mag, &mut reading.field_mgauss) {
-            *field = turned(turn, field);
-        }
-        let turn = |turn: &Option<Matrix3<f64>>, vector: &mut Option<Vector3<f64>>| {
-            if let (Some(turn), Some(vector)) = (turn, vector) {
-                *vector = turn * *vector;
-            }
-        };
-        turn(gyro, &mut reading.rate_rad_s);
-        turn(accel, &mut reading.specific_force_m_s2);
+        reading.field_mgauss = reading.field_mgauss.map(|field| turned(mag, field));
+        reading.rate_rad_s = reading.rate_rad_s.map(|rate| gyro * rate);
+        reading.specific_force_m_s2 = reading.specific_force_m_s2.map(|force| accel * force);
         Ok(reading)
     }
 }
@@ -169,7 +161,7 @@ fn names(line: &[u8]) -> bool {
 }
 
 /// A field in other axes; an axis into which one that overflowed enters is unknown.
-fn turned(turn: &Matrix3<f64>, field: &Field) -> Field {
+fn turned(turn: &Matrix3<f64>, field: Field) -> Field {
     std::array::from_fn(|row| {
         (0..3)
             .filter(|column| turn[(row, *column)].abs() > 1e-9)

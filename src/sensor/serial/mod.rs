@@ -40,8 +40,6 @@ pub enum Item {
     Synch([u8; 2]),
     /// The device sends, but in this mode, which is of no use here.
     OtherMode(&'static str),
-    /// A remark, or a part of a header: nothing is wrong.
-    Remark,
     /// Bytes that cannot be used, and why.
     Bad(String),
     /// A line that does not end.

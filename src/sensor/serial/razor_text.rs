@@ -100,7 +100,6 @@ impl Pending {
                 // Garbled: it may have been any of them.
                 None => self.failed = [true; 3],
             }
-            found(Item::Remark);
         } else if let Some((_, mode)) = OTHER_MODES
             .iter()
             .find(|(start, _)| text.starts_with(start))
