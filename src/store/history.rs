@@ -252,23 +252,18 @@ impl History {
         if self.is_locked() {
             return Err(HistoryError::Locked);
         }
-        let index = match number {
-            Some(number) => self
-                .entries
-                .iter()
-                .position(|entry| entry.number == number)
-                .ok_or(HistoryError::NoSuchNumber(number))?,
+        let earlier = match number {
+            Some(_) => self.find(number)?,
             None => {
-                let before = self.active.unwrap_or(u64::MAX);
-                self.entries
-                    .iter()
-                    .rposition(|entry| entry.number < before)
+                let active = self.active.unwrap_or(u64::MAX);
+                let mut newest_first = self.entries.iter().rev();
+                newest_first
+                    .find(|entry| entry.number < active)
                     .ok_or(HistoryError::NothingBefore)?
             }
         };
-        let entry = &self.entries[index];
-        self.active = Some(entry.number);
-        Ok(entry)
+        self.active = Some(earlier.number);
+        self.find(None)
     }
 
     /// Forgets calibrations; how many. If the active one is among them, none is active any more.

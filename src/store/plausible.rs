@@ -83,12 +83,13 @@ fn covariance_faults(
 fn planar_faults(faults: &mut Vec<Fault>, planar: &Planar) {
     const TOLERANCE: f64 = 1e-6;
     let [first, second] = &planar.basis;
-    let off = (first.norm_squared() - 1.0)
-        .abs()
-        .max((second.norm_squared() - 1.0).abs())
-        .max(first.dot(second).abs());
-    // Written so that NaN is off too.
-    if !matches!(off.partial_cmp(&TOLERANCE), Some(order) if order.is_le()) {
+    let (lengths, cosine) = (
+        [first, second].map(Vector3::norm_squared),
+        first.dot(second),
+    );
+    let off = [lengths[0] - 1.0, lengths[1] - 1.0, cosine];
+    // NaN is off too.
+    if !off.iter().all(|off| off.abs() <= TOLERANCE) {
         let text = |v: &Vector3<f64>| format!("[{}, {}, {}]", v.x, v.y, v.z);
         let found = format!("[{}, {}]", text(first), text(second));
         let right = "two perpendicular unit vectors";
