@@ -12,8 +12,7 @@ pub struct ConfigError {
 }
 
 /// One fault of a configuration.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{sentence}")]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ConfigFault {
     /// Line, counted from 1, where it can be found: a default that does not suit has none.
     pub line: Option<usize>,
@@ -33,7 +32,7 @@ impl fmt::Display for ConfigError {
             for number in fault.line.iter().chain(&fault.column) {
                 write!(f, ":{number}")?;
             }
-            write!(f, ": {fault}")?;
+            write!(f, ": {}", fault.sentence)?;
         }
         Ok(())
     }

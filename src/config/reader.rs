@@ -93,7 +93,7 @@ impl<'i> TableReader<'i> {
         }
     }
 
-    /// The settings in table `name`; the defaults if there is no such table or it cannot be used.
+    /// The settings in table `name`, with the defaults of what is not there or cannot be used.
     pub(super) fn table<T: Check>(&mut self, name: &'static str) -> T {
         let target = Target {
             table: super::table::<T>(name),
@@ -107,38 +107,27 @@ impl<'i> TableReader<'i> {
                 }
             },
         };
-        let Some(usable) = self.usable(&target) else {
-            return T::default();
-        };
-        let at = usable.span().start;
-        match T::deserialize(ValueDeserializer::from(usable)) {
-            Ok(settings) => {
-                self.collect(&format!("{name}."), settings.check());
-                settings
-            }
-            Err(error) => {
-                let sentence = format!("{name}: {}", error.message());
-                self.faults.push(fault(&self.places, Some(at), sentence));
-                T::default()
-            }
-        }
+        let usable = Spanned::new(0..0, DeValue::Table(self.usable(&target)));
+        let settings = T::deserialize(ValueDeserializer::from(usable))
+            .expect("a table of keys that can each be read");
+        self.collect(&format!("{name}."), settings.check());
+        settings
     }
 
-    /// What can be used of a table, with the faults of the rest collected: nothing where the document does not have it.
-    /// `None` where it is no table. Key by key, since a deserialiser stops at its first error.
-    fn usable(&mut self, target: &Target<'i>) -> Option<Value<'i>> {
+    /// What can be used of a table, with the faults of the rest collected. Key by key, since a deserialiser stops at its
+    /// first error.
+    fn usable(&mut self, target: &Target<'i>) -> DeTable<'i> {
         let name = target.table.name;
         let mut usable = DeTable::new();
         let Some((key, value)) = find(&self.root, name) else {
-            return Some(Spanned::new(0..0, DeValue::Table(usable)));
+            return usable;
         };
-        let span = key.span();
         let DeValue::Table(table) = value.get_ref() else {
             let found = self.snippet(&value.span());
             let sentence = Fault::new(name, found, format!("a table, [{name}]")).to_string();
-            self.faults
-                .push(fault(&self.places, Some(span.start), sentence));
-            return None;
+            let at = Some(key.span().start);
+            self.faults.push(fault(&self.places, at, sentence));
+            return usable;
         };
         for (key, value) in table {
             let at = key.span().start;
@@ -155,7 +144,7 @@ impl<'i> TableReader<'i> {
                 usable.insert(key.clone(), value.clone());
             }
         }
-        Some(Spanned::new(span, DeValue::Table(usable)))
+        usable
     }
 
     /// The keys that no longer exist, as sentences in the order of the lines.

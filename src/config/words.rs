@@ -46,7 +46,6 @@ pub(super) fn suggest(unknown: &str, known: &[&str]) -> String {
         .filter(|(far, word)| *far <= 2.max(word.len() / 3));
     match nearest {
         Some((_, word)) => format!("did you mean {word}?"),
-        None if known.is_empty() => "nothing can stand here".to_owned(),
         None => format!("known are {}", known.join(", ")),
     }
 }
