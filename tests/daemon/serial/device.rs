@@ -56,6 +56,16 @@ pub enum Firmware {
     Flood(Vec<u8>),
 }
 
+/// The host's end of a new pseudo-terminal, which blocks nobody, and the path of the device's end.
+pub fn pty() -> (File, String) {
+    let pty = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    grantpt(&pty).unwrap();
+    unlockpt(&pty).unwrap();
+    rustix::io::ioctl_fionbio(&pty, true).unwrap();
+    let node = ptsname(&pty, Vec::new()).unwrap().into_string().unwrap();
+    (File::from(pty), node)
+}
+
 /// A device at work, until it is dropped or unplugged.
 pub struct Device {
     stop: Arc<AtomicBool>,
@@ -70,11 +80,7 @@ pub struct Device {
 impl Device {
     /// Plugs it in at `link`, which as in `/dev/serial/by-id` points to a node of any name.
     pub fn plug(link: &Path, firmware: Firmware, habits: Habits) -> Self {
-        let pty = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-        grantpt(&pty).unwrap();
-        unlockpt(&pty).unwrap();
-        let node = ptsname(&pty, Vec::new()).unwrap().into_string().unwrap();
-        rustix::io::ioctl_fionbio(&pty, true).unwrap();
+        let (pty, node) = pty();
         // Until it has been opened once, nobody knows that it is not.
         drop(File::open(&node).unwrap());
         symlink(node, link).unwrap();
@@ -82,7 +88,7 @@ impl Device {
         let fails = Arc::new(AtomicBool::new(false));
         let (resets, heard) = (Arc::default(), Arc::default());
         let mut board = Board {
-            pty: File::from(pty),
+            pty,
             firmware,
             habits,
             fails: Arc::clone(&fails),

@@ -3,13 +3,13 @@
 //! The kernel hands on the bytes of a pseudo-terminal in a thread of its own, which has to wait for its turn: beside
 //! other work it may be seconds, and a board seems silent.
 
-use std::fs::{File, OpenOptions};
+use std::fs::OpenOptions;
 use std::io::{ErrorKind, Read, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use super::device::pty;
 
 /// Whoever hears nothing for this long may notice it.
 const STILL: Duration = Duration::from_millis(100);
@@ -40,13 +40,8 @@ pub fn until_quiet(check: impl Fn()) {
 
 /// The longest that a byte was on its way through a pseudo-terminal until it is over.
 fn longest_way(over: &AtomicBool) -> Duration {
-    let pty = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-    grantpt(&pty).unwrap();
-    unlockpt(&pty).unwrap();
-    let node = ptsname(&pty, Vec::new()).unwrap().into_string().unwrap();
+    let (mut host, node) = pty();
     let mut device = OpenOptions::new().write(true).open(node).unwrap();
-    rustix::io::ioctl_fionbio(&pty, true).unwrap();
-    let mut host = File::from(pty);
     let mut longest = Duration::ZERO;
     while !over.load(Ordering::Relaxed) {
         let sent = Instant::now();
