@@ -33,7 +33,6 @@ impl LinuxBus {
         }
     }
 
-    /// The path of a bus.
     pub fn path(number: u8) -> PathBuf {
         format!("/dev/i2c-{number}").into()
     }

@@ -13,7 +13,6 @@ use registers::*;
 
 pub use variants::Variant;
 
-/// The driver.
 pub static DRIVER: Driver = Driver {
     name: identify::NAME,
     chips: &[
