@@ -68,15 +68,3 @@ pub(super) fn column(text: &str, at: usize) -> usize {
     let start = before.rfind('\n').map_or(0, |end| end + 1);
     1 + before[start..].chars().count()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn places_are_counted_from_1() {
-        let places = LineIndex::of("a\n\nbc\n");
-        let lines: Vec<usize> = (0..6).map(|at| places.line(at)).collect();
-        assert_eq!(lines, [1, 1, 2, 3, 3, 3]);
-    }
-}
