@@ -1,7 +1,7 @@
 //! Opening a serial port, and why it cannot be opened.
 
 use std::fs;
-use std::io;
+use std::io::{self, ErrorKind};
 use std::os::unix::fs::FileTypeExt;
 
 use tokio_serial::{ClearBuffer, SerialPort, SerialPortBuilderExt, SerialStream};
@@ -13,34 +13,29 @@ use crate::condition::SourceFault;
 /// take that as a reset, since the system raises DTR. Needs a runtime.
 pub(super) fn open(settings: &Settings) -> Result<SerialStream, SourceFault> {
     let path = settings.port.display();
-    let fail = |code, what: String| SourceFault {
+    let fail = |code, what: &str| SourceFault {
         code,
         message: format!("cannot open serial port {path}: {what}"),
     };
-    let by_system = |error: &io::Error| {
-        match error.kind() {
-        io::ErrorKind::NotFound => fail(
+    let by_system = |error: &io::Error| match error.kind() {
+        ErrorKind::NotFound => fail(
             "no_device",
-            "there is none; waiting until it is plugged in (or set serial.port to one in /dev/serial/by-id)"
-                .to_owned(),
+            "there is none; waiting until it is plugged in (or set serial.port to one in /dev/serial/by-id)",
         ),
-        io::ErrorKind::PermissionDenied => fail(
+        ErrorKind::PermissionDenied => fail(
             "permission",
-            "this user may not; join its group, which is dialout as a rule".to_owned(),
+            "this user may not; join its group, which is dialout as a rule",
         ),
-        io::ErrorKind::ResourceBusy | io::ErrorKind::WouldBlock => fail(
+        ErrorKind::ResourceBusy | ErrorKind::WouldBlock => fail(
             "busy",
-            "another program holds it; stop that one (a terminal, ModemManager, another headingd)".to_owned(),
+            "another program holds it; stop that one (a terminal, ModemManager, another headingd)",
         ),
-        _ => fail("port", error.to_string()),
-    }
+        _ => fail("port", &error.to_string()),
     };
     let found = fs::metadata(&settings.port).map_err(|error| by_system(&error))?;
     if !found.file_type().is_char_device() {
-        return Err(fail(
-            "port",
-            "it is no terminal device; set serial.port to one".to_owned(),
-        ));
+        let what = "it is no terminal device; set serial.port to one";
+        return Err(fail("port", what));
     }
     let stream = tokio_serial::new(settings.port.to_string_lossy(), settings.baud)
         .open_native_async()
@@ -49,10 +44,8 @@ pub(super) fn open(settings: &Settings) -> Result<SerialStream, SourceFault> {
                 by_system(&io::Error::new(kind, error.description))
             }
             // So it calls a port that is locked.
-            tokio_serial::ErrorKind::NoDevice => {
-                by_system(&io::Error::from(io::ErrorKind::ResourceBusy))
-            }
-            _ => fail("port", error.description),
+            tokio_serial::ErrorKind::NoDevice => by_system(&ErrorKind::ResourceBusy.into()),
+            _ => fail("port", &error.description),
         })?;
     // What was sent at another speed, before the port was set up.
     let _ = stream.clear(ClearBuffer::Input);
