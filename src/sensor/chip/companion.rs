@@ -116,3 +116,37 @@ impl Companion {
         compare(bus, self.name(), self.address, self.sheet.held)
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::super::tests::JumpingClock;
+    use super::*;
+    use crate::sensor::bus::fake::{FakeBus, Transfer};
+
+    /// The transfers that set a chip up and read its registers back, and how long they take, seconds. The chip notices
+    /// every register that is lost, and refuses another chip.
+    pub(crate) fn started(
+        sheet: &'static CompanionSheet,
+        address: u8,
+        identity: u8,
+    ) -> (Vec<Transfer>, f64) {
+        let (mut bus, mut clock) = (FakeBus::default(), JumpingClock::default());
+        let chip = sheet.at(address);
+        bus.set(address, sheet.identity.register, &[identity]);
+        chip.start(&mut bus, &mut clock).unwrap();
+        chip.verify(&mut bus).unwrap();
+        let transfers = bus.transfers();
+        for &(register, right) in sheet.held {
+            bus.set(address, register, &[!right]);
+            let lost = chip.verify(&mut bus).unwrap_err();
+            assert_eq!(lost.code(), "configuration_lost");
+            bus.set(address, register, &[right]);
+        }
+        bus.set(address, sheet.identity.register, &[!identity]);
+        let other = chip.identify(&mut bus).unwrap_err();
+        assert_eq!(other.code(), "wrong_identity");
+        let found = format!("[{:02x}]", !identity);
+        assert!(other.to_string().contains(&found), "{other}");
+        (transfers, clock.now_s)
+    }
+}

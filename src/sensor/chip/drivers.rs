@@ -48,26 +48,24 @@ pub fn magnetometer(word: &str) -> Option<&'static dyn Magnetometer> {
 ///
 /// # Errors
 ///
-/// When none can be used; the error is of the chip that came nearest to that.
+/// When none can be used; the error is of the first chip that answered, or else of the first.
 pub fn identify(
     bus: &mut dyn Bus,
     clock: &mut dyn Clock,
     named: Option<&'static dyn Magnetometer>,
 ) -> Result<Identified, ChipError> {
-    let mut nearest: Option<ChipError> = None;
+    let mut errors = Vec::new();
     for driver in MAGNETOMETERS {
         if named.is_some_and(|chip| driver.chip(chip.sheet().word).is_none()) {
             continue;
         }
         match (driver.identify)(bus, clock, named) {
             Err(ChipError::Stopped) => return Err(ChipError::Stopped),
-            Err(error) => match &nearest {
-                Some(known) if error.is_no_answer() || !known.is_no_answer() => {}
-                _ => nearest = Some(error),
-            },
+            Err(error) => errors.push(error),
             found => return found,
         }
     }
+    let nearest = errors.into_iter().min_by_key(ChipError::is_no_answer);
     let error = nearest.expect("every chip has a driver");
     if !error.is_no_answer() {
         return Err(error);

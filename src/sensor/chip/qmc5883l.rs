@@ -41,7 +41,6 @@ static SHEET: DataSheet = DataSheet {
     single_s: None,
 };
 
-/// The driver.
 pub static DRIVER: Driver = Driver {
     name: SHEET.name,
     chips: &[&Qmc5883l],
@@ -103,7 +102,7 @@ fn identify(
 
 #[cfg(test)]
 mod tests {
-    use super::super::magnetometer::{Measurement, change, start, verify};
+    use super::super::magnetometer::{Measurement, start, verify};
     use super::super::tests::JumpingClock;
     use super::*;
     use crate::sensor::bus::fake::{FakeBus, Transfer::*};
@@ -146,14 +145,6 @@ mod tests {
         }
         let codes = [0.5, 10.0, 40.0, 100.0, 220.0].map(|hz| SHEET.rate_code(hz));
         assert_eq!(codes, [0, 0, 1, 2, 3]);
-    }
-
-    #[test]
-    fn a_new_gain_is_one_write() {
-        let mut bus = FakeBus::default();
-        bus.set(0x0D, 0x0D, &[0xFF]);
-        change(&mut bus, &Qmc5883l, setup(1, 0), setup(1, 1)).unwrap();
-        assert_eq!(bus.transfers(), [Write(0x0D, 0x09, 0x15)]);
     }
 
     #[test]

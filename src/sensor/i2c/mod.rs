@@ -75,8 +75,8 @@ impl Chips {
         while clock.wait_until(self.due_s()) {
             // The companions first: a magnetometer behind an MPU-6050 answers once that is set up.
             let done = self
-                .move_on(bus, clock, out)
-                .and_then(|()| self.measure(bus, clock, out));
+                .read_companions(bus, clock, out)
+                .and_then(|()| self.read_magnetometer(bus, clock, out));
             if done.is_err() {
                 return;
             }
@@ -109,7 +109,7 @@ impl Chips {
     }
 
     /// Sets up and reads gyro and accelerometer, as far as that is due.
-    fn move_on(
+    fn read_companions(
         &mut self,
         bus: &mut dyn Bus,
         clock: &mut dyn Clock,
@@ -153,7 +153,7 @@ impl Chips {
     }
 
     /// Sets up and reads the magnetometer, as far as that is due.
-    fn measure(
+    fn read_magnetometer(
         &mut self,
         bus: &mut dyn Bus,
         clock: &mut dyn Clock,
