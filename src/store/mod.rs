@@ -107,7 +107,8 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the folder, or makes it. It writes a probe: better now than after the first turn. No other process can open it until this and its clones are dropped; this one can.
+    /// Opens the folder, or makes it. It writes a probe: better now than after the first turn. No other process can open
+    /// it until this and its clones are dropped; this one can.
     ///
     /// # Errors
     ///
