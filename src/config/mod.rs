@@ -123,7 +123,7 @@ impl Config {
             faults,
         };
         let mut reader = reader::TableReader::new(text).map_err(fail)?;
-        reader.refuse_other_tables(Self::TABLES, Self::table_of);
+        reader.refuse_other_tables();
         let config = Self::read(&mut reader);
         // Between tables that are wrong in themselves there is nothing to compare.
         if reader.is_good() {
@@ -150,9 +150,8 @@ impl Config {
 
     /// The first table with this key.
     fn table_of(key: &str) -> Option<&'static str> {
-        let tables = Self::tables().into_iter();
-        let mut with_key = tables.filter(|table| table.keys.contains(&key));
-        Some(with_key.next()?.name)
+        let mut tables = Self::tables().into_iter();
+        Some(tables.find(|table| table.keys.contains(&key))?.name)
     }
 
     /// What is wrong between tables that are right in themselves. The keys are `table.key`.

@@ -5,11 +5,11 @@ use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
-use super::Table;
 use super::fault::ConfigFault;
 use super::retired;
 use super::syntax::{self, LineIndex, column};
 use super::words::{explain, suggest};
+use super::{Config, Table};
 use crate::check::{Check, Fault};
 
 type Key<'i> = Spanned<DeString<'i>>;
@@ -67,12 +67,9 @@ impl<'i> TableReader<'i> {
         Err(faults)
     }
 
-    /// Collects a fault for every top-level key that is not one of `names`; `table_of` returns the table of a key.
-    pub(super) fn refuse_other_tables(
-        &mut self,
-        names: &[&str],
-        table_of: fn(&str) -> Option<&'static str>,
-    ) {
+    /// Collects a fault for every top-level key that is no table of the configuration.
+    pub(super) fn refuse_other_tables(&mut self) {
+        let names = Config::TABLES;
         for (key, value) in &self.root {
             let name: &str = key.get_ref();
             if names.contains(&name) {
@@ -81,7 +78,7 @@ impl<'i> TableReader<'i> {
             let sentence = if value.get_ref().is_table() {
                 format!("unknown table; {}", suggest(name, names))
             } else {
-                let help = match table_of(name) {
+                let help = match Config::table_of(name) {
                     Some(table) => format!("move it below [{table}]"),
                     None => suggest(name, names),
                 };

@@ -4,7 +4,9 @@ use std::io::BufRead;
 
 use super::lines::{LogLine, LogLines};
 use super::rows::{Rows, Rule};
-use super::{ACCEL, COLUMNS, GYRO, HEADING, Header, MAG, MAGIC, RecordingError, VERSION, shown};
+use super::{
+    ACCEL, COLUMNS, GYRO, HEADING, Header, MAG, MAGIC, RecordingError, RowError, VERSION, shown,
+};
 use crate::reading::STANDARD_GRAVITY_M_S2;
 
 /// More `#` lines than this are no header.
@@ -154,11 +156,12 @@ impl Rows {
 }
 
 fn wrong(log: &str, line: u64, what: String) -> RecordingError {
-    RecordingError::Header {
+    RecordingError::Header(RowError {
         log: log.to_owned(),
         line,
+        column: None,
         what,
-    }
+    })
 }
 
 fn next_line<'a, R: BufRead>(

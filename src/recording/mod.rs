@@ -116,15 +116,8 @@ pub struct Entry {
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// The header is wrong, so no row could be understood.
-    #[error("cannot read the header of log {log}, line {line}: {what}")]
-    Header {
-        /// The log's name.
-        log: String,
-        /// Line number, from 1.
-        line: u64,
-        /// What was found and what would be right.
-        what: String,
-    },
+    #[error("cannot read the header of {0}")]
+    Header(RowError),
     /// The file cannot be opened.
     #[error("cannot open log {log}: {source}")]
     Open {
@@ -145,7 +138,7 @@ pub enum RecordingError {
     },
 }
 
-/// One row that cannot be used. The reader continues behind it.
+/// One line that cannot be used. Behind a row the reader continues.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("log {log}, line {line}{}: {what}", column.map(|c| format!(", column {} ({})", c.0, c.1)).unwrap_or_default())]
 pub struct RowError {

@@ -534,6 +534,12 @@ fn what_could_not_be_read_again_is_not_saved() {
     let mut bad = good.clone();
     bad.entries[0].made.calibration.heading_sd_deg = f64::NAN;
     assert!(message(store.save(&bad, Some(&good))).contains("heading_sd_deg is NaN"));
+    let mut bad = good.clone();
+    let Parameters::Planar(planar) = &mut bad.entries[0].made.calibration.parameters else {
+        panic!("{bad:?}");
+    };
+    planar.basis[0].x = f64::NAN;
+    assert!(message(store.save(&bad, Some(&good))).contains("calibration.basis is [[NaN"));
     assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(good));
 }
 

@@ -9,10 +9,9 @@ use crate::sensor::clock::Clock;
 
 pub(super) struct CompanionPoller {
     pub(super) health: Health,
-    /// The chips that may be there, and the one that is.
+    /// The chips that may be there, and the one that was found.
     choices: Vec<Companion>,
-    chosen: usize,
-    told: Option<usize>,
+    found: Option<Companion>,
     frozen: RepeatWatch<[i16; 6]>,
     verify_s: f64,
 }
@@ -22,8 +21,7 @@ impl CompanionPoller {
         Self {
             health: Health::new(what),
             choices,
-            chosen: 0,
-            told: None,
+            found: None,
             frozen: RepeatWatch::default(),
             verify_s: 0.0,
         }
@@ -40,14 +38,13 @@ impl CompanionPoller {
             return Ok(());
         }
         let mut failed = None;
-        for (index, chip) in self.choices.iter().enumerate() {
+        for chip in &self.choices {
             match chip.start(bus, clock) {
                 Ok(()) => {
-                    self.chosen = index;
                     self.verify_s = clock.now_s() + VERIFY_S;
                     self.health.set_up();
-                    if self.told != Some(index) {
-                        self.told = Some(index);
+                    let before = self.found.replace(*chip);
+                    if before.is_none_or(|before| before.name() != chip.name()) {
                         tracing::info!("found an {}", chip.name());
                     }
                     return Ok(());
@@ -64,15 +61,14 @@ impl CompanionPoller {
 
     /// Whether the chip that was found is an accelerometer.
     pub(super) fn measures_force(&self) -> bool {
-        self.told.is_some() && self.choices[self.chosen].measures_force()
+        self.found.is_some_and(|chip| chip.measures_force())
     }
 
     /// Reads the chip, if it works.
     pub(super) fn read(&mut self, bus: &mut dyn Bus, now_s: f64) -> Option<InertialSample> {
-        if self.health.set_up_at_s().is_some() {
-            return None;
-        }
-        match self.try_read(bus, now_s) {
+        let works = self.health.set_up_at_s().is_none();
+        let chip = self.found.filter(|_| works)?;
+        match self.try_read(&chip, bus, now_s) {
             Ok(motion) => {
                 self.health.worked(now_s);
                 Some(motion)
@@ -84,8 +80,12 @@ impl CompanionPoller {
         }
     }
 
-    fn try_read(&mut self, bus: &mut dyn Bus, now_s: f64) -> Result<InertialSample, ChipError> {
-        let chip = &self.choices[self.chosen];
+    fn try_read(
+        &mut self,
+        chip: &Companion,
+        bus: &mut dyn Bus,
+        now_s: f64,
+    ) -> Result<InertialSample, ChipError> {
         if now_s >= self.verify_s {
             chip.verify(bus)?;
             self.verify_s = now_s + VERIFY_S;

@@ -35,6 +35,14 @@ fn settings() -> Settings {
     }
 }
 
+/// The magnetometer alone.
+fn alone() -> Settings {
+    Settings {
+        companions: Companions::None,
+        ..settings()
+    }
+}
+
 /// Something that happens at a time.
 type Deed = (f64, fn(&mut World));
 
@@ -135,6 +143,15 @@ fn act(settings: &Settings, mut theatre: Theatre) -> (Vec<SourceEvent>, Chips) {
         true
     });
     (said, chips)
+}
+
+/// What was written to a register.
+fn written(bus: &FakeBus, chip: u8, register: u8) -> Vec<u8> {
+    let value = |transfer| match transfer {
+        Transfer::Write(to, at, value) if (to, at) == (chip, register) => Some(value),
+        _ => None,
+    };
+    bus.transfers().into_iter().filter_map(value).collect()
 }
 
 fn readings(said: &[SourceEvent]) -> impl Iterator<Item = &Reading> {
@@ -297,11 +314,7 @@ fn frozen_registers_stop_the_readings_within_half_a_second() {
     assert_eq!(found, ["frozen"; 3]);
     // Setting them up anew does not make them any better.
     assert_eq!(readings(&said).count(), 2 * 19);
-    let alone = Settings {
-        companions: Companions::None,
-        ..settings()
-    };
-    let (said, _) = play_dead(&alone, &bus, 3.0);
+    let (said, _) = play_dead(&alone(), &bus, 3.0);
     let fields = field_times(&said);
     assert!(
         fields.len() == 19 && fields[18] - fields[0] < 0.5,
@@ -367,25 +380,14 @@ fn an_overflow_steps_the_range_up_and_is_never_published() {
     };
     let bus = stick();
     bus.world.borrow_mut().on_write = Some(magnet);
-    let settings = Settings {
-        companions: Companions::None,
-        ..settings()
-    };
-    let (said, _) = play_dead(&settings, &bus, 3.0);
+    let (said, _) = play_dead(&alone(), &bus, 3.0);
     assert!(field_times(&said).len() > 100);
     for reading in readings(&said) {
         // 1024 counts at 780 a gauss.
         let x = reading.whole_field_mgauss().expect("no overflow").x;
         assert!((x - 1024.0 / 0.78).abs() < 1e-9);
     }
-    let gains = bus
-        .transfers()
-        .into_iter()
-        .filter_map(|transfer| match transfer {
-            Transfer::Write(MAG, 0x01, value) => Some(value >> 5),
-            _ => None,
-        });
-    assert_eq!(gains.collect::<Vec<_>>(), [1, 2, 3]);
+    assert_eq!(written(&bus, MAG, 0x01), [1, 2, 3].map(|gain| gain << 5));
 }
 
 #[test]
@@ -394,8 +396,7 @@ fn with_a_fixed_gain_an_overflow_is_said_so() {
     bus.set(MAG, 0x03, &[0, 5, 0xF0, 0x00, 0, 5, 1]);
     let settings = Settings {
         gain: Some(3),
-        companions: Companions::None,
-        ..settings()
+        ..alone()
     };
     let (said, _) = play_dead(&settings, &bus, 1.0);
     let first = readings(&said).next().unwrap().field_mgauss.unwrap();

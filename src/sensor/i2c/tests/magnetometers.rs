@@ -34,9 +34,8 @@ fn a_qmc5883l_that_saturates_has_its_coarser_range_and_a_brown_out_is_set_right(
     let bus = FakeBus::default();
     bus.set(QMC, 0x0D, &[0xFF]);
     let settings = Settings {
-        companions: Companions::None,
         magnetometer: MagnetometerChoice::new("qmc5883l").unwrap(),
-        ..settings()
+        ..alone()
     };
     let magnet = |world: &mut World| world.set(QMC, MAGNET, &[1]);
     let dip: Deed = (3.0, |world| world.set(QMC, 0x09, &[0, 0, 0]));
@@ -44,22 +43,14 @@ fn a_qmc5883l_that_saturates_has_its_coarser_range_and_a_brown_out_is_set_right(
     assert_eq!(codes(&said), ["configuration_lost", ""]);
     let whole = readings(&said).filter_map(Reading::whole_field_mgauss);
     assert!(whole.count() > 230);
-    let controls = bus
-        .transfers()
-        .into_iter()
-        .filter_map(|transfer| match transfer {
-            Transfer::Write(QMC, 0x09, value) => Some(value),
-            _ => None,
-        });
-    assert_eq!(controls.collect::<Vec<_>>(), [0x05, 0x15, 0x05, 0x15]);
+    assert_eq!(written(&bus, QMC, 0x09), [0x05, 0x15, 0x05, 0x15]);
 }
 
 #[test]
 fn an_hmc5883l_that_has_never_measured_is_a_fake_and_one_that_has_is_frozen() {
     let settings = Settings {
         magnetometer: MagnetometerChoice::new("hmc5883l").unwrap(),
-        companions: Companions::None,
-        ..settings()
+        ..alone()
     };
     for rate_hz in [40.0, 75.0] {
         let settings = Settings {
