@@ -1,7 +1,8 @@
 //! How late readings come: a host that pauses stamps what has piled up when it wakes.
 //!
 //! A chip measures evenly. So a reading that comes a period and a half after the one before is half a period late, and
-//! those that follow at once are still late by what is left of that.
+//! those that follow at once are still late by what is left of that. If those that follow take their time, none had piled up:
+//! readings were lost, and none is late.
 
 /// The period is the mean over this time, seconds, …
 const MEAN_S: f64 = 30.0;
@@ -11,6 +12,10 @@ const FORGIVEN: f64 = 0.03;
 /// So many of the steps must be a period long, within half of it. Where fewer are, the chip is read at odd times, and each
 /// reading's time is its own.
 const REGULAR: f64 = 0.6;
+/// A reading that comes after less than this share of a period had piled up.
+const PILED: f64 = 0.75;
+/// Weight of each long step in the share of those that were losses, so that the last five count.
+const LOSS_WEIGHT: f64 = 0.2;
 /// Later than this is a hole, seconds.
 const HOLE_S: f64 = 0.1;
 
@@ -24,6 +29,8 @@ pub struct Lateness {
     /// Share of the steps that are a period long.
     regular: f64,
     late_s: f64,
+    /// Share of the long steps after which nothing had piled up.
+    lost: f64,
 }
 
 impl Lateness {
@@ -50,9 +57,14 @@ impl Lateness {
         if self.seen_s < 1.0 {
             return 0.0;
         }
-        let late_s = self.late_s + step_s - (1.0 + FORGIVEN) * self.period_s;
+        let piled = step_s < PILED * self.period_s;
+        if self.late_s > 0.5 * self.period_s {
+            self.lost += (f64::from(u8::from(!piled)) - self.lost) * LOSS_WEIGHT;
+        }
+        let before_s = if piled { self.late_s } else { 0.0 };
+        let late_s = before_s + step_s - (1.0 + FORGIVEN) * self.period_s;
         self.late_s = late_s.clamp(0.0, HOLE_S);
-        if self.regular < REGULAR {
+        if self.regular < REGULAR || self.lost > 0.5 {
             return 0.0;
         }
         self.late_s
@@ -83,6 +95,18 @@ mod tests {
                     (last_s - late_s - measured_s).abs() < 0.006,
                     "{i}: {late_s}"
                 );
+            }
+        }
+    }
+
+    /// A chip that measures every 10 ms, and a line on which each 20th reading is lost.
+    #[test]
+    fn what_follows_a_loss_is_on_time() {
+        let mut lateness = Lateness::default();
+        for i in (0..2000).filter(|i| i % 20 != 7) {
+            let late_s = lateness.take(f64::from(i) * 0.01);
+            if i % 20 > 8 || i > 500 {
+                assert!(late_s < 1e-3, "{i}: {late_s}");
             }
         }
     }
