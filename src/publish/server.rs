@@ -167,10 +167,4 @@ mod tests {
             assert_eq!(settings.check().len(), 1, "{mode:?}");
         }
     }
-
-    #[test]
-    fn unknown_settings_are_refused() {
-        assert!(toml::from_str::<Settings>("backlog = 9").is_ok());
-        assert!(toml::from_str::<Settings>("backlogs = 9").is_err());
-    }
 }

@@ -146,25 +146,6 @@ fn a_second_daemon_is_refused_and_the_first_goes_on() {
 }
 
 #[test]
-fn a_store_that_cannot_be_written_is_complained_of_once_and_headings_are_served() {
-    let rig = Rig::new(FAST, LONG);
-    // Not even root can make a folder below a file.
-    fs::write(rig.path("file"), "").unwrap();
-    rig.configure(FAST, &rig.path("file/store"), LONG);
-    let (mut process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
-    client.find("ATT", has_heading);
-    client.find("CALIBRATION", |_| true);
-    let said = process.stop();
-    assert_eq!(
-        said.matches("cannot keep calibrations in folder").count(),
-        1,
-        "{said}"
-    );
-    assert!(said.contains("set store.directory to a folder that this user may write"));
-}
-
-#[test]
 fn a_calibration_of_another_sensor_is_not_used_and_a_damaged_one_neither() {
     let rig = Rig::new(1.0, LONG);
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/store-1.json");

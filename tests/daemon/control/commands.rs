@@ -254,12 +254,16 @@ fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
     let rig = Rig::new(FAST, LONG);
     fs::write(rig.path("file"), "").unwrap();
     rig.configure(FAST, &rig.path("file/store"), LONG);
-    let (_process, mut client) = rig.watched();
+    let (mut process, mut client) = rig.watched();
     client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
     let socket = rig.text("control.sock");
     let (status, out, err) = headingd(&["calibration", "lock", "--socket", &socket]);
     assert_eq!((status, out.as_str()), (74, ""), "{err}");
     assert!(err.contains("(not_kept)"), "{err}");
+    client.find("ATT", |att| att.get("mheading").is_some());
+    let said = process.stop();
+    let complaint = "ERROR cannot keep calibrations in folder";
+    assert_eq!(said.matches(complaint).count(), 1, "{said}");
 
     let stranger = rig.text("stranger.sock");
     let listener = UnixListener::bind(&stranger).unwrap();
