@@ -4,6 +4,7 @@
 //! out the actions. Whatever may take long is on a thread of its own: the source, a calibration, the disk that
 //! calibrations are kept on, and a reload.
 
+mod batch;
 mod calibrator;
 mod core;
 mod inactivity;

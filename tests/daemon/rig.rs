@@ -25,6 +25,9 @@ pub const FAST: f64 = 20.0;
 /// Two turns and 98 more: it goes on for as long as a test may take.
 pub const LONG: &str = "[simulator]\nturns = 100\n";
 
+/// A board that moves until the daemon is stopped.
+pub const ENDLESS: &str = "[simulator]\nscenario = \"endless\"\n";
+
 /// A process that is killed if a test fails.
 pub struct Process {
     child: Child,

@@ -15,12 +15,10 @@ use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 use serde_json::json;
 
 use crate::control::link::Link;
-use crate::rig::{FAST, PATIENCE, Process, Rig, headingd, program, pty, spawn_on};
+use crate::rig::{ENDLESS, FAST, PATIENCE, Process, Rig, headingd, program, pty, spawn_on};
 
 /// A screen that draws nothing for so long has drawn all: it is drawn five times a second.
 const SETTLED: Duration = Duration::from_millis(50);
-
-const ENDLESS: &str = "[simulator]\nscenario = \"endless\"\n";
 
 /// A terminal with the program on it.
 struct Screen {

@@ -9,7 +9,7 @@ use clap::Parser;
 use clap::error::ErrorKind;
 use headingd::command::line::Cli;
 
-use crate::rig::{FAST, Rig, finished, program};
+use crate::rig::{ENDLESS, FAST, Rig, finished, program};
 
 const README: &str = include_str!("../../../README.md");
 
@@ -96,7 +96,7 @@ fn the_python_of_readme_prints_headings() {
         eprintln!("not run: there is no python3");
         return;
     };
-    let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
+    let rig = Rig::new(FAST, ENDLESS);
     let (_process, mut client) = rig.watched();
     client.find("ATT", |att| att["mheading"].is_number());
     let program = &blocks(README, "python")[0];

@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use crate::rig::{FAST, Rig, finished, program, spawn};
+use crate::rig::{ENDLESS, FAST, Rig, finished, program, spawn};
 
 /// The program, which finds this configuration.
 fn usual(config: &str, arguments: &[&str]) -> Command {
@@ -15,7 +15,7 @@ fn usual(config: &str, arguments: &[&str]) -> Command {
 /// may not write.
 #[test]
 fn every_command_finds_the_same_configuration() {
-    let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
+    let rig = Rig::new(FAST, ENDLESS);
     let config = rig.text("headingd.toml");
     let usual = |arguments: &[&str]| finished(&mut usual(&config, arguments));
     let _process = spawn(rig.folder.path(), &mut self::usual(&config, &["run"]));

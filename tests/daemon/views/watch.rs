@@ -4,11 +4,11 @@ use std::os::unix::net::UnixStream;
 
 use serde_json::Value;
 
-use crate::rig::{FAST, Rig, headingd, start, until};
+use crate::rig::{ENDLESS, FAST, Rig, headingd, start, until};
 
 #[test]
 fn headings_are_printed_as_text_json_and_nmea() {
-    let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
+    let rig = Rig::new(FAST, ENDLESS);
     let (_process, mut client) = rig.watched();
     let socket = rig.text("heading.sock");
     let watch = |more: &[&str]| {
@@ -48,7 +48,7 @@ fn headings_are_printed_as_text_json_and_nmea() {
 
 #[test]
 fn who_cannot_be_watched_is_named_with_what_helps() {
-    let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
+    let rig = Rig::new(FAST, ENDLESS);
     let (mut process, _client) = rig.watched();
     let [control, none, plain] =
         ["control.sock", "none.sock", "plain.txt"].map(|name| rig.text(name));
