@@ -7,6 +7,7 @@
 mod batch;
 mod calibrator;
 mod core;
+mod disk;
 mod inactivity;
 mod listener;
 mod mounting;
