@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
-use super::run::runtime;
+use super::runtime::runtime;
 use super::{Failure, OrFail, config_file, number, print, read_log, tell_skips};
 use crate::calibration::model::Calibration;
 use crate::config::Config;

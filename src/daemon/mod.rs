@@ -19,7 +19,6 @@ mod recorder;
 mod reload;
 mod ring;
 mod session;
-pub mod signals;
 mod source_task;
 mod store_writer;
 mod thread;
