@@ -7,7 +7,7 @@ use std::process::Command;
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
 
-use crate::rig::{FAST, LONG, Rig, finished, headingd, log, start, until};
+use crate::rig::{FAST, LONG, Rig, finished, headingd, log, until};
 
 /// The way from the truth to the heading of an `ATT`, degrees.
 fn error_deg(att: &Value, settings: &Settings) -> f64 {
@@ -246,7 +246,7 @@ fn a_pipe_is_no_configuration_and_without_an_end_no_log() {
         &["config", "check", name],
         &["status", "--config", name],
     ] {
-        let mut process = start(rig.folder.path(), arguments);
+        let mut process = rig.run(arguments);
         let said = process.ends(66);
         assert!(said.contains("it is no regular file"), "{said}");
     }
@@ -254,7 +254,7 @@ fn a_pipe_is_no_configuration_and_without_an_end_no_log() {
     rig.replay(1.0, &pipe);
     let check = ["config", "check", &rig.text("headingd.toml")];
     assert_eq!(headingd(&check).0, 0);
-    let replay = |pipe: &Path| start(rig.folder.path(), &["replay", pipe.to_str().unwrap()]);
+    let replay = |pipe: &Path| rig.run(&["replay", pipe.to_str().unwrap()]);
     for mut process in [rig.start(), replay(&other)] {
         let said = process.ends(66);
         assert!(said.contains("nobody has opened for writing"), "{said}");

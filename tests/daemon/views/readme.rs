@@ -64,7 +64,7 @@ fn every_command_that_readme_shows_does_what_it_should() {
     let endless = "[simulator]\nscenario = \"endless\"\nturns = 100\n";
     let rig = Rig::new(FAST, endless);
     let (_process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let config = rig.path("headingd.toml");
     let mut run = 0;
     for command in commands(README) {
@@ -98,7 +98,7 @@ fn the_python_of_readme_prints_headings() {
     };
     let rig = Rig::new(FAST, ENDLESS);
     let (_process, mut client) = rig.watched();
-    client.find("ATT", |att| att["mheading"].is_number());
+    client.heading();
     let program = &blocks(README, "python")[0];
     let usual = "/run/headingd/heading.sock";
     assert!(program.contains(usual));
