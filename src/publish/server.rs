@@ -99,7 +99,9 @@ impl Server {
 
     /// A handle by which headings, conditions and calibrations get in.
     pub fn publisher(&self) -> Publisher {
-        Publisher::new(self.feed.clone())
+        Publisher {
+            feed: self.feed.clone(),
+        }
     }
 
     /// Serves clients until `shutdown` is ready. Then the socket is removed, and within 100 ms every client

@@ -52,7 +52,7 @@ impl Outputs {
         publisher: &Publisher,
     ) -> Self {
         let mut tasks = JoinSet::new();
-        let lines = |format| HeadingLines::new(publisher.feed(), format);
+        let lines = |format| HeadingLines::new(publisher.feed.clone(), format);
         if let Some(to) = udp.to()
             && let Some(socket) = opened("udp.to", to, udp::open(to))
         {
@@ -63,7 +63,7 @@ impl Outputs {
             && let Some(listener) = opened("tcp.listen", listen, tcp::open(listen))
         {
             tracing::info!("serving {} over TCP on {listen}", tcp.format.name());
-            tasks.spawn(tcp::run(listener, publisher.feed(), tcp.format));
+            tasks.spawn(tcp::run(listener, publisher.feed.clone(), tcp.format));
         }
         if let Some(path) = pty.path()
             && let Some(pty) = opened("pty.path", path.display(), pty::Pty::open(path))
