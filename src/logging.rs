@@ -81,7 +81,7 @@ pub fn to_journal() -> bool {
 }
 
 /// Whether the user wants no colour, on whatever terminal: <https://no-color.org>.
-fn no_colour() -> bool {
+pub fn no_colour() -> bool {
     env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty())
 }
 

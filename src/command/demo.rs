@@ -10,7 +10,7 @@ use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::UnixStream;
 
-use super::run::{ENDS, catch, runtime};
+use super::runtime::{ENDS, Signals, runtime};
 use super::{Failure, OrFail, number, print};
 use crate::config::{Config, source};
 use crate::daemon::{Daemon, DaemonError};
@@ -56,7 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 async fn demo(args: &Args) -> Result<(), Failure> {
     // Before there is anything that would be left behind.
-    let mut signals = catch(&ENDS)?;
+    let mut signals = Signals::catch(&ENDS)?;
     // The folder is removed when this function ends.
     let (socket, _folder) = match &args.socket {
         Some(path) => (

@@ -32,6 +32,7 @@ mod record;
 mod replay;
 mod report;
 mod run;
+mod runtime;
 mod simulate;
 mod status;
 mod wait;

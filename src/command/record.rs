@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use super::run::{ENDS, catch, runtime};
+use super::runtime::{ENDS, Signals, runtime};
 use super::{Failure, config_file, number};
 use crate::daemon::record::Recording;
 use crate::logging::Log;
@@ -32,7 +32,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
     Log::start(&config.log.filter);
     runtime()?.block_on(async {
-        let mut signals = catch(&ENDS)?;
+        let mut signals = Signals::catch(&ENDS)?;
         let over = async {
             match args.duration {
                 Some(duration_s) => tokio::time::sleep(Duration::from_secs_f64(duration_s)).await,

@@ -65,8 +65,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     setup.mountings = header.mountings.on(&board);
     let pipeline = Pipeline::new(setup, calibration);
     let lines = JsonLines {
-        device: args.log.display().to_string(),
-        sensor: header.sensor.clone(),
+        device: Device {
+            path: args.log.display().to_string(),
+            activated: None,
+            sensor: header.sensor.clone(),
+            bps: None,
+        },
         time: TimeOfDay::new(header),
         true_north: TrueNorth::new(&config.true_north),
         out: BufWriter::with_capacity(1 << 16, io::stdout().lock()),
@@ -136,8 +140,7 @@ fn carry_out<W: Write>(
 
 /// What a client sees.
 struct JsonLines<W: Write> {
-    device: String,
-    sensor: Option<String>,
+    device: Device,
     time: TimeOfDay,
     true_north: TrueNorth,
     out: W,
@@ -147,12 +150,6 @@ struct JsonLines<W: Write> {
 impl<W: Write> JsonLines<W> {
     /// What a client gets on connecting and on asking for every stream.
     fn greet(&mut self) -> io::Result<()> {
-        let device = Device {
-            path: self.device.clone(),
-            activated: None,
-            sensor: self.sensor.clone(),
-            bps: None,
-        };
         let policy = WatchPolicy {
             enable: true,
             json: true,
@@ -161,7 +158,7 @@ impl<W: Write> JsonLines<W> {
             ..WatchPolicy::default()
         };
         self.write(&gpsd::version())?;
-        self.write(&gpsd::devices(&device, None))?;
+        self.write(&gpsd::devices(&self.device, None))?;
         self.write(&gpsd::watch(&policy))
     }
 
@@ -171,7 +168,8 @@ impl<W: Write> JsonLines<W> {
         heading.declination_deg = self.true_north.declination_deg(time);
         self.line.clear();
         let time = time.map(date::rfc3339);
-        gpsd::att_into(&mut self.line, &self.device, &heading, time.as_deref(), 0);
+        let (device, time) = (&self.device.path, time.as_deref());
+        gpsd::att_into(&mut self.line, device, &heading, time, 0);
         self.line.push('\n');
         self.out.write_all(self.line.as_bytes())?;
         Ok(self.true_north.news())

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
-use super::run::runtime;
+use super::runtime::runtime;
 use super::{Failure, OrFail, config_file, number, print, read_log, tell_skips};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
@@ -104,10 +104,6 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
     let mut headings = Headings::open(&sockets.headings, WATCH)?;
     headings.set_patience(Some(PATIENCE))?;
     let mut gpsd = follower(config)?;
-    let nothing = || {
-        let why = "the daemon has handed out no readings: headingd status says why";
-        Failure::new(Failure::UNAVAILABLE, why)
-    };
     let bar = Progress::with_message();
     bar.say(format!(
         "listening for {:.0} s; Ctrl-C gives up",
@@ -154,7 +150,10 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
     }
     found
         .filter(|(_, analysis)| analysis.has_readings())
-        .ok_or_else(nothing)
+        .ok_or_else(|| {
+            let why = "the daemon has handed out no readings: headingd status says why";
+            Failure::new(Failure::UNAVAILABLE, why)
+        })
 }
 
 /// Follows the gpsd of the configuration, if it has one, until the command ends.

@@ -3,12 +3,11 @@
 use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
-use tokio::runtime::{Builder, Runtime};
 use tokio::signal::unix::SignalKind;
 
-use super::{Failure, OrFail, config_file};
+use super::runtime::{ENDS, Signals, runtime};
+use super::{Failure, config_file};
 use crate::config::Config;
-use crate::daemon::signals::Signals;
 use crate::daemon::{Daemon, DaemonError, Notice};
 use crate::logging::Log;
 use crate::recording::RecordingError;
@@ -64,7 +63,7 @@ fn serve(args: &Args) -> Result<(), Failure> {
     let on_terminal = io::stderr().is_terminal();
     runtime()?.block_on(async {
         // Before the socket is there: whoever sees it may send a signal.
-        let mut signals = catch(&[&ENDS[..], &[SignalKind::user_defined1()]].concat())?;
+        let mut signals = Signals::catch(&[&ENDS[..], &[SignalKind::user_defined1()]].concat())?;
         let daemon = Daemon::open(&config, service).map_err(|error| match error {
             DaemonError::NoSource => {
                 Failure::new(Failure::CONFIG, format!("{}: {error}", path.display()))
@@ -100,21 +99,4 @@ fn tell_retired(path: &Path, config: &Config) {
     for sentence in &config.retired {
         tracing::warn!("{}: {sentence}", path.display());
     }
-}
-
-/// The daemon's runtime: one thread for everything that waits.
-pub(super) fn runtime() -> Result<Runtime, Failure> {
-    let built = Builder::new_current_thread().enable_all().build();
-    built.or_fail(Failure::SYSTEM, "cannot start")
-}
-
-/// The signals that end a command.
-pub(super) const ENDS: [SignalKind; 3] = [
-    SignalKind::terminate(),
-    SignalKind::interrupt(),
-    SignalKind::hangup(),
-];
-
-pub(super) fn catch(kinds: &[SignalKind]) -> Result<Signals, Failure> {
-    Signals::catch(kinds).or_fail(Failure::SYSTEM, "cannot catch signals")
 }

@@ -203,24 +203,4 @@ mod tests {
         assert_eq!(error.status, Failure::CANNOT_CREATE);
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     }
-
-    #[test]
-    fn a_device_is_not_replaced_and_a_link_stays_a_link() {
-        let folder = tempfile::tempdir().unwrap();
-        // A socket stands for all that is no file: it cannot be opened, so that this fails, but stays.
-        let socket = folder.path().join("socket");
-        let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
-        assert!(run(&args(&socket, &[]).unwrap()).is_err());
-        assert!(!fs::metadata(&socket).unwrap().is_file());
-        let (file, link) = (folder.path().join("a.csv"), folder.path().join("link"));
-        fs::write(&file, "old").unwrap();
-        std::os::unix::fs::symlink(&file, &link).unwrap();
-        run(&args(&link, &[]).unwrap()).unwrap();
-        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
-        assert!(
-            fs::read_to_string(&file)
-                .unwrap()
-                .starts_with("# headingd-log 1")
-        );
-    }
 }

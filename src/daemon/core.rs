@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use super::Daemon;
+use super::batch::Events;
 use super::session::SourceState;
-use super::source_task::Events;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::condition::{Condition, Report, SourceFault};
 use crate::date;

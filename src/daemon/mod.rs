@@ -4,8 +4,10 @@
 //! out the actions. Whatever may take long is on a thread of its own: the source, a calibration, the disk that
 //! calibrations are kept on, and a reload.
 
+mod batch;
 mod calibrator;
 mod core;
+mod disk;
 mod inactivity;
 mod listener;
 mod mounting;
@@ -17,7 +19,6 @@ mod recorder;
 mod reload;
 mod ring;
 mod session;
-pub mod signals;
 mod source_task;
 mod store_writer;
 mod thread;

@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::Daemon;
+use crate::calibration::model::Calibration;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
 use crate::date;
@@ -67,11 +68,7 @@ impl Daemon {
             ControlRequest::Import { file } => self.import(file),
             ControlRequest::Rollback { number } => {
                 let entry = *self.session.store.history_mut().roll_back(number)?;
-                self.handle(Event::Activate(Some(Box::new(entry.made.calibration))));
-                Ok(
-                    Answer::done(format!("calibration {} is active", entry.number))
-                        .with("number", entry.number),
-                )
+                Ok(self.activated(entry.number, entry.made.calibration))
             }
             ControlRequest::Forget { number, all } => self.forget(match number {
                 _ if all => Forget::All,
@@ -181,8 +178,12 @@ impl Daemon {
             ..entry.made
         };
         let number = self.session.store.keep(made);
-        self.handle(Event::Activate(Some(Box::new(made.calibration))));
-        Ok(Answer::done(format!("calibration {number} is active")).with("number", number))
+        Ok(self.activated(number, made.calibration))
+    }
+
+    fn activated(&mut self, number: u64, calibration: Calibration) -> Answer {
+        self.handle(Event::Activate(Some(Box::new(calibration))));
+        Answer::done(format!("calibration {number} is active")).with("number", number)
     }
 
     fn list(&self) -> Answer {

@@ -5,10 +5,10 @@ use std::sync::Weak;
 
 use tokio::sync::oneshot;
 
+use super::disk::Disk;
 use super::north::North;
 use super::session::Session;
 use super::source_task::SourceTask;
-use super::store_writer::Disk;
 use super::thread::Thread;
 use super::{Daemon, DaemonError};
 use crate::config::Config;

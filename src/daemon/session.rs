@@ -5,10 +5,11 @@ use std::time::{Duration, Instant};
 
 use super::DaemonError;
 use super::calibrator::Calibrator;
+use super::disk::Disk;
 use super::north::North;
 use super::recorder::Recorder;
 use super::source_task::SourceTask;
-use super::store_writer::{Disk, StoreWriter};
+use super::store_writer::StoreWriter;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::frame::Mounting;

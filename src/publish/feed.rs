@@ -27,14 +27,11 @@ const CYCLE_GAIN: f64 = 0.02;
 /// The daemon's end of the server. It never blocks, whatever the clients do; clones share one server.
 #[derive(Clone, Debug)]
 pub struct Publisher {
-    feed: Arc<Feed>,
+    /// What it publishes into.
+    pub(super) feed: Arc<Feed>,
 }
 
 impl Publisher {
-    pub(super) fn new(feed: Arc<Feed>) -> Self {
-        Self { feed }
-    }
-
     /// Sends a heading to all who watch for headings, and keeps it for `?POLL;`. `taken` is when the
     /// magnetometer was read: the heading is not sent once it is older than `stale_s`. `time` is the same
     /// moment, RFC 3339 in UTC, if the time of day is known.
@@ -88,11 +85,6 @@ impl Publisher {
             // The only error is that nobody is listening.
             let _ = ring.send((seq, *reading));
         }
-    }
-
-    /// What it publishes into.
-    pub(super) fn feed(&self) -> Arc<Feed> {
-        self.feed.clone()
     }
 
     /// The latest heading, while it is not stale.

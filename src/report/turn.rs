@@ -59,12 +59,10 @@ impl Turned {
                 None => format!("axis {} of the turn's plane", index + 1),
             }
         });
-        let stretch = judged.request.turns.iter().fold(None, |all, turn| {
-            let (start, end) = all.unwrap_or((turn.samples.start, turn.samples.end));
-            Some((start.min(turn.samples.start), end.max(turn.samples.end)))
-        });
-        let (start, end) = stretch.unwrap_or((0, judged.request.samples.len()));
-        let samples = judged.request.samples.get(start..end)?;
+        let (all, turns) = (&judged.request.samples, &judged.request.turns);
+        let start = turns.iter().map(|turn| turn.samples.start).min();
+        let end = turns.iter().map(|turn| turn.samples.end).max();
+        let samples = all.get(start.unwrap_or(0)..end.unwrap_or(all.len()))?;
         let seen = samples.iter().map(|sample| {
             let raw: Vec<f64> = basis
                 .iter()

@@ -63,10 +63,8 @@ impl Settings {
 pub struct TrueNorth {
     declination_by_hand_deg: Option<f64>,
     position: Option<Position>,
-    /// The day of the last answer; none before the first, and [`None`] in it where no date was known.
-    day: Option<Option<u64>>,
-    /// Whether the position is another one since then.
-    moved: bool,
+    /// Where and on which day the model was asked last; no day where no date was known.
+    asked: Option<(Position, Option<u64>)>,
     declination_deg: Option<f64>,
     /// The field there, until it has been asked for; `Some(None)` where it is not known any more.
     field: Option<Option<EarthField>>,
@@ -92,7 +90,6 @@ impl TrueNorth {
         };
         if !self.position.as_ref().is_some_and(near) {
             self.position = Some(position);
-            self.moved = true;
         }
     }
 
@@ -107,18 +104,19 @@ impl TrueNorth {
         let Some(position) = self.position else {
             return;
         };
-        let day = since_1970.map(|since| since.as_secs() / 86_400);
-        if !std::mem::take(&mut self.moved) && self.day == Some(day) {
+        let asked = (position, since_1970.map(|since| since.as_secs() / 86_400));
+        if self.asked == Some(asked) {
             return;
         }
         let (field, warning) = answer(&position, since_1970);
         let declination_deg = field.map(|field| field.declination_deg.value);
         // What holds from day to day is told on the first. A declination by hand stands in nothing's way.
-        let new = self.day.is_none() || self.declination_deg.is_some() != declination_deg.is_some();
+        let new =
+            self.asked.is_none() || self.declination_deg.is_some() != declination_deg.is_some();
         if new && self.declination_by_hand_deg.is_none() {
             self.news = warning;
         }
-        self.day = Some(day);
+        self.asked = Some(asked);
         self.declination_deg = declination_deg;
         self.field = Some(field);
     }

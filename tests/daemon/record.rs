@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread::JoinHandle;
 
-use crate::rig::{LONG, Process, Rig, spawn, start, until};
+use crate::rig::{LONG, Process, Rig, until};
 use headingd::reading::Reading;
 use headingd::recording::Header;
 use headingd::sensor::replay::Replay;
@@ -41,7 +41,7 @@ fn simulated(turns: f64) -> impl Iterator<Item = Reading> {
 
 fn record(rig: &Rig, out: &Path, more: &[&str]) -> Process {
     let mut command = rig.command(&["record"]);
-    spawn(rig.folder.path(), command.arg("--out").arg(out).args(more))
+    rig.spawn(command.arg("--out").arg(out).args(more))
 }
 
 #[test]
@@ -208,11 +208,7 @@ fn a_socket_that_says_nothing_of_its_server_is_left_alone() {
 #[test]
 fn without_a_socket_it_is_recorded_all_the_same() {
     let rig = Rig::new(1.0, "");
-    let config = rig.path("headingd.toml");
-    let text = fs::read_to_string(&config)
-        .unwrap()
-        .replace("heading.sock", "none/heading.sock");
-    fs::write(&config, text).unwrap();
+    rig.edit("heading.sock", "none/heading.sock");
     let out = rig.path("a.csv");
     let mut process = record(&rig, &out, &["--duration", "1.5"]);
     let said = process.ends(0);
@@ -289,8 +285,7 @@ fn a_full_disk_ends_the_recording_and_not_the_headings() {
     rig.configure(50.0, &rig.path("store"), &more);
     // No file may become longer than 64 KiB: what a full disk is, without filling one.
     let script = "trap '' XFSZ; ulimit -f 64; exec \"$0\" run --config \"$1\"";
-    let process = spawn(
-        rig.folder.path(),
+    let process = rig.spawn(
         Command::new("bash")
             .args(["-c", script])
             .arg(env!("CARGO_BIN_EXE_headingd"))
@@ -343,7 +338,7 @@ fn without_a_service_and_a_source_there_is_nothing_to_record() {
     let rig = Rig::new(1.0, "");
     let out = rig.path("a.csv");
     let arguments = ["record", "--out", &rig.text("a.csv"), "--duration", "0.5"];
-    let mut process = start(rig.folder.path(), &arguments);
+    let mut process = rig.run(&arguments);
     let said = process.ends(78);
     for part in ["/run/headingd/heading.sock", "source.kind is not set"] {
         assert!(said.contains(part), "{said}");
@@ -368,11 +363,7 @@ fn an_empty_recording_is_a_failure() {
 #[test]
 fn a_full_service_says_so_itself() {
     let rig = Rig::new(1.0, LONG);
-    let config = rig.path("headingd.toml");
-    let text = fs::read_to_string(&config)
-        .unwrap()
-        .replace("[socket]\n", "[socket]\nmax_clients = 1\n");
-    fs::write(&config, text).unwrap();
+    rig.edit("[socket]\n", "[socket]\nmax_clients = 1\n");
     let mut service = rig.start();
     let _only = rig.client();
     // It hangs up before or after it is asked.

@@ -21,20 +21,13 @@ fn turning(turns: f64) -> Vec<u8> {
     log(&simulator.header(), simulator)
 }
 
-/// A daemon that plays a log, and is in the midst of a reload that waits for the header of the next.
-struct Reloading {
-    rig: Rig,
-    process: Process,
-    client: Client,
-    pipe: File,
-    log: PathBuf,
-}
-
 fn seq(att: &Value) -> u64 {
     att["seq"].as_u64().unwrap()
 }
 
-fn reloading() -> Reloading {
+/// A daemon that plays a log, and is in the midst of a reload that waits for the header of the next; a client, the pipe that
+/// the header comes through, and the path of log and pipe.
+fn reloading() -> (Rig, Process, Client, File, PathBuf) {
     let rig = Rig::new(1.0, "");
     let log = rig.path("log.csv");
     // It lasts longer than a test may.
@@ -57,24 +50,12 @@ fn reloading() -> Reloading {
             .filter_map(|file| fs::read_link(file.ok()?.path()).ok())
             .any(|file| file == log)
     });
-    Reloading {
-        rig,
-        process,
-        client,
-        pipe,
-        log,
-    }
+    (rig, process, client, pipe, log)
 }
 
 #[test]
 fn clients_are_served_while_a_reload_waits_for_its_source() {
-    let Reloading {
-        rig,
-        mut process,
-        mut client,
-        mut pipe,
-        log,
-    } = reloading();
+    let (rig, mut process, mut client, mut pipe, log) = reloading();
     // Headings go on, more of them than had been sent before the reload began.
     let first = seq(&client.find("ATT", |_| true));
     client.find("ATT", |att| seq(att) > 2 * first);
@@ -104,25 +85,14 @@ fn clients_are_served_while_a_reload_waits_for_its_source() {
 
 #[test]
 fn a_stop_does_not_wait_for_a_reload() {
-    let Reloading {
-        rig,
-        mut process,
-        pipe: _pipe,
-        ..
-    } = reloading();
+    let (rig, mut process, _client, _pipe, _) = reloading();
     process.stop();
     assert!(!rig.path("heading.sock").exists());
 }
 
 #[test]
 fn of_two_reloads_the_second_follows_the_first() {
-    let Reloading {
-        rig,
-        process,
-        mut pipe,
-        log,
-        ..
-    } = reloading();
+    let (rig, process, _client, mut pipe, log) = reloading();
     fs::remove_file(&log).unwrap();
     fs::write(&log, turning(10.0)).unwrap();
     rig.replay(4.0, &log);

@@ -25,6 +25,9 @@ pub const FAST: f64 = 20.0;
 /// Two turns and 98 more: it goes on for as long as a test may take.
 pub const LONG: &str = "[simulator]\nturns = 100\n";
 
+/// A board that moves until the daemon is stopped.
+pub const ENDLESS: &str = "[simulator]\nscenario = \"endless\"\n";
+
 /// A process that is killed if a test fails.
 pub struct Process {
     child: Child,
@@ -60,7 +63,7 @@ pub fn start(folder: &Path, arguments: &[&str]) -> Process {
 }
 
 /// The same for a command that starts the program.
-pub fn spawn(folder: &Path, command: &mut Command) -> Process {
+fn spawn(folder: &Path, command: &mut Command) -> Process {
     let stdout = fs::File::create(folder.join("stdout")).unwrap();
     spawn_on(folder, command, stdout, None)
 }
@@ -198,7 +201,24 @@ impl Rig {
     }
 
     pub fn start(&self) -> Process {
-        spawn(self.folder.path(), &mut self.command(&["run"]))
+        self.spawn(&mut self.command(&["run"]))
+    }
+
+    /// Starts the program with these arguments.
+    pub fn run(&self, arguments: &[&str]) -> Process {
+        start(self.folder.path(), arguments)
+    }
+
+    /// Starts a command that is, or starts, the program.
+    pub fn spawn(&self, command: &mut Command) -> Process {
+        spawn(self.folder.path(), command)
+    }
+
+    /// Changes the text of the configuration.
+    pub fn edit(&self, from: &str, to: &str) {
+        let config = self.path("headingd.toml");
+        let text = fs::read_to_string(&config).unwrap();
+        fs::write(&config, text.replace(from, to)).unwrap();
     }
 
     /// A daemon and a client that watches it.
@@ -237,6 +257,16 @@ impl Client {
         let mut line = String::new();
         let count = self.reader.read_line(&mut line).unwrap();
         (count > 0).then(|| serde_json::from_str(&line).unwrap())
+    }
+
+    /// The next calibration that is accepted.
+    pub fn accepted(&mut self) -> Value {
+        self.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted")
+    }
+
+    /// The next heading that may be steered by.
+    pub fn heading(&mut self) -> Value {
+        self.find("ATT", |att| att["mheading"].is_number())
     }
 
     /// The next message that is of this class and of which this is true.

@@ -7,7 +7,7 @@ use std::process::Command;
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
 
-use crate::rig::{FAST, LONG, Rig, finished, headingd, log, start, until};
+use crate::rig::{FAST, LONG, Rig, finished, headingd, log, until};
 
 /// The way from the truth to the heading of an `ATT`, degrees.
 fn error_deg(att: &Value, settings: &Settings) -> f64 {
@@ -146,25 +146,6 @@ fn a_second_daemon_is_refused_and_the_first_goes_on() {
 }
 
 #[test]
-fn a_store_that_cannot_be_written_is_complained_of_once_and_headings_are_served() {
-    let rig = Rig::new(FAST, LONG);
-    // Not even root can make a folder below a file.
-    fs::write(rig.path("file"), "").unwrap();
-    rig.configure(FAST, &rig.path("file/store"), LONG);
-    let (mut process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
-    client.find("ATT", has_heading);
-    client.find("CALIBRATION", |_| true);
-    let said = process.stop();
-    assert_eq!(
-        said.matches("cannot keep calibrations in folder").count(),
-        1,
-        "{said}"
-    );
-    assert!(said.contains("set store.directory to a folder that this user may write"));
-}
-
-#[test]
 fn a_calibration_of_another_sensor_is_not_used_and_a_damaged_one_neither() {
     let rig = Rig::new(1.0, LONG);
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/store-1.json");
@@ -265,7 +246,7 @@ fn a_pipe_is_no_configuration_and_without_an_end_no_log() {
         &["config", "check", name],
         &["status", "--config", name],
     ] {
-        let mut process = start(rig.folder.path(), arguments);
+        let mut process = rig.run(arguments);
         let said = process.ends(66);
         assert!(said.contains("it is no regular file"), "{said}");
     }
@@ -273,7 +254,7 @@ fn a_pipe_is_no_configuration_and_without_an_end_no_log() {
     rig.replay(1.0, &pipe);
     let check = ["config", "check", &rig.text("headingd.toml")];
     assert_eq!(headingd(&check).0, 0);
-    let replay = |pipe: &Path| start(rig.folder.path(), &["replay", pipe.to_str().unwrap()]);
+    let replay = |pipe: &Path| rig.run(&["replay", pipe.to_str().unwrap()]);
     for mut process in [rig.start(), replay(&other)] {
         let said = process.ends(66);
         assert!(said.contains("nobody has opened for writing"), "{said}");

@@ -1,6 +1,6 @@
 //! `headingd run` under a service manager: what it is told, sockets that it hands over, signals and reload.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::{UnixDatagram, UnixListener, UnixStream};
@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::rig::{FAST, LONG, PATIENCE, Process, Rig, finished, pty, spawn};
+use crate::rig::{FAST, LONG, PATIENCE, Process, Rig, finished, pty};
 
 /// A manager that is told how the daemon is.
 struct Manager(UnixDatagram);
@@ -21,8 +21,7 @@ impl Manager {
     }
 
     fn start(&self, rig: &Rig) -> Process {
-        spawn(
-            rig.folder.path(),
+        rig.spawn(
             rig.command(&["run"])
                 .env("NOTIFY_SOCKET", rig.path("notify"))
                 .env("WATCHDOG_USEC", "400000"),
@@ -51,8 +50,7 @@ impl Manager {
 /// The daemon as a shell starts it, which may lay out descriptors as a service manager or a terminal does.
 fn start_by_shell(rig: &Rig, script: &str, stdin: Stdio) -> Process {
     let program = env!("CARGO_BIN_EXE_headingd");
-    spawn(
-        rig.folder.path(),
+    rig.spawn(
         Command::new("sh")
             .args(["-c", script, "sh", program, "run", "--config"])
             .arg(rig.path("headingd.toml"))
@@ -116,9 +114,9 @@ fn a_reload_keeps_clients_and_the_active_calibration() {
     let manager = Manager::new(&rig);
     let mut process = manager.start(&rig);
     let mut client = rig.client();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let seq = |att: &serde_json::Value| att["seq"].as_u64().unwrap();
-    let before = client.find("ATT", |att| att.get("mheading").is_some());
+    let before = client.heading();
 
     // At real time a turn would take longer than this test.
     rig.configure(
@@ -144,19 +142,15 @@ fn a_reload_keeps_clients_and_the_active_calibration() {
     let said = process.said();
     assert!(said.contains("reloaded: nothing has changed"), "{said}");
 
-    let text = fs::read_to_string(rig.path("headingd.toml")).unwrap();
-    fs::write(rig.path("headingd.toml"), format!("{text}\n[turns]\n")).unwrap();
+    rig.edit("[socket]\n", "[turns]\n[socket]\n");
     process.signal("HUP");
     manager.find("RELOADING=1");
     manager.find("READY=1");
     process.says("all goes on as before");
     process.says("turns: unknown table; did you mean turn?");
 
-    fs::write(
-        rig.path("headingd.toml"),
-        text.replace("backlog = 4096", "backlog = 99"),
-    )
-    .unwrap();
+    rig.edit("[turns]\n", "");
+    rig.edit("backlog = 4096", "backlog = 99");
     process.signal("HUP");
     process.says("changes only with a restart: socket.backlog");
 
@@ -183,7 +177,7 @@ fn a_reload_keeps_clients_and_the_active_calibration() {
     };
     assert!(said.contains("from_s="), "{said}");
     assert_eq!(said.split_whitespace().find(long), None);
-    client.find("ATT", |att| att.get("mheading").is_some());
+    client.heading();
     process.stop();
 }
 
@@ -238,8 +232,7 @@ fn without_a_source_it_does_not_start_and_says_what_to_set() {
 fn with_few_open_files_fewer_clients_are_served_and_all_else_works() {
     let rig = Rig::new(1.0, LONG);
     let config = rig.path("headingd.toml");
-    let process = spawn(
-        rig.folder.path(),
+    let process = rig.spawn(
         Command::new("sh")
             .args(["-c", "ulimit -n 64; exec \"$0\" run --config \"$1\""])
             .arg(env!("CARGO_BIN_EXE_headingd"))

@@ -4,6 +4,8 @@ use std::env;
 
 use ratatui::style::{Color, Modifier, Style as Cell};
 
+use crate::logging::no_colour;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Palette {
     pub(super) colour: bool,
@@ -18,7 +20,7 @@ impl Palette {
         let locale = set("LC_ALL").or(set("LC_CTYPE")).or(set("LANG"));
         let locale = locale.unwrap_or_default().to_lowercase();
         Self {
-            colour: set("NO_COLOR").is_none() && set("TERM").is_none_or(|term| term != "dumb"),
+            colour: !no_colour() && set("TERM").is_none_or(|term| term != "dumb"),
             unicode: locale.contains("utf-8") || locale.contains("utf8"),
         }
     }

@@ -18,7 +18,7 @@ const CHANGES: &str = "headingd::publish::control::changes";
 const LONGEST: usize = 256 * 1024;
 
 /// A client of which no whole request comes for this long is let go: others want its place.
-const IDLE: Duration = Duration::from_secs(10);
+pub(super) const IDLE: Duration = Duration::from_secs(10);
 
 /// An answer takes longer only if a disk hangs.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -26,17 +26,8 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// How long a client may take nothing of its answer.
 const WRITE_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Serves one client until it leaves, breaks, idles, or `stop` says that the server stops.
+/// Serves one client until it leaves, breaks, is idle for this long, or `stop` says that the server stops.
 pub(super) async fn serve(
-    stream: UnixStream,
-    orders: mpsc::Sender<ControlCall>,
-    stop: watch::Receiver<bool>,
-) -> Result<(), ClientError> {
-    serve_for(stream, orders, stop, IDLE).await
-}
-
-/// The same, with another time after which a client is let go.
-async fn serve_for(
     stream: UnixStream,
     orders: mpsc::Sender<ControlCall>,
     mut stop: watch::Receiver<bool>,
@@ -164,7 +155,7 @@ mod tests {
             let (_server, stop) = watch::channel(false);
             let stream = UnixStream::from_std(here).unwrap();
             // It may hang up in the middle of what the other end sends.
-            let _ = serve_for(stream, orders, stop, idle).await;
+            let _ = serve(stream, orders, stop, idle).await;
         });
         other.join().unwrap()
     }

@@ -3,11 +3,11 @@
 
 mod lines;
 pub mod pty;
-
 pub mod tcp;
 pub mod udp;
 
 use std::fmt::Display;
+use std::io;
 use std::net::SocketAddr;
 
 use serde::{Deserialize, Serialize};
@@ -52,33 +52,24 @@ impl Outputs {
         publisher: &Publisher,
     ) -> Self {
         let mut tasks = JoinSet::new();
-        let lines = |format| HeadingLines::new(publisher.feed(), format);
-        if let Some(to) = udp.to() {
-            match udp::UdpSender::open(to) {
-                Ok(sender) => {
-                    tracing::info!("sending {} over UDP to {to}", udp.format.name());
-                    tasks.spawn(sender.run(lines(udp.format)));
-                }
-                Err(error) => complain("udp.to", to, &error),
-            }
+        let lines = |format| HeadingLines::new(publisher.feed.clone(), format);
+        if let Some(to) = udp.to()
+            && let Some(socket) = opened("udp.to", to, udp::open(to))
+        {
+            tracing::info!("sending {} over UDP to {to}", udp.format.name());
+            tasks.spawn(udp::run(socket, to, lines(udp.format)));
         }
-        if let Some(listen) = tcp.listen() {
-            match tcp::open(listen) {
-                Ok(listener) => {
-                    tracing::info!("serving {} over TCP on {listen}", tcp.format.name());
-                    tasks.spawn(tcp::run(listener, publisher.feed(), tcp.format));
-                }
-                Err(error) => complain("tcp.listen", listen, &error),
-            }
+        if let Some(listen) = tcp.listen()
+            && let Some(listener) = opened("tcp.listen", listen, tcp::open(listen))
+        {
+            tracing::info!("serving {} over TCP on {listen}", tcp.format.name());
+            tasks.spawn(tcp::run(listener, publisher.feed.clone(), tcp.format));
         }
-        if let Some(path) = pty.path() {
-            match pty::Pty::open(path) {
-                Ok(pty) => {
-                    tracing::info!("writing NMEA 0183 to {}", path.display());
-                    tasks.spawn(pty.run(lines(Format::Nmea)));
-                }
-                Err(error) => complain("pty.path", path.display(), &error),
-            }
+        if let Some(path) = pty.path()
+            && let Some(pty) = opened("pty.path", path.display(), pty::Pty::open(path))
+        {
+            tracing::info!("writing NMEA 0183 to {}", path.display());
+            tasks.spawn(pty.run(lines(Format::Nmea)));
         }
         Self { tasks }
     }
@@ -89,8 +80,12 @@ impl Outputs {
     }
 }
 
-fn complain(key: &str, place: impl Display, error: &std::io::Error) {
-    tracing::error!("cannot use {key} = \"{place}\": {error}; headings go out without it");
+/// What was opened for a setting; an error is logged.
+fn opened<T>(key: &str, place: impl Display, opened: io::Result<T>) -> Option<T> {
+    let complain = |error: &io::Error| {
+        tracing::error!("cannot use {key} = \"{place}\": {error}; headings go out without it");
+    };
+    opened.inspect_err(complain).ok()
 }
 
 /// The address in a setting; `None` where it is empty. A fault is one of the settings' checks.

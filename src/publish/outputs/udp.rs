@@ -33,41 +33,32 @@ impl Settings {
     }
 }
 
-pub(super) struct UdpSender {
-    socket: UdpSocket,
-    to: SocketAddr,
+/// Opens a socket for datagrams to this address.
+pub(super) fn open(to: SocketAddr) -> io::Result<UdpSocket> {
+    let any = match to {
+        SocketAddr::V4(_) => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
+        SocketAddr::V6(_) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
+    };
+    let socket = StdSocket::bind(any)?;
+    socket.set_broadcast(true)?;
+    socket.set_nonblocking(true)?;
+    UdpSocket::from_std(socket)
 }
 
-impl UdpSender {
-    pub(super) fn open(to: SocketAddr) -> io::Result<Self> {
-        let any = match to {
-            SocketAddr::V4(_) => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
-            SocketAddr::V6(_) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
-        };
-        let socket = StdSocket::bind(any)?;
-        socket.set_broadcast(true)?;
-        socket.set_nonblocking(true)?;
-        Ok(Self {
-            socket: UdpSocket::from_std(socket)?,
-            to,
-        })
-    }
-
-    /// Sends until there are no more. A network that is away is told once, and once more when it is back.
-    pub(super) async fn run(self, mut lines: HeadingLines) {
-        let mut failed = false;
-        while let Some(text) = lines.next().await {
-            match self.socket.send_to(text.as_bytes(), self.to).await {
-                Ok(_) if failed => {
-                    tracing::info!("UDP to {} works again", self.to);
-                    failed = false;
-                }
-                Err(error) if !failed => {
-                    tracing::warn!("cannot send to {} over UDP: {error}; trying on", self.to);
-                    failed = true;
-                }
-                _ => {}
+/// Sends until there are no more. A network that is away is told once, and once more when it is back.
+pub(super) async fn run(socket: UdpSocket, to: SocketAddr, mut lines: HeadingLines) {
+    let mut failed = false;
+    while let Some(text) = lines.next().await {
+        match socket.send_to(text.as_bytes(), to).await {
+            Ok(_) if failed => {
+                tracing::info!("UDP to {to} works again");
+                failed = false;
             }
+            Err(error) if !failed => {
+                tracing::warn!("cannot send to {to} over UDP: {error}; trying on");
+                failed = true;
+            }
+            _ => {}
         }
     }
 }

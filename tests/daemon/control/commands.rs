@@ -11,7 +11,7 @@ use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socke
 use serde_json::Value;
 
 use super::link::Link;
-use crate::rig::{FAST, LONG, Rig, finished, headingd, leave_dead_socket, start};
+use crate::rig::{FAST, LONG, Rig, finished, headingd, leave_dead_socket};
 
 /// Whoever is not of the daemon's group.
 #[test]
@@ -46,7 +46,7 @@ fn who_may_not_connect_is_told_what_helps() {
 fn every_command_does_what_it_says() {
     let rig = Rig::new(FAST, LONG);
     let (_process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let config = rig.text("headingd.toml");
     let run = |arguments: &[&str]| {
         let (status, out, err) =
@@ -254,12 +254,16 @@ fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
     let rig = Rig::new(FAST, LONG);
     fs::write(rig.path("file"), "").unwrap();
     rig.configure(FAST, &rig.path("file/store"), LONG);
-    let (_process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    let (mut process, mut client) = rig.watched();
+    client.accepted();
     let socket = rig.text("control.sock");
     let (status, out, err) = headingd(&["calibration", "lock", "--socket", &socket]);
     assert_eq!((status, out.as_str()), (74, ""), "{err}");
     assert!(err.contains("(not_kept)"), "{err}");
+    client.heading();
+    let said = process.stop();
+    let complaint = "ERROR cannot keep calibrations in folder";
+    assert_eq!(said.matches(complaint).count(), 1, "{said}");
 
     let stranger = rig.text("stranger.sock");
     let listener = UnixListener::bind(&stranger).unwrap();
@@ -291,7 +295,7 @@ fn a_daemon_that_takes_no_connections_is_not_waited_for() {
     bind(&listener, &SocketAddrUnix::new(&path).unwrap()).unwrap();
     listen(&listener, 0).unwrap();
     let _waiting = UnixStream::connect(&path).unwrap();
-    let mut process = start(rig.folder.path(), &["status", "--socket", &path]);
+    let mut process = rig.run(&["status", "--socket", &path]);
     let said = process.ends(69);
     assert!(said.contains("headingd does not answer at"), "{said}");
 }

@@ -23,7 +23,7 @@ fn apart(a: f64, b: f64) -> f64 {
 fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     let rig = Rig::new(FAST, &format!("{LONG}tilt_deg = 10\n"));
     let (mut process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let mut link = Link::new(&rig);
     link.refused(json!({"request": "mounting", "level": true}), "moving");
     let answer = link.told("mounting");
@@ -37,7 +37,7 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     let (mut process, mut client) = rig.watched();
     let mut link = Link::new(&rig);
     let steered = |att: &Value| att.get("mheading").is_some();
-    let before = client.find("ATT", steered);
+    let before = client.heading();
     assert!((number(&before, "pitch") - 10.0).abs() < 1.0, "{before}");
     let number_before = link.told("list")["in_force"].clone();
     let answer = link.ask(&json!({"request": "mounting", "level": true}));
@@ -64,7 +64,7 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     // What was told is on disk, and the calibration is the same.
     let mut process = rig.start();
     let mut client = rig.client();
-    let again = client.find("ATT", steered);
+    let again = client.heading();
     assert!(number(&again, "pitch").abs() < 2.0, "{again}");
     let offset = apart(200.0, number(&before, "mheading"));
     let found = apart(number(&again, "mheading"), number(&before, "mheading"));

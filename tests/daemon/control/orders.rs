@@ -8,7 +8,7 @@ use crate::rig::{Client, FAST, LONG, Process, Rig, until};
 /// A daemon that has calibrated, and does so no more by itself; the number of the active calibration.
 fn calibrated(rig: &Rig) -> (Process, Client, Link, u64) {
     let (process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let mut link = Link::new(rig);
     assert_eq!(
         link.ask(&json!({"request": "mode", "mode": "off"}))["mode"],
@@ -63,7 +63,7 @@ fn a_calibration_is_exported_imported_rolled_back_and_forgotten() {
     );
     let forgot = link.ask(&json!({"request": "forget", "number": first}));
     assert_eq!(forgot["count"], 1);
-    client.find("ATT", |att| att.get("mheading").is_some());
+    client.heading();
     link.told("forget");
     // Headings end with the calibration.
     let state = client.find("STATE", |state| state["cal_state"] == "uncalibrated");
@@ -85,7 +85,7 @@ fn a_calibration_is_exported_imported_rolled_back_and_forgotten() {
     let again = link.ask(&json!({"request": "import", "file": file}));
     assert_eq!(again["number"], first + 2);
     client.find("STATE", |state| state["cal_state"] == "degraded");
-    client.find("ATT", |att| att.get("mheading").is_some());
+    client.heading();
 }
 
 #[test]
@@ -204,7 +204,7 @@ fn mode_off_calibrates_only_when_told_to() {
     link.told("start");
     let status = link.status("armed", |status| status["armed"] == true);
     assert_eq!(status["mode"], "off");
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let status = link.status("done", |status| status["armed"] == false);
     assert_eq!(status["calibration"]["reason"], "start", "{status}");
     link.refused(json!({"request": "cancel"}), "nothing_to_cancel");

@@ -20,7 +20,7 @@ fn a_store_that_fails_shows_in_the_status_and_catches_up_when_it_works() {
     assert_eq!(status["store"]["state"], "failing");
     let message = status["store"]["message"].as_str().unwrap();
     assert!(message.contains("set store.directory"), "{message}");
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     // It is done, but not kept, and says so.
     let answer = link.ask(&json!({"request": "lock"}));
     assert_eq!(
@@ -75,7 +75,7 @@ fn a_file_of_a_newer_version_or_half_a_one_is_served_without_said_and_set_aside(
         assert_eq!(status["store"]["state"], "failing", "{status}");
         let message = status["store"]["message"].as_str().unwrap();
         assert!(message.contains(why), "{message}");
-        client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+        client.accepted();
         link.status("the store to work", |status| {
             status["store"]["state"] == "good"
         });
@@ -90,7 +90,7 @@ fn with_no_store_at_all_what_is_ordered_holds_until_the_end() {
     let rig = Rig::new(FAST, LONG);
     rig.configure(FAST, "".as_ref(), LONG);
     let (_process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let mut link = Link::new(&rig);
     link.told("lock");
     let status = link.told("status");

@@ -15,12 +15,10 @@ use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 use serde_json::json;
 
 use crate::control::link::Link;
-use crate::rig::{FAST, PATIENCE, Process, Rig, headingd, program, pty, spawn_on};
+use crate::rig::{ENDLESS, FAST, PATIENCE, Process, Rig, headingd, program, pty, spawn_on};
 
 /// A screen that draws nothing for so long has drawn all: it is drawn five times a second.
 const SETTLED: Duration = Duration::from_millis(50);
-
-const ENDLESS: &str = "[simulator]\nscenario = \"endless\"\n";
 
 /// A terminal with the program on it.
 struct Screen {
@@ -132,7 +130,7 @@ impl Screen {
 fn the_screen_shows_the_daemon_and_keys_reach_it() {
     let rig = Rig::new(FAST, ENDLESS);
     let (mut process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let mut link = Link::new(&rig);
     let mut screen = Screen::monitor(&rig);
     screen.shows("hmc5843");
@@ -190,7 +188,7 @@ fn without_a_terminal_or_a_daemon_it_says_so() {
 fn a_running_daemon_is_reported_on() {
     let rig = Rig::new(FAST, ENDLESS);
     let (_process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let (socket, out) = (rig.text("heading.sock"), rig.text("report.html"));
     let report = ["report", "--socket", &socket, "--out"];
     let (status, _, err) = headingd(&[&report[..], &[&out, "--duration", "3"]].concat());

@@ -9,7 +9,7 @@ use clap::Parser;
 use clap::error::ErrorKind;
 use headingd::command::line::Cli;
 
-use crate::rig::{FAST, Rig, finished, program};
+use crate::rig::{ENDLESS, FAST, Rig, finished, program};
 
 const README: &str = include_str!("../../../README.md");
 
@@ -64,7 +64,7 @@ fn every_command_that_readme_shows_does_what_it_should() {
     let endless = "[simulator]\nscenario = \"endless\"\nturns = 100\n";
     let rig = Rig::new(FAST, endless);
     let (_process, mut client) = rig.watched();
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let config = rig.path("headingd.toml");
     let mut run = 0;
     for command in commands(README) {
@@ -96,9 +96,9 @@ fn the_python_of_readme_prints_headings() {
         eprintln!("not run: there is no python3");
         return;
     };
-    let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
+    let rig = Rig::new(FAST, ENDLESS);
     let (_process, mut client) = rig.watched();
-    client.find("ATT", |att| att["mheading"].is_number());
+    client.heading();
     let program = &blocks(README, "python")[0];
     let usual = "/run/headingd/heading.sock";
     assert!(program.contains(usual));

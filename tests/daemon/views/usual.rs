@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use crate::rig::{FAST, Rig, finished, program, spawn};
+use crate::rig::{ENDLESS, FAST, Rig, finished, program};
 
 /// The program, which finds this configuration.
 fn usual(config: &str, arguments: &[&str]) -> Command {
@@ -15,12 +15,11 @@ fn usual(config: &str, arguments: &[&str]) -> Command {
 /// may not write.
 #[test]
 fn every_command_finds_the_same_configuration() {
-    let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
+    let rig = Rig::new(FAST, ENDLESS);
     let config = rig.text("headingd.toml");
     let usual = |arguments: &[&str]| finished(&mut usual(&config, arguments));
-    let _process = spawn(rig.folder.path(), &mut self::usual(&config, &["run"]));
-    rig.client()
-        .find("ATT", |att| att["mheading"].as_f64().is_some());
+    let _process = rig.spawn(&mut self::usual(&config, &["run"]));
+    rig.client().heading();
 
     let (status, out, err) = usual(&["status"]);
     assert_eq!((status, err.as_str()), (0, ""));

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::rig::{FAST, LONG, Rig, headingd, start};
+use crate::rig::{FAST, LONG, Rig, headingd};
 
 fn start_and_wait(socket: &str) -> [&str; 5] {
     ["calibration", "start", "--wait", "--socket", socket]
@@ -13,7 +13,7 @@ fn it_waits_for_the_verdict_on_a_turn() {
     let rig = Rig::new(FAST, LONG);
     let (_process, mut client) = rig.watched();
     // What was accepted before is not what it waits for.
-    client.find("CALIBRATION", |outcome| outcome["verdict"] == "accepted");
+    client.accepted();
     let socket = rig.text("control.sock");
     let wait = start_and_wait(&socket);
     let (status, out, err) = headingd(&wait);
@@ -63,7 +63,7 @@ fn it_ends_when_somebody_else_cancels() {
     let (_process, mut client) = rig.watched();
     client.find("ATT", |_| true);
     let socket = rig.text("control.sock");
-    let mut waiting = start(rig.folder.path(), &start_and_wait(&socket));
+    let mut waiting = rig.run(&start_and_wait(&socket));
     waiting.says("turn the board once");
     let (status, _, err) = headingd(&["calibration", "cancel", "--socket", &socket]);
     assert_eq!(status, 0, "{err}");

@@ -4,11 +4,11 @@ use std::os::unix::net::UnixStream;
 
 use serde_json::Value;
 
-use crate::rig::{FAST, Rig, headingd, start, until};
+use crate::rig::{ENDLESS, FAST, Rig, headingd, until};
 
 #[test]
 fn headings_are_printed_as_text_json_and_nmea() {
-    let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
+    let rig = Rig::new(FAST, ENDLESS);
     let (_process, mut client) = rig.watched();
     let socket = rig.text("heading.sock");
     let watch = |more: &[&str]| {
@@ -17,7 +17,7 @@ fn headings_are_printed_as_text_json_and_nmea() {
         assert_eq!((status, err.as_str()), (0, ""), "{more:?}");
         out
     };
-    client.find("ATT", |att| att["mheading"].as_f64().is_some());
+    client.heading();
     let text = watch(&["--rate", "100"]);
     let headings = text.lines().filter(|line| line.contains("° magnetic ± "));
     assert_eq!(headings.count(), 3, "{text}");
@@ -48,7 +48,7 @@ fn headings_are_printed_as_text_json_and_nmea() {
 
 #[test]
 fn who_cannot_be_watched_is_named_with_what_helps() {
-    let rig = Rig::new(FAST, "[simulator]\nscenario = \"endless\"\n");
+    let rig = Rig::new(FAST, ENDLESS);
     let (mut process, _client) = rig.watched();
     let [control, none, plain] =
         ["control.sock", "none.sock", "plain.txt"].map(|name| rig.text(name));
@@ -68,7 +68,7 @@ fn who_cannot_be_watched_is_named_with_what_helps() {
     // It ends with its daemon, and says so.
     let headings = rig.text("heading.sock");
     let arguments = ["watch", "--json", "--socket", &headings];
-    let mut watching = start(rig.folder.path(), &arguments);
+    let mut watching = rig.run(&arguments);
     until("the first line", || {
         std::fs::read_to_string(rig.path("stdout")).is_ok_and(|text| text.contains("ATT"))
     });

@@ -1,13 +1,28 @@
-//! The signals that the daemon answers.
+//! What commands wait with: one thread, and the signals that they answer.
 
 use std::future::pending;
-use std::io;
 
+use tokio::runtime::{Builder, Runtime};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc;
 
+use super::{Failure, OrFail};
+
+/// A runtime of one thread for everything that waits.
+pub(super) fn runtime() -> Result<Runtime, Failure> {
+    let built = Builder::new_current_thread().enable_all().build();
+    built.or_fail(Failure::SYSTEM, "cannot start")
+}
+
+/// The signals that end a command.
+pub(super) const ENDS: [SignalKind; 3] = [
+    SignalKind::terminate(),
+    SignalKind::interrupt(),
+    SignalKind::hangup(),
+];
+
 /// Signals that are caught from now on.
-pub struct Signals {
+pub(super) struct Signals {
     caught: mpsc::Receiver<SignalKind>,
 }
 
@@ -16,10 +31,10 @@ impl Signals {
     ///
     /// Each signal has a task that feeds one queue: the main loop, which wakes a hundred times a second, polls the queue
     /// instead of every signal.
-    pub fn catch(kinds: &[SignalKind]) -> io::Result<Self> {
+    pub fn catch(kinds: &[SignalKind]) -> Result<Self, Failure> {
         let (sender, caught) = mpsc::channel(kinds.len().max(1));
         for &kind in kinds {
-            let mut signal = signal(kind)?;
+            let mut signal = signal(kind).or_fail(Failure::SYSTEM, "cannot catch signals")?;
             let sender = sender.clone();
             tokio::spawn(async move {
                 while signal.recv().await.is_some() && sender.send(kind).await.is_ok() {}

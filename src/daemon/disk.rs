@@ -1,0 +1,274 @@
+//! The folder in which calibrations are kept, and the thread that reads and writes there: a slow disk delays no heading.
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::DaemonError;
+use super::thread::Thread;
+use crate::publish::control::status::StoreSummary;
+use crate::store::{Contents, History, Identity, Loaded, Store, StoreError};
+
+/// Pauses before a save that failed is tried again: the first, doubled each time up to the last.
+const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
+
+/// Told when something is on disk, or why it is not.
+pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
+
+/// A folder and the thread that writes there. The sessions before and after a reload share it.
+pub(super) struct Disk {
+    /// Unbounded, but a calibration takes a turn of the board and has a few hundred bytes, and whoever asks for a
+    /// change waits for it.
+    queue: mpsc::Sender<Job>,
+    thread: Thread,
+    pub(super) directory: PathBuf,
+    fault: SharedFault,
+}
+
+enum Job {
+    Load(Identity, mpsc::Sender<Option<History>>),
+    Save(History, Then),
+}
+
+/// What is wrong with the store now, for people.
+#[derive(Clone, Default)]
+struct SharedFault(Arc<Mutex<Option<String>>>);
+
+impl SharedFault {
+    fn lock(&self) -> MutexGuard<'_, Option<String>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Disk {
+    pub(super) fn open(directory: &Path) -> Result<Self, DaemonError> {
+        let fault = SharedFault::default();
+        let opened = match Store::open(directory) {
+            // Each would take the other's calibrations for a mistake.
+            Err(error @ StoreError::InUse { .. }) => return Err(DaemonError::Store(error)),
+            opened => opened,
+        };
+        if let Err(error) = &opened {
+            let message = with_remedy(error);
+            tracing::error!("{message}; until then headings are served, but calibrations are lost");
+            *fault.lock() = Some(message);
+        }
+        let (queue, jobs) = mpsc::channel();
+        let writer = DiskWriter {
+            directory: directory.to_owned(),
+            store: opened.ok(),
+            known: Contents::default(),
+            unsaved: Contents::default(),
+            pause: PAUSES.0,
+            fault: fault.clone(),
+        };
+        Ok(Self {
+            queue,
+            thread: Thread::start("store", move || writer.run(&jobs))?,
+            directory: directory.to_owned(),
+            fault,
+        })
+    }
+
+    /// What is kept of this sensor, with all that was to be saved before.
+    pub(super) fn load(&self, identity: Identity) -> Option<History> {
+        let (sender, loaded) = mpsc::channel();
+        // A thread that has failed says so when something is to be saved.
+        self.queue.send(Job::Load(identity, sender)).ok()?;
+        loaded.recv().ok()?
+    }
+
+    /// Has this saved, and says so to `then`.
+    pub(super) fn save(&self, history: History, then: Then) {
+        if let Err(mpsc::SendError(job)) = self.queue.send(Job::Save(history, then)) {
+            let message = "the thread of the store has failed".to_owned();
+            tracing::error!("cannot keep calibrations: {message}");
+            *self.fault.lock() = Some(message.clone());
+            if let Job::Save(_, then) = job {
+                then(Err(message));
+            }
+        }
+    }
+
+    pub(super) fn summary(&self) -> StoreSummary {
+        let message = self.fault.lock().clone();
+        let state = if message.is_some() { "failing" } else { "good" };
+        StoreSummary {
+            state: state.to_owned(),
+            directory: Some(self.directory.display().to_string()),
+            message,
+        }
+    }
+
+    /// Waits until everything is written, unless that takes longer than `patience`.
+    pub(super) async fn close(self, patience: Duration) {
+        drop(self.queue);
+        if !self.thread.end(patience).await {
+            tracing::error!("the disk hangs: what was saved last may not be kept");
+        }
+    }
+}
+
+/// The error, and what helps if it is the folder.
+fn with_remedy(error: &StoreError) -> String {
+    match error {
+        StoreError::Directory { .. } => format!(
+            "{error}; make room on the disk, set store.directory to a folder that this user may write, or start the \
+             daemon with StateDirectory=headingd in its systemd unit"
+        ),
+        other => other.to_string(),
+    }
+}
+
+fn load(store: &Store, identity: &Identity) -> Result<Option<History>, StoreError> {
+    let path = store.path();
+    let path = path.display();
+    match store.load(identity)? {
+        Loaded::Found(history) => {
+            match history.active() {
+                Some(entry) => tracing::info!(
+                    number = entry.number,
+                    saved_unix_s = entry.made.saved_unix_s,
+                    mode = history.mode.word(),
+                    "using the {} calibration of {path}",
+                    entry.made.calibration.parameters.mode().word()
+                ),
+                None => tracing::info!(
+                    "no calibration of {path} is active: {}",
+                    history.mode.remedy()
+                ),
+            }
+            return Ok(Some(history));
+        }
+        Loaded::None => tracing::info!("no calibration in {path} yet: turn the board once"),
+        Loaded::Others(others) => {
+            let others: Vec<String> = others
+                .iter()
+                .map(|other| format!("of {} mounted \"{}\"", other.sensor, other.mag_axes))
+                .collect();
+            tracing::warn!(
+                "not using the calibration of {path}: it is {}, and this is {} mounted \"{}\"; it stays there",
+                others.join(" and "),
+                identity.sensor,
+                identity.mag_axes
+            );
+        }
+    }
+    Ok(None)
+}
+
+/// Carries out the jobs. What could not be saved is tried again, and complained of once.
+struct DiskWriter {
+    directory: PathBuf,
+    store: Option<Store>,
+    /// What the file holds of the sensors that were loaded or saved.
+    known: Contents,
+    unsaved: Contents,
+    pause: Duration,
+    fault: SharedFault,
+}
+
+impl DiskWriter {
+    fn run(mut self, jobs: &mpsc::Receiver<Job>) {
+        loop {
+            let failing = !self.unsaved.sensors.is_empty() || self.store.is_none();
+            let job = if failing {
+                jobs.recv_timeout(self.pause)
+            } else {
+                jobs.recv().map_err(|_| RecvTimeoutError::Disconnected)
+            };
+            match job {
+                Ok(Job::Load(identity, sender)) => {
+                    // Nobody waits for it any more if the daemon ends.
+                    let _ = sender.send(self.load(&identity));
+                }
+                Ok(Job::Save(history, then)) => {
+                    self.unsaved.put(history);
+                    then(self.attempt());
+                }
+                Err(RecvTimeoutError::Timeout) => {
+                    self.pause = (2 * self.pause).min(PAUSES.1);
+                    // It has been told.
+                    let _ = self.attempt();
+                }
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        if !self.unsaved.sensors.is_empty() && self.attempt().is_err() {
+            tracing::error!("the last calibration or setting could not be kept, and is lost");
+        }
+    }
+
+    fn load(&mut self, identity: &Identity) -> Option<History> {
+        if let Some(unsaved) = self.unsaved.find(identity) {
+            return Some(unsaved.clone());
+        }
+        // What cannot be written may still be read.
+        match load(&Store::unchecked(&self.directory), identity) {
+            Ok(loaded) => {
+                if let Some(history) = &loaded {
+                    self.known.put(history.clone());
+                }
+                loaded
+            }
+            Err(error) => {
+                // A folder that cannot be used has been complained of.
+                if self.store.is_some() || !matches!(error, StoreError::Read { .. }) {
+                    tracing::error!(
+                        "{error}; starting without a calibration: turn the board once, or bring back a good file; \
+                         this one is set aside when there is a new calibration"
+                    );
+                    self.fault.lock().get_or_insert(error.to_string());
+                }
+                None
+            }
+        }
+    }
+
+    /// Saves what is unsaved; where nothing is, sees whether the folder works now.
+    fn attempt(&mut self) -> Result<(), String> {
+        let told = self.fault.lock().is_some();
+        match self.save() {
+            Ok(()) => {
+                if told {
+                    tracing::info!(
+                        "calibrations are kept in {} again",
+                        self.directory.display()
+                    );
+                }
+                self.pause = PAUSES.0;
+                *self.fault.lock() = None;
+                Ok(())
+            }
+            Err(error) => {
+                self.store = None;
+                let message = with_remedy(&error);
+                if !told {
+                    tracing::error!(
+                        "{message}; the active calibration stays active, but is lost when the daemon stops: make room \
+                         on the disk, or see to the folder's permissions; it is tried again"
+                    );
+                }
+                *self.fault.lock() = Some(message.clone());
+                Err(message)
+            }
+        }
+    }
+
+    fn save(&mut self) -> Result<(), StoreError> {
+        let store = match &mut self.store {
+            Some(store) => store,
+            none => none.insert(Store::open(&self.directory)?),
+        };
+        while let Some(history) = self.unsaved.sensors.last() {
+            if let Some(aside) = store.save(history, self.known.find(&history.identity))? {
+                tracing::warn!("set aside the file that was there: {}", aside.display());
+            }
+            tracing::info!("kept the calibrations in {}", self.directory.display());
+            self.known.put(history.clone());
+            self.unsaved.sensors.pop();
+        }
+        Ok(())
+    }
+}
