@@ -1,6 +1,7 @@
 //! `headingd calibrate`: what other programs rely on, and how good its figures are.
 
-use crate::common::{Folder, Ran, apart_deg, headingd, log, rms, simulated};
+use crate::common::{Folder, Ran, apart_deg, headingd, log, of_class, rms, simulated};
+use headingd::frame::Mounting;
 use headingd::sensor::simulator::{Scenario, Settings};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use serde::Deserialize;
@@ -380,8 +381,7 @@ fn motion_without_a_full_turn_calibrates_by_the_estimate() {
         );
         // It serves from the first reading on.
         let ran = headingd(&["replay", &log, "--calibration", &out]);
-        let first = ran.lines().into_iter().find(|l| l["class"] == "ATT");
-        assert!(first.unwrap()["mheading"].is_f64());
+        assert!(of_class(&ran.lines(), "ATT")[0]["mheading"].is_f64());
     }
 }
 
@@ -522,7 +522,7 @@ fn each_way_to_fail_has_its_status() {
     let missing = folder.path("missing");
     let directory = folder.path("");
     let head = |lines: &str| format!("# headingd-log 1\n{lines}\nt_s,mx,my,mz\n0,1,2,3\n");
-    let mut cases: Vec<(u8, Vec<&str>, &str)> = vec![
+    let mut cases: Vec<(i32, Vec<&str>, &str)> = vec![
         (2, vec![&no_gyro], "--mode spatial"),
         (2, vec![&no_gyro, "--mode", "planar"], "--plane xy"),
         (
@@ -592,17 +592,8 @@ fn each_way_to_fail_has_its_status() {
             .map(|(path, (_, why))| (65, vec![path.as_str()], *why)),
     );
     for (status, args, why) in cases {
-        let ran = calibrate(
-            args.first().unwrap_or(&"--json"),
-            args.get(1..).unwrap_or_default(),
-        );
-        // A case without arguments repeats --json, which is wrong usage as well; leave it to the next line.
-        let ran = if args.is_empty() {
-            headingd(&["calibrate"])
-        } else {
-            ran
-        };
-        assert_eq!(ran.status, i32::from(status), "{args:?}: {ran:?}");
+        let ran = headingd(&[&["calibrate", "--json"], &args[..]].concat());
+        assert_eq!(ran.status, status, "{args:?}: {ran:?}");
         assert!(
             ran.err.contains(why),
             "{args:?} must say {why}: {}",
@@ -692,20 +683,14 @@ fn every_way_to_calibrate_a_named_plane_finds_the_truth() {
         ("yz", "+y +z +x", [1, 2, 0]),
     ] {
         let (mut header, mut entries) = whole.clone();
-        header.mountings.mag = axes.parse().unwrap();
+        let mounting: Mounting = axes.parse().unwrap();
+        header.mountings.mag = mounting;
         for entry in &mut entries {
-            if let Some(field) = entry.reading.field_mgauss {
-                let mut chip = [None; 3];
-                for (body, &axis) in of_body.iter().enumerate() {
-                    let sign = if plane == "xz" && body == 2 {
-                        -1.0
-                    } else {
-                        1.0
-                    };
-                    chip[axis] = field[body].map(|b| sign * b);
-                }
-                entry.reading.field_mgauss = Some(chip);
-            }
+            let chip = entry
+                .reading
+                .whole_field_mgauss()
+                .map(|field| mounting.to_chip(field));
+            entry.reading.field_mgauss = chip.map(|chip| <[f64; 3]>::from(chip).map(Some));
         }
         let log = folder.file(&format!("{plane}.csv"), log(&(header, entries)));
         each_way(|way| {
@@ -842,11 +827,7 @@ fn a_calibration_written_is_used_from_the_first_reading_on() {
     accepted(&log, &["--out", &out]);
     let ran = headingd(&["replay", &log, "--calibration", &out]);
     assert_eq!((ran.status, ran.err.as_str()), (0, ""));
-    let att: Vec<Value> = ran
-        .lines()
-        .into_iter()
-        .filter(|l| l["class"] == "ATT")
-        .collect();
+    let att = of_class(&ran.lines(), "ATT");
     assert!(
         att.len() > 800 && att.iter().all(|att| att["mheading"].is_f64()),
         "{}",

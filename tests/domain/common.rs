@@ -104,6 +104,15 @@ pub fn log((header, entries): &Log) -> Vec<u8> {
     writer.into_inner().unwrap()
 }
 
+/// The objects of this class.
+pub fn of_class(lines: &[Value], class: &str) -> Vec<Value> {
+    lines
+        .iter()
+        .filter(|line| line["class"] == class)
+        .cloned()
+        .collect()
+}
+
 /// The difference of two headings, degrees, -180 to 180.
 pub fn apart_deg(a: f64, b: f64) -> f64 {
     (a - b + 180.0).rem_euclid(360.0) - 180.0

@@ -3,7 +3,9 @@
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
-use crate::common::{Folder, Log, Ran, apart_deg, command, headingd, log, rms, simulated};
+use crate::common::{
+    Folder, Log, Ran, apart_deg, command, headingd, log, of_class, rms, simulated,
+};
 use headingd::recording::Entry;
 use headingd::sensor::simulator::{Scenario, Settings};
 use serde_json::{Value, json};
@@ -20,14 +22,6 @@ fn lines(log: &str, more: &[&str]) -> Vec<Value> {
     let ran = replay(log, more);
     assert_eq!((ran.status, ran.err.as_str()), (0, ""), "{more:?}");
     ran.lines()
-}
-
-fn of_class(lines: &[Value], class: &str) -> Vec<Value> {
-    lines
-        .iter()
-        .filter(|line| line["class"] == class)
-        .cloned()
-        .collect()
 }
 
 /// The words of the conditions in their order, each as often as it was reported.
