@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-/// An accelerometer silent for longer is gone.
+/// An accelerometer that is silent for longer is absent, seconds.
 const SILENT_S: f64 = 1.0;
-/// A reading stands for the time after it no longer than this: the board turns on.
+/// A reading is used for at most this long, seconds: the board goes on turning.
 const HOLD_S: f64 = 0.1;
 const LOW_PASS_S: f64 = 0.2;
 /// How much its strength differs from gravity's is measured over this time, seconds.
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dead_accelerometer_does_not_speak() {
+    fn a_dead_accelerometer_has_no_readings() {
         let mut gravity = Gravity::default();
         for force in [0.0, f64::NAN, f64::INFINITY, 1e300] {
             gravity.take(0.0, Vector3::new(force, 0.0, 0.0));
