@@ -2,7 +2,7 @@
 //!
 //! Gyro and accelerometer give tilt, gyro bias and orientation on an even clock. Pure: time comes with the readings.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::check::settings;
 use crate::frame::Mountings;
@@ -273,10 +273,4 @@ impl Attitude {
 fn follow(mean: &mut f64, now: f64, dt: f64, (grows_s, shrinks_s): (f64, f64)) {
     let tau_s = if now > *mean { grows_s } else { shrinks_s };
     *mean += dt / tau_s * (now - *mean);
-}
-
-/// The filter's quaternion as ours.
-fn unit(quaternion: vqf_rs::Quaternion) -> UnitQuaternion<f64> {
-    let vqf_rs::Quaternion(w, x, y, z) = quaternion;
-    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
 }

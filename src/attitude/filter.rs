@@ -1,7 +1,7 @@
 //! VQF on the even clock, and what it must be told: when the accelerometer comes and goes, and when the board
 //! cannot be at rest.
 
-use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector2, Vector3};
 use vqf_rs::{Params, VQF};
 
 use super::clock::TICK_S;
@@ -10,7 +10,7 @@ use super::gyro_errors::GyroErrors;
 use super::steadiness::Steadiness;
 use super::stillness::Stillness;
 use super::trim::Trim;
-use super::{Pose, Tick, unit};
+use super::{Pose, Tick};
 use crate::frame::hypot;
 
 /// The vertical is known once the accelerometer has levelled the frame for this long, seconds.
@@ -251,4 +251,10 @@ impl AttitudeFilter {
     pub(super) fn at_rest(&self) -> bool {
         self.vqf.rest_detected()
     }
+}
+
+/// The filter's quaternion as ours.
+fn unit(quaternion: vqf_rs::Quaternion) -> UnitQuaternion<f64> {
+    let vqf_rs::Quaternion(w, x, y, z) = quaternion;
+    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
 }

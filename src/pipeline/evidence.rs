@@ -1,7 +1,6 @@
 //! The evidence for the condition, and which report is news.
 
-use super::Action;
-use super::Pipeline;
+use super::{Action, Pipeline};
 use crate::condition::{self, Condition, Evidence, SourceFault};
 use crate::estimate::GyroFault;
 use crate::reading::Reading;
