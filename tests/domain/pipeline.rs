@@ -10,7 +10,7 @@ use headingd::reading::Reading;
 use headingd::sensor::simulator::Settings;
 use nalgebra::{Vector2, Vector3};
 
-use crate::common::{apart_deg, simulated};
+use crate::common::{apart_deg, rms, simulated, turn_errors_deg};
 
 fn readings(settings: &Settings) -> Vec<Reading> {
     let (_, entries) = simulated(settings);
@@ -101,18 +101,17 @@ fn shifted(settings: &Settings, shift_mgauss: f64) -> Calibration {
 
 /// Error of a planar calibration's headings in a level turn without noise, with a magnet near, degrees RMS.
 fn error_deg(calibration: &Calibration, settings: &Settings, magnet_mgauss: [f64; 3]) -> f64 {
-    let mut squares = 0.0;
-    let offset = Vector3::from(settings.bias_mgauss) + Vector3::from(magnet_mgauss);
-    for heading in 0..360 {
-        let (sin, cos) = f64::from(heading).to_radians().sin_cos();
-        let h = settings.horizontal_mgauss;
-        let field = Vector3::new(h * cos, -h * sin, settings.vertical_mgauss);
-        let raw = field.component_mul(&Vector3::from(settings.scale)) + offset;
-        let corrected = calibration.parameters.correct(&raw);
-        let found = (-corrected.y).atan2(corrected.x).to_degrees();
-        squares += apart_deg(found, f64::from(heading)).powi(2) / 360.0;
-    }
-    squares.sqrt()
+    let iron = Vector3::from(settings.bias_mgauss) + Vector3::from(magnet_mgauss);
+    let board = Settings {
+        bias_mgauss: iron.into(),
+        ..settings.clone()
+    };
+    let correct = |raw: &Vector3<f64>| calibration.parameters.correct(raw);
+    rms(&turn_errors_deg(
+        &board,
+        [Vector3::x(), Vector3::y()],
+        correct,
+    ))
 }
 
 fn steers(heading: &Heading) -> bool {

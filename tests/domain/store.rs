@@ -335,7 +335,9 @@ fn a_file_that_is_not_understood_is_set_aside_before_the_next_save() {
         ("{\"headingd_store\": 4, \"future\": []}", "newer-1"),
     ] {
         fs::write(store.path(), text).unwrap();
-        store.load(&identity()).unwrap_err();
+        let error = store.load(&identity()).unwrap_err();
+        let newer = matches!(error, StoreError::Newer { version: 4, .. });
+        assert_eq!(newer, name.starts_with("newer"), "{error}");
         let aside = store.save(&good, None).unwrap().unwrap();
         let name = format!("calibration.json.{name}");
         assert_eq!(aside.file_name().unwrap().to_str(), Some(name.as_str()));
@@ -374,17 +376,6 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
     found.keep(made(planar()), 10);
     assert_eq!(store.save(&found, Some(&known)).unwrap(), None);
     assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(found));
-}
-
-#[test]
-fn a_newer_file_is_told_from_a_damaged_one() {
-    let (_folder, store) = store();
-    fs::write(store.path(), "{\"headingd_store\": 4, \"sensors\": []}").unwrap();
-    let error = store.load(&identity()).unwrap_err();
-    assert!(
-        matches!(error, StoreError::Newer { version: 4, .. }),
-        "{error}"
-    );
 }
 
 #[test]
