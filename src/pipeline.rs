@@ -71,7 +71,7 @@ pub enum Event {
     Fault(Option<SourceFault>),
     /// A calibration is done.
     Calibrated(Box<Outcome>),
-    /// Calibrate by itself, or not, or never again.
+    /// When to calibrate without being asked.
     Policy(Policy),
     /// Calibrate on the next motion, whatever the policy, until that gives an answer.
     Start,
@@ -79,7 +79,7 @@ pub enum Event {
     Cancel,
     /// Another calibration is active from now on, or none.
     Activate(Option<Box<Calibration>>),
-    /// The chips are mounted so from now on: the whole board was turned, or it is told better how it is.
+    /// The chips' mounting is another from now on: the board was mounted differently, or is described better.
     Mounted(Box<Mountings>),
     /// The earth's field where the compass is; `None` where that is not known any more.
     Place(Option<EarthField>),
@@ -127,7 +127,7 @@ pub struct Pipeline {
     calibrating: bool,
     /// Why the calibration under way, or the last one, was asked for.
     asked: Reason,
-    /// Its outcome, when it comes, is not wanted any more.
+    /// The outcome of the calibration under way is to be discarded.
     unwanted: bool,
     policy: Policy,
     /// The next motion is to be calibrated on.
@@ -247,8 +247,8 @@ impl Pipeline {
     }
 
     fn read(&mut self, reading: &Reading, actions: &mut Vec<Action>) {
-        // Sources see to it that time does not go back, or begin a new stretch; a reading that does so has no place in the buffer.
-        // One that was only late, so that silence was told before it came, has.
+        // Within a stretch, sources give rising times. A reading that goes back is dropped; one that is merely older than a
+        // reported silence is not.
         let (first_s, last_s) = self.readings_s.unwrap_or((reading.t_s, reading.t_s));
         if reading.t_s < last_s || !reading.t_s.is_finite() {
             return;

@@ -7,7 +7,7 @@ use crate::date;
 /// A clock that says less has never been set: a board without a battery begins in 1970. It is 2020-01-01.
 const CREDIBLE: Duration = Duration::from_secs(1_577_836_800);
 
-/// How long after the beginning of 1970 a moment not long ago was; `None` if the system does not know it.
+/// The time of day at a recent moment, since 1970; `None` if the system's clock was never set.
 pub fn at(moment: Instant) -> Option<Duration> {
     since_1970(SystemTime::now().checked_sub(moment.elapsed())?)
 }

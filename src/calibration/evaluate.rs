@@ -65,7 +65,7 @@ impl<const D: usize> Work<'_, D> {
             points.iter().map(|point| curve.distance(point)).collect();
         let residuals: Vec<f64> = distances.iter().map(|d| d.value_mgauss).collect();
         let fits = |index: usize| residuals[index].abs() < cutoff;
-        // What is asked of them has an answer in space only.
+        // A dip is measured in space only.
         let sightings = if planar {
             Vec::new()
         } else {
@@ -123,11 +123,7 @@ impl<const D: usize> Work<'_, D> {
             gyro,
             jump: largest_jump(&seen),
             rest_share: self.rest_share(&seen, &curve, best.reference_mgauss),
-            dip_spread_deg: if planar {
-                None
-            } else {
-                gyro_agreement::dip_spread_deg(&sightings)
-            },
+            dip_spread_deg: gyro_agreement::dip_spread_deg(&sightings),
         };
         let judged = verdict::judge(&measures, &self.request.limits);
         outcome.measures = Some(measures);

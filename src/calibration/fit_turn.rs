@@ -19,11 +19,11 @@ use super::{coverage, levelling};
 use crate::attitude::Pose;
 use crate::frame::hypot;
 
-/// A field that swings less than this has not turned, milligauss: the weakest horizontal field that a compass is
-/// of use in swings by twice its strength of 30.
+/// A smaller swing of the field is no turn, milligauss: the weakest horizontal field in which a compass is of use, of
+/// 30 mG, swings by 60.
 const LEAST_SWING_MGAUSS: f64 = 20.0;
 
-/// Below this many samples nothing is tried.
+/// A calibration needs at least this many samples.
 const LEAST_SAMPLES: usize = 20;
 
 /// Calibrates and fills in the outcome as far as it gets. The sentence of an acceptance, or a refusal.

@@ -9,8 +9,8 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The same, found sooner where it is known to be near `guess`: among those about it, as many down as
-/// remain after those below.
+/// The same, found sooner where it is known to be near `guess`: smaller values are only counted, and the middle is
+/// sought among those near the guess.
 pub fn median_near(values: &mut [f64], guess: f64) -> Option<f64> {
     const NEAR: f64 = 0.06;
     let (low, high) = (guess * (1.0 - NEAR), guess * (1.0 + NEAR));

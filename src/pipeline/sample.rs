@@ -6,7 +6,7 @@ use super::Pipeline;
 use crate::attitude::Pose;
 use crate::estimate::Sample;
 
-/// No magnetometer in use measures less often, seconds: the same for longer is a board at rest.
+/// The longest period of a magnetometer in use, seconds: an equal sample after that is a new one, of a board at rest.
 const HELD_S: f64 = 0.2;
 
 impl Pipeline {
@@ -18,8 +18,8 @@ impl Pipeline {
         if !levelled(&pose) || self.attitude.clipping() || self.frozen.is_some() {
             return None;
         }
-        // Noise makes each sample differ: the same again is the last one, held by a source that reads faster than the chip
-        // measures, and tells where the field was some time ago.
+        // Noise makes samples differ. An equal one is the last one again, from a source that reads faster than the chip
+        // measures, and its field is some time old.
         let held = |last: Sample| last.field_mgauss == *raw && t_s - last.t_s < HELD_S;
         if self.sample.is_some_and(held) {
             return Some(pose);
