@@ -101,13 +101,16 @@ impl Pipeline {
         // Without an accelerometer the board is taken to be level, as for its heading.
         let down = down.copied().unwrap_or_else(Vector3::z);
         Heading {
+            seq: self.seq,
+            t_s,
+            condition,
             pitch_deg: tilt.map(|tilt| tilt.pitch_rad.to_degrees()),
             roll_deg: tilt.map(|tilt| tilt.roll_rad.to_degrees()),
             turn_deg_min: rate_rad_s.map(|rate| 60.0 * rate.dot(&down).to_degrees()),
             rate_deg_s: rate_rad_s.map(|rate| rate.map(f64::to_degrees).into()),
             specific_force_m_s2: self.attitude.specific_force_m_s2(t_s).map(Into::into),
             mag_status: MagStatus::Calibration,
-            ..Heading::unknown(self.seq, t_s, condition)
+            ..Heading::default()
         }
     }
 }
