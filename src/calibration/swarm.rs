@@ -200,7 +200,7 @@ pub fn search<const D: usize, const P: usize>(
             return SwarmResult {
                 position: global_best,
                 fit_value: global_fit,
-                iterations: watch.iterations(),
+                iterations: fitness.len(),
                 stop,
                 fitness,
             };
