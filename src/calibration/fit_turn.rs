@@ -189,9 +189,12 @@ impl<const D: usize> Work<'_, D> {
         });
 
         let watch = Stopwatch::start(self.clock);
-        let fitted = self.refine(points, &swarm.position, bounds.reference_mgauss, reference.is_some()).ok_or_else(|| {
-            Refusal::new("no_fit", "no ellipse fits the samples: they show too little of the curve, or no curve at all")
-        })?;
+        let fitted = self
+            .refine(points, &swarm.position, bounds.reference_mgauss, reference.is_some())
+            .ok_or_else(|| {
+                let message = "no ellipse fits the samples: they show too little of the curve, or no curve at all";
+                Refusal::new("no_fit", message)
+            })?;
         outcome.elapsed_us.refine = watch.elapsed_us();
         Ok(fitted)
     }
