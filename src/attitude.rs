@@ -2,7 +2,7 @@
 //!
 //! Gyro and accelerometer give tilt, gyro bias and orientation on an even clock. Pure: time comes with the readings.
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::check::settings;
 use crate::frame::Mountings;
@@ -49,14 +49,14 @@ pub struct Pose {
     pub orientation: UnitQuaternion<f64>,
     /// Whether the earth frame's Z is known to be up.
     pub vertical_known: bool,
-    /// Changes whenever the gyro's account has a hole: poses of different stretches cannot be compared.
+    /// Changes at every gap in the gyro's readings: poses of different stretches cannot be compared.
     pub stretch: u32,
 }
 
 /// One tick of the even clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tick {
-    /// When, seconds. Ticks follow each other evenly except across a hole in the gyro's account.
+    /// Its end, seconds. Ticks follow each other evenly except across a gap in the gyro's readings.
     pub t_s: f64,
     /// The pose at its end.
     pub pose: Pose,
@@ -91,10 +91,10 @@ settings! {
     pub struct Settings {
         /// Largest gyro bias to expect on an axis, degrees per second.
         gyro_bias_limit_deg_s: f64 = 10.0, 1.0..=60.0, "degrees per second";
-        /// A gyro silent for longer has left a hole, seconds.
+        /// A longer silence of the gyro is a gap, seconds.
         gap_s: f64 = 0.5, 0.05..=2.0, "seconds";
-        /// The gyro's full scale, degrees per second; left out, 250, 500, 1000 and 2000 are
-        /// watched for until the gyro says more.
+        /// The gyro's full scale, degrees per second; left out, the largest rate that an axis repeats is taken for it
+        /// until the gyro reads more.
         #[serde(skip_serializing_if = "Option::is_none")]
         gyro_range_deg_s: Option<f64> = None, 50.0..=10_000.0, "degrees per second";
     }
@@ -162,7 +162,7 @@ impl Attitude {
                 self.filter.resume_after_hole();
             }
             if step != ClockStep::Ignored && self.clip.take(&chip) {
-                // Nobody knows how far it has turned meanwhile, and so where down is.
+                // How far the board has turned meanwhile is unknown, and so is where down is.
                 self.filter.resume_after_hole();
             }
         }
@@ -273,10 +273,4 @@ impl Attitude {
 fn follow(mean: &mut f64, now: f64, dt: f64, (grows_s, shrinks_s): (f64, f64)) {
     let tau_s = if now > *mean { grows_s } else { shrinks_s };
     *mean += dt / tau_s * (now - *mean);
-}
-
-/// The filter's quaternion as ours.
-fn unit(quaternion: vqf_rs::Quaternion) -> UnitQuaternion<f64> {
-    let vqf_rs::Quaternion(w, x, y, z) = quaternion;
-    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
 }

@@ -1,8 +1,8 @@
 //! The one state of the daemon, and the reason for it: the word that the socket, the log and systemd show.
 //!
-//! [`judge`] knows no past: it names the first state, the worst first, that the evidence asks for. So trouble with the
-//! source, and a silent magnetometer, lead from any state to `fault` and `stale`, and their end to whatever holds then.
-//! What leads from one state to another (held against the pipeline by `tests/domain/condition`):
+//! [`judge`] has no memory: it returns the first condition, the worst first, that the evidence shows. So a faulty source or a
+//! silent magnetometer leads from any state to `fault` or `stale`, and its end to what the evidence shows then.
+//! What leads from one state to another (`tests/domain/condition` plays each row through the pipeline):
 //!
 //! | from | what happens | to | reason |
 //! |---|---|---|---|

@@ -1,4 +1,4 @@
-//! The time of day as a duration since 1970, and as text. Pure: nobody asks a clock here.
+//! The time of day as a duration since 1970, and as text. Pure: the caller brings the time.
 
 use std::time::Duration;
 

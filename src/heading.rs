@@ -42,16 +42,6 @@ pub struct Heading {
 }
 
 impl Heading {
-    /// A heading of which nothing else is known.
-    pub fn unknown(seq: u64, t_s: f64, condition: Condition) -> Self {
-        Self {
-            seq,
-            t_s,
-            condition,
-            ..Self::default()
-        }
-    }
-
     /// The magnetic heading that may be steered by: the fused one, or else that of this reading alone.
     pub fn magnetic_deg(&self) -> Option<f64> {
         let known = |angle: Option<f64>| angle.filter(|degrees| degrees.is_finite());

@@ -1,11 +1,10 @@
 //! Readings that no sensor has taken: lost bytes, a bus that slipped, an absurd register. They are dropped before
 //! anybody uses them, since a gyro is integrated: a single reading of 2279 °/s turns a heading by 23°.
 //!
-//! Two things cannot be: a value beyond what any chip measures, and one that leaps away from its neighbours where
-//! these agree with each other. A leap is not known as one before the next reading, so the first reading after any
-//! leap is dropped, at once; if the next ones go where it went, the board has moved like that, and the line between the
-//! neighbours stands for what was dropped. A hand that shakes a sensor makes such leaps all the time: what is a leap
-//! grows with what was seen of late.
+//! Two kinds of value are impossible: one beyond what any chip measures, and one that leaps away from neighbours that
+//! agree with each other. Only the next reading tells a leap from motion, so the first reading after a leap is always
+//! dropped. If the next ones follow it, the board has moved, and the line between the neighbours replaces the dropped
+//! reading. A hand that shakes a sensor leaps all the time, so the threshold grows with the changes of late.
 
 use nalgebra::Vector3;
 

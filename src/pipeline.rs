@@ -5,34 +5,32 @@
 //! the worker has finished; in a replay, before the next reading.
 
 mod active;
-mod blank;
 mod collector;
+mod evidence;
 mod held;
 mod learn;
 mod motion;
 mod mounting;
 mod play;
+mod publish;
 mod sample;
 mod saturation;
 mod settings;
 mod stretch;
 mod survey;
-mod watch;
 
 use std::collections::VecDeque;
-
-use nalgebra::Vector3;
 
 use crate::attitude::{self, Attitude};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::{self, FieldSample, Request, verdict};
-use crate::condition::{self, Condition, Evidence, Report, SourceFault};
-use crate::estimate::{Estimate, Fix, GyroFault, Sample};
-use crate::frame::{Mountings, dip_deg, heading_deg};
+use crate::condition::{Condition, Report, SourceFault};
+use crate::estimate::{Estimate, Sample};
+use crate::frame::Mountings;
 use crate::frozen::FrozenWatch;
-use crate::heading::{Heading, MagStatus};
+use crate::heading::Heading;
 use crate::outliers::Outliers;
 use crate::reading::Reading;
 use crate::true_north::EarthField;
@@ -44,17 +42,6 @@ use saturation::{RunState, Saturation};
 pub use motion::MotionMeasures;
 pub use settings::Settings;
 pub use survey::{Survey, Surveyed};
-
-/// Share of each sample in the smoothed strength of the field: over half a second at 20 Hz.
-const STRENGTH_GAIN: f64 = 0.05 / (0.05 + 0.5);
-
-/// A field that was disturbed is called so until it has been calm for this long, seconds.
-const CALM_S: f64 = 3.0;
-
-/// Progress is news when it has changed by this share of a turn …
-const PROGRESS_STEP: f64 = 0.05;
-/// … and this much later than the last news of it, seconds.
-const PROGRESS_EVERY_S: f64 = 0.25;
 
 /// Everything that a pipeline is set up with.
 #[derive(Clone, Debug, Default)]
@@ -86,7 +73,7 @@ pub enum Event {
     Fault(Option<SourceFault>),
     /// A calibration is done.
     Calibrated(Box<Outcome>),
-    /// Calibrate by itself, or not, or never again.
+    /// When to calibrate without being asked.
     Policy(Policy),
     /// Calibrate on the next motion, whatever the policy, until that gives an answer.
     Start,
@@ -94,7 +81,7 @@ pub enum Event {
     Cancel,
     /// Another calibration is active from now on, or none.
     Activate(Option<Box<Calibration>>),
-    /// The chips are mounted so from now on: the whole board was turned, or it is told better how it is.
+    /// The chips' mounting is another from now on: the board was mounted differently, or is described better.
     Mounted(Box<Mountings>),
     /// The earth's field where the compass is; `None` where that is not known any more.
     Place(Option<EarthField>),
@@ -143,7 +130,7 @@ pub struct Pipeline {
     calibrating: bool,
     /// Why the calibration under way, or the last one, was asked for.
     asked: Reason,
-    /// Its outcome, when it comes, is not wanted any more.
+    /// The outcome of the calibration under way is to be discarded.
     unwanted: bool,
     policy: Policy,
     /// The next motion is to be calibrated on.
@@ -253,14 +240,19 @@ impl Pipeline {
         (!silent).then(|| self.turns.progress())
     }
 
+    /// How many values were dropped since no sensor can have taken them.
+    pub fn dropped(&self) -> u64 {
+        self.outliers.dropped()
+    }
+
     /// What was reported last.
     pub fn report(&self) -> Option<&Report> {
         self.report.as_ref()
     }
 
     fn read(&mut self, reading: &Reading, actions: &mut Vec<Action>) {
-        // Sources see to it that time does not go back, or begin a new stretch; a reading that does so has no place in the buffer.
-        // One that was only late, so that silence was told before it came, has.
+        // Within a stretch, sources give rising times. A reading that goes back is dropped; one that is merely older than a
+        // reported silence is not.
         let (first_s, last_s) = self.readings_s.unwrap_or((reading.t_s, reading.t_s));
         if reading.t_s < last_s || !reading.t_s.is_finite() {
             return;
@@ -308,132 +300,5 @@ impl Pipeline {
                 self.publish_without_field(reading.t_s, actions);
             }
         }
-    }
-
-    fn publish(&mut self, t_s: f64, raw: &Vector3<f64>, new: bool, actions: &mut Vec<Action>) {
-        let pose = self.estimate_from(t_s, raw, new);
-        actions.extend(self.estimate.take_news().map(Action::Warn));
-        let trusted = pose.is_some() && self.gyro_is_right();
-        let level = self.attitude.down_and_sd(t_s, trusted);
-        let down = level.map(|(down, _)| down);
-        let corrected = self
-            .learning
-            .calibrated()
-            .then(|| self.estimate.corrected(raw))
-            .flatten();
-        if let Some(corrected) = &corrected {
-            let expected = self.estimate.strength_mgauss();
-            if expected > 0.0 {
-                let deviation = corrected.norm() / expected - 1.0;
-                self.strength_deviation += STRENGTH_GAIN * (deviation - self.strength_deviation);
-            }
-        }
-        let publish_sd_deg = self.setup.pipeline.publish_sd_deg;
-        let certain = |fix: &Fix| fix.sd_deg <= publish_sd_deg;
-        let fused = pose
-            .filter(|_| trusted)
-            .and_then(|pose| self.estimate.fix(&pose, self.attitude.missed_turn_rad(t_s)));
-        let rate_rad_s = self.attitude.rate_rad_s().norm();
-        let instantaneous = self.estimate.instantaneous(raw, level, rate_rad_s);
-        let best = if trusted { fused } else { instantaneous };
-        if let Some(best) = &best {
-            self.sd_deg = best.sd_deg;
-        }
-        let published = best.filter(certain);
-        if published.is_some() && self.wanted().is_some() {
-            self.learning.reached();
-        }
-        if !self.gyro_is_right() {
-            self.saturation.forget();
-        }
-        if self.estimate.disturbed() || !self.gyro_is_right() {
-            self.disturbed_s = t_s;
-        }
-        self.conclude_motion(actions);
-        let condition = self.update_condition(actions);
-        let raw_body = self.setup.mountings.mag.to_body(*raw);
-        let mut heading = self.heading(t_s, down.as_ref(), condition);
-        heading.raw_deg = heading_deg(&raw_body, &down.unwrap_or_else(Vector3::z));
-        if let Some(corrected) = corrected.filter(|_| self.learning.calibrated()) {
-            if let Some(published) = published {
-                heading.fused_deg = fused.map(|fix| fix.heading_deg);
-                heading.instantaneous_deg = instantaneous.map(|fix| fix.heading_deg);
-                heading.sd_deg = Some(published.sd_deg);
-            }
-            let measured = self.estimate.measured_axes();
-            heading.field_mgauss = Some(std::array::from_fn(|axis| {
-                measured[axis].then_some(corrected[axis])
-            }));
-            if measured.iter().all(|&measured| measured) {
-                heading.strength_mgauss = Some(corrected.norm());
-                heading.dip_deg = down.map(|down| dip_deg(&corrected, &down));
-            }
-            heading.mag_status = match condition {
-                Condition::Disturbed if self.strength_deviation > 0.0 => MagStatus::HighField,
-                Condition::Disturbed => MagStatus::LowField,
-                _ => MagStatus::Normal,
-            };
-        }
-        actions.push(Action::Publish(heading));
-    }
-
-    fn update_condition(&mut self, actions: &mut Vec<Action>) -> Condition {
-        // A magnetometer that has had no time to give a reading is not silent. Before the first reading time counts from 0.
-        let first_s = self.readings_s.map_or(0.0, |(first_s, _)| first_s);
-        let beginning = self.whole_field_s.max(self.overflow_s) < first_s
-            && self.now_s - first_s <= self.setup.pipeline.stale_s;
-        let fault = self.fault.as_ref().or(self.frozen.as_ref());
-        if beginning && fault.is_none() {
-            return Condition::Stale;
-        }
-        let gyro_live = self.now_s - self.rate_s <= self.setup.attitude.gap_s;
-        let report = condition::judge(&Evidence {
-            t_s: self.now_s,
-            fault,
-            silent_s: self.now_s - self.whole_field_s,
-            overflowing: self.overflow_s > self.whole_field_s,
-            stale_s: self.setup.pipeline.stale_s,
-            calibrated: self.learning.calibrated(),
-            calibrating: self.calibrating && !self.unwanted,
-            wanted: self.wanted().is_some(),
-            turned: self.turns.progress(),
-            learnt: self.learnt(),
-            motion_wanted: self.estimate.motion_wanted(),
-            refused: self
-                .refused
-                .as_ref()
-                .map(|(reason, message)| (*reason, message.as_str())),
-            heading_sd_deg: self.sd_deg,
-            good_sd_deg: self.setup.pipeline.good_sd_deg,
-            strength_deviation: self.strength_deviation,
-            // Without a gyro the estimate sees nothing, and the field's strength is all that tells.
-            disturbed: if gyro_live {
-                self.now_s - self.disturbed_s < CALM_S
-            } else {
-                self.strength_deviation.abs() > condition::STRENGTH_TOLERANCE
-            },
-            tilt_known: self.attitude.down_known(self.now_s),
-            gyro_live,
-            gyro_fault: if self.attitude.clipping() {
-                Some("gyro_clipped")
-            } else {
-                self.estimate.gyro_fault().map(GyroFault::reason)
-            },
-        });
-        let condition = report.condition;
-        let news = self.report.as_ref().is_none_or(|last| {
-            let progressed = match (last.progress, report.progress) {
-                (Some(old), Some(new)) => {
-                    (new - old).abs() >= PROGRESS_STEP && report.t_s - last.t_s >= PROGRESS_EVERY_S
-                }
-                _ => false,
-            };
-            (last.condition, last.reason) != (condition, report.reason) || progressed
-        });
-        if news {
-            self.report = Some(report.clone());
-            actions.push(Action::Report(report));
-        }
-        condition
     }
 }

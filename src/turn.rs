@@ -1,8 +1,8 @@
 //! Full turns: when the board has turned by 345° net, about the vertical or about an axis of its own.
 //!
-//! Two accounts are kept of the same rotation: heading over the vertical, however the board is held, and
-//! the angle about a body axis that stays where it is. Whichever comes full first makes the turn; then both
-//! begin anew. Net means net: going back takes away.
+//! Two detectors count the same rotation: one about the vertical, however the board is held, and one about a
+//! body axis that stays in place. The first to reach a full turn reports it, and both restart. They count net:
+//! turning back subtracts.
 
 use nalgebra::{UnitVector3, Vector3};
 
@@ -17,7 +17,7 @@ mod vertical;
 use chain::Chain;
 use vertical::Vertical;
 
-/// From this part of a turn on, the account over the vertical goes before the other.
+/// Past this share of a turn, the detector about the vertical takes precedence.
 const ABOUT_TO_TURN: f64 = 0.9;
 
 /// A full turn that the board has made.
@@ -41,7 +41,7 @@ settings! {
         angle_deg: f64 = 345.0, 180.0..=720.0, "degrees";
         /// How far the axis of a turn about a body axis may stray, degrees.
         axis_tolerance_deg: f64 = 25.0, 5.0..=45.0, "degrees";
-        /// A turn that takes longer is none, seconds.
+        /// A rotation that takes longer is no turn, seconds.
         time_limit_s: f64 = 120.0, 5.0..=600.0, "seconds";
     }
 }
@@ -65,7 +65,7 @@ impl TurnDetector {
 
     /// Takes the next tick; returns the turn that it completes.
     ///
-    /// A tick that does not follow the one before voids what has been counted.
+    /// A gap between ticks resets the count.
     pub fn tick(&mut self, tick: &Tick) -> Option<Turn> {
         let follows = |newest_s| (0.0..=1.5 * TICK_S).contains(&(tick.t_s - newest_s));
         if !self.newest_s.is_some_and(follows) {
@@ -76,14 +76,14 @@ impl TurnDetector {
         let patient = self.vertical.progress() > ABOUT_TO_TURN;
         let turn = vertical.or_else(|| self.chain.tick(tick, patient));
         if turn.is_some() {
-            // The same rotation must not count again in the other account.
+            // The other detector must not count the same rotation again.
             self.reset();
             self.newest_s = Some(tick.t_s);
         }
         turn
     }
 
-    /// How much of a turn has been made by the account that is further on, 0 to 1.
+    /// How much of a turn the detector that is further on has counted, 0 to 1.
     pub fn progress(&self) -> f64 {
         self.vertical
             .progress()

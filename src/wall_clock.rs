@@ -2,19 +2,12 @@
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use crate::date;
-
 /// A clock that says less has never been set: a board without a battery begins in 1970. It is 2020-01-01.
 const CREDIBLE: Duration = Duration::from_secs(1_577_836_800);
 
-/// How long after the beginning of 1970 a moment not long ago was; `None` if the system does not know it.
+/// The time of day at a recent moment, since 1970; `None` if the system's clock was never set.
 pub fn at(moment: Instant) -> Option<Duration> {
     since_1970(SystemTime::now().checked_sub(moment.elapsed())?)
-}
-
-/// The same as RFC 3339 has it, in UTC and to the millisecond.
-pub fn rfc3339(moment: Instant) -> Option<String> {
-    at(moment).map(date::rfc3339)
 }
 
 /// Now, as [`at`] has it.
@@ -39,7 +32,7 @@ mod tests {
     #[test]
     fn a_moment_ago_is_earlier_than_now() {
         let now = Instant::now();
-        let (earlier, later) = (rfc3339(now - Duration::from_secs(2)), rfc3339(now));
+        let (earlier, later) = (at(now - Duration::from_secs(2)), at(now));
         assert!(earlier.is_some() && earlier < later);
     }
 }

@@ -31,29 +31,20 @@ pub(super) fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
     SVector::from_column_slice(matrix.transpose().as_slice())
 }
 
-/// The gyro's account of a motion, with this bias taken out, gyro axes.
+/// The gyro's account of a motion, with this bias taken out, gyro axes: one knot a reading.
 pub(super) struct Carried {
-    ticks: Vec<GyroState>,
+    ticks: Vec<Knot>,
 }
 
-#[derive(Clone, Copy)]
-struct GyroState {
-    t_s: f64,
-    segment: u32,
-    /// Turns gyro axes into the frame, and the same summed up over time.
-    to_frame: Rotation3<f64>,
-    sum: Matrix3<f64>,
-    /// On the way here from the tick before, rad/s.
-    rate_rad_s: Vector3<f64>,
-}
-
-/// An instant at which sensors are compared.
+/// An instant of the motion.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Knot {
     pub(super) t_s: f64,
     segment: u32,
+    /// Turns gyro axes into the frame, and the same summed up over time.
     to_frame: Rotation3<f64>,
     sum: Matrix3<f64>,
+    /// On the way here from the reading before, rad/s.
     pub(super) rate_rad_s: Vector3<f64>,
 }
 
@@ -71,7 +62,7 @@ pub(super) struct KnotPair {
 impl Carried {
     /// `sense` is −1 for a gyro that counts every rotation the other way round.
     pub(super) fn new(readings: &[Reading], bias_rad_s: &Vector3<f64>, sense: f64) -> Self {
-        let mut ticks: Vec<GyroState> = Vec::new();
+        let mut ticks: Vec<Knot> = Vec::new();
         let mut last_rate = Vector3::zeros();
         for reading in readings {
             let Some(rate) = reading.rate_rad_s else {
@@ -84,7 +75,7 @@ impl Carried {
                     let step_s = t_s - last.t_s;
                     let mean = 0.5 * (rate + last_rate);
                     let half = last.to_frame * Rotation3::new(mean * (0.5 * step_s));
-                    GyroState {
+                    Knot {
                         t_s,
                         segment: last.segment,
                         to_frame: last.to_frame * Rotation3::new(mean * step_s),
@@ -93,7 +84,7 @@ impl Carried {
                     }
                 }
                 Some(last) if t_s == last.t_s => continue,
-                last => GyroState {
+                last => Knot {
                     t_s,
                     segment: last.map_or(0, |last| last.segment + 1),
                     to_frame: Rotation3::identity(),

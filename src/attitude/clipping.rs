@@ -9,7 +9,7 @@ const SAME: u32 = 3;
 /// … and that is faster than this, degrees per second. Gyros have 250 or more; some are set to less.
 const LEAST_RANGE_DEG_S: f64 = 100.0;
 
-/// Notices them, and finds a full scale that nobody has told.
+/// Watches for such readings, and finds the full scale where neither configuration nor chip tells it.
 pub(super) struct ClipWatch {
     range_deg_s: Option<f64>,
     /// Whether the configuration or the chip has told it.

@@ -1,4 +1,4 @@
-//! The even clock: a gyro's readings come in bursts and with gaps, the filter wants equal periods.
+//! The even clock: a gyro's readings come in bursts and with gaps, and the filter needs equal periods.
 
 use nalgebra::Vector3;
 
@@ -8,9 +8,9 @@ pub const TICK_S: f64 = 0.01;
 /// What a reading did to the clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ClockStep {
-    /// It continues the account (or started the first one).
+    /// It continues the integration, or starts the first one.
     Continued,
-    /// It came after a hole: the clock runs anew from here.
+    /// It came after a gap: the clock restarts here.
     Restarted,
     /// It was older than the newest one, or a repetition of it.
     Ignored,

@@ -1,7 +1,7 @@
-//! VQF on the even clock, and what it must be told: where the accelerometer comes and goes, when the board
-//! may be at rest, which field it sees.
+//! VQF on the even clock, and what it must be told: when the accelerometer comes and goes, and when the board
+//! cannot be at rest.
 
-use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector2, Vector3};
 use vqf_rs::{Params, VQF};
 
 use super::clock::TICK_S;
@@ -10,10 +10,10 @@ use super::gyro_errors::GyroErrors;
 use super::steadiness::Steadiness;
 use super::stillness::Stillness;
 use super::trim::Trim;
-use super::{Pose, Tick, unit};
+use super::{Pose, Tick};
 use crate::frame::hypot;
 
-/// So long must the accelerometer have had its part before the vertical is called known.
+/// The vertical is known once the accelerometer has levelled the frame for this long, seconds.
 const LEVELLING_S: f64 = 1.0;
 /// What gyro errors may add to the tilt, radians (1.4°): the accelerometer's time constant is as long as that allows, since
 /// a vehicle's acceleration lasts for seconds, and an error of the gyro for ever. If acceleration adds more tilt than this, the gyro's
@@ -47,7 +47,7 @@ pub(super) struct AttitudeFilter {
     trim: Trim,
     pub(super) stretch: u32,
     ticked: bool,
-    /// Since when the accelerometer has had its part without a break.
+    /// Since when the accelerometer has levelled the frame without a break.
     levelled_since_s: Option<f64>,
     pub(super) vertical_known: bool,
     /// Horizontal specific force in the frame over the time constant of the tilt, m/s².
@@ -251,4 +251,10 @@ impl AttitudeFilter {
     pub(super) fn at_rest(&self) -> bool {
         self.vqf.rest_detected()
     }
+}
+
+/// The filter's quaternion as ours.
+fn unit(quaternion: vqf_rs::Quaternion) -> UnitQuaternion<f64> {
+    let vqf_rs::Quaternion(w, x, y, z) = quaternion;
+    UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
 }

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-/// An accelerometer silent for longer is gone.
+/// An accelerometer that is silent for longer is absent, seconds.
 const SILENT_S: f64 = 1.0;
-/// A reading stands for the time after it no longer than this: the board turns on.
+/// A reading is used for at most this long, seconds: the board goes on turning.
 const HOLD_S: f64 = 0.1;
 const LOW_PASS_S: f64 = 0.2;
 /// How much its strength differs from gravity's is measured over this time, seconds.
@@ -23,8 +23,7 @@ pub(super) struct Gravity {
     /// Mean square of what its strength differs from gravity's, m²/s⁴.
     shaken2: f64,
     /// Sum and count of the readings since the last tick.
-    sum: Vector3<f64>,
-    count: u32,
+    since_tick: (Vector3<f64>, u32),
 }
 
 impl Gravity {
@@ -47,22 +46,19 @@ impl Gravity {
             _ => {
                 self.low_passed = force;
                 self.previous = None;
-                self.sum = Vector3::zeros();
-                self.count = 0;
+                self.since_tick = Default::default();
             }
         }
         self.newest = Some((t_s, force));
-        self.sum += force;
-        self.count += 1;
+        self.since_tick.0 += force;
+        self.since_tick.1 += 1;
     }
 
     /// Specific force for the tick that ends at `end_s`: the mean where several readings fell into it, else
     /// the line between the last two; `None` if there is none recent enough.
     pub(super) fn at_tick(&mut self, end_s: f64) -> Option<Vector3<f64>> {
         let (newest_s, newest) = self.newest.filter(|(t, _)| end_s - t <= HOLD_S)?;
-        let (sum, count) = (self.sum, self.count);
-        self.sum = Vector3::zeros();
-        self.count = 0;
+        let (sum, count) = std::mem::take(&mut self.since_tick);
         if count > 1 {
             return Some(sum / f64::from(count));
         }
@@ -123,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dead_accelerometer_does_not_speak() {
+    fn a_dead_accelerometer_has_no_readings() {
         let mut gravity = Gravity::default();
         for force in [0.0, f64::NAN, f64::INFINITY, 1e300] {
             gravity.take(0.0, Vector3::new(force, 0.0, 0.0));

@@ -316,8 +316,8 @@ impl GyroErrors {
         let now = 0.5 * (self.velocity.norm_squared() - uncertain);
         follow(&mut self.speed2, now, dt, (GROWS_S, SHRINKS_S));
         self.speed2 = self.speed2.max(LEAST_SPEED_M_S.powi(2));
-        self.acceleration2 +=
-            dt / SHRINKS_S * (0.5 * left.norm_squared() / (dt * dt) - self.acceleration2);
+        let now = 0.5 * left.norm_squared() / (dt * dt);
+        follow(&mut self.acceleration2, now, dt, (SHRINKS_S, SHRINKS_S));
         let lasts_s = LASTS * (self.speed2 / self.acceleration2.max(1e-6)).sqrt();
         let lasts_s = lasts_s.clamp(*LASTS_S.start(), *LASTS_S.end());
         // Neighbouring windows share their velocity.

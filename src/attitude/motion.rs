@@ -5,7 +5,9 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use crate::reading::Reading;
 
 /// Earth field, X east, Y north, Z up, milligauss: a dip of 67°.
-pub(crate) const EARTH_FIELD: Vector3<f64> = Vector3::new(0.0, 180.0, -424.0);
+const EARTH_FIELD: Vector3<f64> = Vector3::new(0.0, 180.0, -424.0);
+/// Added to the field that the magnetometer sees, milligauss.
+const HARD_IRON: Vector3<f64> = Vector3::new(60.0, -100.0, 30.0);
 
 /// A board in motion, chip axes along the body's.
 pub(crate) struct TestBoard {
@@ -16,8 +18,6 @@ pub(crate) struct TestBoard {
     pub(crate) gyro: bool,
     pub(crate) accel: bool,
     pub(crate) mag: bool,
-    /// Added to the field the magnetometer sees, milligauss.
-    pub(crate) hard_iron: Vector3<f64>,
     /// Times between readings, taken in turn.
     pub(crate) steps_s: Vec<f64>,
     pub(crate) readings: Vec<Reading>,
@@ -37,7 +37,6 @@ impl Default for TestBoard {
             gyro: true,
             accel: true,
             mag: true,
-            hard_iron: Vector3::new(60.0, -100.0, 30.0),
             steps_s: vec![0.005],
             readings: Vec::new(),
             next: 0,
@@ -68,7 +67,7 @@ impl TestBoard {
     }
 
     fn read(&mut self, rate: Vector3<f64>) {
-        let field = self.attitude.inverse() * EARTH_FIELD + self.hard_iron + self.noise(2.0);
+        let field = self.attitude.inverse() * EARTH_FIELD + HARD_IRON + self.noise(2.0);
         let force = self.attitude.inverse() * Vector3::new(0.0, 0.0, 9.81) + self.noise(0.03);
         let bias = self.gyro_bias_deg_s.map(f64::to_radians);
         let rate = rate + bias + self.noise(0.002);

@@ -17,8 +17,9 @@ const SETTLED_S: f64 = 10.0;
 const NOISE_MARGIN_LIMIT_MGAUSS: f64 = 15.0;
 /// A larger step from one reading to the next is a spike, not noise.
 const SPIKE_MGAUSS: f64 = 50.0;
-/// The filters must have seen this much before the field may be called steady; rest takes 1.5 s more to be seen.
+/// The field cannot be called steady before this time, seconds; rest takes 1.5 s more to be seen.
 const WARM_UP_S: f64 = 0.5;
+/// A magnetometer that is silent for longer tells nothing, and its filters restart, seconds.
 const SILENT_S: f64 = 1.0;
 
 /// A fast and a slow low-pass of the raw field, which part while the board turns.
@@ -93,7 +94,7 @@ impl LowPasses {
 
         let noise = (0.5 * self.step_squared * self.step_s / (2.0 * FAST_S)).sqrt();
         let limit = MOVED_MGAUSS + (2.5 * noise).min(NOISE_MARGIN_LIMIT_MGAUSS);
-        // Some play between on and off, lest it flutter.
+        // Hysteresis, so that it does not flicker.
         let limit = if self.moving { 0.6 * limit } else { limit };
         if (self.fast - self.slow).norm() > limit {
             self.quiet_s = 0.0;

@@ -11,7 +11,7 @@ const MEAN_S: f64 = 0.5;
 const RATE_RAD_S: f64 = 2.0 * std::f64::consts::PI / 180.0;
 /// A specific force further from its mean is motion, m/s² (as VQF has it).
 const FORCE_M_S2: f64 = 0.5;
-/// So long must all be quiet, seconds.
+/// Both must be quiet for this long, seconds.
 const QUIET_S: f64 = 0.5;
 
 /// Watches gyro and accelerometer.

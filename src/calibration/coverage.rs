@@ -32,13 +32,15 @@ pub fn direction_spread<const D: usize>(directions: &[SVector<f64, D>]) -> f64 {
     SymmetricEigen::new(covariance).eigenvalues.min()
 }
 
-/// The largest range of the points on an axis.
+/// From the lowest to the highest of these values.
+pub fn span(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
+}
+
+/// The largest span of the points on an axis.
 pub fn swing<const D: usize>(points: &[[f64; D]]) -> f64 {
-    let range = |axis: usize| {
-        let values = || points.iter().map(|point| point[axis]);
-        values().fold(f64::MIN, f64::max) - values().fold(f64::MAX, f64::min)
-    };
-    (0..D).map(range).fold(0.0, f64::max)
+    let spans = (0..D).map(|axis| span(points.iter().map(|point| point[axis])));
+    spans.fold(0.0, f64::max)
 }
 
 /// Whether the centre lies within the samples on every axis.

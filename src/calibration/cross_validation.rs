@@ -2,10 +2,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::curve::ParameterVector;
-use super::curve::{Curve, Distance};
-use super::fit::Normalised;
-use super::refine::{BIWEIGHT, accumulate, refine};
+use super::curve::{Curve, Distance, ParameterVector};
+use super::refine::{BIWEIGHT, Refined, accumulate, refine};
 
 /// A step up to this long, in standard deviations of the noise, is taken as it is. White noise asks for
 /// less; more means that this part differs from the others, and then their noise and weights do too.
@@ -20,21 +18,17 @@ const SHORT: f64 = 0.15;
 pub fn without_each_part<C: Curve<D, P>, const D: usize, const P: usize>(
     points: &[[f64; D]],
     distances: &[Distance<P>],
-    best: &Normalised<P>,
+    best: &Refined<P>,
     part: usize,
 ) -> Vec<ParameterVector<P>> {
-    let Normalised {
-        refined,
-        reference_mgauss,
-    } = best;
-    let sigma = refined.cutoff_mgauss / BIWEIGHT;
+    let sigma = best.cutoff_mgauss / BIWEIGHT;
     let parts: Vec<_> = distances
         .chunks(part)
         .map(|part| accumulate(part, sigma, |z| (1.0 - z * z).powi(2)))
         .collect();
     let information: SMatrix<f64, P, P> = parts.iter().map(|part| part.information).sum();
     let gradient: SVector<f64, P> = parts.iter().map(|part| part.gradient).sum();
-    let unit = |k: usize| if k < D { 1.0 } else { *reference_mgauss };
+    let unit = |k: usize| if k < D { 1.0 } else { best.reference_mgauss };
     parts
         .iter()
         .enumerate()
@@ -44,12 +38,12 @@ pub fn without_each_part<C: Curve<D, P>, const D: usize, const P: usize>(
                 .map(|others| others.solve(&(gradient - sums.gradient)))
                 .filter(|step| (0..P).all(|k| (step[k] * unit(k)).abs() <= SHORT * sigma));
             if let Some(step) = step {
-                return std::array::from_fn(|k| refined.position[k] - step[k]);
+                return std::array::from_fn(|k| best.position[k] - step[k]);
             }
             let (first, last) = (index * part, ((index + 1) * part).min(points.len()));
             let others = [&points[..first], &points[last..]].concat();
-            refine::<C, D, P>(&others, &refined.position, *reference_mgauss)
-                .map_or(refined.position, |refined| refined.position)
+            refine::<C, D, P>(&others, &best.position, best.reference_mgauss)
+                .map_or(best.position, |refit| refit.position)
         })
         .collect()
 }
@@ -78,12 +72,8 @@ mod tests {
 
     fn compare(points: &[[f64; 2]], part: usize) -> f64 {
         let start = [87.0, 54.0, 0.87, 1.0];
-        let refined = refine::<Diagonal<2>, 2, 4>(points, &start, 170.0).unwrap();
-        let best = Normalised {
-            refined,
-            reference_mgauss: 170.0,
-        };
-        let curve = <Diagonal<2> as Curve<2, 4>>::new(&refined.position, 170.0).unwrap();
+        let best = refine::<Diagonal<2>, 2, 4>(points, &start, 170.0).unwrap();
+        let curve = <Diagonal<2> as Curve<2, 4>>::new(&best.position, 170.0).unwrap();
         let distances: Vec<Distance<4>> = points.iter().map(|p| curve.distance(p)).collect();
         let found = without_each_part::<Diagonal<2>, 2, 4>(points, &distances, &best, part);
         assert_eq!(found.len(), points.len().div_ceil(part));
@@ -91,7 +81,7 @@ mod tests {
         for (index, found) in found.iter().enumerate() {
             let last = ((index + 1) * part).min(points.len());
             let others = [&points[..index * part], &points[last..]].concat();
-            let refit = refine::<Diagonal<2>, 2, 4>(&others, &refined.position, 170.0).unwrap();
+            let refit = refine::<Diagonal<2>, 2, 4>(&others, &best.position, 170.0).unwrap();
             for k in 0..4 {
                 let unit = if k < 2 { 1.0 } else { 170.0 };
                 largest = largest.max(unit * (found[k] - refit.position[k]).abs());

@@ -6,13 +6,14 @@ use super::Stopwatch;
 use super::coverage::{centre_inside, coverage_deg, direction_spread};
 use super::cross_validation::without_each_part;
 use super::curve::{Curve, Distance, symmetric};
-use super::fit::{Fitted, Normalised};
+use super::fit::Fitted;
 use super::fit_turn::Work;
 use super::gyro_agreement::{self, GyroAgreement, Sighting};
 use super::jump::largest_jump;
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::outcome::Outcome;
 use super::plane::level_rest;
+use super::refine::Refined;
 use super::uncertainty::{correlation, heading_sd_deg};
 use super::verdict::{self, Measures, Refusal};
 
@@ -53,22 +54,18 @@ impl<const D: usize> Work<'_, D> {
             level,
             best,
         } = fitted;
-        let Normalised {
-            refined,
-            reference_mgauss,
-        } = best;
         let reference = self.reference();
-        let position = &refined.position;
+        let position = &best.position;
         let unusable = || Refusal::new("no_fit", "the fitted scale factors cannot be inverted");
-        let curve = C::new(position, *reference_mgauss).ok_or_else(unusable)?;
+        let curve = C::new(position, best.reference_mgauss).ok_or_else(unusable)?;
         let parameters = self.parameters(position, level).ok_or_else(unusable)?;
-        let cutoff = refined.cutoff_mgauss;
+        let cutoff = best.cutoff_mgauss;
         let planar = self.plan.mode == Mode::Planar;
         let distances: Vec<Distance<P>> =
             points.iter().map(|point| curve.distance(point)).collect();
         let residuals: Vec<f64> = distances.iter().map(|d| d.value_mgauss).collect();
         let fits = |index: usize| residuals[index].abs() < cutoff;
-        // What is asked of them has an answer in space only.
+        // A dip is measured in space only.
         let sightings = if planar {
             Vec::new()
         } else {
@@ -80,16 +77,16 @@ impl<const D: usize> Work<'_, D> {
                 self.plan.mode,
                 &self.request.mounting,
                 &curve,
-                &refined.covariance,
+                &best.covariance,
                 dip,
             );
         let gyro = self.cross_validated::<C, P>(points, &distances, best, fits);
         let scale = &position[D..2 * D];
         let mean_scale = scale.iter().sum::<f64>() / D as f64;
 
-        outcome.samples.used = refined.used;
+        outcome.samples.used = best.used;
         outcome.reference_mgauss = reference;
-        outcome.residual_mgauss = Some(refined.residual_mgauss);
+        outcome.residual_mgauss = Some(best.residual_mgauss);
         outcome.heading_sd_deg = Some(heading_sd_deg);
         outcome.gyro_rms_deg = gyro.map(|gyro| gyro.rms_deg);
         outcome.bias_mgauss = Some(position[..D].to_vec());
@@ -102,8 +99,8 @@ impl<const D: usize> Work<'_, D> {
         outcome.calibration = Some(Calibration {
             parameters,
             reference_mgauss: reference,
-            strength_mgauss: *reference_mgauss,
-            residual_mgauss: refined.residual_mgauss,
+            strength_mgauss: best.reference_mgauss,
+            residual_mgauss: best.residual_mgauss,
             heading_sd_deg,
             covariance: None,
         });
@@ -116,21 +113,17 @@ impl<const D: usize> Work<'_, D> {
         let measures = Measures {
             coverage_deg: planar.then(|| coverage_deg(&directions)),
             direction_spread: (!planar).then(|| direction_spread(&directions)),
-            outlier_share: 1.0 - refined.used as f64 / points.len() as f64,
+            outlier_share: 1.0 - best.used as f64 / points.len() as f64,
             end_outlier_share: end_outlier_share(&residuals, cutoff),
-            residual_share: refined.residual_mgauss / (reference_mgauss * mean_scale),
+            residual_share: best.residual_mgauss / (best.reference_mgauss * mean_scale),
             scale: scale.to_vec(),
             reference_given: reference.is_some(),
             centre_inside: centre_inside(points, &position[..D]),
             heading_sd_deg,
             gyro,
             jump: largest_jump(&seen),
-            rest_share: self.rest_share(&seen, &curve, *reference_mgauss),
-            dip_spread_deg: if planar {
-                None
-            } else {
-                gyro_agreement::dip_spread_deg(&sightings)
-            },
+            rest_share: self.rest_share(&seen, &curve, best.reference_mgauss),
+            dip_spread_deg: gyro_agreement::dip_spread_deg(&sightings),
         };
         let judged = verdict::judge(&measures, &self.request.limits);
         outcome.measures = Some(measures);
@@ -142,7 +135,7 @@ impl<const D: usize> Work<'_, D> {
         };
         Ok(format!(
             "{} samples fit within {:.1} milligauss, the fit's own deviation is {:.2} degrees of heading, {against_gyro}",
-            refined.used, refined.residual_mgauss, heading_sd_deg
+            best.used, best.residual_mgauss, heading_sd_deg
         ))
     }
 
@@ -244,17 +237,9 @@ impl<const D: usize> Work<'_, D> {
         &self,
         points: &[[f64; D]],
         distances: &[Distance<P>],
-        best: &Normalised<P>,
+        best: &Refined<P>,
         fits: impl Fn(usize) -> bool,
     ) -> Option<GyroAgreement> {
-        if !self
-            .request
-            .samples
-            .iter()
-            .any(|sample| sample.pose.is_some())
-        {
-            return None;
-        }
         let part = points.len().div_ceil(FOLDS);
         let curves = without_each_part::<C, D, P>(points, distances, best, part)
             .iter()

@@ -1,24 +1,13 @@
-//! One fit in two or three dimensions: bounds, swarm, refinement.
+//! One fit in two or three dimensions: box, swarm, refinement.
 
 use nalgebra::SMatrix;
 
 use super::curve::{Curve, ParameterVector};
-use super::medians::median_of_5;
+use super::medians::{median, median_of_5};
 use super::objective::{Factored, Normal, direct};
-use super::refine::{Refined, median, refine};
+use super::refine::{Refined, refine};
 use super::settings::{Profile, Settings};
 use super::swarm::{Bounds, SwarmResult, search};
-
-/// What a fit found.
-#[derive(Clone, Debug)]
-pub struct Fit<const D: usize, const P: usize> {
-    /// Hm that the scale factors refer to: the one given, or one taken from the data.
-    pub reference_mgauss: f64,
-    /// The swarm's global best.
-    pub found: SwarmResult<P>,
-    /// The swarm's box.
-    pub bounds: Bounds<D>,
-}
 
 /// Levelled points and the parameters that fit them best.
 pub struct Fitted<const D: usize, const P: usize> {
@@ -27,7 +16,7 @@ pub struct Fitted<const D: usize, const P: usize> {
     /// Down along the axes of a plane, on average, as far as the tilt was known: 0 if it never was.
     pub level: [f64; D],
     /// The best fit.
-    pub best: Normalised<P>,
+    pub best: Refined<P>,
 }
 
 /// The share of samples at either end that may be spikes, and so do not count as an extreme.
@@ -115,36 +104,26 @@ pub fn without_spikes<const D: usize>(points: &[[f64; D]]) -> Vec<[f64; D]> {
         .collect()
 }
 
-/// Runs the swarm over points with these settings. `None` if the points span no box. F = 2·D + 1.
+/// Runs the swarm over points in their box with these settings. `None` if nothing in it has a fit value. F = 2·D + 1.
 pub fn swarm<const D: usize, const P: usize, const F: usize>(
     points: &[[f64; D]],
-    reference_mgauss: Option<f64>,
+    bounds: &Bounds<D>,
     settings: &Settings,
-) -> Option<Fit<D, P>> {
-    let bounds = bounds(points, reference_mgauss)?;
+) -> Option<SwarmResult<P>> {
     let reference_mgauss = bounds.reference_mgauss;
     let params = settings.params();
     let found = match settings.profile {
         Profile::Standard => {
             let normal = Normal::new(&bounds.low, &bounds.high);
             let objective = Factored::<D, F>::new(normal, points, reference_mgauss);
-            search(
-                &bounds,
-                &params,
-                objective.conic(),
-                settings.seed,
-                |position| objective.fit_value(position),
-            )
+            let fit_value = |position: &_| objective.fit_value(position);
+            search(bounds, &params, objective.conic(), settings.seed, fit_value)
         }
-        Profile::Paper => search(&bounds, &params, None, settings.seed, |position| {
+        Profile::Paper => search(bounds, &params, None, settings.seed, |position| {
             direct(points, position, reference_mgauss)
         }),
     };
-    found.fit_value.is_finite().then_some(Fit {
-        reference_mgauss,
-        found,
-        bounds,
-    })
+    Some(found).filter(|found| found.fit_value.is_finite())
 }
 
 /// The linear least-squares conic through points that are not spikes: where a refinement may start.
@@ -158,15 +137,6 @@ pub fn conic<const D: usize, const P: usize, const F: usize>(
     Factored::<D, F>::new(normal, &seen, reference_mgauss).conic()
 }
 
-/// The refined parameters, and Hm with the scales brought to a mean of 1 if no reference was given.
-#[derive(Clone, Copy, Debug)]
-pub struct Normalised<const P: usize> {
-    /// Refined parameters.
-    pub refined: Refined<P>,
-    /// Hm that they refer to.
-    pub reference_mgauss: f64,
-}
-
 /// Refines from `start` and, without a given reference, brings the scale factors to a mean of 1: only
 /// their product with Hm can be seen.
 pub fn refined<C: Curve<D, P>, const D: usize, const P: usize>(
@@ -174,12 +144,11 @@ pub fn refined<C: Curve<D, P>, const D: usize, const P: usize>(
     start: &ParameterVector<P>,
     reference_mgauss: f64,
     reference_given: bool,
-) -> Option<Normalised<P>> {
+) -> Option<Refined<P>> {
     let mut refined = refine::<C, D, P>(points, start, reference_mgauss)?;
-    let mut reference = reference_mgauss;
     if !reference_given {
         let mean = refined.position[D..2 * D].iter().sum::<f64>() / D as f64;
-        reference *= mean;
+        refined.reference_mgauss *= mean;
         let unit = SMatrix::<f64, P, P>::from_fn(|row, column| {
             if row != column {
                 0.0
@@ -194,8 +163,5 @@ pub fn refined<C: Curve<D, P>, const D: usize, const P: usize>(
             .for_each(|scale| *scale /= mean);
         refined.covariance = unit * refined.covariance * unit;
     }
-    Some(Normalised {
-        refined,
-        reference_mgauss: reference,
-    })
+    Some(refined)
 }

@@ -6,26 +6,24 @@ use std::time::Duration;
 use nalgebra::Vector3;
 
 use super::Stopwatch;
-use super::curve::ParameterVector;
-use super::curve::{Diagonal, Symmetric};
-use super::fit::{self, Fit, Fitted, Normalised};
+use super::curve::{Diagonal, ParameterVector, Symmetric};
+use super::fit::{self, Fitted};
 use super::model::{Mode, Model};
 use super::model_selection::{SoftIron, select_model};
-use super::outcome::{Outcome, SwarmReport, WindowReport};
+use super::outcome::{Outcome, SwarmReport};
 use super::plane::{self, Plan};
 use super::request::{FieldSample, Request};
-use super::rist;
 use super::verdict::Refusal;
 use super::windows::windows;
 use super::{coverage, levelling};
 use crate::attitude::Pose;
 use crate::frame::hypot;
 
-/// A field that swings less than this has not turned, milligauss: the weakest horizontal field that a compass is
-/// of use in swings by twice its strength of 30.
+/// A smaller swing of the field is no turn, milligauss: the weakest horizontal field in which a compass is of use, of
+/// 30 mG, swings by 60.
 const LEAST_SWING_MGAUSS: f64 = 20.0;
 
-/// Below this many samples nothing is tried.
+/// A calibration needs at least this many samples.
 const LEAST_SAMPLES: usize = 20;
 
 /// Calibrates and fills in the outcome as far as it gets. The sentence of an acceptance, or a refusal.
@@ -161,11 +159,8 @@ impl<const D: usize> Work<'_, D> {
         let watch = Stopwatch::start(self.clock);
         let windows = windows(self.request, self.plan, self.project);
         outcome.elapsed_us.rist = watch.elapsed_us();
-        let hull = rist::join(windows.iter().cloned());
-        outcome.window = Some(WindowReport {
-            start: hull.start,
-            end: hull.end,
-        });
+        let ends = windows.first().zip(windows.last());
+        outcome.window = ends.map(|(first, last)| first.start..last.end);
         outcome.samples.window = windows.iter().map(Range::len).sum();
 
         let watch = Stopwatch::start(self.clock);
@@ -178,24 +173,28 @@ impl<const D: usize> Work<'_, D> {
             })
             .collect();
         let seen = fit::without_spikes(&seen);
-        let swarm = fit::swarm::<D, P, F>(&seen, reference, settings).ok_or_else(no_motion)?;
+        let bounds = fit::bounds(&seen, reference).ok_or_else(no_motion)?;
+        let swarm = fit::swarm::<D, P, F>(&seen, &bounds, settings).ok_or_else(no_motion)?;
         outcome.elapsed_us.swarm = watch.elapsed_us();
         outcome.swarm = Some(SwarmReport {
             profile: settings.profile.word(),
             particles: settings.particles,
-            iterations: swarm.found.iterations,
-            stop: swarm.found.stop.word(),
-            fit_value: swarm.found.fit_value,
-            fitness: swarm.found.fitness.clone(),
+            iterations: swarm.iterations,
+            stop: swarm.stop.word(),
+            fit_value: swarm.fit_value,
+            fitness: swarm.fitness.clone(),
             windows: windows.clone(),
-            bias_mgauss: swarm.found.position[..D].to_vec(),
-            scale: swarm.found.position[D..].to_vec(),
+            bias_mgauss: swarm.position[..D].to_vec(),
+            scale: swarm.position[D..].to_vec(),
         });
 
         let watch = Stopwatch::start(self.clock);
-        let fitted = self.refine(points, &swarm, reference.is_some()).ok_or_else(|| {
-            Refusal::new("no_fit", "no ellipse fits the samples: they show too little of the curve, or no curve at all")
-        })?;
+        let fitted = self
+            .refine(points, &swarm.position, bounds.reference_mgauss, reference.is_some())
+            .ok_or_else(|| {
+                let message = "no ellipse fits the samples: they show too little of the curve, or no curve at all";
+                Refusal::new("no_fit", message)
+            })?;
         outcome.elapsed_us.refine = watch.elapsed_us();
         Ok(fitted)
     }
@@ -239,19 +238,19 @@ impl<const D: usize> Work<'_, D> {
         })
     }
 
-    /// Refines the swarm's answer; in the plane, with the samples levelled as far as the tilt is known.
+    /// Refines the swarm's answer `start`; in the plane, with the samples levelled as far as the tilt is known.
     fn refine<const P: usize>(
         &self,
         points: Vec<[f64; D]>,
-        swarm: &Fit<D, P>,
+        start: &ParameterVector<P>,
+        reference_mgauss: f64,
         reference_given: bool,
     ) -> Option<Fitted<D, P>> {
         const ROUNDS: usize = 5;
-        let start = &swarm.found.position;
         let fit = |points: &[[f64; D]], start: &ParameterVector<P>, reference| {
             fit::refined::<Diagonal<D>, D, P>(points, start, reference, reference_given)
         };
-        let mut fitted = fit(&points, start, swarm.reference_mgauss)?;
+        let mut fitted = fit(&points, start, reference_mgauss)?;
         let down = match self.plan.mode {
             Mode::Planar => self.down(),
             Mode::Spatial => Vec::new(),
@@ -267,14 +266,9 @@ impl<const D: usize> Work<'_, D> {
         let mut level = points.clone();
         let mut vertical_mgauss = 0.0;
         for _ in 0..ROUNDS {
-            let Normalised {
-                refined,
-                reference_mgauss,
-            } = fitted;
-            vertical_mgauss +=
-                levelling::vertical_mgauss(&level, &tilt, &refined, reference_mgauss);
-            level = levelling::levelled(&points, &tilt, &refined.position, vertical_mgauss);
-            fitted = fit(&level, &refined.position, reference_mgauss)?;
+            vertical_mgauss += levelling::vertical_mgauss(&level, &tilt, &fitted);
+            level = levelling::levelled(&points, &tilt, &fitted.position, vertical_mgauss);
+            fitted = fit(&level, &fitted.position, fitted.reference_mgauss)?;
         }
         Some(Fitted {
             points: level,

@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Unit, Vector3};
 
+use super::medians::median_of_5;
 use crate::attitude::Pose;
 use crate::frame::{hypot, wrap_pi};
 
@@ -43,61 +44,69 @@ pub fn planar(sightings: &[Sighting], normal_body: &Vector3<f64>) -> Option<Gyro
     };
     let e1 = Unit::new_normalize(first - normal.scale(normal.dot(&first)));
     let e2 = normal.cross(&e1);
-    let mut rotation = 0.0;
-    let mut previous: Option<&Pose> = None;
-    let phases = sightings.iter().map(|sighting| {
-        if let Some(previous) = previous.filter(|p| p.stretch == sighting.pose.stretch) {
-            rotation += step(previous, &sighting.pose).dot(&normal);
-        }
-        previous = Some(&sighting.pose);
+    let angle = |sighting: &Sighting, turned_rad: f64| {
         let field = &sighting.field_body;
-        let angle = field.dot(&e2).atan2(field.dot(&e1));
-        (
-            sighting.t_s,
-            sighting.pose.stretch,
-            angle + rotation,
-            rotation,
-        )
-    });
-    detrend(phases.collect())
+        field.dot(&e2).atan2(field.dot(&e1)) + turned_rad
+    };
+    detrend(phases(sightings, |step| step.dot(&normal), angle))
 }
 
 /// In space: the field, turned into the earth frame, keeps its azimuth. Where the vertical is not known,
 /// its direction about the axis of least change.
 pub fn spatial(sightings: &[Sighting]) -> Option<GyroAgreement> {
-    let vertical_known = sightings
-        .iter()
-        .all(|sighting| sighting.pose.vertical_known);
-    let earth: Vec<Vector3<f64>> = sightings
-        .iter()
-        .map(|s| s.pose.orientation * s.field_body)
-        .collect();
-    let (e1, e2) = if vertical_known {
+    let earth = |sighting: &Sighting| sighting.pose.orientation * sighting.field_body;
+    let (e1, e2) = if sightings.iter().all(|s| s.pose.vertical_known) {
         (Vector3::x(), Vector3::y())
     } else {
         // Any frame will do; take the mean field as one axis of the plane it is looked at in.
-        let mean = Unit::try_new(earth.iter().sum::<Vector3<f64>>(), 1e-9)?;
+        let mean = Unit::try_new(sightings.iter().map(earth).sum::<Vector3<f64>>(), 1e-9)?;
         let across = if mean.z.abs() < 0.9 {
             Vector3::z()
         } else {
             Vector3::x()
         };
-        (
-            mean.into_inner(),
-            Unit::new_normalize(across.cross(&mean)).into_inner(),
-        )
+        (*mean, *Unit::new_normalize(across.cross(&mean)))
     };
-    let mut turned = 0.0;
-    let mut previous: Option<&Pose> = None;
-    let phases = sightings.iter().zip(&earth).map(|(sighting, field)| {
-        if let Some(previous) = previous.filter(|p| p.stretch == sighting.pose.stretch) {
-            turned += step(previous, &sighting.pose).norm();
+    let azimuth = |sighting: &Sighting, _| {
+        let field = earth(sighting);
+        field.dot(&e2).atan2(field.dot(&e1))
+    };
+    detrend(phases(sightings, Vector3::norm, azimuth))
+}
+
+/// A sighting's angle that stays the same where field and gyro agree.
+#[derive(Clone, Copy)]
+struct Phase {
+    t_s: f64,
+    stretch: u32,
+    rad: f64,
+    /// How far the board has turned so far, radians.
+    turned_rad: f64,
+}
+
+/// The phase of each sighting: `turn` is what counts of a rotation vector in body axes, `angle` the phase of a sighting where
+/// the board has turned so far.
+fn phases(
+    sightings: &[Sighting],
+    turn: impl Fn(&Vector3<f64>) -> f64,
+    angle: impl Fn(&Sighting, f64) -> f64,
+) -> Vec<Phase> {
+    let mut turned_rad = 0.0;
+    let mut previous: Option<Pose> = None;
+    let phase = |sighting: &Sighting| {
+        let pose = sighting.pose;
+        if let Some(before) = previous.filter(|before| before.stretch == pose.stretch) {
+            turned_rad += turn(&(before.orientation.inverse() * pose.orientation).scaled_axis());
         }
-        previous = Some(&sighting.pose);
-        let azimuth = field.dot(&e2).atan2(field.dot(&e1));
-        (sighting.t_s, sighting.pose.stretch, azimuth, turned)
-    });
-    detrend(phases.collect())
+        previous = Some(pose);
+        Phase {
+            t_s: sighting.t_s,
+            stretch: pose.stretch,
+            rad: angle(sighting, turned_rad),
+            turned_rad,
+        }
+    };
+    sightings.iter().map(phase).collect()
 }
 
 /// Elevation of the corrected field above the horizontal, RMS about its mean, degrees: mounting errors
@@ -127,18 +136,12 @@ fn dip_rad(sighting: &Sighting) -> f64 {
     (-earth.z).atan2(hypot(earth.x, earth.y))
 }
 
-/// The rotation from one pose to the next, as a vector in the body frame.
-fn step(from: &Pose, to: &Pose) -> Vector3<f64> {
-    (from.orientation.inverse() * to.orientation).scaled_axis()
-}
-
-/// Takes an offset for each stretch and one drift off the unwrapped phases (time, stretch, phase,
-/// rotation so far).
-fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<GyroAgreement> {
+/// Takes an offset for each stretch and one drift off the unwrapped phases.
+fn detrend(mut phases: Vec<Phase>) -> Option<GyroAgreement> {
     if phases.len() < LEAST {
         return None;
     }
-    for stretch in phases.chunk_by_mut(|a, b| a.1 == b.1) {
+    for stretch in phases.chunk_by_mut(|a, b| a.stretch == b.stretch) {
         if !together(stretch, PI) {
             unwrap(stretch);
         }
@@ -147,24 +150,24 @@ fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<GyroAgreement> {
     // Centre each stretch, then one slope through all.
     let mut rotation = 0.0;
     let (mut tt, mut tp, mut span) = (0.0, 0.0, 0.0);
-    for stretch in phases.chunk_by_mut(|a, b| a.1 == b.1) {
+    for stretch in phases.chunk_by_mut(|a, b| a.stretch == b.stretch) {
         let n = stretch.len() as f64;
-        let t_mean = stretch.iter().map(|p| p.0).sum::<f64>() / n;
-        let p_mean = stretch.iter().map(|p| p.2).sum::<f64>() / n;
-        span += stretch[stretch.len() - 1].0 - stretch[0].0;
+        let t_mean = stretch.iter().map(|p| p.t_s).sum::<f64>() / n;
+        let p_mean = stretch.iter().map(|p| p.rad).sum::<f64>() / n;
+        span += stretch[stretch.len() - 1].t_s - stretch[0].t_s;
         rotation += stretch
             .windows(2)
-            .map(|w| (w[1].3 - w[0].3).abs())
+            .map(|w| (w[1].turned_rad - w[0].turned_rad).abs())
             .sum::<f64>();
         for phase in stretch.iter_mut() {
-            phase.0 -= t_mean;
-            phase.2 -= p_mean;
-            tt += phase.0 * phase.0;
-            tp += phase.0 * phase.2;
+            phase.t_s -= t_mean;
+            phase.rad -= p_mean;
+            tt += phase.t_s * phase.t_s;
+            tp += phase.t_s * phase.rad;
         }
     }
     let drift = if tt > 0.0 { tp / tt } else { 0.0 };
-    let squares: f64 = phases.iter().map(|p| (p.2 - drift * p.0).powi(2)).sum();
+    let squares: f64 = phases.iter().map(|p| (p.rad - drift * p.t_s).powi(2)).sum();
     Some(GyroAgreement {
         rms_deg: (squares / phases.len() as f64).sqrt().to_degrees(),
         drift_share: (drift * span).abs() / rotation.max(1e-9),
@@ -172,30 +175,30 @@ fn detrend(mut phases: Vec<(f64, u32, f64, f64)>) -> Option<GyroAgreement> {
 }
 
 /// Whether all phases of a stretch lie within less than `width`: then nothing needs to be looked for.
-fn together(stretch: &[(f64, u32, f64, f64)], width: f64) -> bool {
+fn together(stretch: &[Phase], width: f64) -> bool {
     let (least, most) = stretch.iter().fold(
         (f64::INFINITY, f64::NEG_INFINITY),
-        |(least, most), phase| (least.min(phase.2), most.max(phase.2)),
+        |(least, most), phase| (least.min(phase.rad), most.max(phase.rad)),
     );
     most - least < width
 }
 
 /// Brings each phase to within half a turn of the median of the five before it: a single spike that lands
 /// across the circle must not add a turn.
-fn unwrap(stretch: &mut [(f64, u32, f64, f64)]) {
+fn unwrap(stretch: &mut [Phase]) {
     // Whole turns so far, radians.
     let mut turns = 0.0;
     for i in 1..stretch.len() {
         let (before, rest) = stretch.split_at_mut(i);
-        let (before, phase) = (&before[i.saturating_sub(5)..], &mut rest[0].2);
+        let (before, phase) = (&before[i.saturating_sub(5)..], &mut rest[0].rad);
         *phase += turns;
         // Near to all of them it is near to their median, whichever that is.
-        if before.iter().all(|b| (*phase - b.2).abs() < PI) {
+        if before.iter().all(|b| (*phase - b.rad).abs() < PI) {
             continue;
         }
         let mut phases = [0.0; 5];
-        for (past, sighting) in phases.iter_mut().zip(before) {
-            *past = sighting.2;
+        for (past, before) in phases.iter_mut().zip(before) {
+            *past = before.rad;
         }
         let known = &mut phases[..before.len()];
         known.sort_unstable_by(f64::total_cmp);
@@ -207,26 +210,22 @@ fn unwrap(stretch: &mut [(f64, u32, f64, f64)]) {
 }
 
 /// Without spikes that happen to lie on the curve: phases that are far from the median of the five about them.
-fn without_lone(phases: Vec<(f64, u32, f64, f64)>) -> Vec<(f64, u32, f64, f64)> {
+fn without_lone(phases: Vec<Phase>) -> Vec<Phase> {
     const FAR_RAD: f64 = 0.5;
-    let mut stretches = phases.chunk_by(|a, b| a.1 == b.1);
+    let mut stretches = phases.chunk_by(|a, b| a.stretch == b.stretch);
     if stretches.all(|stretch| together(stretch, FAR_RAD)) {
         return phases;
     }
     let mut kept = Vec::with_capacity(phases.len());
-    for stretch in phases.chunk_by(|a, b| a.1 == b.1) {
-        for (i, sighting) in stretch.iter().enumerate() {
+    for stretch in phases.chunk_by(|a, b| a.stretch == b.stretch) {
+        for (i, phase) in stretch.iter().enumerate() {
             let around = (i >= 2).then(|| stretch.get(i - 2..i + 3)).flatten();
             let far = around.is_some_and(|around| {
-                if around.iter().all(|a| (a.2 - sighting.2).abs() <= FAR_RAD) {
-                    return false;
-                }
-                let mut phases: [f64; 5] = std::array::from_fn(|k| around[k].2);
-                phases.sort_unstable_by(f64::total_cmp);
-                (sighting.2 - phases[2]).abs() > FAR_RAD
+                let typical = median_of_5(std::array::from_fn(|k| around[k].rad));
+                (phase.rad - typical).abs() > FAR_RAD
             });
             if !far {
-                kept.push(*sighting);
+                kept.push(*phase);
             }
         }
     }

@@ -3,8 +3,7 @@
 use nalgebra::Vector3;
 
 use super::gyro_agreement::Sighting;
-use super::medians::median_of_7;
-use super::refine::median;
+use super::medians::{median, median_of_7};
 
 /// Samples before and after a jump, whose medians are compared: a spike or three do not count.
 const AROUND: usize = 7;

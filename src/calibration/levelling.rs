@@ -6,8 +6,7 @@
 //! the same samples. Tilts are taken from their mean, so a turn that was level, or evenly tilted, is
 //! left as it is. The fit still uses raw samples only: no earlier calibration enters.
 
-use super::curve::ParameterVector;
-use super::curve::{Curve, Diagonal, Distance};
+use super::curve::{Curve, Diagonal, Distance, ParameterVector};
 use super::refine::Refined;
 
 /// Tilts that vary by less than this are noise of the accelerometer, radians RMS.
@@ -36,9 +35,9 @@ pub fn vertical_mgauss<const D: usize, const P: usize>(
     points: &[[f64; D]],
     tilt: &[[f64; D]],
     fitted: &Refined<P>,
-    reference_mgauss: f64,
 ) -> f64 {
-    let Some(curve) = <Diagonal<D> as Curve<D, P>>::new(&fitted.position, reference_mgauss) else {
+    let curve = <Diagonal<D> as Curve<D, P>>::new(&fitted.position, fitted.reference_mgauss);
+    let Some(curve) = curve else {
         return 0.0;
     };
     let (mut xx, mut xe) = (1e-12, 0.0);
@@ -115,7 +114,7 @@ mod tests {
         let mut found = 0.0;
         let mut level = points.clone();
         for _ in 0..10 {
-            found += vertical_mgauss(&level, &tilt, &fitted, horizontal);
+            found += vertical_mgauss(&level, &tilt, &fitted);
             level = levelled(&points, &tilt, &fitted.position, found);
             fitted = refine2(&level, &fitted.position);
         }

@@ -1,12 +1,45 @@
-//! Medians of a few neighbours, by networks of exchanges (Paeth, Graphics Gems, 1990): they are taken for every sample and axis.
+//! Medians: of many numbers, and of a few neighbours, which are taken for every sample and axis.
 
-/// The median of five values, none of which is NaN.
+/// The median of numbers whose order does not matter; `None` of nothing, or where one is NaN.
+pub fn median(values: &mut [f64]) -> Option<f64> {
+    if values.is_empty() || values.iter().any(|value| value.is_nan()) {
+        return None;
+    }
+    let middle = values.len() / 2;
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// The same, found sooner where it is known to be near `guess`: smaller values are only counted, and the middle is
+/// sought among those near the guess.
+pub fn median_near(values: &mut [f64], guess: f64) -> Option<f64> {
+    const NEAR: f64 = 0.06;
+    let (low, high) = (guess * (1.0 - NEAR), guess * (1.0 + NEAR));
+    let mut below = 0;
+    // Those about the guess are brought to the front.
+    let mut about = 0;
+    for index in 0..values.len() {
+        let value = values[index];
+        below += usize::from(value < low);
+        values.swap(about, index);
+        about += usize::from(low <= value && value < high);
+    }
+    match (values.len() / 2).checked_sub(below) {
+        Some(rank) if rank < about && values.iter().all(|value| !value.is_nan()) => Some(
+            *values[..about]
+                .select_nth_unstable_by(rank, f64::total_cmp)
+                .1,
+        ),
+        _ => median(values),
+    }
+}
+
+/// The median of five values, none of which is NaN, by a network of exchanges (Paeth, Graphics Gems, 1990).
 pub fn median_of_5(values: [f64; 5]) -> f64 {
     const NETWORK: [(usize, usize); 7] = [(0, 1), (3, 4), (0, 3), (1, 4), (1, 2), (2, 3), (1, 2)];
     middle(values, NETWORK)
 }
 
-/// The median of seven values, none of which is NaN.
+/// The median of seven values, none of which is NaN, by such a network.
 pub fn median_of_7(values: [f64; 7]) -> f64 {
     const NETWORK: [(usize, usize); 13] = [
         (0, 5),

@@ -1,7 +1,7 @@
 //! Model selection: a diagonal or a symmetric A, by whether the samples show soft iron.
 
 use super::curve::{Curve, Symmetric};
-use super::fit::{self, Fitted, Normalised};
+use super::fit::{self, Fitted};
 use super::refine::Refined;
 use super::settings::ModelChoice;
 use super::uncertainty::correlation;
@@ -35,31 +35,22 @@ pub fn select_model(
     if choice == ModelChoice::Diagonal {
         return SoftIron::None;
     }
-    let Normalised {
-        refined,
-        reference_mgauss,
-    } = &diagonal.best;
-    let symmetric = fit::conic::<3, 9, 10>(&diagonal.points, *reference_mgauss).and_then(|start| {
-        fit::refined::<Symmetric, 3, 9>(
-            &diagonal.points,
-            &start,
-            *reference_mgauss,
-            reference_given,
-        )
+    let (points, reference) = (&diagonal.points, diagonal.best.reference_mgauss);
+    let symmetric = fit::conic::<3, 9, 10>(points, reference).and_then(|start| {
+        fit::refined::<Symmetric, 3, 9>(points, &start, reference, reference_given)
     });
     let Some(best) = symmetric else {
         return SoftIron::Unseen;
     };
-    let seen = bias_doubt(&best.refined) < UNSEEN * bias_doubt(refined);
+    let seen = bias_doubt(&best) < UNSEEN * bias_doubt(&diagonal.best);
     let asked_for = || {
-        let curve = Symmetric::new(&best.refined.position, best.reference_mgauss)?;
-        let residuals: Vec<f64> = diagonal
-            .points
+        let curve = Symmetric::new(&best.position, best.reference_mgauss)?;
+        let residuals = points
             .iter()
-            .map(|point| curve.distance(point).value_mgauss)
-            .collect();
+            .map(|point| curve.distance(point).value_mgauss);
+        let residuals: Vec<f64> = residuals.collect();
         let n = residuals.len() as f64 / correlation(&residuals);
-        let gain = 2.0 * n * (refined.residual_mgauss / best.refined.residual_mgauss).ln();
+        let gain = 2.0 * n * (diagonal.best.residual_mgauss / best.residual_mgauss).ln();
         Some(gain > 3.0 * n.ln())
     };
     if choice == ModelChoice::Symmetric || (seen && asked_for() == Some(true)) {

@@ -91,11 +91,6 @@ impl<const P: usize> ConvergenceMonitor<P> {
         }
         2 * counter > P
     }
-
-    /// Iterations so far.
-    pub fn iterations(&self) -> usize {
-        self.iteration
-    }
 }
 
 #[cfg(test)]
@@ -127,7 +122,6 @@ mod tests {
             watch.iterated(&[3.005, 7.0, 9.995, 2.0], 100.0),
             Some(Stop::Change)
         );
-        assert_eq!(watch.iterations(), 5);
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use serde::Serialize;
 
-use super::model::{Calibration, Mode, Model, Parameters};
+use super::model::{Calibration, Mode, Model, Parameters, Spatial};
 use super::verdict::{Measures, Refusal};
 use crate::check::words;
 
@@ -65,8 +65,8 @@ pub struct Outcome {
     pub unobserved: &'static [&'static str],
     /// How many samples took part.
     pub samples: Samples,
-    /// RIST's window.
-    pub window: Option<WindowReport>,
+    /// RIST's window: samples counted from 0 over the total; `end` is the first one outside.
+    pub window: Option<Range<usize>>,
     /// What the swarm found, before refinement.
     pub swarm: Option<SwarmReport>,
     /// How long each step took, if the caller keeps a clock.
@@ -120,14 +120,14 @@ impl Outcome {
             ),
             method: "motion",
             mode: Some(Mode::Spatial),
-            model: spatial.map(super::model::Spatial::model),
+            model: spatial.map(Spatial::model),
             residual_mgauss: Some(calibration.residual_mgauss),
             heading_sd_deg: Some(calibration.heading_sd_deg),
             bias_mgauss: spatial.map(|spatial| spatial.bias_mgauss().as_slice().to_vec()),
             scale: spatial.map(|spatial| spatial.matrix().diagonal().as_slice().to_vec()),
             matrix: rows.map(|rows| std::array::from_fn(|k| rows[k])),
             alignment_deg: spatial
-                .and_then(super::model::Spatial::alignment_rad)
+                .and_then(Spatial::alignment_rad)
                 .map(|turn| turn.map(f64::to_degrees).into()),
             unobserved: if measured.iter().all(|&known| known) {
                 &[]
@@ -151,15 +151,6 @@ pub struct Samples {
     pub window: usize,
     /// In the refinement, with a weight above 0: outliers are left out.
     pub used: usize,
-}
-
-/// Samples `start` to `end`, counted from 0 over the total; `end` is the first one outside.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct WindowReport {
-    /// First sample inside.
-    pub start: usize,
-    /// First sample after it.
-    pub end: usize,
 }
 
 /// What the swarm did and found.

@@ -7,8 +7,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::curve::ParameterVector;
-use super::curve::{Curve, Distance};
+use super::curve::{Curve, Distance, ParameterVector};
+use super::medians::median_near;
 
 /// Samples further out than this many standard deviations have no weight. At 6 the biweight loses 1 %
 /// of precision on pure Gaussian noise.
@@ -29,6 +29,8 @@ const LENGTHENED: f64 = 1.12;
 pub struct Refined<const P: usize> {
     /// Biases, then scale factors.
     pub position: ParameterVector<P>,
+    /// Hm that the scale factors refer to.
+    pub reference_mgauss: f64,
     /// RMS distance of the samples with weight, freed of the parameters' share, milligauss.
     pub residual_mgauss: f64,
     /// Covariance of the parameters: the inverse of the Fisher information.
@@ -94,6 +96,7 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
         .all(|value| value.is_finite());
     sane.then_some(Refined {
         position,
+        reference_mgauss,
         residual_mgauss: variance.sqrt(),
         covariance,
         used: sums.used,
@@ -149,39 +152,6 @@ pub fn accumulate<const P: usize>(
         sums.used += 1;
     }
     sums
-}
-
-/// The median of numbers whose order does not matter; `None` of nothing, or where one is NaN.
-pub fn median(values: &mut [f64]) -> Option<f64> {
-    if values.is_empty() || values.iter().any(|value| value.is_nan()) {
-        return None;
-    }
-    let middle = values.len() / 2;
-    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
-}
-
-/// The same, found sooner where it is known to be near `guess`: among those about it, as many down as
-/// remain after those below.
-fn median_near(values: &mut [f64], guess: f64) -> Option<f64> {
-    const NEAR: f64 = 0.06;
-    let (low, high) = (guess * (1.0 - NEAR), guess * (1.0 + NEAR));
-    let mut below = 0;
-    // Those about the guess are brought to the front.
-    let mut about = 0;
-    for index in 0..values.len() {
-        let value = values[index];
-        below += usize::from(value < low);
-        values.swap(about, index);
-        about += usize::from(low <= value && value < high);
-    }
-    match (values.len() / 2).checked_sub(below) {
-        Some(rank) if rank < about && values.iter().all(|value| !value.is_nan()) => Some(
-            *values[..about]
-                .select_nth_unstable_by(rank, f64::total_cmp)
-                .1,
-        ),
-        _ => median(values),
-    }
 }
 
 #[cfg(test)]

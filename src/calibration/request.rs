@@ -13,7 +13,7 @@ use crate::turn::Turn;
 /// A board that turns by less than this, 0.6°, in this time rests, seconds: a turn of a minute makes 3°.
 const RESTING_RAD: f64 = 0.01;
 const REST_S: f64 = 0.5;
-/// Those last seconds: the gyro has hardly drifted since.
+/// Rest is looked for in the last seconds before the turn: the gyro has hardly drifted since.
 const REST_BEFORE_S: f64 = 5.0;
 
 /// One magnetometer sample, as a calibration sees it.

@@ -32,15 +32,6 @@ pub fn window(values: impl IntoIterator<Item = f64>) -> Range<usize> {
     start..count.min(end + 1)
 }
 
-/// The axes' windows joined: from the earliest start to the latest end. A gap between two windows is
-/// inside, so that the swarm sees one unbroken stretch of the turn.
-pub fn join(windows: impl IntoIterator<Item = Range<usize>>) -> Range<usize> {
-    windows
-        .into_iter()
-        .reduce(|a, b| a.start.min(b.start)..a.end.max(b.end))
-        .unwrap_or(0..0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -88,11 +79,5 @@ mod tests {
     fn a_constant_axis_chooses_its_first_sample() {
         assert_eq!(window([5.0; 10]), 0..1);
         assert_eq!(window([]), 0..0);
-    }
-
-    #[test]
-    fn windows_join_to_their_hull() {
-        assert_eq!(join([20..40, 60..80]), 20..80);
-        assert_eq!(join([]), 0..0);
     }
 }

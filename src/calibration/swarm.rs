@@ -39,7 +39,7 @@ pub const CONSTRICTION: Coefficients = Coefficients {
 /// through samples from `low` to `high` has high − a·Hm ≤ b ≤ low + a·Hm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds<const D: usize> {
-    /// The axes' lowest samples without outliers, milligauss, lowered by nothing.
+    /// The axes' lowest samples without outliers, milligauss.
     pub low: [f64; D],
     /// The axes' highest samples without outliers, milligauss.
     pub high: [f64; D],
@@ -200,7 +200,7 @@ pub fn search<const D: usize, const P: usize>(
             return SwarmResult {
                 position: global_best,
                 fit_value: global_fit,
-                iterations: watch.iterations(),
+                iterations: fitness.len(),
                 stop,
                 fitness,
             };

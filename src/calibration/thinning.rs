@@ -4,9 +4,9 @@
 use super::FieldSample;
 use crate::turn::Turn;
 
-/// So many samples are kept at most: of 50 Hz, all of 87 minutes.
+/// The most samples that are kept: 87 minutes at 50 Hz.
 pub const MOST: usize = 1 << 18;
-/// Thinned to this share, so that it is not done all the time.
+/// Thinning goes down to the most divided by this, so that it is seldom needed.
 const ROOM: usize = 2;
 
 /// Samples in order of time.
@@ -16,7 +16,7 @@ pub struct Thinned {
     /// Each with its number in the log.
     samples: Vec<(u64, FieldSample)>,
     taken: u64,
-    /// One of so many is kept between turns, and in them.
+    /// One in this many is kept between turns, and within them.
     between: u64,
     within: u64,
 }

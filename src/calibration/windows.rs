@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::coverage::span;
 use super::model::Mode;
 use super::plane::{Plan, axes_apart_deg};
 use super::request::{FieldSample, Request};
@@ -46,8 +47,8 @@ pub fn windows<const D: usize>(
     let mut windows = Vec::with_capacity(D);
     let mut chosen = Vec::with_capacity(D);
     for axis in 0..D {
-        let span = |turn: &usize| swings[*turn][axis].span_mgauss;
-        let most = (0..swings.len()).max_by(|a, b| span(a).total_cmp(&span(b)));
+        let swung = |turn: &usize| swings[*turn][axis].span_mgauss;
+        let most = (0..swings.len()).max_by(|a, b| swung(a).total_cmp(&swung(b)));
         if let Some(turn) = most {
             windows.push(swings[turn][axis].window.clone());
             chosen.push(turn);
@@ -88,7 +89,7 @@ fn swings<const D: usize>(
         let values = || points.iter().map(|point| point[axis]);
         let window = rist::window(values());
         Swing {
-            span_mgauss: values().fold(f64::MIN, f64::max) - values().fold(f64::MAX, f64::min),
+            span_mgauss: span(values()),
             window: start + window.start..start + window.end,
         }
     })

@@ -37,6 +37,7 @@ use crate::check::Fault;
 use crate::condition::Report;
 use crate::config::Config;
 use crate::config::source::Settings;
+use crate::date;
 use crate::pipeline::{Action, Event};
 use crate::publish::control::status::StatusCounts;
 use crate::publish::control::{Control, ControlCall};
@@ -155,7 +156,7 @@ impl Daemon {
         let source = SourceTask::open(config)?;
         let device = Device {
             path: source.name.clone(),
-            activated: wall_clock::rfc3339(Instant::now()),
+            activated: wall_clock::now().map(date::rfc3339),
             sensor: source.header.sensor.clone(),
             bps: source.bps,
         };

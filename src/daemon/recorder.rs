@@ -12,6 +12,7 @@ use tokio::sync::oneshot;
 use super::thread::Thread;
 use super::{DaemonError, ring};
 use crate::config::record::Settings;
+use crate::date;
 use crate::reading::Reading;
 use crate::recording::{Entry, Header, RECORDED_FROM, Writer};
 use crate::wall_clock;
@@ -182,7 +183,7 @@ impl OpenLog {
     fn begin(path: PathBuf, file: File, header: &Header) -> Result<Self, RecordError> {
         let mut header = header.clone();
         if !header.truth.iter().any(|(key, _)| key == RECORDED_FROM)
-            && let Some(time) = wall_clock::rfc3339(Instant::now())
+            && let Some(time) = wall_clock::now().map(date::rfc3339)
         {
             header.truth.push((RECORDED_FROM.to_owned(), time));
         }

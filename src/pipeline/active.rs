@@ -9,7 +9,7 @@ use crate::frame::hypot;
 
 /// How much of the disagreement with the gyro is the fit's: the rest is the gyro's own and noise.
 const GYRO_SHARE: f64 = 0.7;
-/// What the field at rest is off is a bias in one direction: all the way round the heading's error is this share of it, RMS.
+/// A field that is off at rest is off by a bias in one direction: the heading's error, RMS over a turn, is this share of it.
 const REST_SHARE: f64 = 0.7;
 
 impl Pipeline {

@@ -8,7 +8,7 @@ use crate::calibration::settings::ModeChoice;
 use crate::calibration::{CompletedTurn, FieldSample, Request, last_rest};
 use crate::turn::Turn;
 
-/// No magnetometer on a board this size is faster; more samples than this a second of buffer are dropped.
+/// Limits the buffer to samples of this rate: no magnetometer on a board this size is faster.
 const FASTEST_MAG_HZ: f64 = 200.0;
 
 /// Turns that follow each other within this time and about the same axis calibrate together, seconds.
@@ -22,7 +22,7 @@ const TURNS_TOGETHER: usize = 2;
 const LEVEL_TURN_DEG: f64 = 30.0;
 
 impl Pipeline {
-    /// Keeps a sample for a calibration, and lets go of what is too old or too much.
+    /// Keeps a sample for a calibration, and drops what is too old or exceeds the buffer.
     pub(super) fn buffer_sample(&mut self, t_s: f64, field_mgauss: Vector3<f64>) {
         let pose = self.attitude.pose_at(t_s);
         self.buffer.push_back(FieldSample {
@@ -32,21 +32,13 @@ impl Pipeline {
         });
         let oldest_s = t_s - self.setup.pipeline.buffer_s;
         let most = (self.setup.pipeline.buffer_s * FASTEST_MAG_HZ) as usize;
-        while self
-            .buffer
-            .front()
-            .is_some_and(|sample| sample.t_s < oldest_s)
-            || self.buffer.len() > most
-        {
-            self.buffer.pop_front();
-        }
-        while self
+        let old = self.buffer.partition_point(|one| one.t_s < oldest_s);
+        let surplus = self.buffer.len().saturating_sub(most);
+        self.buffer.drain(..old.max(surplus));
+        let old = self
             .completed
-            .front()
-            .is_some_and(|turn| turn.start_s < oldest_s)
-        {
-            self.completed.pop_front();
-        }
+            .partition_point(|turn| turn.start_s < oldest_s);
+        self.completed.drain(..old);
     }
 
     /// Takes note of a full turn.
@@ -79,30 +71,18 @@ impl Pipeline {
         let axes = self.completed.iter().map(|turn| turn.axis_body);
         let spatial =
             settings.mode != ModeChoice::Planar && axes_apart_deg(axes) >= settings.axes_apart_deg;
-        let first = if spatial {
-            0
+        let level = last
+            .from_vertical_deg
+            .is_none_or(|angle| angle < LEVEL_TURN_DEG);
+        if !spatial && (settings.mode == ModeChoice::Spatial || !level) {
+            return None;
+        }
+        let count = if spatial {
+            self.completed.len()
         } else {
-            let tolerance = self.setup.turn.axis_tolerance_deg.to_radians().cos();
-            let follows = |pair: (&Turn, &Turn)| {
-                pair.1.start_s - pair.0.end_s < TURNS_FOLLOW_S
-                    && pair.0.axis_body.dot(&pair.1.axis_body).abs() > tolerance
-            };
-            let turns: Vec<&Turn> = self.completed.iter().collect();
-            let count = turns
-                .windows(2)
-                .rev()
-                .take(TURNS_TOGETHER - 1)
-                .take_while(|w| follows((w[0], w[1])))
-                .count();
-            let level = last
-                .from_vertical_deg
-                .is_none_or(|angle| angle < LEVEL_TURN_DEG);
-            if settings.mode == ModeChoice::Spatial || !level {
-                return None;
-            }
-            turns.len() - 1 - count
+            self.turns_together()
         };
-        let turns = self.completed.range(first..);
+        let turns = self.completed.range(self.completed.len() - count..);
         let window = turns.clone().next()?.start_s..=last.end_s;
         let from = self
             .buffer
@@ -124,5 +104,17 @@ impl Pipeline {
                 self.setup.verdict.clone(),
             )
         })
+    }
+
+    /// How many of the newest turns calibrate together.
+    fn turns_together(&self) -> usize {
+        let tolerance = self.setup.turn.axis_tolerance_deg.to_radians().cos();
+        let follows = |(later, earlier): &(&Turn, &Turn)| {
+            later.start_s - earlier.end_s < TURNS_FOLLOW_S
+                && earlier.axis_body.dot(&later.axis_body).abs() > tolerance
+        };
+        let newest_first = || self.completed.iter().rev();
+        let pairs = newest_first().zip(newest_first().skip(1));
+        1 + pairs.take(TURNS_TOGETHER - 1).take_while(follows).count()
     }
 }

@@ -82,24 +82,19 @@ impl Pipeline {
         let sd_deg = self.estimate.north_sd_deg();
         let replaced = self.estimate.take_replaced();
         let due = self.now_s - self.learning.kept_s >= KEEP_EVERY_S;
+        let good_sd_deg = self.setup.pipeline.good_sd_deg;
+        let good = sd_deg <= good_sd_deg && !self.estimate.disturbed();
         let better = sd_deg <= MORE_CERTAIN * self.learning.kept_sd_deg;
-        let iron = self.estimate.bias_mgauss();
-        let limit = MOVED * self.setup.pipeline.good_sd_deg.to_radians();
-        let better =
-            better || self.learning.moved_mgauss(&iron) > limit * self.estimate.horizontal_mgauss();
-        let good = sd_deg <= self.setup.pipeline.good_sd_deg;
-        let certain = !self.estimate.disturbed();
-        if !(good && certain && due && (better || replaced)) {
+        let limit_mgauss = MOVED * good_sd_deg.to_radians() * self.estimate.horizontal_mgauss();
+        let moved = self.learning.moved_mgauss(&self.estimate.bias_mgauss()) > limit_mgauss;
+        if !(good && due && (better || moved || replaced)) {
             // What replaced the other explanation may still have to learn.
             if replaced {
                 self.learning.kept_sd_deg = f64::INFINITY;
             }
             return;
         }
-        let Some(reason) = self.wanted() else {
-            return;
-        };
-        let Some(calibration) = self.estimate.calibration() else {
+        let (Some(reason), Some(calibration)) = (self.wanted(), self.estimate.calibration()) else {
             return;
         };
         self.asked = reason;

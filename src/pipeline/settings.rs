@@ -22,11 +22,12 @@ impl Settings {
     /// Else a state could be good without a heading.
     fn check_order(&self, faults: &mut Vec<Fault>) {
         if self.good_sd_deg > self.publish_sd_deg {
-            faults.push(Fault {
-                key: "good_sd_deg".to_owned(),
-                found: self.good_sd_deg.to_string(),
-                right: format!("at most publish_sd_deg, which is {}", self.publish_sd_deg),
-            });
+            let right = format!("at most publish_sd_deg, which is {}", self.publish_sd_deg);
+            faults.push(Fault::new(
+                "good_sd_deg",
+                self.good_sd_deg.to_string(),
+                right,
+            ));
         }
     }
 }

@@ -175,14 +175,9 @@ impl Survey {
 
 /// The field, if the axes that are needed did not overflow. The third axis of a named plane is not looked at, and is 0.
 fn needed(field: &Field, plane: Option<[usize; 2]>) -> Option<Vector3<f64>> {
-    let mut vector = Vector3::zeros();
-    for axis in 0..3 {
+    let needed = |axis: usize| {
         let looked_at = plane.is_none_or(|axes| axes.contains(&axis));
-        match field[axis] {
-            Some(value) if looked_at => vector[axis] = value,
-            None if looked_at => return None,
-            _ => {}
-        }
-    }
-    Some(vector)
+        if looked_at { field[axis] } else { Some(0.0) }
+    };
+    Some(Vector3::new(needed(0)?, needed(1)?, needed(2)?))
 }

@@ -97,11 +97,12 @@ mod tests {
 
     fn heading() -> Heading {
         Heading {
+            condition: Condition::Good,
             fused_deg: Some(98.3),
             instantaneous_deg: Some(99.0),
             raw_deg: Some(12.0),
             sd_deg: Some(1.0),
-            ..Heading::unknown(1, 0.0, Condition::Good)
+            ..Heading::default()
         }
     }
 

@@ -66,9 +66,10 @@ mod tests {
     #[test]
     fn what_is_known_is_in_the_delta_and_nothing_without_a_heading() {
         let mut one = Heading {
+            condition: Condition::Good,
             fused_deg: Some(180.0),
             roll_deg: Some(1.0),
-            ..Heading::unknown(1, 0.0, Condition::Good)
+            ..Heading::default()
         };
         assert_eq!(
             delta(&one, None),

@@ -1,4 +1,4 @@
-//! The account about a body axis: a chain of short rotations whose axes stay together.
+//! Detects turns about a body axis: a chain of short rotations whose axes stay together.
 
 use std::collections::VecDeque;
 use std::f64::consts::PI;
@@ -12,9 +12,9 @@ use crate::attitude::{TICK_S, Tick};
 const LINK_RAD: f64 = 20.0 * PI / 180.0;
 /// A link begins when this much of it has been turned, radians: a rest before does not belong to it.
 const BEGUN_RAD: f64 = 2.0 * PI / 180.0;
-/// How much further the chain goes when patient, radians.
+/// A patient chain waits for this much more rotation, radians.
 const PATIENCE_RAD: f64 = 20.0 * PI / 180.0;
-/// Turns about an axis this near to the vertical may be the other account's, degrees.
+/// Turns about an axis this near to the vertical are left to the detector about the vertical, degrees.
 const UPRIGHT_DEG: f64 = 30.0;
 
 /// One short rotation.
@@ -112,8 +112,8 @@ impl Chain {
         self.span / self.angle
     }
 
-    /// Takes a tick; `patient` leaves a turn that the other account is about to find to that one, which
-    /// knows the vertical and trims its start more finely.
+    /// Takes a tick. `patient`: the detector about the vertical, which trims the start more finely, is about to find a turn;
+    /// such a turn is left to it.
     pub(super) fn tick(&mut self, tick: &Tick, patient: bool) -> Option<Turn> {
         let oldest_s = tick.t_s - self.time_limit_s;
         if self.links.front().is_some_and(|l| l.start_s < oldest_s) {

@@ -1,4 +1,4 @@
-//! The account over the vertical: how far the board has turned seen from above, however it is held.
+//! Detects turns about the vertical: how far the board has turned as seen from above, however it is held.
 
 use std::collections::VecDeque;
 use std::f64::consts::PI;
@@ -20,7 +20,7 @@ const SLACK_RAD: f64 = 15.0 * PI / 180.0;
 /// A body tipped further than this from where it started has no heading to compare.
 const TIPPED_RAD: f64 = 90.0 * PI / 180.0;
 
-/// Candidates looked at in one go.
+/// The most candidates examined in one tick.
 const LOOKS: usize = 30;
 
 /// What a close look at a candidate shows.

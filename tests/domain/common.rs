@@ -4,6 +4,7 @@ use std::process::{Command, Stdio};
 
 use headingd::recording::{Entry, Header, Writer};
 use headingd::sensor::simulator::{Settings, Simulator};
+use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -104,9 +105,38 @@ pub fn log((header, entries): &Log) -> Vec<u8> {
     writer.into_inner().unwrap()
 }
 
+/// The objects of this class.
+pub fn of_class(lines: &[Value], class: &str) -> Vec<Value> {
+    lines
+        .iter()
+        .filter(|line| line["class"] == class)
+        .cloned()
+        .collect()
+}
+
 /// The difference of two headings, degrees, -180 to 180.
 pub fn apart_deg(a: f64, b: f64) -> f64 {
     (a - b + 180.0).rem_euclid(360.0) - 180.0
+}
+
+/// Errors of headings in a noise-free turn of this board, degrees. `correct` makes a field of what its magnetometer reads;
+/// `ahead` is where its nose and its right side lie in the plane of the turn.
+pub fn turn_errors_deg(
+    board: &Settings,
+    ahead: [Vector3<f64>; 2],
+    correct: impl Fn(&Vector3<f64>) -> Vector3<f64>,
+) -> Vec<f64> {
+    let earth = Vector3::new(board.horizontal_mgauss, 0.0, board.vertical_mgauss);
+    let error = |heading_deg: i32| {
+        let yaw = f64::from(heading_deg).to_radians();
+        let pose = UnitQuaternion::from_euler_angles(0.0, board.tilt_deg.to_radians(), yaw);
+        let field = pose.inverse_transform_vector(&earth);
+        let iron = Vector3::from(board.bias_mgauss);
+        let corrected = correct(&(field.component_mul(&Vector3::from(board.scale)) + iron));
+        let [forward, right] = ahead.map(|axis| corrected.dot(&axis));
+        apart_deg((-right).atan2(forward).to_degrees(), f64::from(heading_deg))
+    };
+    (0..360).map(error).collect()
 }
 
 /// Root mean square.

@@ -9,10 +9,6 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("config")
 }
 
-fn default_file() -> String {
-    fs::read_to_string(folder().join("headingd.toml")).unwrap()
-}
-
 #[test]
 fn every_file_is_good() {
     let mut files = 0;
@@ -29,8 +25,6 @@ fn every_file_is_good() {
 
 #[test]
 fn the_default_file_says_every_default() {
-    assert_eq!(
-        Config::parse("", &default_file()).unwrap(),
-        Config::default()
-    );
+    let text = fs::read_to_string(folder().join("headingd.toml")).unwrap();
+    assert_eq!(Config::parse("", &text).unwrap(), Config::default());
 }

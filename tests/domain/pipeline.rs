@@ -7,14 +7,14 @@ use headingd::condition::Condition;
 use headingd::heading::Heading;
 use headingd::pipeline::{Action, Event, Pipeline, Setup, Survey, Surveyed};
 use headingd::reading::Reading;
-use headingd::sensor::simulator::{Settings, Simulator};
+use headingd::sensor::simulator::Settings;
 use nalgebra::{Vector2, Vector3};
 
-use crate::common::apart_deg;
+use crate::common::{apart_deg, rms, simulated, turn_errors_deg};
 
 fn readings(settings: &Settings) -> Vec<Reading> {
-    let simulator = Simulator::new(settings.clone()).unwrap();
-    simulator.map(|entry| entry.reading).collect()
+    let (_, entries) = simulated(settings);
+    entries.iter().map(|entry| entry.reading).collect()
 }
 
 /// What a pipeline did with readings.
@@ -27,6 +27,8 @@ struct Played {
     asked: Vec<(usize, usize)>,
     /// For each full turn, the number of the reading.
     turned: Vec<usize>,
+    /// The reason of the condition after each reading, with its time.
+    reasons: Vec<(f64, &'static str)>,
     calibration: Option<Calibration>,
 }
 
@@ -62,9 +64,20 @@ fn play(readings: &[Reading], start: Option<Calibration>, late: usize) -> Played
                 None => break,
             }
         }
+        if let (Some(reading), Some(report)) = (readings.get(index), pipeline.report()) {
+            played.reasons.push((reading.t_s, report.reason));
+        }
     }
     played.calibration = pipeline.calibration();
     played
+}
+
+impl Played {
+    /// When this was the reason, seconds.
+    fn when(&self, reason: &str) -> Vec<f64> {
+        let such = self.reasons.iter().filter(|(_, now)| *now == reason);
+        such.map(|(t_s, _)| *t_s).collect()
+    }
 }
 
 /// A planar calibration that is off by a shift of its bias.
@@ -88,19 +101,17 @@ fn shifted(settings: &Settings, shift_mgauss: f64) -> Calibration {
 
 /// Error of a planar calibration's headings in a level turn without noise, with a magnet near, degrees RMS.
 fn error_deg(calibration: &Calibration, settings: &Settings, magnet_mgauss: [f64; 3]) -> f64 {
-    let mut squares = 0.0;
-    let offset = Vector3::from(settings.bias_mgauss) + Vector3::from(magnet_mgauss);
-    for heading in 0..360 {
-        let (sin, cos) = f64::from(heading).to_radians().sin_cos();
-        let h = settings.horizontal_mgauss;
-        let field = Vector3::new(h * cos, -h * sin, settings.vertical_mgauss);
-        let raw = field.component_mul(&Vector3::from(settings.scale)) + offset;
-        let corrected = calibration.parameters.correct(&raw);
-        let found = (-corrected.y).atan2(corrected.x).to_degrees();
-        let error = (found - f64::from(heading) + 180.0).rem_euclid(360.0) - 180.0;
-        squares += error * error / 360.0;
-    }
-    squares.sqrt()
+    let iron = Vector3::from(settings.bias_mgauss) + Vector3::from(magnet_mgauss);
+    let board = Settings {
+        bias_mgauss: iron.into(),
+        ..settings.clone()
+    };
+    let correct = |raw: &Vector3<f64>| calibration.parameters.correct(raw);
+    rms(&turn_errors_deg(
+        &board,
+        [Vector3::x(), Vector3::y()],
+        correct,
+    ))
 }
 
 fn steers(heading: &Heading) -> bool {
@@ -149,7 +160,7 @@ fn readings_may_come_one_by_one_or_merged() {
         assert!(error < 2.0, "{error}");
     }
     let last = |played: &Played| played.headings.last().unwrap().instantaneous_deg.unwrap();
-    let apart = (last(&single) - last(&merged) + 180.0).rem_euclid(360.0) - 180.0;
+    let apart = apart_deg(last(&single), last(&merged));
     assert!(apart.abs() < 1.0, "{apart}");
 }
 
@@ -289,8 +300,10 @@ fn assert_honest(seed: u64, magnet: [f64; 3], from_s: f64, alone: bool) {
     let last = played.headings.last().unwrap();
     if let (Condition::Good, Some(fused), Some(sd)) = (last.condition, last.fused_deg, last.sd_deg)
     {
-        let error = (fused + 180.0).rem_euclid(360.0) - 180.0;
-        assert!(error.abs() < (3.0 * sd).max(5.0), "{what}: {last:?}");
+        assert!(
+            apart_deg(fused, 0.0).abs() < (3.0 * sd).max(5.0),
+            "{what}: {last:?}"
+        );
     }
 }
 
@@ -387,63 +400,38 @@ fn an_absurd_rate_turns_no_heading() {
 #[test]
 fn after_an_absurd_rate_clipping_is_noticed_as_before() {
     let settings = Settings::default();
-    let mut pipeline = Pipeline::new(Setup::default(), Some(shifted(&settings, 0.0)));
-    let mut clipped = Vec::new();
-    for mut reading in readings(&settings) {
-        let mut is_fast = false;
-        if let Some(rate) = &mut reading.rate_rad_s {
-            is_fast = (8.0..8.5).contains(&reading.t_s);
-            if is_fast {
-                rate.z = 250_f64.to_radians();
-            } else if (2.0..2.01).contains(&reading.t_s) {
-                *rate = Vector3::repeat(2279.4_f64.to_radians());
-            }
-        }
-        pipeline.handle(Event::Reading(reading), &mut Vec::new());
-        let is_told = pipeline
-            .report()
-            .is_some_and(|report| report.reason == "gyro_clipped");
-        assert!(is_fast || !is_told || reading.t_s > 8.0, "{}", reading.t_s);
-        if is_told {
-            clipped.push(reading.t_s);
+    let mut readings = readings(&settings);
+    for reading in &mut readings {
+        match (&mut reading.rate_rad_s, reading.t_s) {
+            (Some(rate), 2.0..2.01) => *rate = Vector3::repeat(2279.4_f64.to_radians()),
+            (Some(rate), 8.0..8.5) => rate.z = 250_f64.to_radians(),
+            _ => {}
         }
     }
-    assert!(clipped.len() > 20, "{clipped:?}");
+    let clipped = play(&readings, Some(shifted(&settings, 0.0)), 0).when("gyro_clipped");
+    assert!(clipped.len() > 20 && clipped[0] >= 8.0, "{clipped:?}");
 }
 
 #[test]
 fn a_magnetometer_that_hangs_in_a_turn_is_a_fault_until_it_goes_on() {
     let settings = Settings::default();
     let mut stuck = None;
-    let mut pipeline = Pipeline::new(Setup::default(), Some(shifted(&settings, 0.0)));
-    let mut states: Vec<(f64, &'static str, bool)> = Vec::new();
-    for mut reading in readings(&settings) {
-        if let (6.0..9.0, Some(field)) = (reading.t_s, reading.field_mgauss) {
-            reading.field_mgauss = Some(*stuck.get_or_insert(field));
+    let mut readings = readings(&settings);
+    for reading in &mut readings {
+        if let (6.0..9.0, Some(field)) = (reading.t_s, &mut reading.field_mgauss) {
+            *field = *stuck.get_or_insert(*field);
         }
-        let mut actions = Vec::new();
-        pipeline.handle(Event::Reading(reading), &mut actions);
-        let report = pipeline.report().map_or("", |report| report.reason);
-        let steers = actions.iter().any(
-            |action| matches!(action, Action::Publish(heading) if heading.condition.may_steer()),
-        );
-        states.push((reading.t_s, report, steers));
     }
-    let frozen: Vec<f64> = states
-        .iter()
-        .filter(|state| state.1 == "frozen_magnetometer")
-        .map(|state| state.0)
-        .collect();
+    let played = play(&readings, Some(shifted(&settings, 0.0)), 0);
+    let frozen = played.when("frozen_magnetometer");
     let (first_s, last_s) = (frozen[0], frozen[frozen.len() - 1]);
     assert!((6.5..7.5).contains(&first_s), "{first_s}");
     assert!((8.9..9.1).contains(&last_s), "{last_s}");
-    assert!(
-        states
-            .iter()
-            .all(|state| state.1 != "frozen_magnetometer" || !state.2)
-    );
-    let last = &states[states.len() - 1];
-    assert!(["good", "learning"].contains(&last.1), "{last:?}");
+    let meanwhile = |heading: &&Heading| (first_s..=last_s).contains(&heading.t_s);
+    let mut meanwhile = played.headings.iter().filter(meanwhile);
+    assert!(meanwhile.all(|heading| !heading.condition.may_steer()));
+    let (_, last) = played.reasons[played.reasons.len() - 1];
+    assert!(["good", "learning"].contains(&last), "{last}");
 }
 
 /// A logger that is faster than its magnetometer writes each sample down again and again.
@@ -509,20 +497,12 @@ fn what_a_clipped_axis_taught_before_it_was_recognised_is_forgotten() {
 #[test]
 fn a_gyro_that_dies_in_a_level_turn_is_named_within_three_seconds() {
     let settings = Settings::default();
-    let mut pipeline = Pipeline::new(Setup::default(), Some(shifted(&settings, 0.0)));
-    let mut named_s = None;
-    for mut reading in readings(&settings) {
-        if reading.t_s > 8.0 && reading.rate_rad_s.is_some() {
-            reading.rate_rad_s = Some(Vector3::zeros());
-        }
-        pipeline.handle(Event::Reading(reading), &mut Vec::new());
-        let reason = pipeline.report().map_or("", |report| report.reason);
-        if reason == "gyro_dead" {
-            named_s.get_or_insert(reading.t_s);
-        }
+    let mut readings = readings(&settings);
+    for reading in readings.iter_mut().filter(|reading| reading.t_s > 8.0) {
+        reading.rate_rad_s = reading.rate_rad_s.map(|_| Vector3::zeros());
     }
-    let named_s = named_s.unwrap();
-    assert!((8.5..11.0).contains(&named_s), "{named_s}");
+    let named = play(&readings, Some(shifted(&settings, 0.0)), 0).when("gyro_dead");
+    assert!((8.5..11.0).contains(&named[0]), "{named:?}");
 }
 
 /// How many headings after this time are off by more than so many degrees, and by more than so many of their own deviations.

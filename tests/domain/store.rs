@@ -337,7 +337,7 @@ fn a_file_that_is_not_understood_is_set_aside_before_the_next_save() {
         fs::write(store.path(), text).unwrap();
         let error = store.load(&identity()).unwrap_err();
         let newer = matches!(error, StoreError::Newer(_, 4));
-        assert_eq!(newer, name == "newer-1", "{error}");
+        assert_eq!(newer, name.starts_with("newer"), "{error}");
         let aside = store.save(&good, None).unwrap().unwrap();
         let name = format!("calibration.json.{name}");
         assert_eq!(aside.file_name().unwrap().to_str(), Some(name.as_str()));

@@ -3,7 +3,7 @@
 use headingd::sensor::simulator::{Scenario, Settings};
 use serde_json::Value;
 
-use crate::common::{Folder, Ran, headingd, log, simulated};
+use crate::common::{Folder, Ran, apart_deg, headingd, log, of_class, simulated};
 
 const CALGARY: &str =
     "[true_north]\nlatitude_deg = 51.08\nlongitude_deg = -114.13\naltitude_m = 1100\n";
@@ -39,7 +39,7 @@ fn assert_declination(ran: &Ran, declination_deg: f64) {
     let headings = headings(ran);
     assert!(headings.len() > 100, "{}", headings.len());
     for (heading, magnetic) in headings {
-        let found = (heading.unwrap() - magnetic + 540.0).rem_euclid(360.0) - 180.0;
+        let found = apart_deg(heading.unwrap(), magnetic);
         assert!((found - declination_deg).abs() < 0.011, "{found}");
         assert!((0.0..360.0).contains(&heading.unwrap()));
     }
@@ -51,8 +51,7 @@ fn a_log_says_its_day_and_gives_the_same_bytes_with_times_in_them() {
     let ran = replay(recorded, CALGARY);
     assert_eq!(ran.err, "");
     assert_declination(&ran, 13.304);
-    let lines = ran.lines();
-    let atts: Vec<&Value> = lines.iter().filter(|line| line["class"] == "ATT").collect();
+    let atts = of_class(&ran.lines(), "ATT");
     // The magnetometer's first reading comes 3 ms after the gyro's.
     assert_eq!(atts[0]["time"], "2026-11-21T23:59:50.003Z");
     assert!(atts.last().unwrap()["time"].as_str() > Some("2026-11-22T00:00:00"));
@@ -102,10 +101,7 @@ fn moved_about(place: &str) -> Ran {
 
 /// All that was learnt.
 fn calibrations(ran: &Ran) -> Vec<Value> {
-    let lines = ran.lines().into_iter();
-    lines
-        .filter(|line| line["class"] == "CALIBRATION")
-        .collect()
+    of_class(&ran.lines(), "CALIBRATION")
 }
 
 /// The headings with their deviations.

@@ -12,6 +12,9 @@ fn att(device: &str, heading: &Heading, time: Option<&str>, age_ms: u64) -> Stri
 
 fn heading(condition: Condition) -> Heading {
     Heading {
+        seq: 7,
+        t_s: 12.3456785,
+        condition,
         fused_deg: Some(359.996),
         instantaneous_deg: Some(359.994),
         raw_deg: Some(12.0),
@@ -25,7 +28,7 @@ fn heading(condition: Condition) -> Heading {
         dip_deg: Some(72.818),
         field_mgauss: Some([Some(160.04), Some(-20.06), None]),
         strength_mgauss: Some(f64::NAN),
-        ..Heading::unknown(7, 12.3456785, condition)
+        ..Heading::default()
     }
 }
 

@@ -159,6 +159,9 @@ pub async fn until(what: &str, mut condition: impl FnMut() -> bool) {
 
 pub fn heading(seq: u64) -> Heading {
     Heading {
+        seq,
+        t_s: seq as f64 * 0.02,
+        condition: Condition::Good,
         fused_deg: Some(123.456),
         instantaneous_deg: Some(123.0),
         raw_deg: Some(150.0),
@@ -171,7 +174,7 @@ pub fn heading(seq: u64) -> Heading {
         dip_deg: Some(72.5),
         field_mgauss: Some([Some(160.0), Some(-20.0), Some(500.0)]),
         strength_mgauss: Some(525.4),
-        ..Heading::unknown(seq, seq as f64 * 0.02, Condition::Good)
+        ..Heading::default()
     }
 }
 

@@ -1,7 +1,6 @@
 //! What is accepted and what is refused: no accepted calibration turns wrongly, and clean logs are accepted.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use headingd::calibration::calibrate;
 use headingd::calibration::model::{Calibration, Mode};
@@ -12,6 +11,7 @@ use nalgebra::Vector3;
 use super::bound::{HEADINGS, level_turn, raw};
 use super::cases::{Case, Log};
 use super::disturbed::Trouble;
+use super::on_two_threads;
 use super::survey::CASES;
 use crate::effort::times;
 
@@ -106,22 +106,10 @@ fn table(jobs: &[Job]) -> Vec<(String, Row)> {
     table
 }
 
-/// What comes of these cases, on two threads.
+/// What comes of these cases, by name.
 fn rows(jobs: &[Job], limits: &Limits) -> Vec<(String, Row)> {
-    let next = AtomicUsize::new(0);
-    let work = || {
-        let take = || jobs.get(next.fetch_add(1, Ordering::Relaxed));
-        std::iter::from_fn(take)
-            .map(|(name, case, trouble, single)| {
-                (name.clone(), row(case, *trouble, *single, limits))
-            })
-            .collect::<Vec<_>>()
-    };
-    let mut table = std::thread::scope(|scope| {
-        let other = scope.spawn(work);
-        let mut all = work();
-        all.extend(other.join().unwrap());
-        all
+    let mut table = on_two_threads(jobs, |(name, case, trouble, single)| {
+        (name.clone(), row(case, *trouble, *single, limits))
     });
     table.sort_by(|a, b| a.0.cmp(&b.0));
     table

@@ -1,10 +1,8 @@
 //! Many logs of every case, each fitted as the product fits it: worked once, looked at by several tests.
 
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
-use headingd::calibration::curve::Diagonal;
-use headingd::calibration::curve::ParameterVector;
+use headingd::calibration::curve::{Diagonal, ParameterVector};
 use headingd::calibration::fit;
 use headingd::calibration::model::Mode;
 use headingd::calibration::refine::Refined;
@@ -12,6 +10,7 @@ use headingd::frame::wrap_pi;
 
 use super::bound::{Errors, HEADINGS, bound, level_turn, raw};
 use super::cases::{Case, Log};
+use super::on_two_threads;
 use crate::effort::times;
 
 /// Logs a case. The RMS over n of them of m independent errors is uncertain by 1/√(2nm): 1.6 % with the
@@ -71,22 +70,10 @@ impl Tally {
     }
 }
 
-/// Every case, on two threads.
+/// Every case.
 pub fn tallies() -> &'static [Tally] {
     static TALLIES: OnceLock<Vec<Tally>> = OnceLock::new();
-    TALLIES.get_or_init(|| {
-        let next = AtomicUsize::new(0);
-        let work = || {
-            let take = || CASES.get(next.fetch_add(1, Ordering::Relaxed));
-            std::iter::from_fn(take).map(tally).collect::<Vec<_>>()
-        };
-        std::thread::scope(|scope| {
-            let other = scope.spawn(work);
-            let mut all = work();
-            all.extend(other.join().unwrap());
-            all
-        })
-    })
+    TALLIES.get_or_init(|| on_two_threads(&CASES, tally))
 }
 
 fn tally(case: &Case) -> Tally {
@@ -127,16 +114,14 @@ fn trial<const D: usize, const P: usize, const F: usize>(case: &Case, log: &Log)
     let points = points(log);
     let reference = case.reference_mgauss();
     let seen = fit::without_spikes(&points);
-    let swarm = fit::swarm::<D, P, F>(&seen, Some(reference), &log.request.settings).unwrap();
-    let refine = |start| {
-        fit::refined::<Diagonal<D>, D, P>(&points, start, reference, true)
-            .unwrap()
-            .refined
-    };
-    let refined = refine(&swarm.found.position);
+    let bounds = fit::bounds(&seen, Some(reference)).unwrap();
+    let swarm = fit::swarm::<D, P, F>(&seen, &bounds, &log.request.settings).unwrap();
+    let refine =
+        |start| fit::refined::<Diagonal<D>, D, P>(&points, start, reference, true).unwrap();
+    let refined = refine(&swarm.position);
     Trial {
         squares: squares::<D, P>(case, log, &refined.position),
-        inside: swarm.bounds.contains(&truth),
+        inside: bounds.contains(&truth),
         trapped: differ::<D, P>(&refined, &refine(&truth)),
     }
 }

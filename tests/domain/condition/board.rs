@@ -11,6 +11,8 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use crate::common::apart_deg;
+
 /// Between two readings, seconds; all chips speak in each.
 const STEP_S: f64 = 0.02;
 
@@ -132,7 +134,7 @@ impl Board {
     /// How far the published heading is from the true one, degrees, if there is one.
     pub fn error_deg(&self) -> Option<f64> {
         let fused = self.heading.as_ref()?.fused_deg?;
-        Some((fused - self.heading_deg + 180.0).rem_euclid(360.0) - 180.0)
+        Some(apart_deg(fused, self.heading_deg))
     }
 
     /// Makes a full turn of which nothing was made before: part of one is undone, and that takes its time.

@@ -294,7 +294,7 @@ fn without_a_gyro_a_kept_calibration_gives_the_headings_of_single_samples() {
             assert_eq!(heading.fused_deg, None);
             let (found, sd) = (heading.instantaneous_deg.unwrap(), heading.sd_deg.unwrap());
             let truth = heading.seq as f64 * 0.02 * 60.0;
-            let error = (found - truth + 180.0).rem_euclid(360.0) - 180.0;
+            let error = apart_deg(found, truth);
             assert!(error.abs() < 3.0 && sd < 10.0, "{error} {sd}");
         }
         // It has no gyro to carry the heading where the field is not the earth's.

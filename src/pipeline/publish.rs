@@ -1,0 +1,122 @@
+//! The heading of each reading of the magnetometer.
+
+use nalgebra::Vector3;
+
+use super::{Action, Pipeline};
+use crate::attitude::Tilt;
+use crate::condition::Condition;
+use crate::estimate::Fix;
+use crate::frame::{dip_deg, heading_deg};
+use crate::heading::{Heading, MagStatus};
+
+/// Share of each sample in the smoothed strength of the field: over half a second at 20 Hz.
+const STRENGTH_GAIN: f64 = 0.05 / (0.05 + 0.5);
+
+impl Pipeline {
+    /// Publishes what a whole field tells.
+    pub(super) fn publish(
+        &mut self,
+        t_s: f64,
+        raw: &Vector3<f64>,
+        new: bool,
+        actions: &mut Vec<Action>,
+    ) {
+        let pose = self.estimate_from(t_s, raw, new);
+        actions.extend(self.estimate.take_news().map(Action::Warn));
+        let trusted = pose.is_some() && self.gyro_is_right();
+        let level = self.attitude.down_and_sd(t_s, trusted);
+        let down = level.map(|(down, _)| down);
+        let corrected = self
+            .learning
+            .calibrated()
+            .then(|| self.estimate.corrected(raw))
+            .flatten();
+        if let Some(corrected) = &corrected {
+            let expected = self.estimate.strength_mgauss();
+            if expected > 0.0 {
+                let deviation = corrected.norm() / expected - 1.0;
+                self.strength_deviation += STRENGTH_GAIN * (deviation - self.strength_deviation);
+            }
+        }
+        let publish_sd_deg = self.setup.pipeline.publish_sd_deg;
+        let certain = |fix: &Fix| fix.sd_deg <= publish_sd_deg;
+        let fused = pose
+            .filter(|_| trusted)
+            .and_then(|pose| self.estimate.fix(&pose, self.attitude.missed_turn_rad(t_s)));
+        let rate_rad_s = self.attitude.rate_rad_s().norm();
+        let instantaneous = self.estimate.instantaneous(raw, level, rate_rad_s);
+        let best = if trusted { fused } else { instantaneous };
+        if let Some(best) = &best {
+            self.sd_deg = best.sd_deg;
+        }
+        let published = best.filter(certain);
+        if published.is_some() && self.wanted().is_some() {
+            self.learning.reached();
+        }
+        if !self.gyro_is_right() {
+            self.saturation.forget();
+        }
+        if self.estimate.disturbed() || !self.gyro_is_right() {
+            self.disturbed_s = t_s;
+        }
+        self.conclude_motion(actions);
+        let condition = self.update_condition(actions);
+        let raw_body = self.setup.mountings.mag.to_body(*raw);
+        let mut heading = self.heading(t_s, down.as_ref(), condition);
+        heading.raw_deg = heading_deg(&raw_body, &down.unwrap_or_else(Vector3::z));
+        if let Some(corrected) = corrected {
+            if let Some(published) = published {
+                heading.fused_deg = fused.map(|fix| fix.heading_deg);
+                heading.instantaneous_deg = instantaneous.map(|fix| fix.heading_deg);
+                heading.sd_deg = Some(published.sd_deg);
+            }
+            let measured = self.estimate.measured_axes();
+            heading.field_mgauss = Some(std::array::from_fn(|axis| {
+                measured[axis].then_some(corrected[axis])
+            }));
+            if measured.iter().all(|&measured| measured) {
+                heading.strength_mgauss = Some(corrected.norm());
+                heading.dip_deg = down.map(|down| dip_deg(&corrected, &down));
+            }
+            heading.mag_status = match condition {
+                Condition::Disturbed if self.strength_deviation > 0.0 => MagStatus::HighField,
+                Condition::Disturbed => MagStatus::LowField,
+                _ => MagStatus::Normal,
+            };
+        }
+        actions.push(Action::Publish(heading));
+    }
+
+    /// A reading that overflowed still counts and still tells the tilt, but no field and no heading.
+    pub(super) fn publish_without_field(&mut self, t_s: f64, actions: &mut Vec<Action>) {
+        let condition = self
+            .report
+            .as_ref()
+            .map_or(Condition::Stale, |report| report.condition);
+        let down = self.attitude.down(t_s);
+        let mut heading = self.heading(t_s, down.as_ref(), condition);
+        heading.mag_status = MagStatus::HighField;
+        actions.push(Action::Publish(heading));
+    }
+
+    /// One with nothing in it but time, tilt, and what gyro and accelerometer say.
+    fn heading(&mut self, t_s: f64, down: Option<&Vector3<f64>>, condition: Condition) -> Heading {
+        self.seq += 1;
+        let tilt = down.map(Tilt::of_down);
+        let rate_rad_s = (self.attitude.pose_at(t_s)).map(|_| self.attitude.rate_rad_s());
+        // Without an accelerometer the board is taken to be level, as for its heading.
+        let down = down.copied().unwrap_or_else(Vector3::z);
+        Heading {
+            seq: self.seq,
+            t_s,
+            condition,
+            pitch_deg: tilt.map(|tilt| tilt.pitch_rad.to_degrees()),
+            roll_deg: tilt.map(|tilt| tilt.roll_rad.to_degrees()),
+            turn_deg_min: rate_rad_s.map(|rate| 60.0 * rate.dot(&down).to_degrees()),
+            rate_deg_s: rate_rad_s.map(|rate| rate.map(f64::to_degrees).into()),
+            specific_force_m_s2: self.attitude.specific_force_m_s2(t_s).map(Into::into),
+            mag_status: MagStatus::Calibration,
+            ..Heading::default()
+        }
+    }
+}
