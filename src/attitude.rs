@@ -5,7 +5,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::check::settings;
-use crate::frame::Mountings;
+use crate::frame::{Mountings, hypot};
 use crate::reading::Reading;
 
 mod clipping;
@@ -140,17 +140,21 @@ impl Attitude {
         {
             self.filter.steadiness.take(t_s, field);
         }
+        let late_s = match reading.rate_rad_s {
+            Some(_) => self.late.take(t_s),
+            None => 0.0,
+        };
         if let Some(force) = reading.specific_force_m_s2 {
             let force = self.mountings.accel.to_body(force);
-            self.filter.gravity.take(t_s, force);
+            self.filter.gravity.take(t_s - late_s, force);
         }
         if let Some(chip) = reading.rate_rad_s
             && chip.norm() < IMPLAUSIBLE_RAD_S
         {
+            let t_s = t_s - late_s;
             if let Some((since_s, last)) = self.repetition.take(t_s, chip) {
                 self.jumps.take(since_s, t_s, (chip - last).norm());
             }
-            let t_s = t_s - self.late.take(t_s);
             let rate = self.mountings.gyro.to_body(chip);
             let (filter, past) = (&mut self.filter, &mut self.past);
             let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
@@ -168,10 +172,13 @@ impl Attitude {
         }
     }
 
-    /// The pose at `t_s`, carried on from the last tick with the current rate; `None` if the gyro has been
-    /// silent for longer than a gap, or never spoke.
+    /// The pose at `t_s`, up to a quarter of a second ago, or carried on from the last tick with the current rate; `None` if the
+    /// gyro has been silent for longer than a gap, or never spoke.
     pub fn pose_at(&self, t_s: f64) -> Option<Pose> {
         let beyond = self.clock.beyond_tick_rad(t_s, self.filter.bias())?;
+        if self.past.reaches(t_s) {
+            return self.motion_at(t_s).map(|motion| motion.pose);
+        }
         Some(Pose {
             orientation: self.filter.orientation() * UnitQuaternion::from_scaled_axis(beyond),
             vertical_known: self.filter.vertical_known,
@@ -257,9 +264,13 @@ impl Attitude {
         self.repetition.unusual_s()
     }
 
-    /// Rotation that the gyro may have missed by `t_s` since its rate jumped, radians.
+    /// Rotation that the gyro may have missed by `t_s` since its rate jumped, and since its newest reading, whose rate is held, radians.
     pub fn missed_turn_rad(&self, t_s: f64) -> f64 {
-        self.jumps.missed_turn_rad(t_s)
+        let held_s = self.clock.newest_s().map_or(0.0, |newest_s| t_s - newest_s);
+        hypot(
+            self.jumps.missed_turn_rad(t_s),
+            self.jumps.held_turn_rad(held_s),
+        )
     }
 
     /// Whether the gyro's newest reading is at its full scale: the board turns faster than it says.

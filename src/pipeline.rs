@@ -7,8 +7,8 @@
 mod active;
 mod collector;
 mod evidence;
-mod held;
 mod learn;
+mod measured;
 mod motion;
 mod mounting;
 mod play;
@@ -35,8 +35,8 @@ use crate::outliers::Outliers;
 use crate::reading::Reading;
 use crate::true_north::EarthField;
 use crate::turn::{self, Turn, TurnDetector};
-use held::Newest;
 use learn::Learning;
+use measured::Newest;
 use saturation::{RunState, Saturation};
 
 pub use motion::MotionMeasures;
@@ -116,7 +116,6 @@ pub struct Pipeline {
     /// A sensor that says the same again and again while the board moves.
     frozen: Option<SourceFault>,
     attitude: Attitude,
-    late: attitude::Lateness,
     newest: Newest,
     turns: TurnDetector,
     estimate: Estimate,
@@ -159,7 +158,6 @@ impl Pipeline {
             saturation: Saturation::new(&setup.mountings),
             frozen_watch: FrozenWatch::default(),
             frozen: None,
-            late: attitude::Lateness::default(),
             newest: Newest::default(),
             attitude: Attitude::new(&setup.attitude, &setup.mountings),
             turns: TurnDetector::new(&setup.turn),
@@ -278,9 +276,9 @@ impl Pipeline {
             .take(reading, |tick| turn = turns.tick(tick).or(turn.take()));
         let field = reading.whole_field_mgauss();
         let still = self.attitude.still();
-        let new = field.is_some_and(|field| self.newest.take(reading.t_s, field, still));
-        if let Some(field) = field.filter(|_| new) {
-            self.buffer_sample(reading.t_s, field);
+        let measured_s = field.and_then(|field| self.newest.take(reading.t_s, field, still));
+        if let (Some(field), Some(measured_s)) = (field, measured_s) {
+            self.buffer_sample(measured_s, field);
         }
         if let Some(turn) = turn {
             self.turned(turn, actions);
@@ -292,7 +290,7 @@ impl Pipeline {
         match field {
             Some(field) => {
                 self.whole_field_s = reading.t_s;
-                self.publish(reading.t_s, &field, new, actions);
+                self.publish(reading.t_s, &field, measured_s, actions);
             }
             None => {
                 self.overflow_s = reading.t_s;

@@ -82,6 +82,11 @@ impl EvenClock {
         self.open_rad = Vector3::zeros();
     }
 
+    /// Time of the newest reading, seconds.
+    pub(super) fn newest_s(&self) -> Option<f64> {
+        self.newest.map(|(newest_s, _)| newest_s)
+    }
+
     /// Rotation from the last tick to `t_s`, freed of `bias`, with the newest rate held beyond the newest
     /// reading; `None` if that reading is further away than a gap.
     pub(super) fn beyond_tick_rad(&self, t_s: f64, bias: Vector3<f64>) -> Option<Vector3<f64>> {

@@ -45,6 +45,11 @@ impl Past {
         self.ticks.push_back((tick.t_s, motion));
     }
 
+    /// Whether `t_s` is before the end of the last tick.
+    pub(super) fn reaches(&self, t_s: f64) -> bool {
+        self.ticks.back().is_some_and(|(end_s, _)| t_s < *end_s)
+    }
+
     /// The motion at `t_s`. The rate is constant within a tick, before the oldest tick and after the newest.
     pub(super) fn at(&self, t_s: f64) -> Option<BoardMotion> {
         let after = self.ticks.partition_point(|(end_s, _)| *end_s < t_s);

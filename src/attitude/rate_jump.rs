@@ -75,6 +75,11 @@ impl RateJumps {
             grown * (-fading_s / FADES_S).exp()
         })
     }
+
+    /// By how much a rate that is held for this long misses a rotation whose rate goes on to change as usual, radians, RMS.
+    pub(super) fn held_turn_rad(&self, held_s: f64) -> f64 {
+        0.5 * self.usual2.sqrt() / self.usual_s.max(1e-3) * held_s.powi(2)
+    }
 }
 
 #[cfg(test)]

@@ -18,10 +18,10 @@ impl Pipeline {
         &mut self,
         t_s: f64,
         raw: &Vector3<f64>,
-        new: bool,
+        measured_s: Option<f64>,
         actions: &mut Vec<Action>,
     ) {
-        let pose = self.estimate_from(t_s, raw, new);
+        let pose = self.estimate_from(t_s, raw, measured_s);
         actions.extend(self.estimate.take_news().map(Action::Warn));
         let trusted = pose.is_some() && self.gyro_is_right();
         let level = self.attitude.down_and_sd(t_s, trusted);

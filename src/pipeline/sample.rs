@@ -7,12 +7,12 @@ use crate::attitude::Pose;
 use crate::estimate::Sample;
 
 impl Pipeline {
-    /// Lets the estimate take a new sample, if the gyro tells a pose for it. That pose.
+    /// Lets the estimate take a sample that was measured then, if it is a new one and the gyro tells a pose for it. That pose.
     pub(super) fn estimate_from(
         &mut self,
         t_s: f64,
         raw: &Vector3<f64>,
-        new: bool,
+        measured_s: Option<f64>,
     ) -> Option<Pose> {
         let pose = self.attitude.pose_at(t_s)?;
         // An accelerometer that has just come has not levelled the frame yet.
@@ -20,17 +20,16 @@ impl Pipeline {
         if !levelled(&pose) || self.attitude.clipping() || self.frozen.is_some() {
             return None;
         }
-        if !new {
+        let Some(measured_s) = measured_s else {
             return Some(pose);
-        }
-        // The magnetometer measured this field earlier: by its lag, and by what the host was late.
+        };
         let lag_s = self.estimate.lag_s();
         let motion = self
             .attitude
-            .motion_at(t_s - self.late.take(t_s) - lag_s)
+            .motion_at(measured_s - lag_s)
             .filter(|motion| levelled(&motion.pose))?;
         let sample = Sample {
-            t_s,
+            t_s: measured_s,
             field_mgauss: *raw,
             lag_s,
             pose: motion.pose,

@@ -1,7 +1,7 @@
 //! A new stretch of readings, whose times have nothing to do with those before.
 
 use super::Pipeline;
-use super::held::Newest;
+use super::measured::Newest;
 use crate::attitude::Attitude;
 use crate::turn::TurnDetector;
 

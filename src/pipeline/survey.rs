@@ -4,7 +4,7 @@ use std::convert::Infallible;
 
 use nalgebra::Vector3;
 
-use super::held::Newest;
+use super::measured::Newest;
 use super::saturation::Saturation;
 use super::{Event, Pipeline, Setup};
 use crate::attitude::Attitude;
@@ -109,12 +109,12 @@ impl Survey {
             .and_then(|field| needed(&field, self.plane));
         let still = self.attitude.still();
         if let Some(field_mgauss) = field
-            && self.newest.take(reading.t_s, field_mgauss, still)
+            && let Some(t_s) = self.newest.take(reading.t_s, field_mgauss, still)
         {
             let sample = FieldSample {
-                t_s: reading.t_s,
+                t_s,
                 field_mgauss,
-                pose: self.attitude.pose_at(reading.t_s),
+                pose: self.attitude.pose_at(t_s),
             };
             let open_s = self.setup.turn.time_limit_s;
             self.samples.push(sample, &self.turns, open_s);

@@ -138,13 +138,15 @@ impl Arrival {
             self.pause_ends_s = t_s + PAUSE_S;
             self.next_pause_s = t_s + PAUSE_S + rng.wait(board.pause_every_s);
         }
-        // What has piled up comes 2 to 4 ms apart.
         let apart = if self.last_s > t_s {
-            rng.uniform(0.002, 0.004)
+            rng.uniform(board.apart_s.0, board.apart_s.1)
         } else {
             0.0001
         };
-        let on_time = t_s + board.jitter_s * rng.normal().abs();
+        let mut on_time = t_s + board.jitter_s * rng.normal().abs();
+        if board.looks_every_s > 0.0 {
+            on_time = (on_time / board.looks_every_s).ceil() * board.looks_every_s;
+        }
         self.last_s = on_time.max(self.pause_ends_s).max(self.last_s + apart);
         self.last_s
     }
@@ -214,8 +216,10 @@ pub fn run(mut scene: Scene, rng: &mut Rng, score: &mut Score) -> (Daemon, Board
                 field_mgauss: Some(scene.board.mag.read(&field, rng)),
                 ..Reading::default()
             };
-            keep(score, reading);
-            awaited.0.push_back((reading.t_s, daemon.read(reading)));
+            if !lost(&scene.board, rng) {
+                keep(score, reading);
+                awaited.0.push_back((reading.t_s, daemon.read(reading)));
+            }
             // A chip's own clock is even to a thousandth.
             mag_s += scene.board.mag.period_s * (1.0 + 0.001 * rng.normal());
         }
@@ -227,12 +231,17 @@ pub fn run(mut scene: Scene, rng: &mut Rng, score: &mut Score) -> (Daemon, Board
             specific_force_m_s2: scene.board.force.read(&force, rng),
             ..Reading::default()
         };
-        if reading.rate_rad_s.is_some() || reading.specific_force_m_s2.is_some() {
+        let empty = reading.rate_rad_s.is_none() && reading.specific_force_m_s2.is_none();
+        if !empty && !lost(&scene.board, rng) {
             keep(score, reading);
             let _ = daemon.read(reading);
         }
     }
     (daemon, scene.board)
+}
+
+fn lost(board: &Board, rng: &mut Rng) -> bool {
+    board.lost > 0.0 && rng.chance(board.lost)
 }
 
 fn keep(score: &mut Score, reading: Reading) {

@@ -117,6 +117,7 @@ const fn family(
 pub const ALL: &[Family] = &[
     family("perfect_chips", 20, PERFECT, handled::perfect),
     family("tumbling", 500, TUMBLING, handled::tumbling),
+    family("tumbling_in_bursts", 200, VEHICLE, handled::in_bursts),
     family("place_known", 200, PLACE, handled::place_known),
     family("place_wrong", 200, PLACE, handled::place_wrong),
     family("car", 500, CAR, vehicles::car),

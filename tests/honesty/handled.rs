@@ -90,6 +90,21 @@ pub fn perfect(rng: &mut Rng, score: &mut Score) {
 
 /// Any motion at once, 90 s.
 pub fn tumbling(rng: &mut Rng, score: &mut Score) {
+    let scene = tumble(rng, score);
+    run(scene, rng, score);
+}
+
+/// The same, read by a host that looks at what has come 13 to 60 times a second, over a line that loses some of it.
+pub fn in_bursts(rng: &mut Rng, score: &mut Score) {
+    let mut scene = tumble(rng, score);
+    scene.board.looks_every_s = rng.uniform(0.016, 0.075);
+    // As in the recorded logs: 15 bytes at 115,200 baud.
+    scene.board.apart_s = (0.0012, 0.0016);
+    scene.board.lost = rng.uniform(0.0, 0.02);
+    run(scene, rng, score);
+}
+
+fn tumble(rng: &mut Rng, score: &mut Score) -> Scene {
     score.errors_from = From::Time(30.0);
     score.learnt_by_s = 30.0;
     let parts = vec![Part::Free {
@@ -97,11 +112,10 @@ pub fn tumbling(rng: &mut Rng, score: &mut Score) {
         rate: rng.uniform(0.6, 2.0),
         accel: rng.uniform(0.5, 3.0),
     }];
-    let scene = in_room(rng, &ROUGH, parts, 90.0);
-    run(scene, rng, score);
+    in_room(rng, &ROUGH, parts, 90.0)
 }
 
-/// The same with what a model says of the place's field.
+/// Tumbling with what a model says of the place's field.
 pub fn place_known(rng: &mut Rng, score: &mut Score) {
     score.place_off_deg.get_or_insert(0.0);
     tumbling(rng, score);

@@ -1,0 +1,34 @@
+//! When the magnetometer measured what a source gives.
+//!
+//! A source that reads faster than the chip measures gives the last value again until there is a new one, and a host that pauses
+//! gives values late.
+
+use nalgebra::Vector3;
+
+use crate::attitude::Lateness;
+
+/// No magnetometer in use measures less often, seconds: on a board at rest the same for longer is a new measurement.
+const HELD_S: f64 = 0.2;
+
+/// The newest measurement of the magnetometer.
+#[derive(Default)]
+pub(super) struct Newest {
+    /// When it came, and the field.
+    value: Option<(f64, Vector3<f64>)>,
+    late: Lateness,
+}
+
+impl Newest {
+    /// Takes a value, and whether the board is still. When it was measured, but for the magnetometer's lag; `None` for one that is
+    /// held: noise makes each measurement differ.
+    pub(super) fn take(&mut self, t_s: f64, field: Vector3<f64>, still: bool) -> Option<f64> {
+        let held = |(since_s, last): (f64, Vector3<f64>)| {
+            field == last && !(still && t_s - since_s >= HELD_S)
+        };
+        if self.value.is_some_and(held) {
+            return None;
+        }
+        self.value = Some((t_s, field));
+        Some(t_s - self.late.take(t_s))
+    }
+}
