@@ -247,14 +247,17 @@ impl VectorSensor {
     }
 }
 
-/// The samples of a sensor. A value that the source holds until there is a new one counts once: it is out of date.
+/// A value that is the same for longer is a new sample, of a board at rest, seconds.
+const HELD_S: f64 = 0.2;
+
+/// The samples of a sensor. A value that the source repeats until there is a new one counts once: it is out of date.
 fn samples(
     readings: &[Reading],
     of: impl Fn(&Reading) -> Option<Vector3<f64>>,
 ) -> Vec<(f64, Vector3<f64>)> {
     let sample = |reading: &Reading| Some((reading.t_s, of(reading)?));
     let mut samples: Vec<_> = readings.iter().filter_map(sample).collect();
-    samples.dedup_by_key(|(_, value)| *value);
+    samples.dedup_by(|next, kept| next.1 == kept.1 && next.0 - kept.0 < HELD_S);
     samples
 }
 

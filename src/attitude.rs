@@ -107,7 +107,8 @@ pub struct Attitude {
     clip: ClipWatch,
     repetition: Repetition,
     jumps: RateJumps,
-    late: Lateness,
+    rate_late: Lateness,
+    force_late: Lateness,
     filter: AttitudeFilter,
     past: Past,
 }
@@ -121,7 +122,8 @@ impl Attitude {
             clip: ClipWatch::new(settings.gyro_range_deg_s),
             repetition: Repetition::default(),
             jumps: RateJumps::default(),
-            late: Lateness::default(),
+            rate_late: Lateness::default(),
+            force_late: Lateness::default(),
             filter: AttitudeFilter::new(settings.gyro_bias_limit_deg_s),
             past: Past::default(),
         }
@@ -140,18 +142,15 @@ impl Attitude {
         {
             self.filter.steadiness.take(t_s, field);
         }
-        let late_s = match reading.rate_rad_s {
-            Some(_) => self.late.take(t_s),
-            None => 0.0,
-        };
         if let Some(force) = reading.specific_force_m_s2 {
+            let t_s = t_s - self.force_late.take(t_s);
             let force = self.mountings.accel.to_body(force);
-            self.filter.gravity.take(t_s - late_s, force);
+            self.filter.gravity.take(t_s, force);
         }
         if let Some(chip) = reading.rate_rad_s
             && chip.norm() < IMPLAUSIBLE_RAD_S
         {
-            let t_s = t_s - late_s;
+            let t_s = t_s - self.rate_late.take(t_s);
             if let Some((since_s, last)) = self.repetition.take(t_s, chip) {
                 self.jumps.take(since_s, t_s, (chip - last).norm());
             }
@@ -264,7 +263,8 @@ impl Attitude {
         self.repetition.unusual_s()
     }
 
-    /// Rotation that the gyro may have missed by `t_s` since its rate jumped, and since its newest reading, whose rate is held, radians.
+    /// Rotation, radians, that the gyro may have missed by `t_s`: since a jump of its rate, and since its newest reading, after which
+    /// the rate is held.
     pub fn missed_turn_rad(&self, t_s: f64) -> f64 {
         let held_s = self.clock.newest_s().map_or(0.0, |newest_s| t_s - newest_s);
         hypot(

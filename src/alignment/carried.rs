@@ -142,7 +142,7 @@ impl Carried {
             let mut count = 0;
             for (t_s, chip) in samples[first..]
                 .iter()
-                .take_while(|(t_s, _)| *t_s <= knot.t_s + half_window_s)
+                .take_while(|(t_s, _)| *t_s < knot.t_s + half_window_s)
             {
                 let Some(at) = self.knot(*t_s).filter(|at| at.segment == knot.segment) else {
                     continue;

@@ -1,4 +1,4 @@
-//! Jumps of the gyro's rate. A board changes its rate smoothly, but for a knock; a gyro that fails changes its reading at once.
+//! How the gyro's rate changes: as usual, and in jumps. A board changes its rate smoothly, but for a knock; a gyro that fails changes its reading at once.
 //!
 //! The field tells the two apart only later: the magnetometer lags behind the gyro, and the board must have turned by a few degrees.
 
@@ -76,7 +76,7 @@ impl RateJumps {
         })
     }
 
-    /// By how much a rate that is held for this long misses a rotation whose rate goes on to change as usual, radians, RMS.
+    /// RMS error of the rotation, radians, if the rate is held for this long while the true rate changes as usual.
     pub(super) fn held_turn_rad(&self, held_s: f64) -> f64 {
         0.5 * self.usual2.sqrt() / self.usual_s.max(1e-3) * held_s.powi(2)
     }

@@ -15,12 +15,12 @@ pub(super) struct Repetition {
     /// The newest reading, and since when it has read the same.
     constant: Option<(Vector3<f64>, f64)>,
     newest_s: f64,
-    /// How long the source usually repeats a reading before the next one, seconds. The rows of a log may.
+    /// How long the source usually repeats a reading before the next one, seconds.
     usual_s: f64,
 }
 
 impl Repetition {
-    /// Takes a reading, chip axes. If it differs from the one before, returns since when that had been read, and that.
+    /// Takes a reading, chip axes. If it differs from the one before, returns when that one was first read, and its value.
     pub(super) fn take(&mut self, t_s: f64, chip: Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
         let before = self.constant.filter(|(same, _)| *same != chip);
         if let Some((_, since_s)) = before

@@ -105,10 +105,17 @@ impl<'i> TableReader<'i> {
             },
         };
         let usable = Spanned::new(0..0, DeValue::Table(self.usable(&target)));
-        let settings = T::deserialize(ValueDeserializer::from(usable))
-            .expect("a table of keys that can each be read");
-        self.collect(&format!("{name}."), settings.check());
-        settings
+        match T::deserialize(ValueDeserializer::from(usable)) {
+            Ok(settings) => {
+                self.collect(&format!("{name}."), settings.check());
+                settings
+            }
+            Err(error) => {
+                let sentence = format!("{name}: {}", error.message());
+                self.faults.push(fault(&self.places, None, sentence));
+                T::default()
+            }
+        }
     }
 
     /// What can be used of a table, with the faults of the rest collected. Key by key, since a deserialiser stops at its

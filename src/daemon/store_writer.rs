@@ -29,7 +29,11 @@ impl StoreWriter {
                 None
             }
             (Some(directory), Some(disk)) if disk.directory == directory => Some(disk),
-            (Some(directory), _) => Some(Arc::new(Disk::open(directory)?)),
+            (Some(directory), running) => {
+                // The end of the daemon waits for whoever holds the last reference.
+                drop(running);
+                Some(Arc::new(Disk::open(directory)?))
+            }
         };
         let loaded = disk.as_ref().and_then(|disk| disk.load(identity.clone()));
         Ok(Self {

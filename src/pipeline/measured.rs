@@ -7,7 +7,8 @@ use nalgebra::Vector3;
 
 use crate::attitude::Lateness;
 
-/// No magnetometer in use measures less often, seconds: on a board at rest the same for longer is a new measurement.
+/// Every magnetometer in use measures at least this often, seconds: if the board is still, the same value after this time is a new
+/// measurement.
 const HELD_S: f64 = 0.2;
 
 /// The newest measurement of the magnetometer.
@@ -19,8 +20,8 @@ pub(super) struct Newest {
 }
 
 impl Newest {
-    /// Takes a value, and whether the board is still. When it was measured, but for the magnetometer's lag; `None` for one that is
-    /// held: noise makes each measurement differ.
+    /// Takes a value; `still` says whether the board is still. Returns when the chip measured it, not corrected for its lag, or `None`
+    /// if the source repeats the last value. Noise makes every measurement differ.
     pub(super) fn take(&mut self, t_s: f64, field: Vector3<f64>, still: bool) -> Option<f64> {
         let held = |(since_s, last): (f64, Vector3<f64>)| {
             field == last && !(still && t_s - since_s >= HELD_S)

@@ -7,7 +7,8 @@ use crate::attitude::Pose;
 use crate::estimate::Sample;
 
 impl Pipeline {
-    /// Lets the estimate take a sample that was measured then, if it is a new one and the gyro tells a pose for it. That pose.
+    /// Gives the estimate a sample that was measured at `measured_s`, if it is new and the gyro knows the pose then. Returns the pose at
+    /// `t_s`.
     pub(super) fn estimate_from(
         &mut self,
         t_s: f64,
