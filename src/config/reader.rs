@@ -112,7 +112,8 @@ impl<'i> TableReader<'i> {
             }
             Err(error) => {
                 let sentence = format!("{name}: {}", error.message());
-                self.faults.push(fault(&self.places, None, sentence));
+                let at = position(&self.root, name);
+                self.faults.push(fault(&self.places, at, sentence));
                 T::default()
             }
         }

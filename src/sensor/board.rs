@@ -153,6 +153,19 @@ mod tests {
     }
 
     #[test]
+    fn the_names_are_those_of_the_boards() {
+        for (board, name) in [
+            (Board::Sparkfun9dofStick, "sparkfun-9dof-stick"),
+            (Board::Gy85, "gy-85"),
+            (Board::Gy86, "gy-86"),
+            (Board::Gy271, "gy-271"),
+            (Board::Custom, "custom"),
+        ] {
+            assert_eq!(toml::Value::try_from(board).unwrap().as_str(), Some(name));
+        }
+    }
+
+    #[test]
     fn beside_a_gy_271_the_gyro_is_mounted_as_configured() {
         let custom = Mountings {
             mag: "+y +x -z".parse().unwrap(),
