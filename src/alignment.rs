@@ -12,7 +12,7 @@ use std::cmp::Ordering;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::frame::Mounting;
-use crate::reading::Reading;
+use crate::reading::{HELD_S, Reading};
 use carried::{Carried, KNOT_S, Knot, Linear, pairs};
 use solve::{FoundAxes, SensorData, axes, cost, refine};
 
@@ -246,9 +246,6 @@ impl VectorSensor {
         data.knots.iter().zip(&data.means).map(at).collect()
     }
 }
-
-/// A value that is the same for longer is a new sample, of a board at rest, seconds.
-const HELD_S: f64 = 0.2;
 
 /// The samples of a sensor. A value that the source repeats until there is a new one counts once: it is out of date.
 fn samples(

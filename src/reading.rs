@@ -8,6 +8,10 @@ use nalgebra::Vector3;
 /// Standard gravity, m/s².
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 
+/// The longest period of a sensor in use, seconds. A source that reads faster gives the last value again until there is a new one; if
+/// the board is at rest, an equal value after this time is a new one.
+pub const HELD_S: f64 = 0.2;
+
 /// A magnetometer's three axes in milligauss, chip axes. `None` is an axis that overflowed: the chip
 /// answered, but this number is not a measurement.
 pub type Field = [Option<f64>; 3];

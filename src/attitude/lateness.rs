@@ -38,7 +38,7 @@ impl Lateness {
         };
         let step_s = t_s - last_s;
         if !(0.0..=HOLE_S).contains(&step_s) {
-            // How many readings belong to the hole is not known, so they tell no period.
+            // The number of readings in the hole is unknown, so the period is measured anew.
             *self = Self {
                 last_s: Some(t_s),
                 losses: self.losses,

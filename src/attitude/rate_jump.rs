@@ -1,4 +1,5 @@
-//! How the gyro's rate changes: as usual, and in jumps. A board changes its rate smoothly, but for a knock; a gyro that fails changes its reading at once.
+//! How the gyro's rate changes: as usual, and in jumps. A board changes its rate smoothly, but for a knock; a gyro that fails changes
+//! its reading at once.
 //!
 //! The field tells the two apart only later: the magnetometer lags behind the gyro, and the board must have turned by a few degrees.
 

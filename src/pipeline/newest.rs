@@ -1,4 +1,4 @@
-//! When the magnetometer measured what a source gives.
+//! The newest measurement of the magnetometer, and when it was made.
 //!
 //! A source that reads faster than the chip measures gives the last value again until there is a new one, and a host that pauses
 //! gives values late.
@@ -6,10 +6,7 @@
 use nalgebra::Vector3;
 
 use crate::attitude::Lateness;
-
-/// Every magnetometer in use measures at least this often, seconds: if the board is still, the same value after this time is a new
-/// measurement.
-const HELD_S: f64 = 0.2;
+use crate::reading::HELD_S;
 
 /// The newest measurement of the magnetometer.
 #[derive(Default)]

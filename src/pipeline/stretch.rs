@@ -1,7 +1,7 @@
 //! A new stretch of readings, whose times have nothing to do with those before.
 
 use super::Pipeline;
-use super::measured::Newest;
+use super::newest::Newest;
 use crate::attitude::Attitude;
 use crate::turn::TurnDetector;
 

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 
 use nalgebra::Vector3;
 
-use super::measured::Newest;
+use super::newest::Newest;
 use super::saturation::Saturation;
 use super::{Event, Pipeline, Setup};
 use crate::attitude::Attitude;

@@ -147,11 +147,11 @@ pub struct Board {
     pub jitter_s: f64,
     /// Seconds between two pauses of the host, in which readings pile up; infinite if it makes none.
     pub pause_every_s: f64,
-    /// Seconds between two looks of the host at what has come; 0 if it takes each reading at once.
-    pub looks_every_s: f64,
-    /// How long a reading that has waited takes at least to come, and at most, seconds.
+    /// Seconds between two polls of the host; 0 if it takes each reading at once.
+    pub polls_every_s: f64,
+    /// Shortest and longest time between two readings that have piled up, seconds.
     pub apart_s: (f64, f64),
-    /// Share of the readings that are lost on the way.
+    /// Share of the readings that are lost.
     pub lost: f64,
 }
 
@@ -191,7 +191,7 @@ impl Board {
             },
             jitter_s: 0.0,
             pause_every_s: f64::INFINITY,
-            looks_every_s: 0.0,
+            polls_every_s: 0.0,
             apart_s: (0.002, 0.004),
             lost: 0.0,
         }

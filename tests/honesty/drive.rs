@@ -144,8 +144,8 @@ impl Arrival {
             0.0001
         };
         let mut on_time = t_s + board.jitter_s * rng.normal().abs();
-        if board.looks_every_s > 0.0 {
-            on_time = (on_time / board.looks_every_s).ceil() * board.looks_every_s;
+        if board.polls_every_s > 0.0 {
+            on_time = (on_time / board.polls_every_s).ceil() * board.polls_every_s;
         }
         self.last_s = on_time.max(self.pause_ends_s).max(self.last_s + apart);
         self.last_s

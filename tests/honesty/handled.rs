@@ -94,10 +94,10 @@ pub fn tumbling(rng: &mut Rng, score: &mut Score) {
     run(scene, rng, score);
 }
 
-/// The same, read by a host that looks at what has come 13 to 60 times a second, over a line that loses some of it.
+/// The same, read by a host that polls 13 to 60 times a second, over a line that loses some readings.
 pub fn in_bursts(rng: &mut Rng, score: &mut Score) {
     let mut scene = tumble(rng, score);
-    scene.board.looks_every_s = rng.uniform(0.016, 0.075);
+    scene.board.polls_every_s = rng.uniform(0.016, 0.075);
     // As in the recorded logs: 15 bytes at 115,200 baud.
     scene.board.apart_s = (0.0012, 0.0016);
     scene.board.lost = rng.uniform(0.0, 0.02);
