@@ -4,9 +4,9 @@
 //! how certainly, whether that may be published, whether the field is disturbed, and how good the calibration is.
 //! `filter` has the model and its equations, `prior` what a filter starts from.
 //!
-//! Two filters may run at a time: the active one, and a rival that explains the samples in another way — with the
-//! result of a full turn, without it, or with iron that has just come or gone. Both predict the samples that follow, and the one with
-//! the smaller innovations becomes, or stays, the active one.
+//! Two filters may run at a time: the active one, and a `rival` that explains the samples in another way — with the result of a full
+//! turn, without it, or with iron that has just come or gone. While something magnetic visits a resting board, the filter of before waits
+//! for its end (`visit`).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -27,6 +27,8 @@ mod learnt;
 mod level;
 mod place;
 mod prior;
+mod rival;
+mod visit;
 
 use checkpoint::Checkpoint;
 use filter::{Filter, Input};
@@ -36,18 +38,9 @@ use iron_watch::IronWatch;
 use level::Level;
 use place::PlaceEvidence;
 use prior::{Measured, Prior};
+use rival::Rival;
+use visit::VisitWatch;
 
-/// A filter wins when its log-likelihood leads by this much. The limit is high (e¹² to 1) because the errors of consecutive samples are
-/// correlated. Half or twice this value, or the one below, decides the simulated cases in the same way.
-const DECIDED: f64 = 12.0;
-/// A sample adds no more than this to the lead: one that came late or was disturbed fits the less certain filter better, whichever is
-/// right.
-const MOST_A_SAMPLE: f64 = 0.5;
-/// A rival that has not won after this much motion, seconds, is dropped: twice the 15 s in which a magnet is to be learnt.
-const RIVAL_LASTS_S: f64 = 30.0;
-/// If a disturbance exceeds this share of the field for this long in motion, a rival assumes that iron on the board causes it.
-const IRON_TRIED_FROM: f64 = 0.08;
-const IRON_TRIED_AFTER_S: f64 = 1.0;
 /// An axis whose bias is known less well than this share of the field is not measured: where the field is horizontal, that much turns
 /// headings by 9°, and by default they are published only up to 10°.
 const MEASURED: f64 = 0.15;
@@ -97,17 +90,6 @@ pub struct Fix {
     pub sd_deg: f64,
 }
 
-/// A second explanation of the samples.
-#[derive(Clone)]
-struct Rival {
-    filter: Filter,
-    /// Log-likelihood of the rival less that of the active one, at the sample before.
-    ahead: f64,
-    /// How much better it has explained the samples since it began.
-    lead: f64,
-    moved_s: f64,
-}
-
 /// The filter that was active when the gyro failed. It goes on, for the check of the gyro.
 struct Suspended {
     filter: Filter,
@@ -130,6 +112,7 @@ pub struct Estimate {
     /// One for each axis of the magnetometer, set when the axis begins to repeat a number and may be saturated.
     checkpoints: [Option<Checkpoint>; 3],
     iron: IronWatch,
+    visit: VisitWatch,
     disturbed_s: f64,
     replaced: bool,
     lost: bool,
@@ -153,6 +136,7 @@ impl Estimate {
             suspended: None,
             checkpoints: [const { None }; 3],
             iron: IronWatch::default(),
+            visit: VisitWatch::default(),
             disturbed_s: 0.0,
             replaced: false,
             lost: false,
@@ -198,6 +182,7 @@ impl Estimate {
         let shift = sample.gyro_bias_rad_s - before.gyro_bias_rad_s;
         let lost = std::mem::take(&mut self.lost) || sample.pose.stretch != before.pose.stretch;
         if lost {
+            self.visit = VisitWatch::default();
             self.gyro.lose_frame();
             self.forget_checkpoints();
         }
@@ -208,6 +193,7 @@ impl Estimate {
             self.proven.as_mut(),
             self.rival.as_mut().map(|one| &mut one.filter),
             self.suspended.as_mut().map(|one| &mut one.filter),
+            self.visit.before(),
         ]
         .into_iter()
         .flatten()
@@ -232,6 +218,10 @@ impl Estimate {
             }
             self.compare(period_s);
             self.try_iron(period_s);
+        }
+        if let Some(before) = self.visit.take(&input, &self.active) {
+            self.active = before;
+            self.rival = None;
         }
         self.iron.take(&self.active, period_s);
     }
@@ -305,56 +295,6 @@ impl Estimate {
     /// Whether the active filter has been replaced by its rival since this was last asked.
     pub fn take_replaced(&mut self) -> bool {
         std::mem::take(&mut self.replaced)
-    }
-
-    /// The better explanation of the samples wins.
-    fn compare(&mut self, period_s: f64) {
-        let Some(rival) = &mut self.rival else {
-            return;
-        };
-        rival.moved_s += period_s;
-        let ahead = rival.filter.log_likelihood() - self.active.log_likelihood();
-        rival.lead += (ahead - rival.ahead).clamp(-MOST_A_SAMPLE, MOST_A_SAMPLE);
-        rival.ahead = ahead;
-        let lead = rival.lead;
-        if lead > DECIDED {
-            self.active = rival.filter.clone();
-            // It explains what follows by another iron.
-            self.proven = None;
-            self.rival = None;
-            self.replaced = true;
-            self.disturbed_s = 0.0;
-        } else if lead < -DECIDED || rival.moved_s > RIVAL_LASTS_S {
-            self.rival = None;
-        }
-    }
-
-    /// A disturbance that stays while the board moves may be iron on the board.
-    fn try_iron(&mut self, period_s: f64) {
-        if self.rival.is_some() || self.frozen || !self.active.begun() {
-            return;
-        }
-        if self.active.disturbance() < IRON_TRIED_FROM {
-            self.disturbed_s = (self.disturbed_s - period_s).max(0.0);
-            return;
-        }
-        self.disturbed_s += period_s;
-        if self.disturbed_s < IRON_TRIED_AFTER_S {
-            return;
-        }
-        self.disturbed_s = 0.0;
-        let mut filter = self.active.clone();
-        filter.doubt_iron();
-        self.start_rival(filter);
-    }
-
-    fn start_rival(&mut self, filter: Filter) {
-        self.rival = Some(Rival {
-            ahead: filter.log_likelihood() - self.active.log_likelihood(),
-            lead: 0.0,
-            filter,
-            moved_s: 0.0,
-        });
     }
 
     /// Takes the result of a full turn. If it knows the hard iron better, it is active from now on and what was known

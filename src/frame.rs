@@ -211,6 +211,12 @@ pub fn hypot(x: f64, y: f64) -> f64 {
     (x * x + y * y).sqrt()
 }
 
+/// Angle between two orientations, radians, 0 to π.
+pub fn turned_rad(before: &Matrix3<f64>, now: &Matrix3<f64>) -> f64 {
+    let cosine = 0.5 * (before.component_mul(now).sum() - 1.0);
+    cosine.clamp(-1.0, 1.0).acos()
+}
+
 /// An angle in degrees brought into [0, 360).
 pub fn wrap_360(angle_deg: f64) -> f64 {
     let wrapped = angle_deg.rem_euclid(360.0);

@@ -3,6 +3,7 @@
 use super::filter::Filter;
 use super::gyro_check::GyroCheck;
 use super::iron_watch::IronWatch;
+use super::visit::VisitWatch;
 use super::{Estimate, Rival, Sample};
 
 /// What was known at a sample.
@@ -60,6 +61,7 @@ impl Estimate {
         self.gyro.lose_frame();
         self.iron = kept.iron;
         self.disturbed_s = kept.disturbed_s;
+        self.visit = VisitWatch::default();
         // What another axis has kept since has these samples in it.
         for other in 0..3 {
             let kept_s = self.checkpoints[other].as_ref().map(|one| one.sample.t_s);

@@ -61,13 +61,15 @@ const FIRST_UNEVENNESS: f64 = 0.035;
 /// is iron that came to stay on the board.
 const USUAL_UNEVENNESS: f64 = 0.015;
 /// A disturbance by this share of the field is no place's unevenness: four deviations.
-const DISTURBED: f64 = 4.0 * USUAL_UNEVENNESS;
+pub(super) const DISTURBED: f64 = 4.0 * USUAL_UNEVENNESS;
 /// Unevenness is forgotten by moving this long, seconds.
 const FORGET_MOVING_S: f64 = 1.0;
 /// After this time in motion the board is at another place, seconds: a robot has then gone some metres, the distance
 /// between pieces of iron in a room. At 10 s its headings are falsely sure 1.7 times as often; at 40 s they are `good` in 80 % instead of
 /// 85 % of the time. A board that turns on one spot for minutes counts as moving on: north is then the field's mean over that spot.
 const PLACE_LASTS_S: f64 = 20.0;
+/// A still board that has turned by so much, 6°, swings.
+pub(super) const SWING_RAD: f64 = 0.1;
 /// Before the board has turned this far, the field does not tell iron from north, radians.
 const BEGIN_RAD: f64 = 0.1;
 

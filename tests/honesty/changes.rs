@@ -88,21 +88,25 @@ pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
     run(scene, rng, score);
 }
 
-/// A piece of iron is carried past a board at rest and away again, twice.
+/// A piece of iron is carried past a board at rest and away again, twice. Headings are to be good 10 s after it has gone.
 pub fn moved_iron(rng: &mut Rng, score: &mut Score) {
-    let after = [Part::Rest(60.0), free(rng, 20.0)];
+    const EVERY_S: f64 = 45.0;
+    let after = [Part::Rest(2.0 * EVERY_S), free(rng, 20.0)];
     let lesson = lesson(rng, &[Part::Rest(10.0)], &after);
     let (scene, change_s) = taught(rng, score, lesson);
     let begun_s = change_s + 2.0;
     score.watch(Some(begun_s), disturbed);
+    score.faults = [0.0, EVERY_S]
+        .map(|at_s| (change_s + at_s, change_s + at_s + 28.0))
+        .into();
     // 40 to 400 mG at its nearest, 0.3 m away: a tool, a loudspeaker.
     let moment = rng.direction() * rng.log_uniform(40.0, 400.0) * 0.027;
     let side = rng.direction();
     let across = side.cross(&rng.direction()).normalize();
     let scene = scene.with(move |now, world, _, _| {
         // There by 2 s after the change, around for 16 s, gone; and again.
-        let t = (now.t_s - change_s) % 30.0;
-        if now.t_s < change_s || now.t_s > change_s + 60.0 || t > 18.0 {
+        let t = (now.t_s - change_s) % EVERY_S;
+        if now.t_s < change_s || now.t_s > change_s + 2.0 * EVERY_S || t > 18.0 {
             world.dipoles.truncate(ROOM);
             return;
         }

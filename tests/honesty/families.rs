@@ -68,6 +68,10 @@ const CHANGE: Limits = Limits {
     false_share: Some(0.001),
     ..NONE
 };
+const VISIT: Limits = Limits {
+    good: Some(0.8),
+    ..CHANGE
+};
 /// Learnt within 15 s: good headings again.
 const LEARNT: Limits = Limits {
     rms_deg: Some(3.0),
@@ -130,7 +134,7 @@ pub const ALL: &[Family] = &[
     family("fast_turns", 500, VEHICLE, vehicles::fast_car),
     family("change_magnet_at_rest", 500, CHANGE, changes::magnet_at_rest),
     family("change_magnet_in_motion", 500, LEARNT, changes::magnet_in_motion),
-    family("change_moved_iron", 500, CHANGE, changes::moved_iron),
+    family("change_moved_iron", 500, VISIT, changes::moved_iron),
     family("change_gyro_flipped", 500, CHANGE, changes::flipped_gyro),
     family("change_gyro_scaled", 200, CHANGE, changes::scaled_gyro),
     family("change_gyro_clipped", 500, CHANGE, changes::clipped_gyro),

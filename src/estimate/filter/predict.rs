@@ -2,8 +2,11 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::{DISTURBED, FORGET_MOVING_S, Filter, Input, PLACE_LASTS_S, USUAL_UNEVENNESS};
+use super::{
+    DISTURBED, FORGET_MOVING_S, Filter, Input, PLACE_LASTS_S, SWING_RAD, USUAL_UNEVENNESS,
+};
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
+use crate::frame::turned_rad;
 
 /// Upper limit of the expected strength, the strongest field on earth: uncertain iron makes the field uncertain, not stronger.
 const STRONGEST_MGAUSS: f64 = 670.0;
@@ -35,8 +38,6 @@ const MATRIX_TURN: f64 = 0.001;
 /// While the board turns, a change of the hard iron may have caused all of the variance of unusual unevenness, and a change of the field
 /// this share of it.
 const FIELD_SHARE: f64 = 0.003;
-/// A still board that has turned by so much, 6°, swings.
-const SWING_RAD: f64 = 0.1;
 
 impl Filter {
     /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten.
@@ -206,8 +207,7 @@ impl Filter {
             self.lay = input.to_frame;
             return input.rate_rad_s.norm() * input.period_s;
         }
-        let cosine = 0.5 * (self.lay.component_mul(&input.to_frame).sum() - 1.0);
-        let turned_rad = cosine.clamp(-1.0, 1.0).acos();
+        let turned_rad = turned_rad(&self.lay, &input.to_frame);
         if turned_rad < SWING_RAD {
             return 0.0;
         }
