@@ -154,6 +154,7 @@ impl Attitude {
             if let Some((since_s, last)) = self.repetition.take(t_s, chip) {
                 self.jumps.take(since_s, t_s, (chip - last).norm());
             }
+            self.filter.errors.timing_walk_s2 = self.rate_late.walk_s2();
             let rate = self.mountings.gyro.to_body(chip);
             let (filter, past) = (&mut self.filter, &mut self.past);
             let step = self.clock.take(t_s, rate, |end_s, mean_rate| {

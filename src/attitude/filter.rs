@@ -40,7 +40,7 @@ const BLIND_REST_RAD_S: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
 pub(super) struct AttitudeFilter {
     vqf: VQF,
-    errors: GyroErrors,
+    pub(super) errors: GyroErrors,
     pub(super) gravity: Gravity,
     pub(super) steadiness: Steadiness,
     pub(super) stillness: Stillness,

@@ -19,9 +19,11 @@ use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::clock::TICK_S;
 use super::follow;
 use super::gravity::GRAVITY_M_S2;
+use window::Window;
+
+mod window;
 
 const U: usize = 0;
 const V: usize = 3;
@@ -31,8 +33,6 @@ const A: usize = 18;
 const N: usize = 21;
 type ErrorCovariance = SMatrix<f64, N, N>;
 
-/// Length of a window, seconds.
-const WINDOW_S: f64 = 0.1;
 /// Scale and cross-axis errors to expect of a gyro; data sheets: 1 to 3 % and 1 to 2 % at most.
 const MATRIX: f64 = 0.012;
 /// More than four times that is another fault, and is not taken out.
@@ -92,23 +92,10 @@ pub(super) struct GyroErrors {
     acceleration2: f64,
     p: ErrorCovariance,
     window: Window,
+    /// Walk of the times of the gyro's readings, s²/s.
+    pub(super) timing_walk_s2: f64,
     /// Mean rates with the bias, one a window of rest, that are not believed yet, rad/s.
     resting: VecDeque<Vector3<f64>>,
-}
-
-/// Ticks taken together.
-#[derive(Default)]
-struct Window {
-    s: f64,
-    /// Integral of the specific force in the frame, m/s; `None` if it is not known throughout.
-    force: Option<Vector3<f64>>,
-    /// Integral of the rotation into the frame, seconds, and of that times each body axis's rate, radians.
-    turn: Matrix3<f64>,
-    turn_by: [Matrix3<f64>; 3],
-    /// Integral of the rate, radians, and how far that is altogether.
-    rate: Vector3<f64>,
-    turned: f64,
-    at_rest: bool,
 }
 
 impl GyroErrors {
@@ -136,6 +123,7 @@ impl GyroErrors {
             acceleration2: ACCELERATION_M_S2.powi(2),
             p,
             window: Window::default(),
+            timing_walk_s2: 0.0,
             resting: VecDeque::with_capacity(DOUBTED + 1),
         }
     }
@@ -183,26 +171,7 @@ impl GyroErrors {
         force: Option<&Vector3<f64>>,
         at_rest: bool,
     ) {
-        let window = &mut self.window;
-        if window.s == 0.0 {
-            window.at_rest = true;
-            window.force = Some(Vector3::zeros());
-        }
-        window.s += TICK_S;
-        window.at_rest &= at_rest;
-        window.force = window
-            .force
-            .zip(force)
-            .map(|(sum, force)| sum + to_frame * force * TICK_S);
-        window.turn += to_frame * TICK_S;
-        for axis in 0..3 {
-            window.turn_by[axis] += to_frame * (rate[axis] * TICK_S);
-        }
-        window.rate += rate * TICK_S;
-        window.turned += rate.norm() * TICK_S;
-        // Half a tick, for sums of floats.
-        if window.s > WINDOW_S - 0.5 * TICK_S {
-            let window = std::mem::take(&mut self.window);
+        if let Some(window) = self.window.take(to_frame, rate, force, at_rest) {
             self.take_window(&window);
         }
     }
@@ -243,7 +212,7 @@ impl GyroErrors {
     fn begin(&mut self, force: &Vector3<f64>, window: &Window) {
         let up = force / window.s;
         self.up = Some(up);
-        self.upright = upright(&up, window);
+        self.upright = window.mean_in_body(&up.normalize());
         self.velocity.fill(0.0);
         self.clear(U, FIRST_M_S2);
         self.clear(V, self.speed2.sqrt());
@@ -260,7 +229,8 @@ impl GyroErrors {
         let keep = (-dt / LEAK_S).exp();
         let left = force - up * dt - window.turn * self.force_bias;
         self.velocity = self.velocity * keep + left;
-        self.upright += (upright(up, window) - self.upright) * (dt / UPRIGHT_S);
+        let upright = window.mean_in_body(&up.normalize());
+        self.upright += (upright - self.upright) * (dt / UPRIGHT_S);
 
         // An error e of the rate, body axes, turns u by R e.
         let by_turn = -up.cross_matrix();
@@ -286,7 +256,9 @@ impl GyroErrors {
         let columns = self.p * step.transpose();
         self.p.fixed_columns_mut::<6>(U).copy_from(&columns);
         self.p = (self.p + self.p.transpose()) * 0.5;
-        let walk = ANGLE_WALK_RAD.powi(2) * dt + TURN_WALK_RAD.powi(2) * window.turned;
+        let walk = ANGLE_WALK_RAD.powi(2) * dt
+            + TURN_WALK_RAD.powi(2) * window.turned
+            + self.timing_walk_s2 * window.rate2;
         for axis in 0..3 {
             self.p[(U + axis, U + axis)] += walk * GRAVITY_M_S2.powi(2);
             self.p[(V + axis, V + axis)] += VELOCITY_WALK_M_S.powi(2) * dt;
@@ -356,16 +328,12 @@ impl GyroErrors {
     }
 }
 
-/// Where up is on average in a window, body axes.
-fn upright(up: &Vector3<f64>, window: &Window) -> Vector3<f64> {
-    window.turn.transpose() * up.normalize() / window.s
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::UnitQuaternion;
 
     use super::*;
+    use crate::attitude::TICK_S;
 
     /// A gyro with these errors on a board that turns at `rate` and is shaken with `shake`, m/s², for so long. The filter
     /// afterwards.
