@@ -65,17 +65,17 @@ pub struct FrozenWatch {
 #[derive(Clone, Debug, Default)]
 struct Run<T> {
     value: Option<T>,
-    since_s: f64,
     readings: u32,
+    passed_s: f64,
     turned_rad: f64,
 }
 
 impl<T: PartialEq> Run<T> {
-    fn begin(&mut self, t_s: f64, value: T) {
+    fn begin(&mut self, value: T) {
         *self = Self {
             value: Some(value),
-            since_s: t_s,
             readings: 1,
+            passed_s: 0.0,
             turned_rad: 0.0,
         };
     }
@@ -85,10 +85,13 @@ impl<T: PartialEq> Run<T> {
         self.value.as_ref() == Some(value)
     }
 
-    fn lasts(&self, t_s: f64, turned_rad: f64) -> bool {
-        self.readings >= READINGS
-            && t_s - self.since_s >= LASTING_S
-            && self.turned_rad >= turned_rad
+    fn lasts(&self, turned_rad: f64) -> bool {
+        self.readings >= READINGS && self.passed_s >= LASTING_S && self.turned_rad >= turned_rad
+    }
+
+    fn turn(&mut self, passed_s: f64, rate_rad_s: f64) {
+        self.passed_s += passed_s;
+        self.turned_rad += rate_rad_s * passed_s;
     }
 }
 
@@ -116,9 +119,9 @@ impl FrozenWatch {
         if let Some((last_s, last)) = self.rate
             && (0.0..=GAP_S).contains(&(t_s - last_s))
         {
-            let turned_rad = 0.5 * (last + speed) * (t_s - last_s);
-            self.field.turned_rad += turned_rad;
-            self.gyro.turned_rad += turned_rad;
+            let mean = 0.5 * (last + speed);
+            self.field.turn(t_s - last_s, mean);
+            self.gyro.turn(t_s - last_s, mean);
         }
         self.rate = Some((t_s, speed));
         if !self.gyro.is(&rate) {
@@ -128,26 +131,26 @@ impl FrozenWatch {
             self.gyro.readings += 1;
             let still = |(begun, far): &(Vector3<f64>, f64)| *far < BELIED_SHARE * begun.norm();
             self.gyro_frozen |=
-                self.gyro.lasts(t_s, BELIED_RAD) && self.seen.as_ref().is_some_and(still);
+                self.gyro.lasts(BELIED_RAD) && self.seen.as_ref().is_some_and(still);
         } else {
-            self.gyro.begin(t_s, rate);
+            self.gyro.begin(rate);
             self.seen = None;
         }
     }
 
     fn take_field(&mut self, t_s: f64, field: Field) {
-        let moving = self
-            .rate
-            .is_some_and(|(last_s, speed)| t_s - last_s <= GAP_S && speed >= MOVING_RAD_S);
+        let moving = self.rate.is_some_and(|(last_s, speed)| {
+            (0.0..=GAP_S).contains(&(t_s - last_s)) && speed >= MOVING_RAD_S
+        });
         let same = self.field.is(&field);
         if !same {
             self.magnetometer_frozen = false;
         }
         if same && moving {
             self.field.readings += 1;
-            self.magnetometer_frozen |= self.field.lasts(t_s, TURNED_RAD);
+            self.magnetometer_frozen |= self.field.lasts(TURNED_RAD);
         } else if !self.magnetometer_frozen {
-            self.field.begin(t_s, field);
+            self.field.begin(field);
         }
         if self.seen.is_none()
             && let [Some(x), Some(y), Some(z)] = field
@@ -256,6 +259,30 @@ mod tests {
                 specific_force_m_s2: None,
             });
             assert_eq!(found, None);
+        }
+    }
+
+    /// The same field at a rate that differs, and the same rate in a field that differs. The clock starts again before either has
+    /// turned far enough.
+    #[test]
+    fn a_time_that_jumps_back_hides_no_frozen_sensor() {
+        let differs = |i: u32| f64::from(i % 3);
+        for (field, rate, jump, right) in [
+            (0.0, 0.001, 20, Frozen::MAGNETOMETER),
+            (1.0, 0.0, 70, Frozen::GYRO),
+        ] {
+            let mut watch = FrozenWatch::default();
+            let mut take = |i| {
+                watch.take(&Reading {
+                    t_s: f64::from(i) * 0.02 + if i < jump { 1000.0 } else { 0.0 },
+                    field_mgauss: Some([100.0 + field * differs(i), 0.0, 500.0].map(Some)),
+                    rate_rad_s: Some(Vector3::new(0.0, 0.0, 1.0 + rate * differs(i))),
+                    specific_force_m_s2: None,
+                })
+            };
+            let found: Vec<_> = (0..100).map(&mut take).collect();
+            assert_eq!(found[jump as usize], None);
+            assert_eq!(found[99], Some(right));
         }
     }
 }

@@ -22,7 +22,7 @@ pub(super) struct Learning {
     /// What was last kept, its deviation, degrees, and when.
     last: Option<Parameters>,
     kept_sd_deg: f64,
-    kept_s: f64,
+    pub(super) kept_s: f64,
 }
 
 impl Learning {

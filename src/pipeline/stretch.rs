@@ -26,6 +26,7 @@ impl Pipeline {
             &mut self.overflow_s,
             &mut self.rate_s,
             &mut self.disturbed_s,
+            &mut self.learning.kept_s,
         ] {
             *time_s = f64::NEG_INFINITY;
         }

@@ -87,6 +87,12 @@ impl Board {
         board
     }
 
+    /// Its times begin again, as in a log whose recorder was switched off and on.
+    pub fn restart_clock(&mut self) {
+        self.t_s = 0.0;
+        self.tell(Event::NewStretch);
+    }
+
     pub fn rest(&mut self, duration_s: f64) {
         self.turn_at(0.0, duration_s);
     }

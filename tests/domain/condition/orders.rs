@@ -169,6 +169,25 @@ fn iron_that_has_come_is_learnt_in_motion_and_kept() {
     assert!(off < 20.0, "{off}");
 }
 
+#[test]
+fn what_is_learnt_after_a_time_that_jumps_back_is_kept() {
+    let mut board = Board::rested(None);
+    board.rest(100.0);
+    let kept = |board: &Board| {
+        let outcomes = board.outcomes.iter();
+        let accepted = outcomes.filter(|one| one.verdict == Verdict::Accepted);
+        accepted.count()
+    };
+    board.tumble();
+    assert_eq!(kept(&board), 1);
+    board.restart_clock();
+    board.bias_mgauss.x += 55.0;
+    for _ in 0..4 {
+        board.tumble();
+    }
+    assert!(kept(&board) > 1);
+}
+
 /// Each sample alone is as the one before, and no place is as uneven as a magnet of 6 % of the field.
 #[test]
 fn a_magnet_that_no_sample_shows_is_told_by_the_iron_that_moves() {
