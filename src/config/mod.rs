@@ -314,6 +314,32 @@ mod tests {
     }
 
     #[test]
+    fn what_is_no_whole_number_of_the_range_is_told_the_range_at_once() {
+        for (table, key, found, right) in [
+            ("i2c", "gain", "-1", ", from 0 to 7"),
+            ("i2c", "gain", "\"high\"", ", from 0 to 7"),
+            (
+                "i2c]\nmagnetometer = \"qmc5883l\" # [",
+                "gain",
+                "256",
+                ", from 0 to 1",
+            ),
+            ("i2c", "gyro_address", "-1", ", 0x68 or 0x69"),
+            ("i2c", "bus", "300", ", from 0 to 255"),
+            ("serial", "baud", "4294967296", ", from 300 to 4000000 baud"),
+            ("calibration", "particles", "2.5", ", from 2 to 1000"),
+            ("calibration", "seed", "-1", ", 0 or more"),
+        ] {
+            let faults = faults(&format!("[{table}]\n{key} = {found}"));
+            let right = format!(".{key} is {found}, but must be a whole number{right}");
+            assert!(
+                faults.len() == 1 && faults[0].ends_with(&right),
+                "{faults:?}"
+            );
+        }
+    }
+
+    #[test]
     fn a_table_is_no_number() {
         for (line, text) in [
             (2, "[simulator]\nnoise_mgauss = { a = 1 }"),

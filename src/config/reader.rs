@@ -8,7 +8,7 @@ use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 use super::fault::ConfigFault;
 use super::retired;
 use super::syntax::{self, LineIndex, column};
-use super::words::{explain, suggest};
+use super::words::{beyond, explain, suggest};
 use super::{Config, Table};
 use crate::check::{Check, Fault};
 
@@ -19,8 +19,8 @@ type Value<'i> = Spanned<DeValue<'i>>;
 /// for each of 20 tables.
 struct Target<'i> {
     table: Table,
-    /// Reads the settings from a table that has only this key; the deserialiser's message if it cannot.
-    attempt: fn(&Key<'i>, &Value<'i>) -> Result<(), String>,
+    /// Reads and checks the settings; the deserialiser's message if it cannot read them.
+    attempt: fn(DeTable<'i>) -> Result<Vec<Fault>, String>,
 }
 
 pub(super) struct TableReader<'i> {
@@ -94,12 +94,10 @@ impl<'i> TableReader<'i> {
     pub(super) fn table<T: Check>(&mut self, name: &'static str) -> T {
         let target = Target {
             table: super::table::<T>(name),
-            attempt: |key, value| {
-                let mut table = DeTable::new();
-                table.insert(key.clone(), value.clone());
-                let table = Spanned::new(value.span(), DeValue::Table(table));
+            attempt: |table| {
+                let table = Spanned::new(0..0, DeValue::Table(table));
                 match T::deserialize(ValueDeserializer::from(table)) {
-                    Ok(_) => Ok(()),
+                    Ok(settings) => Ok(settings.check()),
                     Err(error) => Err(error.message().to_owned()),
                 }
             },
@@ -134,6 +132,7 @@ impl<'i> TableReader<'i> {
             self.faults.push(fault(&self.places, at, sentence));
             return usable;
         };
+        let mut wrong = Vec::new();
         for (key, value) in table {
             let at = key.span().start;
             if let Some(instead) = retired::instead(name, key.get_ref()) {
@@ -143,10 +142,17 @@ impl<'i> TableReader<'i> {
                     key.get_ref()
                 );
                 self.retired.push((at, sentence));
-            } else if let Err(sentence) = self.probe(target, key, value) {
-                self.faults.push(fault(&self.places, Some(at), sentence));
-            } else {
+            } else if self.probe(target, &usable, key, value).is_ok() {
                 usable.insert(key.clone(), value.clone());
+            } else {
+                wrong.push((key, value));
+            }
+        }
+        // What is right may depend on a key that is good.
+        for (key, value) in wrong {
+            if let Err(sentence) = self.probe(target, &usable, key, value) {
+                let at = Some(key.span().start);
+                self.faults.push(fault(&self.places, at, sentence));
             }
         }
         usable
@@ -181,8 +187,14 @@ impl<'i> TableReader<'i> {
         self.faults
     }
 
-    /// What is wrong with one key alone, all others at their defaults.
-    fn probe(&self, target: &Target<'i>, key: &Key<'i>, value: &Value<'i>) -> Result<(), String> {
+    /// What is wrong with one key alone; `good` are others of its table.
+    fn probe(
+        &self,
+        target: &Target<'i>,
+        good: &DeTable<'i>,
+        key: &Key<'i>,
+        value: &Value<'i>,
+    ) -> Result<(), String> {
         let Table {
             name: table,
             keys,
@@ -199,15 +211,19 @@ impl<'i> TableReader<'i> {
             (DeValue::Array(found), Some(numbers)) => found.len() > numbers.len(),
             _ => false,
         };
-        let mut message = match (target.attempt)(key, value) {
-            Ok(()) if too_many => String::new(),
-            Ok(()) => return Ok(()),
+        let attempt = |mut table: DeTable<'i>, value: Value<'i>| {
+            table.insert(key.clone(), value);
+            (target.attempt)(table)
+        };
+        let mut message = match attempt(DeTable::new(), value.clone()) {
+            Ok(_) if too_many => String::new(),
+            Ok(_) => return Ok(()),
             Err(message) => message,
         };
         // The parser refuses a choice that is no string before it looks at the choices.
         if message == WANTED_CHOICE {
             let text = DeValue::String(DeString::from(""));
-            if let Err(refused) = (target.attempt)(key, &Spanned::new(value.span(), text)) {
+            if let Err(refused) = attempt(DeTable::new(), Spanned::new(value.span(), text)) {
                 message = refused;
             }
         }
@@ -216,10 +232,18 @@ impl<'i> TableReader<'i> {
             DeValue::Table(_) => "a table".to_owned(),
             _ => self.snippet(&value.span()),
         };
-        Err(match numbers {
-            Some(numbers) => {
-                let default = toml::Value::Array(numbers.clone());
-                let right = format!("{} numbers, as the default is: {default}", numbers.len());
+        if let Some(numbers) = numbers {
+            let default = toml::Value::Array(numbers.clone());
+            let right = format!("{} numbers, as the default is: {default}", numbers.len());
+            return Err(Fault::new(&dotted, found, right).to_string());
+        }
+        // The check of a number that is beyond it says the range.
+        let number = beyond(&message).and_then(|number| DeValue::parse(number).ok());
+        let checked = number.and_then(|number| attempt(good.clone(), number).ok());
+        let mut faults = checked.into_iter().flatten();
+        Err(match faults.find(|fault| fault.key == name) {
+            Some(fault) => {
+                let right = format!("a whole number, {}", fault.right);
                 Fault::new(&dotted, found, right).to_string()
             }
             None => explain(&dotted, found, &message),

@@ -27,14 +27,24 @@ pub(super) fn explain(key: &str, found: String, message: &str) -> String {
 fn right_type(expected: &str) -> String {
     match expected {
         "f64" => "a number",
-        "u8" => "a whole number from 0 to 255",
-        "u32" => "a whole number from 0 to 4294967295",
+        "u8" => "a whole number, from 0 to 255",
+        "u32" => "a whole number, from 0 to 4294967295",
         "u64" | "usize" => "a whole number, 0 or more",
         "a boolean" => "true or false",
         "a string" | "path string" => "a text in quotes",
         other => other,
     }
     .to_owned()
+}
+
+/// If a deserialiser wanted a whole number, one of this type that is beyond the range of each setting.
+pub(super) fn beyond(message: &str) -> Option<&'static str> {
+    match message.rsplit_once(", expected ")?.1 {
+        "u8" => Some("255"),
+        "u32" => Some("4294967295"),
+        "u64" | "usize" => Some("9223372036854775807"),
+        _ => None,
+    }
 }
 
 /// What to write in place of an unknown word: the nearest known one, or all of them.
