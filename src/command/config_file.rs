@@ -18,34 +18,33 @@ const INSTALL: &str = "; the package installs it, and --config names another: co
 /// The environment variable that names another file in its place.
 const VARIABLE: &str = "HEADINGD_CONFIG";
 
-/// The file that a command without `--config` reads.
-fn usual() -> PathBuf {
-    match env::var_os(VARIABLE) {
-        Some(path) if !path.is_empty() => path.into(),
-        _ => USUAL.into(),
-    }
+/// The file that the option names, or else the variable.
+fn chosen(named: Option<&Path>) -> Option<PathBuf> {
+    let variable = || env::var_os(VARIABLE).filter(|path| !path.is_empty());
+    named
+        .map(Path::to_owned)
+        .or_else(|| variable().map(PathBuf::from))
 }
 
 /// The path of the configuration of a command that cannot do without one.
 pub fn path(named: Option<&Path>) -> PathBuf {
-    named.map_or_else(usual, Path::to_owned)
+    chosen(named).unwrap_or_else(|| USUAL.into())
 }
 
 /// The configuration of a command that can do with the defaults: they hold where no file is named and there is none.
 pub fn load(named: Option<&Path>) -> Result<Config, Failure> {
     let path = path(named);
-    let chosen = named.is_some() || env::var_os(VARIABLE).is_some();
-    if !chosen && !path.exists() {
+    if chosen(named).is_none() && !path.exists() {
         return Ok(Config::default());
     }
     read(&path)
 }
 
-/// The configuration of a command that only has to find a running daemon. That daemon may be older than a fault in the
-/// file: then the usual sockets are tried.
+/// The configuration of a command that only has to find a running daemon. That daemon may be older than a fault in the usual
+/// file: then the usual sockets are tried. A file that somebody names may be that of another daemon.
 pub fn load_for_client(named: Option<&Path>) -> Result<Config, Failure> {
     match load(named) {
-        Err(failure) if named.is_none() => {
+        Err(failure) if chosen(named).is_none() => {
             eprintln!("headingd: {failure}\nheadingd: trying the usual sockets");
             Ok(Config::default())
         }
