@@ -188,7 +188,7 @@ fn tell_skips(skips: &Skips) -> Result<(), Failure> {
 impl From<RecordingError> for Failure {
     fn from(error: RecordingError) -> Self {
         let status = match error {
-            RecordingError::Header { .. } => Self::DATA,
+            RecordingError::Header { .. } | RecordingError::Times { .. } => Self::DATA,
             RecordingError::Open { .. } | RecordingError::Read { .. } => Self::NO_INPUT,
         };
         Self::new(status, error)

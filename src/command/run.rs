@@ -30,9 +30,8 @@ pub struct Args {
 impl From<DaemonError> for Failure {
     fn from(error: DaemonError) -> Self {
         let status = match &error {
-            DaemonError::Replay(RecordingError::Header { .. }) | DaemonError::Unusable(_) => {
-                Self::DATA
-            }
+            DaemonError::Replay(RecordingError::Header { .. } | RecordingError::Times { .. })
+            | DaemonError::Unusable(_) => Self::DATA,
             DaemonError::Replay(_) => Self::NO_INPUT,
             DaemonError::NoSource
             | DaemonError::NothingToRecord { .. }

@@ -24,7 +24,8 @@
 //! | `recorded_from` | the time of day of the first reading, RFC 3339 | not known |
 //! | `mag_axes`, `gyro_axes`, `accel_axes` | a [mounting](crate::frame::Mounting) | `+x +y +z` |
 //!
-//! Times do not decrease. A row whose time is far from that of its neighbours is dropped, as one that cannot be
+//! Times are in seconds: a log whose gyro has readings 2 s apart or more is refused, as one in milliseconds. They do not
+//! decrease. A row whose time is far from that of its neighbours is dropped, as one that cannot be
 //! understood; where the time really jumps, back or by more than a minute, a new stretch begins. `stretch.rs` has the
 //! rules. What is known of the board's motion ends with its stretch, and nobody waits for the next one.
 //!
@@ -118,6 +119,23 @@ pub enum RecordingError {
     /// The header is wrong, so no row could be understood.
     #[error("cannot read the header of {0}")]
     Header(RowError),
+    /// The times are not in seconds.
+    #[error(
+        "cannot use log {log}: the gyro's readings are {step:.0} apart in column {column} (t_s), as in {unit}, but times must be \
+         in seconds: divide them by {divisor}"
+    )]
+    Times {
+        /// The log's name.
+        log: String,
+        /// Number of the column of the times, from 1.
+        column: usize,
+        /// The usual step of the times from one reading of the gyro to the next.
+        step: f64,
+        /// What they look like: `milliseconds`.
+        unit: &'static str,
+        /// How many of these are a second.
+        divisor: u32,
+    },
     /// The file cannot be opened.
     #[error("cannot open log {log}: {source}")]
     Open {

@@ -1,12 +1,19 @@
 //! Reading a log, row by row, in one buffer.
 
 use std::io::BufRead;
+use std::iter::from_fn;
 
 use super::header;
 use super::lines::{LogLine, LogLines};
 use super::rows::{RowFault, Rows};
 use super::stretch::{self, TimeOrder};
 use super::{Entry, Header, RecordingError, RowError};
+
+/// So many rows tell whether the times are in seconds, if there are so many steps between the gyro's readings among them, …
+const FIRST_ROWS: usize = 1000;
+const FEWEST_STEPS: usize = 20;
+/// … and the median step is shorter than this: one of 500 Hz has it in milliseconds.
+const LONG_STEP_S: f64 = 2.0;
 
 /// Reads a log: the header at once, then an iterator of its rows, in milligauss, rad/s and m/s².
 ///
@@ -50,6 +57,33 @@ impl<R: BufRead> Reader<R> {
 
     pub fn header(&self) -> &Header {
         self.rows.header()
+    }
+
+    /// Looks at the first rows for times that are in another unit.
+    pub fn check_times(mut self) -> Result<(), RecordingError> {
+        let rows = from_fn(|| self.row()).take(FIRST_ROWS).flatten();
+        let readings = rows.map(|(entry, _)| entry.reading);
+        let times: Vec<f64> = readings
+            .filter_map(|reading| reading.rate_rad_s.map(|_| reading.t_s))
+            .collect();
+        let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        let step = steps.get(steps.len() / 2).copied().unwrap_or_default();
+        if steps.len() < FEWEST_STEPS || step < LONG_STEP_S {
+            return Ok(());
+        }
+        let (unit, divisor) = match step {
+            ..1e3 => ("milliseconds", 1000),
+            ..1e6 => ("microseconds", 1_000_000),
+            _ => ("nanoseconds", 1_000_000_000),
+        };
+        Err(RecordingError::Times {
+            log: self.log,
+            column: self.rows.place(0).0,
+            step,
+            unit,
+            divisor,
+        })
     }
 
     /// Whether a new stretch begins with the last entry: its time has nothing to do with those before.
@@ -295,6 +329,36 @@ mod tests {
             let (kept, lines) = used(times);
             assert_eq!((kept.as_str(), &lines[..]), (right, dropped), "{times}");
         }
+    }
+
+    #[test]
+    fn times_that_are_no_seconds_are_refused() {
+        let checked = |step: f64, count: usize| {
+            let row = |i: usize| format!("{},,,,0,0,{i},,,,\n,1,2,3,,,,,,,\n", i as f64 * step);
+            let text = HEAD.to_owned() + &(0..count).map(row).collect::<String>();
+            Reader::new("a.csv", text.as_bytes()).unwrap().check_times()
+        };
+        for (step, apart, unit, divisor) in [
+            (5.0, "5", "milliseconds", "1000"),
+            (10_000.0, "10000", "microseconds", "1000000"),
+            (1e7, "10000000", "nanoseconds", "1000000000"),
+        ] {
+            assert_eq!(
+                checked(step, 60).unwrap_err().to_string(),
+                format!(
+                    "cannot use log a.csv: the gyro's readings are {apart} apart in column 1 (t_s), as in {unit}, but \
+                     times must be in seconds: divide them by {divisor}"
+                )
+            );
+        }
+        // A logger of 1 Hz, and a log too short to tell.
+        assert!(checked(1.0, 60).is_ok() && checked(10.0, 20).is_ok());
+        let message = rows(format!("{HEAD}1764000000000,,,,,,,,,,\n").as_bytes());
+        let message = message[0].as_ref().unwrap_err().to_string();
+        assert!(
+            message.ends_with("seconds: divide milliseconds by 1000"),
+            "{message}"
+        );
     }
 
     #[test]

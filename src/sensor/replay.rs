@@ -24,11 +24,11 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Opens the log and reads its header.
+    /// Opens the log and reads its header. The times of a file are checked, too; a pipe can be read only once.
     ///
     /// # Errors
     ///
-    /// When the log cannot be opened, or its header cannot be understood.
+    /// When the log cannot be opened, its header cannot be understood, or its times are not in seconds.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let log = path.display().to_string();
         let failed = |source| RecordingError::Open {
@@ -37,10 +37,14 @@ impl Replay {
         };
         let file = open(path).map_err(failed)?;
         let shared = file.try_clone().map_err(failed)?;
-        let bytes = file.metadata().map_err(failed)?.len();
+        let found = file.metadata().map_err(failed)?;
+        if found.is_file() {
+            let beginning = BufReader::new(open(path).map_err(failed)?);
+            Reader::new(log.clone(), beginning)?.check_times()?;
+        }
         Ok(Self {
             file: shared,
-            bytes,
+            bytes: found.len(),
             reader: Reader::new(log, BufReader::new(file))?,
             skips: Skips::default(),
         })

@@ -599,6 +599,22 @@ fn a_time_that_jumps_begins_a_stretch_and_the_calibration_stays() {
 }
 
 #[test]
+fn a_log_in_milliseconds_is_refused_as_such() {
+    let folder = Folder::new();
+    let (header, mut entries) = simulated(&Settings::default());
+    for entry in &mut entries {
+        entry.reading.t_s = (1000.0 * entry.reading.t_s).round();
+    }
+    let path = folder.file("a.csv", log(&(header, entries)));
+    for command in ["replay", "calibrate", "align"] {
+        let ran = headingd(&[command, &path]);
+        assert_eq!((ran.status, ran.out.as_str()), (65, ""), "{command}");
+        let message = "the gyro's readings are 10 apart in column 1 (t_s), as in milliseconds";
+        assert!(ran.err.contains(message), "{command}: {}", ran.err);
+    }
+}
+
+#[test]
 fn a_log_of_which_most_is_skipped_is_a_failure() {
     let folder = Folder::new();
     let clean = log(&simulated(&Settings::default()));
