@@ -46,6 +46,14 @@ impl CompanionSheet {
         let sheet = self;
         Companion { sheet, address }
     }
+
+    pub fn rate_rad_s(&self, counts: Vector3<f64>) -> Option<Vector3<f64>> {
+        Some(counts * (1.0 / self.counts_per_deg_s?).to_radians())
+    }
+
+    pub fn specific_force_m_s2(&self, counts: Vector3<f64>) -> Option<Vector3<f64>> {
+        Some(counts * (STANDARD_GRAVITY_M_S2 / self.counts_per_g?))
+    }
 }
 
 /// A chip on the bus. It keeps no state here: all of it is in the chip's registers.
@@ -100,15 +108,10 @@ impl Companion {
         bus.read(self.address, register, bytes)?;
         let raw = (self.sheet.counts)(bytes);
         let [rate, force] = [0, 3].map(|at| Vector3::from_fn(|axis, _| f64::from(raw[at + axis])));
-        let rad_s = |counts: f64| (1.0 / counts).to_radians();
-        let m_s2 = |counts: f64| STANDARD_GRAVITY_M_S2 / counts;
         Ok(InertialSample {
             raw,
-            rate_rad_s: self
-                .sheet
-                .counts_per_deg_s
-                .map(|counts| rate * rad_s(counts)),
-            specific_force_m_s2: self.sheet.counts_per_g.map(|counts| force * m_s2(counts)),
+            rate_rad_s: self.sheet.rate_rad_s(rate),
+            specific_force_m_s2: self.sheet.specific_force_m_s2(force),
         })
     }
 

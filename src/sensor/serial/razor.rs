@@ -5,15 +5,13 @@
 
 use nalgebra::Vector3;
 
-use crate::reading::{Field, Reading, STANDARD_GRAVITY_M_S2};
+use crate::reading::{Field, Reading};
+use crate::sensor::chip::adxl345::ADXL345;
+use crate::sensor::chip::itg3200::ITG3200;
 
-/// ADXL345 at full resolution (data sheet, register 0x31), counts per g.
-const ACCEL_COUNTS_PER_G: f64 = 256.0;
-/// The same chip's largest count, at 16 g.
+/// Largest count of an ADXL345, at 16 g.
 const ACCEL_MOST: f64 = 4096.0;
-/// ITG-3200 (data sheet, section 3.1), counts per degree per second.
-const GYRO_COUNTS_PER_DEG_S: f64 = 14.375;
-/// Its largest count: 16 bits.
+/// Largest count of an ITG-3200: 16 bits.
 const GYRO_MOST: f64 = 32768.0;
 /// HMC5843 and HMC5883L: 12 bits. An axis that overflowed reads -4096.
 const MAG_MOST: f64 = 2048.0;
@@ -26,19 +24,16 @@ pub(super) type RazorFrame = [Option<RazorCounts>; 3];
 
 /// The frame in our units; its time is 0. The firmware stores gravity, we have specific force.
 pub(super) fn reading([accel, mag, gyro]: RazorFrame, counts_per_gauss: f64) -> Reading {
-    let whole = |counts: Option<RazorCounts>, most: f64, unit: f64| match counts? {
-        [Some(x), Some(y), Some(z)] if [x, y, z].iter().all(|n| n.abs() <= most) => {
-            Some(Vector3::new(x, y, z) * unit)
-        }
+    let whole = |counts: Option<RazorCounts>, most: f64| match counts? {
+        [Some(x), Some(y), Some(z)] => Some(Vector3::new(x, y, z)).filter(|n| n.amax() <= most),
         _ => None,
     };
-    let rad_s = 1f64.to_radians() / GYRO_COUNTS_PER_DEG_S;
-    let m_s2 = -STANDARD_GRAVITY_M_S2 / ACCEL_COUNTS_PER_G;
     Reading {
         t_s: 0.0,
         field_mgauss: mag.map(|counts| field(counts, counts_per_gauss)),
-        rate_rad_s: whole(gyro, GYRO_MOST, rad_s),
-        specific_force_m_s2: whole(accel, ACCEL_MOST, m_s2),
+        rate_rad_s: whole(gyro, GYRO_MOST).and_then(|counts| ITG3200.rate_rad_s(counts)),
+        specific_force_m_s2: whole(accel, ACCEL_MOST)
+            .and_then(|counts| ADXL345.specific_force_m_s2(-counts)),
     }
 }
 

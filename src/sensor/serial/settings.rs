@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::check::{Fault, absolute_or_empty, settings, words};
+use crate::sensor::chip::drivers;
 
 settings! {
     /// The port, and the protocol of the device behind it.
@@ -68,12 +69,9 @@ words! {
 }
 
 impl Chip {
-    /// Counts per gauss at the gain after power-on, which the Razor never changes (data sheets, register
-    /// 0x01, CRB).
+    /// Counts per gauss at the gain after power-on, code 1, which the Razor never changes.
     pub fn counts_per_gauss(self) -> f64 {
-        match self {
-            Self::Hmc5843 => 1300.0,
-            Self::Hmc5883l => 1090.0,
-        }
+        let chip = drivers::magnetometer(self.word()).expect("both are in the table of drivers");
+        chip.sheet().gain(1).counts_per_gauss
     }
 }
