@@ -18,9 +18,9 @@ pub mod record;
 mod recorder;
 mod reload;
 mod ring;
+mod sensor_store;
 mod session;
 mod source_task;
-mod store_writer;
 mod thread;
 
 use std::future::Future;

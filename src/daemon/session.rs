@@ -8,8 +8,8 @@ use super::calibrator::Calibrator;
 use super::disk::Disk;
 use super::north::North;
 use super::recorder::Recorder;
+use super::sensor_store::SensorStore;
 use super::source_task::SourceTask;
-use super::store_writer::StoreWriter;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::frame::Mounting;
@@ -26,7 +26,7 @@ pub(super) struct Session {
     pub(super) source: SourceTask,
     pub(super) pipeline: Pipeline,
     pub(super) calibrator: Calibrator,
-    pub(super) store: StoreWriter,
+    pub(super) store: SensorStore,
     pub(super) recorder: Option<Recorder>,
     /// Of a log: else readings are of the time of day at which they are handed out.
     pub(super) log_time: Option<TimeOfDay>,
@@ -69,7 +69,7 @@ impl Session {
             tracing::info!("{sensor} from {name}, {pace} times real time");
         }
         let recorder = Recorder::ring(&config.record, header.clone())?;
-        let store = StoreWriter::open(&config.store, identity, running)?;
+        let store = SensorStore::open(&config.store, identity, running)?;
         let is_log = config.source.kind == Some(Kind::Replay);
         // On the heap: on the stack each move of its 28 kB touches as many pages again, and the daemon keeps them.
         Ok(Box::new(Self {
@@ -138,7 +138,7 @@ impl Session {
     }
 }
 
-fn pipeline(config: &Config, source: &SourceTask, store: &StoreWriter) -> Pipeline {
+fn pipeline(config: &Config, source: &SourceTask, store: &SensorStore) -> Pipeline {
     let history = store.history();
     let calibration = history.active().map(|entry| entry.made.calibration);
     let mountings = &source.header.mountings;

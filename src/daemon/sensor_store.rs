@@ -8,14 +8,14 @@ use super::disk::{Disk, Then};
 use crate::publish::control::status::StoreSummary;
 use crate::store::{History, Identity, Made, Settings};
 
-pub(super) struct StoreWriter {
+pub(super) struct SensorStore {
     history: History,
     most: usize,
     changed: bool,
     disk: Option<Arc<Disk>>,
 }
 
-impl StoreWriter {
+impl SensorStore {
     /// Loads what the folder has of this sensor; `running` writes there already, if it is the same folder. Whatever is
     /// wrong with it is logged. Waits for the disk.
     pub(super) fn open(
@@ -52,7 +52,7 @@ impl StoreWriter {
         &self.history
     }
 
-    /// What is kept, to be changed; [`StoreWriter::save`] makes it last.
+    /// What is kept, to be changed; [`SensorStore::save`] makes it last.
     pub(super) fn history_mut(&mut self) -> &mut History {
         self.changed = true;
         &mut self.history
@@ -75,7 +75,7 @@ impl StoreWriter {
         }
     }
 
-    /// Makes a calibration the active one, until [`StoreWriter::save`] only in memory; its number.
+    /// Makes a calibration the active one, until [`SensorStore::save`] only in memory; its number.
     pub(super) fn keep(&mut self, made: Made) -> u64 {
         let most = self.most;
         self.history_mut().keep(made, most);
