@@ -5,7 +5,7 @@ use std::io::BufRead;
 use super::lines::{LogLine, LogLines};
 use super::rows::{Rows, Rule};
 use super::{
-    ACCEL, COLUMNS, GYRO, HEADING, Header, MAG, MAGIC, RecordingError, RowError, VERSION, shown,
+    ACCEL, COLUMNS, GYRO, HEADING, Header, LineError, MAG, MAGIC, RecordingError, VERSION, shown,
 };
 use crate::reading::STANDARD_GRAVITY_M_S2;
 
@@ -156,7 +156,7 @@ impl Rows {
 }
 
 fn wrong(log: &str, line: u64, what: String) -> RecordingError {
-    RecordingError::Header(RowError {
+    RecordingError::Header(LineError {
         log: log.to_owned(),
         line,
         column: None,

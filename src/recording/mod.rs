@@ -118,7 +118,7 @@ pub struct Entry {
 pub enum RecordingError {
     /// The header is wrong, so no row could be understood.
     #[error("cannot read the header of {0}")]
-    Header(RowError),
+    Header(LineError),
     /// The times are not in seconds.
     #[error(
         "cannot use log {log}: the gyro's readings are {step:.0} apart in column {column} (t_s), as in {unit}, but times must be \
@@ -159,7 +159,7 @@ pub enum RecordingError {
 /// One line that cannot be used. Behind a row the reader continues.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("log {log}, line {line}{}: {what}", column.map(|c| format!(", column {} ({})", c.0, c.1)).unwrap_or_default())]
-pub struct RowError {
+pub struct LineError {
     /// The log's name.
     pub log: String,
     /// Line number, from 1.
@@ -175,12 +175,12 @@ pub struct RowError {
 pub struct Skips {
     kept: u64,
     count: u64,
-    first: Option<RowError>,
+    first: Option<LineError>,
 }
 
 impl Skips {
     /// The entry, or `None` for a bad row, which is counted.
-    pub fn keep(&mut self, row: Result<Entry, RowError>) -> Option<Entry> {
+    pub fn keep(&mut self, row: Result<Entry, LineError>) -> Option<Entry> {
         match row {
             Ok(entry) => {
                 self.kept += 1;
@@ -211,7 +211,7 @@ impl Skips {
     }
 
     /// The first skipped row's error.
-    pub fn first(&self) -> Option<&RowError> {
+    pub fn first(&self) -> Option<&LineError> {
         self.first.as_ref()
     }
 }

@@ -7,7 +7,7 @@ use super::header;
 use super::lines::{LogLine, LogLines};
 use super::rows::{RowFault, Rows};
 use super::stretch::{self, TimeOrder};
-use super::{Entry, Header, RecordingError, RowError};
+use super::{Entry, Header, LineError, RecordingError};
 
 /// So many rows tell whether the times are in seconds, if there are so many steps between the gyro's readings among them, …
 const FIRST_ROWS: usize = 1000;
@@ -92,7 +92,7 @@ impl<R: BufRead> Reader<R> {
     }
 
     /// The next row that can be understood, or why one cannot; `None` at the end.
-    fn row(&mut self) -> Option<Result<Numbered, RowError>> {
+    fn row(&mut self) -> Option<Result<Numbered, LineError>> {
         while !self.done {
             let before = self.lines.number();
             let fault = match self.lines.advance() {
@@ -120,14 +120,14 @@ impl<R: BufRead> Reader<R> {
                     break;
                 }
             };
-            return Some(Err(self.row_error(self.lines.number(), fault)));
+            return Some(Err(self.line_error(self.lines.number(), fault)));
         }
         self.done = true;
         None
     }
 
     /// The entry, unless its time cannot be right.
-    fn judged(&mut self, (entry, line): Numbered, order: TimeOrder) -> Result<Entry, RowError> {
+    fn judged(&mut self, (entry, line): Numbered, order: TimeOrder) -> Result<Entry, LineError> {
         let t_s = entry.reading.t_s;
         if let (TimeOrder::Odd, Some(last_s)) = (order, self.last_s) {
             let what = if t_s < last_s {
@@ -137,15 +137,15 @@ impl<R: BufRead> Reader<R> {
                     "found time {t_s}, but the row before has {last_s}, and the next does not go on from here"
                 )
             };
-            return Err(self.row_error(line, (Some(0), what)));
+            return Err(self.line_error(line, (Some(0), what)));
         }
         self.last_s = Some(t_s);
         self.begins_stretch = order == TimeOrder::Jump;
         Ok(entry)
     }
 
-    fn row_error(&self, line: u64, (column, what): RowFault) -> RowError {
-        RowError {
+    fn line_error(&self, line: u64, (column, what): RowFault) -> LineError {
+        LineError {
             log: self.log.clone(),
             line,
             column: column.map(|column| self.rows.place(column)),
@@ -155,7 +155,7 @@ impl<R: BufRead> Reader<R> {
 }
 
 impl<R: BufRead> Iterator for Reader<R> {
-    type Item = Result<Result<Entry, RowError>, RecordingError>;
+    type Item = Result<Result<Entry, LineError>, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         loop {
@@ -197,7 +197,7 @@ mod tests {
 
     const HEAD: &str = "# headingd-log 1\nt_s,mx,my,mz,gx,gy,gz,ax,ay,az,heading_deg\n";
 
-    fn rows(text: &[u8]) -> Vec<Result<Entry, RowError>> {
+    fn rows(text: &[u8]) -> Vec<Result<Entry, LineError>> {
         Reader::new("a.csv", text)
             .unwrap()
             .map(Result::unwrap)
