@@ -4,9 +4,9 @@
 //! how certainly, whether that may be published, whether the field is disturbed, and how good the calibration is.
 //! `filter` has the model and its equations, `prior` what a filter starts from.
 //!
-//! Two filters may run at a time: the active one, and a `rival` that explains the samples in another way — with the result of a full
-//! turn, without it, or with iron that has just come or gone. While something magnetic visits a resting board, the filter of before waits
-//! for its end (`visit`).
+//! Beside the active filter there may be a `rival`, which explains the samples in another way: with the result of a full turn, without
+//! it, or with iron that has just come or gone. While something magnetic is near a resting board, `visit` carries on the filters from
+//! before.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -188,16 +188,13 @@ impl Estimate {
         }
         let checked = (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter);
         let right = self.gyro.take(&input, checked);
-        for filter in [
+        let others = [
             Some(&mut self.active),
             self.proven.as_mut(),
             self.rival.as_mut().map(|one| &mut one.filter),
             self.suspended.as_mut().map(|one| &mut one.filter),
-            self.visit.before(),
-        ]
-        .into_iter()
-        .flatten()
-        {
+        ];
+        for filter in others.into_iter().flatten().chain(self.visit.filters()) {
             filter.shift_gyro_bias(&shift);
         }
         if self.gyro.fault().is_some() || self.suspended.is_some() {
@@ -219,9 +216,12 @@ impl Estimate {
             self.compare(period_s);
             self.try_iron(period_s);
         }
-        if let Some(before) = self.visit.take(&input, &self.active) {
-            self.active = before;
-            self.rival = None;
+        let visit = self.visit.take(&input, &self.active, self.rival.as_ref());
+        if let Some(before) = visit {
+            self.active = before.active;
+            self.rival = before.rival;
+            self.iron = IronWatch::default();
+            self.disturbed_s = 0.0;
         }
         self.iron.take(&self.active, period_s);
     }
@@ -316,6 +316,7 @@ impl Estimate {
         turned.replace(&measured, &input);
         // To go back would undo the turn.
         self.forget_checkpoints();
+        self.visit = VisitWatch::default();
         if better {
             self.kept = Some(*calibration);
             self.proven = None;

@@ -212,7 +212,7 @@ pub fn hypot(x: f64, y: f64) -> f64 {
 }
 
 /// Angle between two orientations, radians, 0 to π.
-pub fn turned_rad(before: &Matrix3<f64>, now: &Matrix3<f64>) -> f64 {
+pub fn angle_between_rad(before: &Matrix3<f64>, now: &Matrix3<f64>) -> f64 {
     let cosine = 0.5 * (before.component_mul(now).sum() - 1.0);
     cosine.clamp(-1.0, 1.0).acos()
 }

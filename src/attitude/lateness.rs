@@ -4,8 +4,8 @@
 //! those that follow at once are still late by what is left of that. The last of such a burst was late by less than a period: otherwise
 //! there would be one more. If nothing follows at once, nothing had piled up: readings were lost, and none is late.
 //!
-//! The adapter of a serial line may hold back the rest of a packet, so that even the last reading of a burst is late. Where that is
-//! usual, one reading in `WINDOW_S` is taken to be late by less than a period.
+//! The adapter of a serial line may hold back part of a packet, so that even the last reading of a burst is late. If that happens often,
+//! the least late reading of two windows is taken to be late by less than a period.
 
 /// The period is the mean over this time, seconds.
 const MEAN_S: f64 = 30.0;
@@ -19,10 +19,10 @@ const LONG: f64 = 1.5;
 const LOSS_WEIGHT: f64 = 0.2;
 /// Weight of each burst in the mean of `held_back`: the mean of about 30, a second or two.
 const BURST_WEIGHT: f64 = 0.03;
-/// An adapter holds readings back if more than this share of the bursts end late. On a recorder whose adapter does, 35 % or more
-/// seem to; where it does not, the readings that are lost cause up to 15 %.
+/// An adapter holds readings back if more than this share of the bursts end late. With a simulated host that takes all that has come, lost
+/// readings cause up to 15 %; with a recorder's adapter, 35 % or more seem to end late.
 const HELD_BACK: f64 = 0.25;
-/// So long lasts half of the time in which one reading is late by less than a period, seconds: the time to three polls of 16 to 64 ms.
+/// Length of a window, seconds: two windows have two polls of up to 64 ms.
 const WINDOW_S: f64 = 0.075;
 /// The walk is the mean over this time, seconds.
 const WALK_MEAN_S: f64 = 10.0;
@@ -97,8 +97,8 @@ impl Lateness {
         self.late_s
     }
 
-    /// Variance that the corrections add to the times in a second, s²/s: how far a reading that was lost shifts those after it shows
-    /// only later.
+    /// Variance that the corrections add to the times per second, s²/s. A lost reading shifts the times of those after it, until a
+    /// correction shows by how much.
     pub fn walk_s2(&self) -> f64 {
         self.walk_s2
     }

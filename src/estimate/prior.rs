@@ -9,10 +9,11 @@ use crate::frame::Mounting;
 pub(super) const FIELD_MGAUSS: f64 = 500.0;
 /// Hard iron to expect, on an axis, as a share of the field.
 pub(super) const IRON: f64 = 3.0;
-/// Deviation of an entry of D: on the diagonal by scale factors (data sheets: 5 %) and soft iron (15 % at most), beside the diagonal
-/// by soft iron and by rotation between the chips about each axis, radians: up to 5° in any direction.
+/// Deviation of D's entries on the diagonal: scale factors (data sheets: 5 %) and soft iron (15 % at most).
 pub(super) const SCALE: f64 = 0.08;
+/// Deviation of the other entries by soft iron.
 const SKEW: f64 = 0.025;
+/// Deviation of the rotation between the chips about each axis, radians: up to 5° in any direction.
 const ROTATION_RAD: f64 = 0.03;
 /// What the place of a turn may have added to its result, as a share of the field: rooms are uneven by 1 to 2 %.
 const PLACE: f64 = 0.015;
@@ -61,11 +62,16 @@ impl Prior {
         let entries = SMatrix::<f64, 9, 9>::from_fn(|one, other| {
             // Soft iron adds the same to an entry and to the one across the diagonal, and rotation the opposite.
             let across = 3 * (one % 3) + one / 3;
-            match other {
-                _ if one == across && other == one => SCALE.powi(2),
-                _ if other == one => SKEW.powi(2) + ROTATION_RAD.powi(2),
-                _ if other == across => SKEW.powi(2) - ROTATION_RAD.powi(2),
-                _ => 0.0,
+            if other == one {
+                if one == across {
+                    SCALE.powi(2)
+                } else {
+                    SKEW.powi(2) + ROTATION_RAD.powi(2)
+                }
+            } else if other == across {
+                SKEW.powi(2) - ROTATION_RAD.powi(2)
+            } else {
+                0.0
             }
         });
         let held = without_trace();

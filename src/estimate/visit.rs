@@ -1,16 +1,21 @@
 //! Something magnetic that comes near a resting board and goes again.
 //!
-//! While it is there, the active filter takes the place for very uneven, and iron for what may have moved. Once the field is as it was,
-//! all this is void: the filter of before, carried on by the gyro meanwhile, becomes active again.
+//! While it is there, the active filter learns that the field here is very uneven and, if the board is touched, that its iron may have
+//! changed. Once the field is as before, both are wrong: the filters from before, carried on by the gyro, take over again.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::filter::{DISTURBED, Filter, Input, SWING_RAD};
-use crate::frame::turned_rad;
+use super::rival::Rival;
+use crate::frame::angle_between_rad;
 
-/// The field must be as it was for this long, seconds: by then a hand has taken the magnet away.
+/// What the field is off by is averaged over this time, seconds: longer than a hand takes to remove a magnet.
 const GONE_S: f64 = 1.0;
-/// Whoever puts down a magnet moves the table for no longer than this, seconds.
+/// A sample counts for at most this share of the average, so that those after a pause do not count alone.
+const MOST_A_SAMPLE: f64 = 0.1;
+/// A normalised square of that below this is as expected (3 degrees of freedom: 95 %).
+const EXPECTED: f64 = 7.8;
+/// Whoever puts a magnet down shakes the board for at most this long, seconds.
 const TOUCH_S: f64 = 3.0;
 
 /// Watches a resting board for visits.
@@ -19,70 +24,91 @@ pub(super) struct VisitWatch {
     rest: Option<Rest>,
 }
 
+/// The filters from before a visit.
+pub(super) struct Before {
+    pub(super) active: Filter,
+    pub(super) rival: Option<Rival>,
+}
+
 /// A board that has not been turned since it came to rest.
 struct Rest {
-    /// The active filter, as it was before the visit.
-    before: Filter,
+    before: Before,
+    /// Orientation at the beginning, body to frame.
     lay: Matrix3<f64>,
-    visited: bool,
-    /// For how long the board has moved without a pause, and for how long the field has been as it was, seconds.
+    /// For how long the board has moved without a pause, seconds.
     touched_s: f64,
-    gone_s: f64,
+    /// Average of what the field differs by from what is expected, body axes, milligauss; `None` without a visit.
+    off_mgauss: Option<Vector3<f64>>,
 }
 
 impl VisitWatch {
-    /// Takes a sample that the active filter has followed. Returns the filter of before a visit that has just ended.
-    pub(super) fn take(&mut self, input: &Input, active: &Filter) -> Option<Filter> {
+    /// Takes a sample that the filters have followed. Returns those from before the visit, if a visit has just ended.
+    pub(super) fn take(
+        &mut self,
+        input: &Input,
+        active: &Filter,
+        rival: Option<&Rival>,
+    ) -> Option<Before> {
+        let disturbed = active.disturbed();
+        let now = || Before {
+            active: active.clone(),
+            rival: rival.cloned(),
+        };
         let Some(rest) = &mut self.rest else {
-            let undisturbed = input.still && active.begun() && !active.disturbed();
-            self.rest = undisturbed.then(|| Rest::begin(input, active));
+            self.rest = (input.still && active.begun() && !disturbed).then(|| Rest {
+                before: now(),
+                lay: input.to_frame,
+                touched_s: 0.0,
+                off_mgauss: None,
+            });
             return None;
         };
-        if rest.has_ended(input) {
+        if rest.board_moved(input) {
             self.rest = None;
-            return None;
-        }
-        rest.visited |= active.disturbed();
-        if !rest.visited {
-            rest.before = active.clone();
-        } else if rest.is_over(input) {
+        } else if !disturbed && rest.off_mgauss.is_none() {
+            rest.before = now();
+        } else if rest.follow_visit(input) {
             return self.rest.take().map(|rest| rest.before);
         }
         None
     }
 
-    /// The filter of before a visit, or of the sample before.
-    pub(super) fn before(&mut self) -> Option<&mut Filter> {
-        self.rest.as_mut().map(|rest| &mut rest.before)
+    /// The kept filters: from before the visit or, without one, from the last sample.
+    pub(super) fn filters(&mut self) -> impl Iterator<Item = &mut Filter> {
+        self.rest
+            .iter_mut()
+            .flat_map(|rest| rest.before.filters_mut())
+    }
+}
+
+impl Before {
+    fn filters_mut(&mut self) -> impl Iterator<Item = &mut Filter> {
+        let rival = self.rival.as_mut().map(|rival| &mut rival.filter);
+        [&mut self.active].into_iter().chain(rival)
     }
 }
 
 impl Rest {
-    fn begin(input: &Input, active: &Filter) -> Self {
-        Self {
-            before: active.clone(),
-            lay: input.to_frame,
-            visited: false,
-            touched_s: 0.0,
-            gone_s: 0.0,
-        }
-    }
-
-    fn has_ended(&mut self, input: &Input) -> bool {
+    /// Whether the board does not lie as it did.
+    fn board_moved(&mut self, input: &Input) -> bool {
         let touched_s = self.touched_s + input.period_s;
         self.touched_s = if input.still { 0.0 } else { touched_s };
-        self.touched_s > TOUCH_S || turned_rad(&self.lay, &input.to_frame) > SWING_RAD
+        self.touched_s > TOUCH_S || angle_between_rad(&self.lay, &input.to_frame) > SWING_RAD
     }
 
-    /// Whether the visit is over.
-    fn is_over(&mut self, input: &Input) -> bool {
-        self.before.pass(input);
-        let gone = input.still && self.before.expects(input, DISTURBED);
-        self.gone_s = if gone {
-            self.gone_s + input.period_s
-        } else {
-            0.0
-        };
-        self.gone_s > GONE_S
+    /// Carries the kept filters on through the visit. Whether it is over.
+    fn follow_visit(&mut self, input: &Input) -> bool {
+        for filter in self.before.filters_mut() {
+            filter.pass(input);
+        }
+        let filter = &self.before.active;
+        let (innovation, covariance) = filter.foresee(input);
+        let off = self.off_mgauss.get_or_insert(innovation);
+        *off += (innovation - *off) * (input.period_s / GONE_S).min(MOST_A_SAMPLE);
+        // If the prediction is less certain, it does not exclude a disturbance.
+        let disturbance2 = (DISTURBED * filter.strength_mgauss()).powi(2);
+        let certain = covariance.trace() * EXPECTED / 3.0 < disturbance2;
+        let expected = |inverse: Matrix3<f64>| off.dot(&(inverse * *off)) < EXPECTED;
+        input.still && certain && covariance.try_inverse().is_some_and(expected)
     }
 }

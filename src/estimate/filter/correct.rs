@@ -30,8 +30,6 @@ const PLACE_STEP: f64 = 0.05;
 const VERTICAL_KNOWN: f64 = 0.0625;
 /// A normalised innovation squared beyond this is no chance (3 degrees of freedom: 0.1 %).
 const GATE: f64 = 16.0;
-/// Below this it is nothing odd (95 %).
-const EXPECTED: f64 = 7.8;
 
 impl Filter {
     /// Takes the sample in.
@@ -96,17 +94,11 @@ impl Filter {
         self.update(&(cross * inverse), &cross, &innovation, frozen);
     }
 
-    /// Whether the field is what the state predicts, and the prediction is good enough to tell it from a disturbance by this share of the
-    /// field.
-    pub(in crate::estimate) fn expects(&self, input: &Input, disturbance: f64) -> bool {
+    /// The innovation of a sample that is not taken, body axes, milligauss, and its covariance but for the noise of samples, milligauss².
+    pub(in crate::estimate) fn foresee(&self, input: &Input) -> (Vector3<f64>, Matrix3<f64>) {
         let sensitivity = self.sensitivity(input, &self.field_here(), &self.tilt_rad());
         let innovation = input.field_mgauss - self.matrix() * sensitivity.row - self.vector(B);
-        let s = sensitivity.squared(&sensitivity.cross(&self.p))
-            + Matrix3::identity() * self.white_noise2(&input.turning());
-        let least2 = (disturbance * self.strength_rms_mgauss).powi(2);
-        s.trace() < least2
-            && s.cholesky()
-                .is_some_and(|s| innovation.dot(&s.solve(&innovation)) < EXPECTED)
+        (innovation, sensitivity.squared(&sensitivity.cross(&self.p)))
     }
 
     /// How the sample depends on the states where field and tilt error are these, in the frame. The predicted sample is

@@ -6,7 +6,7 @@ use super::{
     DISTURBED, FORGET_MOVING_S, Filter, Input, PLACE_LASTS_S, SWING_RAD, USUAL_UNEVENNESS,
 };
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
-use crate::frame::turned_rad;
+use crate::frame::angle_between_rad;
 
 /// Upper limit of the expected strength, the strongest field on earth: uncertain iron makes the field uncertain, not stronger.
 const STRONGEST_MGAUSS: f64 = 670.0;
@@ -207,7 +207,7 @@ impl Filter {
             self.lay = input.to_frame;
             return input.rate_rad_s.norm() * input.period_s;
         }
-        let turned_rad = turned_rad(&self.lay, &input.to_frame);
+        let turned_rad = angle_between_rad(&self.lay, &input.to_frame);
         if turned_rad < SWING_RAD {
             return 0.0;
         }
