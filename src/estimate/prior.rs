@@ -12,9 +12,9 @@ pub(super) const IRON: f64 = 3.0;
 /// Deviation of D's entries on the diagonal: scale factors (data sheets: 5 %) and soft iron (15 % at most).
 pub(super) const SCALE: f64 = 0.08;
 /// Deviation of the other entries by soft iron.
-const SKEW: f64 = 0.025;
-/// Deviation of the rotation between the chips about each axis, radians: up to 5° in any direction.
-const ROTATION_RAD: f64 = 0.03;
+const SKEW: f64 = 0.02;
+/// Deviation of the rotation between the chips about each axis, radians: any angle up to 5°, in any direction.
+const ROTATION_RAD: f64 = 0.029;
 /// What the place of a turn may have added to its result, as a share of the field: rooms are uneven by 1 to 2 %.
 const PLACE: f64 = 0.015;
 
