@@ -129,6 +129,13 @@ impl Attitude {
         }
     }
 
+    /// Begins with the gyro's bias of the last start, gyro chip axes, rad/s.
+    pub fn expect_gyro_bias(&mut self, chip_rad_s: Vector3<f64>) {
+        self.filter
+            .errors
+            .expect_bias(self.mountings.gyro.to_body(chip_rad_s));
+    }
+
     /// Takes a reading, raw field and all, and calls `on_tick` with each tick that it completes.
     ///
     /// Ticks come with the gyro; numbers that cannot be are passed over.
@@ -227,6 +234,11 @@ impl Attitude {
     /// The gyro's bias as learnt so far, body axes, rad/s.
     pub fn gyro_bias_rad_s(&self) -> Vector3<f64> {
         self.filter.bias()
+    }
+
+    /// Variance of that bias on each body axis, (rad/s)².
+    pub fn gyro_bias_variance(&self) -> Vector3<f64> {
+        self.filter.errors.bias_covariance().diagonal()
     }
 
     /// Whether the board was at rest at the last tick.

@@ -153,13 +153,17 @@ pub struct Pipeline {
 impl Pipeline {
     /// A pipeline that starts with this calibration, or with none.
     pub fn new(setup: Setup, calibration: Option<Calibration>) -> Self {
+        let mut attitude = Attitude::new(&setup.attitude, &setup.mountings);
+        if let Some(bias_deg_s) = calibration.and_then(|one| one.gyro_bias_deg_s) {
+            attitude.expect_gyro_bias(bias_deg_s.map(f64::to_radians));
+        }
         Self {
             outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
             saturation: Saturation::new(&setup.mountings),
             frozen_watch: FrozenWatch::default(),
             frozen: None,
             newest: Newest::default(),
-            attitude: Attitude::new(&setup.attitude, &setup.mountings),
+            attitude,
             turns: TurnDetector::new(&setup.turn),
             estimate: Estimate::new(setup.mountings.mag, calibration.as_ref()),
             learning: Learning::new(calibration),
@@ -218,7 +222,7 @@ impl Pipeline {
         if !self.learning.calibrated() {
             return None;
         }
-        self.estimate.calibration().or(self.learning.kept())
+        self.learnt_calibration().or(self.learning.kept())
     }
 
     /// Why the last calibration was asked for.

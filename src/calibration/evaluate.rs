@@ -103,6 +103,7 @@ impl<const D: usize> Work<'_, D> {
             residual_mgauss: best.residual_mgauss,
             heading_sd_deg,
             covariance: None,
+            gyro_bias_deg_s: None,
         });
 
         let directions: Vec<SVector<f64, D>> = points

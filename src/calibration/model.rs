@@ -176,6 +176,9 @@ pub struct Calibration {
     /// Covariance of b and of A, where the estimate that learnt them knows it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub covariance: Option<PackedCovariance>,
+    /// Bias of the gyro when this was learnt, gyro chip axes, degrees per second: a start expects about the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gyro_bias_deg_s: Option<Vector3<f64>>,
 }
 
 /// Covariance of b (milligauss) and of the entries of A, row by row: the upper triangle of a 12×12 matrix, column by

@@ -80,7 +80,8 @@ struct TurnedMoment {
 impl GyroScale {
     /// Takes a sample, and what the filter knows of the gyro's bias. Whether the sample ended a moment that counts.
     pub(super) fn take(&mut self, input: &Input, filter: &Filter) -> bool {
-        let (bias, bias_sd) = filter.gyro_bias();
+        let (bias, variance) = filter.gyro_bias();
+        let bias_sd = variance.max().sqrt();
         let field = input.field_mgauss / FIELD_MGAUSS;
         let unbroken =
             |moment: &TurnedMoment| input.period_s <= GAP_S && (field - moment.last).norm() <= JUMP;

@@ -1,5 +1,7 @@
 //! What the estimate has learnt, as a calibration to keep, and what it has yet to learn.
 
+use nalgebra::Vector3;
+
 use super::{Estimate, prior};
 use crate::calibration::model::{Calibration, Model, PackedCovariance, Parameters, Spatial};
 
@@ -12,6 +14,12 @@ impl Estimate {
             2 => "roll or pitch it",
             _ => "turn it about the vertical",
         }
+    }
+
+    /// What is left of the gyro's bias, body axes, rad/s, and its variance on each axis, by the field alone; `None` before the estimate
+    /// has begun.
+    pub fn gyro_bias(&self) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        self.active.begun().then(|| self.active.gyro_bias())
     }
 
     /// What is known now, as a calibration to keep; `None` before the estimate has begun.
@@ -31,6 +39,7 @@ impl Estimate {
             residual_mgauss: self.active.noise_mgauss(),
             heading_sd_deg: self.north_sd_deg(),
             covariance: Some(PackedCovariance::packed(&covariance)),
+            gyro_bias_deg_s: None,
         })
     }
 }

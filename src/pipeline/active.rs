@@ -97,6 +97,7 @@ impl Pipeline {
             self.armed &= self.asked != Reason::Start || outcome.verdict == Verdict::Rejected;
             match (outcome.verdict, outcome.calibration) {
                 (Verdict::Accepted, Some(calibration)) => {
+                    outcome.calibration = Some(self.with_gyro_bias(calibration));
                     self.adopt(&mut outcome, &calibration);
                     self.refused = None;
                 }

@@ -13,6 +13,9 @@ const MOVED: f64 = 3.0;
 /// … and not more often than this, seconds.
 const KEEP_EVERY_S: f64 = 60.0;
 
+/// The gyro's bias is known within this on each axis, rad/s (0.5°/s): half of what it may be another at the next start.
+const KNOWN_BIAS_RAD_S: f64 = 0.0087;
+
 /// How far learning has come.
 #[derive(Clone, Debug)]
 pub(super) struct Learning {
@@ -70,6 +73,32 @@ impl Learning {
 }
 
 impl Pipeline {
+    /// What the estimate knows, as a calibration to keep; `None` before the estimate has begun.
+    pub(super) fn learnt_calibration(&self) -> Option<Calibration> {
+        let calibration = self.estimate.calibration()?;
+        Some(self.with_gyro_bias(calibration))
+    }
+
+    /// This calibration with the gyro's bias, if that is known.
+    pub(super) fn with_gyro_bias(&self, calibration: Calibration) -> Calibration {
+        Calibration {
+            gyro_bias_deg_s: self.gyro_bias_deg_s(),
+            ..calibration
+        }
+    }
+
+    /// The gyro's bias, gyro chip axes: by gravity and the field, as certain as each knows it.
+    fn gyro_bias_deg_s(&self) -> Option<Vector3<f64>> {
+        let begun_with = self.sample.as_ref()?.gyro_bias_rad_s;
+        let (left, by_field) = self.estimate.gyro_bias()?;
+        let by_gravity = self.attitude.gyro_bias_variance();
+        let share = by_gravity.component_div(&(by_gravity + by_field));
+        let known = share.component_mul(&by_field).max() < KNOWN_BIAS_RAD_S.powi(2);
+        let bias = begun_with + share.component_mul(&left);
+        let chip = self.setup.mountings.gyro.to_chip(bias);
+        (known && self.gyro_is_right()).then(|| chip.map(f64::to_degrees))
+    }
+
     /// How much has been learnt on the way to a heading, 0 to 1: the logarithm of the deviation, from 180° down.
     pub(super) fn learnt(&self) -> f64 {
         let wanted = self.setup.pipeline.publish_sd_deg;
@@ -94,7 +123,7 @@ impl Pipeline {
             }
             return;
         }
-        let (Some(reason), Some(calibration)) = (self.wanted(), self.estimate.calibration()) else {
+        let (Some(reason), Some(calibration)) = (self.wanted(), self.learnt_calibration()) else {
             return;
         };
         self.asked = reason;

@@ -23,7 +23,7 @@ impl Pipeline {
     /// What the estimate has learnt so far, and what that is judged by: accepted as certain as a live one is kept, and else
     /// refused. `None` before the board has turned far enough for an estimate to begin.
     pub fn learnt_by_motion(&self) -> Option<(Outcome, MotionMeasures)> {
-        let calibration = self.estimate.calibration()?;
+        let calibration = self.learnt_calibration()?;
         let measures = MotionMeasures {
             gyro_is_right: self.gyro_is_right(),
             field_is_predicted: !self.estimate.disturbed(),

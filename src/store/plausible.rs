@@ -31,6 +31,7 @@ pub(super) fn no_number(calibration: &Value) -> Option<String> {
         "residual_mgauss",
         "heading_sd_deg",
         "covariance",
+        "gyro_bias_deg_s",
     ]
     .iter()
     .filter_map(|key| calibration.get(key).map(|value| (key, value)))
@@ -55,6 +56,10 @@ pub(super) fn faults(calibration: &Calibration) -> Vec<Fault> {
     check("calibration.residual_mgauss", residual, 0.0..=1e5);
     let (key, sd_deg) = ("calibration.heading_sd_deg", calibration.heading_sd_deg);
     within(&mut faults, key, sd_deg, 0.0..=180.0, "degrees");
+    for bias_deg_s in calibration.gyro_bias_deg_s.iter().flatten() {
+        let (key, range) = ("calibration.gyro_bias_deg_s", -60.0..=60.0);
+        within(&mut faults, key, *bias_deg_s, range, "degrees per second");
+    }
     if let Some(covariance) = &calibration.covariance {
         covariance_faults(&mut faults, calibration, covariance);
     }

@@ -49,6 +49,7 @@ fn made(number: u64) -> Made {
             residual_mgauss: 2.0,
             heading_sd_deg: 0.5,
             covariance: None,
+            gyro_bias_deg_s: None,
         },
     }
 }

@@ -96,6 +96,7 @@ fn shifted(settings: &Settings, shift_mgauss: f64) -> Calibration {
         residual_mgauss: 2.0,
         heading_sd_deg: 0.05,
         covariance: None,
+        gyro_bias_deg_s: None,
     }
 }
 

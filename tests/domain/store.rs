@@ -35,6 +35,7 @@ fn made(parameters: Parameters) -> Made {
             residual_mgauss: 0.1 + 0.2,
             heading_sd_deg: 0.7,
             covariance: None,
+            gyro_bias_deg_s: None,
         },
     }
 }
@@ -84,6 +85,7 @@ fn learnt() -> Made {
         Spatial::new(Model::General, bias, matrix).unwrap(),
     ));
     made.calibration.covariance = Some(PackedCovariance::packed(&(root * root.transpose())));
+    made.calibration.gyro_bias_deg_s = Some(Vector3::new(4.5, -1.0 / 7.0, 0.0));
     made
 }
 
@@ -136,18 +138,36 @@ fn a_history_comes_back_bit_for_bit() {
 }
 
 #[test]
-fn a_covariance_that_cannot_be_one_is_damage() {
+fn a_covariance_or_a_gyros_bias_that_cannot_be_one_is_damage() {
     let good = Contents::of(History::of(identity(), learnt()));
     let text = good.to_json().unwrap();
     assert_eq!(Contents::from_json(text.as_bytes()), Ok(good));
     let mut value: serde_json::Value = serde_json::from_str(&text).unwrap();
     let calibration = &mut value["sensors"][0]["history"][0]["calibration"];
-    for (at, wrong, part) in [
-        (0, serde_json::json!(-1.0), "no variance below 0"),
-        (1, serde_json::json!(50.0), "no correlation beyond 1"),
-        (2, serde_json::json!("x"), "covariance[2]"),
+    let (covariance, bias) = ("covariance", "gyro_bias_deg_s");
+    for (key, at, wrong, part) in [
+        (
+            covariance,
+            0,
+            serde_json::json!(-1.0),
+            "no variance below 0",
+        ),
+        (
+            covariance,
+            1,
+            serde_json::json!(50.0),
+            "no correlation beyond 1",
+        ),
+        (covariance, 2, serde_json::json!("x"), "covariance[2]"),
+        (
+            bias,
+            1,
+            serde_json::json!(61.0),
+            "calibration.gyro_bias_deg_s",
+        ),
+        (bias, 2, serde_json::json!(null), "gyro_bias_deg_s[2]"),
     ] {
-        let right = std::mem::replace(&mut calibration["covariance"][at], wrong);
+        let right = std::mem::replace(&mut calibration[key][at], wrong);
         let mut damaged = serde_json::json!({"headingd_store": 2, "sensors": []});
         damaged["sensors"] = serde_json::json!([{
             "sensor": "hmc5843", "mag_axes": "+y -x +z", "in_force": 1, "last_number": 1,
@@ -155,7 +175,7 @@ fn a_covariance_that_cannot_be_one_is_damage() {
         }]);
         let error = Contents::from_value(damaged).unwrap_err().to_string();
         assert!(error.contains(part), "{error}");
-        calibration["covariance"][at] = right;
+        calibration[key][at] = right;
     }
     // A matrix that mirrors an axis is no chip's.
     calibration["matrix"][0] = serde_json::json!(-1.1);

@@ -60,6 +60,7 @@ pub fn true_calibration(matrix: Matrix3<f64>, bias: Vector3<f64>, strength: f64)
         residual_mgauss: 5.0,
         heading_sd_deg: 0.3,
         covariance: None,
+        gyro_bias_deg_s: None,
     }
 }
 

@@ -73,6 +73,7 @@ mod tests {
             residual_mgauss: 2.0,
             heading_sd_deg: 0.1,
             covariance: None,
+            gyro_bias_deg_s: None,
         };
         let limits = Limits::default();
         assert_eq!(check(&good, &limits), Ok(()));

@@ -19,10 +19,10 @@ pub(in crate::estimate) struct SeenNorth {
 }
 
 impl Filter {
-    /// What is left of the gyro's bias, body axes, rad/s, and its largest deviation.
-    pub(in crate::estimate) fn gyro_bias(&self) -> (Vector3<f64>, f64) {
-        let variance = (G..G + 3).map(|at| self.p[(at, at)]).fold(0.0, f64::max);
-        (self.vector(G), variance.sqrt())
+    /// What is left of the gyro's bias, body axes, rad/s, and its variance on each axis.
+    pub(in crate::estimate) fn gyro_bias(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let variance = self.p.fixed_view::<3, 3>(G, G).diagonal();
+        (self.vector(G), variance)
     }
 
     /// Whether a state has begun.

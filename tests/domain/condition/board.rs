@@ -234,6 +234,7 @@ pub fn planar(off_mgauss: f64) -> Calibration {
         residual_mgauss: 1.2,
         heading_sd_deg: 0.05,
         covariance: None,
+        gyro_bias_deg_s: None,
     }
 }
 

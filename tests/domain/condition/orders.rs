@@ -1,6 +1,6 @@
 //! Mode, start, cancel, and iron that comes after the calibration.
 
-use headingd::calibration::model::Parameters;
+use headingd::calibration::model::{Calibration, Parameters};
 use headingd::calibration::outcome::Verdict;
 use headingd::calibration::policy::{Policy, Reason};
 use headingd::condition::SourceFault;
@@ -299,6 +299,59 @@ fn iron_that_is_carried_about_a_board_at_rest_moves_its_heading_no_further_than_
         moved.abs() < 3.0 * sd,
         "the heading has moved by {moved}, with a deviation of {sd}"
     );
+}
+
+#[test]
+fn headings_are_good_again_once_a_magnet_has_left_a_board_at_rest() {
+    let mut board = Board::rested(Some(spatial(0.0)));
+    board.tumble();
+    board.tumble();
+    board.rest(20.0);
+    let magnet = Vector3::new(-40.0, 150.0, 60.0);
+    board.bias_mgauss += magnet;
+    board.rest(16.0);
+    assert_eq!(board.state(), ("disturbed", "field_changed"));
+    board.bias_mgauss -= magnet;
+    board.rest(10.0);
+    assert_eq!(board.state(), ("good", "good"));
+    // One that stays is not forgotten.
+    board.bias_mgauss += magnet;
+    board.rest(60.0);
+    assert_eq!(board.state(), ("disturbed", "field_changed"));
+}
+
+#[test]
+fn a_restart_begins_with_the_gyros_bias_of_before() {
+    let biased = |calibration: Option<Calibration>| {
+        let mut board = Board::new(calibration);
+        board.gyro = |rate| rate + Vector3::new(0.08, -0.02, 0.03);
+        board
+    };
+    let mut before = biased(Some(spatial(0.0)));
+    for _ in 0..4 {
+        before.tumble();
+    }
+    let kept = before.pipeline.calibration().unwrap();
+    let known = kept.gyro_bias_deg_s.unwrap().map(f64::to_radians);
+    let off = (known - Vector3::new(0.08, -0.02, 0.03))
+        .norm()
+        .to_degrees();
+    assert!(off < 0.5, "{off} degrees a second");
+
+    let unknown = Calibration {
+        gyro_bias_deg_s: None,
+        ..kept
+    };
+    let [with, without] = [kept, unknown].map(|calibration| {
+        let mut board = biased(Some(calibration));
+        let mut worst = 0.0f64;
+        for _ in 0..20 {
+            board.turn(6.0);
+            worst = worst.max(board.error_deg().map_or(0.0, f64::abs));
+        }
+        worst
+    });
+    assert!(with < 3.0 && with < 0.5 * without, "{with} and {without}");
 }
 
 #[test]
