@@ -132,7 +132,7 @@ impl HeaderLines {
             limit: limit / factor,
             unit,
         };
-        let mut rules = [rule(("seconds: divide milliseconds by 1000", 1.0), 1e12); COLUMNS.len()];
+        let mut rules = [rule(("s", 1.0), 1e12); COLUMNS.len()];
         rules[MAG..GYRO].fill(rule(mag, 1e6));
         rules[GYRO..ACCEL].fill(rule(self.gyro.unwrap_or(GYRO_UNITS[0]), 1e3));
         rules[ACCEL..HEADING].fill(rule(self.accel.unwrap_or(ACCEL_UNITS[0]), 1e4));

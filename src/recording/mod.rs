@@ -24,8 +24,11 @@
 //! | `recorded_from` | the time of day of the first reading, RFC 3339 | not known |
 //! | `mag_axes`, `gyro_axes`, `accel_axes` | a [mounting](crate::frame::Mounting) | `+x +y +z` |
 //!
-//! Times are in seconds: a log whose gyro has readings 2 s apart or more is refused, as one in milliseconds. They do not
-//! decrease. A row whose time is far from that of its neighbours is dropped, as one that cannot be
+//! Times are in seconds. A log file is refused if the median step between the gyro's readings in its first 1000 rows is 2 s
+//! or more (at least 20 steps): its times are then in milliseconds or smaller units. The times of a named pipe are not
+//! checked.
+//!
+//! Times do not decrease. A row whose time is far from that of its neighbours is dropped, as one that cannot be
 //! understood; where the time really jumps, back or by more than a minute, a new stretch begins. `stretch.rs` has the
 //! rules. What is known of the board's motion ends with its stretch, and nobody waits for the next one.
 //!

@@ -334,7 +334,11 @@ mod tests {
     #[test]
     fn times_that_are_no_seconds_are_refused() {
         let checked = |step: f64, count: usize| {
-            let row = |i: usize| format!("{},,,,0,0,{i},,,,\n,1,2,3,,,,,,,\n", i as f64 * step);
+            // The magnetometer's rows repeat the times: the steps of all rows have the median 0.
+            let row = |i: usize| {
+                let t = i as f64 * step;
+                format!("{t},,,,0,0,{i},,,,\n{t},1,2,3,,,,,,,\n")
+            };
             let text = HEAD.to_owned() + &(0..count).map(row).collect::<String>();
             Reader::new("a.csv", text.as_bytes()).unwrap().check_times()
         };
@@ -353,12 +357,23 @@ mod tests {
         }
         // A logger of 1 Hz, and a log too short to tell.
         assert!(checked(1.0, 60).is_ok() && checked(10.0, 20).is_ok());
-        let message = rows(format!("{HEAD}1764000000000,,,,,,,,,,\n").as_bytes());
-        let message = message[0].as_ref().unwrap_err().to_string();
-        assert!(
-            message.ends_with("seconds: divide milliseconds by 1000"),
-            "{message}"
-        );
+    }
+
+    #[test]
+    fn milliseconds_are_suspected_in_a_number_that_is_too_large() {
+        for (row, suspected) in [
+            ("1764000000000,,,,,,,,,,", true),
+            ("x,,,,,,,,,,", false),
+            ("nan,,,,,,,,,,", false),
+            ("inf,,,,,,,,,,", false),
+            ("0,1e13,2,3,,,,,,,", false),
+        ] {
+            let rows = rows(format!("{HEAD}{row}\n").as_bytes());
+            let message = rows[0].as_ref().unwrap_err().to_string();
+            let advice = "1000000000000 s; if these are milliseconds, divide by 1000";
+            assert_eq!(message.ends_with(advice), suspected, "{message}");
+            assert_eq!(message.contains("milliseconds"), suspected, "{message}");
+        }
     }
 
     #[test]

@@ -112,9 +112,15 @@ impl Rows {
                 Ok(number) if number.abs() <= rule.limit => {
                     cells[column] = Some(number * rule.factor);
                 }
-                _ => {
+                parsed => {
+                    let advice = match parsed {
+                        Ok(number) if column == 0 && number.is_finite() => {
+                            "; if these are milliseconds, divide by 1000"
+                        }
+                        _ => "",
+                    };
                     let right = format!(
-                        "a number from -{limit} to {limit} {unit}",
+                        "a number from -{limit} to {limit} {unit}{advice}",
                         limit = rule.limit,
                         unit = rule.unit
                     );

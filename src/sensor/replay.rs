@@ -24,7 +24,8 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Opens the log and reads its header. The times of a file are checked, too; a pipe can be read only once.
+    /// Opens the log and reads its header. The times of a file are checked, too. Those of a pipe are not: its first rows
+    /// may take long to come.
     ///
     /// # Errors
     ///
@@ -36,11 +37,11 @@ impl Replay {
             source,
         };
         let file = open(path).map_err(failed)?;
-        let shared = file.try_clone().map_err(failed)?;
+        let mut shared = file.try_clone().map_err(failed)?;
         let found = file.metadata().map_err(failed)?;
         if found.is_file() {
-            let beginning = BufReader::new(open(path).map_err(failed)?);
-            Reader::new(log.clone(), beginning)?.check_times()?;
+            Reader::new(log.clone(), BufReader::new(&file))?.check_times()?;
+            shared.rewind().map_err(failed)?;
         }
         Ok(Self {
             file: shared,
