@@ -142,14 +142,15 @@ impl FrozenWatch {
         let moving = self.rate.is_some_and(|(last_s, speed)| {
             (0.0..=GAP_S).contains(&(t_s - last_s)) && speed >= MOVING_RAD_S
         });
-        let same = self.field.is(&field);
-        if !same {
+        // Whether the board moves is unknown until the gyro's next reading.
+        let jumped_back = self.rate.is_some_and(|(last_s, _)| t_s < last_s);
+        if !self.field.is(&field) {
             self.magnetometer_frozen = false;
-        }
-        if same && moving {
+            self.field.begin(field);
+        } else if moving {
             self.field.readings += 1;
             self.magnetometer_frozen |= self.field.lasts(TURNED_RAD);
-        } else if !self.magnetometer_frozen {
+        } else if !jumped_back && !self.magnetometer_frozen {
             self.field.begin(field);
         }
         if self.seen.is_none()
@@ -284,5 +285,27 @@ mod tests {
             assert_eq!(found[jump as usize], None);
             assert_eq!(found[99], Some(right));
         }
+    }
+
+    /// Each sensor has rows of its own, and the first after the jump is the magnetometer's. Either side of the jump is too
+    /// short for a verdict.
+    #[test]
+    fn a_field_that_arrives_before_the_gyro_after_a_jump_back_continues_its_run() {
+        let mut watch = FrozenWatch::default();
+        let mut found = Vec::new();
+        for i in 0..40u32 {
+            let t_s = f64::from(i) * 0.02 + if i < 20 { 1000.0 } else { 0.0 };
+            found.push(watch.take(&Reading {
+                t_s,
+                field_mgauss: Some([100.0, 0.0, 500.0].map(Some)),
+                ..Reading::default()
+            }));
+            watch.take(&Reading {
+                t_s: t_s + 0.01,
+                rate_rad_s: Some(Vector3::new(0.0, 0.0, 1.0 + 0.001 * f64::from(i % 3))),
+                ..Reading::default()
+            });
+        }
+        assert_eq!((found[20], found[39]), (None, Some(Frozen::MAGNETOMETER)));
     }
 }
