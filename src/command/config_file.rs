@@ -33,11 +33,11 @@ pub fn path(named: Option<&Path>) -> PathBuf {
 
 /// The configuration of a command that can do with the defaults: they hold where no file is named and there is none.
 pub fn load(named: Option<&Path>) -> Result<Config, Failure> {
-    let path = path(named);
-    if chosen(named).is_none() && !path.exists() {
+    let chosen = chosen(named);
+    if chosen.is_none() && !Path::new(USUAL).exists() {
         return Ok(Config::default());
     }
-    read(&path)
+    read(&chosen.unwrap_or_else(|| USUAL.into()))
 }
 
 /// The configuration of a command that only has to find a running daemon. That daemon may be older than a fault in the usual

@@ -315,27 +315,43 @@ mod tests {
 
     #[test]
     fn what_is_no_whole_number_of_the_range_is_told_the_range_at_once() {
-        for (table, key, found, right) in [
-            ("i2c", "gain", "-1", ", from 0 to 7"),
-            ("i2c", "gain", "\"high\"", ", from 0 to 7"),
+        for (text, wrong, range) in [
+            ("[i2c]\ngain = -1", "i2c.gain is -1", "from 0 to 7"),
             (
-                "i2c]\nmagnetometer = \"qmc5883l\" # [",
-                "gain",
-                "256",
-                ", from 0 to 1",
+                "[i2c]\ngain = \"high\"",
+                "i2c.gain is \"high\"",
+                "from 0 to 7",
             ),
-            ("i2c", "gyro_address", "-1", ", 0x68 or 0x69"),
-            ("i2c", "bus", "300", ", from 0 to 255"),
-            ("serial", "baud", "4294967296", ", from 300 to 4000000 baud"),
-            ("calibration", "particles", "2.5", ", from 2 to 1000"),
-            ("calibration", "seed", "-1", ", 0 or more"),
+            (
+                "[i2c]\nmagnetometer = \"qmc5883l\"\ngain = 256",
+                "i2c.gain is 256",
+                "from 0 to 1",
+            ),
+            (
+                "[i2c]\ngyro_address = -1",
+                "i2c.gyro_address is -1",
+                "0x68 or 0x69",
+            ),
+            ("[i2c]\nbus = 300", "i2c.bus is 300", "from 0 to 255"),
+            (
+                "[serial]\nbaud = 4294967296",
+                "serial.baud is 4294967296",
+                "from 300 to 4000000 baud",
+            ),
+            (
+                "[calibration]\nparticles = 2.5",
+                "calibration.particles is 2.5",
+                "from 2 to 1000",
+            ),
+            (
+                "[calibration]\nseed = -1",
+                "calibration.seed is -1",
+                "0 or more",
+            ),
         ] {
-            let faults = faults(&format!("[{table}]\n{key} = {found}"));
-            let right = format!(".{key} is {found}, but must be a whole number{right}");
-            assert!(
-                faults.len() == 1 && faults[0].ends_with(&right),
-                "{faults:?}"
-            );
+            let line = text.lines().count();
+            let right = format!("file.toml:{line}: {wrong}, but must be a whole number, {range}");
+            assert_eq!(faults(text), [right]);
         }
     }
 

@@ -148,7 +148,7 @@ impl<'i> TableReader<'i> {
                 wrong.push((key, value));
             }
         }
-        // What is right may depend on a key that is good.
+        // The range of a wrong key may depend on a good one: `gain` on `magnetometer`.
         for (key, value) in wrong {
             if let Err(sentence) = self.probe(target, &usable, key, value) {
                 let at = Some(key.span().start);
@@ -237,7 +237,7 @@ impl<'i> TableReader<'i> {
             let right = format!("{} numbers, as the default is: {default}", numbers.len());
             return Err(Fault::new(&dotted, found, right).to_string());
         }
-        // The check of a number that is beyond it says the range.
+        // Checks that number instead; the fault names the range.
         let number = beyond(&message).and_then(|number| DeValue::parse(number).ok());
         let checked = number.and_then(|number| attempt(good.clone(), number).ok());
         let mut faults = checked.into_iter().flatten();

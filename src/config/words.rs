@@ -37,7 +37,8 @@ fn right_type(expected: &str) -> String {
     .to_owned()
 }
 
-/// If a deserialiser wanted a whole number, one of this type that is beyond the range of each setting.
+/// The largest number of the integer type that the deserialiser expected. It exceeds the range of every setting that is
+/// narrower than its type.
 pub(super) fn beyond(message: &str) -> Option<&'static str> {
     match message.rsplit_once(", expected ")?.1 {
         "u8" => Some("255"),
