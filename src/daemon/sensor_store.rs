@@ -8,6 +8,7 @@ use super::disk::{Disk, Then};
 use crate::publish::control::status::StoreSummary;
 use crate::store::{History, Identity, Made, Settings};
 
+/// The history of one sensor's calibrations, and the disk that keeps it, if any does.
 pub(super) struct SensorStore {
     history: History,
     most: usize,

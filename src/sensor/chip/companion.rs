@@ -47,10 +47,12 @@ impl CompanionSheet {
         Companion { sheet, address }
     }
 
+    /// The rate of these counts; `None` if the chip has no gyro.
     pub fn rate_rad_s(&self, counts: Vector3<f64>) -> Option<Vector3<f64>> {
         Some(counts * (1.0 / self.counts_per_deg_s?).to_radians())
     }
 
+    /// The specific force of these counts; `None` if the chip has no accelerometer.
     pub fn specific_force_m_s2(&self, counts: Vector3<f64>) -> Option<Vector3<f64>> {
         Some(counts * (STANDARD_GRAVITY_M_S2 / self.counts_per_g?))
     }
