@@ -15,6 +15,8 @@ const GONE_S: f64 = 1.0;
 const MOST_A_SAMPLE: f64 = 0.1;
 /// A normalised square of that below this is as expected (3 degrees of freedom: 95 %).
 const EXPECTED: f64 = 7.8;
+/// If the field is still off by more than this share of the most that it was off by, what disturbs it has not gone.
+const LEFT: f64 = 0.5;
 /// Whoever puts a magnet down shakes the board for at most this long, seconds.
 const TOUCH_S: f64 = 3.0;
 
@@ -39,6 +41,8 @@ struct Rest {
     touched_s: f64,
     /// Average of what the field differs by from what is expected, body axes, milligauss; `None` without a visit.
     off_mgauss: Option<Vector3<f64>>,
+    /// The most that was, milligauss.
+    most_mgauss: f64,
 }
 
 impl VisitWatch {
@@ -60,6 +64,7 @@ impl VisitWatch {
                 lay: input.to_frame,
                 touched_s: 0.0,
                 off_mgauss: None,
+                most_mgauss: 0.0,
             });
             return None;
         };
@@ -105,10 +110,12 @@ impl Rest {
         let (innovation, covariance) = filter.foresee(input);
         let off = self.off_mgauss.get_or_insert(innovation);
         *off += (innovation - *off) * (input.period_s / GONE_S).min(MOST_A_SAMPLE);
+        self.most_mgauss = self.most_mgauss.max(off.norm());
+        let less = off.norm() < LEFT * self.most_mgauss;
         // If the prediction is less certain, it does not exclude a disturbance.
         let disturbance2 = (DISTURBED * filter.strength_mgauss()).powi(2);
         let certain = covariance.trace() * EXPECTED / 3.0 < disturbance2;
         let expected = |inverse: Matrix3<f64>| off.dot(&(inverse * *off)) < EXPECTED;
-        input.still && certain && covariance.try_inverse().is_some_and(expected)
+        input.still && less && certain && covariance.try_inverse().is_some_and(expected)
     }
 }
