@@ -107,7 +107,7 @@ impl Lateness {
     fn possible_late_s(&mut self, step_s: f64, piled: bool) -> f64 {
         let mut late_s = self.late_s;
         if !piled {
-            let held_back = if late_s > self.period_s { 1.0 } else { 0.0 };
+            let held_back = f64::from(late_s > self.period_s);
             self.held_back += (held_back - self.held_back) * BURST_WEIGHT;
             if self.held_back < HELD_BACK {
                 late_s = late_s.min(self.period_s);
@@ -165,19 +165,22 @@ mod tests {
         }
     }
 
+    /// A chip that measures every 10 ms, and a host that takes each reading at the time `taken_s` of its measurement, but 1.5 ms after
+    /// the one before at the earliest. How long after its measurement each counts as measured, once 10 s have passed.
+    fn apart_s(taken_s: impl Fn(f64) -> f64) -> Vec<f64> {
+        let (mut lateness, mut last_s) = (Lateness::default(), 0.0_f64);
+        let all = (0..4000).map(|i| {
+            let measured_s = f64::from(i) * 0.01;
+            last_s = taken_s(measured_s).max(last_s + 0.0015);
+            last_s - lateness.take(last_s) - measured_s
+        });
+        all.skip(1001).collect()
+    }
+
     /// A chip that measures every 10 ms, and a host that takes what has come every 64 ms.
     #[test]
     fn readings_in_bursts_have_the_chips_times() {
-        let mut lateness = Lateness::default();
-        let (mut last_s, mut apart_s) = (0.0_f64, Vec::new());
-        for i in 0..4000 {
-            let measured_s = f64::from(i) * 0.01;
-            last_s = ((measured_s / 0.064).ceil() * 0.064).max(last_s + 0.0015);
-            let late_s = lateness.take(last_s);
-            if i > 1000 {
-                apart_s.push(last_s - late_s - measured_s);
-            }
-        }
+        let apart_s = apart_s(|measured_s| (measured_s / 0.064).ceil() * 0.064);
         let (least_s, most_s) = (apart_s.iter())
             .fold((f64::MAX, f64::MIN), |(least, most), &one| {
                 (least.min(one), most.max(one))
@@ -191,20 +194,13 @@ mod tests {
     /// or 30 ms of two polls in three.
     #[test]
     fn one_reading_in_some_is_on_time_where_an_adapter_holds_them_back() {
-        let mut lateness = Lateness::default();
-        let (mut last_s, mut apart_s) = (0.0_f64, Vec::new());
-        for i in 0..4000 {
-            let measured_s = f64::from(i) * 0.01;
+        let apart_s = apart_s(|measured_s| {
             let mut poll = (measured_s / 0.032).ceil();
             while poll * 0.032 - 0.015 * (poll % 3.0) < measured_s {
                 poll += 1.0;
             }
-            last_s = (poll * 0.032).max(last_s + 0.0015);
-            let late_s = lateness.take(last_s);
-            if i > 1000 {
-                apart_s.push(last_s - late_s - measured_s);
-            }
-        }
+            poll * 0.032
+        });
         let mean_s = apart_s.iter().sum::<f64>() / apart_s.len() as f64;
         let square = |apart_s: &f64| (apart_s - mean_s).powi(2);
         let sd_s = (apart_s.iter().map(square).sum::<f64>() / apart_s.len() as f64).sqrt();

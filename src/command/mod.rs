@@ -185,13 +185,17 @@ fn tell_skips(skips: &Skips) -> Result<(), Failure> {
     Ok(())
 }
 
+/// The status of a log that cannot be used.
+fn log_status(error: &RecordingError) -> u8 {
+    match error {
+        RecordingError::Header { .. } | RecordingError::Times { .. } => Failure::DATA,
+        RecordingError::Open { .. } | RecordingError::Read { .. } => Failure::NO_INPUT,
+    }
+}
+
 impl From<RecordingError> for Failure {
     fn from(error: RecordingError) -> Self {
-        let status = match error {
-            RecordingError::Header { .. } | RecordingError::Times { .. } => Self::DATA,
-            RecordingError::Open { .. } | RecordingError::Read { .. } => Self::NO_INPUT,
-        };
-        Self::new(status, error)
+        Self::new(log_status(&error), error)
     }
 }
 

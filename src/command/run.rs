@@ -6,11 +6,10 @@ use std::path::{Path, PathBuf};
 use tokio::signal::unix::SignalKind;
 
 use super::runtime::{ENDS, Signals, runtime};
-use super::{Failure, config_file};
+use super::{Failure, config_file, log_status};
 use crate::config::Config;
 use crate::daemon::{Daemon, DaemonError, Notice};
 use crate::logging::Log;
-use crate::recording::RecordingError;
 use crate::service::Service;
 
 /// Run the daemon: read the sensors, calibrate, and serve headings
@@ -30,9 +29,8 @@ pub struct Args {
 impl From<DaemonError> for Failure {
     fn from(error: DaemonError) -> Self {
         let status = match &error {
-            DaemonError::Replay(RecordingError::Header { .. } | RecordingError::Times { .. })
-            | DaemonError::Unusable(_) => Self::DATA,
-            DaemonError::Replay(_) => Self::NO_INPUT,
+            DaemonError::Replay(error) => log_status(error),
+            DaemonError::Unusable(_) => Self::DATA,
             DaemonError::NoSource
             | DaemonError::NothingToRecord { .. }
             | DaemonError::Simulator(_) => Self::CONFIG,

@@ -29,6 +29,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T, subtract};
 use super::prior::{FIELD_MGAUSS, Measured, Prior};
+use crate::frame::angle_between_rad;
 use rest::RestWatch;
 
 mod correct;
@@ -362,8 +363,7 @@ impl Filter {
             }
             return true;
         }
-        let cosine = ((first.transpose() * input.to_frame).trace() - 1.0) / 2.0;
-        if cosine > BEGIN_RAD.cos() {
+        if angle_between_rad(&first, &input.to_frame) < BEGIN_RAD {
             return false;
         }
         self.begun = true;

@@ -12,8 +12,7 @@ const MORE_CERTAIN: f64 = 0.6;
 const MOVED: f64 = 3.0;
 /// … and not more often than this, seconds.
 const KEEP_EVERY_S: f64 = 60.0;
-
-/// The gyro's bias is known within this on each axis, rad/s (0.5°/s): half of what it may be another at the next start.
+/// The gyro's bias is kept if its deviation on each axis is below this, rad/s (0.5°/s): half of what a start expects it to have changed by.
 const KNOWN_BIAS_RAD_S: f64 = 0.0087;
 
 /// How far learning has come.
@@ -89,12 +88,12 @@ impl Pipeline {
 
     /// The gyro's bias, gyro chip axes: by gravity and the field, as certain as each knows it.
     fn gyro_bias_deg_s(&self) -> Option<Vector3<f64>> {
-        let begun_with = self.sample.as_ref()?.gyro_bias_rad_s;
+        let removed = self.sample.as_ref()?.gyro_bias_rad_s;
         let (left, by_field) = self.estimate.gyro_bias()?;
         let by_gravity = self.attitude.gyro_bias_variance();
         let share = by_gravity.component_div(&(by_gravity + by_field));
         let known = share.component_mul(&by_field).max() < KNOWN_BIAS_RAD_S.powi(2);
-        let bias = begun_with + share.component_mul(&left);
+        let bias = removed + share.component_mul(&left);
         let chip = self.setup.mountings.gyro.to_chip(bias);
         (known && self.gyro_is_right()).then(|| chip.map(f64::to_degrees))
     }

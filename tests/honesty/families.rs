@@ -68,6 +68,7 @@ const CHANGE: Limits = Limits {
     false_share: Some(0.001),
     ..NONE
 };
+/// Good headings again without motion.
 const VISIT: Limits = Limits {
     good: Some(0.8),
     ..CHANGE

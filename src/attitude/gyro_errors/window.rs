@@ -1,4 +1,4 @@
-//! Ticks taken together: the filter of the gyro's errors is too dear for every tick.
+//! Ticks taken together: to run the filter of the gyro's errors at every tick would cost too much.
 
 use nalgebra::{Matrix3, Vector3};
 

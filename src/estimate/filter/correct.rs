@@ -36,12 +36,10 @@ impl Filter {
     pub(super) fn correct(&mut self, input: &Input, frozen: bool) {
         let Input {
             to_frame: r,
-            field_mgauss: y,
             period_s: dt,
             ..
         } = *input;
-        let predicted = self.sensitivity(input, &self.field_here(), &self.tilt_rad());
-        let innovation = y - self.matrix() * predicted.row - self.vector(B);
+        let (predicted, innovation) = self.predicted(input);
         let sensitivity = if input.still {
             // At rest the Jacobian leaves out the estimates of unevenness, place and tilt error: they follow the innovation, and the correlation
             // would turn the field steadily, by 10° in some hours of a field that swells by 1 %.
@@ -96,9 +94,15 @@ impl Filter {
 
     /// The innovation of a sample that is not taken, body axes, milligauss, and its covariance but for the noise of samples, milligauss².
     pub(in crate::estimate) fn foresee(&self, input: &Input) -> (Vector3<f64>, Matrix3<f64>) {
-        let sensitivity = self.sensitivity(input, &self.field_here(), &self.tilt_rad());
-        let innovation = input.field_mgauss - self.matrix() * sensitivity.row - self.vector(B);
-        (innovation, sensitivity.squared(&sensitivity.cross(&self.p)))
+        let (predicted, innovation) = self.predicted(input);
+        (innovation, predicted.squared(&predicted.cross(&self.p)))
+    }
+
+    /// How the sample depends on the states as they are, and the innovation, body axes, milligauss.
+    fn predicted(&self, input: &Input) -> (Sensitivity, Vector3<f64>) {
+        let predicted = self.sensitivity(input, &self.field_here(), &self.tilt_rad());
+        let innovation = input.field_mgauss - self.matrix() * predicted.row - self.vector(B);
+        (predicted, innovation)
     }
 
     /// How the sample depends on the states where field and tilt error are these, in the frame. The predicted sample is
