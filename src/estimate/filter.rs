@@ -22,17 +22,18 @@
 //! The trace of D is held since only the product of D and h can be seen.
 //!
 //! This file starts and restarts the state, `filter/predict.rs` carries it on in time, `filter/correct.rs` corrects it by a sample,
-//! `filter/measured.rs` puts in the result of a full turn, `filter/rest.rs` tells a board at rest from one that swings, and
+//! `filter/measured.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias at rest, `filter/rest.rs` tells a board at rest from one that swings, and
 //! `filter/known.rs` answers what is known.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T, subtract};
+use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T};
 use super::prior::{FIELD_MGAUSS, Measured, Prior};
 use crate::frame::angle_between_rad;
 use rest::RestWatch;
 
 mod correct;
+mod gyro_bias;
 pub(super) mod known;
 mod measured;
 mod predict;
@@ -47,9 +48,6 @@ const GYRO_BIAS_RAD_S: f64 = 0.035;
 const GYRO_SCALE: f64 = 0.01;
 /// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering; 16 ms on a real recorder.
 const LAG_S: f64 = 0.015;
-/// A gyro at rest reads its bias within this over one second, rad/s (0.3°/s): four times the noise of an ITG-3200, since a boat that
-/// swings slowly may pass for resting.
-const REST_RATE_RAD_S: f64 = 0.0052;
 /// Jitter of the times of samples, seconds: that of a bus which the kernel polls. Any value from 1 to 5 ms gives nearly the same simulated figures.
 const JITTER_S: f64 = 0.002;
 /// White noise of a sample at first, milligauss; then it is measured.
@@ -213,13 +211,6 @@ impl Filter {
         filter
     }
 
-    /// The gyro's filter has changed its own bias by this much, body axes, rad/s: what is left changes the other way.
-    pub(super) fn shift_gyro_bias(&mut self, by_rad_s: &Vector3<f64>) {
-        for axis in 0..3 {
-            self.x[G + axis] -= by_rad_s[axis];
-        }
-    }
-
     /// Takes a sample, or begins a new frame with it where the last was lost.
     pub(super) fn follow(&mut self, input: &Input, lost: bool, frozen: bool) {
         if lost {
@@ -242,7 +233,7 @@ impl Filter {
     /// counted (a Schmidt–Kalman filter).
     fn take(&mut self, input: &Input, frozen: bool) {
         if input.rests() {
-            self.learn_bias_at_rest(input);
+            self.learn_bias_at_rest(input, frozen);
         } else if input.still {
             self.rest.interrupt();
         } else {
@@ -335,21 +326,6 @@ impl Filter {
         }
     }
 
-    /// Learns the gyro's bias at rest, and measures its noise.
-    fn learn_bias_at_rest(&mut self, input: &Input) {
-        let turned_rad = input.turned_rad - self.vector(G) * input.period_s;
-        self.rest
-            .take(turned_rad, input.period_s, self.trace(G, 3) / 3.0);
-        let variance = REST_RATE_RAD_S.powi(2) / input.period_s;
-        for axis in 0..3 {
-            let innovation = input.rate_rad_s[axis] - self.x[G + axis];
-            let column: State = self.p.column(G + axis).into();
-            let gain = column / (column[G + axis] + variance);
-            self.x += gain * innovation;
-            subtract(&mut self.p, &gain, &column);
-        }
-    }
-
     /// Begins the state: at once if the iron is known or measured, else once the board has turned a little, with half of the field
     /// taken for iron.
     fn begin(&mut self, input: &Input) -> bool {
@@ -373,6 +349,12 @@ impl Filter {
             .copy_from(&(input.to_frame * half));
         self.x.fixed_rows_mut::<3>(B).copy_from(&half);
         true
+    }
+
+    fn put_parameters(&mut self, parameters: &SVector<f64, 12>) {
+        for index in 0..12 {
+            self.x[parameter(index)] = parameters[index];
+        }
     }
 
     fn put_parameter_covariance(&mut self, covariance: &SMatrix<f64, 12, 12>) {
@@ -409,4 +391,30 @@ impl Filter {
 /// Where a parameter, of b or of D row by row, is in the state.
 fn parameter(index: usize) -> usize {
     if index < 3 { B + index } else { D + index - 3 }
+}
+
+#[cfg(test)]
+impl Input {
+    /// A sample, 0.1 s after the one before, of a board that turns in this attitude.
+    pub(super) fn turning_at(
+        to_frame: Matrix3<f64>,
+        rate_rad_s: Vector3<f64>,
+        field_mgauss: Vector3<f64>,
+    ) -> Self {
+        Self {
+            to_frame,
+            vertical_known: true,
+            rate_rad_s,
+            field_mgauss,
+            turned_rad: rate_rad_s * 0.1,
+            period_s: 0.1,
+            lag_s: 0.0,
+            tilt_tau_s: 2.0,
+            tilt_sd_rad: 0.01,
+            gyro_constant_s: 0.0,
+            force_m_s2: None,
+            at_rest: false,
+            still: false,
+        }
+    }
 }

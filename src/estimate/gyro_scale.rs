@@ -229,20 +229,11 @@ mod tests {
             attitude *= Rotation3::new(rate * dt);
             // Two counts of a chip, in turn on each axis.
             let noise = Vector3::from_fn(|axis, _| 2.0 - 4.0 * f64::from((step + axis as i32) % 2));
+            let field = soft * (attitude.inverse() * field) + iron + noise;
             let input = Input {
-                to_frame: Matrix3::identity(),
-                vertical_known: true,
-                rate_rad_s: rate * reads,
                 turned_rad: rate * (reads * dt),
-                field_mgauss: soft * (attitude.inverse() * field) + iron + noise,
                 period_s: dt,
-                lag_s: 0.0,
-                tilt_tau_s: 3.0,
-                tilt_sd_rad: 0.01,
-                gyro_constant_s: 0.0,
-                force_m_s2: None,
-                at_rest: false,
-                still: false,
+                ..Input::turning_at(Matrix3::identity(), rate * reads, field)
             };
             regression.take(&input, &filter);
         }

@@ -284,24 +284,8 @@ mod tests {
             let to_frame = Rotation3::new(rate_rad_s * 0.1 * f64::from(step)).into_inner();
             let earth = Vector3::new(60.0, 190.0, -420.0);
             let iron = Vector3::new(90.0, -40.0, 150.0);
-            filter.correct(
-                &Input {
-                    to_frame,
-                    vertical_known: true,
-                    rate_rad_s,
-                    field_mgauss: to_frame.transpose() * earth + iron,
-                    turned_rad: rate_rad_s * 0.1,
-                    period_s: 0.1,
-                    lag_s: 0.0,
-                    tilt_tau_s: 2.0,
-                    tilt_sd_rad: 0.01,
-                    gyro_constant_s: 0.0,
-                    force_m_s2: None,
-                    at_rest: false,
-                    still: false,
-                },
-                false,
-            );
+            let field = to_frame.transpose() * earth + iron;
+            filter.correct(&Input::turning_at(to_frame, rate_rad_s, field), false);
         }
         filter
     }
