@@ -22,8 +22,8 @@
 //! The trace of D is held since only the product of D and h can be seen.
 //!
 //! This file starts and restarts the state, `filter/predict.rs` carries it on in time, `filter/correct.rs` corrects it by a sample,
-//! `filter/measured.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias at rest, `filter/rest.rs` tells a board at rest from one that swings, and
-//! `filter/known.rs` answers what is known.
+//! `filter/measured.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias at rest, `filter/rest.rs` tells
+//! a board at rest from one that swings, and `filter/known.rs` answers what is known.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -349,12 +349,6 @@ impl Filter {
             .copy_from(&(input.to_frame * half));
         self.x.fixed_rows_mut::<3>(B).copy_from(&half);
         true
-    }
-
-    fn put_parameters(&mut self, parameters: &SVector<f64, 12>) {
-        for index in 0..12 {
-            self.x[parameter(index)] = parameters[index];
-        }
     }
 
     fn put_parameter_covariance(&mut self, covariance: &SMatrix<f64, 12, 12>) {

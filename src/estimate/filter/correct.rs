@@ -174,6 +174,16 @@ impl Filter {
             self.keep_strength_and_dip(&before);
         }
         subtract(&mut self.p, gain, cross);
+        self.hold(&held, &parameters, &covariance);
+    }
+
+    /// Takes back these shares, 0 to 1, of what a correction has changed of the parameters and their covariance.
+    pub(super) fn hold(
+        &mut self,
+        held: &SVector<f64, 12>,
+        parameters: &SVector<f64, 12>,
+        covariance: &SMatrix<f64, 12, 12>,
+    ) {
         let now = self.parameters();
         for index in 0..12 {
             self.x[parameter(index)] =

@@ -1,6 +1,6 @@
 //! The gyro's bias: what the attitude has changed of it, and what a resting gyro reads.
 
-use nalgebra::Vector3;
+use nalgebra::{SVector, Vector3};
 
 use super::{Filter, Input, State};
 use crate::estimate::covariance::{G, subtract};
@@ -17,7 +17,7 @@ impl Filter {
         }
     }
 
-    /// Learns the gyro's bias at rest, and measures its noise. With `frozen` bias and matrix of the magnetometer stay as they are.
+    /// Learns the gyro's bias at rest, and measures its noise. With `frozen`, hard iron and matrix stay as they are.
     pub(super) fn learn_bias_at_rest(&mut self, input: &Input, frozen: bool) {
         let before = frozen.then(|| (self.parameters(), self.parameter_covariance()));
         let turned_rad = input.turned_rad - self.vector(G) * input.period_s;
@@ -32,8 +32,7 @@ impl Filter {
             subtract(&mut self.p, &gain, &column);
         }
         if let Some((parameters, covariance)) = before {
-            self.put_parameters(&parameters);
-            self.put_parameter_covariance(&covariance);
+            self.hold(&SVector::repeat(1.0), &parameters, &covariance);
         }
     }
 }
@@ -45,7 +44,7 @@ mod tests {
     use super::*;
     use crate::estimate::prior::Prior;
 
-    /// A gyro at rest shows its bias, and the iron that was learnt beside that bias would follow.
+    /// The iron is correlated with the gyro's bias, which the filter learns at rest.
     #[test]
     fn frozen_iron_stays_while_the_gyro_shows_its_bias() {
         let earth = Vector3::new(60.0, 190.0, -420.0);
