@@ -27,6 +27,10 @@ const MOMENT_S: f64 = 1.5;
 const LEAST_RAD: f64 = 0.1;
 const JUMP: f64 = 0.3;
 const GAP_S: f64 = 0.3;
+/// A change from one sample to the next beyond this share (50 mG), plus this much for each radian that the gyro reads (the strongest field
+/// on earth, 670 mG, turned twice as far), is no turn: iron has come or gone.
+const NO_TURN: f64 = 0.1;
+const MOST_BY_TURNING: f64 = 2.7;
 /// A moment counts if what is not known of the gyro's bias is below this share of its rate: below what the scale may be off.
 const BIAS_SHARE: f64 = 0.03;
 /// So many moments are remembered, ten radians of turning, and fewer than these say nothing: there are four unknowns.
@@ -83,13 +87,16 @@ impl GyroScale {
         let (bias, variance) = filter.gyro_bias();
         let bias_sd = variance.max().sqrt();
         let field = input.field_mgauss / FIELD_MGAUSS;
-        let unbroken =
-            |moment: &TurnedMoment| input.period_s <= GAP_S && (field - moment.last).norm() <= JUMP;
-        let Some(mut moment) = self.moment.filter(unbroken) else {
+        let turned_rad = input.turned_rad - bias * input.period_s;
+        let step = self.moment.map(|moment| (field - moment.last).norm());
+        if step > Some(NO_TURN + MOST_BY_TURNING * turned_rad.norm()) {
+            self.begin_anew();
+        }
+        let unbroken = input.period_s <= GAP_S && step <= Some(JUMP);
+        let Some(mut moment) = self.moment.filter(|_| unbroken) else {
             self.moment = TurnedMoment::begin(field, filter);
             return false;
         };
-        let turned_rad = input.turned_rad - bias * input.period_s;
         let mean = 0.5 * (moment.last + field);
         moment.age_s += input.period_s;
         moment.predicted += (moment.inverse * mean).cross(&turned_rad);
@@ -201,44 +208,77 @@ mod tests {
     use super::*;
     use crate::estimate::prior::Prior;
 
+    /// A board with a field about it, and what was learnt of its gyro.
+    struct TurnedBoard {
+        regression: GyroScale,
+        filter: Filter,
+        attitude: Rotation3<f64>,
+        iron_mgauss: Vector3<f64>,
+        soft: Matrix3<f64>,
+        step: u16,
+    }
+
+    impl TurnedBoard {
+        /// One with this soft iron, of which the filter knows another.
+        fn new(soft: Matrix3<f64>, learnt: Matrix3<f64>) -> Self {
+            let filter = Filter::new(&Prior {
+                matrix: learnt,
+                ..Prior::unknown()
+            });
+            Self {
+                regression: GyroScale::default(),
+                filter,
+                attitude: Rotation3::identity(),
+                iron_mgauss: Vector3::new(900.0, -600.0, 900.0),
+                soft,
+                step: 0,
+            }
+        }
+
+        /// Turns on for so many steps of 20 ms at this rate, rad/s at a time in seconds, with a gyro that reads so many times what it
+        /// should.
+        fn turn(&mut self, steps: u16, reads: f64, rate_rad_s: impl Fn(f64) -> Vector3<f64>) {
+            let earth = Vector3::new(260.0, 0.0, -590.0);
+            let dt = 0.02;
+            for _ in 0..steps {
+                let rate = rate_rad_s(f64::from(self.step) * dt);
+                self.attitude *= Rotation3::new(rate * dt);
+                // Two counts of a chip, in turn on each axis.
+                let noise = |axis, _| 2.0 - 4.0 * f64::from((self.step + axis as u16) % 2);
+                let field = self.soft * (self.attitude.inverse() * earth)
+                    + self.iron_mgauss
+                    + Vector3::from_fn(noise);
+                let input = Input {
+                    turned_rad: rate * (reads * dt),
+                    period_s: dt,
+                    ..Input::turning_at(Matrix3::identity(), rate * reads, field)
+                };
+                self.regression.take(&input, &self.filter);
+                self.step += 1;
+            }
+        }
+    }
+
     /// A board without soft iron.
     fn judged(reads: f64, rate_rad_s: impl Fn(f64) -> Vector3<f64>) -> (ScaleVerdict, f64) {
         let none = Matrix3::identity();
         judged_with(reads, none, none, rate_rad_s)
     }
 
-    /// 20 s in steps of 20 ms of a board that turns at this rate, rad/s at a time in seconds, with a gyro that reads so many times
-    /// what it should, iron of three times the field, and this soft iron; the filter has another.
+    /// A board that has turned for 20 s.
     fn judged_with(
         reads: f64,
         soft: Matrix3<f64>,
         learnt: Matrix3<f64>,
         rate_rad_s: impl Fn(f64) -> Vector3<f64>,
     ) -> (ScaleVerdict, f64) {
-        let filter = Filter::new(&Prior {
-            matrix: learnt,
-            ..Prior::unknown()
-        });
-        let mut regression = GyroScale::default();
-        let mut attitude = Rotation3::identity();
-        let field = Vector3::new(260.0, 0.0, -590.0);
-        let iron = Vector3::new(900.0, -600.0, 900.0);
-        let dt = 0.02;
-        for step in 0..1000 {
-            let rate = rate_rad_s(f64::from(step) * dt);
-            attitude *= Rotation3::new(rate * dt);
-            // Two counts of a chip, in turn on each axis.
-            let noise = Vector3::from_fn(|axis, _| 2.0 - 4.0 * f64::from((step + axis as i32) % 2));
-            let field = soft * (attitude.inverse() * field) + iron + noise;
-            let input = Input {
-                turned_rad: rate * (reads * dt),
-                period_s: dt,
-                ..Input::turning_at(Matrix3::identity(), rate * reads, field)
-            };
-            regression.take(&input, &filter);
-        }
-        let scale = regression.scale().map_or(f64::NAN, |(scale, _)| scale);
-        (regression.verdict(), scale)
+        let mut board = TurnedBoard::new(soft, learnt);
+        board.turn(1000, reads, rate_rad_s);
+        let scale = board
+            .regression
+            .scale()
+            .map_or(f64::NAN, |(scale, _)| scale);
+        (board.regression.verdict(), scale)
     }
 
     fn tumbling(t_s: f64) -> Vector3<f64> {
@@ -310,5 +350,19 @@ mod tests {
     fn a_slow_turn_does_not_tell_a_scale_from_a_bias_that_is_not_known() {
         let slow = |_| Vector3::z() * 0.5;
         assert_eq!(judged(0.5, slow).0, ScaleVerdict::Unknown);
+    }
+
+    #[test]
+    fn iron_that_comes_in_mid_turn_is_no_wrong_scale() {
+        let none = Matrix3::identity();
+        let mut board = TurnedBoard::new(none, none);
+        let level = |_| Vector3::z() * 2.0;
+        board.turn(80, 1.0, level);
+        board.iron_mgauss.x -= 150.0;
+        for _ in 0..160 {
+            board.turn(1, 1.0, level);
+            assert_ne!(board.regression.verdict(), ScaleVerdict::Wrong);
+        }
+        assert_eq!(board.regression.verdict(), ScaleVerdict::Right);
     }
 }
