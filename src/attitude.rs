@@ -2,7 +2,7 @@
 //!
 //! Gyro and accelerometer give tilt, gyro bias and orientation on an even clock. Pure: time comes with the readings.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::check::settings;
 use crate::frame::{Mountings, hypot};
@@ -30,6 +30,7 @@ pub use clock::TICK_S;
 use clock::{ClockStep, EvenClock};
 use filter::AttitudeFilter;
 pub use gravity::GRAVITY_M_S2;
+pub use gyro_errors::GYRO_BIAS_WALK_RAD_S;
 pub use lateness::Lateness;
 pub use past::BoardMotion;
 use past::Past;
@@ -83,6 +84,28 @@ impl Tilt {
             roll_rad: down.y.atan2(down.z),
         }
     }
+}
+
+/// A bias of the gyro, as it is taken out of the rates.
+#[derive(Clone, Copy, Debug)]
+pub struct GyroBias {
+    /// Body axes, rad/s.
+    pub rad_s: Vector3<f64>,
+    /// Its covariance, (rad/s)².
+    pub covariance: Matrix3<f64>,
+}
+
+/// What the tilt of a pose is off by. It fades as the accelerometer corrects it, and an error of the gyro's bias adds to it.
+#[derive(Clone, Copy, Debug)]
+pub struct TiltError {
+    /// Time constant with which it fades, seconds.
+    pub tau_s: f64,
+    /// How much of the gyro's bias tilts the frame, 0 to 1.
+    pub by_bias: f64,
+    /// One standard deviation on each horizontal axis, radians.
+    pub whole_sd_rad: f64,
+    /// The same without what `by_bias` stands for.
+    pub sd_rad: f64,
 }
 
 settings! {
@@ -231,14 +254,12 @@ impl Attitude {
         self.filter.gravity.live(t_s)
     }
 
-    /// The gyro's bias as learnt so far, body axes, rad/s.
-    pub fn gyro_bias_rad_s(&self) -> Vector3<f64> {
-        self.filter.bias()
-    }
-
-    /// Variance of that bias on each body axis, (rad/s)².
-    pub fn gyro_bias_variance(&self) -> Vector3<f64> {
-        self.filter.errors.bias_covariance().diagonal()
+    /// The gyro's bias as learnt so far.
+    pub fn gyro_bias(&self) -> GyroBias {
+        GyroBias {
+            rad_s: self.filter.bias(),
+            covariance: self.filter.errors.bias_covariance(),
+        }
     }
 
     /// Whether the board was at rest at the last tick.
@@ -256,14 +277,9 @@ impl Attitude {
         self.filter.rate_rad_s
     }
 
-    /// What the tilt is off by now, one standard deviation, radians.
-    pub fn tilt_sd_rad(&self) -> f64 {
-        self.filter.tilt_sd_rad()
-    }
-
-    /// Time constant with which the accelerometer corrects the tilt, seconds.
-    pub fn tilt_tau_s(&self) -> f64 {
-        self.filter.tilt_tau_s()
+    /// What the tilt is off by now.
+    pub fn tilt_error(&self) -> TiltError {
+        self.filter.tilt_error()
     }
 
     /// Specific force, body axes, m/s², low-passed over 0.2 s; `None` while the accelerometer is silent.

@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::attitude::Pose;
+use crate::attitude::{GyroBias, Pose, TiltError};
 use crate::calibration::model::Calibration;
 use crate::frame::Mounting;
 use crate::true_north::EarthField;
@@ -31,6 +31,7 @@ mod rival;
 mod visit;
 
 use checkpoint::Checkpoint;
+use filter::gyro_bias::BiasLearnt;
 use filter::{Filter, Input};
 use gyro_check::GyroCheck;
 pub use gyro_check::GyroFault;
@@ -65,12 +66,10 @@ pub struct Sample {
     pub rate_rad_s: Vector3<f64>,
     /// Integral of that rate since a fixed time, radians.
     pub turned_rad: Vector3<f64>,
-    /// That bias, rad/s.
-    pub gyro_bias_rad_s: Vector3<f64>,
-    /// Time constant with which the accelerometer corrects the tilt, seconds.
-    pub tilt_tau_s: f64,
-    /// What the tilt is off by, one standard deviation, radians.
-    pub tilt_sd_rad: f64,
+    /// That bias.
+    pub gyro_bias: GyroBias,
+    /// What the tilt is off by.
+    pub tilt_error: TiltError,
     /// For how long the gyro has read the same to the last bit, seconds.
     pub gyro_constant_s: f64,
     /// Specific force, body axes, m/s²; `None` without an accelerometer.
@@ -105,6 +104,10 @@ pub struct Estimate {
     rival: Option<Rival>,
     frozen: bool,
     last: Option<Sample>,
+    /// The gyro's bias that the filters know of, even where the frame has been lost since.
+    gyro_bias: Option<GyroBias>,
+    /// For how long the attitude has stated the same of it, seconds: it learns in steps.
+    bias_age_s: f64,
     gyro: GyroCheck,
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
@@ -131,6 +134,8 @@ impl Estimate {
             rival: None,
             frozen: false,
             last: None,
+            gyro_bias: None,
+            bias_age_s: 0.0,
             gyro: GyroCheck::default(),
             proven: None,
             suspended: None,
@@ -176,10 +181,10 @@ impl Estimate {
 
     /// Takes a sample.
     pub fn take(&mut self, sample: &Sample) {
+        let unbroken = self.last.is_some();
         let before = self.last.replace(*sample).unwrap_or(*sample);
         let input = self.input(sample, &before);
         let period_s = input.period_s;
-        let shift = sample.gyro_bias_rad_s - before.gyro_bias_rad_s;
         let lost = std::mem::take(&mut self.lost) || sample.pose.stretch != before.pose.stretch;
         if lost {
             self.visit = VisitWatch::default();
@@ -188,16 +193,10 @@ impl Estimate {
         }
         let checked = (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter);
         let right = self.gyro.take(&input, checked);
-        let others = [
-            Some(&mut self.active),
-            self.proven.as_mut(),
-            self.rival.as_mut().map(|one| &mut one.filter),
-            self.suspended.as_mut().map(|one| &mut one.filter),
-        ];
-        for filter in others.into_iter().flatten().chain(self.visit.filters()) {
-            filter.shift_gyro_bias(&shift);
-        }
-        if self.gyro.fault().is_some() || self.suspended.is_some() {
+        let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
+        // At rest the filters read the bias themselves.
+        self.learn_of_gyro_bias(sample, period_s, unbroken && !at_fault && !sample.still);
+        if at_fault {
             return self.follow_gyro_fault(&input, lost);
         }
         self.active.follow(&input, lost, self.frozen);
@@ -224,6 +223,26 @@ impl Estimate {
             self.disturbed_s = 0.0;
         }
         self.iron.take(&self.active, period_s);
+    }
+
+    /// Hands on the attitude's bias of the gyro. What the attitude has `measured` of it counts for the filters that follow the samples.
+    fn learn_of_gyro_bias(&mut self, sample: &Sample, period_s: f64, measured: bool) {
+        let after = sample.gyro_bias;
+        let before = self.gyro_bias.replace(after).unwrap_or(after);
+        self.bias_age_s += period_s;
+        let learnt = BiasLearnt::between(&before, &after, self.bias_age_s, measured);
+        if after.covariance != before.covariance {
+            self.bias_age_s = 0.0;
+        }
+        let rival = self.rival.as_mut().map(|one| &mut one.filter);
+        let following = [Some(&mut self.active), rival].into_iter().flatten();
+        for filter in following.chain(self.visit.filters()) {
+            filter.learn_of_gyro_bias(&learnt, self.frozen);
+        }
+        let suspended = self.suspended.as_mut().map(|one| &mut one.filter);
+        for filter in [self.proven.as_mut(), suspended].into_iter().flatten() {
+            filter.shift_gyro_bias(&learnt.shift_rad_s());
+        }
     }
 
     /// Takes a sample during a fault of the gyro, or the first after it. The first sample of a fault suspends the active filter, and the
@@ -271,8 +290,7 @@ impl Estimate {
             turned_rad: sample.turned_rad - before.turned_rad,
             period_s: (sample.t_s - before.t_s).clamp(1e-4, 10.0),
             lag_s: sample.lag_s,
-            tilt_tau_s: sample.tilt_tau_s,
-            tilt_sd_rad: sample.tilt_sd_rad,
+            tilt_error: sample.tilt_error,
             gyro_constant_s: sample.gyro_constant_s,
             force_m_s2: sample.force_m_s2,
             at_rest: sample.at_rest,

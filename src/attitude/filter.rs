@@ -10,7 +10,7 @@ use super::gyro_errors::GyroErrors;
 use super::steadiness::Steadiness;
 use super::stillness::Stillness;
 use super::trim::Trim;
-use super::{Pose, Tick};
+use super::{Pose, Tick, TiltError};
 use crate::frame::hypot;
 
 /// The vertical is known once the accelerometer has levelled the frame for this long, seconds.
@@ -178,17 +178,30 @@ impl AttitudeFilter {
         self.tilt_by_bias_s += (to_frame - self.tilt_by_bias_s / self.tilt_tau_s()) * TICK_S;
     }
 
-    /// What the tilt is off by now, one standard deviation on each horizontal axis, radians.
-    pub(super) fn tilt_sd_rad(&self) -> f64 {
+    /// What the tilt is off by now.
+    pub(super) fn tilt_error(&self) -> TiltError {
+        // In an upright board, sway tilts the frame just as a bias would, so the tilt is not said to come from the bias. Nor is it at rest,
+        // where the estimate leaves out its tilt error.
+        let by_bias = if self.vertical_known && !self.stillness.still() {
+            1.0 - self.errors.upright_share()
+        } else {
+            0.0
+        };
         let by_accelerometer = hypot(TILT_RAD, self.trim.tilt_sd_rad());
         let level = self.tilt_by_bias_s.fixed_rows::<2>(0);
         let drift = level * self.errors.bias_covariance() * level.transpose();
         let by_gyro = (drift.trace() / 2.0).max(0.0).sqrt();
-        hypot(by_accelerometer, hypot(self.pull_rad(), by_gyro))
+        let sd_rad = |by_gyro| hypot(by_accelerometer, hypot(self.pull_rad(), by_gyro));
+        TiltError {
+            tau_s: self.tilt_tau_s(),
+            by_bias,
+            whole_sd_rad: sd_rad(by_gyro),
+            sd_rad: sd_rad(by_gyro * (1.0 - by_bias.powi(2)).sqrt()),
+        }
     }
 
     /// Time constant of the tilt, seconds.
-    pub(super) fn tilt_tau_s(&self) -> f64 {
+    fn tilt_tau_s(&self) -> f64 {
         self.vqf.params().tau_acc
     }
 

@@ -63,8 +63,8 @@ const LASTS_S: std::ops::RangeInclusive<f64> = 0.1..=30.0;
 /// radian turned: readings come up to 2 ms early or late.
 const ANGLE_WALK_RAD: f64 = 0.000_5;
 const TURN_WALK_RAD: f64 = 0.003;
-/// Walk of the gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
-const BIAS_WALK_RAD_S: f64 = 0.000_087;
+/// Walk of a gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
+pub const GYRO_BIAS_WALK_RAD_S: f64 = 0.000_087;
 /// Walk of the velocity by an accelerometer's noise, m/s per √s.
 const VELOCITY_WALK_M_S: f64 = 0.03;
 /// A gyro at rest reads its bias, and an accelerometer gravity, within this over one second, rad/s and m/s²: the ITG-3200's
@@ -199,7 +199,7 @@ impl GyroErrors {
             }
         }
         for axis in 0..3 {
-            self.p[(B + axis, B + axis)] += BIAS_WALK_RAD_S.powi(2) * window.s;
+            self.p[(B + axis, B + axis)] += GYRO_BIAS_WALK_RAD_S.powi(2) * window.s;
         }
     }
 
@@ -275,12 +275,16 @@ impl GyroErrors {
         left
     }
 
+    /// How surely the board stays upright, 0 to 1.
+    pub(super) fn upright_share(&self) -> f64 {
+        let beyond = self.upright.norm() - UPRIGHT.start;
+        (beyond / (UPRIGHT.end - UPRIGHT.start)).clamp(0.0, 1.0)
+    }
+
     /// Takes away the vertical of a board that stays upright, body axes.
     fn seen(&self) -> Matrix3<f64> {
-        let long = self.upright.norm();
-        let share = ((long - UPRIGHT.start) / (UPRIGHT.end - UPRIGHT.start)).clamp(0.0, 1.0);
-        let up = self.upright / long.max(1e-9);
-        Matrix3::identity() - up * up.transpose() * share
+        let up = self.upright / self.upright.norm().max(1e-9);
+        Matrix3::identity() - up * up.transpose() * self.upright_share()
     }
 
     /// The board is at rest: its velocity is 0, and all specific force is gravity's.

@@ -1,6 +1,7 @@
 //! Restores what was known before an axis saturated, which is recognised only after some of its samples have been taken.
 
 use super::filter::Filter;
+use super::filter::gyro_bias::BiasLearnt;
 use super::gyro_check::GyroCheck;
 use super::iron_watch::IronWatch;
 use super::visit::VisitWatch;
@@ -44,15 +45,20 @@ impl Estimate {
         let (Some(mut kept), Some(last)) = (self.checkpoints[axis].take(), self.last) else {
             return;
         };
-        let shift = last.gyro_bias_rad_s - kept.sample.gyro_bias_rad_s;
         let meanwhile = self.input(&last, &kept.sample);
+        let learnt = BiasLearnt::between(
+            &kept.sample.gyro_bias,
+            &last.gyro_bias,
+            meanwhile.period_s,
+            !last.still,
+        );
         let rival = kept.rival.as_mut().map(|rival| &mut rival.filter);
         for filter in [&mut kept.active].into_iter().chain(rival) {
-            filter.shift_gyro_bias(&shift);
+            filter.learn_of_gyro_bias(&learnt, self.frozen);
             filter.pass(&meanwhile);
         }
         if let Some(proven) = &mut kept.proven {
-            proven.shift_gyro_bias(&shift);
+            proven.shift_gyro_bias(&learnt.shift_rad_s());
         }
         self.active = kept.active;
         self.rival = kept.rival;

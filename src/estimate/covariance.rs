@@ -1,7 +1,7 @@
 //! The large products of the filter, on its symmetric covariance. They are most of its cost. So each touches
 //! only the entries that it changes, a column at a time, and computes one half of what is symmetric.
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, SMatrix, Vector3};
 
 // Where each part of the state begins; its table is in `filter`.
 pub(super) const H: usize = 0;
@@ -33,6 +33,8 @@ pub(super) struct Step {
     pub(super) by_gyro: SMatrix<f64, 3, 6>,
     /// What is left of the tilt error.
     pub(super) tilt: f64,
+    /// The tilt error by the bias of the gyro.
+    pub(super) tilt_by_bias: Matrix2x3<f64>,
     /// What is left of the unevenness.
     pub(super) unevenness: f64,
     /// What is left of the offset of the place.
@@ -67,15 +69,27 @@ impl Step {
                 *value *= kept;
             }
         }
+        let (moving, lasting) = columns.split_at_mut(G);
+        for (axis, column) in moving[E..E + 2].iter_mut().enumerate() {
+            for (from, errors) in lasting[..3].iter().enumerate() {
+                let by_bias = self.tilt_by_bias[(axis, from)];
+                for (value, error) in column.iter_mut().zip(errors) {
+                    *value += by_bias * error;
+                }
+            }
+        }
         // Then F from the left. F leaves the lasting states alone, so that their rows follow by symmetry.
         for moving in MOVING {
             let mut column = p.column_mut(moving);
             let errors = column.fixed_rows::<6>(G).into_owned();
+            let tilt = self.tilt_by_bias * errors.fixed_rows::<3>(0);
             let field = self.field * column.fixed_rows::<3>(H) + self.by_gyro * errors;
             column.fixed_rows_mut::<3>(H).copy_from(&field);
             for (at, count, kept) in fading {
                 column.rows_mut(at, count).scale_mut(kept);
             }
+            let mut moved = column.fixed_rows_mut::<2>(E);
+            moved += tilt;
         }
         for lasting in LASTING {
             for moving in MOVING {
@@ -180,12 +194,15 @@ mod tests {
             field: random(&mut rng),
             by_gyro: random(&mut rng),
             tilt: 0.9,
+            tilt_by_bias: random(&mut rng),
             unevenness: 0.7,
             place: 0.8,
         };
         let mut full = Covariance::identity();
         full.fixed_view_mut::<3, 3>(H, H).copy_from(&step.field);
         full.fixed_view_mut::<3, 6>(H, G).copy_from(&step.by_gyro);
+        full.fixed_view_mut::<2, 3>(E, G)
+            .copy_from(&step.tilt_by_bias);
         for (at, count, kept) in [(E, 2, 0.9), (M, 3, 0.7), (Q, 3, 0.8)] {
             for state in at..at + count {
                 full[(state, state)] = kept;

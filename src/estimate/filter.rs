@@ -10,30 +10,31 @@
 //! | state | what it is | changes by |
 //! |---|---|---|
 //! | h | field in the frame, milligauss; its azimuth is north | the gyro's errors, which turn the frame; a slow walk |
-//! | ε | tilt error of the frame, two angles, radians | acceleration: forgotten over the time constant of the tilt |
+//! | ε | tilt error of the frame, two angles, radians | acceleration and the gyro's bias; fades with the time constant of the tilt |
 //! | b | hard iron, body axes, milligauss | a slow walk, and by turning |
 //! | m | unevenness of the field here, in the frame, milligauss | forgotten by turning and moving, and slowly at rest |
 //! | q | offset of the place as a whole, in the frame, milligauss | forgotten in `PLACE_LASTS_S` of motion, kept at rest |
 //! | D | soft iron, scale factors and rotation between the chips; trace held at 3; the state has D − I, row by row | turning |
 //! | T | lag of the magnetometer behind the gyro, seconds | nothing |
-//! | G | what is left of the gyro's bias, body axes, rad/s | a slow walk |
+//! | G | what is left of the gyro's bias, body axes, rad/s | what the attitude takes out of the rates; a slow walk |
 //! | S | scale error of each axis of the gyro | nothing |
 //!
 //! The trace of D is held since only the product of D and h can be seen.
 //!
 //! This file starts and restarts the state, `filter/predict.rs` carries it on in time, `filter/correct.rs` corrects it by a sample,
-//! `filter/measured.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias at rest, `filter/rest.rs` tells
-//! a board at rest from one that swings, and `filter/known.rs` answers what is known.
+//! `filter/measured.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and at rest,
+//! `filter/rest.rs` tells a board at rest from one that swings, and `filter/known.rs` answers what is known.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T};
 use super::prior::{FIELD_MGAUSS, Measured, Prior};
+use crate::attitude::TiltError;
 use crate::frame::angle_between_rad;
 use rest::RestWatch;
 
 mod correct;
-mod gyro_bias;
+pub(super) mod gyro_bias;
 pub(super) mod known;
 mod measured;
 mod predict;
@@ -41,11 +42,10 @@ mod rest;
 
 type State = SVector<f64, N>;
 
-/// Bias to expect of a gyro after the attitude has removed what it has learnt of it, rad/s (2°/s): data sheets allow ±5 to ±40°/s
-/// before.
-const GYRO_BIAS_RAD_S: f64 = 0.035;
 /// Scale error to expect on an axis of a gyro; data sheets: 1 to 3 % at most.
 const GYRO_SCALE: f64 = 0.01;
+/// Bias to expect of a gyro, rad/s (2°/s), until the attitude has stated what it knows of it.
+const GYRO_BIAS_RAD_S: f64 = 0.035;
 /// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering; 16 ms on a real recorder.
 const LAG_S: f64 = 0.015;
 /// Jitter of the times of samples, seconds: that of a bus which the kernel polls. Any value from 1 to 5 ms gives nearly the same simulated figures.
@@ -89,10 +89,8 @@ pub(super) struct Input {
     pub(super) period_s: f64,
     /// Lag for which frame, rate and turn are already corrected, seconds.
     pub(super) lag_s: f64,
-    /// Time constant of the tilt's errors, seconds.
-    pub(super) tilt_tau_s: f64,
-    /// What the tilt is off by, one standard deviation, radians.
-    pub(super) tilt_sd_rad: f64,
+    /// What the tilt is off by.
+    pub(super) tilt_error: TiltError,
     /// For how long the gyro has read the same to the last bit, seconds.
     pub(super) gyro_constant_s: f64,
     /// Specific force, body axes, m/s².
@@ -267,7 +265,7 @@ impl Filter {
         self.restart(M, self.unevenness2);
         self.restart(Q, self.place2);
         for axis in 0..2 {
-            self.p[(E + axis, E + axis)] = input.tilt_sd_rad.powi(2);
+            self.p[(E + axis, E + axis)] = input.tilt_error.whole_sd_rad.powi(2);
         }
         // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
@@ -403,8 +401,12 @@ impl Input {
             turned_rad: rate_rad_s * 0.1,
             period_s: 0.1,
             lag_s: 0.0,
-            tilt_tau_s: 2.0,
-            tilt_sd_rad: 0.01,
+            tilt_error: TiltError {
+                tau_s: 2.0,
+                by_bias: 0.0,
+                whole_sd_rad: 0.01,
+                sd_rad: 0.01,
+            },
             gyro_constant_s: 0.0,
             force_m_s2: None,
             at_rest: false,

@@ -16,8 +16,7 @@ impl Estimate {
         }
     }
 
-    /// What is left of the gyro's bias, body axes, rad/s, and its variance on each axis, by the field alone; `None` before the estimate
-    /// has begun.
+    /// What is left of the gyro's bias, body axes, rad/s, and its variance on each axis; `None` before the estimate has begun.
     pub fn gyro_bias(&self) -> Option<(Vector3<f64>, Vector3<f64>)> {
         self.active.begun().then(|| self.active.gyro_bias())
     }

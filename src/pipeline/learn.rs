@@ -86,15 +86,12 @@ impl Pipeline {
         }
     }
 
-    /// The gyro's bias, gyro chip axes: by gravity and the field, as certain as each knows it.
+    /// The gyro's bias, gyro chip axes; `None` while it is not known well.
     fn gyro_bias_deg_s(&self) -> Option<Vector3<f64>> {
-        let removed = self.sample.as_ref()?.gyro_bias_rad_s;
-        let (left, by_field) = self.estimate.gyro_bias()?;
-        let by_gravity = self.attitude.gyro_bias_variance();
-        let share = by_gravity.component_div(&(by_gravity + by_field));
-        let known = share.component_mul(&by_field).max() < KNOWN_BIAS_RAD_S.powi(2);
-        let bias = removed + share.component_mul(&left);
-        let chip = self.setup.mountings.gyro.to_chip(bias);
+        let removed = self.sample.as_ref()?.gyro_bias.rad_s;
+        let (left, variance) = self.estimate.gyro_bias()?;
+        let known = variance.max() < KNOWN_BIAS_RAD_S.powi(2);
+        let chip = self.setup.mountings.gyro.to_chip(removed + left);
         (known && self.gyro_is_right()).then(|| chip.map(f64::to_degrees))
     }
 

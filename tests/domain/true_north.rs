@@ -104,9 +104,12 @@ fn calibrations(ran: &Ran) -> Vec<Value> {
     of_class(&ran.lines(), "CALIBRATION")
 }
 
-/// The headings with their deviations.
-fn deviations(ran: &Ran) -> Vec<(f64, f64)> {
-    let of = |att: &Value| Some((att["mheading"].as_f64()?, att["heading_sd"].as_f64()?));
+/// When each heading was published, the heading, and its deviation.
+fn deviations(ran: &Ran) -> Vec<[f64; 3]> {
+    let of = |att: &Value| {
+        let number = |key: &str| att[key].as_f64();
+        Some([number("t_s")?, number("mheading")?, number("heading_sd")?])
+    };
     ran.lines().iter().filter_map(of).collect()
 }
 
@@ -119,18 +122,18 @@ fn a_place_makes_headings_more_certain_and_is_not_in_what_is_learnt() {
     assert_eq!(calibrations(&calgary), learnt);
     let (without, with) = (deviations(&nowhere), deviations(&calgary));
     assert!(with.len() >= without.len());
-    // From the end on backwards they are those of the same samples.
-    let pairs: Vec<_> = with.iter().rev().zip(without.iter().rev()).collect();
-    assert!(
-        pairs
-            .iter()
-            .all(|(with, without)| with.1 <= without.1 + 0.011)
-    );
-    assert!(
-        pairs
-            .iter()
-            .any(|(with, without)| with.1 < without.1 - 0.05)
-    );
+    let gained: Vec<f64> = without
+        .iter()
+        .filter_map(|[t_s, _, without_deg]| {
+            let [.., with_deg] = with.iter().find(|[at_s, ..]| at_s == t_s)?;
+            // The place also corrects the tilt, and that changes the deviation a little where X is steep.
+            let most_deg = without_deg * 1.02 + 0.011;
+            assert!(*with_deg <= most_deg, "{t_s} s: {with_deg} {without_deg}");
+            Some(without_deg - with_deg)
+        })
+        .collect();
+    assert!(gained.iter().sum::<f64>() > 0.0);
+    assert!(gained.iter().any(|gained_deg| *gained_deg > 0.05));
 }
 
 #[test]

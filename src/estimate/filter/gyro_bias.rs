@@ -1,36 +1,120 @@
 //! The gyro's bias: what the attitude has changed of it, and what a resting gyro reads.
 
-use nalgebra::{SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::{Filter, Input, State};
-use crate::estimate::covariance::{G, subtract};
+use crate::attitude::{GYRO_BIAS_WALK_RAD_S, GyroBias};
+use crate::estimate::covariance::{G, N, subtract};
 
-/// A gyro at rest reads its bias within this over one second, rad/s (0.3°/s): four times the noise of an ITG-3200, since a boat that
-/// swings slowly may pass for resting.
-const REST_RATE_RAD_S: f64 = 0.0052;
+/// A gyro at rest reads its bias within this over one second, rad/s (0.26°/s): several times the noise of an ITG-3200, since a boat that
+/// swings slowly may pass for resting. With less, a simulated boat at anchor takes its swing for bias; with more, north drifts
+/// further in hours of rest.
+const REST_RATE_RAD_S: f64 = 0.0045;
+
+/// The share of what the attitude learns of the bias that counts here: the geometric mean of 1 and 1/17. In simulation, the variance that
+/// the attitude states is right for a board that tumbles or is moved by hand, and 3 to 17 times too small for boats and cars, which
+/// sway as they turn.
+const TAKEN: f64 = 0.25;
+
+/// What the attitude has learnt of the gyro's bias from one sample to another, body axes.
+pub(in crate::estimate) struct BiasLearnt {
+    /// Change of the bias that it takes out of the rates, rad/s.
+    shift_rad_s: Vector3<f64>,
+    /// Covariance afterwards, (rad/s)².
+    covariance: Matrix3<f64>,
+    /// What the attitude has measured of the bias that is left, times `TAKEN`: information matrix and vector. 0 if that does not count.
+    information: Matrix3<f64>,
+    weighted: Vector3<f64>,
+}
+
+impl BiasLearnt {
+    /// From one bias to another, known `period_s` later. Only the change itself counts unless it was `measured`.
+    pub(in crate::estimate) fn between(
+        before: &GyroBias,
+        after: &GyroBias,
+        period_s: f64,
+        measured: bool,
+    ) -> Self {
+        let shift_rad_s = after.rad_s - before.rad_s;
+        let mut learnt = Self {
+            shift_rad_s,
+            covariance: after.covariance,
+            information: Matrix3::zeros(),
+            weighted: Vector3::zeros(),
+        };
+        if !measured || after.covariance == before.covariance {
+            return learnt;
+        }
+        // The attitude's bias has walked meanwhile, as the filter's has.
+        let walk2 = GYRO_BIAS_WALK_RAD_S.powi(2) * period_s;
+        let walked = before.covariance + Matrix3::identity() * walk2;
+        let inverses = (walked.try_inverse(), after.covariance.try_inverse());
+        if let (Some(known), Some(knows)) = inverses {
+            learnt.information = (knows - known) * TAKEN;
+            learnt.weighted = known * shift_rad_s * TAKEN;
+        }
+        learnt
+    }
+
+    /// Change of the bias that is taken out of the rates, body axes, rad/s.
+    pub(in crate::estimate) fn shift_rad_s(&self) -> Vector3<f64> {
+        self.shift_rad_s
+    }
+}
 
 impl Filter {
-    /// The gyro's filter has changed its own bias by this much, body axes, rad/s: what is left changes the other way.
-    pub(in crate::estimate) fn shift_gyro_bias(&mut self, by_rad_s: &Vector3<f64>) {
-        for axis in 0..3 {
-            self.x[G + axis] -= by_rad_s[axis];
+    /// Takes in what the attitude has learnt of the gyro's bias. With `frozen`, hard iron and matrix stay as they are.
+    pub(in crate::estimate) fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, frozen: bool) {
+        if !self.begun {
+            self.x.fixed_rows_mut::<3>(G).fill(0.0);
+            let mut own = self.p.fixed_view_mut::<3, 3>(G, G);
+            own.copy_from(&learnt.covariance);
+            return;
         }
+        self.shift_gyro_bias(&learnt.shift_rad_s);
+        if learnt.information == Matrix3::zeros() {
+            return;
+        }
+        let cross: SMatrix<f64, N, 3> = self.p.fixed_columns::<3>(G).into();
+        let own: Matrix3<f64> = cross.fixed_rows::<3>(G).into();
+        let Some(weight) = (Matrix3::identity() + learnt.information * own).try_inverse() else {
+            return;
+        };
+        self.change(frozen, |filter| {
+            let told = learnt.weighted - learnt.information * filter.vector(G);
+            filter.x += cross * (weight * told);
+            let gain = cross * (weight * learnt.information);
+            subtract(&mut filter.p, &gain, &cross);
+        });
+    }
+
+    /// The attitude takes so much more out of the rates, body axes, rad/s: what is left changes the other way.
+    pub(in crate::estimate) fn shift_gyro_bias(&mut self, by_rad_s: &Vector3<f64>) {
+        let mut left = self.x.fixed_rows_mut::<3>(G);
+        left -= by_rad_s;
     }
 
     /// Learns the gyro's bias at rest, and measures its noise. With `frozen`, hard iron and matrix stay as they are.
     pub(super) fn learn_bias_at_rest(&mut self, input: &Input, frozen: bool) {
-        let before = frozen.then(|| (self.parameters(), self.parameter_covariance()));
         let turned_rad = input.turned_rad - self.vector(G) * input.period_s;
         self.rest
             .take(turned_rad, input.period_s, self.trace(G, 3) / 3.0);
         let variance = REST_RATE_RAD_S.powi(2) / input.period_s;
-        for axis in 0..3 {
-            let innovation = input.rate_rad_s[axis] - self.x[G + axis];
-            let column: State = self.p.column(G + axis).into();
-            let gain = column / (column[G + axis] + variance);
-            self.x += gain * innovation;
-            subtract(&mut self.p, &gain, &column);
-        }
+        self.change(frozen, |filter| {
+            for axis in 0..3 {
+                let innovation = input.rate_rad_s[axis] - filter.x[G + axis];
+                let column: State = filter.p.column(G + axis).into();
+                let gain = column / (column[G + axis] + variance);
+                filter.x += gain * innovation;
+                subtract(&mut filter.p, &gain, &column);
+            }
+        });
+    }
+
+    /// Changes the state. With `frozen`, hard iron and matrix stay as they are.
+    fn change(&mut self, frozen: bool, change: impl FnOnce(&mut Self)) {
+        let before = frozen.then(|| (self.parameters(), self.parameter_covariance()));
+        change(self);
         if let Some((parameters, covariance)) = before {
             self.hold(&SVector::repeat(1.0), &parameters, &covariance);
         }
@@ -79,5 +163,61 @@ mod tests {
         assert_eq!(before, after);
         let (before, after) = learnt(false);
         assert_ne!(before, after);
+    }
+
+    /// A filter that has begun, and knows what the attitude does of the gyro.
+    fn begun_with(bias: &GyroBias) -> Filter {
+        let mut filter = Filter::new(&Prior::unknown());
+        filter.learn_of_gyro_bias(&BiasLearnt::between(bias, bias, 0.0, false), false);
+        filter.begun = true;
+        filter
+    }
+
+    #[test]
+    fn what_the_attitude_learns_counts_by_a_quarter_and_its_walk_does_not() {
+        let before = GyroBias {
+            rad_s: Vector3::zeros(),
+            covariance: Matrix3::identity() * 0.05f64.powi(2),
+        };
+        let after = GyroBias {
+            rad_s: Vector3::new(0.03, 0.0, -0.02),
+            covariance: Matrix3::identity() * 0.01f64.powi(2),
+        };
+        let mut filter = begun_with(&before);
+        filter.learn_of_gyro_bias(&BiasLearnt::between(&before, &after, 0.0, true), false);
+        // Both informations, and what the attitude has measured: the mean of its biases, weighted by them.
+        let (had, gained) = (1.0 / 0.05f64.powi(2), 1.0 / 0.01f64.powi(2));
+        let information = had + TAKEN * (gained - had);
+        let (left, variance) = filter.gyro_bias();
+        assert!((variance * information).add_scalar(-1.0).amax() < 1e-9);
+        let measured = after.rad_s * gained / (gained - had);
+        let expected = measured * (TAKEN * (gained - had)) / information - after.rad_s;
+        assert!((left - expected).norm() < 1e-9, "{left} {expected}");
+
+        let walked = GyroBias {
+            covariance: after.covariance
+                + Matrix3::identity() * GYRO_BIAS_WALK_RAD_S.powi(2) * 60.0,
+            ..after
+        };
+        filter.learn_of_gyro_bias(&BiasLearnt::between(&after, &walked, 60.0, true), false);
+        let (still_left, same) = filter.gyro_bias();
+        assert!((still_left - left).norm() < 1e-12 && (same - variance).norm() < 1e-12);
+    }
+
+    #[test]
+    fn before_the_filter_has_begun_it_knows_as_much_as_the_attitude() {
+        let bias = GyroBias {
+            rad_s: Vector3::new(0.03, 0.0, -0.02),
+            covariance: Matrix3::identity() * 0.02f64.powi(2),
+        };
+        let mut filter = begun_with(&bias);
+        assert_eq!(filter.gyro_bias().1, bias.covariance.diagonal());
+        // What does not count, as that of a still board, which shows its bias to the filter, too.
+        let known = GyroBias {
+            covariance: bias.covariance * 0.01,
+            ..bias
+        };
+        filter.learn_of_gyro_bias(&BiasLearnt::between(&bias, &known, 1.0, false), false);
+        assert_eq!(filter.gyro_bias().1, bias.covariance.diagonal());
     }
 }

@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::{
     DISTURBED, FORGET_MOVING_S, Filter, Input, PLACE_LASTS_S, SWING_RAD, USUAL_UNEVENNESS,
 };
+use crate::attitude::GYRO_BIAS_WALK_RAD_S;
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
 use crate::frame::angle_between_rad;
 
@@ -15,11 +16,10 @@ const GYRO_CROSS: f64 = 0.002;
 /// Angle random walk of the frame, rad/√s (0.02 °/√s): data sheets state noise densities of 0.005 (MPU-6050) to 0.03 °/s/√Hz
 /// (ITG-3200).
 const ANGLE_WALK_RAD: f64 = 0.000_35;
-/// Walk of the gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
-const BIAS_WALK_RAD_S: f64 = 0.000_087;
-/// Unevenness is forgotten by turning this far, radians, and at rest, where people, doors and lifts move nearby, in this time, seconds.
+/// Unevenness is forgotten by turning this far, radians, and at rest in this time, seconds: what people bring near a resting board stays
+/// for minutes.
 const FORGET_RAD: f64 = 0.52;
-const FORGET_RESTING_S: f64 = 60.0;
+const FORGET_RESTING_S: f64 = 600.0;
 /// Uncertain iron may have absorbed some of the field's unevenness. While the board moves, the unevenness is therefore taken for at
 /// least this fraction of the iron's deviation (both as shares of the field), but for no more than `USUAL_UNEVENNESS`. At 0 a
 /// simulated car that others pass before its first turn learns wrong iron and is sure of it; at twice the value cars learn later,
@@ -58,8 +58,8 @@ impl Filter {
         // The turn that the gyro's errors add to the frame. At rest the true turn is 0: all that is measured is error, as far as the
         // gyro's noise explains it. If the vertical is known, the accelerometer holds the tilt.
         let noise_share = self.noise_share(input);
-        let by_bias = (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
-        let mut turn = r * (by_bias * (1.0 - noise_share) + input.turned_rad * noise_share);
+        let by_errors_rad = (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
+        let mut turn = r * (by_errors_rad * (1.0 - noise_share) + input.turned_rad * noise_share);
         let mut by_errors = SMatrix::<f64, 3, 6>::zeros();
         by_errors
             .fixed_columns_mut::<3>(0)
@@ -78,7 +78,9 @@ impl Filter {
                 FORGET_MOVING_S
             };
         let kept = (-length).exp();
-        let tilt_kept = (-dt / input.tilt_tau_s).exp();
+        let tilt_kept = (-dt / input.tilt_error.tau_s).exp();
+        let tilt_s = input.tilt_error.tau_s * (1.0 - tilt_kept) * input.tilt_error.by_bias;
+        let tilt_by_bias = r.fixed_rows::<2>(0) * tilt_s;
         let place_kept = if still {
             1.0
         } else {
@@ -89,12 +91,14 @@ impl Filter {
             field: Matrix3::identity() + turn.cross_matrix(),
             by_gyro: -h.cross_matrix() * by_errors,
             tilt: tilt_kept,
+            tilt_by_bias,
             unevenness: kept,
             place: place_kept,
         };
         step.carry(&mut self.p);
         self.x.fixed_rows_mut::<3>(H).copy_from(&(step.field * h));
-        self.x.fixed_rows_mut::<2>(E).scale_mut(tilt_kept);
+        let tilt = self.x.fixed_rows::<2>(E) * tilt_kept + tilt_by_bias * self.vector(G);
+        self.x.fixed_rows_mut::<2>(E).copy_from(&tilt);
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
         // At most 2 % of the field: how the gyro's errors turn it is neglected, here as in P.
         self.x.fixed_rows_mut::<3>(Q).scale_mut(place_kept);
@@ -109,7 +113,7 @@ impl Filter {
         }
         for axis in 0..2 {
             self.p[(E + axis, E + axis)] +=
-                (1.0 - tilt_kept * tilt_kept) * input.tilt_sd_rad.powi(2);
+                (1.0 - tilt_kept * tilt_kept) * input.tilt_error.sd_rad.powi(2);
         }
         let mut field = self.p.fixed_view_mut::<3, 3>(H, H);
         field += noise;
@@ -168,7 +172,7 @@ impl Filter {
         for axis in 0..3 {
             self.p[(H + axis, H + axis)] += field;
             self.p[(B + axis, B + axis)] += iron;
-            self.p[(G + axis, G + axis)] += BIAS_WALK_RAD_S.powi(2) * dt;
+            self.p[(G + axis, G + axis)] += GYRO_BIAS_WALK_RAD_S.powi(2) * dt;
         }
         let matrix_walk = MATRIX_TURN.powi(2) * turned_rad;
         for entry in 0..9 {

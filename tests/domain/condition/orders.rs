@@ -188,6 +188,25 @@ fn what_is_learnt_after_a_time_that_jumps_back_is_kept() {
     assert!(kept(&board) > 1);
 }
 
+#[test]
+fn the_gyros_bias_stays_known_where_the_clock_begins_anew() {
+    let mut board = Board::new(Some(spatial(0.0)));
+    // 3°/s about each axis.
+    board.gyro = |rate| rate.add_scalar(0.052);
+    board.rest(30.0);
+    board.tumble();
+    board.restart_clock();
+    let mut worst_deg = 0.0;
+    for step in 0..40 {
+        board.turn(if step % 8 < 4 { 50.0 } else { -50.0 });
+        worst_deg = board
+            .error_deg()
+            .map_or(worst_deg, |error_deg| error_deg.max(worst_deg));
+    }
+    assert!(board.error_deg().is_some());
+    assert!((0.0..3.0).contains(&worst_deg), "{worst_deg}");
+}
+
 /// Each sample alone is as the one before, and no place is as uneven as a magnet of 6 % of the field.
 #[test]
 fn a_magnet_that_no_sample_shows_is_told_by_the_iron_that_moves() {
