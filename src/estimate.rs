@@ -104,9 +104,9 @@ pub struct Estimate {
     rival: Option<Rival>,
     frozen: bool,
     last: Option<Sample>,
-    /// The gyro's bias that the filters know of, even where the frame has been lost since.
+    /// The gyro's bias at the last sample. It stays when the frame is lost.
     gyro_bias: Option<GyroBias>,
-    /// For how long the attitude has stated the same of it, seconds: it learns in steps.
+    /// Time since the attitude last learnt of that bias, seconds: it learns in steps.
     bias_age_s: f64,
     gyro: GyroCheck,
     /// What was known when the gyro was last shown to be right.
@@ -225,7 +225,7 @@ impl Estimate {
         self.iron.take(&self.active, period_s);
     }
 
-    /// Hands on the attitude's bias of the gyro. What the attitude has `measured` of it counts for the filters that follow the samples.
+    /// Tells the filters how the attitude's gyro bias has changed. If that was `measured`, those that follow the samples learn from it.
     fn learn_of_gyro_bias(&mut self, sample: &Sample, period_s: f64, measured: bool) {
         let after = sample.gyro_bias;
         let before = self.gyro_bias.replace(after).unwrap_or(after);
@@ -241,7 +241,7 @@ impl Estimate {
         }
         let suspended = self.suspended.as_mut().map(|one| &mut one.filter);
         for filter in [self.proven.as_mut(), suspended].into_iter().flatten() {
-            filter.shift_gyro_bias(&learnt.shift_rad_s());
+            filter.shift_gyro_bias(&learnt.shift_rad_s);
         }
     }
 

@@ -180,7 +180,7 @@ impl AttitudeFilter {
 
     /// What the tilt is off by now.
     pub(super) fn tilt_error(&self) -> TiltError {
-        // In an upright board, sway tilts the frame just as a bias would, so the tilt is not said to come from the bias. Nor is it at rest,
+        // Sway tilts the frame of an upright board just as a bias would, so its tilt does not count as the bias's. The same holds at rest,
         // where the estimate leaves out its tilt error.
         let by_bias = if self.vertical_known && !self.stillness.still() {
             1.0 - self.errors.upright_share()

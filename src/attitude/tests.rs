@@ -144,11 +144,7 @@ fn the_bias_tilts_the_frame_of_a_board_that_does_not_stay_upright() {
     let turned = |rate: fn(f64) -> Vector3<f64>| {
         let mut board = TestBoard::default();
         board.go(60.0, |_, t_s| rate(t_s));
-        let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
-        for reading in &board.readings {
-            attitude.take(reading, |_| {});
-        }
-        attitude.tilt_error()
+        run(&board).0.tilt_error()
     };
     let upright = turned(|_| Vector3::z() * 0.5);
     assert_eq!(upright.by_bias, 0.0);

@@ -42,10 +42,10 @@ mod rest;
 
 type State = SVector<f64, N>;
 
-/// Scale error to expect on an axis of a gyro; data sheets: 1 to 3 % at most.
-const GYRO_SCALE: f64 = 0.01;
 /// Bias to expect of a gyro, rad/s (2°/s), until the attitude has stated what it knows of it.
 const GYRO_BIAS_RAD_S: f64 = 0.035;
+/// Scale error to expect on an axis of a gyro; data sheets: 1 to 3 % at most.
+const GYRO_SCALE: f64 = 0.01;
 /// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering; 16 ms on a real recorder.
 const LAG_S: f64 = 0.015;
 /// Jitter of the times of samples, seconds: that of a bus which the kernel polls. Any value from 1 to 5 ms gives nearly the same simulated figures.

@@ -208,7 +208,7 @@ mod tests {
     use super::*;
     use crate::estimate::prior::Prior;
 
-    /// A board with a field about it, and what was learnt of its gyro.
+    /// A board that turns in the earth's field, and the check of its gyro.
     struct TurnedBoard {
         regression: GyroScale,
         filter: Filter,
@@ -219,7 +219,7 @@ mod tests {
     }
 
     impl TurnedBoard {
-        /// One with this soft iron, of which the filter knows another.
+        /// A board with this soft iron, and a filter that has learnt another.
         fn new(soft: Matrix3<f64>, learnt: Matrix3<f64>) -> Self {
             let filter = Filter::new(&Prior {
                 matrix: learnt,

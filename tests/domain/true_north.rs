@@ -132,6 +132,8 @@ fn a_place_makes_headings_more_certain_and_is_not_in_what_is_learnt() {
             Some(without_deg - with_deg)
         })
         .collect();
+    // The two deviations of one heading may be on either side of the limit for publishing.
+    assert!(gained.len() + 1 >= without.len());
     assert!(gained.iter().sum::<f64>() > 0.0);
     assert!(gained.iter().any(|gained_deg| *gained_deg > 0.05));
 }

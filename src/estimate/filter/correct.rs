@@ -167,23 +167,24 @@ impl Filter {
             0..3 => 0.0,
             _ => of_matrix,
         });
-        let before = self.vector(H);
-        let (parameters, covariance) = (self.parameters(), self.parameter_covariance());
-        self.x += gain * innovation;
-        if self.still {
-            self.keep_strength_and_dip(&before);
-        }
-        subtract(&mut self.p, gain, cross);
-        self.hold(&held, &parameters, &covariance);
+        self.correct_partly(&held, |filter| {
+            let before = filter.vector(H);
+            filter.x += gain * innovation;
+            if filter.still {
+                filter.keep_strength_and_dip(&before);
+            }
+            subtract(&mut filter.p, gain, cross);
+        });
     }
 
-    /// Takes back these shares, 0 to 1, of what a correction has changed of the parameters and their covariance.
-    pub(super) fn hold(
+    /// Corrects the state, and takes back these shares, 0 to 1, of what that changes of the parameters and their covariance.
+    pub(super) fn correct_partly(
         &mut self,
         held: &SVector<f64, 12>,
-        parameters: &SVector<f64, 12>,
-        covariance: &SMatrix<f64, 12, 12>,
+        correct: impl FnOnce(&mut Self),
     ) {
+        let (parameters, covariance) = (self.parameters(), self.parameter_covariance());
+        correct(self);
         let now = self.parameters();
         for index in 0..12 {
             self.x[parameter(index)] =

@@ -19,7 +19,7 @@ const TAKEN: f64 = 0.25;
 /// What the attitude has learnt of the gyro's bias from one sample to another, body axes.
 pub(in crate::estimate) struct BiasLearnt {
     /// Change of the bias that it takes out of the rates, rad/s.
-    shift_rad_s: Vector3<f64>,
+    pub(in crate::estimate) shift_rad_s: Vector3<f64>,
     /// Covariance afterwards, (rad/s)².
     covariance: Matrix3<f64>,
     /// What the attitude has measured of the bias that is left, times `TAKEN`: information matrix and vector. 0 if that does not count.
@@ -55,11 +55,6 @@ impl BiasLearnt {
         }
         learnt
     }
-
-    /// Change of the bias that is taken out of the rates, body axes, rad/s.
-    pub(in crate::estimate) fn shift_rad_s(&self) -> Vector3<f64> {
-        self.shift_rad_s
-    }
 }
 
 impl Filter {
@@ -80,9 +75,10 @@ impl Filter {
         let Some(weight) = (Matrix3::identity() + learnt.information * own).try_inverse() else {
             return;
         };
-        self.change(frozen, |filter| {
-            let told = learnt.weighted - learnt.information * filter.vector(G);
-            filter.x += cross * (weight * told);
+        let held = SVector::repeat(f64::from(frozen));
+        self.correct_partly(&held, |filter| {
+            let off = learnt.weighted - learnt.information * filter.vector(G);
+            filter.x += cross * (weight * off);
             let gain = cross * (weight * learnt.information);
             subtract(&mut filter.p, &gain, &cross);
         });
@@ -100,7 +96,8 @@ impl Filter {
         self.rest
             .take(turned_rad, input.period_s, self.trace(G, 3) / 3.0);
         let variance = REST_RATE_RAD_S.powi(2) / input.period_s;
-        self.change(frozen, |filter| {
+        let held = SVector::repeat(f64::from(frozen));
+        self.correct_partly(&held, |filter| {
             for axis in 0..3 {
                 let innovation = input.rate_rad_s[axis] - filter.x[G + axis];
                 let column: State = filter.p.column(G + axis).into();
@@ -109,15 +106,6 @@ impl Filter {
                 subtract(&mut filter.p, &gain, &column);
             }
         });
-    }
-
-    /// Changes the state. With `frozen`, hard iron and matrix stay as they are.
-    fn change(&mut self, frozen: bool, change: impl FnOnce(&mut Self)) {
-        let before = frozen.then(|| (self.parameters(), self.parameter_covariance()));
-        change(self);
-        if let Some((parameters, covariance)) = before {
-            self.hold(&SVector::repeat(1.0), &parameters, &covariance);
-        }
     }
 }
 
@@ -185,7 +173,7 @@ mod tests {
         };
         let mut filter = begun_with(&before);
         filter.learn_of_gyro_bias(&BiasLearnt::between(&before, &after, 0.0, true), false);
-        // Both informations, and what the attitude has measured: the mean of its biases, weighted by them.
+        // The attitude's bias is the mean of what it had and of what it measured, each weighted by its information.
         let (had, gained) = (1.0 / 0.05f64.powi(2), 1.0 / 0.01f64.powi(2));
         let information = had + TAKEN * (gained - had);
         let (left, variance) = filter.gyro_bias();
@@ -212,7 +200,7 @@ mod tests {
         };
         let mut filter = begun_with(&bias);
         assert_eq!(filter.gyro_bias().1, bias.covariance.diagonal());
-        // What does not count, as that of a still board, which shows its bias to the filter, too.
+        // The filter reads the bias of a still board itself, so what the attitude learns then does not count.
         let known = GyroBias {
             covariance: bias.covariance * 0.01,
             ..bias
