@@ -131,7 +131,7 @@ impl Filter {
     /// Variance of what is white in a sample of a board that turns at this rate, rad/s: noise, jitter, and the products of two
     /// uncertain states, which linearising neglects. Milligauss².
     fn white_noise2(&self, rate_rad_s: &Vector3<f64>) -> f64 {
-        let neglected = self.trace(H, 3) * (self.trace(D, 9) / 9.0 + self.trace(E, 2) / 3.0)
+        let neglected = self.trace(H, 3) * (self.matrix_variance() + self.trace(E, 2) / 3.0)
             + rate_rad_s.norm_squared() * self.p[(T, T)] * self.trace(H, 3) / 3.0;
         let jitter = rate_rad_s.norm() * JITTER_S * self.strength_rms_mgauss;
         self.noise2 + neglected + jitter.powi(2)

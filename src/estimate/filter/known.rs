@@ -66,6 +66,11 @@ impl Filter {
         Matrix3::identity() + Matrix3::from_row_slice(self.x.fixed_rows::<9>(D).as_slice())
     }
 
+    /// Mean variance of the entries of D.
+    pub(in crate::estimate) fn matrix_variance(&self) -> f64 {
+        self.trace(D, 9) / 9.0
+    }
+
     /// b, body axes, milligauss.
     pub(in crate::estimate) fn bias_mgauss(&self) -> Vector3<f64> {
         self.vector(B)
