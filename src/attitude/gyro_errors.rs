@@ -53,6 +53,9 @@ const SPEED_M_S: f64 = 1.0;
 const ACCELERATION_M_S2: f64 = 1.0;
 /// Least velocity that is believed, m/s.
 const LEAST_SPEED_M_S: f64 = 0.1;
+/// A larger velocity than this, m/s, is an error of u, b or M: no vehicle that steers by a compass keeps up a fifth of g for
+/// `LEAK_S`. The filter is then too sure of that error to correct it, and begins anew.
+const MOST_SPEED_M_S: f64 = 60.0;
 /// Both are measured over these times, seconds: quickly when they grow, slowly when they shrink.
 const GROWS_S: f64 = 1.0;
 const SHRINKS_S: f64 = 60.0;
@@ -196,11 +199,21 @@ impl GyroErrors {
                     self.stand(&left, window.s);
                 }
                 self.measure_velocity(&left, window.s);
+                if self.velocity.norm() > MOST_SPEED_M_S {
+                    self.begin_anew();
+                }
             }
         }
         for axis in 0..3 {
             self.p[(B + axis, B + axis)] += GYRO_BIAS_WALK_RAD_S.powi(2) * window.s;
         }
+    }
+
+    fn begin_anew(&mut self) {
+        *self = Self {
+            timing_walk_s2: self.timing_walk_s2,
+            ..Self::new(self.largest_bias_rad_s)
+        };
     }
 
     /// At rest the gyro reads its bias.
@@ -357,7 +370,18 @@ mod tests {
         rate: impl Fn(f64) -> Vector3<f64>,
         shake: impl Fn(f64) -> Vector3<f64>,
     ) -> GyroErrors {
-        let mut errors = GyroErrors::new(0.17);
+        learnt_by(GyroErrors::new(0.17), seconds, bias, matrix, rate, shake)
+    }
+
+    /// The same of a filter that is no new one.
+    fn learnt_by(
+        mut errors: GyroErrors,
+        seconds: f64,
+        bias: Vector3<f64>,
+        matrix: Matrix3<f64>,
+        rate: impl Fn(f64) -> Vector3<f64>,
+        shake: impl Fn(f64) -> Vector3<f64>,
+    ) -> GyroErrors {
         let (mut truth, mut frame) = (UnitQuaternion::identity(), UnitQuaternion::identity());
         for i in 0..(seconds / TICK_S) as u32 {
             let t_s = f64::from(i) * TICK_S;
@@ -416,6 +440,18 @@ mod tests {
         let across = (errors.bias - bias).xy().norm();
         assert!(across < 0.003, "{across}");
         assert!(errors.bias.z.abs() < 0.01, "{}", errors.bias.z);
+    }
+
+    /// A bias of 6°/s that is taken for certain turns gravity away, which looks like an acceleration that never ends.
+    #[test]
+    fn a_filter_that_is_surely_wrong_begins_anew() {
+        let mut errors = GyroErrors::new(0.17);
+        errors.bias = Vector3::new(0.0, 0.0, 0.1);
+        errors.clear(B, 1e-4);
+        let right = Vector3::new(0.01, -0.01, 0.02);
+        let errors = learnt_by(errors, 180.0, right, Matrix3::zeros(), tumbling, shaken);
+        let off = (errors.bias - right).norm();
+        assert!(off < 0.003, "{off}");
     }
 
     #[test]

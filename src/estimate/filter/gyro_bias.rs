@@ -16,12 +16,17 @@ const REST_RATE_RAD_S: f64 = 0.0045;
 /// sway as they turn.
 const TAKEN: f64 = 0.25;
 
+/// A variance that has grown by more than this factor, and by more than the walk, is that of an attitude that has begun anew.
+const FORGOTTEN: f64 = 2.0;
+
 /// What the attitude has learnt of the gyro's bias from one sample to another, body axes.
 pub(in crate::estimate) struct BiasLearnt {
     /// Change of the bias that it takes out of the rates, rad/s.
     pub(in crate::estimate) shift_rad_s: Vector3<f64>,
     /// Covariance afterwards, (rad/s)².
     covariance: Matrix3<f64>,
+    /// The attitude has begun anew: it knows less than before.
+    forgotten: bool,
     /// What the attitude has measured of the bias that is left, times `TAKEN`: information matrix and vector. 0 if that does not count.
     information: Matrix3<f64>,
     weighted: Vector3<f64>,
@@ -36,18 +41,19 @@ impl BiasLearnt {
         measured: bool,
     ) -> Self {
         let shift_rad_s = after.rad_s - before.rad_s;
-        let mut learnt = Self {
-            shift_rad_s,
-            covariance: after.covariance,
-            information: Matrix3::zeros(),
-            weighted: Vector3::zeros(),
-        };
-        if !measured || after.covariance == before.covariance {
-            return learnt;
-        }
         // The attitude's bias has walked meanwhile, as the filter's has.
         let walk2 = GYRO_BIAS_WALK_RAD_S.powi(2) * period_s;
         let walked = before.covariance + Matrix3::identity() * walk2;
+        let mut learnt = Self {
+            shift_rad_s,
+            covariance: after.covariance,
+            forgotten: after.covariance.trace() > FORGOTTEN * walked.trace(),
+            information: Matrix3::zeros(),
+            weighted: Vector3::zeros(),
+        };
+        if !measured || learnt.forgotten || after.covariance == before.covariance {
+            return learnt;
+        }
         let inverses = (walked.try_inverse(), after.covariance.try_inverse());
         if let (Some(known), Some(knows)) = inverses {
             learnt.information = (knows - known) * TAKEN;
@@ -60,8 +66,8 @@ impl BiasLearnt {
 impl Filter {
     /// Takes in what the attitude has learnt of the gyro's bias. With `frozen`, hard iron and matrix stay as they are.
     pub(in crate::estimate) fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, frozen: bool) {
-        if !self.begun {
-            self.x.fixed_rows_mut::<3>(G).fill(0.0);
+        if !self.begun || learnt.forgotten {
+            self.clear(G, 3);
             let mut own = self.p.fixed_view_mut::<3, 3>(G, G);
             own.copy_from(&learnt.covariance);
             return;
@@ -190,6 +196,24 @@ mod tests {
         filter.learn_of_gyro_bias(&BiasLearnt::between(&after, &walked, 60.0, true), false);
         let (still_left, same) = filter.gyro_bias();
         assert!((still_left - left).norm() < 1e-12 && (same - variance).norm() < 1e-12);
+    }
+
+    #[test]
+    fn an_attitude_that_begins_anew_knows_less_and_so_does_the_filter() {
+        let certain = GyroBias {
+            rad_s: Vector3::new(0.1, 0.0, 0.0),
+            covariance: Matrix3::identity() * 0.005f64.powi(2),
+        };
+        let anew = GyroBias {
+            rad_s: Vector3::zeros(),
+            covariance: Matrix3::identity() * 0.05f64.powi(2),
+        };
+        let mut filter = begun_with(&certain);
+        filter.learn_of_gyro_bias(&BiasLearnt::between(&certain, &anew, 0.1, true), false);
+        assert_eq!(
+            filter.gyro_bias(),
+            (Vector3::zeros(), anew.covariance.diagonal())
+        );
     }
 
     #[test]
