@@ -1,9 +1,9 @@
 //! The filter's correction by one sample, and the noise and unevenness that are measured by it.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, parameter};
-use crate::estimate::covariance::{B, D, E, H, M, N, Q, Sensitivity, T, subtract};
+use super::{FORGET_MOVING_S, Filter, Input, JITTER_S};
+use crate::estimate::covariance::{B, D, E, G, H, M, N, Q, Sensitivity, T, subtract};
 use crate::estimate::prior::SCALE;
 
 /// Least white noise of a sample, milligauss, and the time over which it is measured, seconds.
@@ -30,6 +30,42 @@ const PLACE_STEP: f64 = 0.05;
 const VERTICAL_KNOWN: f64 = 0.0625;
 /// A normalised innovation squared beyond this is no chance (3 degrees of freedom: 0.1 %).
 const GATE: f64 = 16.0;
+
+/// The gyro's bias is learnt by half where the deviation of the field that it turns is this share of it: the field's direction is then
+/// known within 27°.
+const FIELD_KNOWN: f64 = 0.5;
+
+/// The shares, 0 to 1, of what a correction changes of some states that are taken back.
+pub(super) struct Held {
+    pub(super) iron: f64,
+    pub(super) matrix: f64,
+    pub(super) gyro_bias: f64,
+}
+
+impl Held {
+    /// With `frozen`, hard iron and matrix stay as they are.
+    pub(super) fn parameters(frozen: bool) -> Self {
+        Self {
+            iron: f64::from(frozen),
+            matrix: f64::from(frozen),
+            gyro_bias: 0.0,
+        }
+    }
+
+    /// Where in the state those are, how many, and their share.
+    fn states(&self) -> [(usize, usize, f64); 3] {
+        [
+            (B, 3, self.iron),
+            (D, 9, self.matrix),
+            (G, 3, self.gyro_bias),
+        ]
+    }
+}
+
+/// The share of the first in the sum, 0 to 1.
+fn share(one: f64, other: f64) -> f64 {
+    one / (one + other).max(f64::MIN_POSITIVE)
+}
 
 impl Filter {
     /// Takes the sample in.
@@ -152,8 +188,7 @@ impl Filter {
         again
     }
 
-    /// x ← x + K ν, P ← P − K Cᵀ, where D is corrected only in part, and with `frozen` neither b nor D: a partial-update Schmidt–Kalman filter
-    /// (Brink, J. Guid. Control Dyn. 40, 2017). What stays of a covariance is the product of both parts.
+    /// x ← x + K ν, P ← P − K Cᵀ, where D and G are corrected only in part, and with `frozen` neither b nor D.
     fn update(
         &mut self,
         gain: &SMatrix<f64, N, 3>,
@@ -161,12 +196,11 @@ impl Filter {
         innovation: &Vector3<f64>,
         frozen: bool,
     ) {
-        let of_matrix = self.matrix_held();
-        let held = SVector::<f64, 12>::from_fn(|index, _| match index {
-            _ if frozen => 1.0,
-            0..3 => 0.0,
-            _ => of_matrix,
-        });
+        let held = Held {
+            iron: f64::from(frozen),
+            matrix: self.matrix_held().max(f64::from(frozen)),
+            gyro_bias: self.gyro_bias_held(),
+        };
         self.correct_partly(&held, |filter| {
             let before = filter.vector(H);
             filter.x += gain * innovation;
@@ -177,22 +211,21 @@ impl Filter {
         });
     }
 
-    /// Corrects the state, and takes back these shares, 0 to 1, of what that changes of the parameters and their covariance.
-    pub(super) fn correct_partly(
-        &mut self,
-        held: &SVector<f64, 12>,
-        correct: impl FnOnce(&mut Self),
-    ) {
-        let (parameters, covariance) = (self.parameters(), self.parameter_covariance());
+    /// Corrects the state, and takes back these shares of what that changes: a partial-update Schmidt–Kalman filter (Brink, J. Guid. Control
+    /// Dyn. 40, 2017). What stays of a covariance is the product of both shares.
+    pub(super) fn correct_partly(&mut self, held: &Held, correct: impl FnOnce(&mut Self)) {
+        let (x, p) = (self.x, self.p);
         correct(self);
-        let now = self.parameters();
-        for index in 0..12 {
-            self.x[parameter(index)] =
-                held[index] * parameters[index] + (1.0 - held[index]) * now[index];
-            for other in 0..12 {
-                let both = held[index] * held[other];
-                let now = &mut self.p[(parameter(index), parameter(other))];
-                *now = both * covariance[(index, other)] + (1.0 - both) * *now;
+        for (at, count, share) in held.states() {
+            for index in at..at + count {
+                self.x[index] = share * x[index] + (1.0 - share) * self.x[index];
+                for (other_at, other_count, other_share) in held.states() {
+                    let both = share * other_share;
+                    for other in other_at..other_at + other_count {
+                        let now = &mut self.p[(index, other)];
+                        *now = both * p[(index, other)] + (1.0 - both) * *now;
+                    }
+                }
             }
         }
     }
@@ -202,7 +235,17 @@ impl Filter {
     /// first turn teach a wrong D for good.
     fn matrix_held(&self) -> f64 {
         let unknown2 = self.trace(H, 3) / 3.0;
-        unknown2 / (unknown2 + SCALE.powi(2) * self.vector(H).norm_squared()).max(f64::MIN_POSITIVE)
+        share(unknown2, SCALE.powi(2) * self.vector(H).norm_squared())
+    }
+
+    /// The part of the gyro's bias that stays: half while the field is known to `FIELD_KNOWN` of it. The bias turns the field about the
+    /// vertical if that is known. Where a field of unknown direction is turned to is unknown, too: linearising takes it for known, and
+    /// teaches in the first seconds a bias that is wrong by five deviations.
+    fn gyro_bias_held(&self) -> f64 {
+        let axes = if self.vertical_known { 2 } else { 3 };
+        let unknown2 = self.trace(H, axes) / axes as f64;
+        let field2 = self.x.rows(H, axes).norm_squared();
+        share(unknown2, FIELD_KNOWN.powi(2) * field2)
     }
 
     /// How far the estimated tilt error may correct the field in the Jacobian, 0 to 1. There is no limit if the vertical is unknown.
@@ -211,7 +254,7 @@ impl Filter {
             return 1.0;
         }
         let known2 = (VERTICAL_KNOWN * self.x[H + 2]).powi(2);
-        known2 / (known2 + self.p[(H + 2, H + 2)]).max(f64::MIN_POSITIVE)
+        share(known2, self.p[(H + 2, H + 2)])
     }
 
     /// At rest only the drift of the frame is observable. The attitude's noise is in the innovation and in the Jacobian; the correlation
@@ -320,5 +363,32 @@ mod tests {
             let after = apart(&filter);
             assert!(after < 0.02 * before, "{after} and {before} mG²");
         }
+    }
+
+    /// The variance of the gyro's bias after a sample, as a share of the variance before, where the field is known to this deviation, milligauss, and goes
+    /// with the bias about the vertical by nine tenths.
+    fn bias_variance_left(field_sd: f64) -> f64 {
+        let mut filter = Filter::new(&Prior::unknown());
+        filter.vertical_known = true;
+        let earth = Vector3::new(60.0, 190.0, -420.0);
+        filter.x.fixed_rows_mut::<3>(H).copy_from(&earth);
+        for axis in 0..3 {
+            filter.p[(B + axis, B + axis)] = 1.0;
+            filter.p[(H + axis, H + axis)] = field_sd * field_sd;
+        }
+        let before = filter.p[(G + 2, G + 2)];
+        let both = 0.9 * field_sd * before.sqrt();
+        filter.p[(H, G + 2)] = both;
+        filter.p[(G + 2, H)] = both;
+        let sample = Input::turning_at(Matrix3::identity(), Vector3::zeros(), earth);
+        filter.correct(&sample, false);
+        filter.p[(G + 2, G + 2)] / before
+    }
+
+    #[test]
+    fn a_field_of_unknown_direction_teaches_little_of_the_gyros_bias() {
+        let (known, unknown) = (bias_variance_left(50.0), bias_variance_left(400.0));
+        assert!(known < 0.5, "{known}");
+        assert!(unknown > 0.9, "{unknown}");
     }
 }

@@ -1,7 +1,8 @@
 //! The gyro's bias: what the attitude has changed of it, and what a resting gyro reads.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 
+use super::correct::Held;
 use super::{Filter, Input, State};
 use crate::attitude::{GYRO_BIAS_WALK_RAD_S, GyroBias};
 use crate::estimate::covariance::{G, N, subtract};
@@ -10,11 +11,6 @@ use crate::estimate::covariance::{G, N, subtract};
 /// swings slowly may pass for resting. With less, a simulated boat at anchor takes its swing for bias; with more, north drifts
 /// further in hours of rest.
 const REST_RATE_RAD_S: f64 = 0.0045;
-
-/// The share of what the attitude learns of the bias that counts here: the geometric mean of 1 and 1/17. In simulation, the variance that
-/// the attitude states is right for a board that tumbles or is moved by hand, and 3 to 17 times too small for boats and cars, which
-/// sway as they turn.
-const TAKEN: f64 = 0.25;
 
 /// A variance that has grown by more than this factor, and by more than the walk, is that of an attitude that has begun anew.
 const FORGOTTEN: f64 = 2.0;
@@ -27,7 +23,7 @@ pub(in crate::estimate) struct BiasLearnt {
     covariance: Matrix3<f64>,
     /// The attitude has begun anew: it knows less than before.
     forgotten: bool,
-    /// What the attitude has measured of the bias that is left, times `TAKEN`: information matrix and vector. 0 if that does not count.
+    /// What the attitude has measured of the bias that is left: information matrix and vector. 0 if that does not count.
     information: Matrix3<f64>,
     weighted: Vector3<f64>,
 }
@@ -56,8 +52,8 @@ impl BiasLearnt {
         }
         let inverses = (walked.try_inverse(), after.covariance.try_inverse());
         if let (Some(known), Some(knows)) = inverses {
-            learnt.information = (knows - known) * TAKEN;
-            learnt.weighted = known * shift_rad_s * TAKEN;
+            learnt.information = knows - known;
+            learnt.weighted = known * shift_rad_s;
         }
         learnt
     }
@@ -81,7 +77,7 @@ impl Filter {
         let Some(weight) = (Matrix3::identity() + learnt.information * own).try_inverse() else {
             return;
         };
-        let held = SVector::repeat(f64::from(frozen));
+        let held = Held::parameters(frozen);
         self.correct_partly(&held, |filter| {
             let off = learnt.weighted - learnt.information * filter.vector(G);
             filter.x += cross * (weight * off);
@@ -102,7 +98,7 @@ impl Filter {
         self.rest
             .take(turned_rad, input.period_s, self.trace(G, 3) / 3.0);
         let variance = REST_RATE_RAD_S.powi(2) / input.period_s;
-        let held = SVector::repeat(f64::from(frozen));
+        let held = Held::parameters(frozen);
         self.correct_partly(&held, |filter| {
             for axis in 0..3 {
                 let innovation = input.rate_rad_s[axis] - filter.x[G + axis];
@@ -142,7 +138,8 @@ mod tests {
                     false,
                 );
             }
-            let before = filter.parameters();
+            let parameters = |filter: &Filter| (filter.bias_mgauss(), filter.matrix());
+            let before = parameters(&filter);
             for _ in 0..20 {
                 let resting = Input {
                     at_rest: true,
@@ -151,7 +148,7 @@ mod tests {
                 };
                 filter.follow(&resting, false, frozen);
             }
-            (before, filter.parameters())
+            (before, parameters(&filter))
         };
         let (before, after) = learnt(true);
         assert_eq!(before, after);
@@ -168,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_attitude_learns_counts_by_a_quarter_and_its_walk_does_not() {
+    fn what_the_attitude_learns_counts_and_its_walk_does_not() {
         let before = GyroBias {
             rad_s: Vector3::zeros(),
             covariance: Matrix3::identity() * 0.05f64.powi(2),
@@ -179,14 +176,10 @@ mod tests {
         };
         let mut filter = begun_with(&before);
         filter.learn_of_gyro_bias(&BiasLearnt::between(&before, &after, 0.0, true), false);
-        // The attitude's bias is the mean of what it had and of what it measured, each weighted by its information.
-        let (had, gained) = (1.0 / 0.05f64.powi(2), 1.0 / 0.01f64.powi(2));
-        let information = had + TAKEN * (gained - had);
+        // Both knew the same before, so both know the same now: nothing is left of the bias.
         let (left, variance) = filter.gyro_bias();
-        assert!((variance * information).add_scalar(-1.0).amax() < 1e-9);
-        let measured = after.rad_s * gained / (gained - had);
-        let expected = measured * (TAKEN * (gained - had)) / information - after.rad_s;
-        assert!((left - expected).norm() < 1e-9, "{left} {expected}");
+        assert!((left.norm()) < 1e-9, "{left}");
+        assert!((variance - after.covariance.diagonal()).norm() < 1e-12);
 
         let walked = GyroBias {
             covariance: after.covariance

@@ -1,6 +1,6 @@
 //! What the filter knows, and how well.
 
-use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SVector, SymmetricEigen, Vector3};
+use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SymmetricEigen, Vector3};
 
 use super::{DISTURBED, Filter, USUAL_UNEVENNESS, parameter};
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, T};
@@ -79,11 +79,6 @@ impl Filter {
     /// Covariance of b, milligauss².
     pub(in crate::estimate) fn bias_covariance(&self) -> Matrix3<f64> {
         self.p.fixed_view::<3, 3>(B, B).into()
-    }
-
-    /// b, and D − I row by row.
-    pub(in crate::estimate) fn parameters(&self) -> SVector<f64, 12> {
-        SVector::from_fn(|index, _| self.x[parameter(index)])
     }
 
     /// Covariance of b and of D, row by row.
