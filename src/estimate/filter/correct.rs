@@ -30,9 +30,6 @@ const PLACE_STEP: f64 = 0.05;
 const VERTICAL_KNOWN: f64 = 0.0625;
 /// A normalised innovation squared beyond this is no chance (3 degrees of freedom: 0.1 %).
 const GATE: f64 = 16.0;
-/// The gyro's bias is learnt by half where the deviation of the field that it turns is this share of it: the field's direction is then
-/// known within 27°.
-const FIELD_KNOWN: f64 = 0.5;
 /// A smaller share is none, which saves a sixth of the estimate's time once the field is known.
 const LEAST_HELD: f64 = 0.01;
 /// The states from b to G.
@@ -245,14 +242,13 @@ impl Filter {
         share(unknown2, SCALE.powi(2) * self.vector(H).norm_squared())
     }
 
-    /// The part of the gyro's bias that stays: half while the field is known to `FIELD_KNOWN` of it. The bias turns the field about the
-    /// vertical if that is known. Where a field of unknown direction is turned to is unknown, too: linearising takes it for known, and
-    /// teaches in the first seconds a bias that is wrong by five deviations.
+    /// The part of the gyro's bias that stays: half while the field that it turns is known as badly as it is strong. If the vertical is
+    /// known, that is the horizontal field. Where a field of unknown direction is turned to is unknown, too: linearising takes it for
+    /// known, and teaches in the first seconds a bias that is wrong by five deviations.
     fn gyro_bias_held(&self) -> f64 {
         let axes = if self.vertical_known { 2 } else { 3 };
         let unknown2 = self.trace(H, axes) / axes as f64;
-        let field2 = self.x.rows(H, axes).norm_squared();
-        share(unknown2, FIELD_KNOWN.powi(2) * field2)
+        share(unknown2, self.x.rows(H, axes).norm_squared())
     }
 
     /// How far the estimated tilt error may correct the field in the Jacobian, 0 to 1. There is no limit if the vertical is unknown.
@@ -395,7 +391,7 @@ mod tests {
 
     #[test]
     fn a_field_of_unknown_direction_teaches_little_of_the_gyros_bias() {
-        let (known, unknown) = (bias_variance_left(50.0), bias_variance_left(400.0));
+        let (known, unknown) = (bias_variance_left(50.0), bias_variance_left(1500.0));
         assert!(known < 0.5, "{known}");
         assert!(unknown > 0.9, "{unknown}");
     }
