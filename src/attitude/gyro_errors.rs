@@ -23,6 +23,8 @@ use super::follow;
 use super::gravity::GRAVITY_M_S2;
 use window::Window;
 
+#[cfg(test)]
+mod tests;
 mod window;
 
 const U: usize = 0;
@@ -351,114 +353,5 @@ impl GyroErrors {
             self.p.column_mut(index).fill(0.0);
             self.p[(index, index)] = sd * sd;
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use nalgebra::UnitQuaternion;
-
-    use super::*;
-    use crate::attitude::TICK_S;
-
-    /// A gyro with these errors on a board that turns at `rate` and is shaken with `shake`, m/s², for so long. The filter
-    /// afterwards.
-    fn learnt(
-        seconds: f64,
-        bias: Vector3<f64>,
-        matrix: Matrix3<f64>,
-        rate: impl Fn(f64) -> Vector3<f64>,
-        shake: impl Fn(f64) -> Vector3<f64>,
-    ) -> GyroErrors {
-        learnt_by(GyroErrors::new(0.17), seconds, bias, matrix, rate, shake)
-    }
-
-    /// The same of a filter that is no new one.
-    fn learnt_by(
-        mut errors: GyroErrors,
-        seconds: f64,
-        bias: Vector3<f64>,
-        matrix: Matrix3<f64>,
-        rate: impl Fn(f64) -> Vector3<f64>,
-        shake: impl Fn(f64) -> Vector3<f64>,
-    ) -> GyroErrors {
-        let (mut truth, mut frame) = (UnitQuaternion::identity(), UnitQuaternion::identity());
-        for i in 0..(seconds / TICK_S) as u32 {
-            let t_s = f64::from(i) * TICK_S;
-            let turn = rate(t_s);
-            let read = turn + matrix * turn + bias;
-            let corrected = errors.corrected(&read);
-            let step = UnitQuaternion::from_scaled_axis(corrected * TICK_S);
-            truth *= UnitQuaternion::from_scaled_axis(turn * TICK_S);
-            let felt = Vector3::z() * GRAVITY_M_S2 + shake(t_s);
-            let force = truth.inverse_transform_vector(&felt);
-            let middle = frame * step.powf(0.5);
-            frame *= step;
-            let to_frame = middle.to_rotation_matrix().into_inner();
-            errors.take(&to_frame, &corrected, Some(&force), false);
-        }
-        errors
-    }
-
-    fn tumbling(t_s: f64) -> Vector3<f64> {
-        Vector3::new(
-            (0.9 * t_s).sin(),
-            (1.3 * t_s).sin(),
-            (0.7 * t_s).cos() + 0.2,
-        )
-    }
-
-    /// A hand's: decimetres to and fro.
-    fn shaken(t_s: f64) -> Vector3<f64> {
-        Vector3::new((4.1 * t_s).sin(), (5.3 * t_s).sin(), (3.7 * t_s).sin()) * 1.5
-    }
-
-    #[test]
-    fn a_tumbling_board_shows_bias_scale_and_cross_axis_errors() {
-        let bias = Vector3::new(0.05, -0.04, 0.06);
-        let matrix = Matrix3::new(0.02, 0.01, -0.015, -0.01, -0.02, 0.01, 0.015, -0.01, 0.015);
-        let errors = learnt(90.0, bias, matrix, tumbling, shaken);
-        let bias_off = (errors.bias - bias).norm();
-        let matrix_off = (errors.matrix - matrix).norm() / matrix.norm();
-        assert!(bias_off < 0.003, "{bias_off}");
-        assert!(matrix_off < 0.35, "{matrix_off}");
-        let claimed = errors.bias_sd_rad_s();
-        // The claim allows for jitter of the times, which there is none of here.
-        assert!(
-            (0.05..2.5).contains(&(bias_off / (claimed * 3f64.sqrt()))),
-            "{claimed}"
-        );
-    }
-
-    /// A boat's roll moves it sideways at the same time, which looks like a bias about the vertical.
-    #[test]
-    fn a_board_that_stays_upright_does_not_take_its_sway_for_a_vertical_bias() {
-        let bias = Vector3::new(0.01, -0.01, 0.03);
-        let roll = |t_s: f64| Vector3::x() * (0.25 * (1.2 * t_s).cos() * 1.2);
-        let sway = |t_s: f64| Vector3::new((1.2 * t_s).cos(), (1.2 * t_s).sin(), 0.0) * 0.5;
-        let errors = learnt(300.0, bias, Matrix3::zeros(), roll, sway);
-        let across = (errors.bias - bias).xy().norm();
-        assert!(across < 0.003, "{across}");
-        assert!(errors.bias.z.abs() < 0.01, "{}", errors.bias.z);
-    }
-
-    /// A bias of 6°/s that is taken for certain turns gravity away, which looks like an acceleration that never ends.
-    #[test]
-    fn a_filter_that_is_surely_wrong_begins_anew() {
-        let mut errors = GyroErrors::new(0.17);
-        errors.bias = Vector3::new(0.0, 0.0, 0.1);
-        errors.clear(B, 1e-4);
-        let right = Vector3::new(0.01, -0.01, 0.02);
-        let errors = learnt_by(errors, 180.0, right, Matrix3::zeros(), tumbling, shaken);
-        let off = (errors.bias - right).norm();
-        assert!(off < 0.003, "{off}");
-    }
-
-    #[test]
-    fn what_no_gyro_has_is_not_taken_out() {
-        let matrix = Matrix3::from_diagonal_element(-2.0);
-        let errors = learnt(30.0, Vector3::zeros(), matrix, tumbling, shaken);
-        assert!(errors.matrix.amax() <= MOST_MATRIX);
-        assert!(errors.bias.amax() <= 0.17);
     }
 }

@@ -36,13 +36,13 @@ const LEAST_HELD: f64 = 0.01;
 const HELD: usize = S - B;
 
 /// The shares, 0 to 1, of what a correction changes of some states that are taken back.
-pub(super) struct Held {
+pub(super) struct HeldBack {
     pub(super) iron: f64,
     pub(super) matrix: f64,
     pub(super) gyro_bias: f64,
 }
 
-impl Held {
+impl HeldBack {
     /// With `frozen`, hard iron and matrix stay as they are.
     pub(super) fn parameters(frozen: bool) -> Self {
         Self {
@@ -198,7 +198,7 @@ impl Filter {
         innovation: &Vector3<f64>,
         frozen: bool,
     ) {
-        let held = Held {
+        let held = HeldBack {
             iron: f64::from(frozen),
             matrix: self.matrix_held().max(f64::from(frozen)),
             gyro_bias: self.gyro_bias_held(),
@@ -215,7 +215,7 @@ impl Filter {
 
     /// Corrects the state, and takes back these shares of what that changes: a partial-update Schmidt–Kalman filter (Brink, J. Guid. Control
     /// Dyn. 40, 2017). What stays of a covariance is the product of both shares.
-    pub(super) fn correct_partly(&mut self, held: &Held, correct: impl FnOnce(&mut Self)) {
+    pub(super) fn correct_partly(&mut self, held: &HeldBack, correct: impl FnOnce(&mut Self)) {
         let held = held.shares();
         if held.amax() < LEAST_HELD {
             return correct(self);
