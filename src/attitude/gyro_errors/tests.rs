@@ -3,20 +3,14 @@ use nalgebra::UnitQuaternion;
 use super::*;
 use crate::attitude::TICK_S;
 
-/// A gyro with these errors on a board that turns at `rate` and is shaken with `shake`, m/s², for so long. The filter
-/// afterwards.
-fn learnt(
-    seconds: f64,
-    bias: Vector3<f64>,
-    matrix: Matrix3<f64>,
-    rate: impl Fn(f64) -> Vector3<f64>,
-    shake: impl Fn(f64) -> Vector3<f64>,
-) -> GyroErrors {
-    learnt_by(GyroErrors::new(0.17), seconds, bias, matrix, rate, shake)
+/// A filter that knows nothing yet of a gyro with a bias of up to 0.17 rad/s (10°/s).
+fn new() -> GyroErrors {
+    GyroErrors::new(0.17)
 }
 
-/// The same of a filter that is no new one.
-fn learnt_by(
+/// The filter after it has followed a gyro with this bias and matrix for so long, on a board that turns at `rate` and is shaken
+/// with `shake`, m/s².
+fn learnt(
     mut errors: GyroErrors,
     seconds: f64,
     bias: Vector3<f64>,
@@ -59,7 +53,7 @@ fn shaken(t_s: f64) -> Vector3<f64> {
 fn a_tumbling_board_shows_bias_scale_and_cross_axis_errors() {
     let bias = Vector3::new(0.05, -0.04, 0.06);
     let matrix = Matrix3::new(0.02, 0.01, -0.015, -0.01, -0.02, 0.01, 0.015, -0.01, 0.015);
-    let errors = learnt(90.0, bias, matrix, tumbling, shaken);
+    let errors = learnt(new(), 90.0, bias, matrix, tumbling, shaken);
     let bias_off = (errors.bias - bias).norm();
     let matrix_off = (errors.matrix - matrix).norm() / matrix.norm();
     assert!(bias_off < 0.003, "{bias_off}");
@@ -78,7 +72,7 @@ fn a_board_that_stays_upright_does_not_take_its_sway_for_a_vertical_bias() {
     let bias = Vector3::new(0.01, -0.01, 0.03);
     let roll = |t_s: f64| Vector3::x() * (0.25 * (1.2 * t_s).cos() * 1.2);
     let sway = |t_s: f64| Vector3::new((1.2 * t_s).cos(), (1.2 * t_s).sin(), 0.0) * 0.5;
-    let errors = learnt(300.0, bias, Matrix3::zeros(), roll, sway);
+    let errors = learnt(new(), 300.0, bias, Matrix3::zeros(), roll, sway);
     let across = (errors.bias - bias).xy().norm();
     assert!(across < 0.003, "{across}");
     assert!(errors.bias.z.abs() < 0.01, "{}", errors.bias.z);
@@ -87,11 +81,11 @@ fn a_board_that_stays_upright_does_not_take_its_sway_for_a_vertical_bias() {
 /// A bias of 6°/s that is taken for certain turns gravity away, which looks like an acceleration that never ends.
 #[test]
 fn a_filter_that_is_surely_wrong_begins_anew() {
-    let mut errors = GyroErrors::new(0.17);
+    let mut errors = new();
     errors.bias = Vector3::new(0.0, 0.0, 0.1);
     errors.clear(B, 1e-4);
     let right = Vector3::new(0.01, -0.01, 0.02);
-    let errors = learnt_by(errors, 180.0, right, Matrix3::zeros(), tumbling, shaken);
+    let errors = learnt(errors, 180.0, right, Matrix3::zeros(), tumbling, shaken);
     let off = (errors.bias - right).norm();
     assert!(off < 0.003, "{off}");
 }
@@ -99,7 +93,7 @@ fn a_filter_that_is_surely_wrong_begins_anew() {
 #[test]
 fn what_no_gyro_has_is_not_taken_out() {
     let matrix = Matrix3::from_diagonal_element(-2.0);
-    let errors = learnt(30.0, Vector3::zeros(), matrix, tumbling, shaken);
+    let errors = learnt(new(), 30.0, Vector3::zeros(), matrix, tumbling, shaken);
     assert!(errors.matrix.amax() <= MOST_MATRIX);
     assert!(errors.bias.amax() <= 0.17);
 }
