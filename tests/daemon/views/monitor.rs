@@ -90,8 +90,8 @@ impl Screen {
         }
     }
 
-    /// Waits until this is on the screen. Only what has changed is drawn, so the screen is made wider or narrower again and
-    /// again: then all of it is.
+    /// Waits until this is on the screen. Only what has changed is drawn, so each drawing finds the screen wider than the
+    /// one before: then all of it is drawn.
     fn shows(&mut self, part: &str) {
         let begun = Instant::now();
         self.seen.clear();
@@ -101,15 +101,17 @@ impl Screen {
                 "{part} is not shown: {}",
                 self.seen
             );
-            self.resize();
-            while let Ok(bytes) = self.shown.recv_timeout(SETTLED) {
+            self.widen();
+            let mut patience = PATIENCE;
+            while let Ok(bytes) = self.shown.recv_timeout(patience) {
                 self.seen += &String::from_utf8_lossy(&bytes);
+                patience = SETTLED;
             }
         }
     }
 
-    fn resize(&mut self) {
-        self.columns = if self.columns == 80 { 81 } else { 80 };
+    fn widen(&mut self) {
+        self.columns += 1;
         tcsetwinsize(&self.master, lines_of(self.columns)).unwrap();
     }
 
