@@ -65,6 +65,7 @@ impl Board {
                 gyro_constant_s: board.attitude.gyro_constant_s(),
                 at_rest: board.attitude.at_rest(),
                 still: board.attitude.still(),
+                hidden_rate_sd_rad_s: board.attitude.hidden_rate_sd_rad_s(reading.t_s),
             });
         }
         board

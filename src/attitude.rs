@@ -267,6 +267,11 @@ impl Attitude {
         self.filter.at_rest()
     }
 
+    /// Deviation, rad/s, of a steady turn that the field hides, since it has stood still for a while; infinite if it has not.
+    pub fn hidden_rate_sd_rad_s(&self, t_s: f64) -> f64 {
+        self.filter.steadiness.hidden_rate_sd_rad_s(t_s)
+    }
+
     /// Whether gyro and accelerometer have been quiet for half a second; a field that changes does not matter.
     pub fn still(&self) -> bool {
         self.filter.stillness.still()

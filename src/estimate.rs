@@ -78,6 +78,8 @@ pub struct Sample {
     pub at_rest: bool,
     /// Still by gyro and accelerometer.
     pub still: bool,
+    /// Deviation of a steady turn that the field hides, since it has stood still for a while, rad/s; infinite if it has not.
+    pub hidden_rate_sd_rad_s: f64,
 }
 
 /// A heading and its deviation.
@@ -295,6 +297,7 @@ impl Estimate {
             force_m_s2: sample.force_m_s2,
             at_rest: sample.at_rest,
             still: sample.still,
+            hidden_rate_sd_rad_s: sample.hidden_rate_sd_rad_s,
         }
     }
 

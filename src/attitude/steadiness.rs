@@ -5,7 +5,9 @@ use nalgebra::Vector3;
 
 const FAST_S: f64 = 0.3;
 const SLOW_S: f64 = 1.5;
-/// A steady turn of 2°/s moves a weak horizontal field (150 mG) further than this between the two filters.
+/// A weak horizontal field, milligauss: about 600 mG in all, 75° below the horizon.
+const WEAK_MGAUSS: f64 = 150.0;
+/// A steady turn of 2°/s moves a weak horizontal field further than this between the two filters.
 const MOVED_MGAUSS: f64 = 5.0;
 /// A second pair of filters, which part while the board swings slowly, as a boat at anchor does: 0.2°/s moves a weak
 /// horizontal field further than that between them.
@@ -36,6 +38,9 @@ struct LowPasses {
     slow: Vector3<f64>,
     drift_fast: Vector3<f64>,
     drift_slow: Vector3<f64>,
+    /// The field when the first pair was last apart, and by how much it may have moved since, milligauss.
+    stood: Vector3<f64>,
+    moved_mgauss: f64,
     /// Slow mean of the squared step from reading to reading, and of the time between them.
     step_squared: f64,
     step_s: f64,
@@ -57,6 +62,8 @@ impl Steadiness {
                 slow: field,
                 drift_fast: field,
                 drift_slow: field,
+                stood: field,
+                moved_mgauss: f64::INFINITY,
                 step_squared: 0.0,
                 step_s: 0.0,
                 moving: false,
@@ -69,11 +76,23 @@ impl Steadiness {
 
     /// Whether the field moves; `None` if the magnetometer is silent.
     pub(super) fn moving(&self, t_s: f64) -> Option<bool> {
-        let filters = self.filters.as_ref()?;
-        if (t_s - filters.newest_s).abs() > SILENT_S {
-            return None;
-        }
+        let filters = self.live(t_s)?;
         Some(filters.moving || filters.newest_s - filters.since_s < WARM_UP_S)
+    }
+
+    /// Deviation of the steady turn that a field hides which has stood still for a while, rad/s: it has moved a weak horizontal field no
+    /// further than the field has moved, and any slower turn is as likely. Infinite while the field moves.
+    pub(super) fn hidden_rate_sd_rad_s(&self, t_s: f64) -> f64 {
+        let Some(filters) = self.live(t_s) else {
+            return f64::INFINITY;
+        };
+        let stood_s = filters.quiet_s.min(filters.newest_s - filters.since_s);
+        filters.moved_mgauss / (WEAK_MGAUSS * stood_s.min(DRIFT_SLOW_S) * 3f64.sqrt())
+    }
+
+    fn live(&self, t_s: f64) -> Option<&LowPasses> {
+        let filters = self.filters.as_ref()?;
+        ((t_s - filters.newest_s).abs() <= SILENT_S).then_some(filters)
     }
 }
 
@@ -93,16 +112,22 @@ impl LowPasses {
         (self.newest_s, self.newest) = (t_s, field);
 
         let noise = (0.5 * self.step_squared * self.step_s / (2.0 * FAST_S)).sqrt();
-        let limit = MOVED_MGAUSS + (2.5 * noise).min(NOISE_MARGIN_LIMIT_MGAUSS);
+        let unmoved = MOVED_MGAUSS + (2.5 * noise).min(NOISE_MARGIN_LIMIT_MGAUSS);
         // Hysteresis, so that it does not flicker.
-        let limit = if self.moving { 0.6 * limit } else { limit };
+        let limit = if self.moving { 0.6 * unmoved } else { unmoved };
         if (self.fast - self.slow).norm() > limit {
             self.quiet_s = 0.0;
             self.drift_fast = self.fast;
             self.drift_slow = self.fast;
+            self.stood = self.fast;
         }
         let drifts = (self.drift_fast - self.drift_slow).norm() > limit;
         self.moving = drifts || self.quiet_s < SETTLED_S;
+        self.moved_mgauss = if drifts {
+            f64::INFINITY
+        } else {
+            unmoved.max((self.fast - self.stood).norm())
+        };
     }
 }
 
@@ -160,6 +185,43 @@ mod tests {
         assert!((10.0..20.0).contains(&steady_s), "{steady_s}");
     }
 
+    /// A field that turns at these rates, °/s, each for 10 s: the deviation of a hidden turn at the end of each second, °/s.
+    fn hidden_deg_s(rates: &[f64]) -> Vec<f64> {
+        let mut steadiness = Steadiness::default();
+        let mut angle = 0.0f64;
+        let mut hidden = Vec::new();
+        for i in 1..=rates.len() * 500 {
+            let t = i as f64 * 0.02;
+            angle += (rates[(i - 1) / 500] * 0.02).to_radians();
+            let field = Vector3::new(180.0 * angle.cos(), -180.0 * angle.sin(), 420.0);
+            steadiness.take(t, field);
+            if i % 50 == 0 {
+                hidden.push(steadiness.hidden_rate_sd_rad_s(t).to_degrees());
+            }
+        }
+        hidden
+    }
+
+    #[test]
+    fn the_longer_a_field_stands_still_the_slower_is_the_turn_that_it_hides() {
+        let hidden = hidden_deg_s(&[30.0, 0.0, 0.0, 0.0]);
+        let (turning, still) = hidden.split_at(10);
+        assert!(turning[1..].iter().all(|hidden| *hidden > 30.0));
+        assert!(still[9] < 0.25, "{still:?}");
+        assert!(still.is_sorted_by(|before, after| before >= after));
+        // 20 s are the longest that the field is watched.
+        assert!((still[29] / still[26] - 1.0).abs() < 1e-3, "{still:?}");
+    }
+
+    #[test]
+    fn a_slow_turn_is_not_hidden() {
+        for rate in [0.3, 0.6, 1.2] {
+            let hidden = hidden_deg_s(&[30.0, rate, rate, rate, rate]);
+            let least = hidden[10..].iter().copied().fold(f64::MAX, f64::min);
+            assert!(least > 0.5 * rate, "{least} at {rate}");
+        }
+    }
+
     #[test]
     fn it_is_unknown_while_the_magnetometer_is_silent() {
         let mut steadiness = Steadiness::default();
@@ -167,5 +229,6 @@ mod tests {
         steadiness.take(0.0, Vector3::x());
         assert_eq!(steadiness.moving(0.5), Some(true));
         assert_eq!(steadiness.moving(1.5), None);
+        assert_eq!(steadiness.hidden_rate_sd_rad_s(1.5), f64::INFINITY);
     }
 }

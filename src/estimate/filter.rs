@@ -99,6 +99,8 @@ pub(super) struct Input {
     pub(super) at_rest: bool,
     /// The board does not move, by gyro and accelerometer.
     pub(super) still: bool,
+    /// Deviation of a steady turn that the field hides, since it has stood still for a while, rad/s; infinite if it has not.
+    pub(super) hidden_rate_sd_rad_s: f64,
 }
 
 impl Input {
@@ -145,6 +147,8 @@ pub(super) struct Filter {
     odd_mgauss: Vector3<f64>,
     still: bool,
     rest: RestWatch,
+    /// What the field has told of the gyro's bias on each axis since the board came to lie still: information, (rad/s)⁻².
+    still_information: f64,
     /// How the board lay when it last moved or swung.
     lay: Matrix3<f64>,
     /// Sum of the log-likelihoods of the samples taken.
@@ -201,6 +205,7 @@ impl Filter {
             odd_mgauss: Vector3::zeros(),
             still: false,
             rest: RestWatch::default(),
+            still_information: 0.0,
             lay: Matrix3::identity(),
             log_likelihood: 0.0,
             consistency: 1.0,
@@ -234,8 +239,10 @@ impl Filter {
             self.learn_bias_at_rest(input, frozen);
         } else if input.still {
             self.rest.interrupt();
+            self.learn_bias_of_still_board(input, frozen);
         } else {
             self.rest = RestWatch::default();
+            self.still_information = 0.0;
         }
         if !self.begun && !self.begin(input) {
             return;
@@ -411,6 +418,7 @@ impl Input {
             force_m_s2: None,
             at_rest: false,
             still: false,
+            hidden_rate_sd_rad_s: f64::INFINITY,
         }
     }
 }

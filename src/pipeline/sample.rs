@@ -42,6 +42,7 @@ impl Pipeline {
             force_m_s2: self.attitude.low_passed_force_m_s2(t_s),
             at_rest: self.attitude.at_rest(),
             still: self.attitude.still(),
+            hidden_rate_sd_rad_s: self.attitude.hidden_rate_sd_rad_s(t_s),
         };
         self.estimate
             .freeze(self.wanted().is_none() && self.learning.calibrated());

@@ -14,8 +14,8 @@ const REST_RATE_RAD_S: f64 = 0.0045;
 
 /// The share of what the attitude learns of the bias that counts here. In simulation, the variance that the attitude states is right for
 /// a board that tumbles or is moved by hand, and 3 to 17 times too small for boats and cars, which sway as they turn. With a
-/// quarter, recorded headings near a magnet are off by 3.9° instead of 3.6°; with all, by 3.0°, but one resting board in twenty
-/// drifts by 3.3° in 8 hours instead of 2.9°.
+/// quarter, recorded headings near a magnet are off by 3.1° instead of 3.0°; with all, by 2.8°, but one resting board in twenty
+/// drifts by 3.2° in 8 hours instead of 2.8°.
 const TAKEN: f64 = 0.4;
 /// A variance that has grown by more than this factor, and by more than the walk, is that of an attitude that has begun anew.
 const FORGOTTEN: f64 = 2.0;
@@ -102,7 +102,22 @@ impl Filter {
         let turned_rad = input.turned_rad - self.vector(G) * input.period_s;
         self.rest
             .take(turned_rad, input.period_s, self.trace(G, 3) / 3.0);
-        let variance = REST_RATE_RAD_S.powi(2) / input.period_s;
+        self.read_bias(input, REST_RATE_RAD_S.powi(2) / input.period_s, frozen);
+    }
+
+    /// Learns the gyro's bias of a still board that may turn slowly: no faster than its field hides, which is the less the longer the field
+    /// has stood still. The turn is the same all the time, so that only what the field tells anew counts.
+    pub(super) fn learn_bias_of_still_board(&mut self, input: &Input, frozen: bool) {
+        let information = input.hidden_rate_sd_rad_s.powi(-2);
+        let gained = information - self.still_information;
+        if gained > 0.0 {
+            self.still_information = information;
+            self.read_bias(input, 1.0 / gained, frozen);
+        }
+    }
+
+    /// The gyro reads its bias, within this variance on each axis, (rad/s)².
+    fn read_bias(&mut self, input: &Input, variance: f64, frozen: bool) {
         let held = HeldBack::parameters(frozen);
         self.correct_partly(&held, |filter| {
             for axis in 0..3 {
@@ -159,6 +174,26 @@ mod tests {
         assert_eq!(before, after);
         let (before, after) = learnt(false);
         assert_ne!(before, after);
+    }
+
+    #[test]
+    fn of_a_still_board_the_field_tells_the_bias_once() {
+        let gyro_bias = Vector3::new(0.02, -0.01, 0.03);
+        let mut filter = Filter::new(&Prior::unknown());
+        let (_, variance) = filter.gyro_bias();
+        for hidden_rate_sd_rad_s in [0.02, 0.01, 0.01, 0.02] {
+            let still = Input {
+                still: true,
+                hidden_rate_sd_rad_s,
+                ..Input::turning_at(Matrix3::identity(), gyro_bias, Vector3::x() * 500.0)
+            };
+            filter.learn_bias_of_still_board(&still, false);
+        }
+        let (learnt, left) = filter.gyro_bias();
+        let expected = variance.map(|variance| 1.0 / (1.0 / variance + 1.0 / 0.01f64.powi(2)));
+        assert!((left - expected).amax() < 1e-12, "{left} {expected}");
+        let share = expected.x / 0.01f64.powi(2);
+        assert!((learnt - gyro_bias * share).amax() < 1e-9, "{learnt}");
     }
 
     /// A filter that has begun, and knows what the attitude does of the gyro.
