@@ -14,8 +14,8 @@ const REST_RATE_RAD_S: f64 = 0.0045;
 
 /// The share of what the attitude learns of the bias that counts here. In simulation, the variance that the attitude states is right for
 /// a board that tumbles or is moved by hand, and 3 to 17 times too small for boats and cars, which sway as they turn. With a
-/// quarter, recorded headings near a magnet are off by 3.1° instead of 3.0°; with all, by 2.8°, but one resting board in twenty
-/// drifts by 3.2° in 8 hours instead of 2.8°.
+/// quarter, recorded headings near a magnet are off by 0.1° more; with all, by 0.2° less, but one resting board in twenty
+/// drifts by 0.3° more in 8 hours, beyond 3°.
 const TAKEN: f64 = 0.4;
 /// A variance that has grown by more than this factor, and by more than the walk, is that of an attitude that has begun anew.
 const FORGOTTEN: f64 = 2.0;
