@@ -47,7 +47,7 @@ const ROOMS: &[Room] = &[
     room("attitude", 0, &["reading", "frame"]),
     room("turn", 0, &["reading", "frame", "attitude"]),
     // A sample carries the pose that the gyro gave it: the verdict is held against it.
-    room("calibration", 0, &["reading", "frame", "turn", "attitude"]),
+    room("calibration", 0, &["reading", "frame", "frozen", "turn", "attitude"]),
     // The condition is published with each heading.
     room("heading", 0, &["condition"]),
     // Starts from a calibration, and gives one to keep; the place's field is evidence.
@@ -200,7 +200,7 @@ fn a_wrong_line_is_found_and_explained() {
         ("src/turn.rs", "use super::store;"),
         ("src/turn/chain.rs", "use super::super::{frame, store};"),
         (
-            "src/sensor/simulator/mod.rs",
+            "src/sensor/simulator.rs",
             "use crate::calibration::{model::Spatial, verdict};",
         ),
         ("src/command/run.rs", "use crate::nowhere;"),
@@ -254,7 +254,7 @@ fn a_wrong_line_is_found_and_explained() {
             "src/turn.rs",
             "#[cfg(test)]\n#[path = \"t.rs\"]\nmod tests;\nuse std::time::Duration;",
         ),
-        ("src/store/mod.rs", "use std::fs; fn f() { println!(); }"),
+        ("src/store.rs", "use std::fs; fn f() { println!(); }"),
     ] {
         assert_eq!(one(file, text), "", "{file}: {text}");
     }

@@ -25,7 +25,7 @@ fn a_test_in_no_program_is_found() {
         ("tests/daemon/main.rs", "mod run; // mod lost;"),
         ("tests/daemon/run.rs", ""),
         ("tests/daemon/lost.rs", ""),
-        ("tests/daemon/more/mod.rs", "mod deep;"),
+        ("tests/daemon/more.rs", "mod deep;"),
         ("tests/daemon/more/deep.rs", ""),
         ("tests/alone.rs", ""),
         ("tests/other/main.rs", ""),
@@ -41,7 +41,7 @@ fn a_test_in_no_program_is_found() {
         lost,
         [
             "tests/daemon/lost.rs",
-            "tests/daemon/more/mod.rs",
+            "tests/daemon/more.rs",
             "tests/alone.rs",
             "tests/other/main.rs"
         ]
@@ -52,17 +52,10 @@ fn a_test_in_no_program_is_found() {
 fn in_no_program(file: &str, tests: &[(String, String)]) -> Option<Breach> {
     let (folder, name) = file.strip_suffix(".rs")?.rsplit_once('/')?;
     let program = file.split('/').nth(1)?;
-    // What declares it: for a file in a folder that is a module, the file of that folder.
-    let (folder, name) = match name {
-        "main" if folder.matches('/').count() == 1 => (folder, None),
-        "mod" => folder
-            .rsplit_once('/')
-            .map(|(above, own)| (above, Some(own)))?,
-        _ => (folder, Some(name)),
-    };
+    let name = Some(name).filter(|name| *name != "main" || folder.matches('/').count() > 1);
     let declares = |(other, text): &&(String, String)| {
         let words = tokens(text);
-        [format!("{folder}/main.rs"), format!("{folder}/mod.rs")].contains(other)
+        [format!("{folder}/main.rs"), format!("{folder}.rs")].contains(other)
             && words
                 .windows(3)
                 .any(|three| three[0].1 == "mod" && Some(&*three[1].1) == name && three[2].1 == ";")

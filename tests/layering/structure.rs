@@ -8,11 +8,10 @@ use crate::{assert_none, program};
 /// Each room has settings, and each command arguments.
 const IN_EVERY_ROOM: &[&str] = &["Settings", "Args"];
 
-/// A file as a module: `src/a/b.rs` and `src/a/b/mod.rs` are both `a::b`.
+/// A file as a module: `src/a/b.rs` is `a::b`.
 fn module(file: &str) -> Vec<String> {
     let path = file.strip_prefix("src/").unwrap_or(file);
     let path = path.strip_suffix(".rs").unwrap_or(path);
-    let path = path.strip_suffix("/mod").unwrap_or(path);
     match path {
         "lib" | "main" => Vec::new(),
         path => path.split('/').map(str::to_owned).collect(),
@@ -134,7 +133,7 @@ fn circles_and_names_are_found() {
         list.iter().map(owned).collect()
     };
     let circle = imports(&files(&[
-        ("src/a/mod.rs", "mod b; mod c; use b::B; pub struct A;"),
+        ("src/a.rs", "mod b; mod c; use b::B; pub struct A;"),
         ("src/a/b.rs", "use super::A; use super::c::{self, C};"),
         ("src/a/c.rs", "fn f() { crate::d::g() }"),
         (

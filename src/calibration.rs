@@ -4,6 +4,9 @@
 //! stops it; `refine` takes the result to maximum likelihood over all samples of the turn; `gyro_agreement` compares it with
 //! the gyro; `verdict` accepts or rejects it.
 //! Everything here is a pure function of its arguments: the same request gives the same outcome.
+//!
+//! Equations, sections and appendices are those of Ali et al., *Sensors* 2012, 12(9), doi:10.3390/s120912455, "the paper"; docs/paper.md
+//! compares its results with ours.
 
 pub mod coverage;
 pub mod curve;

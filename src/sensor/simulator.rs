@@ -15,7 +15,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::check::{Check, Fault};
 use crate::frame::{rounded, wrap_360};
-use crate::reading::{Field, Reading};
+use crate::reading::{Field, Reading, STANDARD_GRAVITY_M_S2};
 use crate::recording::{Entry, Header};
 use motion::Motion;
 
@@ -25,7 +25,6 @@ pub use settings::{Scenario, Settings};
 const COUNTS_PER_MGAUSS: f64 = 1.3;
 /// Largest count of its 12 bits.
 const LARGEST_COUNT: f64 = 2047.0;
-const GRAVITY_M_S2: f64 = 9.8;
 const ACCEL_NOISE_M_S2: f64 = 0.03;
 /// The two chips' first readings, so that they never tick together.
 const MAG_PHASE_S: f64 = 0.003;
@@ -147,7 +146,7 @@ impl Simulator {
         let noise = normal(&mut self.gyro_noise) * settings.gyro_noise_deg_s.to_radians();
         let rate = self.motion.rate_rad_s(t_s) + bias + noise;
         // At rest the board is held up against gravity, and Z points down.
-        let held = Vector3::new(0.0, 0.0, -GRAVITY_M_S2);
+        let held = Vector3::new(0.0, 0.0, -STANDARD_GRAVITY_M_S2);
         let force = self.motion.attitude(t_s).inverse_transform_vector(&held)
             + normal(&mut self.gyro_noise) * ACCEL_NOISE_M_S2;
         Entry {
