@@ -33,6 +33,7 @@ mod visit;
 use checkpoint::Checkpoint;
 use filter::gyro_bias::BiasLearnt;
 use filter::{Filter, Input};
+pub use fix::UNKNOWN_SD_DEG;
 use gyro_check::GyroCheck;
 pub use gyro_check::GyroFault;
 use iron_watch::IronWatch;
@@ -48,8 +49,15 @@ const MEASURED: f64 = 0.15;
 /// A fault of the gyro that clears within this much motion, seconds, was a false alarm: accelerations of a hand, or a magnet.
 const FALSE_ALARM_S: f64 = 5.0;
 
-/// Twice the longest lag of a magnetometer that was found on a recorder, seconds.
+/// Mean normalised innovation squared for each degree of freedom from which samples contradict the estimate: twice the deviation that it
+/// expects.
+const CONTRADICTED: f64 = 4.0;
+/// Twice the longest lag of a magnetometer on any recorder, 60 ms, seconds.
 const MOST_LAG_S: f64 = 0.12;
+
+/// Limits of the time between two samples, seconds: what is divided by it stays finite, and a pause is no hours of motion.
+const SHORTEST_S: f64 = 1e-4;
+const LONGEST_S: f64 = 10.0;
 
 /// One magnetometer sample, with what gyro and accelerometer say of it.
 #[derive(Clone, Copy, Debug)]
@@ -66,7 +74,7 @@ pub struct Sample {
     pub rate_rad_s: Vector3<f64>,
     /// Integral of that rate since a fixed time, radians.
     pub turned_rad: Vector3<f64>,
-    /// That bias.
+    /// The bias that was subtracted.
     pub gyro_bias: GyroBias,
     /// What the tilt is off by.
     pub tilt_error: TiltError,
@@ -78,7 +86,7 @@ pub struct Sample {
     pub at_rest: bool,
     /// Still by gyro and accelerometer.
     pub still: bool,
-    /// Deviation of a steady turn that the field hides, since it has stood still for a while, rad/s; infinite if it has not.
+    /// Standard deviation of the steady turn that a field hides which has come to rest, rad/s; infinite until it has.
     pub hidden_rate_sd_rad_s: f64,
 }
 
@@ -184,10 +192,10 @@ impl Estimate {
     /// Takes a sample.
     pub fn take(&mut self, sample: &Sample) {
         let unbroken = self.last.is_some();
-        let before = self.last.replace(*sample).unwrap_or(*sample);
-        let input = self.input(sample, &before);
+        let previous = self.last.replace(*sample).unwrap_or(*sample);
+        let input = self.input(sample, &previous);
         let period_s = input.period_s;
-        let lost = std::mem::take(&mut self.lost) || sample.pose.stretch != before.pose.stretch;
+        let lost = std::mem::take(&mut self.lost) || sample.pose.stretch != previous.pose.stretch;
         if lost {
             self.visit = VisitWatch::default();
             self.gyro.lose_frame();
@@ -217,10 +225,10 @@ impl Estimate {
             self.compare(period_s);
             self.try_iron(period_s);
         }
-        let visit = self.visit.take(&input, &self.active, self.rival.as_ref());
-        if let Some(before) = visit {
-            self.active = before.active;
-            self.rival = before.rival;
+        let restored = self.visit.take(&input, &self.active, self.rival.as_ref());
+        if let Some(restored) = restored {
+            self.active = restored.active;
+            self.rival = restored.rival;
             self.iron = IronWatch::default();
             self.disturbed_s = 0.0;
         }
@@ -290,7 +298,7 @@ impl Estimate {
             rate_rad_s: sample.rate_rad_s,
             field_mgauss: self.mounting.to_body(sample.field_mgauss),
             turned_rad: sample.turned_rad - before.turned_rad,
-            period_s: (sample.t_s - before.t_s).clamp(1e-4, 10.0),
+            period_s: (sample.t_s - before.t_s).clamp(SHORTEST_S, LONGEST_S),
             lag_s: sample.lag_s,
             tilt_error: sample.tilt_error,
             gyro_constant_s: sample.gyro_constant_s,
@@ -349,7 +357,7 @@ impl Estimate {
         better
     }
 
-    /// A sample with iron and chip taken out, body axes, milligauss (Equation 3).
+    /// A sample with iron and chip taken out, D⁻¹ (y − b), body axes, milligauss.
     pub fn corrected(&self, field_mgauss: &Vector3<f64>) -> Option<Vector3<f64>> {
         if let Some(kept) = self.kept_alone() {
             return Some(kept::corrected(kept, &self.mounting, field_mgauss));
@@ -394,7 +402,9 @@ impl Estimate {
     /// Whether the field here is not the earth's, or the samples are not as the estimate expects them.
     pub fn disturbed(&self) -> bool {
         self.active.begun()
-            && (self.active.disturbed() || self.active.consistency() >= 4.0 || self.iron.moved())
+            && (self.active.disturbed()
+                || self.active.consistency() >= CONTRADICTED
+                || self.iron.moved())
     }
 
     /// What is wrong with the gyro, if field and gyro show it.

@@ -68,7 +68,7 @@ impl Estimate {
         self.iron = kept.iron;
         self.disturbed_s = kept.disturbed_s;
         self.visit = VisitWatch::default();
-        // What another axis has kept since has these samples in it.
+        // Later checkpoints of other axes contain the bad samples, so they are set anew.
         for other in 0..3 {
             let kept_s = self.checkpoints[other].as_ref().map(|one| one.sample.t_s);
             if kept_s.is_some_and(|kept_s| kept_s > kept.sample.t_s) {

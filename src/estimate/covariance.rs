@@ -20,7 +20,7 @@ pub(super) type Covariance = SMatrix<f64, N, N>;
 
 /// The states that move by themselves: the field, the tilt error, the unevenness and the offset of the place.
 const MOVING: [usize; 11] = [H, H + 1, H + 2, E, E + 1, M, M + 1, M + 2, Q, Q + 1, Q + 2];
-/// All others.
+/// All others: b, D, T, G and S.
 const LASTING: [usize; N - 11] = [
     5, 6, 7, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26,
 ];
@@ -69,9 +69,9 @@ impl Step {
                 *value *= kept;
             }
         }
-        let (moving, lasting) = columns.split_at_mut(G);
-        for (axis, column) in moving[E..E + 2].iter_mut().enumerate() {
-            for (from, errors) in lasting[..3].iter().enumerate() {
+        let (before_g, from_g) = columns.split_at_mut(G);
+        for (axis, column) in before_g[E..E + 2].iter_mut().enumerate() {
+            for (from, errors) in from_g[..3].iter().enumerate() {
                 let by_bias = self.tilt_by_bias[(axis, from)];
                 for (value, error) in column.iter_mut().zip(errors) {
                     *value += by_bias * error;
@@ -152,8 +152,7 @@ impl Sensitivity {
     }
 }
 
-/// P ← P − K Cᵀ, where the product is symmetric: one half of it, the other the same, so that rounding cannot let
-/// them drift apart.
+/// P ← P − K Cᵀ for a symmetric K Cᵀ: computes the lower half and mirrors it, so that rounding cannot make P asymmetric.
 pub(super) fn subtract<const K: usize>(
     p: &mut Covariance,
     gain: &SMatrix<f64, N, K>,

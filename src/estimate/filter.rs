@@ -21,7 +21,7 @@
 //!
 //! The trace of D is held since only the product of D and h can be seen.
 //!
-//! This file starts and restarts the state, `filter/predict.rs` carries it on in time, `filter/correct.rs` corrects it by a sample,
+//! `filter/begin.rs` starts and restarts the state, `filter/predict.rs` carries it on in time, `filter/correct.rs` corrects it by a sample,
 //! `filter/measured.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and at rest,
 //! `filter/rest.rs` tells a board at rest from one that swings, and `filter/known.rs` answers what is known.
 
@@ -30,9 +30,10 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T};
 use super::prior::{FIELD_MGAUSS, Measured, Prior};
 use crate::attitude::TiltError;
-use crate::frame::angle_between_rad;
+use correct::LEAST_NOISE_MGAUSS;
 use rest::RestWatch;
 
+mod begin;
 mod correct;
 pub(super) mod gyro_bias;
 pub(super) mod known;
@@ -46,12 +47,10 @@ type State = SVector<f64, N>;
 const GYRO_BIAS_RAD_S: f64 = 0.035;
 /// Scale error to expect on an axis of a gyro; data sheets: 1 to 3 % at most.
 const GYRO_SCALE: f64 = 0.01;
-/// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering; 16 ms on a real recorder.
+/// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering; on recorders 16 ms, and 60 ms at most.
 const LAG_S: f64 = 0.015;
 /// Jitter of the times of samples, seconds: that of a bus which the kernel polls. Any value from 1 to 5 ms gives nearly the same simulated figures.
 const JITTER_S: f64 = 0.002;
-/// White noise of a sample at first, milligauss; then it is measured.
-const NOISE_MGAUSS: f64 = 7.0;
 /// Tilt error of the frame until the attitude states its own, radians.
 const TILT_RAD: f64 = 0.012;
 /// Unevenness of the field at first, as a share of it.
@@ -69,8 +68,6 @@ const FORGET_MOVING_S: f64 = 1.0;
 const PLACE_LASTS_S: f64 = 20.0;
 /// A still board that has turned by so much, 6°, swings.
 pub(super) const SWING_RAD: f64 = 0.1;
-/// Before the board has turned this far, the field does not tell iron from north, radians.
-const BEGIN_RAD: f64 = 0.1;
 
 /// What the filter is told of one magnetometer sample.
 #[derive(Clone, Copy, Debug)]
@@ -99,7 +96,7 @@ pub(super) struct Input {
     pub(super) at_rest: bool,
     /// The board does not move, by gyro and accelerometer.
     pub(super) still: bool,
-    /// Deviation of a steady turn that the field hides, since it has stood still for a while, rad/s; infinite if it has not.
+    /// Standard deviation of the steady turn that a field hides which has come to rest, rad/s; infinite until it has.
     pub(super) hidden_rate_sd_rad_s: f64,
 }
 
@@ -127,10 +124,11 @@ pub(super) struct Filter {
     p: Covariance,
     /// Whether the state has begun.
     begun: bool,
-    /// The frame when the first sample came.
-    first: Option<Matrix3<f64>>,
+    /// Orientation at the first sample, body to frame.
+    first_attitude: Option<Matrix3<f64>>,
     vertical_known: bool,
-    /// Root mean square of what the field's strength may be, milligauss: √(|h|² + tr P_h), at most the strongest field on earth.
+    /// Root mean square of what the field's strength may be, milligauss: √(|h|² + tr P_h), at most |h| or the strongest field on earth,
+    /// whichever is larger.
     strength_rms_mgauss: f64,
     /// What a turn has measured, until there is a field to go with it.
     measured: Vec<Measured>,
@@ -149,8 +147,8 @@ pub(super) struct Filter {
     rest: RestWatch,
     /// What the field has told of the gyro's bias on each axis since the board came to lie still: information, (rad/s)⁻².
     still_information: f64,
-    /// How the board lay when it last moved or swung.
-    lay: Matrix3<f64>,
+    /// Orientation when the board last moved or swung, body to frame.
+    last_attitude: Matrix3<f64>,
     /// Sum of the log-likelihoods of the samples taken.
     log_likelihood: f64,
     /// Mean normalised innovation squared for each degree of freedom, over 2 s.
@@ -190,14 +188,14 @@ impl Filter {
             x,
             p,
             begun: false,
-            first: None,
+            first_attitude: None,
             vertical_known: false,
             strength_rms_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),
             measured: prior.measured.clone(),
             unevenness2: unevenness.powi(2),
             mean_unevenness2: USUAL_UNEVENNESS.powi(2),
             place2: USUAL_UNEVENNESS.powi(2),
-            noise2: NOISE_MGAUSS.powi(2),
+            noise2: prior.noise_mgauss.powi(2).max(LEAST_NOISE_MGAUSS.powi(2)),
             innovation: None,
             odd: None,
             jumped: false,
@@ -206,7 +204,7 @@ impl Filter {
             still: false,
             rest: RestWatch::default(),
             still_information: 0.0,
-            lay: Matrix3::identity(),
+            last_attitude: Matrix3::identity(),
             log_likelihood: 0.0,
             consistency: 1.0,
         };
@@ -232,8 +230,9 @@ impl Filter {
         }
     }
 
-    /// Takes a sample. With `frozen`, or while the board is still, bias and matrix stay as they are, and only their uncertainty is
-    /// counted (a Schmidt–Kalman filter).
+    /// Takes a sample. With `frozen`, hard iron and matrix stay as they are, and only their uncertainty counts (a Schmidt–Kalman
+    /// filter). While the board is still the field does not change them either; what the gyro reads then still may, since they are
+    /// correlated with its bias.
     fn take(&mut self, input: &Input, frozen: bool) {
         if input.rests() {
             self.learn_bias_at_rest(input, frozen);
@@ -251,109 +250,6 @@ impl Filter {
         // A board that does not turn cannot tell iron from north: what changes then is the place or the frame.
         self.correct(input, frozen || input.still);
         self.measure_unevenness(input, forgotten, frozen);
-    }
-
-    /// The frame has been lost: the field in it comes anew from one sample.
-    fn restart_frame(&mut self, input: &Input) {
-        if !self.begun {
-            self.first = None;
-            return;
-        }
-        let Some(inverse) = self.matrix().try_inverse() else {
-            return;
-        };
-        let rate = input.turning().cross_matrix();
-        let lag = self.x[T] - input.lag_s;
-        let turn = input.to_frame * (Matrix3::identity() - rate * lag);
-        let map = turn * inverse;
-        let corrected = inverse * (input.field_mgauss - self.vector(B));
-        let field = turn * corrected;
-        self.clear(H, 5);
-        self.restart(M, self.unevenness2);
-        self.restart(Q, self.place2);
-        for axis in 0..2 {
-            self.p[(E + axis, E + axis)] = input.tilt_error.whole_sd_rad.powi(2);
-        }
-        // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
-        let mut jacobian = SMatrix::<f64, 3, N>::zeros();
-        jacobian.fixed_columns_mut::<3>(B).copy_from(&-map);
-        for row in 0..3 {
-            for column in 0..3 {
-                let change = -map.column(row) * corrected[column];
-                jacobian
-                    .fixed_columns_mut::<1>(D + 3 * row + column)
-                    .copy_from(&change);
-            }
-        }
-        for at in [M, Q] {
-            jacobian
-                .fixed_columns_mut::<3>(at)
-                .copy_from(&-Matrix3::identity());
-        }
-        let by_tilt = field.cross_matrix();
-        jacobian
-            .fixed_columns_mut::<2>(E)
-            .copy_from(&by_tilt.fixed_columns::<2>(0));
-        let by_time = input.to_frame * rate * corrected;
-        jacobian.fixed_columns_mut::<1>(T).copy_from(&-by_time);
-        let cross = jacobian * self.p;
-        let timed = by_time * by_time.transpose() * JITTER_S.powi(2);
-        let own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
-        self.p.fixed_rows_mut::<3>(H).copy_from(&cross);
-        self.p
-            .fixed_columns_mut::<3>(H)
-            .copy_from(&cross.transpose());
-        self.p.fixed_view_mut::<3, 3>(H, H).copy_from(&own);
-        self.x.fixed_rows_mut::<3>(H).copy_from(&field);
-        self.innovation = None;
-        self.odd = None;
-        self.jumped = false;
-        self.jumps_mgauss = Vector3::zeros();
-        self.odd_mgauss = Vector3::zeros();
-    }
-
-    /// Iron may have come or gone: the hard iron is as unknown as the disturbance is large, and the field here is as
-    /// even as places are.
-    pub(super) fn doubt_iron(&mut self) {
-        let disturbance = self.vector(M).norm() + 0.1 * self.strength_rms_mgauss;
-        self.unevenness2 = USUAL_UNEVENNESS.powi(2);
-        self.restart(M, self.unevenness2);
-        for axis in 0..3 {
-            self.p[(B + axis, B + axis)] += disturbance * disturbance;
-        }
-    }
-
-    /// Forgets the unevenness of the field here, or the offset of the place, but for its variance, a share of the field's square.
-    fn restart(&mut self, at: usize, variance: f64) {
-        self.clear(at, 3);
-        for axis in at..at + 3 {
-            self.p[(axis, axis)] = variance * self.strength_rms_mgauss.powi(2);
-        }
-    }
-
-    /// Begins the state: at once if the iron is known or measured, else once the board has turned a little, with half of the field
-    /// taken for iron.
-    fn begin(&mut self, input: &Input) -> bool {
-        let first = *self.first.get_or_insert(input.to_frame);
-        let known = self.iron_known_within(FIELD_MGAUSS);
-        if known || !self.measured.is_empty() {
-            self.begun = true;
-            self.restart_frame(input);
-            for measured in std::mem::take(&mut self.measured) {
-                self.learn(&measured);
-            }
-            return true;
-        }
-        if angle_between_rad(&first, &input.to_frame) < BEGIN_RAD {
-            return false;
-        }
-        self.begun = true;
-        let half = 0.5 * input.field_mgauss;
-        self.x
-            .fixed_rows_mut::<3>(H)
-            .copy_from(&(input.to_frame * half));
-        self.x.fixed_rows_mut::<3>(B).copy_from(&half);
-        true
     }
 
     fn put_parameter_covariance(&mut self, covariance: &SMatrix<f64, 12, 12>) {

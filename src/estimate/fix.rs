@@ -6,6 +6,8 @@ use super::{Estimate, Fix, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
 
+/// Deviation of a heading of which nothing is known, degrees: half a turn.
+pub const UNKNOWN_SD_DEG: f64 = 180.0;
 /// Weight of a contradiction between field and gyro in the deviation of a moving board's heading: the gyro is wrong in one of five,
 /// √(1/5).
 const DOUBT: f64 = 0.45;
@@ -17,7 +19,7 @@ impl Fix {
     pub(super) fn new(heading_deg: f64, sd_rad: f64) -> Self {
         Self {
             heading_deg,
-            sd_deg: sd_rad.to_degrees().min(180.0),
+            sd_deg: sd_rad.to_degrees().min(UNKNOWN_SD_DEG),
         }
     }
 }
@@ -41,15 +43,15 @@ impl Estimate {
             None => north,
         };
         let field = north.field;
-        let told = pose.orientation * Vector3::x();
-        let nose = told - north.tilt_rad.cross(&told);
-        let level2 = nose.xy().norm_squared();
-        if level2 < NO_HEADING * NO_HEADING {
+        let by_attitude = pose.orientation * Vector3::x();
+        let nose = by_attitude - north.tilt_rad.cross(&by_attitude);
+        let horizontal2 = nose.xy().norm_squared();
+        if horizontal2 < NO_HEADING * NO_HEADING {
             return None;
         }
         let heading = nose.x.atan2(nose.y) - field.x.atan2(field.y);
-        let by_nose = Vector3::new(nose.y, -nose.x, 0.0) / level2;
-        let by_tilt = told.cross_matrix().transpose() * by_nose;
+        let by_nose = Vector3::new(nose.y, -nose.x, 0.0) / horizontal2;
+        let by_tilt = by_attitude.cross_matrix().transpose() * by_nose;
         let variance = north.variance(&by_field(&field), &by_tilt).max(0.0);
         // Innovations larger than expected: what is known is known less well than it seems.
         let variance = variance * self.active.consistency().max(self.iron.excess());
@@ -86,7 +88,7 @@ impl Estimate {
         let own = self.active.field_covariance().trace() / 3.0 * self.iron.excess();
         let tilted = down.z.clamp(-1.0, 1.0).acos();
         let tilt = (level::SD_RAD + 0.5 * tilted) * vertical;
-        // A board that leans has its vertical anywhere.
+        // The lean may be in any direction, so all of the field counts.
         let tilt2 = tilt * tilt + (leaning_rad * seen.norm()).powi(2);
         let sd = (own + tilt2).sqrt() / horizontal;
         Some(Fix::new(heading_deg(seen, &down)?, sd))
@@ -119,20 +121,20 @@ impl Estimate {
     /// Deviation of north in the gyro's frame, degrees: that of every heading of a level board.
     pub fn north_sd_deg(&self) -> f64 {
         if !self.active.begun() {
-            return 180.0;
+            return UNKNOWN_SD_DEG;
         }
         let slope = by_field(&self.active.field());
         let variance = (slope.transpose() * self.active.field_covariance() * slope)[0];
-        variance.max(0.0).sqrt().to_degrees().min(180.0)
+        variance.max(0.0).sqrt().to_degrees().min(UNKNOWN_SD_DEG)
     }
 }
 
 /// Slope of the heading by the field, radians a milligauss: minus that of the field's azimuth. For a field within 1 mG of the
 /// vertical it is the slope at 1 mG: the azimuth of such a field is unknown.
 fn by_field(field: &Vector3<f64>) -> Vector3<f64> {
-    let level = field.xy();
-    let across = level
+    let horizontal = field.xy();
+    let across = horizontal
         .try_normalize(0.0)
         .map_or(Vector3::y(), |north| Vector3::new(-north.y, north.x, 0.0));
-    across / level.norm().max(1.0)
+    across / horizontal.norm().max(1.0)
 }

@@ -24,6 +24,8 @@ const JUMP: f64 = 0.6;
 const MEMORY: f64 = 0.15;
 /// Of that, so much must have been seen before anything is said.
 const ENOUGH: f64 = 0.6;
+/// Where the squares of what the gyro predicts are below this share of those of what is seen, a third in rotation, it has not turned.
+const ALONE: f64 = 0.1;
 /// Correlation of both changes below which gyro and field turn different ways.
 const OPPOSES: f64 = -0.3;
 /// The same for gravity. The limit is stricter, since accelerations change the measured gravity too.
@@ -87,9 +89,9 @@ pub(super) struct GyroCheck {
     field: Witness,
     gravity: Witness,
     unexplained: Unexplained,
-    /// The field when gravity's moment began, in strengths, how far the gyro has turned since, radians, and how often both
+    /// The field when gravity's moment began, as a share of its strength, how far the gyro has turned since, radians, and how often both
     /// have moved without it.
-    begun: Vector3<f64>,
+    field_at_start: Vector3<f64>,
     turned_rad: f64,
     together: u32,
     constant: bool,
@@ -138,36 +140,36 @@ impl VectorChange {
 #[derive(Clone, Copy, Debug)]
 struct Moment {
     age_s: f64,
-    begun: Vector3<f64>,
+    start: Vector3<f64>,
     predicted: Vector3<f64>,
 }
 
-/// Squares and products of the changes seen and told, forgotten as more of them come.
+/// Squares and products of the changes seen and predicted, forgotten as more of them come.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     seen: f64,
-    told: f64,
+    predicted: f64,
     both: f64,
     /// How many changes.
     count: u32,
 }
 
 impl Sums {
-    fn take(&mut self, seen: &Vector3<f64>, told: &Vector3<f64>) {
-        let (seen2, told2) = (seen.norm_squared(), told.norm_squared());
+    fn take(&mut self, seen: &Vector3<f64>, predicted: &Vector3<f64>) {
+        let (seen2, told2) = (seen.norm_squared(), predicted.norm_squared());
         let keep = (-seen2.max(told2) / MEMORY).exp();
         self.seen = self.seen * keep + seen2;
-        self.told = self.told * keep + told2;
-        self.both = self.both * keep + seen.dot(told);
+        self.predicted = self.predicted * keep + told2;
+        self.both = self.both * keep + seen.dot(predicted);
         self.count += 1;
     }
 
     fn enough(&self) -> bool {
-        self.seen.max(self.told) > ENOUGH * MEMORY
+        self.seen.max(self.predicted) > ENOUGH * MEMORY
     }
 
     fn correlation(&self) -> f64 {
-        self.both / (self.seen * self.told).sqrt().max(1e-9)
+        self.both / (self.seen * self.predicted).sqrt().max(1e-9)
     }
 }
 
@@ -176,36 +178,38 @@ impl Witness {
     fn take(&mut self, now: Vector3<f64>, change: Vector3<f64>, period_s: f64) -> VectorChange {
         let moment = self.moment.get_or_insert(Moment {
             age_s: 0.0,
-            begun: now,
+            start: now,
             predicted: -change,
         });
         moment.age_s += period_s;
         moment.predicted += change;
-        let (seen, told) = (now - moment.begun, moment.predicted);
-        let larger = seen.norm().max(told.norm());
+        let (seen, predicted) = (now - moment.start, moment.predicted);
+        let larger = seen.norm().max(predicted.norm());
         let change = VectorChange {
             seen: seen.norm(),
             larger,
-            missed: (seen - told).norm(),
+            missed: (seen - predicted).norm(),
             ended: larger >= CHANGE || moment.age_s >= MOMENT_S,
         };
         if change.ended {
             self.moment = None;
         }
         if change.counts() {
-            self.sums.take(&seen, &told);
+            self.sums.take(&seen, &predicted);
         }
         change
     }
 
     /// Whether it has turned by enough to say something, and the gyro has not.
     fn turns_alone(&self, enough: f64) -> bool {
-        self.sums.seen > enough && self.sums.told < 0.1 * self.sums.seen
+        self.sums.seen > enough && self.sums.predicted < ALONE * self.sums.seen
     }
 
     fn opposes(&self, limit: f64) -> bool {
-        let Sums { seen, told, .. } = self.sums;
-        told > 0.1 * seen && self.sums.enough() && self.sums.correlation() < limit
+        let Sums {
+            seen, predicted, ..
+        } = self.sums;
+        predicted > ALONE * seen && self.sums.enough() && self.sums.correlation() < limit
     }
 }
 
@@ -249,7 +253,7 @@ impl GyroCheck {
         if let Some(force) = input.force_m_s2 {
             let up = force / GRAVITY_M_S2;
             if self.gravity.moment.is_none() {
-                self.begun = field;
+                self.field_at_start = field;
                 self.turned_rad = 0.0;
             }
             self.turned_rad += turned_rad.norm();
@@ -263,7 +267,7 @@ impl GyroCheck {
                 }
             }
         }
-        // What a gyro that reads nothing predicts depends on no iron.
+        // A gyro that repeats its reading is judged with unknown iron, too: a dead one predicts no change, whatever the iron.
         let known = constant || filter.iron_known_within(filter.strength_mgauss());
         if filter.begun() && known {
             let matrix = filter.matrix();
@@ -322,7 +326,7 @@ impl GyroCheck {
     fn compare(&mut self, seen: f64, field: &Vector3<f64>) {
         if self.turned_rad > SILENT * seen {
             self.together = 0;
-        } else if seen > MOVED && (field - self.begun).norm() > MOVED {
+        } else if seen > MOVED && (field - self.field_at_start).norm() > MOVED {
             self.together += 1;
         }
     }
@@ -340,8 +344,8 @@ impl GyroCheck {
         if self.together >= TOGETHER || constant || frozen {
             return Some(GyroFault::Dead);
         }
-        // What the field is to change by depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong scale.
-        // The scale depends on no iron, so it goes first.
+        // The predicted change of the field depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong
+        // scale. The check of the scale needs no iron, so it overrules the field.
         let opposes = self.gravity.opposes(GRAVITY_OPPOSES)
             || (self.field.opposes(OPPOSES) && !self.scale.same_way());
         if opposes || scale == ScaleVerdict::Opposed {

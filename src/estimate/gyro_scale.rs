@@ -22,13 +22,14 @@ use super::prior::{FIELD_MGAUSS, IRON};
 /// not end it: that would choose the moments in which noise adds to the change.
 const MOMENT_RAD: f64 = 0.25;
 const MOMENT_S: f64 = 1.5;
-/// A moment of a smaller turn, radians, is noise. Between two samples the field changes by less than this share, and no more time
-/// passes, seconds: the rate in a gap is not known.
+/// Moments of a smaller turn are noise, radians.
 const LEAST_RAD: f64 = 0.1;
+/// A larger change from one sample to the next ends the moment without a result.
 const JUMP: f64 = 0.3;
+/// So does a longer time between them, seconds: the rate in a gap is not known.
 const GAP_S: f64 = 0.3;
-/// A change from one sample to the next beyond this share (50 mG), plus this much for each radian that the gyro reads (the strongest field
-/// on earth, 670 mG, turned twice as far), is no turn: iron has come or gone.
+/// A change from one sample to the next is no turn but iron that has come or gone if it exceeds the first (50 mG) by more than the second
+/// for each radian that the gyro reads: the strongest field on earth, 670 mG, and a gyro that reads half of the true rate.
 const NO_TURN: f64 = 0.1;
 const MOST_BY_TURNING: f64 = 2.7;
 /// A moment counts if what is not known of the gyro's bias is below this share of its rate: below what the scale may be off.
@@ -91,10 +92,11 @@ impl GyroScale {
         let field = input.field_mgauss / FIELD_MGAUSS;
         let turned_rad = input.turned_rad - bias * input.period_s;
         let step = self.moment.map(|moment| (field - moment.last).norm());
-        if step > Some(NO_TURN + MOST_BY_TURNING * turned_rad.norm()) {
+        let most = NO_TURN + MOST_BY_TURNING * turned_rad.norm();
+        if step.is_some_and(|step| step > most) {
             self.begin_anew();
         }
-        let unbroken = input.period_s <= GAP_S && step <= Some(JUMP);
+        let unbroken = input.period_s <= GAP_S && step.is_some_and(|step| step <= JUMP);
         let Some(mut moment) = self.moment.filter(|_| unbroken) else {
             self.moment = TurnedMoment::begin(field, filter);
             return false;
@@ -137,8 +139,8 @@ impl GyroScale {
         self.moment = None;
     }
 
-    /// Iron may have come or gone, or the gyro may have changed: what was seen before has nothing to do with what follows. Does nothing
-    /// before there are enough moments for a verdict.
+    /// Iron may have come or gone, or the gyro may have changed: what was seen before has nothing to do with what follows. Fewer moments
+    /// than a verdict needs remain: if the gyro reads a quarter of the true rate, each turn looks like iron that has changed.
     pub(super) fn begin_anew(&mut self) {
         if self.moments >= LEAST_MOMENTS {
             *self = Self::default();

@@ -13,7 +13,7 @@ use super::filter::Filter;
 /// The older of the two kept irons is one to two of these times old, seconds: a magnet must be detected within 5 s.
 const KEPT_S: f64 = 2.5;
 /// Normalised squared distance beyond which the iron has moved: five deviations.
-const MOVED: f64 = 25.0;
+const MOVED2: f64 = 25.0;
 
 /// The hard iron as it was known, and the inverse of its covariance.
 #[derive(Clone, Copy, Debug)]
@@ -57,7 +57,7 @@ impl IronWatch {
 
     /// Whether the iron has moved lately.
     pub(super) fn moved(&self) -> bool {
-        self.moved2 > MOVED
+        self.moved2 > MOVED2
     }
 
     /// Factor on the variance of a heading, at least 1: the normalised squared distance per degree of freedom, of which there are three.

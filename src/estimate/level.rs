@@ -6,10 +6,11 @@ use crate::frame::hypot;
 
 /// A board is taken for level within this, radians (3°).
 pub(super) const SD_RAD: f64 = 0.052;
-/// Tilt error of a still board with an accelerometer: that one's bias, radians.
+/// Tilt error of a still board by the bias of its accelerometer, radians.
 const KNOWN_SD_RAD: f64 = 0.01;
-/// A level board is level on average over the first time, seconds; a board that leans shows it within the second.
+/// The mean direction of body Z over this time is taken for vertical, seconds, and the mean square of its lean shrinks in it.
 const LEVEL_S: f64 = 60.0;
+/// The mean square of the lean grows in this time, seconds.
 const LEANS_S: f64 = 5.0;
 
 /// Down in body axes with its deviation, radians; a board that does not know it is taken for level.

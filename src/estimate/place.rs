@@ -10,11 +10,12 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2, Vector3};
 
 use super::filter::Filter;
 use super::filter::known::SeenNorth;
+use super::prior::SCALE;
 use crate::frame::hypot;
 use crate::true_north::EarthField;
 
-/// What the mean gain of three axes is off, as a share: data sheets have ±5 %, and soft iron comes to it, as in the prior of D.
-const GAIN: f64 = 0.08;
+/// What the mean gain of three axes is off, as a share: as the prior of D has it.
+const GAIN: f64 = SCALE;
 /// What a building or a vehicle makes of the field of a place, on each axis, as a share: as much as it differs from metre to metre
 /// on the simulated floors.
 const LOCAL: f64 = 0.05;
@@ -137,12 +138,12 @@ impl PlaceEvidence {
 
     /// `None` while the direction of north is hardly known.
     fn innovation(&self, north: &SeenNorth) -> Option<Innovation> {
-        let level = north.field.xy();
-        let length = level.norm();
+        let horizontal = north.field.xy();
+        let length = horizontal.norm();
         if length < 1.0 {
             return None;
         }
-        let along = level / length;
+        let along = horizontal / length;
         let across = Vector2::new(-along.y, along.x);
         let own = north.field_covariance.fixed_view::<2, 2>(0, 0);
         let variance = (across.transpose() * own * across)[0];

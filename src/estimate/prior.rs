@@ -15,10 +15,12 @@ pub(super) const SCALE: f64 = 0.08;
 const SKEW: f64 = 0.02;
 /// Deviation of the rotation between the chips about each axis, radians: any angle up to 5°, in any direction.
 const ROTATION_RAD: f64 = 0.029;
+/// White noise of a sample, milligauss, until it is measured: an HMC5843's resolution.
+const NOISE_MGAUSS: f64 = 7.0;
 /// What the place of a turn may have added to its result, as a share of the field: rooms are uneven by 1 to 2 %.
 const PLACE: f64 = 0.015;
 
-/// Where a fit to a sphere did without the entries beside the diagonal, they are no larger than this.
+/// Standard deviation of the entries beside the diagonal where a fit to a sphere took them for 0.
 const GUESSED: f64 = 0.015;
 
 /// Covariance of the bias and of the matrix, row by row.
@@ -33,14 +35,15 @@ pub(super) struct Measured {
     pub(super) matrix: Matrix3<f64>,
     /// Weight of the field's upward part in the frame.
     pub(super) up: f64,
-    /// Across the plane of a level turn, body axes: the field along it does not change in the turn, so that what D makes of
-    /// it is in the circle's centre, and was measured together with the bias.
+    /// Normal of the plane of a level turn, body axes. The field along it is constant during the turn, so D shifts the centre of the
+    /// circle by a share of that field, and the fit measures this shift together with the bias.
     pub(super) across: Option<Vector3<f64>>,
     /// What the sum is, and its variance.
     pub(super) value: f64,
     pub(super) variance: f64,
-    /// Variance along these parameters that is put in place of what was known of them.
-    pub(super) forgotten: f64,
+    /// Variance that is added along these parameters before the turn's result is learnt, so that the result outweighs what the filter
+    /// knew.
+    pub(super) inflation: f64,
 }
 
 /// Bias, matrix and their covariance to start from.
@@ -52,6 +55,8 @@ pub(super) struct Prior {
     pub(super) matrix: Matrix3<f64>,
     pub(super) covariance: ParameterCovariance,
     pub(super) strength_mgauss: Option<f64>,
+    /// White noise of a sample at first, milligauss.
+    pub(super) noise_mgauss: f64,
     /// Told to the filter once it has a field.
     pub(super) measured: Vec<Measured>,
 }
@@ -87,13 +92,17 @@ impl Prior {
             matrix: Matrix3::identity(),
             covariance,
             strength_mgauss: None,
+            noise_mgauss: NOISE_MGAUSS,
             measured: Vec::new(),
         }
     }
 
     /// What a calibration says of a magnetometer mounted like this.
     pub(super) fn of(calibration: &Calibration, mounting: &Mounting) -> Self {
-        let unknown = Self::unknown();
+        let unknown = Self {
+            noise_mgauss: calibration.residual_mgauss,
+            ..Self::unknown()
+        };
         let Some(covariance) = &calibration.covariance else {
             return Self {
                 measured: Measured::by(calibration, mounting),
@@ -101,6 +110,7 @@ impl Prior {
             };
         };
         let Parameters::Spatial(spatial) = &calibration.parameters else {
+            // Only the estimate states a covariance, and its calibrations are spatial.
             return unknown;
         };
         let to_body = mounting.rotation();
@@ -111,7 +121,7 @@ impl Prior {
             matrix,
             covariance: turn * covariance.unpacked() * turn.transpose(),
             strength_mgauss: Some(calibration.strength_mgauss),
-            measured: Vec::new(),
+            ..unknown
         }
     }
 
@@ -149,7 +159,7 @@ impl Measured {
                 across,
                 value,
                 variance: bias_variance,
-                forgotten: (IRON * FIELD_MGAUSS).powi(2),
+                inflation: (IRON * FIELD_MGAUSS).powi(2),
             });
         };
         let mut entries = Vec::new();
@@ -198,7 +208,7 @@ impl Measured {
             across: None,
             value,
             variance: matrix_variance + guess * guess,
-            forgotten: SCALE * SCALE,
+            inflation: SCALE * SCALE,
         }));
         all
     }

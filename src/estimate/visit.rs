@@ -42,7 +42,7 @@ struct Rest {
     touched_s: f64,
     /// Average of what the field differs by from what is expected, body axes, milligauss; `None` without a visit.
     off_mgauss: Option<Vector3<f64>>,
-    /// The most that was, milligauss.
+    /// Largest norm of that in this visit, milligauss.
     most_mgauss: f64,
 }
 

@@ -6,15 +6,25 @@ use super::{FORGET_MOVING_S, Filter, Input, JITTER_S};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, S, Sensitivity, T, subtract};
 use crate::estimate::prior::SCALE;
 
-/// Least white noise of a sample, milligauss, and the time over which it is measured, seconds.
-const LEAST_NOISE_MGAUSS: f64 = 1.5;
+/// Least white noise of a sample, milligauss; an HMC5883L's data sheet has 2.
+pub(super) const LEAST_NOISE_MGAUSS: f64 = 1.5;
+/// The noise is measured over this time, seconds.
 const NOISE_TAU_S: f64 = 2.0;
+/// A sample changes its measured variance by at most half, which long periods would exceed, and counts at most as thrice its deviation
+/// (its square, halved for the difference of two samples): more is no noise.
+const NOISE_GAIN: f64 = 0.5;
+const NOISE_STEP2: f64 = 4.5;
+/// The mean normalised innovation is over this time, seconds, and a sample counts in it for at most so much.
+const CONSISTENCY_S: f64 = 2.0;
+const CONSISTENCY_MOST: f64 = 50.0;
+/// Two odd innovations are alike if they differ by less than this share.
+const ALIKE: f64 = 0.5;
 /// Least unevenness of the field, as a share of it.
 const LEAST_UNEVENNESS: f64 = 0.004;
-/// Time constants of the measured unevenness when it grows and when it shrinks, in units of the length in which it is forgotten: about as
-/// many independent values are in the mean. The second is that of `mean_unevenness2`, too. With half of the first a robot on an uneven floor is not sure enough, with half of the second
-/// a board to which a magnet is attached in motion is falsely sure.
+/// Constant of the measured unevenness when it grows, in units of the length in which m is forgotten: about as many independent values
+/// are in the mean. With half of it a robot on an uneven floor is not sure enough.
 const LENGTHS_UP: f64 = 3.0;
+/// The same when it shrinks, and of `mean_unevenness2`. With half of it a board to which a magnet is attached in motion is falsely sure.
 const LENGTHS_DOWN: f64 = 4.0;
 /// Most that a place as a whole is taken to be off, as a share of the field: rooms are uneven by 1 to 2 %. More than that is a magnet
 /// nearby, whose field does not reach across a whole place. Without this limit a sensor that passes a magnet takes north from it; with
@@ -30,7 +40,7 @@ const PLACE_STEP: f64 = 0.05;
 const VERTICAL_KNOWN: f64 = 0.0625;
 /// A normalised innovation squared beyond this is no chance (3 degrees of freedom: 0.1 %).
 const GATE: f64 = 16.0;
-/// A smaller share is none, which saves a sixth of the estimate's time once the field is known.
+/// Smaller shares count as 0, which saves a sixth of the estimate's time once the field is known.
 const LEAST_HELD: f64 = 0.01;
 /// The states from b to G.
 const HELD: usize = S - B;
@@ -102,8 +112,8 @@ impl Filter {
         self.measure_noise(&innovation, dt);
         // At rest a large innovation means that the surroundings have changed; it does not test what is known.
         if !input.still {
-            let now = (squared / 3.0).min(50.0);
-            self.consistency += (dt / 2.0).min(1.0) * (now - self.consistency);
+            let now = (squared / 3.0).min(CONSISTENCY_MOST);
+            self.consistency += (dt / CONSISTENCY_S).min(1.0) * (now - self.consistency);
         }
         self.jumped = false;
         self.jumps_mgauss *= (-dt / FORGET_MOVING_S).exp();
@@ -179,7 +189,7 @@ impl Filter {
     fn record_odd(&mut self, innovation: &Vector3<f64>, to_frame: &Matrix3<f64>) -> bool {
         let again = self
             .odd
-            .is_some_and(|odd| (innovation - odd).norm() < 0.5 * innovation.norm());
+            .is_some_and(|odd| (innovation - odd).norm() < ALIKE * innovation.norm());
         self.odd = Some(*innovation);
         if again {
             self.jumped = true;
@@ -267,8 +277,8 @@ impl Filter {
         // Below 1 mG the direction is noise: the length is not restored.
         let scale = |old: f64, new: f64| if new > 1.0 { old / new } else { 1.0 };
         let kept = if self.vertical_known {
-            let level = field.xy() * scale(before.xy().norm(), field.xy().norm());
-            Vector3::new(level.x, level.y, before.z)
+            let horizontal = field.xy() * scale(before.xy().norm(), field.xy().norm());
+            Vector3::new(horizontal.x, horizontal.y, before.z)
         } else {
             field * scale(before.norm(), field.norm())
         };
@@ -278,9 +288,10 @@ impl Filter {
     /// The steps from innovation to innovation are noise, whatever else is wrong.
     fn measure_noise(&mut self, innovation: &Vector3<f64>, dt: f64) {
         if let Some(before) = self.innovation.replace(*innovation) {
+            // Three axes, and the noise of two samples.
             let step = (innovation - before).norm_squared() / 6.0;
-            let gain = (dt / NOISE_TAU_S).min(0.5);
-            self.noise2 += gain * (step.min(4.5 * self.noise2) - self.noise2);
+            let gain = (dt / NOISE_TAU_S).min(NOISE_GAIN);
+            self.noise2 += gain * (step.min(NOISE_STEP2 * self.noise2) - self.noise2);
             self.noise2 = self.noise2.max(LEAST_NOISE_MGAUSS.powi(2));
         }
     }
@@ -288,13 +299,13 @@ impl Filter {
     /// Measures how uneven the field is. Places are taken to differ from each other as much as the field does within one.
     pub(super) fn measure_unevenness(&mut self, input: &Input, forgotten: f64, frozen: bool) {
         let m = self.vector(M).norm_squared() + self.trace(M, 3);
-        let share = m / 3.0 / self.strength_rms_mgauss.powi(2);
-        let lengths = if share > self.unevenness2 {
+        let share2 = m / 3.0 / self.strength_rms_mgauss.powi(2);
+        let lengths = if share2 > self.unevenness2 {
             LENGTHS_UP
         } else {
             LENGTHS_DOWN
         };
-        self.unevenness2 += forgotten / lengths * (share - self.unevenness2);
+        self.unevenness2 += forgotten / lengths * (share2 - self.unevenness2);
         self.unevenness2 = self.unevenness2.max(LEAST_UNEVENNESS.powi(2));
         if !input.still {
             let here = self.unevenness2.min(MOST_PLACE.powi(2));

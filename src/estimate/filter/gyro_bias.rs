@@ -69,6 +69,7 @@ impl Filter {
     pub(in crate::estimate) fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, frozen: bool) {
         if !self.begun || learnt.forgotten {
             self.clear(G, 3);
+            self.still_information = 0.0;
             let mut own = self.p.fixed_view_mut::<3, 3>(G, G);
             own.copy_from(&learnt.covariance);
             return;

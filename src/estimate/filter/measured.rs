@@ -1,7 +1,7 @@
 //! Puts the result of a full turn into the filter.
 
 use super::{Filter, Input, State, USUAL_UNEVENNESS, parameter};
-use crate::estimate::covariance::{D, H};
+use crate::estimate::covariance::{D, H, subtract};
 use crate::estimate::prior::Measured;
 
 impl Filter {
@@ -13,11 +13,11 @@ impl Filter {
             for row in 0..12 {
                 for column in 0..12 {
                     let at = (parameter(row), parameter(column));
-                    self.p[at] += one.forgotten * weights[row] * weights[column];
+                    self.p[at] += one.inflation * weights[row] * weights[column];
                 }
             }
         }
-        // The verdict has found the field even all the way round.
+        // The turn was accepted, so the field was even all the way round.
         for variance in [
             &mut self.unevenness2,
             &mut self.mean_unevenness2,
@@ -59,10 +59,10 @@ impl Filter {
     /// Updates the state by one sum of parameters that a turn has measured.
     pub(super) fn learn(&mut self, measured: &Measured) {
         let jacobian = self.jacobian_of(measured);
-        let told = jacobian.dot(&self.x) + measured.matrix.trace();
+        let predicted = jacobian.dot(&self.x) + measured.matrix.trace();
         let cross = self.p * jacobian;
         let gain = cross / (jacobian.dot(&cross) + measured.variance);
-        self.x += gain * (measured.value - told);
-        self.p -= gain * cross.transpose();
+        self.x += gain * (measured.value - predicted);
+        subtract(&mut self.p, &gain, &cross);
     }
 }

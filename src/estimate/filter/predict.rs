@@ -9,10 +9,12 @@ use crate::attitude::GYRO_BIAS_WALK_RAD_S;
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
 use crate::frame::angle_between_rad;
 
+/// The second order of an uncertain gyro bias is small: any time near this one will do, seconds.
+const BIAS_DRAWN_S: f64 = 1.0;
 /// Upper limit of the expected strength, the strongest field on earth: uncertain iron makes the field uncertain, not stronger.
 const STRONGEST_MGAUSS: f64 = 670.0;
 /// Walk of the frame by a gyro's cross-axis errors, one standard deviation, radians per √rad turned.
-const GYRO_CROSS: f64 = 0.002;
+const GYRO_CROSS: f64 = 0.0028;
 /// Angle random walk of the frame, rad/√s (0.02 °/√s): data sheets state noise densities of 0.005 (MPU-6050) to 0.03 °/s/√Hz
 /// (ITG-3200).
 const ANGLE_WALK_RAD: f64 = 0.000_35;
@@ -100,7 +102,7 @@ impl Filter {
         let tilt = self.x.fixed_rows::<2>(E) * tilt_kept + tilt_by_bias * self.vector(G);
         self.x.fixed_rows_mut::<2>(E).copy_from(&tilt);
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
-        // At most 2 % of the field: how the gyro's errors turn it is neglected, here as in P.
+        // How the gyro's errors turn m and q is neglected, here as in P: each sample measures m, and q is at most 2 % of the field.
         self.x.fixed_rows_mut::<3>(Q).scale_mut(place_kept);
 
         let uneven = self.unevenness_ahead2(still) * strength2;
@@ -122,7 +124,7 @@ impl Filter {
     }
 
     /// Covariance that the frame's walk adds to the field, which it turns: to first order by the field, to second order by its covariance.
-    /// To second order the drift by an uncertain gyro bias counts as a walk, as though the bias changed every second.
+    /// To second order an uncertain gyro bias counts as a walk: as a bias that is drawn anew every `BIAS_DRAWN_S`.
     fn frame_noise(
         &self,
         input: &Input,
@@ -132,15 +134,15 @@ impl Filter {
     ) -> Matrix3<f64> {
         let dt = input.period_s;
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.still { 0.1 } else { 1.0 }
-            + 2.0 * GYRO_CROSS.powi(2) * turned_rad;
+            + GYRO_CROSS.powi(2) * turned_rad;
         let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
         let bias = bias * (1.0 - noise_share).powi(2);
         let axes = if input.vertical_known { 2..3 } else { 0..3 };
         let uncertain: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
         let mut noise = Matrix3::zeros();
         for axis in axes {
-            let lever = input.to_frame.row(axis) * dt;
-            let drift = (lever * bias * lever.transpose())[0] / dt.max(1e-3);
+            let lever = input.to_frame.row(axis);
+            let drift = (lever * bias * lever.transpose())[0] * BIAS_DRAWN_S * dt;
             let cross = Vector3::ith(axis, 1.0).cross_matrix();
             let turned = h * h.transpose() * walk + uncertain * (walk + drift);
             noise += cross * turned * cross.transpose();
@@ -208,14 +210,14 @@ impl Filter {
     /// its gyro reads is noise, which would add up.
     fn turned_since_last(&mut self, input: &Input) -> f64 {
         if !input.still {
-            self.lay = input.to_frame;
+            self.last_attitude = input.to_frame;
             return input.rate_rad_s.norm() * input.period_s;
         }
-        let turned_rad = angle_between_rad(&self.lay, &input.to_frame);
+        let turned_rad = angle_between_rad(&self.last_attitude, &input.to_frame);
         if turned_rad < SWING_RAD {
             return 0.0;
         }
-        self.lay = input.to_frame;
+        self.last_attitude = input.to_frame;
         turned_rad
     }
 }

@@ -1,0 +1,183 @@
+//! Begins the filter's state with one sample, and begins it anew where the frame is lost or the iron in doubt.
+
+use nalgebra::{Matrix3, SMatrix, Vector3};
+
+use super::{Filter, Input, JITTER_S, USUAL_UNEVENNESS};
+use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
+use crate::estimate::prior::FIELD_MGAUSS;
+use crate::frame::angle_between_rad;
+
+/// Before the board has turned this far, the field does not tell iron from north, radians.
+const BEGIN_RAD: f64 = 0.1;
+
+impl Filter {
+    /// The frame has been lost: the field in it comes anew from one sample.
+    pub(super) fn restart_frame(&mut self, input: &Input) {
+        self.still = input.still;
+        self.vertical_known = input.vertical_known;
+        self.last_attitude = input.to_frame;
+        if !self.begun {
+            self.first_attitude = None;
+            return;
+        }
+        let Some(inverse) = self.matrix().try_inverse() else {
+            return;
+        };
+        let rate = input.turning().cross_matrix();
+        let lag = self.x[T] - input.lag_s;
+        let turn = input.to_frame * (Matrix3::identity() - rate * lag);
+        let map = turn * inverse;
+        let corrected = inverse * (input.field_mgauss - self.vector(B));
+        let field = turn * corrected;
+        self.clear(H, 3);
+        self.clear(E, 2);
+        self.restart(M, self.unevenness2);
+        self.restart(Q, self.place2);
+        for axis in 0..2 {
+            self.p[(E + axis, E + axis)] = input.tilt_error.whole_sd_rad.powi(2);
+        }
+        // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
+        let mut jacobian = SMatrix::<f64, 3, N>::zeros();
+        jacobian.fixed_columns_mut::<3>(B).copy_from(&-map);
+        for row in 0..3 {
+            for column in 0..3 {
+                let change = -map.column(row) * corrected[column];
+                jacobian
+                    .fixed_columns_mut::<1>(D + 3 * row + column)
+                    .copy_from(&change);
+            }
+        }
+        for at in [M, Q] {
+            jacobian
+                .fixed_columns_mut::<3>(at)
+                .copy_from(&-Matrix3::identity());
+        }
+        let by_tilt = field.cross_matrix();
+        jacobian
+            .fixed_columns_mut::<2>(E)
+            .copy_from(&by_tilt.fixed_columns::<2>(0));
+        let by_time = input.to_frame * rate * corrected;
+        jacobian.fixed_columns_mut::<1>(T).copy_from(&-by_time);
+        let cross = jacobian * self.p;
+        let timed = by_time * by_time.transpose() * JITTER_S.powi(2);
+        let own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
+        self.p.fixed_rows_mut::<3>(H).copy_from(&cross);
+        self.p
+            .fixed_columns_mut::<3>(H)
+            .copy_from(&cross.transpose());
+        self.p.fixed_view_mut::<3, 3>(H, H).copy_from(&own);
+        self.x.fixed_rows_mut::<3>(H).copy_from(&field);
+        self.innovation = None;
+        self.odd = None;
+        self.jumped = false;
+        self.jumps_mgauss = Vector3::zeros();
+        self.odd_mgauss = Vector3::zeros();
+    }
+
+    /// Iron may have come or gone: the hard iron is as unknown as the disturbance is large, and the field here is as
+    /// even as places are.
+    pub(in crate::estimate) fn doubt_iron(&mut self) {
+        let disturbance = self.vector(M).norm() + 0.1 * self.strength_rms_mgauss;
+        self.unevenness2 = USUAL_UNEVENNESS.powi(2);
+        self.restart(M, self.unevenness2);
+        for axis in 0..3 {
+            self.p[(B + axis, B + axis)] += disturbance * disturbance;
+        }
+    }
+
+    /// Forgets the unevenness of the field here, or the offset of the place, but for its variance, a share of the field's square.
+    fn restart(&mut self, at: usize, variance: f64) {
+        self.clear(at, 3);
+        for axis in at..at + 3 {
+            self.p[(axis, axis)] = variance * self.strength_rms_mgauss.powi(2);
+        }
+    }
+
+    /// Begins the state: at once if the iron is known or measured, else once the board has turned a little, with half of the field
+    /// taken for iron. Returns whether the state has begun and the sample can still be taken: where the field comes from the sample, it
+    /// must not count twice.
+    pub(super) fn begin(&mut self, input: &Input) -> bool {
+        let first = *self.first_attitude.get_or_insert(input.to_frame);
+        let known = self.iron_known_within(FIELD_MGAUSS);
+        if known || !self.measured.is_empty() {
+            self.begun = true;
+            let measured = std::mem::take(&mut self.measured);
+            let restart = |filter: &mut Self| {
+                filter.restart_frame(input);
+                for one in &measured {
+                    filter.learn(one);
+                }
+            };
+            // The field comes from the sample less the iron, and D multiplies it. So the iron is found first, and then all is linearised
+            // about that.
+            let mut found = self.clone();
+            restart(&mut found);
+            self.x.fixed_rows_mut::<3>(B).copy_from(&found.vector(B));
+            let matrix = found.x.fixed_rows::<9>(D).into_owned();
+            self.x.fixed_rows_mut::<9>(D).copy_from(&matrix);
+            restart(self);
+            return false;
+        }
+        if angle_between_rad(&first, &input.to_frame) < BEGIN_RAD {
+            return false;
+        }
+        self.begun = true;
+        let half = 0.5 * input.field_mgauss;
+        self.x
+            .fixed_rows_mut::<3>(H)
+            .copy_from(&(input.to_frame * half));
+        self.x.fixed_rows_mut::<3>(B).copy_from(&half);
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::model::{Calibration, Parameters, Spatial};
+    use crate::estimate::prior::Prior;
+    use crate::frame::Mounting;
+
+    /// A level board at rest with much iron, which a turn has measured.
+    #[test]
+    fn of_a_still_board_the_second_sample_tells_no_more_than_the_first() {
+        let iron = Vector3::new(700.0, -400.0, 900.0);
+        let spatial = Spatial::diagonal(iron, Vector3::new(1.05, 1.0, 0.95)).unwrap();
+        let calibration = Calibration {
+            parameters: Parameters::Spatial(spatial),
+            reference_mgauss: None,
+            strength_mgauss: 500.0,
+            residual_mgauss: 2.0,
+            heading_sd_deg: 0.1,
+            covariance: None,
+            gyro_bias_deg_s: None,
+        };
+        let mut filter = Filter::new(&Prior::of(&calibration, &Mounting::default()));
+        let earth = Vector3::new(60.0, 190.0, -420.0);
+        let to_frame = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
+        let resting = Input {
+            still: true,
+            ..Input::turning_at(
+                to_frame,
+                Vector3::zeros(),
+                spatial.matrix() * (to_frame.transpose() * earth) + iron,
+            )
+        };
+        let mut known = || {
+            filter.follow(&resting, false, false);
+            let level = filter.field_covariance().fixed_view::<2, 2>(0, 0).trace();
+            (filter.field(), level, filter.bias_covariance().trace())
+        };
+        let (first, second) = (known(), known());
+        assert!(
+            (second.0 - first.0).norm() < 1.0,
+            "{} {}",
+            first.0,
+            second.0
+        );
+        for (first, second) in [(first.1, second.1), (first.2, second.2)] {
+            assert!((0.97..1.01).contains(&(second / first)), "{first} {second}");
+        }
+        assert!((first.0 - earth).norm() < 10.0, "{}", first.0);
+    }
+}
