@@ -12,7 +12,7 @@ use criterion::Criterion;
 
 use headingd::calibration::fit::{bounds, swarm};
 use headingd::calibration::model::Mode;
-use headingd::calibration::objective::{Factored, Normal, direct};
+use headingd::calibration::objective::{Factored, Normalizer, direct};
 use headingd::calibration::outcome::Verdict;
 use headingd::calibration::settings::{Profile, Settings, StopChoice};
 use headingd::calibration::{Request, calibrate};
@@ -132,7 +132,7 @@ fn main() {
     });
 
     let factored = Factored::<2, 5>::new(
-        Normal::new(&ranges.low, &ranges.high),
+        Normalizer::new(&ranges.low, &ranges.high),
         &points,
         HORIZONTAL_MGAUSS,
     );

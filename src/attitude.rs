@@ -1,6 +1,12 @@
 //! Where the board points, how it turns and whether it rests: a thin face over the filter VQF.
 //!
 //! Gyro and accelerometer give tilt, gyro bias and orientation on an even clock. Pure: time comes with the readings.
+//!
+//! | whether the board moves | by | for |
+//! |---|---|---|
+//! | [`Attitude::still`] | gyro and accelerometer, over half a second | what moves then is the field, not the board |
+//! | [`Attitude::at_rest`] | gyro and accelerometer over 1.5 s (VQF), and the raw field over ten | the gyro reads its bias |
+//! | [`Attitude::hidden_rate_sd_rad_s`] | the raw field, over up to 20 s | how fast a still board may turn all the same |
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -10,6 +16,7 @@ use crate::reading::Reading;
 
 mod clipping;
 mod clock;
+mod field_motion;
 mod filter;
 mod gravity;
 mod gyro_errors;
@@ -19,7 +26,6 @@ pub(crate) mod motion;
 mod past;
 mod rate_jump;
 mod repetition;
-mod steadiness;
 mod stillness;
 #[cfg(test)]
 mod tests;
@@ -37,11 +43,6 @@ use past::Past;
 use rate_jump::RateJumps;
 use repetition::Repetition;
 
-/// Faster than any gyro measures: nonsense, rad/s.
-const IMPLAUSIBLE_RAD_S: f64 = 200.0;
-/// Stronger than any magnetometer measures: nonsense, milligauss.
-const IMPLAUSIBLE_MGAUSS: f64 = 1e6;
-
 /// Where the board points at one instant, by gyro and accelerometer alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
@@ -50,7 +51,8 @@ pub struct Pose {
     pub orientation: UnitQuaternion<f64>,
     /// Whether the earth frame's Z is known to be up.
     pub vertical_known: bool,
-    /// Changes at every gap in the gyro's readings: poses of different stretches cannot be compared.
+    /// Changes at every gap in the gyro's readings, and where an accelerometer first levels the frame: poses of different stretches
+    /// cannot be compared.
     pub stretch: u32,
 }
 
@@ -116,8 +118,8 @@ settings! {
         gyro_bias_limit_deg_s: f64 = 10.0, 1.0..=60.0, "degrees per second";
         /// A longer silence of the gyro is a gap, seconds.
         gap_s: f64 = 0.5, 0.05..=2.0, "seconds";
-        /// The gyro's full scale, degrees per second; left out, the largest rate that an axis repeats is taken for it
-        /// until the gyro reads more.
+        /// The gyro's full scale, degrees per second. Without it, the largest rate that an axis has repeated counts as full scale until
+        /// the gyro exceeds it.
         #[serde(skip_serializing_if = "Option::is_none")]
         gyro_range_deg_s: Option<f64> = None, 50.0..=10_000.0, "degrees per second";
     }
@@ -161,16 +163,16 @@ impl Attitude {
 
     /// Takes a reading, raw field and all, and calls `on_tick` with each tick that it completes.
     ///
-    /// Ticks come with the gyro; numbers that cannot be are passed over.
+    /// Ticks come with the gyro; numbers that are not finite are passed over.
     pub fn take(&mut self, reading: &Reading, mut on_tick: impl FnMut(&Tick)) {
         let t_s = reading.t_s;
         if !t_s.is_finite() {
             return;
         }
         if let Some(field) = reading.whole_field_mgauss()
-            && field.norm() < IMPLAUSIBLE_MGAUSS
+            && field.norm().is_finite()
         {
-            self.filter.steadiness.take(t_s, field);
+            self.filter.field_motion.take(t_s, field);
         }
         if let Some(force) = reading.specific_force_m_s2 {
             let t_s = t_s - self.force_late.take(t_s);
@@ -178,7 +180,7 @@ impl Attitude {
             self.filter.gravity.take(t_s, force);
         }
         if let Some(chip) = reading.rate_rad_s
-            && chip.norm() < IMPLAUSIBLE_RAD_S
+            && chip.norm().is_finite()
         {
             let t_s = t_s - self.rate_late.take(t_s);
             if let Some((since_s, last)) = self.repetition.take(t_s, chip) {
@@ -227,15 +229,15 @@ impl Attitude {
     /// alone where the gyro is silent or new, `None` without an accelerometer.
     pub fn down(&self, t_s: f64) -> Option<Vector3<f64>> {
         match self.pose_at(t_s) {
-            Some(pose) if pose.vertical_known && self.down_known(t_s) => {
+            Some(pose) if pose.vertical_known && self.accelerometer_live(t_s) => {
                 Some(-pose.orientation.inverse_transform_vector(&Vector3::z()))
             }
             _ => self.filter.gravity.down(t_s),
         }
     }
 
-    /// Down at `t_s`, with its standard deviation, radians. Where the gyro is not trusted it is what the accelerometer
-    /// feels, and the board's accelerations tilt that; else it has no more than the tilt's own.
+    /// Down at `t_s`, with a standard deviation, radians. Where the gyro is not trusted, down is what the accelerometer feels, and the
+    /// board's accelerations tilt that. Where it is, the deviation is 0: the caller already counts the tilt's own error.
     pub fn down_and_sd(&self, t_s: f64, gyro_trusted: bool) -> Option<(Vector3<f64>, f64)> {
         if gyro_trusted {
             return Some((self.down(t_s)?, 0.0));
@@ -249,8 +251,8 @@ impl Attitude {
         self.filter.gravity.newest(t_s)
     }
 
-    /// Whether an accelerometer tells where down is.
-    pub fn down_known(&self, t_s: f64) -> bool {
+    /// Whether the accelerometer has lately been read.
+    pub fn accelerometer_live(&self, t_s: f64) -> bool {
         self.filter.gravity.live(t_s)
     }
 
@@ -267,9 +269,9 @@ impl Attitude {
         self.filter.at_rest()
     }
 
-    /// Deviation, rad/s, of a steady turn that the field hides, since it has stood still for a while; infinite if it has not.
+    /// Standard deviation of the steady turn that a field hides which has come to rest, rad/s; infinite until it has.
     pub fn hidden_rate_sd_rad_s(&self, t_s: f64) -> f64 {
-        self.filter.steadiness.hidden_rate_sd_rad_s(t_s)
+        self.filter.field_motion.hidden_rate_sd_rad_s(t_s)
     }
 
     /// Whether gyro and accelerometer have been quiet for half a second; a field that changes does not matter.

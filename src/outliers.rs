@@ -72,7 +72,9 @@ impl Outliers {
     /// The reading without what cannot be.
     pub fn filter(&mut self, reading: &Reading) -> Reading {
         let mut kept = *reading;
-        let within = |vector: &Vector3<f64>, largest: f64| vector.amax() <= largest;
+        // Not the largest of the axes: that leaves out what is no number.
+        let within =
+            |vector: &Vector3<f64>, largest: f64| vector.iter().all(|axis| axis.abs() <= largest);
         kept.rate_rad_s = kept.rate_rad_s.filter(|rate| {
             within(rate, self.largest_rate_rad_s) && self.rate.accepts(reading.t_s, *rate)
         });
@@ -207,6 +209,14 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn what_is_no_number_is_dropped_however_often_it_comes() {
+        let mut outliers = Outliers::new(None);
+        let broken = |i: usize| if i < 50 { 1.0 } else { f64::NAN };
+        let found = dropped(&mut outliers, (0..100).map(broken));
+        assert_eq!(found, (50..100).collect::<Vec<_>>());
     }
 
     #[test]

@@ -7,6 +7,7 @@
 mod active;
 mod collector;
 mod evidence;
+mod intake;
 mod learn;
 mod motion;
 mod mounting;
@@ -21,23 +22,22 @@ mod survey;
 
 use std::collections::VecDeque;
 
-use crate::attitude::{self, Attitude};
+use crate::attitude;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::{self, FieldSample, Request, verdict};
 use crate::condition::{Condition, Report, SourceFault};
-use crate::estimate::{Estimate, Sample};
+use crate::estimate::{Estimate, Sample, UNKNOWN_SD_DEG};
 use crate::frame::Mountings;
 use crate::frozen::FrozenWatch;
 use crate::heading::Heading;
-use crate::outliers::Outliers;
 use crate::reading::Reading;
 use crate::true_north::EarthField;
-use crate::turn::{self, Turn, TurnDetector};
+use crate::turn::{self, Turn};
+use intake::Intake;
 use learn::Learning;
-use newest::Newest;
-use saturation::{RunState, Saturation};
+use saturation::RunState;
 
 pub use motion::MotionMeasures;
 pub use settings::Settings;
@@ -103,34 +103,35 @@ pub enum Action {
     Turned(Turn),
     /// Calibrate, and bring the outcome back as an event.
     Calibrate(Box<Request>),
-    /// Publish this outcome; if it was accepted, keep its calibration.
-    Conclude(Box<Outcome>),
+    /// Publish this outcome of a calibration that was asked for this reason; if it was accepted, keep its calibration.
+    Conclude(Box<Outcome>, Reason),
+}
+
+/// A calibration under way.
+#[derive(Clone, Copy, Debug)]
+struct UnderWay {
+    /// Why it was asked for.
+    reason: Reason,
+    /// Its outcome is to be discarded.
+    unwanted: bool,
+    /// Turns found meanwhile wait for its end.
+    again: bool,
 }
 
 /// The state of the journey.
 pub struct Pipeline {
     setup: Setup,
-    outliers: Outliers,
-    saturation: Saturation,
+    intake: Intake,
     frozen_watch: FrozenWatch,
     /// A sensor that says the same again and again while the board moves.
     frozen: Option<SourceFault>,
-    attitude: Attitude,
-    newest: Newest,
-    turns: TurnDetector,
     estimate: Estimate,
     learning: Learning,
     /// The newest sample that the estimate has taken.
     sample: Option<Sample>,
     buffer: VecDeque<FieldSample>,
     completed: VecDeque<Turn>,
-    /// Turns found while a calibration was under way wait for its end.
-    waiting: bool,
-    calibrating: bool,
-    /// Why the calibration under way, or the last one, was asked for.
-    asked: Reason,
-    /// The outcome of the calibration under way is to be discarded.
-    unwanted: bool,
+    under_way: Option<UnderWay>,
     policy: Policy,
     /// The next motion is to be calibrated on.
     armed: bool,
@@ -143,7 +144,9 @@ pub struct Pipeline {
     whole_field_s: f64,
     overflow_s: f64,
     rate_s: f64,
+    /// Strength of the corrected field over that expected, less 1, low-passed, and when it was last measured.
     strength_deviation: f64,
+    strength_s: f64,
     disturbed_s: f64,
     /// Deviation of the heading of the newest sample, degrees.
     sd_deg: f64,
@@ -153,28 +156,23 @@ pub struct Pipeline {
 impl Pipeline {
     /// A pipeline that starts with this calibration, or with none.
     pub fn new(setup: Setup, calibration: Option<Calibration>) -> Self {
-        let mut attitude = Attitude::new(&setup.attitude, &setup.mountings);
+        let mut intake = Intake::new(&setup);
         if let Some(bias_deg_s) = calibration.and_then(|one| one.gyro_bias_deg_s) {
-            attitude.expect_gyro_bias(bias_deg_s.map(f64::to_radians));
+            intake
+                .attitude
+                .expect_gyro_bias(bias_deg_s.map(f64::to_radians));
         }
         Self {
-            outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
-            saturation: Saturation::new(&setup.mountings),
+            intake,
             frozen_watch: FrozenWatch::default(),
             frozen: None,
-            newest: Newest::default(),
-            attitude,
-            turns: TurnDetector::new(&setup.turn),
             estimate: Estimate::new(setup.mountings.mag, calibration.as_ref()),
             learning: Learning::new(calibration),
             sample: None,
             setup,
             buffer: VecDeque::new(),
             completed: VecDeque::new(),
-            waiting: false,
-            calibrating: false,
-            asked: Reason::Turn,
-            unwanted: false,
+            under_way: None,
             policy: Policy::On,
             armed: false,
             refused: None,
@@ -186,8 +184,9 @@ impl Pipeline {
             overflow_s: f64::NEG_INFINITY,
             rate_s: f64::NEG_INFINITY,
             strength_deviation: 0.0,
+            strength_s: f64::NEG_INFINITY,
             disturbed_s: f64::NEG_INFINITY,
-            sd_deg: 180.0,
+            sd_deg: UNKNOWN_SD_DEG,
             seq: 0,
         }
     }
@@ -222,29 +221,24 @@ impl Pipeline {
         if !self.learning.calibrated() {
             return None;
         }
-        self.learnt_calibration().or(self.learning.kept())
-    }
-
-    /// Why the last calibration was asked for.
-    pub fn reason(&self) -> Reason {
-        self.asked
+        self.learnt_calibration().or(self.learning.initial())
     }
 
     /// Whether a calibration is under way.
     pub fn is_calibrating(&self) -> bool {
-        self.calibrating
+        self.under_way.is_some()
     }
 
     /// How much of a full turn is completed, 0 to 1; not known while the source or the magnetometer is silent.
     pub fn progress(&self) -> Option<f64> {
         let condition = self.report.as_ref()?.condition;
         let silent = matches!(condition, Condition::Stale | Condition::Fault);
-        (!silent).then(|| self.turns.progress())
+        (!silent).then(|| self.intake.turns.progress())
     }
 
     /// How many values were dropped since no sensor can have taken them.
     pub fn dropped(&self) -> u64 {
-        self.outliers.dropped()
+        self.intake.dropped()
     }
 
     /// What was reported last.
@@ -259,7 +253,9 @@ impl Pipeline {
         if reading.t_s < last_s || !reading.t_s.is_finite() {
             return;
         }
-        let (reading, runs) = &self.saturation.filter(&self.outliers.filter(reading));
+        let mut turn = None;
+        let newest_turn = |_: &_, ended: Option<Turn>| turn = ended.or(turn.take());
+        let (reading, runs) = &self.intake.take(reading, newest_turn);
         for (axis, run) in runs.iter().enumerate() {
             match run {
                 RunState::NoRun => self.estimate.drop_checkpoint(axis),
@@ -274,13 +270,8 @@ impl Pipeline {
         if reading.rate_rad_s.is_some() {
             self.rate_s = reading.t_s;
         }
-        let mut turn = None;
-        let turns = &mut self.turns;
-        self.attitude
-            .take(reading, |tick| turn = turns.tick(tick).or(turn.take()));
         let field = reading.whole_field_mgauss();
-        let still = self.attitude.still();
-        let measured_s = field.and_then(|field| self.newest.take(reading.t_s, field, still));
+        let measured_s = field.and_then(|field| self.intake.measured_s(reading.t_s, field));
         if let (Some(field), Some(measured_s)) = (field, measured_s) {
             self.buffer_sample(measured_s, field);
         }

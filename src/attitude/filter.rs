@@ -5,10 +5,10 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector2, Vector3};
 use vqf_rs::{Params, VQF};
 
 use super::clock::TICK_S;
+use super::field_motion::FieldMotion;
 use super::gravity::{GRAVITY_M_S2, Gravity};
 use super::gyro_errors::GyroErrors;
-use super::steadiness::Steadiness;
-use super::stillness::Stillness;
+use super::stillness::{MOVING_RAD_S, Stillness};
 use super::trim::Trim;
 use super::{Pose, Tick, TiltError};
 use crate::frame::hypot;
@@ -19,7 +19,7 @@ const LEVELLING_S: f64 = 1.0;
 /// a vehicle's acceleration lasts for seconds, and an error of the gyro for ever. If acceleration adds more tilt than this, the gyro's
 /// errors may add as much as the acceleration does: a shorter time constant would let more acceleration pass.
 const TILT_BUDGET_RAD: f64 = 0.025;
-/// Upper limit of what they may add then, radians: the tilt that a wrong gyro causes looks like acceleration.
+/// Upper limit of that budget while acceleration raises it, radians: the tilt that a wrong gyro causes looks like acceleration.
 const MOST_BUDGET_RAD: f64 = 0.1;
 /// Error of the gyro for each rad/s that the board turns, as a share of an entry's deviation: a board seldom turns about
 /// one axis for as long as the time constant.
@@ -31,18 +31,16 @@ const TILT_RAD: f64 = 0.01;
 /// Share of the acceleration over the time constant that passes for tilt. With half, the deviations of a simulated hand and drone are
 /// 1.3 and 1.4 times their errors, with 0.7 they are 1.4 and 1.5 times.
 const PASSES_FOR_TILT: f64 = 0.5;
-/// Rate and acceleration are averaged over this time, seconds. The time constant is replaced when the wanted one differs by more than
-/// this factor.
+/// Rate and acceleration are averaged over this time, seconds.
 const MEAN_S: f64 = 3.0;
+/// The time constant is replaced when the wanted one differs by more than this factor.
 const TAU_STEP: f64 = 1.25;
-/// Without a magnetometer, a rate that differs by more from the bias learnt so far is motion, rad/s.
-const BLIND_REST_RAD_S: f64 = 2.0 * std::f64::consts::PI / 180.0;
 
 pub(super) struct AttitudeFilter {
     vqf: VQF,
     pub(super) errors: GyroErrors,
     pub(super) gravity: Gravity,
-    pub(super) steadiness: Steadiness,
+    pub(super) field_motion: FieldMotion,
     pub(super) stillness: Stillness,
     trim: Trim,
     pub(super) stretch: u32,
@@ -74,7 +72,7 @@ impl AttitudeFilter {
             errors: GyroErrors::new(bias_limit_deg_s.to_radians()),
             vqf: VQF::new(TICK_S, None, None, Some(params)),
             gravity: Gravity::default(),
-            steadiness: Steadiness::default(),
+            field_motion: FieldMotion::default(),
             stillness: Stillness::default(),
             trim: Trim::default(),
             stretch: 0,
@@ -234,9 +232,10 @@ impl AttitudeFilter {
     /// Keeps the filter from taking a slow steady turn for rest, and its rate for bias.
     fn guard_rest(&mut self, end_s: f64, mean_rate: &Vector3<f64>) {
         let moving = self
-            .steadiness
+            .field_motion
             .moving(end_s)
-            .unwrap_or_else(|| (mean_rate - self.bias()).norm() > BLIND_REST_RAD_S);
+            // Without a magnetometer the rate alone tells.
+            .unwrap_or_else(|| (mean_rate - self.bias()).norm() > MOVING_RAD_S);
         self.vqf.set_rest_bias_est_enabled(!moving);
     }
 

@@ -58,15 +58,15 @@ const LEAST_SPEED_M_S: f64 = 0.1;
 /// A larger velocity than this, m/s, is an error of u, b or M: no vehicle that steers by a compass keeps up a fifth of g for
 /// `LEAK_S`. The filter is then too sure of that error to correct it, and begins anew.
 const MOST_SPEED_M_S: f64 = 60.0;
-/// Both are measured over these times, seconds: quickly when they grow, slowly when they shrink.
+/// Velocity and acceleration are measured over these times, seconds: quickly when they grow, slowly when they shrink.
 const GROWS_S: f64 = 1.0;
 const SHRINKS_S: f64 = 60.0;
 /// A velocity lasts for this share of the time in which the acceleration makes it, within limits, seconds.
 const LASTS: f64 = 0.5;
 const LASTS_S: std::ops::RangeInclusive<f64> = 0.1..=30.0;
-/// Walk of the gyro's frame, rad/√s (0.03 °/√s, six times the noise density of an ITG-3200's data sheet), and for each
-/// radian turned: readings come up to 2 ms early or late.
+/// Walk of the gyro's frame, rad/√s (0.03 °/√s, the noise density of an ITG-3200's data sheet).
 const ANGLE_WALK_RAD: f64 = 0.000_5;
+/// The same for each radian turned: readings come up to 2 ms early or late.
 const TURN_WALK_RAD: f64 = 0.003;
 /// Walk of a gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
 pub const GYRO_BIAS_WALK_RAD_S: f64 = 0.000_087;

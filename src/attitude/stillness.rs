@@ -8,7 +8,7 @@ use super::clock::TICK_S;
 /// Gyro and accelerometer are compared with their means over this time, seconds.
 const MEAN_S: f64 = 0.5;
 /// A rate further from the bias learnt so far, or from its own mean, is motion, rad/s (2°/s, as VQF has it).
-const RATE_RAD_S: f64 = 2.0 * std::f64::consts::PI / 180.0;
+pub(super) const MOVING_RAD_S: f64 = 2.0 * std::f64::consts::PI / 180.0;
 /// A specific force further from its mean is motion, m/s² (as VQF has it).
 const FORCE_M_S2: f64 = 0.5;
 /// Both must be quiet for this long, seconds.
@@ -27,7 +27,7 @@ impl Stillness {
     pub(super) fn take(&mut self, rate: Vector3<f64>, force: Option<Vector3<f64>>) {
         let gain = TICK_S / (TICK_S + MEAN_S);
         self.rate += (rate - self.rate) * gain;
-        let mut quiet = self.rate.norm() < RATE_RAD_S && (rate - self.rate).norm() < RATE_RAD_S;
+        let mut quiet = self.rate.norm() < MOVING_RAD_S && (rate - self.rate).norm() < MOVING_RAD_S;
         if let Some(force) = force {
             let mean = self.force.get_or_insert(force);
             *mean += (force - *mean) * gain;

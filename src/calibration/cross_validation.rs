@@ -3,7 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::curve::{Curve, Distance, ParameterVector};
-use super::refine::{BIWEIGHT, Refined, accumulate, refine};
+use super::refine::{BIWEIGHT, Refined, accumulate, biweight, refine};
 
 /// A step up to this long, in standard deviations of the noise, is taken as it is. White noise asks for
 /// less; more means that this part differs from the others, and then their noise and weights do too.
@@ -24,7 +24,7 @@ pub fn without_each_part<C: Curve<D, P>, const D: usize, const P: usize>(
     let sigma = best.cutoff_mgauss / BIWEIGHT;
     let parts: Vec<_> = distances
         .chunks(part)
-        .map(|part| accumulate(part, sigma, |z| (1.0 - z * z).powi(2)))
+        .map(|part| accumulate(part, sigma, biweight))
         .collect();
     let information: SMatrix<f64, P, P> = parts.iter().map(|part| part.information).sum();
     let gradient: SVector<f64, P> = parts.iter().map(|part| part.gradient).sum();

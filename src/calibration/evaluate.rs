@@ -20,6 +20,12 @@ use super::verdict::{self, Measures, Refusal};
 /// Parts in a cross-validation: each is judged by a fit to the other three.
 const FOLDS: usize = 4;
 
+/// A rest before a turn is compared with this part of the turn, a quarter: over more of it the gyro drifts.
+const FIRST_PART: usize = 4;
+
+/// So many samples are the last, a sixth of a second to a second: what lasts as long is no spike.
+const LAST: usize = 16;
+
 /// Dip assumed for the predicted uncertainty of a heading where the vertical is not known, degrees:
 /// between those of Rome and of Oslo.
 const USUAL_DIP_DEG: f64 = 68.0;
@@ -166,7 +172,7 @@ impl<const D: usize> Work<'_, D> {
         curve_of: impl Fn(usize) -> &'c C,
         wanted: impl Fn(usize) -> bool,
     ) -> Vec<Sighting> {
-        let samples = &self.request.samples[self.plan.stretch.clone()];
+        let samples = &self.request.samples[self.plan.samples.clone()];
         let axes_body = self.axes_body();
         let mut sightings = Vec::with_capacity(points.len());
         for (index, (sample, point)) in samples.iter().zip(points).enumerate() {
@@ -182,7 +188,7 @@ impl<const D: usize> Work<'_, D> {
         sightings
     }
 
-    /// How far the field at rest before the turn is from that of its first quarter, in the gyro's frame, over this strength,
+    /// How far the field at rest before the turn is from that of its first part, in the gyro's frame, over this strength,
     /// less what the vertical field makes of a rest that was not quite level.
     /// `None` where nothing was seen at rest, or the gyro was lost between.
     fn rest_share<C: Curve<D, P>, const P: usize>(
@@ -196,8 +202,8 @@ impl<const D: usize> Work<'_, D> {
             Mode::Spatial => (self.request.rest?, 0.0),
         };
         let pose = rest.pose?;
-        let stretch = &self.request.samples[self.plan.stretch.clone()];
-        let first = &stretch[..stretch.len() / 4];
+        let samples = &self.request.samples[self.plan.samples.clone()];
+        let first = &samples[..samples.len() / FIRST_PART];
         let begins = first.iter().filter(|sample| sample.pose.is_some()).count();
         let turned: Vec<Vector3<f64>> = seen[..begins]
             .iter()
@@ -252,7 +258,6 @@ impl<const D: usize> Work<'_, D> {
 
 /// The share of outliers among the last samples.
 fn end_outlier_share(residuals: &[f64], cutoff_mgauss: f64) -> f64 {
-    const LAST: usize = 16;
     let last = &residuals[residuals.len().saturating_sub(LAST)..];
     let outliers = last
         .iter()

@@ -3,8 +3,8 @@
 use nalgebra::SMatrix;
 
 use super::curve::{Curve, ParameterVector};
-use super::medians::{median, median_of_5};
-use super::objective::{Factored, Normal, direct};
+use super::medians::{MEDIAN_TO_SD, median, median_of_5};
+use super::objective::{Factored, Normalizer, direct};
 use super::refine::{Refined, refine};
 use super::settings::{Profile, Settings};
 use super::swarm::{Bounds, SwarmResult, search};
@@ -21,6 +21,10 @@ pub struct Fitted<const D: usize, const P: usize> {
 
 /// The share of samples at either end that may be spikes, and so do not count as an extreme.
 const EXTREME_QUANTILE: f64 = 0.004;
+/// A sample this many robust deviations from its neighbours is a spike. Noise makes one in 10¹⁵.
+const SPIKE_SDS: f64 = 8.0;
+/// Such a deviation is at least this, milligauss: a coarse axis repeats a number, and its neighbours then differ by nothing.
+const LEAST_SD_MGAUSS: f64 = 1.0;
 
 /// The box that an ellipse through these points must lie in, and Hm if none was given.
 ///
@@ -70,10 +74,10 @@ fn noise_of(values: &[f64]) -> Option<f64> {
         .windows(3)
         .map(|w| (w[0] - 2.0 * w[1] + w[2]).abs())
         .collect();
-    Some(1.4826 * median(&mut second)? / 6f64.sqrt())
+    Some(MEDIAN_TO_SD * median(&mut second)? / 6f64.sqrt())
 }
 
-/// Points that are not spikes: each axis within 8 robust deviations of the median of its five
+/// Points that are not spikes: each axis within `SPIKE_SDS` robust deviations of the median of its five
 /// neighbours (Hampel's filter), as section 4.2 suggests. The swarm's objective squares a square, and one
 /// spike would outweigh a hundred samples.
 pub fn without_spikes<const D: usize>(points: &[[f64; D]]) -> Vec<[f64; D]> {
@@ -92,7 +96,7 @@ pub fn without_spikes<const D: usize>(points: &[[f64; D]]) -> Vec<[f64; D]> {
         let Some(typical) = median(&mut deviations.clone()) else {
             continue;
         };
-        let limit = 8.0 * (1.4826 * typical).max(1.0);
+        let limit = SPIKE_SDS * (MEDIAN_TO_SD * typical).max(LEAST_SD_MGAUSS);
         for (keep, deviation) in keep.iter_mut().zip(&deviations) {
             *keep &= *deviation <= limit;
         }
@@ -114,7 +118,7 @@ pub fn swarm<const D: usize, const P: usize, const F: usize>(
     let params = settings.params();
     let found = match settings.profile {
         Profile::Standard => {
-            let normal = Normal::new(&bounds.low, &bounds.high);
+            let normal = Normalizer::new(&bounds.low, &bounds.high);
             let objective = Factored::<D, F>::new(normal, points, reference_mgauss);
             let fit_value = |position: &_| objective.fit_value(position);
             search(bounds, &params, objective.conic(), settings.seed, fit_value)
@@ -133,7 +137,7 @@ pub fn conic<const D: usize, const P: usize, const F: usize>(
 ) -> Option<ParameterVector<P>> {
     let seen = without_spikes(points);
     let bounds = bounds(&seen, Some(reference_mgauss))?;
-    let normal = Normal::new(&bounds.low, &bounds.high);
+    let normal = Normalizer::new(&bounds.low, &bounds.high);
     Factored::<D, F>::new(normal, &seen, reference_mgauss).conic()
 }
 

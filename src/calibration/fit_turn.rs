@@ -18,9 +18,10 @@ use super::windows::windows;
 use super::{coverage, levelling};
 use crate::attitude::Pose;
 use crate::frame::hypot;
+use crate::frozen::{LEAST_STEPS, SAME_SAMPLES};
 
-/// A smaller swing of the field is no turn, milligauss: the weakest horizontal field in which a compass is of use, of
-/// 30 mG, swings by 60.
+/// A smaller swing of the field is no turn, milligauss: a third of what the weakest horizontal field in which a compass is of use, 30 mG,
+/// swings by.
 const LEAST_SWING_MGAUSS: f64 = 20.0;
 
 /// A calibration needs at least this many samples.
@@ -66,7 +67,7 @@ pub fn calibrate(
     })?;
     outcome.mode = Some(plan.mode);
     outcome.model = Some(Model::Diagonal);
-    outcome.samples.turn = plan.stretch.len();
+    outcome.samples.turn = plan.samples.len();
     match plan.mode {
         Mode::Planar => {
             outcome.unobserved = &["across_plane", "soft_iron"];
@@ -134,8 +135,8 @@ impl<const D: usize> Work<'_, D> {
                 "the reference field is not a strength above 0",
             ));
         }
-        let stretch = &self.request.samples[self.plan.stretch.clone()];
-        let points: Vec<[f64; D]> = stretch.iter().map(self.project).collect();
+        let samples = &self.request.samples[self.plan.samples.clone()];
+        let points: Vec<[f64; D]> = samples.iter().map(self.project).collect();
         let no_motion = || {
             Refusal::new(
                 "no_motion",
@@ -146,7 +147,7 @@ impl<const D: usize> Work<'_, D> {
         if swing < LEAST_SWING_MGAUSS {
             return Err(no_motion());
         }
-        if let Some(axis) = self.stuck_axis(stretch, &points, swing) {
+        if let Some(axis) = self.stuck_axis(samples, &points, swing) {
             let name = ["X", "Y", "Z"][axis];
             return Err(Refusal::new(
                 "stuck_axis",
@@ -200,17 +201,14 @@ impl<const D: usize> Work<'_, D> {
     }
 
     /// Finds a chip axis in the plane of the turn that is stuck or clipped: it reads the same number over an arc in which a working axis
-    /// changes by at least two of its steps, even around its extreme. In space this proves nothing: a roll about an axis leaves the
-    /// axis as it is.
+    /// changes by at least two of its steps, even around its extreme. With a gyro, `saturation` has left such samples out already. In space
+    /// this proves nothing: a roll about an axis leaves the axis as it is.
     fn stuck_axis(
         &self,
         samples: &[FieldSample],
         points: &[[f64; D]],
         swing: f64,
     ) -> Option<usize> {
-        /// With noise of one step, a working axis repeats a number this often in fewer than 1 of 5000 cases.
-        const LEAST_STILL: usize = 10;
-        const STEPS: f64 = 2.0;
         if self.plan.mode == Mode::Spatial {
             return None;
         }
@@ -227,13 +225,13 @@ impl<const D: usize> Work<'_, D> {
                     let here = &points[from..from + run.len()];
                     from += run.len();
                     // A log may repeat a sample until there is a new one.
-                    if here.chunk_by(|a, b| a == b).count() < LEAST_STILL {
+                    if here.chunk_by(|a, b| a == b).count() < SAME_SAMPLES {
                         return false;
                     }
                     // A spike or a hole in the log moves the other axes too.
                     let sine = (coverage::swing(&fit::without_spikes(here)) / swing).min(1.0);
                     let least_change = 0.5 * swing * (1.0 - (1.0 - sine * sine).sqrt());
-                    least_change > STEPS * step
+                    least_change > LEAST_STEPS * step
                 })
         })
     }
@@ -277,7 +275,7 @@ impl<const D: usize> Work<'_, D> {
         })
     }
 
-    /// Down during the stretch, along the calibrated axes, where the tilt is known.
+    /// Down during the plan's samples, along the calibrated axes, where the tilt is known.
     fn down(&self) -> Vec<Option<[f64; D]>> {
         let down = |sample: &FieldSample| {
             let pose = sample.pose.filter(|pose| pose.vertical_known)?;
@@ -285,7 +283,7 @@ impl<const D: usize> Work<'_, D> {
             let down = self.request.mounting.to_chip(down);
             Some(std::array::from_fn(|axis| self.plan.basis[axis].dot(&down)))
         };
-        self.request.samples[self.plan.stretch.clone()]
+        self.request.samples[self.plan.samples.clone()]
             .iter()
             .map(down)
             .collect()

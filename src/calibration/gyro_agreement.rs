@@ -209,7 +209,7 @@ fn unwrap(stretch: &mut [Phase]) {
     }
 }
 
-/// Without spikes that happen to lie on the curve: phases that are far from the median of the five about them.
+/// Drops phases far from the median of the five about them: spikes that happen to lie on the fitted curve.
 fn without_lone(phases: Vec<Phase>) -> Vec<Phase> {
     const FAR_RAD: f64 = 0.5;
     let mut stretches = phases.chunk_by(|a, b| a.stretch == b.stretch);

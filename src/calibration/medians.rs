@@ -1,5 +1,8 @@
 //! Medians: of many numbers, and of a few neighbours, which are taken for every sample and axis.
 
+/// From the median of absolute deviations to the standard deviation, for Gaussian noise.
+pub const MEDIAN_TO_SD: f64 = 1.4826;
+
 /// The median of numbers whose order does not matter; `None` of nothing, or where one is NaN.
 pub fn median(values: &mut [f64]) -> Option<f64> {
     if values.is_empty() || values.iter().any(|value| value.is_nan()) {
@@ -10,7 +13,7 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
 }
 
 /// The same, found sooner where it is known to be near `guess`: smaller values are only counted, and the middle is
-/// sought among those near the guess.
+/// sought among those near the guess. How near matters for the time alone.
 pub fn median_near(values: &mut [f64], guess: f64) -> Option<f64> {
     const NEAR: f64 = 0.06;
     let (low, high) = (guess * (1.0 - NEAR), guess * (1.0 + NEAR));

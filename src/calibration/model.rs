@@ -127,7 +127,7 @@ impl Spatial {
         Self::new(Model::Diagonal, bias_mgauss, Matrix3::from_diagonal(&scale))
     }
 
-    /// Whether A is diagonal or symmetric.
+    /// The shape of A.
     pub fn model(&self) -> Model {
         self.model
     }

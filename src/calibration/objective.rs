@@ -130,12 +130,12 @@ impl<const F: usize> Factor<F> {
 /// The centre and length that bring samples near to 1, so that squares and fourth powers keep their
 /// digits even where the bias is many times the field.
 #[derive(Clone, Copy, Debug)]
-pub struct Normal<const D: usize> {
+pub struct Normalizer<const D: usize> {
     centre: [f64; D],
     length: f64,
 }
 
-impl<const D: usize> Normal<D> {
+impl<const D: usize> Normalizer<D> {
     /// From the ranges of the axes: the middle of each, and half of the longest.
     pub fn new(low: &[f64; D], high: &[f64; D]) -> Self {
         let mut centre = [0.0; D];
@@ -190,7 +190,7 @@ impl<const D: usize> Normal<D> {
 /// Equation 8 through the triangular factor.
 #[derive(Clone, Debug)]
 pub struct Factored<const D: usize, const F: usize> {
-    normal: Normal<D>,
+    normal: Normalizer<D>,
     moments: Moments<F>,
     factor: Factor<F>,
     reference_mgauss: f64,
@@ -199,7 +199,7 @@ pub struct Factored<const D: usize, const F: usize> {
 impl<const D: usize, const F: usize> Factored<D, F> {
     /// One pass over the samples.
     pub fn new<'a>(
-        normal: Normal<D>,
+        normal: Normalizer<D>,
         points: impl IntoIterator<Item = &'a [f64; D]>,
         reference_mgauss: f64,
     ) -> Self {

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use serde::Serialize;
 
-use super::model::{Calibration, Mode, Model, Parameters, Spatial};
+use super::model::{Calibration, Mode, Model, Parameters};
 use super::verdict::{Measures, Refusal};
 use crate::check::words;
 
@@ -36,7 +36,7 @@ pub struct Outcome {
     pub method: &'static str,
     /// Planar or spatial.
     pub mode: Option<Mode>,
-    /// Diagonal or symmetric.
+    /// Diagonal, symmetric or general.
     pub model: Option<Model>,
     /// The reference field, milligauss; unknown if none was given, and then the scale factors have a mean of 1.
     pub reference_mgauss: Option<f64>,
@@ -104,14 +104,14 @@ impl Outcome {
         }
     }
 
-    /// The outcome of the running estimate; `measured` are the axes whose bias is known.
-    pub fn of_motion(calibration: Calibration, measured: [bool; 3]) -> Self {
-        let spatial = match &calibration.parameters {
-            Parameters::Spatial(spatial) => Some(spatial),
-            Parameters::Planar(_) => None,
+    /// The outcome of the running estimate; `measured` are the axes whose bias is known. `None` of a planar calibration: the estimate has
+    /// three axes.
+    pub fn of_motion(calibration: Calibration, measured: [bool; 3]) -> Option<Self> {
+        let Parameters::Spatial(spatial) = &calibration.parameters else {
+            return None;
         };
-        let rows = spatial.map(|spatial| spatial.matrix().transpose());
-        Self {
+        let rows = spatial.matrix().transpose();
+        Some(Self {
             verdict: Verdict::Accepted,
             reason: "good",
             message: format!(
@@ -120,14 +120,14 @@ impl Outcome {
             ),
             method: "motion",
             mode: Some(Mode::Spatial),
-            model: spatial.map(Spatial::model),
+            model: Some(spatial.model()),
             residual_mgauss: Some(calibration.residual_mgauss),
             heading_sd_deg: Some(calibration.heading_sd_deg),
-            bias_mgauss: spatial.map(|spatial| spatial.bias_mgauss().as_slice().to_vec()),
-            scale: spatial.map(|spatial| spatial.matrix().diagonal().as_slice().to_vec()),
-            matrix: rows.map(|rows| std::array::from_fn(|k| rows[k])),
+            bias_mgauss: Some(spatial.bias_mgauss().as_slice().to_vec()),
+            scale: Some(spatial.matrix().diagonal().as_slice().to_vec()),
+            matrix: Some(std::array::from_fn(|k| rows[k])),
             alignment_deg: spatial
-                .and_then(Spatial::alignment_rad)
+                .alignment_rad()
                 .map(|turn| turn.map(f64::to_degrees).into()),
             unobserved: if measured.iter().all(|&known| known) {
                 &[]
@@ -136,7 +136,7 @@ impl Outcome {
             },
             calibration: Some(calibration),
             ..Self::default()
-        }
+        })
     }
 }
 

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, SymmetricEigen, Unit, Vector3};
 
 use super::model::Mode;
 use super::request::{CompletedTurn, FieldSample, Request};
-use super::settings::{ModeChoice, WindowChoice};
+use super::settings::{ModeChoice, Settings, WindowChoice};
 
 /// A rest that leans by this much more, 2.5°, is not compared with the turns.
 const LEVEL_RAD: f64 = 0.044;
@@ -19,14 +19,14 @@ pub struct Plan {
     /// Planar: the plane's basis in chip axes.
     pub basis: [Vector3<f64>; 2],
     /// The samples from the start of the first rotation to the end of the last; without a full turn, all.
-    pub stretch: Range<usize>,
+    pub samples: Range<usize>,
 }
 
 /// Chooses mode, plane and samples. `None` if a plane is needed and the gyro shows none.
 pub fn plan(request: &Request) -> Option<Plan> {
     let turns = &request.turns;
     let all = 0..request.samples.len();
-    let stretch = if request.settings.window == WindowChoice::All || turns.is_empty() {
+    let samples = if request.settings.window == WindowChoice::All || turns.is_empty() {
         all
     } else {
         request.moving.clone()
@@ -36,8 +36,7 @@ pub fn plan(request: &Request) -> Option<Plan> {
         ModeChoice::Spatial => Mode::Spatial,
         ModeChoice::Auto if request.plane.is_some() => Mode::Planar,
         ModeChoice::Auto
-            if axes_apart_deg(turns.iter().map(|turn| turn.axis_body))
-                >= request.settings.axes_apart_deg =>
+            if show_space(turns.iter().map(|turn| turn.axis_body), &request.settings) =>
         {
             Mode::Spatial
         }
@@ -51,35 +50,35 @@ pub fn plan(request: &Request) -> Option<Plan> {
             basis_across(&request.mounting.to_chip(axis_body))?
         }
     };
-    let stretch = match mode {
+    let samples = match mode {
         Mode::Planar if request.settings.window == WindowChoice::All => {
-            from_known_tilt(request, stretch)
+            from_known_tilt(request, samples)
         }
-        Mode::Planar => from_known_tilt(request, while_level(request, stretch)),
-        Mode::Spatial => stretch,
+        Mode::Planar => from_known_tilt(request, while_level(request, samples)),
+        Mode::Spatial => samples,
     };
     Some(Plan {
         mode,
         basis,
-        stretch,
+        samples,
     })
 }
 
-/// Leaves out what came before and after the turns from where their axis leans further than it did in them: a tilt lets
-/// the vertical field into their plane.
-fn while_level(request: &Request, stretch: Range<usize>) -> Range<usize> {
+/// Leaves out samples before and after the turns, outward from the first one at which the axis leans further than it did during the
+/// turns: a tilt lets the vertical field into their plane.
+fn while_level(request: &Request, samples: Range<usize>) -> Range<usize> {
     let turns = || request.turns.iter().map(|turn| &turn.samples);
     let (Some(start), Some(end)) = (
-        turns().map(|turn| turn.start.max(stretch.start)).min(),
-        turns().map(|turn| turn.end.min(stretch.end)).max(),
+        turns().map(|turn| turn.start.max(samples.start)).min(),
+        turns().map(|turn| turn.end.min(samples.end)).max(),
     ) else {
-        return stretch;
+        return samples;
     };
     let Some(axis) = main_axis(&request.turns).filter(|_| start < end) else {
-        return stretch;
+        return samples;
     };
-    if start == stretch.start && end == stretch.end {
-        return stretch;
+    if start == samples.start && end == samples.end {
+        return samples;
     }
     let leaning = leaning(axis);
     let turned: Vec<Vector3<f64>> = request.samples[start..end]
@@ -93,8 +92,8 @@ fn while_level(request: &Request, stretch: Range<usize>) -> Range<usize> {
         .map(|axis| axis.dot(&mean))
         .fold(mean.norm(), f64::min);
     let level = |sample: &&FieldSample| leaning(sample).is_none_or(|axis| axis.dot(&mean) >= least);
-    let before = request.samples[stretch.start..start].iter().rev();
-    let after = request.samples[end..stretch.end].iter();
+    let before = request.samples[samples.start..start].iter().rev();
+    let after = request.samples[end..samples.end].iter();
     start - before.take_while(level).count()..end + after.take_while(level).count()
 }
 
@@ -117,16 +116,21 @@ pub fn level_rest(request: &Request) -> Option<(FieldSample, f64)> {
 
 /// Leaves out the first samples of a log, of which the tilt is not known yet, unless they are many or no tilt
 /// is known at all: a tilt lets the vertical field into the plane.
-fn from_known_tilt(request: &Request, stretch: Range<usize>) -> Range<usize> {
+fn from_known_tilt(request: &Request, samples: Range<usize>) -> Range<usize> {
     let known = |sample: &FieldSample| sample.pose.is_some_and(|pose| pose.vertical_known);
-    match request.samples[stretch.clone()].iter().position(known) {
-        Some(first) if first < stretch.len() / 4 => stretch.start + first..stretch.end,
-        _ => stretch,
+    match request.samples[samples.clone()].iter().position(known) {
+        Some(first) if first < samples.len() / 4 => samples.start + first..samples.end,
+        _ => samples,
     }
 }
 
+/// Whether turns about these axes show the field in space: two of the axes are far enough apart.
+pub fn show_space(axes: impl Iterator<Item = Vector3<f64>> + Clone, settings: &Settings) -> bool {
+    axes_apart_deg(axes) >= settings.axes_apart_deg
+}
+
 /// The largest angle between two turns' axes, 0 to 90 degrees.
-pub fn axes_apart_deg(axes: impl Iterator<Item = Vector3<f64>> + Clone) -> f64 {
+fn axes_apart_deg(axes: impl Iterator<Item = Vector3<f64>> + Clone) -> f64 {
     let mut largest = 0.0f64;
     for (i, a) in axes.clone().enumerate() {
         for b in axes.clone().skip(i + 1) {

@@ -8,7 +8,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::curve::{Curve, Distance, ParameterVector};
-use super::medians::median_near;
+use super::medians::{MEDIAN_TO_SD, median_near};
 
 /// Samples further out than this many standard deviations have no weight. At 6 the biweight loses 1 %
 /// of precision on pure Gaussian noise.
@@ -19,6 +19,13 @@ const NOISE_FLOOR_MGAUSS: f64 = 0.02;
 
 /// A scale of the residuals that changes by a smaller share from one round to the next has settled.
 const SETTLED: f64 = 2e-4;
+
+/// After this round the scale is held fixed, settled or not.
+const LAST_SCALING: usize = 7;
+/// A step shorter than this share of the noise is the last.
+const CONVERGED: f64 = 3e-4;
+/// A fit that has not converged after so many rounds stays where it is.
+const MOST_ROUNDS: usize = 50;
 
 /// JᵀWJ overstates how fast JᵀWe falls: by the mean of the biweight over that of its influence's slope, on
 /// Gaussian noise (1 − 2/c² + 3/c⁴)/(1 − 6/c² + 15/c⁴) with c = [`BIWEIGHT`]. Steps lengthened by it converge in fewer rounds.
@@ -53,7 +60,7 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
     let mut sizes = Vec::with_capacity(points.len());
     let mut sigma = f64::INFINITY;
     let (mut settled, mut converged) = (false, false);
-    for iteration in 0..50 {
+    for iteration in 0..MOST_ROUNDS {
         let curve = C::new(&position, reference_mgauss)?;
         distances.clear();
         distances.extend(points.iter().map(|point| curve.distance(point)));
@@ -63,14 +70,14 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
             sizes.clear();
             sizes.extend(distances.iter().map(|distance| distance.value_mgauss.abs()));
             let before = sigma;
-            let typical = median_near(&mut sizes, before / 1.4826)?;
-            sigma = (1.4826 * typical).max(NOISE_FLOOR_MGAUSS);
-            settled = iteration == 7 || (sigma - before).abs() < SETTLED * sigma;
+            let typical = median_near(&mut sizes, before / MEDIAN_TO_SD)?;
+            sigma = (MEDIAN_TO_SD * typical).max(NOISE_FLOOR_MGAUSS);
+            settled = iteration == LAST_SCALING || (sigma - before).abs() < SETTLED * sigma;
         }
         if converged {
             break;
         }
-        let sums = accumulate(&distances, sigma, |z| (1.0 - z * z).powi(2));
+        let sums = accumulate(&distances, sigma, biweight);
         let mut step = sums.information.cholesky()?.solve(&sums.gradient) * LENGTHENED;
         // Far from the minimum a whole step may overshoot: no scale is more than halved at once.
         let halved = (D..2 * D).map(|k| 0.5 * position[k] / step[k].max(0.5 * position[k]));
@@ -84,7 +91,7 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
         if !largest.is_finite() {
             return None;
         }
-        converged = settled && largest < 3e-4 * sigma;
+        converged = settled && largest < CONVERGED * sigma;
     }
 
     let sums = accumulate(&distances, sigma, |_| 1.0);
@@ -112,6 +119,11 @@ pub struct NormalEquations<const P: usize> {
     pub gradient: SVector<f64, P>,
     squares: f64,
     used: usize,
+}
+
+/// Tukey's biweight of a distance in cutoffs, −1 to 1.
+pub fn biweight(z: f64) -> f64 {
+    (1.0 - z * z).powi(2)
 }
 
 /// The normal equations over the samples nearer than the cutoff; `weight` is that of a distance in cutoffs.

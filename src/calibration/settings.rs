@@ -1,4 +1,4 @@
-//! What can be set of a calibration, and why each default is what it is.
+//! What can be set of a calibration.
 
 use serde::{Deserialize, Serialize};
 

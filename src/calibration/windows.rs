@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::coverage::span;
 use super::model::Mode;
-use super::plane::{Plan, axes_apart_deg};
+use super::plane::{Plan, show_space};
 use super::request::{FieldSample, Request};
 use super::rist;
 use super::settings::WindowChoice;
@@ -26,7 +26,7 @@ pub fn windows<const D: usize>(
     plan: &Plan,
     project: &dyn Fn(&FieldSample) -> [f64; D],
 ) -> Vec<Range<usize>> {
-    let whole = plan.stretch.clone();
+    let whole = plan.samples.clone();
     if request.settings.window != WindowChoice::Rist {
         return vec![whole];
     }
@@ -56,7 +56,7 @@ pub fn windows<const D: usize>(
     }
     let one_axis = |chosen: &[usize]| {
         let axes = chosen.iter().map(|&turn| turns[turn].axis_body);
-        axes_apart_deg(axes) < request.settings.axes_apart_deg
+        !show_space(axes, &request.settings)
     };
     for index in 0..turns.len() {
         if one_axis(&chosen) && !one_axis(&[chosen[0], index]) {

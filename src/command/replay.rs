@@ -128,7 +128,7 @@ fn carry_out<W: Write>(
             let outcome = calibrate(&request, &|| None);
             return Ok(Some(Event::Calibrated(Box::new(outcome))));
         }
-        Action::Conclude(outcome) => {
+        Action::Conclude(outcome, _) => {
             lines.write(&gpsd::calibration(&outcome))?;
             if let Some(calibration) = outcome.calibration {
                 keep.save(&outcome, calibration)?;

@@ -145,7 +145,7 @@ impl Daemon {
                 );
             }
             Action::Calibrate(request) => session.calibrator.start(*request),
-            Action::Conclude(outcome) => {
+            Action::Conclude(outcome, reason) => {
                 log_outcome(&outcome);
                 self.publisher.calibration(&outcome);
                 match outcome.verdict {
@@ -156,7 +156,6 @@ impl Daemon {
                 if let (Verdict::Accepted, Some(calibration)) =
                     (outcome.verdict, outcome.calibration)
                 {
-                    let reason = session.pipeline.reason();
                     let now = wall_clock::unix_now_s();
                     let made = Made::of(&outcome, calibration, reason, now);
                     self.session.store.keep(made);

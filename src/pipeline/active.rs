@@ -5,12 +5,13 @@ use super::{Action, Pipeline};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::{Policy, Reason};
+use crate::estimate::UNKNOWN_SD_DEG;
 use crate::frame::hypot;
 
 /// How much of the disagreement with the gyro is the fit's: the rest is the gyro's own and noise.
 const GYRO_SHARE: f64 = 0.7;
 /// A field that is off at rest is off by a bias in one direction: the heading's error, RMS over a turn, is this share of it.
-const REST_SHARE: f64 = 0.7;
+const REST_SHARE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 impl Pipeline {
     /// Why a motion would be calibrated on now; `None` if none would.
@@ -26,11 +27,10 @@ impl Pipeline {
     /// From now on calibrates so. What is under way and not wanted any more is given up.
     pub(super) fn set_policy(&mut self, policy: Policy, actions: &mut Vec<Action>) {
         self.policy = policy;
-        let wanted = match self.wanted() {
-            None => false,
-            Some(_) => policy != Policy::Off || self.asked == Reason::Start,
-        };
-        self.unwanted |= self.calibrating && !wanted;
+        let wanted = self.wanted().is_some();
+        if let Some(job) = &mut self.under_way {
+            job.unwanted |= !wanted || (policy == Policy::Off && job.reason != Reason::Start);
+        }
         self.refresh(actions);
     }
 
@@ -58,17 +58,30 @@ impl Pipeline {
         if calibration.is_none() {
             self.forget_motion();
         }
-        self.unwanted |= self.calibrating;
+        self.discard_outcome();
         self.refused = None;
         self.refresh(actions);
     }
 
     fn forget_motion(&mut self) {
-        self.turns.reset();
+        self.intake.turns.reset();
         self.completed.clear();
         self.buffer.clear();
-        self.waiting = false;
-        self.unwanted |= self.calibrating;
+        self.forget_waiting_turns();
+        self.discard_outcome();
+    }
+
+    pub(super) fn forget_waiting_turns(&mut self) {
+        if let Some(job) = &mut self.under_way {
+            job.again = false;
+        }
+    }
+
+    /// The outcome of a calibration under way will not be used.
+    pub(super) fn discard_outcome(&mut self) {
+        if let Some(job) = &mut self.under_way {
+            job.unwanted = true;
+        }
     }
 
     /// The estimate starts anew, from this calibration or from nothing.
@@ -82,19 +95,21 @@ impl Pipeline {
     pub(super) fn forget_learning(&mut self, calibration: Option<Calibration>) {
         self.learning = Learning::new(calibration);
         self.strength_deviation = 0.0;
-        self.sd_deg = 180.0;
+        self.sd_deg = UNKNOWN_SD_DEG;
     }
 
     pub(super) fn conclude(&mut self, mut outcome: Box<Outcome>, actions: &mut Vec<Action>) {
-        self.calibrating = false;
-        if std::mem::take(&mut self.unwanted) {
+        let Some(job) = self.under_way.take() else {
+            return;
+        };
+        if job.unwanted {
             give_up(&mut outcome, self.learning.calibrated());
         } else {
             let accepted = outcome.verdict == Verdict::Accepted;
             if let Some(refusal) = self.objection_to_gyro().filter(|_| accepted) {
                 *outcome = outcome.refused(refusal);
             }
-            self.armed &= self.asked != Reason::Start || outcome.verdict == Verdict::Rejected;
+            self.armed &= job.reason != Reason::Start || outcome.verdict == Verdict::Rejected;
             match (outcome.verdict, outcome.calibration) {
                 (Verdict::Accepted, Some(calibration)) => {
                     outcome.calibration = Some(self.with_gyro_bias(calibration));
@@ -104,8 +119,8 @@ impl Pipeline {
                 _ => self.refused = Some((outcome.reason, outcome.message.clone())),
             }
         }
-        actions.push(Action::Conclude(outcome));
-        if std::mem::take(&mut self.waiting) {
+        actions.push(Action::Conclude(outcome, job.reason));
+        if job.again {
             self.ask_for_calibration(actions);
         }
         self.update_condition(actions);
@@ -125,7 +140,7 @@ impl Pipeline {
             ..*calibration
         };
         if self.estimate.adopt_turn(&doubted, self.sample.as_ref()) {
-            self.learning.reached();
+            self.learning.mark_calibrated();
             // The fit's own deviation knows nothing of the place and of how the chips lie to each other.
             let sd_deg = self.estimate.north_sd_deg().max(calibration.heading_sd_deg);
             self.learning

@@ -2,14 +2,15 @@
 
 use nalgebra::Vector3;
 
-use super::{Action, Pipeline};
-use crate::calibration::plane::axes_apart_deg;
+use super::{Action, Pipeline, UnderWay};
+use crate::calibration::plane::show_space;
 use crate::calibration::settings::ModeChoice;
 use crate::calibration::{CompletedTurn, FieldSample, Request, last_rest};
 use crate::turn::Turn;
 
-/// Limits the buffer to samples of this rate: no magnetometer on a board this size is faster.
-const FASTEST_MAG_HZ: f64 = 200.0;
+/// Limits the buffer to samples of this rate, that of the fastest chip which headingd drives, an HMC5983. Of a faster serial board it
+/// keeps less than `buffer_s`.
+const FASTEST_MAG_HZ: f64 = 220.0;
 
 /// Turns that follow each other within this time and about the same axis calibrate together, seconds.
 const TURNS_FOLLOW_S: f64 = 3.0;
@@ -24,7 +25,7 @@ const LEVEL_TURN_DEG: f64 = 30.0;
 impl Pipeline {
     /// Keeps a sample for a calibration, and drops what is too old or exceeds the buffer.
     pub(super) fn buffer_sample(&mut self, t_s: f64, field_mgauss: Vector3<f64>) {
-        let pose = self.attitude.pose_at(t_s);
+        let pose = self.intake.attitude.pose_at(t_s);
         self.buffer.push_back(FieldSample {
             t_s,
             field_mgauss,
@@ -45,10 +46,9 @@ impl Pipeline {
     pub(super) fn turned(&mut self, turn: Turn, actions: &mut Vec<Action>) {
         self.completed.push_back(turn);
         actions.push(Action::Turned(turn));
-        if self.calibrating {
-            self.waiting = true;
-        } else {
-            self.ask_for_calibration(actions);
+        match &mut self.under_way {
+            Some(job) => job.again = true,
+            None => self.ask_for_calibration(actions),
         }
     }
 
@@ -60,8 +60,11 @@ impl Pipeline {
         let Some(request) = self.request() else {
             return;
         };
-        self.calibrating = true;
-        self.asked = reason;
+        self.under_way = Some(UnderWay {
+            reason,
+            unwanted: false,
+            again: false,
+        });
         actions.push(Action::Calibrate(Box::new(request)));
     }
 
@@ -69,8 +72,7 @@ impl Pipeline {
         let last = self.completed.back()?;
         let settings = &self.setup.calibration;
         let axes = self.completed.iter().map(|turn| turn.axis_body);
-        let spatial =
-            settings.mode != ModeChoice::Planar && axes_apart_deg(axes) >= settings.axes_apart_deg;
+        let spatial = settings.mode != ModeChoice::Planar && show_space(axes, settings);
         let level = last
             .from_vertical_deg
             .is_none_or(|angle| angle < LEVEL_TURN_DEG);

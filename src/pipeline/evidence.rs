@@ -31,9 +31,9 @@ impl Pipeline {
             overflowing: self.overflow_s > self.whole_field_s,
             stale_s: self.setup.pipeline.stale_s,
             calibrated: self.learning.calibrated(),
-            calibrating: self.calibrating && !self.unwanted,
+            calibrating: self.under_way.is_some_and(|job| !job.unwanted),
             wanted: self.wanted().is_some(),
-            turned: self.turns.progress(),
+            turned: self.intake.turns.progress(),
             learnt: self.learnt(),
             motion_wanted: self.estimate.motion_wanted(),
             refused: self
@@ -49,9 +49,9 @@ impl Pipeline {
             } else {
                 self.strength_deviation.abs() > condition::STRENGTH_TOLERANCE
             },
-            tilt_known: self.attitude.down_known(self.now_s),
+            tilt_known: self.intake.attitude.accelerometer_live(self.now_s),
             gyro_live,
-            gyro_fault: if self.attitude.clipping() {
+            gyro_fault: if self.intake.attitude.clipping() {
                 Some("gyro_clipped")
             } else {
                 self.estimate.gyro_fault().map(GyroFault::reason)

@@ -5,10 +5,11 @@ use nalgebra::Vector3;
 use super::{Action, Pipeline};
 use crate::calibration::model::{Calibration, Parameters};
 use crate::calibration::outcome::Outcome;
+use crate::estimate::UNKNOWN_SD_DEG;
 
 /// What is learnt is kept again when it has become so much more certain …
 const MORE_CERTAIN: f64 = 0.6;
-/// … or the iron has become another: by so many deviations at which a heading is still good …
+/// … or the hard iron has moved by so many of the deviations at which a heading still counts as good …
 const MOVED: f64 = 3.0;
 /// … and not more often than this, seconds.
 const KEEP_EVERY_S: f64 = 60.0;
@@ -19,24 +20,22 @@ const KNOWN_BIAS_RAD_S: f64 = 0.0087;
 #[derive(Clone, Debug)]
 pub(super) struct Learning {
     /// The calibration to start with, until the estimate has begun.
-    kept: Option<Calibration>,
+    initial: Option<Calibration>,
     calibrated: bool,
     /// What was last kept, its deviation, degrees, and when.
     last: Option<Parameters>,
-    kept_sd_deg: f64,
-    pub(super) kept_s: f64,
+    last_sd_deg: f64,
+    pub(super) last_s: f64,
 }
 
 impl Learning {
-    pub(super) fn new(kept: Option<Calibration>) -> Self {
+    pub(super) fn new(initial: Option<Calibration>) -> Self {
         Self {
-            calibrated: kept.is_some(),
-            last: kept.map(|kept| kept.parameters),
-            kept_sd_deg: kept
-                .as_ref()
-                .map_or(f64::INFINITY, |kept| kept.heading_sd_deg),
-            kept,
-            kept_s: f64::NEG_INFINITY,
+            calibrated: initial.is_some(),
+            last: initial.map(|one| one.parameters),
+            last_sd_deg: initial.map_or(f64::INFINITY, |one| one.heading_sd_deg),
+            initial,
+            last_s: f64::NEG_INFINITY,
         }
     }
 
@@ -46,19 +45,19 @@ impl Learning {
     }
 
     /// The calibration that was there from the beginning.
-    pub(super) fn kept(&self) -> Option<Calibration> {
-        self.kept
+    pub(super) fn initial(&self) -> Option<Calibration> {
+        self.initial
     }
 
     /// The estimate is worth a heading.
-    pub(super) fn reached(&mut self) {
+    pub(super) fn mark_calibrated(&mut self) {
         self.calibrated = true;
     }
 
     /// Something has been kept.
     pub(super) fn keep(&mut self, parameters: &Parameters, sd_deg: f64, t_s: f64) {
         self.last = Some(*parameters);
-        (self.kept_sd_deg, self.kept_s) = (sd_deg, t_s);
+        (self.last_sd_deg, self.last_s) = (sd_deg, t_s);
     }
 
     /// How far this hard iron, chip axes, is from what was last kept, as far as that knew it, milligauss.
@@ -95,39 +94,38 @@ impl Pipeline {
         (known && self.gyro_is_right()).then(|| chip.map(f64::to_degrees))
     }
 
-    /// How much has been learnt on the way to a heading, 0 to 1: the logarithm of the deviation, from 180° down.
+    /// How much has been learnt on the way to a heading, 0 to 1: the logarithm of the deviation, from that of nothing down.
     pub(super) fn learnt(&self) -> f64 {
         let wanted = self.setup.pipeline.publish_sd_deg;
         let sd_deg = self.estimate.north_sd_deg().max(wanted);
-        ((180.0 / sd_deg).ln() / (180.0 / wanted).ln()).clamp(0.0, 1.0)
+        ((UNKNOWN_SD_DEG / sd_deg).ln() / (UNKNOWN_SD_DEG / wanted).ln()).clamp(0.0, 1.0)
     }
 
     /// Reports what the estimate has learnt when that is good for the first time, or much better than what is kept.
     pub(super) fn conclude_motion(&mut self, actions: &mut Vec<Action>) {
         let sd_deg = self.estimate.north_sd_deg();
         let replaced = self.estimate.take_replaced();
-        let due = self.now_s - self.learning.kept_s >= KEEP_EVERY_S;
+        let due = self.now_s - self.learning.last_s >= KEEP_EVERY_S;
         let good_sd_deg = self.setup.pipeline.good_sd_deg;
         let good = sd_deg <= good_sd_deg && !self.estimate.disturbed();
-        let better = sd_deg <= MORE_CERTAIN * self.learning.kept_sd_deg;
+        let better = sd_deg <= MORE_CERTAIN * self.learning.last_sd_deg;
         let limit_mgauss = MOVED * good_sd_deg.to_radians() * self.estimate.horizontal_mgauss();
         let moved = self.learning.moved_mgauss(&self.estimate.bias_mgauss()) > limit_mgauss;
         if !(good && due && (better || moved || replaced)) {
             // What replaced the other explanation may still have to learn.
             if replaced {
-                self.learning.kept_sd_deg = f64::INFINITY;
+                self.learning.last_sd_deg = f64::INFINITY;
             }
             return;
         }
         let (Some(reason), Some(calibration)) = (self.wanted(), self.learnt_calibration()) else {
             return;
         };
-        self.asked = reason;
         self.armed = false;
         self.refused = None;
         self.learning
             .keep(&calibration.parameters, sd_deg, self.now_s);
         let outcome = Outcome::of_motion(calibration, self.estimate.measured_axes());
-        actions.push(Action::Conclude(Box::new(outcome)));
+        actions.extend(outcome.map(|outcome| Action::Conclude(Box::new(outcome), reason)));
     }
 }

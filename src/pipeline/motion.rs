@@ -31,7 +31,7 @@ impl Pipeline {
             heading_sd_deg: self.estimate.north_sd_deg(),
             most_heading_sd_deg: self.setup.pipeline.good_sd_deg,
         };
-        let outcome = Outcome::of_motion(calibration, self.estimate.measured_axes());
+        let outcome = Outcome::of_motion(calibration, self.estimate.measured_axes())?;
         let outcome = match self.objection_to_motion(&measures) {
             Some(refusal) => outcome.refused(refusal),
             None => outcome,

@@ -10,9 +10,9 @@ use crate::reading::Reading;
 impl Pipeline {
     /// Where down is now, a unit vector of body axes, and how fast the board turns, rad/s; `None` while nothing feels it.
     pub fn down(&self) -> Option<(Vector3<f64>, f64)> {
-        let down = self.attitude.down(self.now_s)?;
-        let turning = self.attitude.pose_at(self.now_s).is_some();
-        let rate_rad_s = self.attitude.rate_rad_s().norm();
+        let down = self.intake.attitude.down(self.now_s)?;
+        let turning = self.intake.attitude.pose_at(self.now_s).is_some();
+        let rate_rad_s = self.intake.attitude.rate_rad_s().norm();
         Some((down, if turning { rate_rad_s } else { 0.0 }))
     }
 
@@ -20,18 +20,18 @@ impl Pipeline {
     /// carried along in body axes is forgotten.
     pub(super) fn mount(&mut self, mountings: Mountings) {
         let calibration = self.calibration();
-        let force = self.attitude.specific_force_m_s2(self.now_s);
+        let force = self.intake.attitude.specific_force_m_s2(self.now_s);
         let last_force = Reading {
             t_s: self.now_s,
             specific_force_m_s2: force.map(|body| self.setup.mountings.accel.to_chip(body)),
             ..Reading::default()
         };
         self.setup.mountings = mountings;
-        self.saturation = Saturation::new(&mountings);
-        self.unwanted |= self.calibrating;
+        self.intake.saturation = Saturation::new(&mountings);
+        self.discard_outcome();
         self.forget_estimate(calibration);
         self.begin_stretch();
         // Otherwise the accelerometer would count as silent until its next reading.
-        self.attitude.take(&last_force, |_| {});
+        self.intake.attitude.take(&last_force, |_| {});
     }
 }

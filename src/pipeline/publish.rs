@@ -9,8 +9,8 @@ use crate::estimate::Fix;
 use crate::frame::{dip_deg, heading_deg};
 use crate::heading::{Heading, MagStatus};
 
-/// Share of each sample in the smoothed strength of the field: over half a second at 20 Hz.
-const STRENGTH_GAIN: f64 = 0.05 / (0.05 + 0.5);
+/// The strength of the field is smoothed over this time, seconds.
+const STRENGTH_S: f64 = 0.5;
 
 impl Pipeline {
     /// Publishes what a whole field tells.
@@ -24,26 +24,23 @@ impl Pipeline {
         let pose = self.estimate_from(t_s, raw, measured_s);
         actions.extend(self.estimate.take_news().map(Action::Warn));
         let trusted = pose.is_some() && self.gyro_is_right();
-        let level = self.attitude.down_and_sd(t_s, trusted);
+        let level = self.intake.attitude.down_and_sd(t_s, trusted);
         let down = level.map(|(down, _)| down);
         let corrected = self
             .learning
             .calibrated()
             .then(|| self.estimate.corrected(raw))
             .flatten();
-        if let Some(corrected) = &corrected {
-            let expected = self.estimate.strength_mgauss();
-            if expected > 0.0 {
-                let deviation = corrected.norm() / expected - 1.0;
-                self.strength_deviation += STRENGTH_GAIN * (deviation - self.strength_deviation);
-            }
+        if let (Some(corrected), Some(_)) = (&corrected, measured_s) {
+            self.follow_strength(t_s, corrected.norm());
         }
         let publish_sd_deg = self.setup.pipeline.publish_sd_deg;
         let certain = |fix: &Fix| fix.sd_deg <= publish_sd_deg;
-        let fused = pose
-            .filter(|_| trusted)
-            .and_then(|pose| self.estimate.fix(&pose, self.attitude.missed_turn_rad(t_s)));
-        let rate_rad_s = self.attitude.rate_rad_s().norm();
+        let fused = pose.filter(|_| trusted).and_then(|pose| {
+            self.estimate
+                .fix(&pose, self.intake.attitude.missed_turn_rad(t_s))
+        });
+        let rate_rad_s = self.intake.attitude.rate_rad_s().norm();
         let instantaneous = self.estimate.instantaneous(raw, level, rate_rad_s);
         let best = if trusted { fused } else { instantaneous };
         if let Some(best) = &best {
@@ -51,10 +48,10 @@ impl Pipeline {
         }
         let published = best.filter(certain);
         if published.is_some() && self.wanted().is_some() {
-            self.learning.reached();
+            self.learning.mark_calibrated();
         }
         if !self.gyro_is_right() {
-            self.saturation.forget();
+            self.intake.saturation.forget();
         }
         if self.estimate.disturbed() || !self.gyro_is_right() {
             self.disturbed_s = t_s;
@@ -87,13 +84,24 @@ impl Pipeline {
         actions.push(Action::Publish(heading));
     }
 
+    /// Takes the strength of a corrected sample.
+    fn follow_strength(&mut self, t_s: f64, strength_mgauss: f64) {
+        let expected = self.estimate.strength_mgauss();
+        let period_s = t_s - std::mem::replace(&mut self.strength_s, t_s);
+        if expected > 0.0 {
+            let deviation = strength_mgauss / expected - 1.0;
+            let gain = 1.0 - (-period_s / STRENGTH_S).exp();
+            self.strength_deviation += gain * (deviation - self.strength_deviation);
+        }
+    }
+
     /// A reading that overflowed still counts and still tells the tilt, but no field and no heading.
     pub(super) fn publish_without_field(&mut self, t_s: f64, actions: &mut Vec<Action>) {
         let condition = self
             .report
             .as_ref()
             .map_or(Condition::Stale, |report| report.condition);
-        let down = self.attitude.down(t_s);
+        let down = self.intake.attitude.down(t_s);
         let mut heading = self.heading(t_s, down.as_ref(), condition);
         heading.mag_status = MagStatus::HighField;
         actions.push(Action::Publish(heading));
@@ -103,7 +111,8 @@ impl Pipeline {
     fn heading(&mut self, t_s: f64, down: Option<&Vector3<f64>>, condition: Condition) -> Heading {
         self.seq += 1;
         let tilt = down.map(Tilt::of_down);
-        let rate_rad_s = (self.attitude.pose_at(t_s)).map(|_| self.attitude.rate_rad_s());
+        let rate_rad_s =
+            (self.intake.attitude.pose_at(t_s)).map(|_| self.intake.attitude.rate_rad_s());
         // Without an accelerometer the board is taken to be level, as for its heading.
         let down = down.copied().unwrap_or_else(Vector3::z);
         Heading {
@@ -114,7 +123,11 @@ impl Pipeline {
             roll_deg: tilt.map(|tilt| tilt.roll_rad.to_degrees()),
             turn_deg_min: rate_rad_s.map(|rate| 60.0 * rate.dot(&down).to_degrees()),
             rate_deg_s: rate_rad_s.map(|rate| rate.map(f64::to_degrees).into()),
-            specific_force_m_s2: self.attitude.specific_force_m_s2(t_s).map(Into::into),
+            specific_force_m_s2: self
+                .intake
+                .attitude
+                .specific_force_m_s2(t_s)
+                .map(Into::into),
             mag_status: MagStatus::Calibration,
             ..Heading::default()
         }

@@ -15,10 +15,11 @@ impl Pipeline {
         raw: &Vector3<f64>,
         measured_s: Option<f64>,
     ) -> Option<Pose> {
-        let pose = self.attitude.pose_at(t_s)?;
+        let pose = self.intake.attitude.pose_at(t_s)?;
         // An accelerometer that has just come has not levelled the frame yet.
-        let levelled = |pose: &Pose| pose.vertical_known || !self.attitude.down_known(t_s);
-        if !levelled(&pose) || self.attitude.clipping() || self.frozen.is_some() {
+        let levelled =
+            |pose: &Pose| pose.vertical_known || !self.intake.attitude.accelerometer_live(t_s);
+        if !levelled(&pose) || self.intake.attitude.clipping() || self.frozen.is_some() {
             return None;
         }
         let Some(measured_s) = measured_s else {
@@ -26,6 +27,7 @@ impl Pipeline {
         };
         let lag_s = self.estimate.lag_s();
         let motion = self
+            .intake
             .attitude
             .motion_at(measured_s - lag_s)
             .filter(|motion| levelled(&motion.pose))?;
@@ -36,13 +38,13 @@ impl Pipeline {
             pose: motion.pose,
             rate_rad_s: motion.rate_rad_s,
             turned_rad: motion.turned_rad,
-            gyro_bias: self.attitude.gyro_bias(),
-            tilt_error: self.attitude.tilt_error(),
-            gyro_constant_s: self.attitude.gyro_constant_s(),
-            force_m_s2: self.attitude.low_passed_force_m_s2(t_s),
-            at_rest: self.attitude.at_rest(),
-            still: self.attitude.still(),
-            hidden_rate_sd_rad_s: self.attitude.hidden_rate_sd_rad_s(t_s),
+            gyro_bias: self.intake.attitude.gyro_bias(),
+            tilt_error: self.intake.attitude.tilt_error(),
+            gyro_constant_s: self.intake.attitude.gyro_constant_s(),
+            force_m_s2: self.intake.attitude.low_passed_force_m_s2(t_s),
+            at_rest: self.intake.attitude.at_rest(),
+            still: self.intake.attitude.still(),
+            hidden_rate_sd_rad_s: self.intake.attitude.hidden_rate_sd_rad_s(t_s),
         };
         self.estimate
             .freeze(self.wanted().is_none() && self.learning.calibrated());

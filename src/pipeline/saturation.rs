@@ -10,15 +10,11 @@ use std::f64::consts::PI;
 use nalgebra::Vector3;
 
 use crate::frame::{Mountings, hypot};
-use crate::frozen::{GAP_S, MOVING_RAD_S};
+use crate::frozen::{GAP_S, LEAST_STEPS, MOVING_RAD_S, SAME_SAMPLES};
 use crate::reading::Reading;
 
-/// With noise of one step, a working axis repeats a number this often in fewer than 1 of 5000 cases.
-const SAMPLES: u32 = 10;
 /// Largest rotation about the axis itself, as a share of the angle by which the axis swings: it changes the other axes alone.
 const ABOUT_ITSELF: f64 = 0.5;
-/// Change of a working axis beyond which a repeated number is a fault, in steps of that axis.
-const LEAST_STEPS: f64 = 2.0;
 /// Step of the coarsest chip, a 14-bit AK8963, milligauss: the most that a step is taken for.
 const COARSEST_STEP_MGAUSS: f64 = 6.0;
 /// The measured step grows by this factor with each sample (it doubles in 70), since a chip may change its range.
@@ -86,7 +82,7 @@ struct SameReading {
     since_s: f64,
     /// The field at its first sample.
     first: Vector3<f64>,
-    samples: u32,
+    samples: usize,
     /// How far the board has turned, magnetometer chip axes, radians.
     turned_rad: Vector3<f64>,
 }
@@ -200,7 +196,7 @@ impl Saturation {
         let ends = &mut self.ends[axis];
         *ends = ends.map(|end| end?.after(value));
         let least_mgauss = LEAST_STEPS * self.steps_mgauss[axis];
-        let saturated = run.samples >= SAMPLES
+        let saturated = run.samples >= SAME_SAMPLES
             && !is_end(ends, value)
             && (run.least_change_mgauss(axis, field)).is_some_and(|change| change > least_mgauss);
         if saturated {

@@ -1,22 +1,16 @@
 //! A new stretch of readings, whose times have nothing to do with those before.
 
 use super::Pipeline;
-use super::newest::Newest;
-use crate::attitude::Attitude;
-use crate::turn::TurnDetector;
 
 impl Pipeline {
     /// Forgets all motion, and whatever is remembered by its time. Calibration, policy and the verdict on the last turn
     /// stay, and so does a calibration that is under way.
     pub(super) fn begin_stretch(&mut self) {
-        self.saturation.begin_stretch();
-        self.attitude = Attitude::new(&self.setup.attitude, &self.setup.mountings);
-        self.turns = TurnDetector::new(&self.setup.turn);
+        self.intake.begin_stretch(&self.setup);
         self.buffer.clear();
         self.completed.clear();
-        self.waiting = false;
+        self.forget_waiting_turns();
         self.sample = None;
-        self.newest = Newest::default();
         self.estimate.lose_frame();
         self.report = None;
         self.readings_s = None;
@@ -26,7 +20,8 @@ impl Pipeline {
             &mut self.overflow_s,
             &mut self.rate_s,
             &mut self.disturbed_s,
-            &mut self.learning.kept_s,
+            &mut self.strength_s,
+            &mut self.learning.last_s,
         ] {
             *time_s = f64::NEG_INFINITY;
         }

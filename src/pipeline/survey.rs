@@ -4,17 +4,14 @@ use std::convert::Infallible;
 
 use nalgebra::Vector3;
 
-use super::newest::Newest;
-use super::saturation::Saturation;
+use super::intake::Intake;
 use super::{Event, Pipeline, Setup};
-use crate::attitude::Attitude;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::settings::{ModeChoice, WindowChoice};
 use crate::calibration::thinning::Thinned;
 use crate::calibration::{CompletedTurn, FieldSample, Request, during, last_rest};
-use crate::outliers::Outliers;
 use crate::reading::{Field, Reading};
-use crate::turn::{Turn, TurnDetector};
+use crate::turn::Turn;
 
 /// Faster than this is rotation, rad/s: a hand that holds still stays below 5 degrees a second.
 const ROTATING_RAD_S: f64 = 0.087;
@@ -27,11 +24,7 @@ pub struct Survey {
     setup: Setup,
     /// The chip axes of the plane, if it is named.
     plane: Option<[usize; 2]>,
-    outliers: Outliers,
-    saturation: Saturation,
-    newest: Newest,
-    attitude: Attitude,
-    detector: TurnDetector,
+    intake: Intake,
     samples: Thinned,
     turns: Vec<Turn>,
     /// When the first rotation began and the last one ended, seconds.
@@ -59,11 +52,7 @@ impl Survey {
     pub fn new(setup: Setup, plane: Option<[usize; 2]>) -> Self {
         let motion_counts = plane.is_none() && setup.calibration.window != WindowChoice::All;
         Self {
-            outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
-            saturation: Saturation::new(&setup.mountings),
-            newest: Newest::default(),
-            attitude: Attitude::new(&setup.attitude, &setup.mountings),
-            detector: TurnDetector::new(&setup.turn),
+            intake: Intake::new(&setup),
             motion: motion_counts.then(|| Pipeline::new(setup.clone(), None)),
             setup,
             plane,
@@ -79,7 +68,7 @@ impl Survey {
     /// Takes the next reading. `new_stretch`: its time has nothing to do with those before.
     pub fn take(&mut self, reading: &Reading, new_stretch: bool) {
         if new_stretch {
-            self.saturation.begin_stretch();
+            self.intake.saturation.begin_stretch();
             // Samples are found by their times: a stretch comes after a hole, wherever its own clock began.
             self.later_s = self.last_s + STRETCHES_APART_S - reading.t_s;
             self.learn(Event::NewStretch);
@@ -89,32 +78,29 @@ impl Survey {
             ..*reading
         };
         self.learn(Event::Reading(reading));
-        let (reading, _) = self.saturation.filter(&self.outliers.filter(&reading));
-        self.last_s = reading.t_s;
-        self.has_gyro |= reading.rate_rad_s.is_some();
-        let (turns, detector, rotation_s) =
-            (&mut self.turns, &mut self.detector, &mut self.rotation_s);
-        self.attitude.take(&reading, |tick| {
-            turns.extend(detector.tick(tick));
+        let (turns, rotation_s) = (&mut self.turns, &mut self.rotation_s);
+        let (reading, _) = self.intake.take(&reading, |tick, turn| {
+            turns.extend(turn);
             if tick.rate_rad_s.norm() > ROTATING_RAD_S {
                 let (first, _) = rotation_s.unwrap_or((tick.t_s, tick.t_s));
                 *rotation_s = Some((first, tick.t_s));
             }
         });
+        self.last_s = reading.t_s;
+        self.has_gyro |= reading.rate_rad_s.is_some();
         if !self.turns.is_empty() {
             self.motion = None;
         }
         let field = reading
             .field_mgauss
             .and_then(|field| needed(&field, self.plane));
-        let still = self.attitude.still();
         if let Some(field_mgauss) = field
-            && let Some(t_s) = self.newest.take(reading.t_s, field_mgauss, still)
+            && let Some(t_s) = self.intake.measured_s(reading.t_s, field_mgauss)
         {
             let sample = FieldSample {
                 t_s,
                 field_mgauss,
-                pose: self.attitude.pose_at(t_s),
+                pose: self.intake.attitude.pose_at(t_s),
             };
             let open_s = self.setup.turn.time_limit_s;
             self.samples.push(sample, &self.turns, open_s);

@@ -199,7 +199,7 @@ impl Findings {
                 let outcome = self.calibrate(*request);
                 return Some(Event::Calibrated(Box::new(outcome)));
             }
-            Action::Conclude(outcome) if self.verdicts.len() < MOST_EVENTS => {
+            Action::Conclude(outcome, _) if self.verdicts.len() < MOST_EVENTS => {
                 self.verdicts.push((
                     self.now_s,
                     outcome.verdict.word(),
@@ -209,7 +209,7 @@ impl Findings {
                 ));
             }
             Action::Warn(news) => self.warn(news),
-            Action::Conclude(_) => {}
+            Action::Conclude(..) => {}
         }
         None
     }

@@ -54,7 +54,7 @@ fn play(readings: &[Reading], start: Option<Calibration>, late: usize) -> Played
                         played.asked.push((index, request.turns.len()));
                         under_way = Some((index + late, calibrate(&request, &|| None)));
                     }
-                    Action::Conclude(outcome) => played.outcomes.push((index, *outcome)),
+                    Action::Conclude(outcome, _) => played.outcomes.push((index, *outcome)),
                 }
             }
             match under_way.take_if(|(due, _)| *due <= index) {

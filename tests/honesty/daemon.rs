@@ -117,7 +117,7 @@ impl Daemon {
                     }
                     Action::Report(report) => self.reason = report.reason,
                     Action::Calibrate(request) => outcomes.push(calibrate(&request, &|| None)),
-                    Action::Conclude(outcome) => {
+                    Action::Conclude(outcome, _) => {
                         self.accepted
                             .extend(outcome.calibration.map(|calibration| Accepted {
                                 t_s: reading.t_s,

@@ -62,7 +62,7 @@ fn factored<const D: usize, const F: usize>(points: &[[f64; D]]) -> Factored<D, 
     };
     let low = std::array::from_fn(|axis| extreme(axis, f64::MAX, f64::min));
     let high = std::array::from_fn(|axis| extreme(axis, f64::MIN, f64::max));
-    Factored::new(Normal::new(&low, &high), points, 500.0)
+    Factored::new(Normalizer::new(&low, &high), points, 500.0)
 }
 
 proptest! {
@@ -93,7 +93,7 @@ proptest! {
 fn the_conic_is_exact_without_noise() {
     let truth = [87.28, 54.19, 135.0, 0.873, 0.998, 0.94];
     let points = ellipse(300, &truth, |_, _| 0.0);
-    let normal = Normal::new(&[-400.0; 3], &[600.0; 3]);
+    let normal = Normalizer::new(&[-400.0; 3], &[600.0; 3]);
     let conic: [f64; 6] = Factored::<3, 7>::new(normal, &points, 500.0)
         .conic()
         .unwrap();
@@ -120,7 +120,8 @@ fn the_conic_finds_soft_iron() {
 #[test]
 fn a_constant_axis_gives_no_conic_and_no_nan() {
     let points: Vec<[f64; 2]> = (0..50).map(|i| [f64::from(i), 3.0]).collect();
-    let factored = Factored::<2, 5>::new(Normal::new(&[0.0, 3.0], &[49.0, 3.0]), &points, 100.0);
+    let factored =
+        Factored::<2, 5>::new(Normalizer::new(&[0.0, 3.0], &[49.0, 3.0]), &points, 100.0);
     assert_eq!(factored.conic::<4>(), None);
     assert!(factored.fit_value(&[25.0, 3.0, 1.0, 1.0]).is_finite());
 }

@@ -1,4 +1,4 @@
-//! What is asked of a candidate, and why each default is what it is.
+//! What is asked of a candidate.
 
 use super::Measures;
 use crate::check::settings;
@@ -9,8 +9,8 @@ settings! {
         /// Planar: how much of the circle the samples must cover, degrees. Below about 225° the
         /// parameters become several times less certain.
         coverage_deg: f64 = 240.0, 90.0..=360.0, "degrees";
-        /// Spatial: smallest eigenvalue of the covariance of the field's directions. A level turn
-        /// has almost none across its plane.
+        /// Spatial: smallest eigenvalue of the covariance of the field's directions. A level turn has almost none across its plane; 0.005
+        /// is a swing of 4° RMS.
         direction_spread: f64 = 0.005, 0.0..=0.33, "";
         /// Largest share of samples that may be outliers.
         outlier_share: f64 = 0.1, 0.0..=0.5, "";

@@ -6,6 +6,7 @@ use serde::Serialize;
 use super::{Chips, Settings};
 use crate::condition::SourceFault;
 use crate::frame::Mountings;
+use crate::reading::STANDARD_GRAVITY_M_S2;
 use crate::sensor::SourceEvent;
 use crate::sensor::bus::{Bus, BusError, Cause, read_byte};
 use crate::sensor::chip::magnetometer::AxisTest;
@@ -18,7 +19,6 @@ const READING_S: f64 = 2.0;
 const SETTLING_S: f64 = 1.0;
 /// The Earth's field is 220 to 670 milligauss; hard iron of the board adds or takes away.
 const PLAUSIBLE_MGAUSS: (f64, f64) = (100.0, 1500.0);
-const GRAVITY_M_S2: f64 = 9.8;
 const GRAVITY_TOLERANCE: f64 = 0.15;
 /// More noise than this is a board that moves, degrees a second.
 const STILL_DEG_S: f64 = 2.0;
@@ -262,7 +262,7 @@ fn judge(expected: &Expected<'_>, report: &mut CheckReport, observed: &Observed)
         let force = expected.mountings.accel.to_body(force);
         report.accel_m_s2 = Some(force.into());
         let strength = force.norm();
-        if (strength / GRAVITY_M_S2 - 1.0).abs() > GRAVITY_TOLERANCE {
+        if (strength / STANDARD_GRAVITY_M_S2 - 1.0).abs() > GRAVITY_TOLERANCE {
             report.problem(
                 "accel_strength",
                 format!(
@@ -270,7 +270,7 @@ fn judge(expected: &Expected<'_>, report: &mut CheckReport, observed: &Observed)
                      lie still, and check which chip it is"
                 ),
             );
-        } else if force.z > 0.5 * GRAVITY_M_S2 {
+        } else if force.z > 0.5 * STANDARD_GRAVITY_M_S2 {
             report.problem(
                 "accel_sign",
                 format!(

@@ -3,7 +3,7 @@
 
 use headingd::calibration::curve::Diagonal;
 use headingd::calibration::fit;
-use headingd::calibration::objective::{Factored, Normal};
+use headingd::calibration::objective::{Factored, Normalizer};
 use headingd::calibration::settings::Settings;
 use headingd::calibration::swarm::{Bounds, search};
 
@@ -45,8 +45,11 @@ fn a_wide_box_is_a_trap() {
     let wrong = (0..LOGS).filter(|&seed| {
         let log = case.log_without_gyro(seed);
         let points = points::<2>(&log);
-        let objective =
-            Factored::<2, 5>::new(Normal::new(&[-300.0; 2], &[300.0; 2]), &points, reference);
+        let objective = Factored::<2, 5>::new(
+            Normalizer::new(&[-300.0; 2], &[300.0; 2]),
+            &points,
+            reference,
+        );
         let found = search(
             &wide,
             &Settings::default().params(),

@@ -2,6 +2,7 @@
 
 use headingd::calibration::model::{Calibration, Parameters, Planar, Spatial};
 use headingd::calibration::outcome::Outcome;
+use headingd::calibration::policy::Reason;
 use headingd::calibration::{Request, calibrate};
 use headingd::condition::Report;
 use headingd::heading::Heading;
@@ -41,6 +42,8 @@ pub struct Board {
     pub under_way: Option<Box<Request>>,
     pub reports: Vec<Report>,
     pub outcomes: Vec<Outcome>,
+    /// Why the last of them was asked for.
+    pub reason: Option<Reason>,
     pub heading: Option<Heading>,
     /// How many calibrations were asked for.
     pub asked: usize,
@@ -75,6 +78,7 @@ impl Board {
             under_way: None,
             reports: Vec::new(),
             outcomes: Vec::new(),
+            reason: None,
             heading: None,
             asked: 0,
         }
@@ -188,7 +192,10 @@ impl Board {
                     self.asked += 1;
                     self.under_way = Some(request);
                 }
-                Action::Conclude(outcome) => self.outcomes.push(*outcome),
+                Action::Conclude(outcome, reason) => {
+                    self.outcomes.push(*outcome);
+                    self.reason = Some(reason);
+                }
             }
         }
         if !self.late {

@@ -25,7 +25,7 @@ fn mode_off_never_calibrates_by_itself_and_start_makes_it_once() {
     assert_eq!(board.pipeline.progress(), Some(0.0));
     assert_eq!(board.pipeline.wanted(), Some(Reason::Start));
     board.turn(A_TURN_DEG);
-    assert_eq!(board.pipeline.reason(), Reason::Start);
+    assert_eq!(board.reason, Some(Reason::Start));
     assert_ne!(board.verdict().0, "rejected");
     assert_eq!(board.pipeline.wanted(), None);
     let (asked, outcomes) = (board.asked, board.outcomes.len());

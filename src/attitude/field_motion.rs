@@ -3,6 +3,9 @@
 
 use nalgebra::Vector3;
 
+use crate::reading::HELD_S;
+
+/// Time constants of a fast and a slow low-pass of the field, seconds.
 const FAST_S: f64 = 0.3;
 const SLOW_S: f64 = 1.5;
 /// A weak horizontal field, milligauss: about 600 mG in all, 75° below the horizon.
@@ -15,8 +18,12 @@ const DRIFT_FAST_S: f64 = 2.0;
 const DRIFT_SLOW_S: f64 = 20.0;
 /// After a turn the second pair restarts and is used again after this long, seconds; by then a swing of 0.6°/s parts it.
 const SETTLED_S: f64 = 10.0;
-/// Largest margin for noise on top of `MOVED_MGAUSS`; more would hide a turn.
+/// Margin for noise on top of `MOVED_MGAUSS`: so many deviations of what noise makes of the fast low-pass, and at most so much; more would
+/// hide a turn.
+const NOISE_SDS: f64 = 2.5;
 const NOISE_MARGIN_LIMIT_MGAUSS: f64 = 15.0;
+/// Hysteresis, so that it does not flicker: a field that moves must come this near, as a share, to stand still.
+const STOPS: f64 = 0.6;
 /// A larger step from one reading to the next is a spike, not noise.
 const SPIKE_MGAUSS: f64 = 50.0;
 /// The field cannot be called steady before this time, seconds; rest takes 1.5 s more to be seen.
@@ -26,7 +33,7 @@ const SILENT_S: f64 = 1.0;
 
 /// A fast and a slow low-pass of the raw field, which part while the board turns.
 #[derive(Default)]
-pub(super) struct Steadiness {
+pub(super) struct FieldMotion {
     filters: Option<LowPasses>,
 }
 
@@ -41,7 +48,9 @@ struct LowPasses {
     /// The field when the first pair was last apart, and by how much it may have moved since, milligauss.
     stood: Vector3<f64>,
     moved_mgauss: f64,
-    /// Slow mean of the squared step from reading to reading, and of the time between them.
+    /// When the newest sample came. Rows may repeat it until there is a new one.
+    measured_s: f64,
+    /// Slow mean of the squared step from sample to sample, and of the time between them.
     step_squared: f64,
     step_s: f64,
     moving: bool,
@@ -49,7 +58,7 @@ struct LowPasses {
     quiet_s: f64,
 }
 
-impl Steadiness {
+impl FieldMotion {
     /// Takes a whole field, milligauss.
     pub(super) fn take(&mut self, t_s: f64, field: Vector3<f64>) {
         let silent = |filters: &LowPasses| !(0.0..=SILENT_S).contains(&(t_s - filters.newest_s));
@@ -57,6 +66,7 @@ impl Steadiness {
             self.filters = Some(LowPasses {
                 since_s: t_s,
                 newest_s: t_s,
+                measured_s: t_s,
                 newest: field,
                 fast: field,
                 slow: field,
@@ -80,10 +90,10 @@ impl Steadiness {
         Some(filters.moving || filters.newest_s - filters.since_s < WARM_UP_S)
     }
 
-    /// Deviation of the turn that a field hides which has come to stand still, rad/s. On average, the turn has moved a weak horizontal
-    /// field no further than the field has moved, and any slower one is as likely; a turn that has begun steadily is now twice as fast as its
-    /// average. Infinite while the field moves, and until it has moved: a board that has just been switched on may be about to be moved for
-    /// the first time.
+    /// How fast the board may turn although the field seems to stand still: one standard deviation, rad/s. Since the field stopped, the turn
+    /// can have moved a weak horizontal field by at most `moved_mgauss`. Every average rate up to that is as likely, hence the maximum over
+    /// √3. A turn whose rate has grown evenly from 0 is now twice as fast as its average, hence the 2. Infinite while the field moves, when
+    /// `quiet_s` is 0, and until it has moved: a board that has just been switched on may be about to be moved for the first time.
     pub(super) fn hidden_rate_sd_rad_s(&self, t_s: f64) -> f64 {
         let put_down = self.live(t_s).filter(|filters| filters.quiet_s.is_finite());
         put_down.map_or(f64::INFINITY, |filters| {
@@ -107,16 +117,23 @@ impl LowPasses {
         self.drift_fast += (field - self.drift_fast) * gain(DRIFT_FAST_S);
         self.quiet_s += dt_s;
         self.drift_slow += (field - self.drift_slow) * gain(DRIFT_SLOW_S.min(self.quiet_s));
-        let step = (field - self.newest).norm().min(SPIKE_MGAUSS);
-        let slow = gain(SLOW_S);
-        self.step_squared += (step * step - self.step_squared) * slow;
-        self.step_s += (dt_s - self.step_s) * slow;
-        (self.newest_s, self.newest) = (t_s, field);
+        if field != self.newest || t_s - self.measured_s >= HELD_S {
+            let step = (field - self.newest).norm().min(SPIKE_MGAUSS);
+            let step_s = t_s - self.measured_s;
+            let slow = 1.0 - (-step_s / SLOW_S).exp();
+            self.step_squared += (step * step - self.step_squared) * slow;
+            self.step_s += (step_s - self.step_s) * slow;
+            (self.measured_s, self.newest) = (t_s, field);
+        }
+        self.newest_s = t_s;
 
         let noise = (0.5 * self.step_squared * self.step_s / (2.0 * FAST_S)).sqrt();
-        let unmoved = MOVED_MGAUSS + (2.5 * noise).min(NOISE_MARGIN_LIMIT_MGAUSS);
-        // Hysteresis, so that it does not flicker.
-        let limit = if self.moving { 0.6 * unmoved } else { unmoved };
+        let unmoved = MOVED_MGAUSS + (NOISE_SDS * noise).min(NOISE_MARGIN_LIMIT_MGAUSS);
+        let limit = if self.moving {
+            STOPS * unmoved
+        } else {
+            unmoved
+        };
         if (self.fast - self.slow).norm() > limit {
             self.quiet_s = 0.0;
             self.drift_fast = self.fast;
@@ -140,7 +157,7 @@ mod tests {
     /// A field turning at `rate_deg_s` with noise of `noise_mgauss`, for 20 s at 50 Hz: what part of the
     /// last 15 s was called moving.
     fn moving_part(rate_deg_s: f64, noise_mgauss: f64) -> f64 {
-        let mut steadiness = Steadiness::default();
+        let mut motion = FieldMotion::default();
         let mut moving = 0;
         for i in 0..1000 {
             let t = i as f64 * 0.02;
@@ -152,12 +169,29 @@ mod tests {
                 80.0 - 180.0 * angle.sin() + wobble(1.3),
                 420.0 + wobble(1.7),
             );
-            steadiness.take(t, field);
-            if t >= 5.0 && steadiness.moving(t) == Some(true) {
+            motion.take(t, field);
+            if t >= 5.0 && motion.moving(t) == Some(true) {
                 moving += 1;
             }
         }
         f64::from(moving) / 750.0
+    }
+
+    /// A chip at 10 Hz, and rows at 100 Hz that repeat its last sample.
+    #[test]
+    fn a_sample_that_rows_repeat_is_one_sample() {
+        let noisy = |repeated: u32| {
+            let mut motion = FieldMotion::default();
+            for row in 0..200 * repeated {
+                let wobble = 20.0 * f64::from(row / repeated * 21).sin();
+                let t_s = f64::from(row) * 0.1 / f64::from(repeated);
+                motion.take(t_s, Vector3::new(180.0 + wobble, 80.0, 420.0));
+            }
+            let filters = motion.filters.unwrap();
+            filters.step_squared * filters.step_s
+        };
+        let ratio = noisy(10) / noisy(1);
+        assert!((0.8..1.25).contains(&ratio), "{ratio}");
     }
 
     #[test]
@@ -170,16 +204,16 @@ mod tests {
 
     #[test]
     fn after_a_turn_the_field_is_steady_when_it_has_stood_still_for_ten_seconds() {
-        let mut steadiness = Steadiness::default();
+        let mut motion = FieldMotion::default();
         let mut steady_s = None;
         for i in 0..2000 {
             let t = i as f64 * 0.02;
             let angle = t.min(5.0);
-            steadiness.take(
+            motion.take(
                 t,
                 Vector3::new(180.0 * angle.cos(), -180.0 * angle.sin(), 420.0),
             );
-            if t > 5.0 && steadiness.moving(t) == Some(false) {
+            if t > 5.0 && motion.moving(t) == Some(false) {
                 steady_s.get_or_insert(t - 5.0);
             }
         }
@@ -189,16 +223,16 @@ mod tests {
 
     /// A field that turns at these rates, °/s, each for 10 s: the deviation of a hidden turn at the end of each second, °/s.
     fn hidden_deg_s(rates: &[f64]) -> Vec<f64> {
-        let mut steadiness = Steadiness::default();
+        let mut motion = FieldMotion::default();
         let mut angle = 0.0f64;
         let mut hidden = Vec::new();
         for i in 1..=rates.len() * 500 {
             let t = i as f64 * 0.02;
             angle += (rates[(i - 1) / 500] * 0.02).to_radians();
             let field = Vector3::new(180.0 * angle.cos(), -180.0 * angle.sin(), 420.0);
-            steadiness.take(t, field);
+            motion.take(t, field);
             if i % 50 == 0 {
-                hidden.push(steadiness.hidden_rate_sd_rad_s(t).to_degrees());
+                hidden.push(motion.hidden_rate_sd_rad_s(t).to_degrees());
             }
         }
         hidden
@@ -226,11 +260,11 @@ mod tests {
 
     #[test]
     fn it_is_unknown_while_the_magnetometer_is_silent() {
-        let mut steadiness = Steadiness::default();
-        assert_eq!(steadiness.moving(0.0), None);
-        steadiness.take(0.0, Vector3::x());
-        assert_eq!(steadiness.moving(0.5), Some(true));
-        assert_eq!(steadiness.moving(1.5), None);
-        assert_eq!(steadiness.hidden_rate_sd_rad_s(1.5), f64::INFINITY);
+        let mut motion = FieldMotion::default();
+        assert_eq!(motion.moving(0.0), None);
+        motion.take(0.0, Vector3::x());
+        assert_eq!(motion.moving(0.5), Some(true));
+        assert_eq!(motion.moving(1.5), None);
+        assert_eq!(motion.hidden_rate_sd_rad_s(1.5), f64::INFINITY);
     }
 }
