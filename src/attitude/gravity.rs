@@ -2,8 +2,6 @@
 
 use nalgebra::Vector3;
 
-use crate::reading::STANDARD_GRAVITY_M_S2;
-
 /// An accelerometer that is silent for longer is absent, seconds.
 const SILENT_S: f64 = 1.0;
 /// A reading is used for at most this long, seconds: the board goes on turning.
@@ -13,7 +11,7 @@ const LOW_PASS_S: f64 = 0.2;
 /// How much its strength differs from gravity's is measured over this time, seconds.
 const SHAKEN_S: f64 = 2.0;
 /// Gravity, m/s²: within half a percent anywhere.
-pub const GRAVITY_M_S2: f64 = STANDARD_GRAVITY_M_S2;
+pub const GRAVITY_M_S2: f64 = 9.81;
 /// Weaker readings point nowhere (a dead part answers zeros), stronger ones are nonsense.
 const PLAUSIBLE_M_S2: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 
