@@ -195,11 +195,11 @@ impl Attitude {
                 on_tick(&tick);
             });
             if step == ClockStep::Restarted {
-                self.filter.resume_after_hole();
+                self.filter.resume_after_gap();
             }
             if step != ClockStep::Ignored && self.clip.take(&chip) {
                 // How far the board has turned meanwhile is unknown, and so is where down is.
-                self.filter.resume_after_hole();
+                self.filter.resume_after_gap();
             }
         }
     }

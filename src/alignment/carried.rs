@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
 
 use crate::reading::Reading;
 
-/// A gyro that is silent for longer has left a hole, seconds.
+/// A gyro that is silent for longer has left a gap, seconds.
 const GAP_S: f64 = 0.3;
 /// Knots are this far apart, seconds.
 pub(super) const KNOT_S: f64 = 0.2;

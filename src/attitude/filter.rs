@@ -240,7 +240,7 @@ impl AttitudeFilter {
     }
 
     /// The gyro's readings resume after a gap: the turn meanwhile is unknown.
-    pub(super) fn resume_after_hole(&mut self) {
+    pub(super) fn resume_after_gap(&mut self) {
         self.stretch = self.stretch.wrapping_add(1);
         self.ticked = false;
         self.levelled_since_s = None;

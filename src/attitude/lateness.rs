@@ -9,8 +9,8 @@
 
 /// The period is the mean over this time, seconds.
 const MEAN_S: f64 = 30.0;
-/// Later than this is a hole, seconds.
-const HOLE_S: f64 = 0.1;
+/// Later than this is a gap, seconds.
+const GAP_S: f64 = 0.1;
 /// Readings that had piled up come closer together than this share of a period: a line is at most four fifths full.
 const PILED: f64 = 0.8;
 /// A step of more than this many periods is a pause, or readings were lost in it.
@@ -51,14 +51,14 @@ pub struct Lateness {
 }
 
 impl Lateness {
-    /// Takes the time of a reading. How late it is, seconds, 0 to `HOLE_S`.
+    /// Takes the time of a reading. How late it is, seconds, 0 to `GAP_S`.
     pub fn take(&mut self, t_s: f64) -> f64 {
         let Some(last_s) = self.last_s.replace(t_s) else {
             return 0.0;
         };
         let step_s = t_s - last_s;
-        if !(0.0..=HOLE_S).contains(&step_s) {
-            // The number of readings in the hole is unknown, so the period is measured anew.
+        if !(0.0..=GAP_S).contains(&step_s) {
+            // The number of readings in the gap is unknown, so the period is measured anew.
             *self = Self {
                 last_s: Some(t_s),
                 losses: self.losses,
@@ -73,7 +73,7 @@ impl Lateness {
         self.count += 1.0;
         let weight = (1.0 / self.count).max(self.period_s / MEAN_S);
         self.period_s += (step_s - self.period_s) * weight;
-        if self.seen_s < HOLE_S {
+        if self.seen_s < GAP_S {
             return 0.0;
         }
         let piled = step_s < PILED * self.period_s;
@@ -87,12 +87,12 @@ impl Lateness {
         self.walk_s2 += (corrected2 - self.walk_s2 * step_s) / WALK_MEAN_S;
         // If the measured period were too short, lateness would add up. One longest step at the end of the mean changes the period by
         // this share at most.
-        let forgiven = HOLE_S / self.seen_s;
+        let forgiven = GAP_S / self.seen_s;
         let late_s = before_s + step_s - (1.0 + forgiven) * self.period_s;
         self.late_s = if self.losses > 0.0 {
             0.0
         } else {
-            late_s.clamp(0.0, HOLE_S)
+            late_s.clamp(0.0, GAP_S)
         };
         self.late_s
     }

@@ -229,20 +229,20 @@ fn without_a_gyro_there_is_tilt_but_neither_pose_nor_tick() {
 
 #[test]
 fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
-    for (hole_s, holes) in [(0.4, 0), (0.8, 1)] {
+    for (gap_s, gaps) in [(0.4, 0), (0.8, 1)] {
         let mut board = TestBoard::default();
         board.rest(3.0);
         board.gyro = false;
-        board.turn(Vector3::z(), 30.0 * hole_s, 30.0);
+        board.turn(Vector3::z(), 30.0 * gap_s, 30.0);
         board.gyro = true;
         board.rest(3.0);
         let (attitude, ticks) = run(&board);
-        assert_eq!(stretches(&ticks), holes);
+        assert_eq!(stretches(&ticks), gaps);
         let hops = ticks
             .windows(2)
             .filter(|pair| pair[1].t_s - pair[0].t_s > 1.5 * TICK_S)
             .count();
-        assert_eq!(hops, holes as usize);
+        assert_eq!(hops, gaps as usize);
         assert!(attitude.pose_at(board.t_s).unwrap().vertical_known);
     }
 }
@@ -256,7 +256,7 @@ fn the_motion_before_a_hole_is_not_carried_over_it() {
     board.gyro = false;
     board.turn(Vector3::z(), 24.0, 30.0);
     board.gyro = true;
-    // One reading, in the first tick after the hole.
+    // One reading, in the first tick after the gap.
     board.turn(Vector3::z(), 0.15, 30.0);
     let (attitude, _) = run(&board);
     assert!(attitude.pose_at(board.t_s).is_some());

@@ -228,7 +228,7 @@ impl<const D: usize> Work<'_, D> {
                     if here.chunk_by(|a, b| a == b).count() < SAME_SAMPLES {
                         return false;
                     }
-                    // A spike or a hole in the log moves the other axes too.
+                    // A spike or a gap in the log moves the other axes too.
                     let sine = (coverage::swing(&fit::without_spikes(here)) / swing).min(1.0);
                     let least_change = 0.5 * swing * (1.0 - (1.0 - sine * sine).sqrt());
                     least_change > LEAST_STEPS * step

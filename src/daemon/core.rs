@@ -35,7 +35,7 @@ impl Daemon {
     pub(super) fn tick(&mut self, fresh: bool) {
         let session = &self.session;
         // A device that is silent without saying why hangs, and a new start may help. One that is known to be
-        // away is waited for, and a log may have holes.
+        // away is waited for, and a log may have gaps.
         let alive =
             fresh || session.state == SourceState::Faulty || !session.config.source.is_live();
         self.service.tick(self.inactivity.last_input(), alive);

@@ -69,7 +69,7 @@ impl Survey {
     pub fn take(&mut self, reading: &Reading, new_stretch: bool) {
         if new_stretch {
             self.intake.saturation.begin_stretch();
-            // Samples are found by their times: a stretch comes after a hole, wherever its own clock began.
+            // Samples are found by their times: a stretch comes after a gap, wherever its own clock began.
             self.later_s = self.last_s + STRETCHES_APART_S - reading.t_s;
             self.learn(Event::NewStretch);
         }

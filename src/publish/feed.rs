@@ -18,7 +18,7 @@ use crate::recording::Header;
 /// How many raw readings a client may fall behind before it loses the oldest: some six seconds of them.
 const READINGS: usize = 1024;
 
-/// A longer time from one heading to the next is a hole.
+/// A longer time from one heading to the next is a gap.
 const MOST_CYCLE_S: f64 = 10.0;
 
 /// Share of the newest of those times in what clients are told.

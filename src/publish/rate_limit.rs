@@ -19,7 +19,7 @@ impl RateLimit {
     }
 
     /// Whether what was taken then may go out. What is due is counted from the first, so that readings that come a little
-    /// early or late do not lower the rate; after a hole it is counted anew.
+    /// early or late do not lower the rate; after a gap it is counted anew.
     pub(super) fn admits(&mut self, taken: Instant) -> bool {
         let Some(period) = self.period else {
             return true;

@@ -5,7 +5,7 @@
 //! | up to a second later | it follows |
 //! | up to a second earlier | it is dropped |
 //! | anything else, and the next row goes on from the last one used, not from this one | it is odd: dropped |
-//! | else up to a minute later | it follows: the log has a hole |
+//! | else up to a minute later | it follows: the log has a gap |
 //! | anything else, and the next row goes on from this one | the time has jumped: a new stretch begins |
 //! | anything else | it is odd: dropped |
 //!
@@ -15,8 +15,8 @@
 /// Rows that are this near in time need no other to be judged by, seconds.
 const NEAR_S: f64 = 1.0;
 
-/// Longest hole in a stretch, seconds.
-const HOLE_S: f64 = 60.0;
+/// Longest gap in a stretch, seconds.
+const GAP_S: f64 = 60.0;
 
 /// What a row's time means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,7 +43,7 @@ pub(super) fn at_once(last_s: Option<f64>, t_s: f64) -> Option<TimeOrder> {
 
 /// The order where it depends on the time of the next row, if there is one.
 pub(super) fn before(last_s: f64, t_s: f64, next_s: Option<f64>) -> TimeOrder {
-    let goes_on = |from_s: f64, to_s: f64| (0.0..=HOLE_S).contains(&(to_s - from_s));
+    let goes_on = |from_s: f64, to_s: f64| (0.0..=GAP_S).contains(&(to_s - from_s));
     match next_s {
         Some(next_s) if goes_on(last_s, next_s) && (t_s < last_s || next_s < t_s) => TimeOrder::Odd,
         _ if goes_on(last_s, t_s) => TimeOrder::Follows,

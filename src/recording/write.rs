@@ -192,7 +192,7 @@ mod tests {
         let field = prop::option::of(prop::array::uniform3(prop::option::of(-1e6..1e6)))
             .prop_map(|field| field.filter(|axes| axes.iter().any(Option::is_some)));
         let heading = prop::option::of(0.0..std::f64::consts::TAU);
-        // As long as the longest hole that is not taken for a jump.
+        // As long as the longest gap that is not taken for a jump.
         let entry = (0.0..60.0, field, vector(1e3), vector(1e4), heading).prop_map(
             |(t_s, field_mgauss, rate_rad_s, specific_force_m_s2, heading_truth_rad)| Entry {
                 reading: Reading {

@@ -25,7 +25,7 @@ pub(super) struct Headings3 {
     pub(super) raw: f64,
     /// By the corrected field.
     pub(super) corrected: f64,
-    /// A hole in the gyro's account begins another stretch.
+    /// A gap in the gyro's account begins another stretch.
     pub(super) stretch: u32,
 }
 

@@ -112,14 +112,14 @@ fn uneven_events_make_no_difference() {
 
 #[test]
 fn a_short_drop_out_is_bridged_and_a_long_one_voids() {
-    for (hole_s, expected) in [(0.4, 1), (0.8, 0)] {
+    for (gap_s, expected) in [(0.4, 1), (0.8, 0)] {
         let mut board = rested();
         board.turn(Vector3::z(), 180.0, 45.0);
         board.gyro = false;
-        board.turn(Vector3::z(), 45.0 * hole_s, 45.0);
+        board.turn(Vector3::z(), 45.0 * gap_s, 45.0);
         board.gyro = true;
-        board.turn(Vector3::z(), 180.0 - 45.0 * hole_s, 45.0);
-        assert_eq!(turns(&board).len(), expected, "{hole_s}");
+        board.turn(Vector3::z(), 180.0 - 45.0 * gap_s, 45.0);
+        assert_eq!(turns(&board).len(), expected, "{gap_s}");
     }
 }
 

@@ -8,7 +8,7 @@ const NAMES: [&str; SECTORS] = [
     "NNW",
 ];
 
-/// A longer time between two headings is a hole, in which the board may have turned unseen, seconds.
+/// A longer time between two headings is a gap, in which the board may have turned unseen, seconds.
 const LONGEST_STEP_S: f64 = 1.0;
 
 /// The directions shown since the last calibration, or since a turn began. Before there is a heading they are counted by

@@ -344,11 +344,11 @@ fn a_brown_out_is_seen_within_a_second_and_set_right() {
         };
         assert_eq!(codes(&said), right);
         let fields = field_times(&said);
-        let hole_s = fields
+        let gap_s = fields
             .windows(2)
             .map(|two| two[1] - two[0])
             .fold(0.0, f64::max);
-        assert!(hole_s < 0.3, "{hole_s}");
+        assert!(gap_s < 0.3, "{gap_s}");
     }
 }
 
