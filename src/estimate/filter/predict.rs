@@ -32,11 +32,14 @@ const IRON_HIDES: f64 = 0.3;
 const FIELD_WALK: f64 = 0.0002;
 const IRON_WALK_MGAUSS: f64 = 0.05;
 /// What the model leaves out is the same whenever the board is in the same attitude, and does not average out by swinging to and fro.
-/// So iron and matrix walk by turning: the iron by this share of the field per √rad, each entry of D by this much per √rad. With half of
-/// the first, a simulated board to which a magnet is attached in motion is falsely sure; with twice of either, a robot on an uneven
-/// floor is not sure enough.
-const IRON_TURN: f64 = 0.003;
-const MATRIX_TURN: f64 = 0.001;
+/// It is as much as the unevenness and the tilt error that are measured, up to the unevenness of usual places. So iron and matrix walk by
+/// turning: the iron by this share of it per √rad. Without the tilt error a boat at anchor is falsely sure twice as often; if what is
+/// left out is always that of usual places, a car on even ground is not sure enough.
+const IRON_TURN: f64 = 0.2;
+/// Mean square over the axes of what a tilt error makes of a field, as a share of both: it moves the field on two of three axes.
+const BY_TILT: f64 = 2.0 / 3.0;
+/// The same of each entry of D. With half of it or twice the simulated families hold as well.
+const MATRIX_TURN: f64 = 0.067;
 /// While the board turns, a change of the hard iron may have caused all of the variance of unusual unevenness, and a change of the field
 /// this share of it.
 const FIELD_SHARE: f64 = 0.003;
@@ -166,17 +169,19 @@ impl Filter {
         let rate = input.turning().norm();
         let turned = 1.0 - (-2.0 * (rate - 0.05).max(0.0) * dt / FORGET_RAD).exp();
         let moved_iron = unusual * turned * strength2;
+        let by_tilt2 = BY_TILT * input.tilt_error.whole_sd_rad.powi(2);
+        let left_out2 = (self.unevenness2 + by_tilt2).min(USUAL_UNEVENNESS.powi(2));
         let moving_s = if input.still { 0.0 } else { dt };
         let field = FIELD_WALK.powi(2) * moving_s * strength2 + FIELD_SHARE * moved_iron;
         let iron = IRON_WALK_MGAUSS.powi(2) * moving_s
             + moved_iron
-            + IRON_TURN.powi(2) * strength2 * turned_rad;
+            + IRON_TURN.powi(2) * left_out2 * strength2 * turned_rad;
         for axis in 0..3 {
             self.p[(H + axis, H + axis)] += field;
             self.p[(B + axis, B + axis)] += iron;
             self.p[(G + axis, G + axis)] += GYRO_BIAS_WALK_RAD_S.powi(2) * dt;
         }
-        let matrix_walk = MATRIX_TURN.powi(2) * turned_rad;
+        let matrix_walk = MATRIX_TURN.powi(2) * left_out2 * turned_rad;
         for entry in 0..9 {
             self.p[(D + entry, D + entry)] += matrix_walk;
         }
