@@ -191,14 +191,14 @@ impl GyroErrors {
     }
 
     fn take_window(&mut self, window: &Window) {
-        self.rest(window);
+        self.measure_bias_at_rest(window);
         match (window.force, self.up) {
             (None, _) => self.up = None,
             (Some(force), None) => self.begin(&force, window),
             (Some(force), Some(up)) => {
                 let left = self.predict(&force, &up, window);
                 if window.at_rest {
-                    self.stand(&left, window.s);
+                    self.measure_up_at_rest(&left, window.s);
                 }
                 self.measure_velocity(&left, window.s);
                 if self.velocity.norm() > MOST_SPEED_M_S {
@@ -219,7 +219,7 @@ impl GyroErrors {
     }
 
     /// At rest the gyro reads its bias.
-    fn rest(&mut self, window: &Window) {
+    fn measure_bias_at_rest(&mut self, window: &Window) {
         if !window.at_rest {
             self.resting.clear();
             return;
@@ -303,7 +303,7 @@ impl GyroErrors {
     }
 
     /// The board is at rest: its velocity is 0, and all specific force is gravity's.
-    fn stand(&mut self, left: &Vector3<f64>, dt: f64) {
+    fn measure_up_at_rest(&mut self, left: &Vector3<f64>, dt: f64) {
         self.correct(U, &(left / dt), REST_FORCE_M_S2.powi(2) / dt);
         self.velocity.fill(0.0);
         self.clear(V, LEAST_SPEED_M_S);

@@ -82,7 +82,7 @@ impl Lateness {
             self.losses += (loss - self.losses) * LOSS_WEIGHT;
         }
         self.long = step_s > LONG * self.period_s;
-        let before_s = self.possible_late_s(step_s, piled);
+        let before_s = self.limit_lateness_s(step_s, piled);
         let corrected2 = (self.late_s - before_s).powi(2);
         self.walk_s2 += (corrected2 - self.walk_s2 * step_s) / WALK_MEAN_S;
         // If the measured period were too short, lateness would add up. One longest step at the end of the mean changes the period by
@@ -103,8 +103,8 @@ impl Lateness {
         self.walk_s2
     }
 
-    /// How late the reading before can have been, seconds; a step of this length has followed it.
-    fn possible_late_s(&mut self, step_s: f64, piled: bool) -> f64 {
+    /// Limits how late the reading before was by what the step after it shows. Returns that, seconds, and learns whether readings are held back.
+    fn limit_lateness_s(&mut self, step_s: f64, piled: bool) -> f64 {
         let mut late_s = self.late_s;
         if !piled {
             let held_back = f64::from(late_s > self.period_s);

@@ -45,12 +45,12 @@ impl<const D: usize> Work<'_, D> {
         outcome: &mut Outcome,
     ) -> Result<String, Refusal> {
         let watch = Stopwatch::start(self.clock);
-        let result = self.judge::<C, P>(fitted, outcome);
+        let result = self.measure_and_judge::<C, P>(fitted, outcome);
         outcome.elapsed_us.verdict = watch.elapsed_us();
         result
     }
 
-    fn judge<C: Curve<D, P>, const P: usize>(
+    fn measure_and_judge<C: Curve<D, P>, const P: usize>(
         &self,
         fitted: &Fitted<D, P>,
         outcome: &mut Outcome,

@@ -143,7 +143,7 @@ pub fn conic<const D: usize, const P: usize, const F: usize>(
 
 /// Refines from `start` and, without a given reference, brings the scale factors to a mean of 1: only
 /// their product with Hm can be seen.
-pub fn refined<C: Curve<D, P>, const D: usize, const P: usize>(
+pub fn refine_and_normalize<C: Curve<D, P>, const D: usize, const P: usize>(
     points: &[[f64; D]],
     start: &ParameterVector<P>,
     reference_mgauss: f64,

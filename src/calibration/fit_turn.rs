@@ -246,7 +246,12 @@ impl<const D: usize> Work<'_, D> {
     ) -> Option<Fitted<D, P>> {
         const ROUNDS: usize = 5;
         let fit = |points: &[[f64; D]], start: &ParameterVector<P>, reference| {
-            fit::refined::<Diagonal<D>, D, P>(points, start, reference, reference_given)
+            fit::refine_and_normalize::<Diagonal<D>, D, P>(
+                points,
+                start,
+                reference,
+                reference_given,
+            )
         };
         let mut fitted = fit(&points, start, reference_mgauss)?;
         let down = match self.plan.mode {

@@ -37,7 +37,7 @@ pub fn select_model(
     }
     let (points, reference) = (&diagonal.points, diagonal.best.reference_mgauss);
     let symmetric = fit::conic::<3, 9, 10>(points, reference).and_then(|start| {
-        fit::refined::<Symmetric, 3, 9>(points, &start, reference, reference_given)
+        fit::refine_and_normalize::<Symmetric, 3, 9>(points, &start, reference, reference_given)
     });
     let Some(best) = symmetric else {
         return SoftIron::Unseen;

@@ -116,8 +116,9 @@ fn trial<const D: usize, const P: usize, const F: usize>(case: &Case, log: &Log)
     let seen = fit::without_spikes(&points);
     let bounds = fit::bounds(&seen, Some(reference)).unwrap();
     let swarm = fit::swarm::<D, P, F>(&seen, &bounds, &log.request.settings).unwrap();
-    let refine =
-        |start| fit::refined::<Diagonal<D>, D, P>(&points, start, reference, true).unwrap();
+    let refine = |start| {
+        fit::refine_and_normalize::<Diagonal<D>, D, P>(&points, start, reference, true).unwrap()
+    };
     let refined = refine(&swarm.position);
     Trial {
         squares: squares::<D, P>(case, log, &refined.position),

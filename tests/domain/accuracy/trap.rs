@@ -57,10 +57,14 @@ fn a_wide_box_is_a_trap() {
             seed,
             |position| objective.fit_value(position),
         );
-        let truth =
-            fit::refined::<Diagonal<2>, 2, 4>(&points, &true_position(&log), reference, true)
-                .unwrap();
-        fit::refined::<Diagonal<2>, 2, 4>(&points, &found.position, reference, true)
+        let truth = fit::refine_and_normalize::<Diagonal<2>, 2, 4>(
+            &points,
+            &true_position(&log),
+            reference,
+            true,
+        )
+        .unwrap();
+        fit::refine_and_normalize::<Diagonal<2>, 2, 4>(&points, &found.position, reference, true)
             .is_none_or(|end| differ::<2, 4>(&end, &truth))
     });
     let wrong = wrong.count();
