@@ -96,7 +96,7 @@ pub(super) struct Input {
     pub(super) at_rest: bool,
     /// The board does not move, by gyro and accelerometer.
     pub(super) still: bool,
-    /// Standard deviation of the steady turn that a field hides which has come to rest, rad/s; infinite until it has.
+    /// See [`crate::attitude::Attitude::hidden_rate_sd_rad_s`].
     pub(super) hidden_rate_sd_rad_s: f64,
 }
 

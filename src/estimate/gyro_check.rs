@@ -156,10 +156,10 @@ struct Sums {
 
 impl Sums {
     fn take(&mut self, seen: &Vector3<f64>, predicted: &Vector3<f64>) {
-        let (seen2, told2) = (seen.norm_squared(), predicted.norm_squared());
-        let keep = (-seen2.max(told2) / MEMORY).exp();
+        let (seen2, predicted2) = (seen.norm_squared(), predicted.norm_squared());
+        let keep = (-seen2.max(predicted2) / MEMORY).exp();
         self.seen = self.seen * keep + seen2;
-        self.predicted = self.predicted * keep + told2;
+        self.predicted = self.predicted * keep + predicted2;
         self.both = self.both * keep + seen.dot(predicted);
         self.count += 1;
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::{Filter, Input, JITTER_S, USUAL_UNEVENNESS};
+use super::{Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
 use crate::estimate::prior::FIELD_MGAUSS;
 use crate::frame::angle_between_rad;
@@ -13,6 +13,12 @@ const BEGIN_RAD: f64 = 0.1;
 impl Filter {
     /// The frame has been lost: the field in it comes anew from one sample.
     pub(super) fn restart_frame(&mut self, input: &Input) {
+        let about = self.x;
+        self.restart_frame_about(input, &about);
+    }
+
+    /// The same, linearised about the iron, the matrix and the lag of this state.
+    fn restart_frame_about(&mut self, input: &Input, about: &State) {
         self.still = input.still;
         self.vertical_known = input.vertical_known;
         self.last_attitude = input.to_frame;
@@ -20,14 +26,15 @@ impl Filter {
             self.first_attitude = None;
             return;
         }
-        let Some(inverse) = self.matrix().try_inverse() else {
+        let matrix = Matrix3::from_row_slice(about.fixed_rows::<9>(D).as_slice());
+        let Some(inverse) = (Matrix3::identity() + matrix).try_inverse() else {
             return;
         };
         let rate = input.turning().cross_matrix();
-        let lag = self.x[T] - input.lag_s;
+        let lag = about[T] - input.lag_s;
         let turn = input.to_frame * (Matrix3::identity() - rate * lag);
         let map = turn * inverse;
-        let corrected = inverse * (input.field_mgauss - self.vector(B));
+        let corrected = inverse * (input.field_mgauss - about.fixed_rows::<3>(B));
         let field = turn * corrected;
         self.clear(H, 3);
         self.clear(E, 2);
@@ -66,6 +73,11 @@ impl Filter {
             .fixed_columns_mut::<3>(H)
             .copy_from(&cross.transpose());
         self.p.fixed_view_mut::<3, 3>(H, H).copy_from(&own);
+        let mut off = self.x - about;
+        off.rows_mut(H, B).fill(0.0);
+        off.fixed_rows_mut::<3>(M).fill(0.0);
+        off.fixed_rows_mut::<3>(Q).fill(0.0);
+        let field = field + jacobian * off;
         self.x.fixed_rows_mut::<3>(H).copy_from(&field);
         self.innovation = None;
         self.odd = None;
@@ -102,26 +114,20 @@ impl Filter {
         if known || !self.measured.is_empty() {
             self.begun = true;
             let measured = std::mem::take(&mut self.measured);
-            let restart = |filter: &mut Self| {
-                filter.restart_frame(input);
-                for one in &measured {
-                    filter.learn(one);
-                }
-            };
             // The field comes from the sample less the iron, and D multiplies it. So the iron is found first, and then all is linearised
             // about that.
             let mut found = self.clone();
-            restart(&mut found);
-            self.x.fixed_rows_mut::<3>(B).copy_from(&found.vector(B));
-            let matrix = found.x.fixed_rows::<9>(D).into_owned();
-            self.x.fixed_rows_mut::<9>(D).copy_from(&matrix);
-            restart(self);
+            found.restart_frame(input);
+            found.learn_all(&measured);
+            self.restart_frame_about(input, &found.x);
+            self.learn_all(&measured);
             return false;
         }
         if angle_between_rad(&first, &input.to_frame) < BEGIN_RAD {
             return false;
         }
         self.begun = true;
+        self.last_attitude = input.to_frame;
         let half = 0.5 * input.field_mgauss;
         self.x
             .fixed_rows_mut::<3>(H)

@@ -195,6 +195,22 @@ mod tests {
         assert!((left - expected).amax() < 1e-12, "{left} {expected}");
         let share = expected.x / 0.01f64.powi(2);
         assert!((learnt - gyro_bias * share).amax() < 1e-9, "{learnt}");
+
+        // An attitude that begins anew knows less, and what the field tells counts again.
+        let bias = |sd: f64| GyroBias {
+            rad_s: Vector3::zeros(),
+            covariance: Matrix3::identity() * sd * sd,
+        };
+        let anew = BiasLearnt::between(&bias(0.001), &bias(0.05), 0.1, false);
+        filter.learn_of_gyro_bias(&anew, false);
+        let still = Input {
+            still: true,
+            hidden_rate_sd_rad_s: 0.01,
+            ..Input::turning_at(Matrix3::identity(), gyro_bias, Vector3::x() * 500.0)
+        };
+        filter.learn_bias_of_still_board(&still, false);
+        let (_, left) = filter.gyro_bias();
+        assert!(left.amax() < 0.01f64.powi(2), "{left}");
     }
 
     /// A filter that has begun, and knows what the attitude does of the gyro.

@@ -26,9 +26,7 @@ impl Filter {
             *variance = variance.min(USUAL_UNEVENNESS.powi(2));
         }
         self.restart_frame(input);
-        for one in measured {
-            self.learn(one);
-        }
+        self.learn_all(measured);
     }
 
     /// Variance of what a turn has measured, as far as it is known here.
@@ -56,8 +54,15 @@ impl Filter {
         jacobian
     }
 
-    /// Updates the state by one sum of parameters that a turn has measured.
-    pub(super) fn learn(&mut self, measured: &Measured) {
+    /// Updates the state by what a turn has measured.
+    pub(super) fn learn_all(&mut self, measured: &[Measured]) {
+        for one in measured {
+            self.learn(one);
+        }
+    }
+
+    /// Updates the state by one sum of parameters.
+    fn learn(&mut self, measured: &Measured) {
         let jacobian = self.jacobian_of(measured);
         let predicted = jacobian.dot(&self.x) + measured.matrix.trace();
         let cross = self.p * jacobian;

@@ -33,13 +33,14 @@ const FIELD_WALK: f64 = 0.0002;
 const IRON_WALK_MGAUSS: f64 = 0.05;
 /// What the model leaves out is the same whenever the board is in the same attitude, and does not average out by swinging to and fro.
 /// It is as much as the unevenness and the tilt error that are measured, up to the unevenness of usual places. So iron and matrix walk by
-/// turning: the iron by this share of it per √rad. Without the tilt error a boat at anchor is falsely sure twice as often; if what is
-/// left out is always that of usual places, a car on even ground is not sure enough.
+/// turning: the iron by this share of it, and of the field, per √rad. Without the tilt error a boat at anchor is falsely sure twice as
+/// often.
 const IRON_TURN: f64 = 0.2;
+/// Walk of each entry of D per √rad, as a multiple of the same share. Half or twice as much keeps the simulated families within their
+/// limits.
+const MATRIX_TURN: f64 = 0.067;
 /// Mean square over the axes of what a tilt error makes of a field, as a share of both: it moves the field on two of three axes.
 const BY_TILT: f64 = 2.0 / 3.0;
-/// The same of each entry of D. With half of it or twice the simulated families hold as well.
-const MATRIX_TURN: f64 = 0.067;
 /// While the board turns, a change of the hard iron may have caused all of the variance of unusual unevenness, and a change of the field
 /// this share of it.
 const FIELD_SHARE: f64 = 0.003;
