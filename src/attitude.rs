@@ -163,7 +163,7 @@ impl Attitude {
 
     /// Takes a reading, raw field and all, and calls `on_tick` with each tick that it completes.
     ///
-    /// Ticks come with the gyro; numbers that are not finite are passed over.
+    /// Ticks come with the gyro. A field or a rate that is not finite is passed over.
     pub fn take(&mut self, reading: &Reading, mut on_tick: impl FnMut(&Tick)) {
         let t_s = reading.t_s;
         if !t_s.is_finite() {
@@ -269,7 +269,7 @@ impl Attitude {
         self.filter.at_rest()
     }
 
-    /// Standard deviation of the steady turn that a field hides which has come to rest, rad/s; infinite until it has.
+    /// Standard deviation of the slow steady turn that a field at rest may still hide, rad/s; infinite until the field has moved and come to rest.
     pub fn hidden_rate_sd_rad_s(&self, t_s: f64) -> f64 {
         self.filter.field_motion.hidden_rate_sd_rad_s(t_s)
     }

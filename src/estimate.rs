@@ -86,7 +86,7 @@ pub struct Sample {
     pub at_rest: bool,
     /// Still by gyro and accelerometer.
     pub still: bool,
-    /// Standard deviation of the steady turn that a field hides which has come to rest, rad/s; infinite until it has.
+    /// See [`crate::attitude::Attitude::hidden_rate_sd_rad_s`].
     pub hidden_rate_sd_rad_s: f64,
 }
 

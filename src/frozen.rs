@@ -23,11 +23,6 @@ const BELIED_SHARE: f64 = 0.05;
 /// A gyro that has said nothing for longer shows no motion, seconds.
 pub(crate) const GAP_S: f64 = 0.5;
 
-/// With noise of one step, a working axis repeats a number this often in a row in fewer than 1 of 5000 cases.
-pub(crate) const SAME_SAMPLES: usize = 10;
-/// Change of a working axis beyond which a repeated number is a fault, in steps of that axis.
-pub(crate) const LEAST_STEPS: f64 = 2.0;
-
 /// What is frozen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frozen {

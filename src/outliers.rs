@@ -72,7 +72,7 @@ impl Outliers {
     /// The reading without what cannot be.
     pub fn filter(&mut self, reading: &Reading) -> Reading {
         let mut kept = *reading;
-        // Not the largest of the axes: that leaves out what is no number.
+        // Not `amax`: it ignores NaN.
         let within =
             |vector: &Vector3<f64>, largest: f64| vector.iter().all(|axis| axis.abs() <= largest);
         kept.rate_rad_s = kept.rate_rad_s.filter(|rate| {

@@ -12,6 +12,12 @@ pub const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 /// the board is at rest, an equal value after this time is a new one.
 pub const HELD_S: f64 = 0.2;
 
+/// With noise of one step, a working axis of a magnetometer repeats a number this often in a row in fewer than 1 of 5000 cases.
+pub(crate) const SAME_SAMPLES: usize = 10;
+
+/// A working axis that should have changed by more than so many of its steps, and repeats a number, is stuck or at the end of its range.
+pub(crate) const LEAST_STEPS: f64 = 2.0;
+
 /// A magnetometer's three axes in milligauss, chip axes. `None` is an axis that overflowed: the chip
 /// answered, but this number is not a measurement.
 pub type Field = [Option<f64>; 3];

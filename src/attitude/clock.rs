@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn holes_and_jumps_restart_and_repetitions_are_ignored() {
+    fn gaps_and_jumps_restart_and_repetitions_are_ignored() {
         let mut clock = EvenClock::new(0.5);
         let rate = Vector3::x();
         let mut ticks = 0;

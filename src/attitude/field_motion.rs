@@ -22,7 +22,7 @@ const SETTLED_S: f64 = 10.0;
 /// hide a turn.
 const NOISE_SDS: f64 = 2.5;
 const NOISE_MARGIN_LIMIT_MGAUSS: f64 = 15.0;
-/// Hysteresis, so that it does not flicker: a field that moves must come this near, as a share, to stand still.
+/// A field that moves counts as still again below this share of the limit, so that the answer does not flicker.
 const STOPS: f64 = 0.6;
 /// A larger step from one reading to the next is a spike, not noise.
 const SPIKE_MGAUSS: f64 = 50.0;

@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn even_readings_are_on_time_and_so_is_what_follows_a_hole() {
+    fn even_readings_are_on_time_and_so_is_what_follows_a_gap() {
         let mut lateness = Lateness::default();
         for i in 0..500 {
             assert!(lateness.take(f64::from(i) * 0.02) < 1e-3);

@@ -248,7 +248,7 @@ fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
 }
 
 #[test]
-fn the_motion_before_a_hole_is_not_carried_over_it() {
+fn the_motion_before_a_gap_is_not_carried_over_it() {
     let mut board = TestBoard::default();
     board.turn(Vector3::z(), 60.0, 30.0);
     let (before, _) = run(&board);

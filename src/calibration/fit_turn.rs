@@ -18,7 +18,7 @@ use super::windows::windows;
 use super::{coverage, levelling};
 use crate::attitude::Pose;
 use crate::frame::hypot;
-use crate::frozen::{LEAST_STEPS, SAME_SAMPLES};
+use crate::reading::{LEAST_STEPS, SAME_SAMPLES};
 
 /// A smaller swing of the field is no turn, milligauss: a third of what the weakest horizontal field in which a compass is of use, 30 mG,
 /// swings by.

@@ -65,8 +65,8 @@ const MOST_AT_THE_END: f64 = 0.5;
 /// A jump by a smaller share of the field is none, however still the field is otherwise.
 const LEAST_JUMP_SHARE: f64 = 0.02;
 
-/// Field and fit at rest may differ by this share, 11° of heading: up to 4° by the gyro's drift, 4° by a swaying turn, 2° by a change
-/// of place.
+/// Field and fit at rest may differ by this share, 11° of heading: by up to 4° the gyro has drifted, 4° are a swaying turn's, 2° and a
+/// little more the place's.
 pub const MOST_AT_REST: f64 = 0.2;
 
 /// The first objection to a candidate, the most telling first; `Ok` if there is none.

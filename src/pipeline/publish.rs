@@ -8,6 +8,7 @@ use crate::condition::Condition;
 use crate::estimate::Fix;
 use crate::frame::{dip_deg, heading_deg};
 use crate::heading::{Heading, MagStatus};
+use crate::reading::HELD_S;
 
 /// The strength of the field is smoothed over this time, seconds.
 const STRENGTH_S: f64 = 0.5;
@@ -31,7 +32,7 @@ impl Pipeline {
             .calibrated()
             .then(|| self.estimate.corrected(raw))
             .flatten();
-        if let (Some(corrected), Some(_)) = (&corrected, measured_s) {
+        if let Some(corrected) = &corrected {
             self.follow_strength(t_s, corrected.norm());
         }
         let publish_sd_deg = self.setup.pipeline.publish_sd_deg;
@@ -84,13 +85,14 @@ impl Pipeline {
         actions.push(Action::Publish(heading));
     }
 
-    /// Takes the strength of a corrected sample.
+    /// Takes the strength of a corrected field, also of one that a row repeats: a field that stays is calm. One sample after a pause is no
+    /// field that stays.
     fn follow_strength(&mut self, t_s: f64, strength_mgauss: f64) {
         let expected = self.estimate.strength_mgauss();
         let period_s = t_s - std::mem::replace(&mut self.strength_s, t_s);
         if expected > 0.0 {
             let deviation = strength_mgauss / expected - 1.0;
-            let gain = 1.0 - (-period_s / STRENGTH_S).exp();
+            let gain = 1.0 - (-period_s.min(HELD_S) / STRENGTH_S).exp();
             self.strength_deviation += gain * (deviation - self.strength_deviation);
         }
     }

@@ -10,8 +10,8 @@ use std::f64::consts::PI;
 use nalgebra::Vector3;
 
 use crate::frame::{Mountings, hypot};
-use crate::frozen::{GAP_S, LEAST_STEPS, MOVING_RAD_S, SAME_SAMPLES};
-use crate::reading::Reading;
+use crate::frozen::{GAP_S, MOVING_RAD_S};
+use crate::reading::{LEAST_STEPS, Reading, SAME_SAMPLES};
 
 /// Largest rotation about the axis itself, as a share of the angle by which the axis swings: it changes the other axes alone.
 const ABOUT_ITSELF: f64 = 0.5;

@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_hole_nothing_is_made_up_for() {
+    fn after_a_gap_nothing_is_made_up_for() {
         let begun = Instant::now();
         let mut pace = RateLimit::new(Some(10.0));
         let at = |ms| begun + Duration::from_millis(ms);

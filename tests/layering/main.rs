@@ -47,7 +47,7 @@ const ROOMS: &[Room] = &[
     room("attitude", 0, &["reading", "frame"]),
     room("turn", 0, &["reading", "frame", "attitude"]),
     // A sample carries the pose that the gyro gave it: the verdict is held against it.
-    room("calibration", 0, &["reading", "frame", "frozen", "turn", "attitude"]),
+    room("calibration", 0, &["reading", "frame", "turn", "attitude"]),
     // The condition is published with each heading.
     room("heading", 0, &["condition"]),
     // Starts from a calibration, and gives one to keep; the place's field is evidence.

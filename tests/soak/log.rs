@@ -25,16 +25,16 @@ pub fn write(path: &Path, rng: &mut impl Rng) -> Truth {
     let simulator = Simulator::new(settings).unwrap();
     let mut writer = Writer::new(Vec::new(), &simulator.header()).unwrap();
     let mut truth = Truth::new();
-    let mut hole_until_s = 0.0;
+    let mut gap_until_s = 0.0;
     let mut garbage: Vec<(usize, Vec<u8>)> = Vec::new();
     let mut written = 0;
     for mut entry in simulator {
         let t_s = entry.reading.t_s;
         // A gap about every 20 s, after there was time to calibrate.
-        if t_s > 25.0 && t_s > hole_until_s + 2.0 && rng.random_bool(1.0 / 2800.0) {
-            hole_until_s = t_s + rng.random_range(0.3..3.0);
+        if t_s > 25.0 && t_s > gap_until_s + 2.0 && rng.random_bool(1.0 / 2800.0) {
+            gap_until_s = t_s + rng.random_range(0.3..3.0);
         }
-        if t_s < hole_until_s {
+        if t_s < gap_until_s {
             continue;
         }
         if t_s > 25.0 && rng.random_bool(0.002) {
