@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::prior::FIELD_MGAUSS;
+use super::prior::{FIELD_MGAUSS, ROTATION_RAD};
 use super::{Fix, level};
-use crate::calibration::model::{Calibration, Parameters};
+use crate::calibration::model::{Calibration, Model, Parameters};
 use crate::frame::{Mounting, heading_deg, hypot};
 
 /// What a place is off from that of the calibration, as a share of the field: rooms are uneven by 1 to 2 %.
@@ -31,13 +31,16 @@ pub(super) fn fix(
     let (axis, tilt_sd) = level::known_or_level(down);
     let heading = heading_deg(corrected, &axis)?;
     let (along, horizontal) = level::split(corrected, &axis);
+    // A fit to a circle or sphere does not see how the chips lie to each other; a circle shows which way is across it.
     let (vertical, unseen) = match &calibration.parameters {
-        Parameters::Spatial(_) => (along, 0.0),
+        Parameters::Spatial(spatial) if spatial.model() == Model::General => (along, 0.0),
+        Parameters::Spatial(_) => (along, ROTATION_RAD * hypot(along, horizontal)),
         // The field across the plane is not known, and comes into the heading as far as the plane is not level.
         Parameters::Planar(planar) => {
             let down = planar.basis.map(|basis| mounting.to_body(basis).dot(&axis));
             let off = hypot(down[0] - planar.level.x, down[1] - planar.level.y);
-            (FIELD_MGAUSS, off * FIELD_MGAUSS)
+            let unseen = hypot(off * FIELD_MGAUSS, ROTATION_RAD * horizontal);
+            (FIELD_MGAUSS, unseen)
         }
     };
     let own = calibration.heading_sd_deg.to_radians() * horizontal;

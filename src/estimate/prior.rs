@@ -14,7 +14,7 @@ pub(super) const SCALE: f64 = 0.08;
 /// Deviation of the other entries by soft iron.
 const SKEW: f64 = 0.02;
 /// Deviation of the rotation between the chips about each axis, radians: any angle up to 5°, in any direction.
-const ROTATION_RAD: f64 = 0.029;
+pub(super) const ROTATION_RAD: f64 = 0.029;
 /// White noise of a sample, milligauss, until it is measured: an HMC5843's resolution.
 const NOISE_MGAUSS: f64 = 7.0;
 /// What the place of a turn may have added to its result, as a share of the field: rooms are uneven by 1 to 2 %.
