@@ -269,7 +269,8 @@ impl Attitude {
         self.filter.at_rest()
     }
 
-    /// Standard deviation of the slow steady turn that a field at rest may still hide, rad/s; infinite until the field has moved and come to rest.
+    /// Standard deviation of the slow steady turn that a field at rest may still hide, rad/s; infinite until the field has
+    /// moved and come to rest.
     pub fn hidden_rate_sd_rad_s(&self, t_s: f64) -> f64 {
         self.filter.field_motion.hidden_rate_sd_rad_s(t_s)
     }

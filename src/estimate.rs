@@ -55,7 +55,8 @@ const CONTRADICTED: f64 = 4.0;
 /// Twice the longest lag of a magnetometer on any recorder, 60 ms, seconds.
 const MOST_LAG_S: f64 = 0.12;
 
-/// Limits of the time between two samples, seconds: what is divided by it stays finite, and a pause is no hours of motion.
+/// Limits of the time between two samples, seconds. The lower one keeps quotients finite; the upper one keeps a pause from counting as
+/// hours of motion.
 const SHORTEST_S: f64 = 1e-4;
 const LONGEST_S: f64 = 10.0;
 

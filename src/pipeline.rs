@@ -109,12 +109,12 @@ pub enum Action {
 
 /// A calibration under way.
 #[derive(Clone, Copy, Debug)]
-struct UnderWay {
+struct CalibrationJob {
     /// Why it was asked for.
     reason: Reason,
-    /// Its outcome is to be discarded.
+    /// Discard its outcome.
     unwanted: bool,
-    /// Turns found meanwhile wait for its end.
+    /// Calibrate again when it ends: a turn was completed meanwhile.
     again: bool,
 }
 
@@ -131,7 +131,7 @@ pub struct Pipeline {
     sample: Option<Sample>,
     buffer: VecDeque<FieldSample>,
     completed: VecDeque<Turn>,
-    under_way: Option<UnderWay>,
+    job: Option<CalibrationJob>,
     policy: Policy,
     /// The next motion is to be calibrated on.
     armed: bool,
@@ -144,7 +144,7 @@ pub struct Pipeline {
     whole_field_s: f64,
     overflow_s: f64,
     rate_s: f64,
-    /// Strength of the corrected field over that expected, less 1, low-passed, and when it was last measured.
+    /// Strength of the corrected field over the expected one, less 1, low-passed, and the time of the newest row in it.
     strength_deviation: f64,
     strength_s: f64,
     disturbed_s: f64,
@@ -172,7 +172,7 @@ impl Pipeline {
             setup,
             buffer: VecDeque::new(),
             completed: VecDeque::new(),
-            under_way: None,
+            job: None,
             policy: Policy::On,
             armed: false,
             refused: None,
@@ -226,7 +226,7 @@ impl Pipeline {
 
     /// Whether a calibration is under way.
     pub fn is_calibrating(&self) -> bool {
-        self.under_way.is_some()
+        self.job.is_some()
     }
 
     /// How much of a full turn is completed, 0 to 1; not known while the source or the magnetometer is silent.

@@ -111,7 +111,8 @@ impl FieldMotion {
 impl LowPasses {
     fn take(&mut self, t_s: f64, field: Vector3<f64>) {
         let dt_s = t_s - self.newest_s;
-        let gain = |tau_s: f64| 1.0 - (-dt_s / tau_s.max(1e-3)).exp();
+        let gain_over = |dt_s: f64, tau_s: f64| 1.0 - (-dt_s / tau_s.max(1e-3)).exp();
+        let gain = |tau_s: f64| gain_over(dt_s, tau_s);
         self.fast += (field - self.fast) * gain(FAST_S);
         self.slow += (field - self.slow) * gain(SLOW_S);
         self.drift_fast += (field - self.drift_fast) * gain(DRIFT_FAST_S);
@@ -120,7 +121,7 @@ impl LowPasses {
         if field != self.newest || t_s - self.measured_s >= HELD_S {
             let step = (field - self.newest).norm().min(SPIKE_MGAUSS);
             let step_s = t_s - self.measured_s;
-            let slow = 1.0 - (-step_s / SLOW_S).exp();
+            let slow = gain_over(step_s, SLOW_S);
             self.step_squared += (step * step - self.step_squared) * slow;
             self.step_s += (step_s - self.step_s) * slow;
             (self.measured_s, self.newest) = (t_s, field);

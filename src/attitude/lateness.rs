@@ -103,7 +103,8 @@ impl Lateness {
         self.walk_s2
     }
 
-    /// Limits how late the reading before was by what the step after it shows. Returns that, seconds, and learns whether readings are held back.
+    /// Limits how late the reading before was, by the length of the step after it. Returns that lateness, seconds, and learns whether
+    /// readings are held back.
     fn limit_lateness_s(&mut self, step_s: f64, piled: bool) -> f64 {
         let mut late_s = self.late_s;
         if !piled {

@@ -47,7 +47,8 @@ type State = SVector<f64, N>;
 const GYRO_BIAS_RAD_S: f64 = 0.035;
 /// Scale error to expect on an axis of a gyro; data sheets: 1 to 3 % at most.
 const GYRO_SCALE: f64 = 0.01;
-/// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering; on recorders 16 ms, and 60 ms at most.
+/// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering. On recorders
+/// it is 16 ms, and 60 ms at most.
 const LAG_S: f64 = 0.015;
 /// Jitter of the times of samples, seconds: that of a bus which the kernel polls. Any value from 1 to 5 ms gives nearly the same simulated figures.
 const JITTER_S: f64 = 0.002;

@@ -31,7 +31,7 @@ pub(super) fn fix(
     let (axis, tilt_sd) = level::known_or_level(down);
     let heading = heading_deg(corrected, &axis)?;
     let (along, horizontal) = level::split(corrected, &axis);
-    // A fit to a circle or sphere does not see how the chips lie to each other; a circle shows which way is across it.
+    // A fit to a sphere does not see the rotation between the chips. Of a circle only the rotation about its axis is unseen.
     let (vertical, unseen) = match &calibration.parameters {
         Parameters::Spatial(spatial) if spatial.model() == Model::General => (along, 0.0),
         Parameters::Spatial(_) => (along, ROTATION_RAD * hypot(along, horizontal)),

@@ -28,7 +28,7 @@ impl Pipeline {
     pub(super) fn set_policy(&mut self, policy: Policy, actions: &mut Vec<Action>) {
         self.policy = policy;
         let wanted = self.wanted().is_some();
-        if let Some(job) = &mut self.under_way {
+        if let Some(job) = &mut self.job {
             job.unwanted |= !wanted || (policy == Policy::Off && job.reason != Reason::Start);
         }
         self.refresh(actions);
@@ -72,14 +72,14 @@ impl Pipeline {
     }
 
     pub(super) fn forget_waiting_turns(&mut self) {
-        if let Some(job) = &mut self.under_way {
+        if let Some(job) = &mut self.job {
             job.again = false;
         }
     }
 
     /// The outcome of a calibration under way will not be used.
     pub(super) fn discard_outcome(&mut self) {
-        if let Some(job) = &mut self.under_way {
+        if let Some(job) = &mut self.job {
             job.unwanted = true;
         }
     }
@@ -99,7 +99,7 @@ impl Pipeline {
     }
 
     pub(super) fn conclude(&mut self, mut outcome: Box<Outcome>, actions: &mut Vec<Action>) {
-        let Some(job) = self.under_way.take() else {
+        let Some(job) = self.job.take() else {
             return;
         };
         if job.unwanted {

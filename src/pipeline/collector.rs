@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Action, Pipeline, UnderWay};
+use super::{Action, CalibrationJob, Pipeline};
 use crate::calibration::plane::show_space;
 use crate::calibration::settings::ModeChoice;
 use crate::calibration::{CompletedTurn, FieldSample, Request, last_rest};
@@ -46,7 +46,7 @@ impl Pipeline {
     pub(super) fn turned(&mut self, turn: Turn, actions: &mut Vec<Action>) {
         self.completed.push_back(turn);
         actions.push(Action::Turned(turn));
-        match &mut self.under_way {
+        match &mut self.job {
             Some(job) => job.again = true,
             None => self.ask_for_calibration(actions),
         }
@@ -60,7 +60,7 @@ impl Pipeline {
         let Some(request) = self.request() else {
             return;
         };
-        self.under_way = Some(UnderWay {
+        self.job = Some(CalibrationJob {
             reason,
             unwanted: false,
             again: false,

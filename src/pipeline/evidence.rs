@@ -31,7 +31,7 @@ impl Pipeline {
             overflowing: self.overflow_s > self.whole_field_s,
             stale_s: self.setup.pipeline.stale_s,
             calibrated: self.learning.calibrated(),
-            calibrating: self.under_way.is_some_and(|job| !job.unwanted),
+            calibrating: self.job.is_some_and(|job| !job.unwanted),
             wanted: self.wanted().is_some(),
             turned: self.intake.turns.progress(),
             learnt: self.learnt(),

@@ -94,7 +94,8 @@ impl Pipeline {
         (known && self.gyro_is_right()).then(|| chip.map(f64::to_degrees))
     }
 
-    /// How much has been learnt on the way to a heading, 0 to 1: the logarithm of the deviation, from that of nothing down.
+    /// How much has been learnt on the way to a heading, 0 to 1: the logarithm of the deviation, from
+    /// `UNKNOWN_SD_DEG` down.
     pub(super) fn learnt(&self) -> f64 {
         let wanted = self.setup.pipeline.publish_sd_deg;
         let sd_deg = self.estimate.north_sd_deg().max(wanted);

@@ -85,8 +85,8 @@ impl Pipeline {
         actions.push(Action::Publish(heading));
     }
 
-    /// Takes the strength of a corrected field, also of one that a row repeats: a field that stays is calm. One sample after a pause is no
-    /// field that stays.
+    /// Smooths the strength of the corrected field. Rows that repeat a sample count, so that the mean settles on a field that does not
+    /// change. After a pause the first row counts for `HELD_S` at most.
     fn follow_strength(&mut self, t_s: f64, strength_mgauss: f64) {
         let expected = self.estimate.strength_mgauss();
         let period_s = t_s - std::mem::replace(&mut self.strength_s, t_s);

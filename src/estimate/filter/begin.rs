@@ -73,10 +73,11 @@ impl Filter {
             .fixed_columns_mut::<3>(H)
             .copy_from(&cross.transpose());
         self.p.fixed_view_mut::<3, 3>(H, H).copy_from(&own);
+        // What has just been restarted is 0 at both points.
         let mut off = self.x - about;
-        off.rows_mut(H, B).fill(0.0);
-        off.fixed_rows_mut::<3>(M).fill(0.0);
-        off.fixed_rows_mut::<3>(Q).fill(0.0);
+        for (at, count) in [(E, 2), (M, 3), (Q, 3)] {
+            off.rows_mut(at, count).fill(0.0);
+        }
         let field = field + jacobian * off;
         self.x.fixed_rows_mut::<3>(H).copy_from(&field);
         self.innovation = None;

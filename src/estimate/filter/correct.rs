@@ -10,12 +10,13 @@ use crate::estimate::prior::SCALE;
 pub(super) const LEAST_NOISE_MGAUSS: f64 = 1.5;
 /// The noise is measured over this time, seconds.
 const NOISE_TAU_S: f64 = 2.0;
-/// A sample changes its measured variance by at most half, which long periods would exceed, and counts at most as thrice its deviation
-/// (its square, halved for the difference of two samples): more is no noise.
+/// Largest weight of one sample in the measured noise, for long periods.
 const NOISE_GAIN: f64 = 0.5;
+/// Largest squared step that counts as noise, as a multiple of the noise variance.
 const NOISE_STEP2: f64 = 4.5;
-/// The mean normalised innovation is over this time, seconds, and a sample counts in it for at most so much.
+/// The normalised innovation squared is averaged over this time, seconds.
 const CONSISTENCY_S: f64 = 2.0;
+/// Largest value of one sample in that average.
 const CONSISTENCY_MOST: f64 = 50.0;
 /// Two odd innovations are alike if they differ by less than this share.
 const ALIKE: f64 = 0.5;
