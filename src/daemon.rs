@@ -27,7 +27,6 @@ use std::future::Future;
 use std::io;
 use std::path::PathBuf;
 use std::pin::pin;
-use std::sync::Weak;
 use std::time::{Duration, Instant};
 
 use tokio::sync::{mpsc, oneshot};
@@ -54,6 +53,7 @@ use open_files::Shortage;
 pub use recorder::RecordError;
 pub use reload::LoadConfig;
 use reload::Reload;
+use sensor_store::Running;
 use session::Session;
 use source_task::SourceTask;
 
@@ -183,7 +183,7 @@ impl Daemon {
                 "the service manager has handed over a socket {name:?}, which nobody here serves on"
             );
         }
-        let session = Session::open(source, config.clone(), &Weak::new())?;
+        let session = Session::open(source, config.clone(), &Running::default())?;
         let publisher = server.publisher();
         let (sender, orders) = mpsc::channel(WAITING_ORDERS);
         Ok(Self {

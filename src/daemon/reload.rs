@@ -1,19 +1,16 @@
 //! A reload: the next session is opened on a thread of its own while the present one goes on, and takes its place when it
 //! is ready.
 
-use std::sync::Weak;
-
 use tokio::sync::oneshot;
 
-use super::disk::Disk;
 use super::north::North;
+use super::sensor_store::Running;
 use super::session::Session;
 use super::source_task::SourceTask;
 use super::thread::Thread;
 use super::{Daemon, DaemonError};
 use crate::config::Config;
 use crate::pipeline::Event;
-use crate::store::History;
 
 /// Reads the wanted configuration; may block.
 pub type LoadConfig = Box<dyn FnOnce() -> Result<Config, String> + Send>;
@@ -31,8 +28,6 @@ pub(super) struct Prepared {
     keys: Vec<String>,
     /// None if what runs is as wanted.
     session: Option<Box<Session>>,
-    /// What was kept when the session was opened.
-    loaded: History,
 }
 
 impl Reload {
@@ -61,12 +56,11 @@ impl Daemon {
         }
         self.service.reloading();
         let session = &self.session;
-        let (config, disk) = (session.config.clone(), session.store.disk());
-        let loaded = session.store.history().clone();
+        let (config, running) = (session.config.clone(), session.store.running());
         let (sender, prepared) = oneshot::channel();
         let work = move || {
             // If nobody waits any more, the daemon is about to end.
-            let _ = sender.send(prepare(load, &config, &disk, loaded));
+            let _ = sender.send(prepare(load, &config, &running));
         };
         self.reload.prepared = Some(prepared);
         if let Err(error) = Thread::start("reload", work) {
@@ -88,7 +82,6 @@ impl Daemon {
                 config,
                 keys,
                 session: None,
-                ..
             }) => {
                 match &keys[..] {
                     [] => tracing::info!("reloaded: nothing has changed"),
@@ -107,12 +100,11 @@ impl Daemon {
             Ok(Prepared {
                 keys,
                 session: Some(mut session),
-                loaded,
                 ..
             }) => {
                 // Both may have the same device.
                 self.session.source.stop().await;
-                session.take_over(&self.session, &loaded);
+                session.take_over(&self.session);
                 let last = std::mem::replace(&mut self.session, session);
                 self.closing.spawn(last.close());
                 self.start_session()?;
@@ -142,14 +134,9 @@ fn is_north(key: &str) -> bool {
 }
 
 /// Opens the wanted session, if it differs from the running one.
-fn prepare(
-    load: LoadConfig,
-    running: &Config,
-    disk: &Weak<Disk>,
-    loaded: History,
-) -> Result<Prepared, String> {
+fn prepare(load: LoadConfig, config: &Config, running: &Running) -> Result<Prepared, String> {
     let wanted = load()?;
-    let change = running.change(&wanted).map_err(|error| error.to_string())?;
+    let change = config.change(&wanted).map_err(|error| error.to_string())?;
     if !change.at_start.is_empty() {
         tracing::warn!(
             "changes only with a restart: {}",
@@ -163,13 +150,12 @@ fn prepare(
         None
     } else {
         let opened = SourceTask::open(&config)
-            .and_then(|source| Session::open(source, config.clone(), disk));
+            .and_then(|source| Session::open(source, config.clone(), running));
         Some(opened.map_err(|error| error.to_string())?)
     };
     Ok(Prepared {
         config,
         keys: change.now,
         session,
-        loaded,
     })
 }

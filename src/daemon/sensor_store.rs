@@ -8,6 +8,13 @@ use super::disk::{Disk, Then};
 use crate::publish::control::status::StoreSummary;
 use crate::store::{History, Identity, Made, Settings};
 
+/// What a session that is to follow has to know of the one that is running. Holds nothing open.
+#[derive(Default)]
+pub(super) struct Running {
+    disk: Weak<Disk>,
+    identity: Option<Identity>,
+}
+
 /// The history of one sensor's calibrations, and the disk that keeps it, if any does.
 pub(super) struct SensorStore {
     history: History,
@@ -17,26 +24,31 @@ pub(super) struct SensorStore {
 }
 
 impl SensorStore {
-    /// Loads what the folder has of this sensor; `running` writes there already, if it is the same folder. Whatever is
-    /// wrong with it is logged. Waits for the disk.
+    /// Loads what the folder has of this sensor, unless `running` has it in memory. Whatever is wrong with the folder is
+    /// logged. Waits for the disk.
     pub(super) fn open(
         settings: &Settings,
         identity: Identity,
-        running: &Weak<Disk>,
+        running: &Running,
     ) -> Result<Self, DaemonError> {
-        let disk = match (settings.directory(), running.upgrade()) {
+        let mut in_memory = false;
+        let disk = match (settings.directory(), running.disk.upgrade()) {
             (None, _) => {
                 tracing::info!("store.directory is empty: calibrations are not kept");
                 None
             }
-            (Some(directory), Some(disk)) if disk.directory == directory => Some(disk),
+            (Some(directory), Some(disk)) if disk.directory == directory => {
+                in_memory = running.identity.as_ref() == Some(&identity);
+                Some(disk)
+            }
             (Some(directory), running) => {
-                // The end of the daemon waits for whoever holds the last reference.
+                // Drop our reference first: only whoever holds the last one waits for the disk at shutdown.
                 drop(running);
                 Some(Arc::new(Disk::open(directory)?))
             }
         };
-        let loaded = disk.as_ref().and_then(|disk| disk.load(identity.clone()));
+        let loading = disk.as_ref().filter(|_| !in_memory);
+        let loaded = loading.and_then(|disk| disk.load(identity.clone()));
         Ok(Self {
             history: loaded.unwrap_or_else(|| History::new(identity)),
             most: settings.history,
@@ -45,8 +57,11 @@ impl SensorStore {
         })
     }
 
-    pub(super) fn disk(&self) -> Weak<Disk> {
-        self.disk.as_ref().map(Arc::downgrade).unwrap_or_default()
+    pub(super) fn running(&self) -> Running {
+        Running {
+            disk: self.disk.as_ref().map(Arc::downgrade).unwrap_or_default(),
+            identity: Some(self.history.identity.clone()),
+        }
     }
 
     pub(super) fn history(&self) -> &History {
@@ -64,15 +79,16 @@ impl SensorStore {
         std::mem::take(&mut self.changed)
     }
 
-    /// Goes on from the history of the session before a reload, which was `loaded` when this was opened, unless the
-    /// folder knows better.
-    pub(super) fn take_over(&mut self, last: &History, loaded: &History) {
-        let (here, there) = (self.history.last_number, last.last_number);
-        let told = there == here && last.mounting != self.history.mounting;
-        let newer = last != loaded || there > here || told;
-        if last.identity == self.history.identity && newer {
-            self.history = last.clone();
-            self.save(Box::new(|_| ()));
+    /// Goes on from the history of the session before a reload, unless another folder has one of its own.
+    pub(super) fn take_over(&mut self, last: &Self) {
+        let (here, there) = (self.disk.as_ref(), last.disk.as_ref());
+        let same = here.map(Arc::as_ptr) == there.map(Arc::as_ptr);
+        if last.history.identity == self.history.identity && (same || self.history.last_number == 0)
+        {
+            self.history = last.history.clone();
+            if !same {
+                self.save(Box::new(|_| ()));
+            }
         }
     }
 
@@ -106,6 +122,36 @@ impl SensorStore {
     pub(super) async fn close(self, patience: Duration) {
         if let Some(disk) = self.disk.and_then(Arc::into_inner) {
             disk.close(patience).await;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Mounting;
+
+    #[tokio::test]
+    async fn a_reload_takes_calibrations_along_and_replaces_none_of_another_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let open = |name, running: &Running| {
+            let settings = Settings {
+                directory: folder.path().join(name),
+                ..Settings::default()
+            };
+            let identity = Identity::new("hmc5843", Mounting::default());
+            SensorStore::open(&settings, identity, running).unwrap()
+        };
+        let mut backup = open("backup", &Running::default());
+        backup.history_mut().last_number = 3;
+        backup.save(Box::new(|_| ()));
+        backup.close(Duration::from_secs(30)).await;
+        let mut here = open("here", &Running::default());
+        here.history_mut().last_number = 5;
+        for (name, right) in [("here", 5), ("backup", 3), ("new", 5)] {
+            let mut next = open(name, &here.running());
+            next.take_over(&here);
+            assert_eq!(next.history().last_number, right, "{name}");
         }
     }
 }

@@ -1,21 +1,19 @@
 //! What a reload replaces: source, pipeline, store, recording, and what is known of the source.
 
-use std::sync::Weak;
 use std::time::{Duration, Instant};
 
 use super::DaemonError;
 use super::calibrator::Calibrator;
-use super::disk::Disk;
 use super::north::North;
 use super::recorder::Recorder;
-use super::sensor_store::SensorStore;
+use super::sensor_store::{Running, SensorStore};
 use super::source_task::SourceTask;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::frame::Mounting;
 use crate::pipeline::Pipeline;
 use crate::recording::TimeOfDay;
-use crate::store::{History, Identity};
+use crate::store::Identity;
 
 /// What is still to be written is waited for this long: a stop takes less than a second.
 const DISK_PATIENCE: Duration = Duration::from_millis(600);
@@ -50,12 +48,12 @@ pub(super) enum SourceState {
 }
 
 impl Session {
-    /// Loads what is kept of the source's sensor, and begins to record, if that is wanted. `running` writes
-    /// the calibrations of the session that this one will follow. Waits for the disk.
+    /// Loads what is kept of the source's sensor, and begins to record, if that is wanted. `running` is of
+    /// the session that this one will follow. Waits for the disk.
     pub(super) fn open(
         source: SourceTask,
         config: Config,
-        running: &Weak<Disk>,
+        running: &Running,
     ) -> Result<Box<Self>, DaemonError> {
         // A log and the simulated board say themselves how their chips are mounted.
         let header = &source.header;
@@ -88,9 +86,9 @@ impl Session {
         }))
     }
 
-    /// Goes on from the calibrations of the session before, which had `loaded` when this one was opened.
-    pub(super) fn take_over(&mut self, last: &Self, loaded: &History) {
-        self.store.take_over(last.store.history(), loaded);
+    /// Goes on from the calibrations of the session before.
+    pub(super) fn take_over(&mut self, last: &Self) {
+        self.store.take_over(&last.store);
         self.pipeline = pipeline(&self.config, &self.source, &self.store);
     }
 
