@@ -38,7 +38,7 @@ impl From<DaemonError> for Failure {
                 Self::UNAVAILABLE
             }
             DaemonError::Serve { .. } => Self::IO,
-            DaemonError::Record(error) if error.is_at_start() => Self::CANNOT_CREATE,
+            DaemonError::Record(error) if error.at_start => Self::CANNOT_CREATE,
             DaemonError::Record(_) => Self::IO,
             DaemonError::Thread { .. } | DaemonError::Timer(_) => Self::SYSTEM,
         };

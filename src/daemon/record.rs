@@ -2,11 +2,14 @@
 
 use std::fmt;
 use std::future::Future;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::time::Duration;
 
+use tokio::time::timeout;
+
 use super::listener::Listener;
-use super::recorder::Recorder;
+use super::recorder::{RecordError, Recorder};
 use super::source_task::SourceTask;
 use super::{Daemon, DaemonError};
 use crate::config::source::Kind;
@@ -89,7 +92,10 @@ impl Recording {
         };
         let end = match early {
             Some(end) => end,
-            None => ending.await,
+            None => timeout(PATIENCE, ending).await.unwrap_or_else(|_| {
+                let hangs = RecordError::of(false, out)(ErrorKind::TimedOut.into());
+                Ok((0, Err(hangs)))
+            }),
         };
         // An error means that the thread panicked, which has been logged.
         let (written, end) = end.unwrap_or((0, Ok(())));

@@ -19,21 +19,26 @@ use crate::wall_clock;
 
 /// Readings that may wait for the disk: some ten seconds of them.
 const QUEUE: usize = 4096;
-/// Interval at which readings are flushed to disk: a power cut loses no more.
+/// Interval at which readings are handed to the system, which writes them to disk: a daemon that is killed loses no more.
 const FLUSH: Duration = Duration::from_secs(1);
 
 #[derive(Debug, thiserror::Error)]
-#[error("cannot {attempt} recording {}: {source}", path.display())]
+#[error("cannot {} recording {}: {source}", if *at_start { "begin" } else { "go on with" }, path.display())]
 pub struct RecordError {
-    attempt: &'static str,
+    /// Not even the file could be made.
+    pub at_start: bool,
     path: PathBuf,
     source: io::Error,
 }
 
 impl RecordError {
-    /// Whether not even the file could be made.
-    pub fn is_at_start(&self) -> bool {
-        self.attempt == "begin"
+    /// Names the file of an attempt that failed: to begin with it, or to go on.
+    pub(super) fn of(at_start: bool, path: &Path) -> impl Fn(io::Error) -> Self {
+        move |source| Self {
+            at_start,
+            path: path.to_owned(),
+            source,
+        }
     }
 }
 
@@ -142,31 +147,21 @@ struct OpenLog {
     writer: Writer<BufWriter<File>>,
 }
 
-/// Names the file of an attempt that failed.
-fn failed(attempt: &'static str, path: &Path) -> impl Fn(io::Error) -> RecordError {
-    move |source| RecordError {
-        attempt,
-        path: path.to_owned(),
-        source,
-    }
-}
-
 impl Destination {
     fn open(&self) -> Result<(PathBuf, File), RecordError> {
         Ok(match self {
             Self::File(path) if path == Path::new("-") => {
                 let path = PathBuf::from("standard output");
                 let descriptor = io::stdout().as_fd().try_clone_to_owned();
-                let file = descriptor.map_err(failed("begin", &path))?.into();
+                let file = descriptor.map_err(RecordError::of(true, &path))?.into();
                 (path, file)
             }
             Self::File(path) => {
-                let file = File::create(path).map_err(failed("begin", path))?;
+                let file = File::create(path).map_err(RecordError::of(true, path))?;
                 (path.clone(), file)
             }
-            Self::Ring(ring) => {
-                ring::next(&ring.directory, ring.files).map_err(failed("begin", &ring.directory))?
-            }
+            Self::Ring(ring) => ring::next(&ring.directory, ring.files)
+                .map_err(RecordError::of(true, &ring.directory))?,
         })
     }
 
@@ -187,7 +182,8 @@ impl OpenLog {
         {
             header.truth.push((RECORDED_FROM.to_owned(), time));
         }
-        let writer = Writer::new(BufWriter::new(file), &header).map_err(failed("begin", &path))?;
+        let writer =
+            Writer::new(BufWriter::new(file), &header).map_err(RecordError::of(true, &path))?;
         Ok(Self { path, writer })
     }
 
@@ -220,7 +216,7 @@ impl OpenLog {
                 }
                 Err(RecvTimeoutError::Disconnected) => return Ok(false),
             };
-            done.map_err(failed("go on with", &self.path))?;
+            done.map_err(RecordError::of(false, &self.path))?;
             if bytes >= most_bytes {
                 return Ok(true);
             }
@@ -240,7 +236,7 @@ fn record(
         tracing::info!("recording into {}", path.display());
     }
     loop {
-        // Then the header is written, which has the first reading's time.
+        // The header contains the time of the first reading, so it is written only when that has come.
         let first = readings.recv();
         let mut log = OpenLog::begin(path, file, header)?;
         let full = match first {
@@ -248,7 +244,7 @@ fn record(
             Err(_) => false,
         };
         let closed = log.writer.flush();
-        closed.map_err(failed("go on with", &log.path))?;
+        closed.map_err(RecordError::of(false, &log.path))?;
         if !full {
             return Ok(());
         }

@@ -245,6 +245,16 @@ fn a_log_that_cannot_be_written_ends_the_command() {
     }
 }
 
+/// Nobody opens the other end of the pipe.
+#[test]
+fn an_output_that_hangs_does_not_hinder_the_end() {
+    let rig = Rig::new(1.0, LONG);
+    let mut process = record(&rig, &rig.pipe("pipe"), &[]);
+    rig.client().find("ATT", |_| true);
+    process.signal("INT");
+    process.ends(74);
+}
+
 fn files(ring: &Path) -> Vec<PathBuf> {
     let mut files: Vec<_> = fs::read_dir(ring)
         .unwrap()

@@ -3,7 +3,6 @@
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::PathBuf;
-use std::process::Command;
 
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
@@ -36,9 +35,7 @@ fn reloading() -> (Rig, Process, Client, File, PathBuf) {
     let (process, mut client) = rig.watched();
     client.find("ATT", |att| seq(att) > 20);
 
-    let fifo = rig.path("fifo");
-    let made = Command::new("mkfifo").arg(&fifo).status();
-    assert!(made.unwrap().success());
+    let fifo = rig.pipe("fifo");
     // Open for both, so that neither end waits for the other.
     let pipe = File::options().read(true).write(true).open(&fifo).unwrap();
     fs::rename(&fifo, &log).unwrap();

@@ -192,6 +192,14 @@ impl Rig {
         self.path(name).to_str().unwrap().to_owned()
     }
 
+    /// A new named pipe.
+    pub fn pipe(&self, name: &str) -> PathBuf {
+        let pipe = self.path(name);
+        let made = Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.unwrap().success());
+        pipe
+    }
+
     /// The program with these arguments and the rig's configuration.
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = program();

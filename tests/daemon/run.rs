@@ -2,7 +2,6 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
@@ -228,18 +227,7 @@ fn a_log_of_which_most_is_skipped_is_a_failure_as_for_replay() {
 #[test]
 fn a_pipe_is_no_configuration_and_without_an_end_no_log() {
     let rig = Rig::new(1.0, "");
-    let pipe = |name| {
-        let pipe = rig.path(name);
-        assert!(
-            Command::new("mkfifo")
-                .arg(&pipe)
-                .status()
-                .unwrap()
-                .success()
-        );
-        pipe
-    };
-    let (pipe, other) = (pipe("pipe"), pipe("other"));
+    let (pipe, other) = (rig.pipe("pipe"), rig.pipe("other"));
     let name = pipe.to_str().unwrap();
     for arguments in [
         &["run", "--config", name][..],
