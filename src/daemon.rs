@@ -221,23 +221,63 @@ impl Daemon {
 
     /// The same, with other notices than the last one too. `notice` waits for the next; nothing may be lost when
     /// the wait is given up.
-    pub async fn run(mut self, mut notice: impl AsyncFnMut() -> Notice) -> Result<(), DaemonError> {
+    pub async fn run(mut self, notice: impl AsyncFnMut() -> Notice) -> Result<(), DaemonError> {
+        let ended = self.serve(notice).await;
+        self.service.stopping();
+        let unusable = self.session.unusable.take();
+        // Clients that still wait for an answer are told that none will come.
+        drop(self.orders);
+        // A session that will not begin lets go of the store.
+        drop(self.reload);
+        let served = async {
+            match &ended {
+                // A task that has ended cannot be waited for again.
+                Err(DaemonError::Serve { .. }) => Ok(()),
+                _ => self.server.stop().await,
+            }
+        };
+        let controlled = async {
+            if let Some(control) = self.control
+                && let Err(error) = control.stop().await
+            {
+                tracing::error!("the control socket has failed: {error}");
+            }
+        };
+        let (served, (), ()) = tokio::join!(served, controlled, self.session.close());
+        self.outputs.close().await;
+        self.closing.join_all().await;
+        ended?;
+        served.map_err(|source| DaemonError::Serve {
+            path: self.socket,
+            source,
+        })?;
+        match unusable {
+            Some(summary) => Err(DaemonError::Unusable(summary)),
+            None => Ok(()),
+        }
+    }
+
+    /// Serves until it is told to stop, or there is nothing more to serve.
+    async fn serve(&mut self, mut notice: impl AsyncFnMut() -> Notice) -> Result<(), DaemonError> {
         self.start_session()?;
-        let ended = loop {
+        loop {
             if self.session.is_over() {
                 tracing::info!("the source is at its end");
-                break Ok(());
+                return Ok(());
             }
             let listening = self.session.listens();
             let mut fresh = false;
             tokio::select! {
                 biased;
                 notice = notice() => match notice {
-                    Notice::Stop => break Ok(()),
+                    Notice::Stop => return Ok(()),
                     Notice::Summary => self.log_summary(),
                     Notice::Reload(load) => self.begin_reload(load),
                 },
-                _ = &mut self.server.task => break Err(io::Error::other("the server has stopped")),
+                _ = &mut self.server.task => return Err(DaemonError::Serve {
+                    path: self.socket.clone(),
+                    source: io::Error::other("the server has stopped"),
+                }),
                 prepared = self.reload.prepared() => {
                     self.end_reload(prepared).await?;
                     self.inactivity.restart();
@@ -257,36 +297,6 @@ impl Daemon {
                 }
             }
             self.tick(fresh);
-        };
-        self.service.stopping();
-        let unusable = self.session.unusable.take();
-        // Clients that still wait for an answer are told that none will come.
-        drop(self.orders);
-        // A session that will not begin lets go of the store.
-        drop(self.reload);
-        let served = async {
-            match ended {
-                Ok(()) => self.server.stop().await,
-                failed => failed,
-            }
-        };
-        let controlled = async {
-            if let Some(control) = self.control
-                && let Err(error) = control.stop().await
-            {
-                tracing::error!("the control socket has failed: {error}");
-            }
-        };
-        let (served, (), ()) = tokio::join!(served, controlled, self.session.close());
-        self.outputs.close().await;
-        self.closing.join_all().await;
-        served.map_err(|source| DaemonError::Serve {
-            path: self.socket,
-            source,
-        })?;
-        match unusable {
-            Some(summary) => Err(DaemonError::Unusable(summary)),
-            None => Ok(()),
         }
     }
 }
