@@ -17,7 +17,7 @@ use crate::store::Made;
 use crate::wall_clock;
 
 impl Daemon {
-    /// Takes what the source has sent, `None` if it has failed; whether there was a reading in it.
+    /// Takes the source's events; `None` means that its thread failed. Returns whether they contain a reading.
     pub(super) fn take(&mut self, events: Option<Events>) -> bool {
         let mut fresh = false;
         for event in events.unwrap_or_else(|| vec![SourceEvent::Broken(panicked())]) {
@@ -113,7 +113,7 @@ impl Daemon {
         }
     }
 
-    fn carry_out(&mut self, action: Action) {
+    pub(super) fn carry_out(&mut self, action: Action) {
         let session = &mut self.session;
         match action {
             Action::Publish(mut heading) => {
@@ -125,8 +125,8 @@ impl Daemon {
                 heading.declination_deg = session.north.declination_deg(time);
                 let time = time.map(date::rfc3339);
                 session.heading_deg = heading.magnetic_deg();
-                self.counts.headings += u64::from(heading.fused_deg.is_some());
-                self.service.heading(heading.fused_deg);
+                self.counts.headings += u64::from(session.heading_deg.is_some());
+                self.service.heading(session.heading_deg);
                 self.publisher.heading(heading, taken, time);
             }
             Action::Report(report) => {

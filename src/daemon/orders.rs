@@ -206,7 +206,7 @@ impl Daemon {
     /// The daemon's status, with word, reason and sentence of the `STATE` published last.
     fn status(&self) -> Answer {
         let history = self.session.store.history();
-        let report = self.session.pipeline.report();
+        let report = self.reported.as_ref();
         let starting = || "the daemon has just started: no reading has come yet".to_owned();
         let message = report.map_or_else(starting, |report| report.message.to_string());
         let session = &self.session;

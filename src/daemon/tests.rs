@@ -1,13 +1,17 @@
 //! Signs of life: a device that falls silent without a word hangs, and one that is known to be away does not.
 
 use std::os::unix::net::UnixDatagram;
+use std::path::Path;
 use std::time::Duration;
 
 use tokio::time::timeout;
 
+use super::batch::Events;
 use super::*;
-use crate::condition::SourceFault;
+use crate::condition::{Condition, SourceFault};
 use crate::config::source::Kind;
+use crate::heading::Heading;
+use crate::publish::control::ControlRequest;
 use crate::reading::Reading;
 use crate::sensor::SourceEvent;
 
@@ -33,6 +37,45 @@ async fn until(manager: &UnixDatagram, start: &str) -> Vec<String> {
     words
 }
 
+/// A daemon, and what feeds it.
+fn fed(folder: &Path, service: Service) -> (Daemon, mpsc::Sender<Events>) {
+    let mut config = Config::default();
+    config.socket.socket = folder.join("heading.sock");
+    config.source.kind = Some(Kind::I2c);
+    config.store.directory = "".into();
+    let mut daemon = Daemon::open(&config, service).unwrap();
+    let (sender, source) = SourceTask::fed("test");
+    daemon.session.source = source;
+    (daemon, sender)
+}
+
+fn reading() -> SourceEvent {
+    let reading = Reading {
+        t_s: 0.0,
+        field_mgauss: Some([Some(160.0), Some(0.0), Some(500.0)]),
+        ..Reading::default()
+    };
+    SourceEvent::Reading(reading, Instant::now())
+}
+
+#[tokio::test]
+async fn the_status_counts_headings_without_a_gyro_and_has_what_was_reported_last() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut daemon, _) = fed(folder.path(), Service::default());
+    daemon.take(Some(vec![reading(), SourceEvent::NewStretch]));
+    daemon.carry_out(Action::Publish(Heading {
+        condition: Condition::Good,
+        instantaneous_deg: Some(90.0),
+        ..Heading::default()
+    }));
+    let (answer, mut status) = oneshot::channel();
+    let request = ControlRequest::Status {};
+    daemon.order(ControlCall { request, answer });
+    let status = status.try_recv().unwrap().more;
+    assert_eq!(status["cal_state"], "uncalibrated");
+    assert_eq!(status["counts"]["headings"], 1);
+}
+
 #[tokio::test]
 async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
     let folder = tempfile::tempdir().unwrap();
@@ -41,13 +84,7 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
     manager.set_nonblocking(true).unwrap();
     let patience = Duration::from_millis(100);
     let service = Service::at(notify.to_str().unwrap(), Some(patience)).unwrap();
-    let mut config = Config::default();
-    config.socket.socket = folder.path().join("heading.sock");
-    config.source.kind = Some(Kind::I2c);
-    config.store.directory = "".into();
-    let mut daemon = Daemon::open(&config, service).unwrap();
-    let (sender, source) = SourceTask::fed("test");
-    daemon.session.source = source;
+    let (daemon, sender) = fed(folder.path(), service);
     let script = async {
         // Not ready before the device has said anything.
         for _ in 0..3 {
@@ -55,13 +92,7 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
         }
         assert_eq!(heard(&manager), Vec::<String>::new());
 
-        let reading = Reading {
-            t_s: 0.0,
-            field_mgauss: Some([Some(160.0), Some(0.0), Some(500.0)]),
-            ..Reading::default()
-        };
-        let event = SourceEvent::Reading(reading, Instant::now());
-        sender.send(vec![event]).await.unwrap();
+        sender.send(vec![reading()]).await.unwrap();
         until(&manager, "READY=1").await;
         let hung = until(&manager, "STATUS=stale").await;
         let alive = hung.iter().filter(|word| *word == "WATCHDOG=1").count();
