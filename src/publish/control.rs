@@ -102,7 +102,7 @@ impl Control {
             count: &AtomicUsize::new(0),
         };
         serve_clients(door, shutdown, |stream, stopped| {
-            client::serve(stream, orders.clone(), stopped, client::IDLE)
+            client::serve(stream, orders.clone(), stopped)
         })
         .await
     }

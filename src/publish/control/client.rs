@@ -18,7 +18,7 @@ const CHANGES: &str = "headingd::publish::control::changes";
 const LONGEST: usize = 256 * 1024;
 
 /// A client of which no whole request comes for this long is let go: others want its place.
-pub(super) const IDLE: Duration = Duration::from_secs(10);
+const IDLE: Duration = Duration::from_secs(10);
 
 /// An answer takes longer only if a disk hangs.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -26,12 +26,11 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// How long a client may take nothing of its answer.
 const WRITE_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Serves one client until it leaves, breaks, is idle for this long, or `stop` says that the server stops.
+/// Serves one client until it leaves, breaks, is idle for too long, or `stop` says that the server stops.
 pub(super) async fn serve(
     stream: UnixStream,
     orders: mpsc::Sender<ControlCall>,
     mut stop: watch::Receiver<bool>,
-    idle: Duration,
 ) -> Result<(), ClientError> {
     let peer = stream.peer_cred();
     let (pid, uid, gid) = match &peer {
@@ -42,11 +41,11 @@ pub(super) async fn serve(
     let mut reader = BufReader::new(reader);
     let mut line = Vec::new();
     let mut allowance = Allowance::new(Instant::now());
-    let mut deadline = tokio::time::Instant::now() + idle;
+    let mut deadline = tokio::time::Instant::now() + IDLE;
     loop {
         line.clear();
         let pause = allowance.pause(Instant::now());
-        // Room for the end of the line, and for one byte too many.
+        // Room for the end of the line, or for a byte too many.
         let mut limited = (&mut reader).take(LONGEST as u64 + 2);
         let read = async {
             if let Some(pause) = pause {
@@ -65,11 +64,12 @@ pub(super) async fn serve(
         allowance.bytes(Instant::now(), line.len());
         let text = line.trim_ascii();
         let silent = count.is_none();
-        let too_long = line.len() > LONGEST + 1;
+        let without_end = line.strip_suffix(b"\r\n").or(line.strip_suffix(b"\n"));
+        let too_long = without_end.unwrap_or(&line).len() > LONGEST;
         let answer = if silent {
             let message = format!(
                 "no whole request has come for {} s: the connection is closed",
-                idle.as_secs()
+                IDLE.as_secs()
             );
             Answer::refused("timeout", message)
         } else if too_long {
@@ -108,7 +108,7 @@ pub(super) async fn serve(
         if silent || too_long {
             return Ok(());
         }
-        deadline = tokio::time::Instant::now() + idle;
+        deadline = tokio::time::Instant::now() + IDLE;
     }
 }
 
@@ -126,62 +126,10 @@ async fn carry_out(request: ControlRequest, orders: &mpsc::Sender<ControlCall>) 
         Ok(answer) => answer.unwrap_or_else(|_| ending()),
         Err(_) => Answer::refused(
             "timeout",
-            "it is active, but the disk hangs: whether it is kept will show in headingd status",
+            format!(
+                "the change is in effect, but the disk has not answered for {} s: headingd status shows whether it is saved",
+                PATIENCE.as_secs()
+            ),
         ),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::io::{Read, Write};
-    use std::os::unix::net::UnixStream as StdStream;
-
-    use super::*;
-
-    /// Runs a client of the control socket against `other`, which is at the other end of its connection.
-    fn served(idle: Duration, other: impl FnOnce(StdStream) -> String + Send + 'static) -> String {
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .unwrap();
-        let (here, there) = StdStream::pair().unwrap();
-        here.set_nonblocking(true).unwrap();
-        there
-            .set_read_timeout(Some(Duration::from_secs(30)))
-            .unwrap();
-        let other = std::thread::spawn(move || other(there));
-        runtime.block_on(async {
-            let (orders, _waiting) = mpsc::channel(1);
-            let (_server, stop) = watch::channel(false);
-            let stream = UnixStream::from_std(here).unwrap();
-            // It may hang up in the middle of what the other end sends.
-            let _ = serve(stream, orders, stop, idle).await;
-        });
-        other.join().unwrap()
-    }
-
-    #[test]
-    fn blank_lines_hold_no_place() {
-        let said = served(Duration::from_millis(300), |stream| {
-            let mut writer = stream.try_clone().unwrap();
-            let blanks = std::thread::spawn(move || {
-                // Until it is hung up on, or has had long enough for that.
-                for _ in 0..1000 {
-                    if writer.write_all(b"\r\n").is_err() {
-                        break;
-                    }
-                    std::thread::sleep(Duration::from_millis(20));
-                }
-                // An error means that it is closed already.
-                let _ = writer.shutdown(std::net::Shutdown::Write);
-            });
-            let mut said = String::new();
-            // An error after the answer: it was hung up on with a line on its way.
-            let _ = (&stream).read_to_string(&mut said);
-            drop(stream);
-            blanks.join().unwrap();
-            said
-        });
-        assert!(said.contains("\"code\":\"timeout\""), "{said}");
     }
 }

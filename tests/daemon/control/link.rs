@@ -27,6 +27,10 @@ impl Link {
         }
     }
 
+    pub fn writer(&self) -> UnixStream {
+        self.reader.get_ref().try_clone().unwrap()
+    }
+
     pub fn send(&mut self, bytes: &[u8]) {
         match self.reader.get_mut().write_all(bytes) {
             // It has hung up already, and what it said of that comes next.
