@@ -44,7 +44,8 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Opens those that are on. One that cannot be had is logged, and headings go out without it. Needs a runtime.
+    /// Opens those that are on. One that cannot be had is logged, and headings go out without it; TCP is tried
+    /// again. Needs a runtime.
     pub fn open(
         udp: &udp::Settings,
         tcp: &tcp::Settings,
@@ -59,11 +60,14 @@ impl Outputs {
             tracing::info!("sending {} over UDP to {to}", udp.format.name());
             tasks.spawn(udp::run(socket, to, lines(udp.format)));
         }
-        if let Some(listen) = tcp.listen()
-            && let Some(listener) = opened("tcp.listen", listen, tcp::open(listen))
-        {
-            tracing::info!("serving {} over TCP on {listen}", tcp.format.name());
-            tasks.spawn(tcp::run(listener, publisher.feed.clone(), tcp.format));
+        if let Some(listen) = tcp.listen() {
+            let listener = opened("tcp.listen", listen, tcp::open(listen));
+            tasks.spawn(tcp::run(
+                listener,
+                listen,
+                publisher.feed.clone(),
+                tcp.format,
+            ));
         }
         if let Some(path) = pty.path()
             && let Some(pty) = opened("pty.path", path.display(), pty::Pty::open(path))

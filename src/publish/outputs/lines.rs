@@ -45,8 +45,9 @@ impl HeadingLines {
                         return Some(text);
                     }
                 }
-                // A client that could not keep up gets the newest.
-                Ok(_) | Err(RecvError::Lagged(_)) => {}
+                Ok(_) => {}
+                // A client that could not keep up goes on with what comes from now on.
+                Err(RecvError::Lagged(_)) => self.ring = self.ring.resubscribe(),
                 Err(RecvError::Closed) => return None,
             }
         }

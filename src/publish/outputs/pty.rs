@@ -12,7 +12,7 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 
 use super::lines::HeadingLines;
-use crate::check::{Fault, settings};
+use crate::check::{Fault, absolute_or_empty, settings};
 
 /// Headings are no secret, and what is written to it is thrown away; programs open a port for both.
 const MODE: u32 = 0o666;
@@ -34,12 +34,8 @@ impl Settings {
     }
 
     fn check_path(&self, faults: &mut Vec<Fault>) {
-        if let Some(path) = self.path()
-            && (!path.is_absolute() || path.file_name().is_none())
-        {
-            let right = "an absolute path, as \"/run/headingd/nmea\", or empty";
-            faults.push(Fault::new("path", format!("{path:?}"), right));
-        }
+        let right = "an absolute path, as \"/run/headingd/nmea\", or empty";
+        absolute_or_empty(faults, "path", &self.path, right);
     }
 }
 
@@ -66,7 +62,7 @@ impl Drop for PortLink {
 }
 
 impl Pty {
-    /// Makes a port. A link that an earlier daemon left is replaced; anything else in its place is left alone.
+    /// Makes a port. A link to a port that an earlier daemon left is replaced; anything else in its place is left alone.
     pub(super) fn open(path: &Path) -> io::Result<Self> {
         let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
         grantpt(&ours)?;
@@ -85,7 +81,7 @@ impl Pty {
         tcsetattr(&theirs, OptionalActions::Now, &line)?;
         fs::set_permissions(&port, Permissions::from_mode(MODE))?;
         fcntl_setfl(&ours, OFlags::RDWR | OFlags::NONBLOCK)?;
-        if fs::symlink_metadata(path).is_ok_and(|file| file.is_symlink()) {
+        if fs::read_link(path).is_ok_and(|port| port.starts_with("/dev/pts")) {
             fs::remove_file(path)?;
         }
         symlink(&port, path)?;

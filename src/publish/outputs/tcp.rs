@@ -24,6 +24,9 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Pause after an accept that failed: there may be no files left.
 const PAUSE: Duration = Duration::from_secs(1);
 
+/// The longest pause before the port is tried again; the first is [`PAUSE`], doubled each time.
+const LONGEST_PAUSE: Duration = Duration::from_secs(60);
+
 settings! {
     /// Where clients connect.
     #[derive(Eq)]
@@ -55,8 +58,24 @@ pub(super) fn open(listen: SocketAddr) -> io::Result<TcpListener> {
     TcpListener::from_std(listener)
 }
 
-/// Serves clients until it is dropped, and they with it.
-pub(super) async fn run(listener: TcpListener, feed: Arc<Feed>, format: Format) {
+/// Serves clients until it is dropped, and they with it. A port that could not be opened is tried again: at boot its address
+/// may not be there yet.
+pub(super) async fn run(
+    mut opened: Option<TcpListener>,
+    listen: SocketAddr,
+    feed: Arc<Feed>,
+    format: Format,
+) {
+    let mut pause = PAUSE;
+    let listener = loop {
+        if let Some(listener) = opened {
+            break listener;
+        }
+        sleep(pause).await;
+        pause = (2 * pause).min(LONGEST_PAUSE);
+        opened = open(listen).ok();
+    };
+    tracing::info!("serving {} over TCP on {listen}", format.name());
     let mut clients = JoinSet::new();
     loop {
         let accepted = tokio::select! {

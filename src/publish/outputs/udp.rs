@@ -45,7 +45,7 @@ pub(super) fn open(to: SocketAddr) -> io::Result<UdpSocket> {
     UdpSocket::from_std(socket)
 }
 
-/// Sends until there are no more. A network that is away is told once, and once more when it is back.
+/// Sends until there are no more. Logs the first failed send, and the first that works again.
 pub(super) async fn run(socket: UdpSocket, to: SocketAddr, mut lines: HeadingLines) {
     let mut failed = false;
     while let Some(text) = lines.next().await {

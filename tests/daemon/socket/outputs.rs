@@ -3,7 +3,8 @@
 use std::fs::{self, File};
 use std::io::Read;
 use std::net::{SocketAddr, TcpListener, TcpStream as StdTcpStream};
-use std::path::PathBuf;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use headingd::check::Check;
@@ -142,7 +143,7 @@ async fn a_port_has_the_newest_heading_alone_until_it_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("nmea");
     // What an earlier daemon left.
-    std::os::unix::fs::symlink("/dev/pts/nowhere", &path).unwrap();
+    symlink("/dev/pts/nowhere", &path).unwrap();
     let settings = pty::Settings { path: path.clone() };
     let outputs = Outputs::open(&off(), &off(), &settings, &rig.publisher);
     let mut port = File::options().read(true).write(true).open(&path).unwrap();
@@ -162,23 +163,49 @@ async fn a_port_has_the_newest_heading_alone_until_it_is_read() {
 }
 
 #[tokio::test]
-async fn what_cannot_be_had_is_done_without() {
+async fn what_cannot_be_had_is_done_without_and_tcp_is_tried_again() {
     let rig = rig(|_| {});
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file");
-    fs::write(&path, "of somebody else").unwrap();
-    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    symlink("/dev/null", &path).unwrap();
+    let mut port = own_address();
+    port.set_port(10111);
+    let taken = TcpListener::bind(port).unwrap();
     let (receiver, udp) = receiver().await;
     let outputs = Outputs::open(
         &udp,
-        &tcp_on(taken.local_addr().unwrap()),
+        &tcp_on(port),
         &pty::Settings { path: path.clone() },
         &rig.publisher,
     );
     let right = publish(&rig, 1.0);
     assert_eq!(received(&receiver).await, right);
+    drop(taken);
+    until("TCP", || StdTcpStream::connect(port).is_ok()).await;
     outputs.close().await;
-    assert_eq!(fs::read_to_string(&path).unwrap(), "of somebody else");
+    assert_eq!(fs::read_link(&path).unwrap(), Path::new("/dev/null"));
+}
+
+#[tokio::test]
+async fn who_could_not_keep_up_goes_on_with_the_newest() {
+    let rig = rig(|settings| settings.backlog = 8);
+    let (receiver, udp) = receiver().await;
+    let outputs = Outputs::open(&udp, &off(), &off(), &rig.publisher);
+    // Nobody takes any of these meanwhile.
+    for degrees in 1..=20 {
+        publish(&rig, f64::from(degrees));
+    }
+    let mut right = String::new();
+    let mut bytes = [0; 1500];
+    let mut count = 0;
+    until("a datagram", || {
+        right = publish(&rig, 30.0);
+        count = receiver.try_recv(&mut bytes).unwrap_or(0);
+        count > 0
+    })
+    .await;
+    assert_eq!(str::from_utf8(&bytes[..count]).unwrap(), right);
+    outputs.close().await;
 }
 
 #[test]
@@ -196,7 +223,7 @@ fn an_address_has_numbers_and_a_port() {
         assert_eq!(udp_to(address).check().len(), faults, "{address}");
         assert_eq!(tcp_on(address).check().len(), faults, "{address}");
     }
-    for (path, faults) in [("", 0), ("/run/headingd/nmea", 0), ("nmea", 1), ("/", 1)] {
+    for (path, faults) in [("", 0), ("/run/headingd/nmea", 0), ("nmea", 1)] {
         let path = PathBuf::from(path);
         assert_eq!(pty::Settings { path }.check().len(), faults);
     }
