@@ -12,7 +12,6 @@ mod inactivity;
 mod listener;
 mod mounting;
 mod north;
-pub mod open_files;
 mod orders;
 pub mod record;
 mod recorder;
@@ -29,6 +28,7 @@ use std::path::PathBuf;
 use std::pin::pin;
 use std::time::{Duration, Instant};
 
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::{JoinHandle, JoinSet};
 
@@ -49,7 +49,6 @@ use crate::store::StoreError;
 use crate::wall_clock;
 use inactivity::Inactivity;
 pub use listener::ListenError;
-use open_files::Shortage;
 pub use recorder::RecordError;
 pub use reload::LoadConfig;
 use reload::Reload;
@@ -161,14 +160,14 @@ impl Daemon {
             bps: source.bps,
         };
         let stale = Duration::from_secs_f64(config.heading.stale_s);
-        let mut settings = config.socket.clone();
-        // What clients have no files for is kept for the control socket, a reload and the disk.
-        if let Some(short) = Shortage::of(settings.max_clients, open_files::limit()) {
-            tracing::warn!("{short}");
-            settings.max_clients = short.clients;
+        // Each client may need two files. The soft limit is low for the sake of programs that use select(2).
+        let files = getrlimit(Resource::Nofile);
+        let current = files.maximum;
+        if let Err(error) = setrlimit(Resource::Nofile, Rlimit { current, ..files }) {
+            tracing::warn!("cannot raise the limit of open files: {error}");
         }
         let handed = service.sockets.take(sockets::HEADING);
-        let server = Server::bind(handed, &settings, &config.nmea, device, stale)?;
+        let server = Server::bind(handed, &config.socket, &config.nmea, device, stale)?;
         let (served, wanted) = (server.socket(), &config.socket.socket);
         tracing::info!("serving on socket {}", served.display());
         if served != *wanted {

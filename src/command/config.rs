@@ -8,7 +8,6 @@ use clap::Subcommand;
 use super::{Failure, OrFail, config_file, print};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
-use crate::daemon::open_files::{self, Shortage};
 use crate::position::Gpsd;
 use crate::service::network;
 use crate::true_north::TrueNorth;
@@ -67,8 +66,6 @@ fn warnings(config: &Config) -> Vec<String> {
                        i2c.board = \"custom\"";
         warnings.push(warning.to_owned());
     }
-    let short = Shortage::of(config.socket.max_clients, open_files::limit());
-    warnings.extend(short.map(|short| short.to_string()));
     let mut north = TrueNorth::new(&config.true_north);
     if config.source.kind != Some(Kind::Replay) {
         north.declination_deg(wall_clock::now());

@@ -35,7 +35,6 @@ settings! {
         mode: String = "0666".into();
         /// How many clients are served at a time. One user may have all but four of them (below
         /// eight, all but half); the rest is for other users. Root and the daemon's own user may have all.
-        /// Where the process may not have enough files open, it serves fewer, and says so.
         max_clients: usize = 32, 1..=1024, "clients";
         /// The longest request.
         request_limit_bytes: usize = 1024, 128..=65536, "bytes";
