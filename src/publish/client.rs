@@ -162,8 +162,10 @@ impl Client<'_> {
     }
 
     fn watch(&mut self, watch: &WatchRequest) {
+        let only = &self.feed.device.path;
+        // gpsd's own library from 3.24 on asks for an empty one: all devices.
         if let Some(device) = &watch.device
-            && let Err(only) = self.feed.is_device(device)
+            && !(device.is_empty() || device == only)
         {
             let message = format!("no such device as {device}: the only one is {only}");
             return self.put(&gpsd::error(&message));

@@ -103,7 +103,7 @@ impl Publisher {
 /// What the publisher and the clients share.
 #[derive(Debug)]
 pub(super) struct Feed {
-    device: Device,
+    pub(super) device: Device,
     nmea: nmea::Settings,
     pub(super) clients: AtomicUsize,
     stale: Duration,
@@ -212,15 +212,6 @@ impl Feed {
     /// The object that tells whose readings they are; empty if nobody has said.
     pub(super) fn board(&self) -> Arc<str> {
         self.lock().board.clone()
-    }
-
-    /// Whether this is the path of the device; if not, the path.
-    pub(super) fn is_device(&self, path: &str) -> Result<(), &str> {
-        if path == self.device.path {
-            Ok(())
-        } else {
-            Err(&self.device.path)
-        }
     }
 
     /// The device, as `DEVICE` tells it.
