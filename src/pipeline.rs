@@ -11,7 +11,6 @@ mod intake;
 mod learn;
 mod motion;
 mod mounting;
-mod newest;
 mod play;
 mod publish;
 mod sample;
@@ -118,7 +117,7 @@ struct CalibrationJob {
     again: bool,
 }
 
-/// The state of the journey.
+/// Turns readings into headings, conditions and calibrations.
 pub struct Pipeline {
     setup: Setup,
     intake: Intake,
@@ -218,10 +217,10 @@ impl Pipeline {
 
     /// The calibration that is active: what the estimate knows, once that is worth a heading.
     pub fn calibration(&self) -> Option<Calibration> {
-        if !self.learning.calibrated() {
+        if !self.learning.calibrated {
             return None;
         }
-        self.learnt_calibration().or(self.learning.initial())
+        self.learnt_calibration().or(self.learning.initial)
     }
 
     /// Whether a calibration is under way.
@@ -289,7 +288,6 @@ impl Pipeline {
             }
             None => {
                 self.overflow_s = reading.t_s;
-                self.update_condition(actions);
                 self.publish_without_field(reading.t_s, actions);
             }
         }

@@ -17,14 +17,14 @@ impl Pipeline {
     /// Why a motion would be calibrated on now; `None` if none would.
     pub fn wanted(&self) -> Option<Reason> {
         match self.policy {
-            Policy::Locked if self.learning.calibrated() => None,
+            Policy::Locked if self.learning.calibrated => None,
             _ if self.armed => Some(Reason::Start),
             Policy::Off => None,
             _ => Some(Reason::Turn),
         }
     }
 
-    /// From now on calibrates so. What is under way and not wanted any more is given up.
+    /// Sets the policy. A running calibration that the policy does not allow is discarded.
     pub(super) fn set_policy(&mut self, policy: Policy, actions: &mut Vec<Action>) {
         self.policy = policy;
         let wanted = self.wanted().is_some();
@@ -37,7 +37,7 @@ impl Pipeline {
     /// Calibrates on the next motion, whatever the policy; all that was turned before is forgotten.
     pub(super) fn start(&mut self, actions: &mut Vec<Action>) {
         self.forget_motion();
-        if !self.learning.calibrated() {
+        if !self.learning.calibrated {
             self.forget_estimate(None);
         }
         self.armed = true;
@@ -103,7 +103,7 @@ impl Pipeline {
             return;
         };
         if job.unwanted {
-            give_up(&mut outcome, self.learning.calibrated());
+            give_up(&mut outcome, self.learning.calibrated);
         } else {
             let accepted = outcome.verdict == Verdict::Accepted;
             if let Some(refusal) = self.objection_to_gyro().filter(|_| accepted) {
@@ -140,12 +140,13 @@ impl Pipeline {
             ..*calibration
         };
         if self.estimate.adopt_turn(&doubted, self.sample.as_ref()) {
-            self.learning.mark_calibrated();
+            self.learning.calibrated = true;
             // The fit's own deviation knows nothing of the place and of how the chips lie to each other.
             let sd_deg = self.estimate.north_sd_deg().max(calibration.heading_sd_deg);
             self.learning
                 .keep(&calibration.parameters, sd_deg, self.now_s);
-            // The fit's own stays with the calibration: who starts from it adds the place again.
+            // The fit's own stays with the calibration: a pipeline that starts from this calibration adds the uncertainty
+            // of the place itself.
             outcome.heading_sd_deg = Some(sd_deg);
             return;
         }

@@ -30,7 +30,7 @@ impl Pipeline {
             silent_s: self.now_s - self.whole_field_s,
             overflowing: self.overflow_s > self.whole_field_s,
             stale_s: self.setup.pipeline.stale_s,
-            calibrated: self.learning.calibrated(),
+            calibrated: self.learning.calibrated,
             calibrating: self.job.is_some_and(|job| !job.unwanted),
             wanted: self.wanted().is_some(),
             turned: self.intake.turns.progress(),

@@ -3,11 +3,10 @@
 use nalgebra::Vector3;
 
 use super::Setup;
-use super::newest::Newest;
 use super::saturation::{RunState, Saturation};
-use crate::attitude::{Attitude, Tick};
+use crate::attitude::{Attitude, Lateness, Tick};
 use crate::outliers::Outliers;
-use crate::reading::Reading;
+use crate::reading::{HELD_S, Reading};
 use crate::turn::{Turn, TurnDetector};
 
 /// Takes readings in.
@@ -16,7 +15,9 @@ pub(super) struct Intake {
     pub(super) saturation: Saturation,
     pub(super) attitude: Attitude,
     pub(super) turns: TurnDetector,
-    newest: Newest,
+    /// The newest measurement of the magnetometer: when it came, and the field.
+    newest: Option<(f64, Vector3<f64>)>,
+    late: Lateness,
 }
 
 impl Intake {
@@ -26,7 +27,8 @@ impl Intake {
             saturation: Saturation::new(&setup.mountings),
             attitude: Attitude::new(&setup.attitude, &setup.mountings),
             turns: TurnDetector::new(&setup.turn),
-            newest: Newest::default(),
+            newest: None,
+            late: Lateness::default(),
         }
     }
 
@@ -44,10 +46,19 @@ impl Intake {
         (reading, runs)
     }
 
-    /// When the chip measured the field that came at `t_s`; `None` if the source repeats its last value.
+    /// When the chip measured the field that came at `t_s`, not corrected for its lag; `None` if the source repeats the last
+    /// value, as one does that reads faster than the chip measures. Noise makes every measurement differ. A host that pauses
+    /// gives values late.
     pub(super) fn measured_s(&mut self, t_s: f64, field_mgauss: Vector3<f64>) -> Option<f64> {
         let still = self.attitude.still();
-        self.newest.take(t_s, field_mgauss, still)
+        let held = |(since_s, last): (f64, Vector3<f64>)| {
+            field_mgauss == last && !(still && t_s - since_s >= HELD_S)
+        };
+        if self.newest.is_some_and(held) {
+            return None;
+        }
+        self.newest = Some((t_s, field_mgauss));
+        Some(t_s - self.late.take(t_s))
     }
 
     /// Forgets all motion: the times that follow have nothing to do with those before.
@@ -55,7 +66,8 @@ impl Intake {
         self.saturation.begin_stretch();
         self.attitude = Attitude::new(&setup.attitude, &setup.mountings);
         self.turns = TurnDetector::new(&setup.turn);
-        self.newest = Newest::default();
+        self.newest = None;
+        self.late = Lateness::default();
     }
 
     /// How many values were dropped since no sensor can have measured them.

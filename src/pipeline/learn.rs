@@ -20,8 +20,9 @@ const KNOWN_BIAS_RAD_S: f64 = 0.0087;
 #[derive(Clone, Debug)]
 pub(super) struct Learning {
     /// The calibration to start with, until the estimate has begun.
-    initial: Option<Calibration>,
-    calibrated: bool,
+    pub(super) initial: Option<Calibration>,
+    /// Whether there has been a calibration worth a heading.
+    pub(super) calibrated: bool,
     /// What was last kept, its deviation, degrees, and when.
     last: Option<Parameters>,
     last_sd_deg: f64,
@@ -37,21 +38,6 @@ impl Learning {
             initial,
             last_s: f64::NEG_INFINITY,
         }
-    }
-
-    /// Whether there has been a calibration worth a heading.
-    pub(super) fn calibrated(&self) -> bool {
-        self.calibrated
-    }
-
-    /// The calibration that was there from the beginning.
-    pub(super) fn initial(&self) -> Option<Calibration> {
-        self.initial
-    }
-
-    /// The estimate is worth a heading.
-    pub(super) fn mark_calibrated(&mut self) {
-        self.calibrated = true;
     }
 
     /// Something has been kept.
@@ -113,7 +99,7 @@ impl Pipeline {
         let limit_mgauss = MOVED * good_sd_deg.to_radians() * self.estimate.horizontal_mgauss();
         let moved = self.learning.moved_mgauss(&self.estimate.bias_mgauss()) > limit_mgauss;
         if !(good && due && (better || moved || replaced)) {
-            // What replaced the other explanation may still have to learn.
+            // A new estimate that is not good yet: save it as soon as it is.
             if replaced {
                 self.learning.last_sd_deg = f64::INFINITY;
             }

@@ -29,7 +29,7 @@ impl Pipeline {
         let down = level.map(|(down, _)| down);
         let corrected = self
             .learning
-            .calibrated()
+            .calibrated
             .then(|| self.estimate.corrected(raw))
             .flatten();
         if let Some(corrected) = &corrected {
@@ -49,7 +49,7 @@ impl Pipeline {
         }
         let published = best.filter(certain);
         if published.is_some() && self.wanted().is_some() {
-            self.learning.mark_calibrated();
+            self.learning.calibrated = true;
         }
         if !self.gyro_is_right() {
             self.intake.saturation.forget();
@@ -99,10 +99,7 @@ impl Pipeline {
 
     /// A reading that overflowed still counts and still tells the tilt, but no field and no heading.
     pub(super) fn publish_without_field(&mut self, t_s: f64, actions: &mut Vec<Action>) {
-        let condition = self
-            .report
-            .as_ref()
-            .map_or(Condition::Stale, |report| report.condition);
+        let condition = self.update_condition(actions);
         let down = self.intake.attitude.down(t_s);
         let mut heading = self.heading(t_s, down.as_ref(), condition);
         heading.mag_status = MagStatus::HighField;

@@ -47,9 +47,9 @@ impl Pipeline {
             hidden_rate_sd_rad_s: self.intake.attitude.hidden_rate_sd_rad_s(t_s),
         };
         self.estimate
-            .freeze(self.wanted().is_none() && self.learning.calibrated());
+            .freeze(self.wanted().is_none() && self.learning.calibrated);
         self.estimate.take(&sample);
-        if self.learning.calibrated() && !self.estimate.knows() {
+        if self.learning.calibrated && !self.estimate.knows() {
             // All of it was learnt by a gyro that is wrong.
             self.forget_learning(None);
         }
