@@ -44,7 +44,7 @@ impl Inactivity {
     }
 
     /// When it was restarted last.
-    pub(super) fn last_input(&self) -> Instant {
+    pub(super) fn restarted(&self) -> Instant {
         self.last_input
     }
 
@@ -91,12 +91,12 @@ mod tests {
             for _ in 0..inputs {
                 // Only a test that is held up itself waits for that long here.
                 let fired = timeout(LIMIT / 10, inactivity.fires()).await;
-                assert!(fired.is_err() || inactivity.last_input().elapsed() >= LIMIT);
+                assert!(fired.is_err() || inactivity.restarted().elapsed() >= LIMIT);
                 inactivity.restart();
             }
             let fired = timeout(Duration::from_secs(30), inactivity.fires()).await;
             assert!(fired.is_ok(), "after {inputs} inputs it never fired");
-            assert!(inactivity.last_input().elapsed() >= LIMIT);
+            assert!(inactivity.restarted().elapsed() >= LIMIT);
             inactivity.restart();
         }
     }

@@ -120,7 +120,7 @@ fn refuse(stream: UnixStream, line: &str) {
     }
 }
 
-/// Logs that a client has left; which of them.
+/// Logs why a client left. Returns the id of its task.
 fn leave(left: Result<(Id, Result<(), ClientError>), JoinError>) -> Id {
     match left {
         Ok((id, ended)) => {

@@ -6,7 +6,7 @@ const KEPT: usize = 4;
 /// The superuser.
 const ROOT: u32 = 0;
 
-/// The user of whom the system does not say who it is.
+/// Stands for a peer whose user id the system does not give.
 const UNKNOWN: u32 = u32::MAX;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

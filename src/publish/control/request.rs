@@ -123,7 +123,7 @@ impl ControlRequest {
                 heading_deg,
                 reset: true,
             } if level || heading_deg.is_some() => Err(malformed(
-                "reset leaves nothing to be level or ahead: send it alone".to_owned(),
+                "reset cannot be combined with level or heading_deg: send it alone".to_owned(),
             )),
             request => Ok(request),
         }
