@@ -69,19 +69,3 @@ fn the_service_is_closed_to_all_that_it_does_not_need() {
         assert!(good && found <= MOST_EXPOSED, "{said}");
     }
 }
-
-#[test]
-fn the_package_has_the_licences_of_what_is_linked_into_it() {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let read = |path: &str| fs::read_to_string(here.join(path)).unwrap();
-    let file = "target/THIRD-PARTY-NOTICES";
-    let manifest: toml::Table = read("Cargo.toml").parse().unwrap();
-    let assets = manifest["package"]["metadata"]["deb"]["assets"].as_array();
-    assert!(
-        assets
-            .unwrap()
-            .iter()
-            .any(|asset| asset[0].as_str() == Some(file))
-    );
-    assert!(read("packaging/deb").contains(&format!("--example notices -- {file}")));
-}

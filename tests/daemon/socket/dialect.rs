@@ -7,7 +7,6 @@ use headingd::reading::Reading;
 use headingd::recording::Header;
 use serde_json::Value;
 use tokio::io::AsyncWriteExt;
-use tokio::task::yield_now;
 
 use super::rig::{heading, outcome, report, rig};
 
@@ -60,20 +59,6 @@ async fn watch_streams_headings_until_it_is_turned_off() {
     assert_eq!(client.next().await["enable"], false);
     rig.heading(51);
     assert_eq!(client.ask("?VERSION;").await["class"], "VERSION");
-}
-
-/// As `node-gpsd`, `gps3` and others ask.
-#[tokio::test]
-async fn a_watch_needs_neither_semicolon_nor_newline() {
-    let rig = rig(|_| {});
-    let mut client = rig.client().await;
-    client
-        .send("?WATCH={\"class\":\"WATCH\",\"json\":true,\"nmea\":false}")
-        .await;
-    assert_eq!(client.next().await["class"], "DEVICES");
-    assert_eq!(client.next().await["enable"], true);
-    rig.heading(1);
-    assert_eq!(client.next().await["seq"], 1);
 }
 
 /// As OpenCPN asks, and Signal K's provider.
@@ -150,18 +135,6 @@ async fn a_device_tells_how_often_its_headings_come() {
         client.ask("?DEVICES;").await["devices"][0]["mincycle"],
         0.02
     );
-}
-
-#[tokio::test]
-async fn an_uncalibrated_compass_publishes_no_heading() {
-    let rig = rig(|_| {});
-    let mut client = rig.watcher("{\"enable\":true}").await;
-    let mut uncalibrated = heading(1);
-    uncalibrated.condition = Condition::Uncalibrated;
-    rig.publisher.heading(uncalibrated, Instant::now(), None);
-    let att = client.next().await;
-    assert_eq!(att["cal_state"], "uncalibrated");
-    assert!(att.get("mheading").is_none() && att.get("heading").is_none());
 }
 
 #[tokio::test]
@@ -291,24 +264,4 @@ async fn garbage_is_answered_and_the_connection_lives() {
     let long = format!("?WATCH={{\"x\":\"{}\"}};?POLL;\n", "y".repeat(100_000));
     assert_eq!(client.ask(&long).await["class"], "ERROR");
     assert_eq!(client.ask("?VERSION;").await["class"], "VERSION");
-}
-
-#[tokio::test]
-async fn requests_may_be_cut_anywhere_and_share_a_line() {
-    let rig = rig(|_| {});
-    let mut client = rig.client().await;
-    let requests = "?WATCH={\"enable\":false,\"remote\":\"a;b\"};?POLL;\r\n";
-    for cut in 0..=requests.len() {
-        client.send(&requests[..cut]).await;
-        yield_now().await;
-        client.send(&requests[cut..]).await;
-        for class in ["DEVICES", "WATCH", "POLL"] {
-            assert_eq!(client.next().await["class"], class, "cut at {cut}");
-        }
-    }
-    // Without any terminator the end of the stream is one.
-    client.send("?DEVICE").await;
-    client.writer.shutdown().await.unwrap();
-    assert_eq!(client.next().await["class"], "DEVICE");
-    assert_eq!(client.line().await, None);
 }
