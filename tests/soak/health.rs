@@ -5,9 +5,10 @@ use std::time::Duration;
 
 /// Resident memory, bytes.
 pub fn resident_bytes(pid: u32) -> u64 {
-    let statm = fs::read_to_string(format!("/proc/{pid}/statm")).unwrap();
-    let pages = statm.split(' ').nth(1).unwrap();
-    pages.parse::<u64>().unwrap() * 4096
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kib = line.and_then(|line| line.trim().strip_suffix(" kB"));
+    kib.unwrap().parse::<u64>().unwrap() << 10
 }
 
 /// Open files, sockets and pipes.
