@@ -6,7 +6,7 @@ use std::os::unix::net::UnixListener;
 
 use serde_json::Value;
 
-use crate::rig::{Client, FAST, LONG, Rig};
+use crate::rig::{Client, FAST, LONG, Rig, apart_deg};
 
 /// What a gpsd says first, then what is not to be used, and a position at last.
 fn greet(stream: &mut TcpStream, position: &str) {
@@ -35,7 +35,7 @@ fn declined(client: &mut Client, wanted: impl Fn(f64) -> bool) -> Value {
         let (Some(heading), Some(mheading)) = (of("heading"), of("mheading")) else {
             return false;
         };
-        wanted((heading - mheading + 540.0).rem_euclid(360.0) - 180.0)
+        wanted(apart_deg(heading, mheading))
     })
 }
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread::JoinHandle;
 
-use crate::rig::{LONG, Process, Rig, until};
+use crate::rig::{LONG, Process, Rig, long, until};
 use headingd::reading::Reading;
 use headingd::recording::Header;
 use headingd::sensor::replay::Replay;
@@ -31,11 +31,7 @@ fn recorded(log: &Path) -> Vec<Reading> {
     readings
 }
 
-fn simulated(turns: f64) -> impl Iterator<Item = Reading> {
-    let settings = Settings {
-        turns,
-        ..Settings::default()
-    };
+fn simulated(settings: Settings) -> impl Iterator<Item = Reading> {
     Simulator::new(settings).unwrap().map(|entry| entry.reading)
 }
 
@@ -51,7 +47,11 @@ fn a_source_is_recorded_to_its_end_while_the_socket_is_served() {
     let mut process = record(&rig, &out, &[]);
     until("the socket", || rig.path("heading.sock").exists());
     process.ends(0);
-    assert!(recorded(&out).into_iter().eq(simulated(2.0)));
+    assert!(
+        recorded(&out)
+            .into_iter()
+            .eq(simulated(Settings::default()))
+    );
 }
 
 /// A service that records by itself, too, with a simulated board that goes on for long.
@@ -108,7 +108,7 @@ fn what_is_recorded_from_a_service_is_what_it_records_by_itself() {
         let readings = recorded(log);
         let from = right.iter().position(|right| *right == readings[0]);
         let rest = &right[from.unwrap()..];
-        assert!(readings.len() > 100 && rest.starts_with(&readings));
+        assert!(rest.starts_with(&readings));
         assert!(!whole || rest.len() == readings.len());
     }
 }
@@ -214,12 +214,12 @@ fn without_a_socket_it_is_recorded_all_the_same() {
     let said = process.ends(0);
     assert!(said.contains("recording without a socket"), "{said}");
     let readings = recorded(&out);
-    assert!(readings.len() > 100);
+    assert!(!readings.is_empty());
     assert!(
         readings
             .iter()
             .copied()
-            .eq(simulated(2.0).take(readings.len()))
+            .eq(simulated(Settings::default()).take(readings.len()))
     );
 }
 
@@ -283,7 +283,7 @@ fn the_daemon_keeps_a_ring_of_logs() {
     let [earlier, later] = [recorded(&files[0]), recorded(&files[1])];
     let from_s = earlier[0].t_s;
     let all: Vec<Reading> = earlier.into_iter().chain(later).collect();
-    let right = simulated(100.0).skip_while(|reading| reading.t_s < from_s);
+    let right = simulated(long()).skip_while(|reading| reading.t_s < from_s);
     assert!(all.iter().copied().eq(right.take(all.len())), "{said}");
 }
 
@@ -341,16 +341,12 @@ fn it_is_said_where_readings_come_from_and_how_many_they_were() {
 
 #[test]
 fn without_a_service_and_a_source_there_is_nothing_to_record() {
-    // Another daemon may have the usual socket.
-    if Path::new("/run/headingd").exists() {
-        return;
-    }
     let rig = Rig::new(1.0, "");
+    rig.edit("kind = \"simulator\"\n", "");
     let out = rig.path("a.csv");
-    let arguments = ["record", "--out", &rig.text("a.csv"), "--duration", "0.5"];
-    let mut process = rig.run(&arguments);
+    let mut process = record(&rig, &out, &["--duration", "0.5"]);
     let said = process.ends(78);
-    for part in ["/run/headingd/heading.sock", "source.kind is not set"] {
+    for part in [&rig.text("heading.sock"), "source.kind is not set"] {
         assert!(said.contains(part), "{said}");
     }
     assert!(!out.exists());

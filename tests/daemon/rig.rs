@@ -9,7 +9,8 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use headingd::recording::{Entry, Header, Writer};
-use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, socket};
+use headingd::sensor::simulator::{Scenario, Settings};
+use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
 
@@ -18,12 +19,20 @@ pub const PATIENCE: Duration = Duration::from_secs(30);
 
 pub const SEE_ALL: &str = r#"{"enable":true,"json":true,"state":true,"calibration":true}"#;
 
-/// So many times faster than in real time that a turn takes a third of a second, and all turns of `LONG` as long as
-/// `PATIENCE`.
+/// So many times faster than in real time that a turn takes a third of a second.
 pub const FAST: f64 = 20.0;
 
-/// Two turns and 98 more: it goes on for as long as a test may take.
-pub const LONG: &str = "[simulator]\nturns = 100\n";
+/// A board that turns for as long as a test may take, and then moves on until the daemon is stopped.
+pub const LONG: &str = "[simulator]\nscenario = \"endless\"\nturns = 100\n";
+
+/// The same for a simulator of the test.
+pub fn long() -> Settings {
+    Settings {
+        scenario: Scenario::Endless,
+        turns: 100.0,
+        ..Settings::default()
+    }
+}
 
 /// A board that moves until the daemon is stopped.
 pub const ENDLESS: &str = "[simulator]\nscenario = \"endless\"\n";
@@ -237,13 +246,19 @@ impl Rig {
 
     /// A client that watches the daemon that is running, or soon will be.
     pub fn client(&self) -> Client {
-        let socket = self.path("heading.sock");
+        Client::watch(self.connect("heading.sock"))
+    }
+
+    /// A connection to a socket that is there, or soon will be.
+    pub fn connect(&self, name: &str) -> UnixStream {
         let mut stream = None;
-        until("the socket", || {
-            stream = UnixStream::connect(&socket).ok();
+        until(name, || {
+            stream = UnixStream::connect(self.path(name)).ok();
             stream.is_some()
         });
-        Client::watch(stream.unwrap())
+        let stream = stream.unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream
     }
 }
 
@@ -253,7 +268,6 @@ pub struct Client {
 
 impl Client {
     fn watch(mut stream: UnixStream) -> Self {
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
         writeln!(stream, "?WATCH={SEE_ALL};").unwrap();
         Self {
             reader: BufReader::new(stream),
@@ -292,9 +306,17 @@ impl Client {
 
 /// Leaves a socket there at which nobody listens. Nobody ever did: a listener of this process would go on for as long
 /// as a program that another test is just starting has a copy of it.
-pub fn leave_dead_socket(path: impl AsRef<Path>) {
+pub fn leave_dead_socket(path: impl AsRef<Path>) -> OwnedFd {
     let socket = socket(AddressFamily::UNIX, SocketType::STREAM, None).unwrap();
     bind(&socket, &SocketAddrUnix::new(path.as_ref()).unwrap()).unwrap();
+    socket
+}
+
+/// A socket that takes no connections, and the first that waits, which has filled its queue: a second would have to wait.
+pub fn full_socket(path: impl AsRef<Path>) -> (OwnedFd, UnixStream) {
+    let listener = leave_dead_socket(&path);
+    listen(&listener, 0).unwrap();
+    (listener, UnixStream::connect(path).unwrap())
 }
 
 /// A log as bytes.
@@ -321,6 +343,11 @@ pub fn until(what: &str, mut condition: impl FnMut() -> bool) {
         assert!(begun.elapsed() < PATIENCE, "waited in vain: {what}");
         std::thread::sleep(Duration::from_millis(2));
     }
+}
+
+/// How far one angle is from another, degrees.
+pub fn apart_deg(one: f64, other: f64) -> f64 {
+    (one - other + 540.0).rem_euclid(360.0) - 180.0
 }
 
 /// How many files and folders there are.

@@ -6,7 +6,7 @@ use std::path::Path;
 use headingd::sensor::simulator::{Settings, Simulator};
 use serde_json::Value;
 
-use crate::rig::{FAST, LONG, Rig, finished, headingd, log, until};
+use crate::rig::{FAST, LONG, Rig, apart_deg, finished, headingd, log, long, until};
 
 /// The way from the truth to the heading of an `ATT`, degrees.
 fn error_deg(att: &Value, settings: &Settings) -> f64 {
@@ -16,7 +16,7 @@ fn error_deg(att: &Value, settings: &Settings) -> f64 {
         .find(|entry| (entry.reading.t_s - t_s).abs() < 1e-6 && entry.heading_truth_rad.is_some());
     let truth_deg = truth.unwrap().heading_truth_rad.unwrap().to_degrees();
     let heading_deg = att["mheading"].as_f64().unwrap();
-    (heading_deg - truth_deg + 540.0).rem_euclid(360.0) - 180.0
+    apart_deg(heading_deg, truth_deg)
 }
 
 fn has_heading(att: &Value) -> bool {
@@ -30,10 +30,7 @@ fn is_accepted(message: &Value) -> bool {
 #[test]
 fn it_calibrates_keeps_the_calibration_and_has_it_at_the_next_start() {
     let rig = Rig::new(FAST, LONG);
-    let settings = Settings {
-        turns: 100.0,
-        ..Settings::default()
-    };
+    let settings = long();
     let (mut process, mut client) = rig.watched();
     let att = client.find("ATT", |_| true);
     assert!(!has_heading(&att), "{att}");
@@ -91,10 +88,8 @@ fn at_real_time_headings_go_on_and_a_simulation_ends_the_daemon() {
         }
         accepted += u32::from(message["verdict"] == "accepted");
     }
-    // The first may have come before the client did, and a machine that is busy may delay some too long.
-    assert!(seqs.is_sorted_by(|a, b| a < b));
-    let last = usize::try_from(seqs[seqs.len() - 1]).unwrap();
-    assert!(seqs.len() * 10 > last * 8, "{} of {last}", seqs.len());
+    // A machine that is busy may delay some too long.
+    assert!(!seqs.is_empty() && seqs.is_sorted_by(|a, b| a < b));
     let said = process.ends(0);
     assert_eq!(accepted, 1, "{said}");
     assert!(said.contains("the source is at its end"));
@@ -145,26 +140,20 @@ fn a_second_daemon_is_refused_and_the_first_goes_on() {
 }
 
 #[test]
-fn a_calibration_of_another_sensor_is_not_used_and_a_damaged_one_neither() {
+fn a_calibration_of_another_sensor_is_not_used_and_stays() {
     let rig = Rig::new(1.0, LONG);
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/store-1.json");
     let good = fs::read_to_string(example).unwrap();
     let other = good.replacen("hmc5843", "qmc5883l", 1);
     assert_ne!(good, other);
     fs::create_dir(rig.path("store")).unwrap();
-    for (text, complaint) in [
-        (other.as_str(), "it is of qmc5883l mounted"),
-        ("{", "is not a usable calibration file"),
-    ] {
-        fs::write(rig.path("store/calibration.json"), text).unwrap();
-        let (mut process, mut client) = rig.watched();
-        assert!(!has_heading(&client.find("ATT", |_| true)));
-        process.signal("TERM");
-        process.wait();
-        assert!(process.said().contains(complaint), "{}", process.said());
-        let kept = fs::read_to_string(rig.path("store/calibration.json")).unwrap();
-        assert_eq!(kept, text);
-    }
+    fs::write(rig.path("store/calibration.json"), &other).unwrap();
+    let (mut process, mut client) = rig.watched();
+    assert!(!has_heading(&client.find("ATT", |_| true)));
+    let said = process.stop();
+    assert!(said.contains("it is of qmc5883l mounted"), "{said}");
+    let kept = fs::read_to_string(rig.path("store/calibration.json")).unwrap();
+    assert_eq!(kept, other);
 }
 
 #[test]

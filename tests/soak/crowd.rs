@@ -14,7 +14,7 @@ use rustix::event::{Timespec, epoll};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::health::{resident_bytes, running_time};
-use crate::rig::{LONG, PATIENCE, Rig, until};
+use crate::rig::{LONG, PATIENCE, Rig};
 
 const FEW: usize = 3;
 const MANY: usize = 1000;
@@ -68,12 +68,7 @@ fn raise_limit_of_files() {
 
 /// A client that asks for headings, and has not taken any yet.
 fn connect(rig: &Rig) -> UnixStream {
-    let mut stream = None;
-    until("a place for one more", || {
-        stream = UnixStream::connect(rig.path("heading.sock")).ok();
-        stream.is_some()
-    });
-    let mut stream = stream.unwrap();
+    let mut stream = rig.connect("heading.sock");
     stream.write_all(b"?WATCH={\"enable\":true}").unwrap();
     stream
 }

@@ -5,7 +5,7 @@ use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
-use crate::rig::{LONG, PATIENCE, Rig, until};
+use crate::rig::{LONG, Rig};
 
 const FLOODERS: usize = 31;
 
@@ -95,13 +95,7 @@ struct Flooder {
 
 impl Flooder {
     fn start(rig: &Rig) -> Self {
-        let mut stream = None;
-        until("a place for one more", || {
-            stream = UnixStream::connect(rig.path("heading.sock")).ok();
-            stream.is_some()
-        });
-        let stream = stream.unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let stream = rig.connect("heading.sock");
         let (mut sending, mut reading) = (stream.try_clone().unwrap(), stream.try_clone().unwrap());
         Self {
             stream,

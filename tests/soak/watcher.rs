@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use serde_json::Value;
 
 use crate::log::{Truth, micros};
-use crate::rig::Client;
+use crate::rig::{Client, apart_deg};
 
 /// The largest error of a heading that is published as good, degrees.
 const LARGEST_DEG: f64 = 5.0;
@@ -50,7 +50,7 @@ pub fn watch(mut client: Client, truth: Arc<Truth>, seen: Arc<Seen>) -> JoinHand
                     let right = truth.get(&micros(t_s)).map(|right| right.to_degrees());
                     let right = right.unwrap_or_else(|| panic!("of no sample: {message}"));
                     assert!(is_fresh(&message), "{message}");
-                    let off = (heading.as_f64().unwrap() - right + 540.0).rem_euclid(360.0) - 180.0;
+                    let off = apart_deg(heading.as_f64().unwrap(), right);
                     assert!(
                         off.abs() < LARGEST_DEG || message["cal_state"] != "good",
                         "{right}: {message}"

@@ -3,15 +3,14 @@
 use std::fs::{self, Permissions};
 use std::io::{Read, Write};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::net::UnixListener;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
-use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 use serde_json::Value;
 
 use super::link::Link;
-use crate::rig::{FAST, LONG, Rig, finished, headingd, leave_dead_socket};
+use crate::rig::{FAST, LONG, Rig, finished, full_socket, headingd, leave_dead_socket};
 
 /// Whoever is not of the daemon's group.
 #[test]
@@ -21,14 +20,17 @@ fn who_may_not_connect_is_told_what_helps() {
     Link::new(&rig).told("status");
     let socket = rig.text("control.sock");
     // Where somebody else can run it. Copied by a process of its own: a program that this one has open for writing while
-    // another test forks cannot be run.
-    let program = rig.path("headingd");
+    // another test forks cannot be run. In a container, nothing in /dev/shm may be run.
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("headingd");
     let copied = Command::new("cp")
         .arg(env!("CARGO_BIN_EXE_headingd"))
         .arg(&program)
         .status();
     assert!(copied.unwrap().success());
-    fs::set_permissions(rig.folder.path(), Permissions::from_mode(0o755)).unwrap();
+    for folder in [folder.path(), rig.folder.path()] {
+        fs::set_permissions(folder, Permissions::from_mode(0o755)).unwrap();
+    }
     let mut command = Command::new(&program);
     command.args(["status", "--socket", &socket]);
     if fs::metadata(&socket).unwrap().uid() == 0 {
@@ -286,15 +288,11 @@ fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
     assert_eq!(status, 69, "{err}");
 }
 
-/// It takes no connections, and the first that waits has filled its queue: the system would wait with the second.
 #[test]
 fn a_daemon_that_takes_no_connections_is_not_waited_for() {
     let rig = Rig::new(1.0, "");
     let path = rig.text("full.sock");
-    let listener = socket(AddressFamily::UNIX, SocketType::STREAM, None).unwrap();
-    bind(&listener, &SocketAddrUnix::new(&path).unwrap()).unwrap();
-    listen(&listener, 0).unwrap();
-    let _waiting = UnixStream::connect(&path).unwrap();
+    let _full = full_socket(&path);
     let mut process = rig.run(&["status", "--socket", &path]);
     let said = process.ends(69);
     assert!(said.contains("headingd does not answer at"), "{said}");

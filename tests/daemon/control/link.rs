@@ -5,7 +5,7 @@ use std::os::unix::net::UnixStream;
 
 use serde_json::{Value, json};
 
-use crate::rig::{PATIENCE, Rig, until};
+use crate::rig::{Rig, until};
 
 pub struct Link {
     reader: BufReader<UnixStream>,
@@ -14,16 +14,8 @@ pub struct Link {
 impl Link {
     /// A client of the daemon that is running, or soon will be.
     pub fn new(rig: &Rig) -> Self {
-        let socket = rig.path("control.sock");
-        let mut stream = None;
-        until("the control socket", || {
-            stream = UnixStream::connect(&socket).ok();
-            stream.is_some()
-        });
-        let stream = stream.unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
         Self {
-            reader: BufReader::new(stream),
+            reader: BufReader::new(rig.connect("control.sock")),
         }
     }
 

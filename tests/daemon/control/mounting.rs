@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::link::Link;
-use crate::rig::{FAST, LONG, Rig};
+use crate::rig::{FAST, LONG, Rig, apart_deg};
 
 /// A board whose nose is 10° up, and which turns so slowly that it may be taken for one that is held.
 const SLOW: &str = "[simulator]\nturns = 2\nturn_deg_s = 1\ntilt_deg = 10\n";
@@ -12,11 +12,6 @@ fn number(message: &Value, key: &str) -> f64 {
     message[key]
         .as_f64()
         .unwrap_or_else(|| panic!("{key}: {message}"))
-}
-
-/// How far one heading is from another, degrees.
-fn apart(a: f64, b: f64) -> f64 {
-    (a - b + 540.0).rem_euclid(360.0) - 180.0
 }
 
 #[test]
@@ -49,12 +44,12 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     let level = client.find("ATT", |att| {
         steered(att) && number(att, "pitch").abs() < 2.0
     });
-    let turned = apart(number(&level, "mheading"), number(&before, "mheading"));
+    let turned = apart_deg(number(&level, "mheading"), number(&before, "mheading"));
     assert!(turned.abs() < 20.0, "{before} {level}");
     let answer = link.ask(&json!({"request": "mounting", "heading_deg": 200}));
     assert_eq!(answer["ok"], true, "{answer}");
     let ahead = client.find("ATT", |att| {
-        steered(att) && apart(number(att, "mheading"), 200.0).abs() < 20.0
+        steered(att) && apart_deg(number(att, "mheading"), 200.0).abs() < 20.0
     });
     assert!(number(&ahead, "pitch").abs() < 2.0, "{ahead}");
     let kept = link.told("mounting")["board_axes"].clone();
@@ -66,9 +61,9 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     let mut client = rig.client();
     let again = client.heading();
     assert!(number(&again, "pitch").abs() < 2.0, "{again}");
-    let offset = apart(200.0, number(&before, "mheading"));
-    let found = apart(number(&again, "mheading"), number(&before, "mheading"));
-    assert!(apart(found, offset).abs() < 20.0, "{before} {again}");
+    let offset = apart_deg(200.0, number(&before, "mheading"));
+    let found = apart_deg(number(&again, "mheading"), number(&before, "mheading"));
+    assert!(apart_deg(found, offset).abs() < 20.0, "{before} {again}");
     let mut link = Link::new(&rig);
     assert_eq!(link.told("mounting")["board_axes"], kept);
     assert_eq!(link.told("list")["in_force"], number_before);
@@ -78,8 +73,8 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     rig.configure(1.0, &rig.path("store"), &changed);
     process.signal("HUP");
     let tilted = client.find("ATT", |att| steered(att) && number(att, "pitch") > 5.0);
-    let found = apart(number(&tilted, "mheading"), number(&before, "mheading"));
-    assert!(apart(found, 45.0).abs() < 20.0, "{before} {tilted}");
+    let found = apart_deg(number(&tilted, "mheading"), number(&before, "mheading"));
+    assert!(apart_deg(found, 45.0).abs() < 20.0, "{before} {tilted}");
     process.says("[mounting] has changed");
     assert_eq!(link.told("mounting")["from"], "configuration");
     process.stop();

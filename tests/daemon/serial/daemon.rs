@@ -13,8 +13,7 @@ use serde_json::Value;
 
 use super::device::{Device, Firmware, Habits, counts_of};
 use super::quiet::until_quiet;
-use crate::effort::slow;
-use crate::rig::{Rig, folder, headingd, until};
+use crate::rig::{Rig, apart_deg, folder, headingd, until};
 
 /// Rest, two turns in two seconds each, rest.
 fn board() -> Simulator {
@@ -55,7 +54,7 @@ fn apart(live: &[(f64, f64, f64)], direct: &[(f64, f64, f64)], offset_s: f64) ->
         if let Some((direct_s, right_deg, right_sd_deg)) = direct.get(after)
             && (direct_s - (t_s - offset_s)).abs() < 0.1
         {
-            let apart_deg = (heading_deg - right_deg + 540.0).rem_euclid(360.0) - 180.0;
+            let apart_deg = apart_deg(*heading_deg, *right_deg);
             squares.push((apart_deg / sd_deg.max(*right_sd_deg)).powi(2));
         }
     }
@@ -156,21 +155,6 @@ fn a_log_through_bridge_and_daemon_gives_the_headings_of_its_replay() {
     until_quiet(|| assert_same_headings(&log, "hmc5843", 1300.0, 0.5));
 }
 
-/// It takes as long as the log.
-#[test]
-fn a_real_log_through_bridge_and_daemon_gives_the_headings_of_its_replay() {
-    if !slow() {
-        return;
-    }
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let log = data.join("hmc5883l_set2_zrot_2turns.csv");
-    if !log.exists() {
-        eprintln!("skipped: {} is not there", log.display());
-        return;
-    }
-    until_quiet(|| assert_same_headings(&log, "hmc5883l", 1090.0, 1.0));
-}
-
 #[test]
 fn unplugged_and_plugged_in_again_readings_go_on() {
     until_quiet(|| {
@@ -237,8 +221,7 @@ fn what_waited_for_a_stopped_daemon_is_as_old_as_it_is() {
         let mut after = 0;
         while after < 100 {
             let att = client.find("ATT", |_| true);
-            let apart_deg = ahead_deg(&att) - ahead_deg(last);
-            let apart_deg = (apart_deg + 540.0).rem_euclid(360.0) - 180.0;
+            let apart_deg = apart_deg(ahead_deg(&att), ahead_deg(last));
             assert!(apart_deg.abs() < 0.3 * TURN_DEG_S, "{apart_deg}: {att}");
             // What it had sent before it was stopped may have been on its way.
             if t_s(&att) + age_s(&att) < stopped_s + 2.0 {

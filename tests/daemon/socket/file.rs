@@ -6,10 +6,9 @@ use std::os::unix::net::UnixStream;
 use std::sync::{Barrier, mpsc};
 
 use headingd::publish::server::BindFault;
-use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 
 use super::rig::{report, rig, serve, settings};
-use crate::rig::{PATIENCE, leave_dead_socket};
+use crate::rig::{PATIENCE, full_socket, leave_dead_socket};
 
 #[tokio::test]
 async fn stopping_delivers_what_was_published_and_removes_the_socket() {
@@ -79,15 +78,10 @@ fn of_many_that_start_together_one_serves() {
     }
 }
 
-/// Somebody listens there and answers nobody; who connects has to wait as soon as one other does.
 #[test]
 fn a_listener_with_a_full_backlog_is_not_waited_for() {
     let (_directory, settings) = settings();
-    let address = SocketAddrUnix::new(&settings.socket).unwrap();
-    let listener = socket(AddressFamily::UNIX, SocketType::STREAM, None).unwrap();
-    bind(&listener, &address).unwrap();
-    listen(&listener, 0).unwrap();
-    let _waiting = UnixStream::connect(&settings.socket).unwrap();
+    let _full = full_socket(&settings.socket);
     let (sender, bound) = mpsc::channel();
     std::thread::spawn(move || {
         // An error means that it is not waited for any more.
@@ -99,7 +93,7 @@ fn a_listener_with_a_full_backlog_is_not_waited_for() {
 
 #[tokio::test]
 async fn a_dead_daemons_socket_is_replaced_and_a_living_ones_respected() {
-    let rig = rig(|settings| leave_dead_socket(&settings.socket));
+    let rig = rig(|settings| drop(leave_dead_socket(&settings.socket)));
     rig.client().await;
     let refused = serve(&rig.settings).unwrap_err();
     assert!(matches!(refused.why, BindFault::Busy(_)), "{refused}");

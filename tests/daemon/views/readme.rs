@@ -9,7 +9,7 @@ use clap::Parser;
 use clap::error::ErrorKind;
 use headingd::command::line::Cli;
 
-use crate::rig::{ENDLESS, FAST, Rig, finished, program};
+use crate::rig::{ENDLESS, FAST, LONG, Rig, finished, program};
 
 const README: &str = include_str!("../../../README.md");
 
@@ -61,8 +61,7 @@ fn pages() -> Vec<(PathBuf, String)> {
 #[test]
 fn every_command_that_readme_shows_does_what_it_should() {
     // A board that turns all the time, so that a turn is never waited for.
-    let endless = "[simulator]\nscenario = \"endless\"\nturns = 100\n";
-    let rig = Rig::new(FAST, endless);
+    let rig = Rig::new(FAST, LONG);
     let (_process, mut client) = rig.watched();
     client.accepted();
     let config = rig.path("headingd.toml");
