@@ -1,4 +1,4 @@
-//! `headingd calibration start --wait`: follows the daemon until it has judged a turn.
+//! `headingd calibration start --wait`: follows the daemon until it has judged a turn, or has learnt as much by motion.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -13,11 +13,11 @@ use crate::advice::next_step;
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 
-/// States and verdicts alone.
-const WATCH: &str = r#"{"enable":true,"json":false,"state":true,"calibration":true}"#;
+/// Verdicts alone.
+const WATCH: &str = r#"{"enable":true,"json":false,"calibration":true}"#;
 
-/// How often the daemon is asked whether it still wants to calibrate: somebody else may have cancelled.
-const LOOK: Duration = Duration::from_secs(2);
+/// Polls the daemon's status, to show the turn and to detect a cancel by another client.
+const LOOK: Duration = Duration::from_secs(1);
 
 /// Without a terminal, a line each time that so much more of a turn is done.
 const STEP: f64 = 0.25;
@@ -41,23 +41,26 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
     headings.set_patience(Some(LOOK))?;
     let started = target.ask(&ControlRequest::Start {}, json)?;
     eprintln!("headingd: {}", text(&started, "message"));
-    let mut show = Show::new();
+    let mut show = Show {
+        bar: Progress::with_message(),
+        reason: None,
+        share: 0.0,
+    };
+    show.update(&status);
     let mut looked = Instant::now();
     let mut given_up = false;
     loop {
         let object = headings.object_in_time()?.unwrap_or_default();
-        match object["class"].as_str() {
-            Some("STATE") => show.state(&object),
-            // A calibration by motion is not what was asked for.
-            Some("CALIBRATION") if object["method"] == "turn" => {
-                drop(show);
-                return conclude(&object, headings.text(), json);
-            }
-            _ => {}
+        // Motion that taught as much ends the wait for a turn too.
+        let over = object["method"] == "turn" || object["verdict"] == "accepted";
+        if object["class"] == "CALIBRATION" && over {
+            drop(show);
+            return conclude(&object, headings.text(), json);
         }
-        if looked.elapsed() > LOOK {
+        if looked.elapsed() >= LOOK {
             looked = Instant::now();
             let status = ask_status()?;
+            show.update(&status);
             let over = !status.armed && !status.calibrating;
             // The verdict may be on its way: a second look decides.
             if over && given_up {
@@ -91,34 +94,23 @@ fn conclude(outcome: &Value, line: &str, json: bool) -> Result<(), Failure> {
 /// What is shown meanwhile.
 struct Show {
     bar: Progress,
-    reason: String,
+    reason: Option<String>,
     share: f64,
 }
 
 impl Show {
-    fn new() -> Self {
-        Self {
-            bar: Progress::with_message(),
-            reason: String::new(),
-            share: 0.0,
-        }
-    }
-
-    fn state(&mut self, state: &Value) {
-        let [word, reason, message] =
-            ["cal_state", "reason", "message"].map(|key| text(state, key));
-        let share = state["progress"].as_f64().unwrap_or_default();
-        let changed = reason != self.reason;
-        if changed {
-            reason.clone_into(&mut self.reason);
-            self.share = 0.0;
-        }
+    fn update(&mut self, status: &DaemonStatus) {
+        let word = status.cal_state.as_deref().unwrap_or("starting");
+        let said = format!("{word}: {}", status.message);
+        let share = status.progress.unwrap_or(0.0);
         if self.bar.is_shown() {
             self.bar.set(share);
-            self.bar.say(format!("{word}: {message}"));
-        } else if changed || share >= self.share + STEP {
-            self.share = share;
-            eprintln!("headingd: {:3.0} %  {word}: {message}", 100.0 * share);
+            self.bar.say(said);
+        } else if self.reason != status.reason || (share - self.share).abs() >= STEP {
+            (self.reason, self.share) = (status.reason.clone(), share);
+            let percent = |share| format!("{:3.0} %  ", 100.0 * share);
+            let turned = status.progress.map_or(String::new(), percent);
+            eprintln!("headingd: {turned}{said}");
         }
     }
 }

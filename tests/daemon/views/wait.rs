@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::rig::{FAST, LONG, Rig, headingd};
+use crate::rig::{ENDLESS, FAST, LONG, Rig, headingd};
 
 fn start_and_wait(socket: &str) -> [&str; 5] {
     ["calibration", "start", "--wait", "--socket", socket]
@@ -36,6 +36,22 @@ fn it_waits_for_the_verdict_on_a_turn() {
     let (status, out, err) = headingd(&wait);
     assert_eq!((status, out.as_str()), (3, ""), "{err}");
     assert!(err.contains("(locked)"), "{err}");
+}
+
+#[test]
+fn motion_that_teaches_as_much_as_a_turn_ends_the_wait() {
+    // What it turns before it has learnt enough is no full turn.
+    let rig = Rig::new(
+        FAST,
+        &format!("{ENDLESS}turns = 0.5\n[turn]\nangle_deg = 720.0\n"),
+    );
+    let (_process, _client) = rig.watched();
+    let (status, out, err) = headingd(&start_and_wait(&rig.text("control.sock")));
+    assert_eq!(status, 0, "{err}");
+    assert!(
+        out.starts_with("accepted (good): learnt from motion"),
+        "{out}"
+    );
 }
 
 #[test]
