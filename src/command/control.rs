@@ -18,7 +18,7 @@ use crate::config::Config;
 use crate::publish::control::ControlRequest;
 
 /// A little longer than the daemon waits for a disk.
-const PATIENCE: Duration = Duration::from_secs(15);
+pub(super) const PATIENCE: Duration = Duration::from_secs(15);
 
 /// A daemon that is well takes a connection at once.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(5);
@@ -121,7 +121,7 @@ pub(super) fn connect(path: &Path) -> io::Result<UnixStream> {
     Ok(socket.into())
 }
 
-/// Who answers there knows another protocol.
+/// The server on this socket uses another protocol.
 fn stranger(path: &Path, answer: &Value) -> Failure {
     let usual = Config::default();
     let (what, control) = if answer["class"].is_string() {

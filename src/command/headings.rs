@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use super::control::{connect, unreachable};
+use super::control::{PATIENCE, connect, unreachable};
 use super::{Failure, config_file};
 use crate::config::Config;
 
@@ -72,7 +72,7 @@ pub(super) fn heading_text(
 pub struct Headings {
     path: PathBuf,
     reader: BufReader<UnixStream>,
-    /// What has come of a line that is not at its end, or else the last line.
+    /// Buffer of the current line; complete once it ends with a newline.
     bytes: Vec<u8>,
     line: String,
 }
@@ -96,7 +96,11 @@ impl Headings {
     }
 
     fn greeting(&mut self) -> Result<(), Failure> {
-        if self.object()?["class"] == "VERSION" {
+        self.set_patience(Some(PATIENCE))?;
+        let greeting = self.object_in_time()?;
+        self.set_patience(None)?;
+        let silent = || unreachable(&self.path, &ErrorKind::TimedOut.into());
+        if greeting.ok_or_else(silent)?["class"] == "VERSION" {
             return Ok(());
         }
         let message = format!(
@@ -131,7 +135,7 @@ impl Headings {
         set.map_err(|error| unreachable(&self.path, &error))
     }
 
-    /// Reads on; whether the line is at its end. It is not if that takes longer than the patience.
+    /// Reads until a newline. Returns false on timeout.
     fn read(&mut self) -> Result<bool, Failure> {
         if self.bytes.ends_with(b"\n") {
             self.bytes.clear();

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 use rustix::event::{PollFd, PollFlags};
 use rustix::io::Errno;
-use signal_hook::consts::{SIGHUP, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
 use super::headings::HeadingTarget;
@@ -47,8 +47,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::new(Failure::USAGE, message));
     }
     let sockets = args.target.sockets()?;
-    let stop = stop_signals()?;
     let feeds = Feeds::open(&sockets)?;
+    let stop = stop_signals()?;
     let mut view = View::new(sockets.headings.display().to_string());
     let mut terminal = ratatui::try_init().or_fail(Failure::IO, NO_TERMINAL)?;
     let ended = show(&mut terminal, &mut view, &feeds, &stop);
@@ -64,7 +64,7 @@ const NO_TERMINAL: &str = "cannot use the terminal";
 /// Becomes true when somebody wants it to end: then the terminal is given back as it was.
 fn stop_signals() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGTERM, SIGHUP] {
+    for signal in [SIGTERM, SIGINT, SIGHUP] {
         let registered = flag::register(signal, stop.clone());
         registered.or_fail(Failure::SYSTEM, "cannot catch signals")?;
     }
