@@ -59,7 +59,7 @@ impl Mounting {
         }
     }
 
-    /// Whether it is no rotation, but one and a mirror.
+    /// Whether the mounting is mirrored (determinant −1).
     pub fn is_mirrored(&self) -> bool {
         self.matrix.determinant() < 0.0
     }
@@ -224,6 +224,11 @@ pub fn wrap_360(angle_deg: f64) -> f64 {
     if wrapped >= 360.0 { 0.0 } else { wrapped }
 }
 
+/// A heading to a tenth of a degree, [0, 360), as people read it.
+pub fn to_tenths(heading_deg: f64) -> f64 {
+    wrap_360(rounded(heading_deg, 1))
+}
+
 /// Heading of body X, degrees clockwise from magnetic north, of a field in body axes over a horizontal
 /// plane with this `down`. `None` where field or body X is vertical.
 pub fn heading_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> Option<f64> {
@@ -372,5 +377,6 @@ mod tests {
         assert_eq!(wrap_360(-90.0), 270.0);
         assert_eq!(wrap_360(360.0), 0.0);
         assert_eq!(wrap_360(-1e-20), 0.0);
+        assert_eq!([359.96, -0.04].map(to_tenths), [0.0, 0.0]);
     }
 }

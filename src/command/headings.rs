@@ -10,6 +10,7 @@ use serde_json::Value;
 use super::control::{PATIENCE, connect, unreachable};
 use super::{Failure, config_file};
 use crate::config::Config;
+use crate::frame::to_tenths;
 
 /// No message is longer, bytes: that of a board with all its remarks is the longest.
 const LONGEST: u64 = 1 << 20;
@@ -64,7 +65,7 @@ pub(super) fn heading_text(
         None => (magnetic_deg?, "magnetic"),
     };
     let sd = sd_deg.map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
-    Some(format!("{degrees:05.1}° {north}{sd}"))
+    Some(format!("{:05.1}° {north}{sd}", to_tenths(degrees)))
 }
 
 /// A connection to the socket for headings.

@@ -132,8 +132,8 @@ mod tests {
             "{text}"
         );
         assert_eq!(
-            heading(&read(json!({ "mheading": 350.0 }))),
-            "heading 350.0° magnetic\n"
+            heading(&read(json!({ "mheading": 359.97 }))),
+            "heading 000.0° magnetic\n"
         );
         assert_eq!(heading(&DaemonStatus::default()), "no heading\n");
         for part in [

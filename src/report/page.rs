@@ -11,6 +11,7 @@ use super::{compass, field, motion, timeline};
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
 use crate::calibration::verdict::{Limits, MOST_AT_REST, Measures};
+use crate::frame::to_tenths;
 
 #[derive(Clone, Debug)]
 pub struct About {
@@ -154,7 +155,7 @@ fn summary(about: &About, analysis: &Analysis) -> String {
 
 fn heading(point: &Point) -> String {
     let known = |degrees: Option<f64>, of| {
-        degrees.map(|degrees| format!("{:05.1}° {of}", (10.0 * degrees).round() / 10.0 % 360.0))
+        degrees.map(|degrees| format!("{:05.1}° {of}", to_tenths(degrees)))
     };
     let both = [
         known(point.heading_deg, "magnetic"),

@@ -11,7 +11,7 @@ use super::super::progress::bar;
 use super::super::{Failure, text};
 use super::score::Score;
 use crate::config::Config;
-use crate::frame::hypot;
+use crate::frame::{hypot, to_tenths};
 use crate::sensor::simulator::{self, Simulator};
 
 /// Headings further from the truth than this, RMS, are not what was promised.
@@ -114,7 +114,10 @@ impl Timeline {
             return String::new();
         }
         self.shown_s = self.now_s;
-        let raw = raw.map_or(String::new(), |raw| format!(", raw {raw:5.1}°"));
+        let [heading_deg, truth_deg] = [heading_deg, truth_deg].map(to_tenths);
+        let raw = raw.map_or(String::new(), |raw| {
+            format!(", raw {:5.1}°", to_tenths(raw))
+        });
         self.passing(&format!(
             "heading {heading_deg:5.1}°, truth {truth_deg:5.1}°{raw}, {}",
             self.state

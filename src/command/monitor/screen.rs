@@ -19,7 +19,7 @@ use super::view::View;
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
 use crate::calibration::policy::Policy;
-use crate::frame::rounded;
+use crate::frame::{rounded, to_tenths};
 use crate::publish::control::status::{CalibrationSummary, DaemonStatus};
 
 const KEYS: &str = "c calibrate  x cancel  l lock/unlock  r roll back  v level  q quit";
@@ -87,7 +87,9 @@ fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value, now: Instant) -> V
         ["heading", "mheading", "heading_sd"].map(|key| att[key].as_f64());
     let shown = heading_text(true_deg, magnetic_deg, sd_deg).unwrap_or("none".to_owned());
     let raw = att["raw_heading"].as_f64();
-    let raw = raw.map_or(String::new(), |raw| format!("   (raw {raw:05.1}°)"));
+    let raw = raw.map_or(String::new(), |raw| {
+        format!("   (raw {:05.1}°)", to_tenths(raw))
+    });
     lines.push(Line::from(vec![
         Span::from(format!("{:NAME$}", "heading")),
         Span::styled(shown, style.strong()),
