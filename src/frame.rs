@@ -202,7 +202,8 @@ impl Mountings {
 /// An angle in radians brought into (−π, π].
 pub fn wrap_pi(angle_rad: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
-    PI - (PI - angle_rad).rem_euclid(TAU)
+    // For an angle just above π, rem_euclid rounds up to TAU itself.
+    PI - (PI - angle_rad).rem_euclid(TAU) % TAU
 }
 
 /// Length of (x, y). The C library's `hypot` rounds differently from one processor to another, and a replay shall give the same
@@ -372,7 +373,7 @@ mod tests {
     fn angles_wrap_at_their_ends() {
         use std::f64::consts::PI;
         assert_eq!(wrap_pi(PI), PI);
-        assert_eq!(wrap_pi(-PI), PI);
+        assert_eq!([-PI, PI.next_up()].map(wrap_pi), [PI, PI]);
         assert!((wrap_pi(7.0) - (7.0 - 2.0 * PI)).abs() < 1e-15);
         assert_eq!(wrap_360(-90.0), 270.0);
         assert_eq!(wrap_360(360.0), 0.0);
