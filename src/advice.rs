@@ -1,24 +1,13 @@
-//! What to do next, by the reason of a condition or of a calibration's verdict.
+//! What to do, by the reason of a condition or of a calibration's verdict.
 
-/// Reasons, each with what helps, as `docs/socket.md`, `docs/calibration.md` and `docs/serial.md` list them.
+/// Reasons whose message does not say what helps, as `docs/socket.md`, `docs/calibration.md` and `docs/serial.md` do.
 #[rustfmt::skip]
 const ADVICE: &[(&[&str], &str)] = &[
-    (&["no_calibration"], "turn the board once all the way round, or move it about, away from iron"),
-    (&["mode_off"], "run headingd calibration start, and then turn"),
-    (&["turning"], "go on, the same way round"),
-    (&["calibrating"], "wait a moment"),
-    (&["good"], "nothing"),
-    (&["learning"], "go on moving the board"),
-    (&["gyro_dead"], "check the gyro's wiring: the field turns, and the gyro reads a constant"),
-    (&["gyro_sign"], "check the gyro's axes and signs in [mounting]: gyro and field turn different ways"),
-    (&["gyro_scale"], "check the gyro's range: it is off by more than 5 %"),
-    (&["gyro_clipped"], "turn the board more slowly: the gyro is at the end of its range"),
-    (&["no_accelerometer"], "keep the board level: its tilt is not known"),
-    (&["no_gyro"], "connect the gyro: turns cannot be detected without it"),
+    (&["no_accelerometer"], "keep the board level"),
+    (&["no_gyro"], "check the gyro and its wires"),
     (&["field_strength", "field_changed"],
      "look for iron, magnets or currents nearby; if they are there to stay, move the board: it learns them"),
     (&["no_samples"], "check the magnetometer: it is silent"),
-    (&["overflow"], "move away from the magnet, or choose a larger range of the chip; if that does not help, an axis is stuck"),
     (&["no_bus", "permission", "claimed", "no_answer", "clone", "wrong_identity"],
      "see the message, and headingd check"),
     (&["timeout", "arbitration_lost", "short_read", "bus_error", "unsupported"],
@@ -53,11 +42,9 @@ const ADVICE: &[(&[&str], &str)] = &[
      "turn again where the board has rested, with motors and currents as they will be: the field came with the turn"),
     (&["stuck_axis"], "check the chip and its range: an axis reads the same number over an arc of the turn"),
     (&["bad_reference"], "give a reference field above 0, or none"),
-    (&["less_certain"], "nothing: what is known already is more certain, and stays"),
-    (&["cancelled"], "nothing: it was cancelled, or something else was ordered meanwhile"),
 ];
 
-/// What helps where this is the reason, if that is known beyond the message that comes with it.
+/// What helps where this is the reason, if its message does not say so.
 pub fn next_step(reason: &str) -> Option<&'static str> {
     let known = ADVICE.iter().find(|(reasons, _)| reasons.contains(&reason));
     known.map(|(_, advice)| *advice)

@@ -241,7 +241,9 @@ fn gyro_fault(reason: &str) -> &'static str {
     match reason {
         "gyro_clipped" => "the board turns faster than the gyro can measure: turn it more slowly",
         "gyro_dead" => "the field turns and the gyro reads a constant: check its wiring",
-        "gyro_sign" => "gyro and field turn different ways: check the gyro's axes and signs",
+        "gyro_sign" => {
+            "gyro and field turn different ways: check the gyro's axes and signs in [mounting]"
+        }
         _ => {
             "gyro and field differ by more than 5 % in how far the board turns: check the gyro's range"
         }

@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use super::control::{PATIENCE, connect, unreachable};
 use super::{Failure, config_file};
+use crate::advice::next_step;
 use crate::config::Config;
 use crate::frame::to_tenths;
 
@@ -66,6 +67,12 @@ pub(super) fn heading_text(
     };
     let sd = sd_deg.map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
     Some(format!("{:05.1}° {north}{sd}", to_tenths(degrees)))
+}
+
+/// A condition or a verdict as text, with what to do.
+pub(super) fn reason_text(word: &str, reason: &str, message: &str) -> String {
+    let advice = next_step(reason).map(|advice| format!("\nwhat to do: {advice}"));
+    format!("{word} ({reason}): {message}{}", advice.unwrap_or_default())
 }
 
 /// A connection to the socket for headings.

@@ -2,7 +2,7 @@
 
 use super::calibration::line;
 use super::control::{self, ControlTarget};
-use super::headings::heading_text;
+use super::headings::{heading_text, reason_text};
 use super::{Failure, print, print_json};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
@@ -31,14 +31,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn written(status: &DaemonStatus) -> String {
-    let starting = || "starting".to_owned();
+    let [word, reason] =
+        [&status.cal_state, &status.reason].map(|text| text.as_deref().unwrap_or("starting"));
     let mut out = heading(status);
-    out += &format!(
-        "{} ({}): {}\n",
-        status.cal_state.clone().unwrap_or_else(starting),
-        status.reason.clone().unwrap_or_else(starting),
-        status.message
-    );
+    out += &(reason_text(word, reason, &status.message) + "\n");
     let mut add = |name: &str, value: String| out += &format!("{name:<12} {value}\n");
     add(
         "calibration",
@@ -128,7 +124,7 @@ mod tests {
             "calibration": { "number": 3, "mode": "planar", "age_s": 60, "residual_mgauss": 2.04 }
         })));
         assert!(
-            text.starts_with("heading 007.3° true ± 4.0°\ndegraded (no_gyro): none speaks\n"),
+            text.starts_with("heading 007.3° true ± 4.0°\ndegraded (no_gyro): none speaks\nwhat to do: check the gyro"),
             "{text}"
         );
         assert_eq!(

@@ -6,10 +6,9 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 use super::control::{self, ControlTarget, exchange};
-use super::headings::Headings;
+use super::headings::{Headings, reason_text};
 use super::progress::Progress;
 use super::{Failure, print, text};
-use crate::advice::next_step;
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 
@@ -77,13 +76,12 @@ fn conclude(outcome: &Value, line: &str, json: bool) -> Result<(), Failure> {
     if json {
         print(&format!("{line}\n"))?;
     } else {
-        let mut said = format!("{verdict} ({reason}): {message}\n");
-        if verdict == "rejected"
-            && let Some(advice) = next_step(reason)
-        {
-            said += &format!("what to do: {advice}; the next turn is calibrated on again\n");
-        }
-        print(&said)?;
+        let again = match verdict {
+            "rejected" => "; the next turn is calibrated on again",
+            _ => "",
+        };
+        let said = reason_text(verdict, reason, message);
+        print(&format!("{said}{again}\n"))?;
     }
     match verdict {
         "rejected" => Err(Failure::new(Failure::REFUSED, "")),

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use serde_json::{Value, json};
 
-use super::headings::{HeadingTarget, Headings, heading_text};
+use super::headings::{HeadingTarget, Headings, heading_text, reason_text};
 use super::{Failure, Halt, number, printed, text};
 
 /// Headings as text are for people, who read one a second.
@@ -103,7 +103,7 @@ fn line(att: &Value) -> String {
 /// A condition as text: progress is none of it, so that it is printed once.
 fn why(state: &Value) -> String {
     let [word, reason, message] = ["cal_state", "reason", "message"].map(|key| text(state, key));
-    format!("{word} ({reason}): {message}")
+    reason_text(word, reason, message)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! A log taken through the pipeline, and what a report needs of it.
 
+use std::borrow::Cow;
 use std::convert::Infallible;
 use std::time::Duration;
 
@@ -30,11 +31,12 @@ pub(super) struct Point {
 }
 
 /// A condition, from when on.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Span {
     pub(super) from_s: f64,
     pub(super) word: &'static str,
     pub(super) reason: &'static str,
+    pub(super) message: Cow<'static, str>,
 }
 
 #[derive(Debug)]
@@ -190,6 +192,7 @@ impl Findings {
                         from_s: report.t_s,
                         word: report.condition.word(),
                         reason: report.reason,
+                        message: report.message.clone(),
                     });
                 }
                 self.last = Some(report);

@@ -131,7 +131,7 @@ fn summary(about: &About, analysis: &Analysis) -> String {
                 last.message
             ),
         ));
-        if let Some(advice) = next_step(last.reason).filter(|_| last.reason != "good") {
+        if let Some(advice) = next_step(last.reason) {
             rows.push(("what to do", advice.to_owned()));
         }
     }
@@ -169,7 +169,7 @@ fn heading(point: &Point) -> String {
 /// The changes of condition as a table.
 fn conditions(found: &Findings) -> String {
     let mut out = String::from(
-        "<details><summary>Conditions</summary><table>\n<tr><th>from, s</th><th>condition</th><th>reason</th><th>what to do</th></tr>\n",
+        "<details><summary>Conditions</summary><table>\n<tr><th>from, s</th><th>condition</th><th>reason</th><th>message</th></tr>\n",
     );
     for span in &found.spans {
         // Writing to a String never fails.
@@ -179,7 +179,7 @@ fn conditions(found: &Findings) -> String {
             span.from_s.max(found.first_s.unwrap_or(0.0)),
             span.word,
             span.reason,
-            next_step(span.reason).map(escaped).unwrap_or_default()
+            escaped(&span.message)
         );
     }
     out + "</table></details>\n"

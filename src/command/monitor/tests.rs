@@ -75,7 +75,6 @@ fn a_turning_board_shows_how_far_it_is_and_what_is_missing() {
     for part in [
         "heading     none   (raw 090.0°)",
         "state        turning",
-        "-> go on, the same way round",
         "progress    [#####...............]  25 %",
         // Shown by the gyro from east on: the raw heading stands still.
         "missing     SSW to ENE",
