@@ -26,7 +26,7 @@ use feeds::Feeds;
 use palette::Palette;
 use view::View;
 
-/// The screen is drawn anew this often: a slow line carries it, since only what has changed is sent.
+/// Redraw interval. Only changed cells are sent, so slow links keep up.
 const REDRAW: Duration = Duration::from_millis(200);
 
 /// Watch the running daemon on the terminal
@@ -132,9 +132,16 @@ const HANGUP: PollFlags = PollFlags::HUP.union(PollFlags::ERR);
 /// Does what a key is for; whether that is to end.
 fn press(key: KeyEvent, view: &mut View, feeds: &Feeds) -> bool {
     let control = key.modifiers.contains(KeyModifiers::CONTROL);
-    let asked = view.asking.take();
+    if control && key.code == KeyCode::Char('c') {
+        return true;
+    }
+    if let Some((_, request)) = view.asking.take() {
+        if key.code == KeyCode::Char('y') {
+            feeds.ask(request);
+        }
+        return false;
+    }
     match key.code {
-        KeyCode::Char('c') if control => return true,
         KeyCode::Char('q') | KeyCode::Esc => return true,
         KeyCode::Char('c') => feeds.ask(ControlRequest::Start {}),
         KeyCode::Char('x') => feeds.ask(ControlRequest::Cancel {}),
@@ -152,11 +159,6 @@ fn press(key: KeyEvent, view: &mut View, feeds: &Feeds) -> bool {
                 reset: false,
             };
             view.asking = Some((question, request));
-        }
-        KeyCode::Char('y') => {
-            if let Some((_, request)) = asked {
-                feeds.ask(request);
-            }
         }
         _ => {}
     }

@@ -30,13 +30,13 @@ const NAME: usize = 12;
 pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {
     let width = usize::from(frame.area().width);
     let said = last_line(view, width);
-    // An answer of the daemon may be longer than the screen is wide.
-    let said_lines = if said.chars().count() > width { 2 } else { 1 };
+    // An answer of the daemon may be longer than the screen is wide, and a wrapped line is not quite full.
+    let said_lines = 1 + said.chars().count() / (9 * width / 10).max(1);
     let [title, top, bottom, keys] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Length(14),
         Constraint::Min(5),
-        Constraint::Length(said_lines),
+        Constraint::Length(said_lines as u16),
     ])
     .areas(frame.area());
     let [left, right] =
@@ -159,7 +159,7 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
         Span::from(format!(" {}", more.join(", "))),
     ]));
     lines.push(Line::from(message));
-    if let Some(advice) = next_step(reason).filter(|_| reason != "good") {
+    if let Some(advice) = next_step(reason) {
         lines.push(Line::styled(format!("-> {advice}"), style.strong()));
     }
     // While a heading is published, a turn goes on beside it.

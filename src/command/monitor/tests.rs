@@ -179,6 +179,9 @@ fn an_answer_longer_than_the_screen_is_wide_is_shown_whole() {
         "{}",
         screen.join("\n")
     );
+    view.take(News::Answer(format!("{answer} {answer}; at last")), now);
+    let screen = lines(&drawn(&view, &PLAIN, now, 80, 24));
+    assert!(screen[23].contains("at last"), "{}", screen.join("\n"));
 }
 
 #[test]

@@ -33,7 +33,7 @@ pub(super) struct View {
     pub(super) outcome: Value,
     /// The latest answer to `status`, or why there is none.
     pub(super) status: Option<Result<Box<DaemonStatus>, String>>,
-    /// What the last key came to.
+    /// The daemon's answer to the last key.
     pub(super) said: String,
     /// What the user is asked to confirm, and the request that it is.
     pub(super) asking: Option<(&'static str, ControlRequest)>,

@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags};
 use rustix::fs::{Mode, OFlags};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
-use serde_json::json;
 
 use crate::control::link::Link;
 use crate::rig::{ENDLESS, FAST, PATIENCE, Process, Rig, headingd, program, pty, spawn_on};
@@ -141,13 +140,12 @@ fn the_screen_shows_the_daemon_and_keys_reach_it() {
     screen.shows("mode locked");
     screen.press("l");
     link.status("the end of it", |status| status["mode"] == "on");
-    screen.press("c");
-    screen.shows("turn the board once");
-    // A key that changes much is asked about, and any other key is a no.
+    // A key that changes much is asked about, and any other key is a no, and nothing else: the next turn is still wanted.
     screen.press("r");
     screen.shows("y: yes");
-    screen.press("n");
-    link.ask(&json!({"request": "status"}));
+    screen.press("l");
+    screen.press("c");
+    screen.shows("turn the board once");
     // Without colour there is none, and it is no reason to hide the daemon's end.
     process.stop();
     screen.shows("lost");
