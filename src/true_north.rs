@@ -68,6 +68,8 @@ pub struct TrueNorth {
     declination_deg: Option<f64>,
     /// The field there, until it has been asked for; `Some(None)` where it is not known any more.
     field: Option<Option<EarthField>>,
+    /// Kind of the last warning.
+    told: Option<&'static str>,
     news: Option<String>,
 }
 
@@ -110,12 +112,12 @@ impl TrueNorth {
         }
         let (field, warning) = answer(&position, since_1970);
         let declination_deg = field.map(|field| field.declination_deg.value);
-        // What holds from day to day is told on the first. A declination by hand stands in nothing's way.
-        let new =
-            self.asked.is_none() || self.declination_deg.is_some() != declination_deg.is_some();
-        if new && self.declination_by_hand_deg.is_none() {
-            self.news = warning;
+        // Warns only on a change. A configured declination needs no warning.
+        let (kind, news) = warning.unzip();
+        if self.told != kind && self.declination_by_hand_deg.is_none() {
+            self.news = news;
         }
+        self.told = kind;
         self.asked = Some(asked);
         self.declination_deg = declination_deg;
         self.field = Some(field);
@@ -133,27 +135,28 @@ impl TrueNorth {
     }
 }
 
-/// The field, where its declination is to be relied on, and what is to be said about it.
+/// The field, where its declination is to be relied on, and the warning about it with its kind.
 fn answer(
     position: &Position,
     since_1970: Option<Duration>,
-) -> (Option<EarthField>, Option<String>) {
+) -> (Option<EarthField>, Option<(&'static str, String)>) {
     const REMEDY: &str = "set true_north.declination_deg";
     let Some(since_1970) = since_1970 else {
         let why =
             "the date is not known: the system's clock was never set, or the log does not say it";
-        return (None, Some(format!("no true headings: {why}; {REMEDY}")));
+        let warning = format!("no true headings: {why}; {REMEDY}");
+        return (None, Some(("undated", warning)));
     };
     match EarthField::new(position, since_1970) {
-        Err(error) => (
-            None,
-            Some(format!(
-                "no true headings: {error}; update headingd, or {REMEDY}"
-            )),
-        ),
+        Err(error) => {
+            let warning = format!("no true headings: {error}; update headingd, or {REMEDY}");
+            (None, Some(("unknown", warning)))
+        }
         Ok(field) => {
             let reliable = field.zone != Some(WarningZone::BlackoutZone);
-            (reliable.then_some(field), field.warning())
+            let kind = if reliable { "inaccurate" } else { "unreliable" };
+            let warning = field.warning().map(|warning| (kind, warning));
+            (reliable.then_some(field), warning)
         }
     }
 }
@@ -268,8 +271,10 @@ mod tests {
             ..calgary()
         };
         let mut north = TrueNorth::new(&at_the_pole);
-        assert_eq!(north.declination_deg(day("2026-11-21")), None);
-        assert!(north.news().unwrap().contains("no compass"));
+        for (date, part) in [(None, "the date is not"), (day("2026-11-21"), "no compass")] {
+            assert_eq!(north.declination_deg(date), None);
+            assert!(north.news().unwrap().contains(part));
+        }
     }
 
     #[test]
