@@ -1,4 +1,4 @@
-//! The commands, one file each, the line they stand in, and how they fail.
+//! Commands, one file each; the command line; exit statuses.
 
 use std::fmt;
 use std::io::{self, Write};

@@ -24,7 +24,7 @@ const LONGEST: usize = 16 * 1024;
 /// A gpsd takes a connection at once, or is not there.
 const CONNECT_PATIENCE: Duration = Duration::from_secs(10);
 
-/// A gpsd that says nothing for so long may have gone without a word.
+/// Reconnect after this long without data.
 const SILENCE: Duration = Duration::from_secs(300);
 
 /// Pauses before it is tried again: the first, doubled each time up to the last.
@@ -110,7 +110,7 @@ impl Drop for Follower {
     }
 }
 
-/// Reads until nobody wants to know any more.
+/// Reads and reconnects for ever; dropping the `Follower` aborts it.
 async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
     let mut pause = PAUSES.0;
     let mut told = false;

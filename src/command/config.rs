@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// What can be used, but hardly does what was meant.
+/// Settings that are valid but probably not intended.
 fn warnings(config: &Config) -> Vec<String> {
     let mut warnings = config.retired.clone();
     if config.source.kind.is_none() {

@@ -1,4 +1,4 @@
-//! What commands wait with: one thread, and the signals that they answer.
+//! Single-threaded tokio runtime and signal handling.
 
 use std::future::pending;
 

@@ -1,4 +1,4 @@
-//! One figure as SVG. Its colours are names in disguise, which the page's style sheet turns into light ones or dark ones.
+//! One figure as SVG. Each hue is a unique RGB placeholder; the style sheet replaces it.
 
 use std::ops::Range;
 
