@@ -101,31 +101,20 @@ impl<T, E: fmt::Display> OrFail<T> for Result<T, E> {
     }
 }
 
-/// Why a command stops in the middle of its output.
-#[derive(Debug, thiserror::Error)]
-enum Halt {
-    #[error(transparent)]
-    Output(#[from] io::Error),
-    #[error(transparent)]
-    Failure(#[from] Failure),
-}
-
-/// What has come of output. A reader that has gone away (`| head`) is no failure.
-fn printed(result: Result<(), Halt>) -> Result<(), Failure> {
-    match result {
-        Err(Halt::Output(error)) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        Err(Halt::Output(error)) => {
-            Err(error).or_fail(Failure::IO, "cannot write to standard output")
-        }
-        Err(Halt::Failure(failure)) => Err(failure),
-        Ok(()) => Ok(()),
-    }
+/// What has come of writing to standard output. A reader that has gone away (`| head`) ends the command, which is no failure.
+fn output<T>(written: io::Result<T>) -> Result<T, Failure> {
+    written.map_err(|error| match error.kind() {
+        io::ErrorKind::BrokenPipe => Failure::new(0, ""),
+        _ => Failure::new(
+            Failure::IO,
+            format!("cannot write to standard output: {error}"),
+        ),
+    })
 }
 
 fn print(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
-    let written = out.write_all(text.as_bytes()).and_then(|()| out.flush());
-    printed(written.map_err(Halt::Output))
+    output(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
 }
 
 /// Writes a value to standard output, as one line of JSON.
@@ -160,13 +149,13 @@ where
 }
 
 /// Reads a log to its end, beside a bar on a terminal. Hands over each entry, and whether a new stretch begins with it.
-fn read_log<E: From<Failure>>(
+fn read_log(
     mut log: Replay,
-    mut take: impl FnMut(Entry, bool) -> Result<(), E>,
-) -> Result<Skips, E> {
+    mut take: impl FnMut(Entry, bool) -> Result<(), Failure>,
+) -> Result<Skips, Failure> {
     let mut bar = Progress::new();
     while let Some(entry) = log.next() {
-        take(entry.map_err(Failure::from)?, log.begins_stretch())?;
+        take(entry?, log.begins_stretch())?;
         bar.follow(&log);
     }
     Ok(log.skips().clone())

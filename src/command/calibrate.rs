@@ -139,7 +139,7 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     let header = replay.header();
     let identity = Identity::new(header.sensor_name(), header.mountings.mag);
     let mut survey = Survey::new(config.setup(&header.mountings), args.plane.axes());
-    let skips = read_log::<Failure>(replay, |entry, begins_stretch| {
+    let skips = read_log(replay, |entry, begins_stretch| {
         survey.take(&entry.reading, begins_stretch);
         Ok(())
     })?;

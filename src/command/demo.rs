@@ -3,12 +3,12 @@
 mod score;
 mod timeline;
 
-use std::io;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::UnixStream;
+use tokio::sync::Notify;
 
 use super::runtime::{ENDS, Signals, runtime};
 use super::{Failure, OrFail, number, print};
@@ -81,10 +81,21 @@ async fn demo(args: &Args) -> Result<(), Failure> {
     let client = client.or_fail(Failure::IO, &lost)?;
     print(&opening)?;
     let mut caught = None;
+    let failed = Notify::new();
     let told = async {
-        caught = Some(signals.received().await);
+        tokio::select! {
+            signal = signals.received() => caught = Some(signal),
+            () = failed.notified() => {}
+        }
     };
-    let (ended, watched) = tokio::join!(daemon.run_until(told), watch(client, &mut timeline));
+    let watched = async {
+        let watched = watch(client, &mut timeline, &lost).await;
+        if watched.is_err() {
+            failed.notify_one();
+        }
+        watched
+    };
+    let (ended, watched) = tokio::join!(daemon.run_until(told), watched);
     ended?;
     if let Some(signal) = caught {
         print(timeline.end_of_line())?;
@@ -92,7 +103,7 @@ async fn demo(args: &Args) -> Result<(), Failure> {
         let status = u8::try_from(128 + signal.as_raw_value()).unwrap_or(Failure::SYSTEM);
         return Err(Failure::new(status, "stopped; nothing is left behind"));
     }
-    watched.or_fail(Failure::IO, &lost)??;
+    watched?;
     print(&timeline.closing())?;
     timeline.judge()
 }
@@ -123,18 +134,13 @@ fn config(args: &Args, socket: &Path) -> Config {
     }
 }
 
-async fn watch(stream: UnixStream, timeline: &mut Timeline) -> io::Result<Result<(), Failure>> {
+async fn watch(stream: UnixStream, timeline: &mut Timeline, lost: &str) -> Result<(), Failure> {
     let (reader, mut writer) = stream.into_split();
-    writer.write_all(WATCH).await?;
+    (writer.write_all(WATCH).await).or_fail(Failure::IO, lost)?;
     let mut lines = BufReader::new(reader).lines();
-    while let Some(line) = lines.next_line().await? {
-        let message: Value = serde_json::from_str(&line)?;
-        let text = timeline.take(&message);
-        if !text.is_empty()
-            && let Err(failure) = print(&text)
-        {
-            return Ok(Err(failure));
-        }
+    while let Some(line) = (lines.next_line().await).or_fail(Failure::IO, lost)? {
+        let message: Value = serde_json::from_str(&line).or_fail(Failure::IO, lost)?;
+        print(&timeline.take(&message))?;
     }
-    Ok(Ok(()))
+    Ok(())
 }

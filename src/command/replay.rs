@@ -3,7 +3,7 @@
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Failure, Halt, config_file, printed, read_log, tell_skips};
+use super::{Failure, config_file, output, read_log, tell_skips};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         out: BufWriter::with_capacity(1 << 16, io::stdout().lock()),
         line: String::new(),
     };
-    printed(play(replay, pipeline, lines, &mut keep))
+    play(replay, pipeline, lines, &mut keep)
 }
 
 fn play<W: Write>(
@@ -84,9 +84,9 @@ fn play<W: Write>(
     mut pipeline: Pipeline,
     mut lines: JsonLines<W>,
     keep: &mut Keep,
-) -> Result<(), Halt> {
+) -> Result<(), Failure> {
     lines.greet()?;
-    let skips = read_log::<Halt>(replay, |entry, begins_stretch| {
+    let skips = read_log(replay, |entry, begins_stretch| {
         if begins_stretch {
             pipeline.play(Event::NewStretch, |action| {
                 carry_out(action, &mut lines, keep)
@@ -98,14 +98,14 @@ fn play<W: Write>(
             carry_out(action, &mut lines, keep)
         })
     })?;
-    lines.out.flush()?;
+    output(lines.out.flush())?;
     if pipeline.dropped() > 0 {
         eprintln!(
             "headingd: {} values dropped that no sensor can have taken",
             pipeline.dropped()
         );
     }
-    Ok(tell_skips(&skips)?)
+    tell_skips(&skips)
 }
 
 /// What comes of the action is an event of the pipeline.
@@ -113,7 +113,7 @@ fn carry_out<W: Write>(
     action: Action,
     lines: &mut JsonLines<W>,
     keep: &mut Keep,
-) -> Result<Option<Event>, Halt> {
+) -> Result<Option<Event>, Failure> {
     match action {
         Action::Publish(heading) => {
             if let Some(news) = lines.att(heading)? {
@@ -149,7 +149,7 @@ struct JsonLines<W: Write> {
 
 impl<W: Write> JsonLines<W> {
     /// What a client gets on connecting and on asking for every stream.
-    fn greet(&mut self) -> io::Result<()> {
+    fn greet(&mut self) -> Result<(), Failure> {
         let policy = WatchPolicy {
             enable: true,
             json: true,
@@ -163,7 +163,7 @@ impl<W: Write> JsonLines<W> {
     }
 
     /// What comes back is to be told to the user.
-    fn att(&mut self, mut heading: Heading) -> io::Result<Option<String>> {
+    fn att(&mut self, mut heading: Heading) -> Result<Option<String>, Failure> {
         let time = self.time.at(heading.t_s);
         heading.declination_deg = self.true_north.declination_deg(time);
         self.line.clear();
@@ -171,13 +171,12 @@ impl<W: Write> JsonLines<W> {
         let (device, time) = (&self.device.path, time.as_deref());
         gpsd::att_into(&mut self.line, device, &heading, time, 0);
         self.line.push('\n');
-        self.out.write_all(self.line.as_bytes())?;
+        output(self.out.write_all(self.line.as_bytes()))?;
         Ok(self.true_north.news())
     }
 
-    fn write(&mut self, line: &str) -> io::Result<()> {
-        self.out.write_all(line.as_bytes())?;
-        self.out.write_all(b"\n")
+    fn write(&mut self, line: &str) -> Result<(), Failure> {
+        output(writeln!(self.out, "{line}"))
     }
 }
 

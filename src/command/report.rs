@@ -78,7 +78,7 @@ fn of_log(log: &Path, config: &Config) -> Result<(About, Analysis), Failure> {
     let mut time = TimeOfDay::new(replay.header());
     let setup = config.setup(&replay.header().mountings);
     let mut analysis = Analysis::new(setup, TrueNorth::new(&config.true_north), None);
-    let skips = read_log::<Failure>(replay, |entry, begins_stretch| {
+    let skips = read_log(replay, |entry, begins_stretch| {
         if begins_stretch {
             analysis.begin_stretch();
             time.begin_stretch();

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use serde_json::{Value, json};
 
 use super::headings::{HeadingTarget, Headings, heading_text, reason_text};
-use super::{Failure, Halt, number, printed, text};
+use super::{Failure, number, output, text};
 
 /// Headings as text are for people, who read one a second.
 const TEXT_RATE_HZ: f64 = 1.0;
@@ -49,10 +49,10 @@ impl Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let sockets = args.target.sockets()?;
     let mut headings = Headings::open(&sockets.headings, &args.watch().to_string())?;
-    printed(print(args, &mut headings, &mut io::stdout().lock()))
+    print(args, &mut headings, &mut io::stdout().lock())
 }
 
-fn print(args: &Args, headings: &mut Headings, out: &mut impl Write) -> Result<(), Halt> {
+fn print(args: &Args, headings: &mut Headings, out: &mut impl Write) -> Result<(), Failure> {
     let mut printed = 0;
     let mut state = String::new();
     while args.count.is_none_or(|most| printed < most) {
@@ -61,26 +61,26 @@ fn print(args: &Args, headings: &mut Headings, out: &mut impl Write) -> Result<(
             if line.starts_with('$') {
                 // A heading has several sentences: HDG is in each.
                 printed += u64::from(line.get(3..6) == Some("HDG"));
-                writeln!(out, "{line}")?;
+                output(writeln!(out, "{line}"))?;
             }
         } else {
             let object = headings.object()?;
             let class = text(&object, "class");
             let steerable = class == "ATT" && object["mheading"].as_f64().is_some();
             if args.json && (class == "ATT" || class == "STATE") {
-                writeln!(out, "{}", headings.text())?;
+                output(writeln!(out, "{}", headings.text()))?;
             } else if steerable {
-                writeln!(out, "{}", line(&object))?;
+                output(writeln!(out, "{}", line(&object)))?;
             } else if class == "STATE" {
                 let why = why(&object);
                 if why != state {
-                    writeln!(out, "{why}")?;
+                    output(writeln!(out, "{why}"))?;
                     state = why;
                 }
             }
             printed += u64::from(steerable);
         }
-        out.flush()?;
+        output(out.flush())?;
     }
     Ok(())
 }

@@ -1,8 +1,9 @@
 //! `headingd demo`.
 
-use std::fs;
+use std::fs::{self, File};
+use std::os::fd::OwnedFd;
 
-use crate::rig::{entries, folder, start, until};
+use crate::rig::{entries, folder, program, spawn_on, start, until};
 
 #[test]
 fn it_shows_a_calibration_and_leaves_nothing_behind() {
@@ -33,6 +34,18 @@ fn it_ends_when_interrupted() {
         assert_eq!(entries(&folder.path().join("tmp")), 1);
         process.signal(signal);
         process.ends(right);
+        assert_eq!(entries(&folder.path().join("tmp")), 0);
+    }
+}
+
+#[test]
+fn it_ends_when_nobody_reads_on() {
+    let (_, gone) = std::io::pipe().unwrap();
+    let full = File::options().write(true).open("/dev/full").unwrap();
+    for (stdout, status) in [(OwnedFd::from(gone).into(), 0), (full, 74)] {
+        let folder = folder();
+        let mut process = spawn_on(folder.path(), program().arg("demo"), stdout, None);
+        process.ends(status);
         assert_eq!(entries(&folder.path().join("tmp")), 0);
     }
 }
