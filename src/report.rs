@@ -6,7 +6,6 @@ mod analysis;
 mod compass;
 mod field;
 mod html;
-mod motion;
 mod page;
 mod plot;
 mod search;

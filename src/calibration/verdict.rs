@@ -67,7 +67,117 @@ const LEAST_JUMP_SHARE: f64 = 0.02;
 
 /// Field and fit at rest may differ by this share, 11° of heading: by up to 4° the gyro has drifted, 4° are a swaying turn's, 2° and a
 /// little more the place's.
-pub const MOST_AT_REST: f64 = 0.2;
+const MOST_AT_REST: f64 = 0.2;
+
+/// What a measure must be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Bound {
+    /// No more than this.
+    AtMost(f64),
+    /// No less than this.
+    AtLeast(f64),
+    /// True, which is measured as 1.
+    True,
+}
+
+/// A measure, and what it must be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Limit {
+    /// What is measured.
+    pub name: &'static str,
+    /// Its unit, if it has one.
+    pub unit: &'static str,
+    /// What it is.
+    pub measured: f64,
+    /// What it must be.
+    pub bound: Bound,
+}
+
+impl Limit {
+    /// Whether the measure is within its bound.
+    pub fn is_kept(&self) -> bool {
+        match self.bound {
+            Bound::AtMost(most) => self.measured <= most,
+            Bound::AtLeast(least) => self.measured >= least,
+            Bound::True => self.measured > 0.0,
+        }
+    }
+
+    /// Measure, relation and bound, as text.
+    pub fn as_text(&self) -> [String; 3] {
+        let (relation, bound) = match self.bound {
+            Bound::AtMost(most) => ("at most", most),
+            Bound::AtLeast(least) => ("at least", least),
+            Bound::True => {
+                let measured = if self.is_kept() { "yes" } else { "no" };
+                return [measured, "must be", "yes"].map(str::to_owned);
+            }
+        };
+        let digits = if bound < 0.1 { 4 } else { 2 };
+        let number = |value: f64| {
+            format!("{value:.digits$} {}", self.unit)
+                .trim_end()
+                .to_owned()
+        };
+        [number(self.measured), relation.to_owned(), number(bound)]
+    }
+}
+
+/// All limits that apply, the most telling first, each with the code of a refusal and what a broken one means.
+#[rustfmt::skip]
+fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = (Limit, &'static str, &'static str)> {
+    use Bound::{AtLeast, AtMost, True};
+    let percent = |share: f64| 100.0 * share;
+    let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);
+    let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
+    let given = |scale: f64| m.reference_given.then_some(scale);
+    let drift = m.gyro.map(|gyro| percent(gyro.drift_share));
+    let rms_deg = m.gyro.map(|gyro| gyro.rms_deg);
+    let jump = m.jump.filter(|jump| jump.share > LEAST_JUMP_SHARE).map(|jump| jump.times_usual);
+    let rest = m.rest_share.map(percent);
+    [
+        ("coverage", "coverage of the circle", "degrees", m.coverage_deg, AtLeast(l.coverage_deg),
+         "turn the board further round"),
+        ("coverage", "spread of the field's directions", "", m.direction_spread, AtLeast(l.direction_spread),
+         "the field hardly moved along one axis: turn the board about a second axis too"),
+        ("outliers", "outliers", "%", Some(percent(m.outlier_share)), AtMost(percent(l.outlier_share)),
+         "something magnetic came or went during the turn"),
+        ("outliers", "outliers among the last samples", "%", Some(percent(m.end_outlier_share)), AtMost(percent(MOST_AT_THE_END)),
+         "something magnetic came or went, and the fit no longer holds"),
+        ("residual", "residual, of the field", "%", Some(percent(m.residual_share)), AtMost(percent(l.residual_share)),
+         "the field was disturbed, or the board moved through it"),
+        ("axis_ratio", "ratio of the axes' scale factors", "", Some(largest / smallest), AtMost(l.axis_ratio),
+         "no magnetometer is like that"),
+        ("scale", "smallest scale factor", "", given(smallest), AtLeast(l.scale_min),
+         "check the reference field and the gain"),
+        ("scale", "largest scale factor", "", given(largest), AtMost(l.scale_max),
+         "check the reference field and the gain"),
+        ("centre", "centre within the samples", "", Some(f64::from(m.centre_inside)), True,
+         "the samples show too small a part of the curve"),
+        ("heading_uncertainty", "predicted heading uncertainty", "degrees", Some(m.heading_sd_deg), AtMost(l.heading_sd_deg),
+         "more samples or a fuller turn are needed"),
+        ("gyro_angle", "angle turned, field against gyro", "%", drift, AtMost(percent(l.gyro_angle_share)),
+         "check the gyro's mounting, sign and scale"),
+        ("gyro", "heading against gyro, RMS", "degrees", rms_deg, AtMost(l.gyro_rms_deg),
+         "the fit does not turn as the board did"),
+        ("jump", "largest jump of the field within a second, times the usual", "", jump, AtMost(l.largest_jump(m)),
+         "something magnetic came or went, or the board tilted"),
+        ("rest", "field at rest before the turn against the fit", "%", rest, AtMost(percent(MOST_AT_REST)),
+         "something magnetic came with the turn, as of a motor that runs"),
+        ("dip", "change of dip with attitude, RMS", "degrees", m.dip_spread_deg, AtMost(l.dip_spread_deg),
+         "check the mountings, or keep iron away"),
+    ]
+    .into_iter()
+    .filter_map(|(reason, name, unit, measured, bound, why)| {
+        let measured = measured?;
+        Some((Limit { name, unit, measured, bound }, reason, why))
+    })
+}
+
+/// All limits that apply to a candidate, the most telling first.
+pub fn measured(m: &Measures, limits: &Limits) -> Vec<Limit> {
+    all(m, limits).map(|(limit, ..)| limit).collect()
+}
 
 /// The first objection to a candidate, the most telling first; `Ok` if there is none.
 ///
@@ -75,110 +185,15 @@ pub const MOST_AT_REST: f64 = 0.2;
 ///
 /// The first objection.
 pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
-    let refuse = |reason, message: String| Err(Refusal::new(reason, message));
-    let percent = |share: f64| 100.0 * share;
-    if let Some(coverage) = m.coverage_deg.filter(|&c| c < limits.coverage_deg) {
-        let least = limits.coverage_deg;
-        let message = format!(
-            "the field was seen from {coverage:.0} of 360 degrees; at least {least:.0} are needed: turn the board further round"
-        );
-        return refuse("coverage", message);
-    }
-    if let Some(spread) = m.direction_spread.filter(|&s| s < limits.direction_spread) {
-        let least = limits.direction_spread;
-        let message = format!(
-            "the field hardly moved along one axis (spread {spread:.4}, at least {least:.4} is needed): turn the board about a second axis too"
-        );
-        return refuse("coverage", message);
-    }
-    if m.outlier_share > limits.outlier_share {
-        let [found, most] = [m.outlier_share, limits.outlier_share].map(percent);
-        let message = format!(
-            "{found:.0} % of the samples lie far off the fit (at most {most:.0} % may): something magnetic came or went during the turn"
-        );
-        return refuse("outliers", message);
-    }
-    if m.end_outlier_share > MOST_AT_THE_END {
-        let message = "the last samples lie far off the fit: something magnetic came or went, and the fit no longer holds";
-        return refuse("outliers", message.to_owned());
-    }
-    if m.residual_share > limits.residual_share {
-        let [found, most] = [m.residual_share, limits.residual_share].map(percent);
-        let message = format!(
-            "the samples scatter by {found:.1} % of the field about the fit (at most {most:.1} % may): the field was disturbed, or the board moved through it"
-        );
-        return refuse("residual", message);
-    }
-    let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);
-    let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
-    if largest > limits.axis_ratio * smallest {
-        let (found, most) = (largest / smallest, limits.axis_ratio);
-        let message = format!(
-            "one axis would be {found:.2} times as sensitive as another (at most {most:.2}): no magnetometer is"
-        );
-        return refuse("axis_ratio", message);
-    }
-    if m.reference_given && (smallest < limits.scale_min || largest > limits.scale_max) {
-        let (least, most) = (limits.scale_min, limits.scale_max);
-        let message = format!(
-            "scale factors of {smallest:.2} to {largest:.2} are outside {least:.2} to {most:.2}: check the reference field and the gain"
-        );
-        return refuse("scale", message);
-    }
-    if !m.centre_inside {
-        let message =
-            "the fitted centre lies outside the samples: they show too small a part of the curve";
-        return refuse("centre", message.to_owned());
-    }
-    if m.heading_sd_deg > limits.heading_sd_deg {
-        let (found, most) = (m.heading_sd_deg, limits.heading_sd_deg);
-        let message = format!(
-            "headings would be uncertain by {found:.2} degrees (at most {most:.2}): more samples or a fuller turn are needed"
-        );
-        return refuse("heading_uncertainty", message);
-    }
-    if let Some(gyro) = m.gyro {
-        if gyro.drift_share > limits.gyro_angle_share {
-            let [found, most] = [gyro.drift_share, limits.gyro_angle_share].map(percent);
-            let message = format!(
-                "field and gyro differ by {found:.0} % of the angle turned (at most {most:.0} %): check the gyro's mounting, sign and scale"
-            );
-            return refuse("gyro_angle", message);
-        }
-        if gyro.rms_deg > limits.gyro_rms_deg {
-            let (found, most) = (gyro.rms_deg, limits.gyro_rms_deg);
-            let message = format!(
-                "the corrected heading strays from the gyro by {found:.1} degrees RMS (at most {most:.1}): the fit does not turn as the board did"
-            );
-            return refuse("gyro", message);
+    match all(m, limits).find(|(limit, ..)| !limit.is_kept()) {
+        None => Ok(()),
+        Some((limit, reason, why)) => {
+            let [measured, relation, bound] = limit.as_text();
+            let name = limit.name;
+            let message = format!("{name}: {measured} ({relation} {bound}): {why}");
+            Err(Refusal::new(reason, message))
         }
     }
-    let most = limits.largest_jump(m);
-    if let Some(jump) = m.jump
-        && jump.share > LEAST_JUMP_SHARE
-        && jump.times_usual > most
-    {
-        let (found, times) = (percent(jump.share), jump.times_usual);
-        let message = format!(
-            "the field jumped by {found:.0} % within a second, {times:.1} times what is usual in this turn (at most {most:.1}): something magnetic came or went, or the board tilted"
-        );
-        return refuse("jump", message);
-    }
-    if let Some(share) = m.rest_share.filter(|&share| share > MOST_AT_REST) {
-        let [found, most] = [share, MOST_AT_REST].map(percent);
-        let message = format!(
-            "at rest before the turn the field was {found:.0} % off what the fit makes of it (at most {most:.0} % may): something magnetic came with the turn, as of a motor that runs"
-        );
-        return refuse("rest", message);
-    }
-    if let Some(spread) = m.dip_spread_deg.filter(|&s| s > limits.dip_spread_deg) {
-        let most = limits.dip_spread_deg;
-        let message = format!(
-            "the corrected field's dip changes by {spread:.1} degrees RMS with attitude (at most {most:.1}): check the mountings, or keep iron away"
-        );
-        return refuse("dip", message);
-    }
-    Ok(())
 }
 
 #[cfg(test)]

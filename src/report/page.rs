@@ -7,10 +7,10 @@ use super::html::{badge, escaped, verdict};
 use super::plot::{Hue, ReportError};
 use super::search::Search;
 use super::turn::Turned;
-use super::{compass, field, motion, timeline};
+use super::{compass, field, timeline};
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
-use crate::calibration::verdict::{Limits, MOST_AT_REST, Measures};
+use crate::calibration::verdict::{Bound, Limit, measured};
 use crate::frame::to_tenths;
 
 #[derive(Clone, Debug)]
@@ -60,7 +60,7 @@ pub fn page(about: &About, analysis: &Analysis) -> Result<String, ReportError> {
     out += &conditions(found);
     match &found.turn {
         Some(judged) => out += &turn(judged)?,
-        None => out += &motion::section(analysis),
+        None => out += &motion(analysis),
     }
     out += &verdicts(found);
     out += &format!(
@@ -190,7 +190,7 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
     let outcome = &judged.outcome;
     let mut out = verdict("Calibration by a full turn", outcome);
     if let Some(measures) = &outcome.measures {
-        out += &limits(measures, &judged.request.limits);
+        out += &limits(&measured(measures, &judged.request.limits));
     }
     let Some(turned) = Turned::of(judged) else {
         out += "<p>Nothing was fitted, so that there is nothing to draw.</p>\n";
@@ -232,6 +232,37 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
     Ok(out)
 }
 
+/// What motion has taught, for a log without a full turn.
+fn motion(analysis: &Analysis) -> String {
+    let mut out = String::from(
+        "<h2>Calibration by a full turn</h2>\n<p>The board made no full turn that was calibrated on.</p>\n",
+    );
+    if let Some((outcome, m)) = analysis.motion() {
+        let (sd_deg, most) = (m.heading_sd_deg, Bound::AtMost(m.most_heading_sd_deg));
+        let [right, predicted] = [m.gyro_is_right, m.field_is_predicted].map(f64::from);
+        out += &verdict("Calibration by motion", &outcome);
+        out += &limits(
+            &[
+                ("gyro turns as the field does", "", right, Bound::True),
+                (
+                    "field at the end as the motion predicts",
+                    "",
+                    predicted,
+                    Bound::True,
+                ),
+                ("predicted heading uncertainty", "degrees", sd_deg, most),
+            ]
+            .map(|(name, unit, measured, bound)| Limit {
+                name,
+                unit,
+                measured,
+                bound,
+            }),
+        );
+    }
+    out
+}
+
 fn search(judged: &Judged) -> Result<String, ReportError> {
     let samples = &judged.outcome.samples;
     let search = Search::on(judged);
@@ -258,59 +289,19 @@ fn search(judged: &Judged) -> Result<String, ReportError> {
     Ok(out + "</table>\n")
 }
 
-/// The most or the least that a measure may be.
-#[derive(Clone, Copy)]
-enum Bound {
-    AtMost(f64),
-    AtLeast(f64),
-}
-
-fn limits(m: &Measures, limits: &Limits) -> String {
-    use Bound::{AtLeast, AtMost};
-    let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);
-    let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
-    let percent = |share: f64| 100.0 * share;
-    let rms_deg = m.gyro.map(|gyro| gyro.rms_deg);
-    let turned = m.gyro.map(|gyro| percent(gyro.drift_share));
-    let jump = m.jump.map(|jump| jump.times_usual);
-    let [smallest_given, largest_given] =
-        [smallest, largest].map(|scale| m.reference_given.then_some(scale));
-    // Name, unit, measured, and limit.
-    #[rustfmt::skip]
-    let rows = [
-        ("coverage of the circle", "°", m.coverage_deg, AtLeast(limits.coverage_deg)),
-        ("spread of the field's directions", "", m.direction_spread, AtLeast(limits.direction_spread)),
-        ("outliers", "%", Some(percent(m.outlier_share)), AtMost(percent(limits.outlier_share))),
-        ("residual, of the field", "%", Some(percent(m.residual_share)), AtMost(percent(limits.residual_share))),
-        ("ratio of the axes' scale factors", "", Some(largest / smallest), AtMost(limits.axis_ratio)),
-        ("predicted heading uncertainty", "°", Some(m.heading_sd_deg), AtMost(limits.heading_sd_deg)),
-        ("angle turned, field against gyro", "%", turned, AtMost(percent(limits.gyro_angle_share))),
-        ("heading against gyro, RMS", "°", rms_deg, AtMost(limits.gyro_rms_deg)),
-        ("largest jump, times the usual", "", jump, AtMost(limits.largest_jump(m))),
-        ("field at rest before the turn against the fit", "", m.rest_share, AtMost(MOST_AT_REST)),
-        ("change of dip with attitude", "°", m.dip_spread_deg, AtMost(limits.dip_spread_deg)),
-        ("smallest scale factor", "", smallest_given, AtLeast(limits.scale_min)),
-        ("largest scale factor", "", largest_given, AtMost(limits.scale_max)),
-    ];
+fn limits(limits: &[Limit]) -> String {
     let mut out = String::from(
         "<table><tr><th>limit</th><th>measured</th><th></th><th>limit</th><th></th></tr>\n",
     );
-    for (name, unit, measured, bound) in rows {
-        let Some(measured) = measured else { continue };
-        let (relation, limit, kept) = match bound {
-            AtMost(limit) => ("at most", limit, measured <= limit),
-            AtLeast(limit) => ("at least", limit, measured >= limit),
-        };
-        let digits = if limit < 0.1 { 4 } else { 2 };
+    for limit in limits {
+        let [measured, relation, bound] = limit.as_text();
         out += &format!(
-            "<tr><th>{name}</th><td>{measured:.digits$} {unit}</td><td>{relation}</td><td>{limit:.digits$} {unit}</td><td>{}</td></tr>\n",
-            badge(kept)
+            "<tr><th>{}</th><td>{measured}</td><td>{relation}</td><td>{bound}</td><td>{}</td></tr>\n",
+            limit.name,
+            badge(limit.is_kept())
         );
     }
-    out + &format!(
-        "<tr><th>centre within the samples</th><td></td><td></td><td></td><td>{}</td></tr>\n</table>\n",
-        badge(m.centre_inside)
-    )
+    out + "</table>\n"
 }
 
 fn card(held: &[compass::Held]) -> String {

@@ -112,6 +112,7 @@ fn an_accepted_turn_has_every_figure() {
         "<b class=good>accepted</b>",
         "Deviation card, degrees",
         "coverage of the circle",
+        "outliers among the last samples",
         "RIST's windows",
         "1000 iterations",
     ] {
@@ -203,7 +204,7 @@ fn a_log_without_a_full_turn_has_the_verdict_of_calibrate() {
             .unwrap()
             .1;
         let sd_deg = outcome["heading_sd_deg"].as_f64().unwrap();
-        let right = format!("{sd_deg:.2} °</td><td>at most</td><td>3.00 °</td>");
+        let right = format!("{sd_deg:.2} degrees</td><td>at most</td><td>3.00 degrees</td>");
         assert!(row.contains(&right), "{row}");
         assert!(row.split_once("</tr>").unwrap().0.contains(limit), "{row}");
     }
