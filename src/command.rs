@@ -161,6 +161,25 @@ fn read_log(
     Ok(log.skips().clone())
 }
 
+/// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
+const STRETCHES_APART_S: f64 = 10.0;
+
+/// The same, with times that go on where those of the log jump.
+fn read_log_on(
+    log: Replay,
+    mut take: impl FnMut(Entry, bool) -> Result<(), Failure>,
+) -> Result<Skips, Failure> {
+    let (mut last_s, mut later_s) = (0.0, 0.0);
+    read_log(log, |mut entry, begins_stretch| {
+        if begins_stretch {
+            later_s = last_s + STRETCHES_APART_S - entry.reading.t_s;
+        }
+        entry.reading.t_s += later_s;
+        last_s = entry.reading.t_s;
+        take(entry, begins_stretch)
+    })
+}
+
 /// Says on standard error that rows of a log were skipped, if some were; that most were is a failure.
 fn tell_skips(skips: &Skips) -> Result<(), Failure> {
     let Some(summary) = skips.summary() else {

@@ -4,15 +4,13 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value, json};
 
-use super::{Failure, print, print_json, tell_skips};
+use super::{Failure, print, print_json, read_log_on, tell_skips};
 use crate::alignment::{Alignment, ChipAlignment, Sign, align};
 use crate::frame::{Mounting, rounded};
 use crate::sensor::replay::Replay;
 
 /// So many readings are used, from the beginning: an hour at 100 a second, and more motion tells nothing new.
 const MOST_READINGS: usize = 400_000;
-/// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
-const STRETCHES_APART_S: f64 = 10.0;
 /// A rotation beside the axes is certain from so many standard deviations on.
 const CERTAIN: f64 = 3.0;
 
@@ -38,23 +36,19 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let mut replay = Replay::open(&args.log)?;
     let mut readings = Vec::new();
-    let (mut last_s, mut later_s) = (0.0, 0.0);
-    while let Some(entry) = replay.next() {
-        let mut reading = entry?.reading;
-        if replay.begins_stretch() {
-            later_s = last_s + STRETCHES_APART_S - reading.t_s;
+    let mut count = 0;
+    let skips = read_log_on(Replay::open(&args.log)?, |entry, _| {
+        count += 1;
+        if count <= MOST_READINGS {
+            readings.push(entry.reading);
         }
-        reading.t_s += later_s;
-        last_s = reading.t_s;
-        if readings.len() == MOST_READINGS {
-            eprintln!("headingd: the log is long: its first {MOST_READINGS} readings are used");
-            break;
-        }
-        readings.push(reading);
+        Ok(())
+    })?;
+    if count > MOST_READINGS {
+        eprintln!("headingd: the log is long: its first {MOST_READINGS} readings are used");
     }
-    tell_skips(replay.skips())?;
+    tell_skips(&skips)?;
     let found = align(&readings, !args.south).map_err(|refusal| {
         Failure::new(Failure::REFUSED, format!("{refusal} ({})", refusal.code()))
     })?;

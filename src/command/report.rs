@@ -8,7 +8,7 @@ use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
 use super::runtime::runtime;
-use super::{Failure, OrFail, config_file, number, print, read_log, tell_skips};
+use super::{Failure, OrFail, config_file, number, print, read_log_on, tell_skips};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
 use crate::position::{Follower, Gpsd};
@@ -78,7 +78,7 @@ fn of_log(log: &Path, config: &Config) -> Result<(About, Analysis), Failure> {
     let mut time = TimeOfDay::new(replay.header());
     let setup = config.setup(&replay.header().mountings);
     let mut analysis = Analysis::new(setup, TrueNorth::new(&config.true_north), None);
-    let skips = read_log(replay, |entry, begins_stretch| {
+    let skips = read_log_on(replay, |entry, begins_stretch| {
         if begins_stretch {
             analysis.begin_stretch();
             time.begin_stretch();

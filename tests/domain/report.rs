@@ -70,6 +70,19 @@ fn a_known_place_gives_true_headings_as_in_a_replay() {
     );
 }
 
+#[test]
+fn a_log_whose_time_jumps_back_is_as_long_as_its_stretches_together() {
+    let folder = Folder::new();
+    let (header, entries) = simulated(&Settings::default());
+    let once_s = entries.last().unwrap().reading.t_s;
+    let twice = [entries.clone(), entries].concat();
+    let twice = folder.file("twice.csv", log(&(header, twice)));
+    let page = headingd(&["report", &twice, "--out", "-"]).out;
+    let length = row(&page, "length").unwrap();
+    let (length_s, _) = length.split_once(" s").unwrap();
+    assert!(length_s.parse::<f64>().unwrap() > 2.0 * once_s, "{length}");
+}
+
 /// It loads nothing, runs nothing, and has no number that is none.
 fn assert_self_contained(page: &str) {
     let bare = page.replace("http://www.w3.org/2000/svg", "");
