@@ -269,7 +269,8 @@ fn sign(
         .zip(forces)
         .filter_map(|(field, force)| {
             let (field, force) = ((*field)?.1, (*force)?.1);
-            Some(-field.normalize().dot(&force.normalize()))
+            // A field or force of zero has no direction.
+            Some(-field.try_normalize(0.0)?.dot(&force.try_normalize(0.0)?))
         })
         .collect();
     let mean = sines.iter().sum::<f64>() / sines.len().max(1) as f64;

@@ -112,10 +112,10 @@ fn as_json(found: &Alignment) -> Value {
             add(name, &chip.axes, Some(chip));
         }
     }
-    all.insert(
-        "reads_gravity".to_owned(),
-        json!(found.sign == Sign::Gravity),
-    );
+    if found.sign != Sign::Unknown {
+        let reads_gravity = found.sign == Sign::Gravity;
+        all.insert("reads_gravity".to_owned(), reads_gravity.into());
+    }
     all.into()
 }
 
