@@ -83,7 +83,6 @@ impl Failure {
     pub fn tell(&self) {
         let priority = if logging::to_journal() { "<3>" } else { "" };
         for line in self.message.lines() {
-            // Nobody reads it where standard error is gone; eprintln! would panic.
             let _ = writeln!(io::stderr(), "{priority}headingd: {line}");
         }
     }
@@ -99,6 +98,11 @@ impl<T, E: fmt::Display> OrFail<T> for Result<T, E> {
     fn or_fail(self, status: u8, what: impl fmt::Display) -> Result<T, Failure> {
         self.map_err(|error| Failure::new(status, format!("{what}: {error}")))
     }
+}
+
+/// Says this on standard error. Nobody reads it where that is gone; eprintln! would panic.
+fn tell(text: impl fmt::Display) {
+    let _ = writeln!(io::stderr(), "headingd: {text}");
 }
 
 /// What has come of writing to standard output. A reader that has gone away (`| head`) ends the command, which is no failure.
@@ -189,7 +193,7 @@ fn tell_skips(skips: &Skips) -> Result<(), Failure> {
         let message = format!("most of the log cannot be used: {summary}");
         return Err(Failure::new(Failure::DATA, message));
     }
-    eprintln!("headingd: {summary}");
+    tell(summary);
     Ok(())
 }
 

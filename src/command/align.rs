@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value, json};
 
-use super::{Failure, print, print_json, read_log_on, tell_skips};
+use super::{Failure, print, print_json, read_log_on, tell, tell_skips};
 use crate::alignment::{Alignment, ChipAlignment, Sign, align};
 use crate::frame::{Mounting, rounded};
 use crate::sensor::replay::Replay;
@@ -46,7 +46,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Ok(())
     })?;
     if count > MOST_READINGS {
-        eprintln!("headingd: the log is long: its first {MOST_READINGS} readings are used");
+        tell(format_args!(
+            "the log is long: its first {MOST_READINGS} readings are used"
+        ));
     }
     tell_skips(&skips)?;
     let found = align(&readings, !args.south).map_err(|refusal| {

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 
-use super::{Failure, config_file, number, print, print_json, read_log, tell_skips, word};
+use super::{Failure, config_file, number, print, print_json, read_log, tell, tell_skips, word};
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
@@ -158,9 +158,9 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
         }
     };
     if let Some(samples) = thinned_to {
-        eprintln!(
-            "headingd: the log is long: {samples} of its samples are used, those of turns first"
-        );
+        tell(format_args!(
+            "the log is long: {samples} of its samples are used, those of turns first"
+        ));
     }
     let origin = Instant::now();
     let outcome = calibrate(&request, &|| Some(origin.elapsed()));

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
 
-use super::{Failure, OrFail, config_file, print};
+use super::{Failure, OrFail, config_file, print, tell};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
 use crate::position::Gpsd;
@@ -40,7 +40,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             let file = config_file::path(file.as_deref());
             let config = config_file::read(&file)?;
             for warning in warnings(&config) {
-                eprintln!("headingd: {}: warning: {warning}", file.display());
+                tell(format_args!("{}: warning: {warning}", file.display()));
             }
             print(&format!("{}: good\n", file.display()))
         }

@@ -6,7 +6,7 @@ use std::io::{self, Read};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
-use super::{Failure, OrFail};
+use super::{Failure, OrFail, tell};
 use crate::config::Config;
 
 /// The configuration of the service, and of every command that is told of no other.
@@ -45,7 +45,8 @@ pub fn load(named: Option<&Path>) -> Result<Config, Failure> {
 pub fn load_for_client(named: Option<&Path>) -> Result<Config, Failure> {
     match load(named) {
         Err(failure) if chosen(named).is_none() => {
-            eprintln!("headingd: {failure}\nheadingd: trying the usual sockets");
+            tell(format_args!("{failure}"));
+            tell("trying the usual sockets");
             Ok(Config::default())
         }
         loaded => loaded,

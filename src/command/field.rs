@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use super::{Failure, number, print, print_json};
+use super::{Failure, number, print, print_json, tell};
 use crate::date;
 use crate::frame::rounded;
 use crate::true_north::{EarthField, Known, Position};
@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return print_json(&as_json(&position, &day, &field));
     }
     if let Some(warning) = field.warning() {
-        eprintln!("headingd: {warning}");
+        tell(warning);
     }
     print(&as_text(&position, &day, &field))
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use super::runtime::{ENDS, Signals, runtime};
-use super::{Failure, config_file, number};
+use super::{Failure, config_file, number, tell};
 use crate::daemon::record::Recording;
 use crate::logging::Log;
 
@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             Some("-") => "standard output".into(),
             _ => args.out.to_string_lossy(),
         };
-        eprintln!("headingd: recording {recording} into {into}");
+        tell(format_args!("recording {recording} into {into}"));
         let from = recording.to_string();
         let begun = Instant::now();
         let (readings, ended) = recording.run(&args.out, told).await;
@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             // Not even the log could be made.
             Err(error) if readings == 0 => Err(error.into()),
             ended => {
-                eprintln!("headingd: {summary}");
+                tell(summary);
                 Ok(ended?)
             }
         }

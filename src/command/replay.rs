@@ -3,7 +3,7 @@
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Failure, config_file, output, read_log, tell_skips};
+use super::{Failure, config_file, output, read_log, tell, tell_skips};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
@@ -100,10 +100,10 @@ fn play<W: Write>(
     })?;
     output(lines.out.flush())?;
     if pipeline.dropped() > 0 {
-        eprintln!(
-            "headingd: {} values dropped that no sensor can have taken",
+        tell(format_args!(
+            "{} values dropped that no sensor can have taken",
             pipeline.dropped()
-        );
+        ));
     }
     tell_skips(&skips)
 }
@@ -117,11 +117,11 @@ fn carry_out<W: Write>(
     match action {
         Action::Publish(heading) => {
             if let Some(news) = lines.att(heading)? {
-                eprintln!("headingd: {news}");
+                tell(news);
             }
             return Ok(lines.true_north.take_field().map(Event::Place));
         }
-        Action::Warn(news) => eprintln!("headingd: {news}"),
+        Action::Warn(news) => tell(news),
         Action::Report(report) => lines.write(&gpsd::state(&report))?,
         Action::Turned(_) => {}
         Action::Calibrate(request) => {
@@ -208,12 +208,12 @@ impl Keep {
         match store.load(&self.history.identity)? {
             Loaded::Found(history) => self.history = history,
             Loaded::None => {}
-            Loaded::Others(others) => eprintln!(
-                "headingd: the calibration in {} is that of {}, the log is of {}: not used",
+            Loaded::Others(others) => tell(format_args!(
+                "the calibration in {} is that of {}, the log is of {}: not used",
                 directory.display(),
                 others[0],
                 self.history.identity
-            ),
+            )),
         }
         Ok(self.history.active().map(|entry| entry.made.calibration))
     }
@@ -225,12 +225,12 @@ impl Keep {
         let history = match (found, contents.sensors.as_slice()) {
             (Some(history), _) => history,
             (None, [history]) => {
-                eprintln!(
-                    "headingd: {} was made for {}, the log is of {}",
+                tell(format_args!(
+                    "{} was made for {}, the log is of {}",
                     path.display(),
                     history.identity,
                     self.history.identity
-                );
+                ));
                 history
             }
             (None, sensors) => {

@@ -8,7 +8,7 @@ use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
 use super::runtime::runtime;
-use super::{Failure, OrFail, config_file, number, print, read_log_on, tell_skips};
+use super::{Failure, OrFail, config_file, number, print, read_log_on, tell, tell_skips};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
 use crate::position::{Follower, Gpsd};
@@ -143,10 +143,10 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
     }
     drop(bar);
     if gpsd.is_some_and(|gpsd| !gpsd.has_position()) {
-        eprintln!(
-            "headingd: no position from the gpsd at {}",
+        tell(format_args!(
+            "no position from the gpsd at {}",
             config.true_north.gpsd
-        );
+        ));
     }
     found
         .filter(|(_, analysis)| analysis.has_readings())

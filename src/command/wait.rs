@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::control::{self, ControlTarget, exchange};
 use super::headings::{Headings, reason_text};
 use super::progress::Progress;
-use super::{Failure, print, text};
+use super::{Failure, print, tell, text};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 
@@ -39,7 +39,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
     headings.pass_over()?;
     headings.set_patience(Some(LOOK))?;
     let started = target.ask(&ControlRequest::Start {}, json)?;
-    eprintln!("headingd: {}", text(&started, "message"));
+    tell(text(&started, "message"));
     let mut show = Show {
         bar: Progress::with_message(),
         reason: None,
@@ -108,7 +108,7 @@ impl Show {
             (self.reason, self.share) = (status.reason.clone(), share);
             let percent = |share| format!("{:3.0} %  ", 100.0 * share);
             let turned = status.progress.map_or(String::new(), percent);
-            eprintln!("headingd: {turned}{said}");
+            tell(format_args!("{turned}{said}"));
         }
     }
 }

@@ -71,3 +71,13 @@ fn a_fault_in_the_file_that_the_variable_names_is_an_error() {
     assert_eq!(status, 69, "{err}");
     assert!(!err.contains("speed"), "{err}");
 }
+
+#[test]
+fn a_command_whose_warning_cannot_be_written_does_its_work() {
+    let rig = Rig::new(FAST, "");
+    std::fs::write(rig.path("headingd.toml"), "").unwrap();
+    let full = std::fs::File::options().write(true).open("/dev/full");
+    let config = rig.text("headingd.toml");
+    let (status, out, _) = finished(usual(&config, &["config", "check"]).stderr(full.unwrap()));
+    assert_eq!((status, out), (0, format!("{config}: good\n")));
+}
