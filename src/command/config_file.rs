@@ -34,7 +34,7 @@ pub fn path(named: Option<&Path>) -> PathBuf {
 /// The configuration of a command that can do with the defaults: they hold where no file is named and there is none.
 pub fn load(named: Option<&Path>) -> Result<Config, Failure> {
     let chosen = chosen(named);
-    if chosen.is_none() && !Path::new(USUAL).exists() {
+    if chosen.is_none() && matches!(Path::new(USUAL).try_exists(), Ok(false)) {
         return Ok(Config::default());
     }
     read(&chosen.unwrap_or_else(|| USUAL.into()))
