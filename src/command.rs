@@ -3,6 +3,7 @@
 use std::fmt;
 use std::io::{self, Write};
 use std::ops::RangeInclusive;
+use std::path::Path;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use serde::Serialize;
@@ -12,7 +13,7 @@ use serde_json::Value;
 use crate::logging;
 use crate::recording::{Entry, RecordingError, Skips};
 use crate::sensor::replay::Replay;
-use crate::store::StoreError;
+use crate::store::{StoreError, replace_file};
 
 mod align;
 mod calibrate;
@@ -117,8 +118,17 @@ fn output<T>(written: io::Result<T>) -> Result<T, Failure> {
 }
 
 fn print(text: &str) -> Result<(), Failure> {
-    let mut out = io::stdout().lock();
-    output(out.write_all(text.as_bytes()).and_then(|()| out.flush()))
+    write_out(Path::new("-"), text.as_bytes())
+}
+
+/// Replaces a file as a whole; "-" is standard output.
+fn write_out(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    if path == Path::new("-") {
+        let mut out = io::stdout().lock();
+        return output(out.write_all(bytes).and_then(|()| out.flush()));
+    }
+    let what = format!("cannot write {}", path.display());
+    replace_file(path, bytes).or_fail(Failure::CANNOT_CREATE, what)
 }
 
 /// Writes a value to standard output, as one line of JSON.

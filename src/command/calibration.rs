@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::control::{self, ControlTarget};
 use super::wait::start_and_wait;
-use super::{Failure, print, print_json, text, word};
+use super::{Failure, print, print_json, text, word, write_out};
 use crate::calibration::model::Mode;
 use crate::calibration::policy::Policy;
 use crate::publish::control::ControlRequest;
@@ -138,10 +138,8 @@ fn written<T>(contents: Result<T, String>) -> Result<T, Failure> {
 fn export(answer: &Value, out: Option<&Path>) -> Result<(), Failure> {
     let contents = Contents::from_value(answer["file"].clone())
         .map_err(|error| Failure::new(Failure::DATA, error))?;
-    match out {
-        Some(path) if path != Path::new("-") => Ok(Store::write_file(path, &contents)?),
-        _ => print(&written(contents.to_json())?),
-    }
+    let json = written(contents.to_json())?;
+    write_out(out.unwrap_or(Path::new("-")), json.as_bytes())
 }
 
 fn table(calibrations: &[CalibrationSummary]) -> String {

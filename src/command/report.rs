@@ -8,7 +8,7 @@ use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
 use super::runtime::runtime;
-use super::{Failure, OrFail, config_file, number, print, read_log_on, tell, tell_skips};
+use super::{Failure, config_file, number, read_log_on, tell, tell_skips, write_out};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
 use crate::position::{Follower, Gpsd};
@@ -64,12 +64,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Some(log) => of_log(log, &config)?,
         None => of_daemon(args, &config)?,
     };
-    let page = page(&about, &analysis)?;
-    if args.out == Path::new("-") {
-        return print(&page);
-    }
-    let what = format!("cannot write {}", args.out.display());
-    std::fs::write(&args.out, page).or_fail(Failure::CANNOT_CREATE, what)
+    write_out(&args.out, page(&about, &analysis)?.as_bytes())
 }
 
 fn of_log(log: &Path, config: &Config) -> Result<(About, Analysis), Failure> {

@@ -1,13 +1,12 @@
 //! `headingd simulate`: writes the log of a simulated board.
 
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::io;
+use std::path::PathBuf;
 
 use crate::check::Fault;
-use crate::command::{Failure, OrFail, word};
+use crate::command::{Failure, OrFail, word, write_out};
 use crate::recording::Writer;
 use crate::sensor::simulator::{Scenario, Settings, Simulator};
-use crate::store::replace_file;
 
 /// Write the log of a simulated compass board
 ///
@@ -92,31 +91,22 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     })
     .map_err(|faults| options(&faults))
     .or_fail(Failure::USAGE, "cannot simulate")?;
-    write(simulator, &args.out).or_fail(
-        Failure::CANNOT_CREATE,
-        format!("cannot write log {}", args.out.display()),
-    )
+    let log = written(simulator).or_fail(Failure::IO, "cannot write the log")?;
+    write_out(&args.out, &log)
 }
 
-fn write(simulator: Simulator, out: &Path) -> io::Result<()> {
+fn written(simulator: Simulator) -> io::Result<Vec<u8>> {
     let mut writer = Writer::new(Vec::new(), &simulator.header())?;
     for entry in simulator {
         writer.write(&entry)?;
     }
-    let log = writer.into_inner()?;
-    if out != Path::new("-") {
-        return replace_file(out, &log);
-    }
-    match io::stdout().write_all(&log) {
-        // The reader has seen enough: `| head`.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        written => written,
-    }
+    writer.into_inner()
 }
 
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::path::Path;
 
     use clap::Parser;
 
