@@ -1,6 +1,5 @@
 //! `headingd demo`: the daemon on a simulated board, watched by a client of its own.
 
-mod score;
 mod timeline;
 
 use std::path::{Path, PathBuf};

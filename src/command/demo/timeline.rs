@@ -1,23 +1,18 @@
 //! What a person sees of the demo, made from what its client reads.
 
-use std::fmt::Write;
+use std::fmt::{self, Write};
 use std::io::{self, IsTerminal};
 
-use nalgebra::Vector3;
-use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::super::progress::bar;
 use super::super::{Failure, text};
-use super::score::Score;
 use crate::config::Config;
-use crate::frame::{hypot, to_tenths};
+use crate::frame::{to_tenths, wrap_pi};
 use crate::sensor::simulator::{self, Simulator};
 
 /// Headings further from the truth than this, RMS, are not what was promised.
 const PROMISED_DEG: f64 = 1.0;
-/// A board that is level within this angle.
-const LEVEL_DEG: f64 = 1.0;
 /// On a terminal the last line is rewritten this often, on the board's clock; elsewhere it is a line each
 /// time that the second number has passed.
 const REWRITE_S: f64 = 0.2;
@@ -30,7 +25,6 @@ const INDENT: &str = "           ";
 pub(super) struct Timeline {
     /// What the board that the daemon reads does, once more.
     simulator: Simulator,
-    settings: simulator::Settings,
     basic_iterations: usize,
     terminal: bool,
     /// The last line on the terminal is one that will be rewritten.
@@ -44,15 +38,12 @@ pub(super) struct Timeline {
     raw_before: Score,
     raw_after: Score,
     published: Score,
-    level: Score,
-    tilted: Score,
 }
 
 impl Timeline {
     pub(super) fn new(config: &Config, simulator: Simulator) -> Self {
         Self {
             simulator,
-            settings: config.simulator.clone(),
             basic_iterations: config.calibration.max_iterations,
             terminal: io::stdout().is_terminal(),
             rewriting: false,
@@ -65,8 +56,6 @@ impl Timeline {
             raw_before: Score::default(),
             raw_after: Score::default(),
             published: Score::default(),
-            level: Score::default(),
-            tilted: Score::default(),
         }
     }
 
@@ -91,20 +80,11 @@ impl Timeline {
         let number = |key: &str| att[key].as_f64();
         let raw = number("raw_heading");
         let Some(heading_deg) = number("mheading") else {
-            self.raw_before.count(raw, truth_deg);
+            self.raw_before.add(raw, truth_deg);
             return String::new();
         };
-        self.raw_after.count(raw, truth_deg);
-        self.published.count(Some(heading_deg), truth_deg);
-        let tilt = number("pitch").zip(number("roll"));
-        let level = tilt.is_some_and(|(pitch, roll)| hypot(pitch, roll) < LEVEL_DEG);
-        let score = if level {
-            &mut self.level
-        } else {
-            &mut self.tilted
-        };
-        score.count(number("inst_heading"), truth_deg);
-
+        self.raw_after.add(raw, truth_deg);
+        self.published.add(Some(heading_deg), truth_deg);
         let pause_s = if self.terminal {
             REWRITE_S
         } else {
@@ -163,12 +143,12 @@ impl Timeline {
     }
 
     fn calibration(&mut self, outcome: &Value) -> String {
-        self.turns += 1;
-        let first = !self.accepted;
         let verdict = text(outcome, "verdict");
-        let mut shown = self.line(&match self.turns {
-            1 => format!("full turn. The raw heading was off by {}", self.raw_before),
-            turn => format!("full turn, number {turn}"),
+        self.turns += u32::from(outcome["method"] == "turn");
+        let mut shown = self.line(&match (text(outcome, "method"), self.turns) {
+            ("turn", 1) => format!("full turn. The raw heading was off by {}", self.raw_before),
+            ("turn", turn) => format!("full turn, number {turn}"),
+            _ => "calibration by motion".to_owned(),
         });
         let mut add = |line: &str| {
             // Writing to a String cannot fail.
@@ -189,10 +169,7 @@ impl Timeline {
         }
         add(&format!("{verdict}: {}", text(outcome, "message")));
         if verdict == "accepted" {
-            for line in found(outcome, &self.settings) {
-                add(&line);
-            }
-            if first {
+            if !self.accepted {
                 add("from now on this calibration corrects the field");
             }
             self.accepted = true;
@@ -204,22 +181,15 @@ impl Timeline {
     pub(super) fn closing(&mut self) -> String {
         let mut shown = self.line(&format!(
             "the end. {} headings were published; they were off by",
-            self.published.headings()
+            self.published.count
         ));
         for (what, score) in [
-            ("published heading (fused)     ", &self.published),
-            ("instantaneous, board level    ", &self.level),
-            ("instantaneous, board tilted   ", &self.tilted),
-            ("raw heading                   ", &self.raw_after),
+            ("published heading  ", &self.published),
+            ("raw heading        ", &self.raw_after),
         ] {
             // Writing to a String cannot fail.
             let _ = writeln!(shown, "{INDENT}{what}{score}");
         }
-        let _ = writeln!(
-            shown,
-            "{INDENT}Level turns calibrate their plane alone, so that a tilt out of it costs the instantaneous\n\
-             {INDENT}heading up to 3° a degree; the gyro carries the published one through.",
-        );
         shown
     }
 
@@ -277,50 +247,56 @@ pub(super) fn opening(config: &Config, duration_s: f64) -> String {
          \n\
          The daemon serves on {socket}\n\
          To look into it from another terminal:\n\
-         \n  python3 -c 'import socket as s; c = s.socket(s.AF_UNIX); c.connect(\"{socket}\"); \
-         c.send(b\"?WATCH={{\\\"enable\\\":true,\\\"json\\\":true}};\\n\"); [print(l, end=\"\") for l in c.makefile()]'\n\
-         \nor, where there is an nc that knows -U:\n\
-         \n  (printf '?WATCH={{\"enable\":true}};\\n'; cat) | nc -U {socket}\n\n"
+         \n  headingd watch --socket {socket}\n\n"
     )
 }
 
-/// The parameters found beside the true ones, and how well they fit.
-fn found(outcome: &Value, truth: &simulator::Settings) -> Vec<String> {
-    // Parameters are along the axes of the turn's plane; without one, along the chip's.
-    let axes: Vec<Vector3<f64>> = match list::<[f64; 3]>(outcome, "basis") {
-        basis if basis.is_empty() => vec![Vector3::x(), Vector3::y(), Vector3::z()],
-        basis => basis.into_iter().map(Vector3::from).collect(),
-    };
-    let [true_bias, true_scale] = [truth.bias_mgauss, truth.scale].map(Vector3::from);
-    let scale_along = |axis: &Vector3<f64>| axis.component_mul(axis).dot(&true_scale);
-    // Without a reference field, the scale factors found have a mean of 1.
-    let mean = axes.iter().map(scale_along).sum::<f64>() / axes.len() as f64;
-    let [bias, scale] = ["bias_mgauss", "scale"].map(|key| list::<f64>(outcome, key));
-    let parameters = axes.iter().zip(bias).zip(scale);
-    let mut lines: Vec<String> = parameters
-        .map(|((axis, bias), scale)| {
-            let name = ['x', 'y', 'z'][axis.iamax()];
-            let (true_bias, true_scale) = (axis.dot(&true_bias), scale_along(axis) / mean);
-            format!(
-                "axis {name}  bias {bias:7.2} mG (truth {true_bias:7.2}), \
-                 scale {scale:.4} (truth {true_scale:.4})"
-            )
-        })
-        .collect();
-    let quality = [
-        ("residual", "residual_mgauss", " mG"),
-        ("predicted heading uncertainty", "heading_sd_deg", "°"),
-        ("against the gyro", "gyro_rms_deg", "° RMS"),
-    ];
-    let quality = quality.iter().filter_map(|(name, key, unit)| {
-        let number = outcome[*key].as_f64()?;
-        Some(format!("{name} {number:.2}{unit}"))
-    });
-    lines.push(quality.collect::<Vec<_>>().join(", "));
-    lines
+/// Angles between headings and the truth.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Score {
+    count: u32,
+    sum_of_squares: f64,
+    worst_deg: f64,
 }
 
-/// The members of an array; none where it is not known.
-fn list<T: DeserializeOwned>(outcome: &Value, key: &str) -> Vec<T> {
-    serde_json::from_value(outcome[key].clone()).unwrap_or_default()
+impl Score {
+    /// Counts a heading, if there is one.
+    fn add(&mut self, heading_deg: Option<f64>, truth_deg: f64) {
+        if let Some(heading_deg) = heading_deg {
+            let error_deg = wrap_pi((heading_deg - truth_deg).to_radians()).to_degrees();
+            self.count += 1;
+            self.sum_of_squares += error_deg * error_deg;
+            self.worst_deg = self.worst_deg.max(error_deg.abs());
+        }
+    }
+
+    /// The root mean square, degrees, unless nothing was counted.
+    fn rms_deg(&self) -> Option<f64> {
+        (self.count > 0).then(|| (self.sum_of_squares / f64::from(self.count)).sqrt())
+    }
+}
+
+impl fmt::Display for Score {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.rms_deg() {
+            Some(rms_deg) => write!(f, "{rms_deg:5.2}° RMS, {:5.2}° at worst", self.worst_deg),
+            None => f.write_str("none was published"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_go_the_short_way_round() {
+        let mut score = Score::default();
+        assert_eq!(score.rms_deg(), None);
+        score.add(Some(1.0), 358.0);
+        score.add(Some(356.0), 0.0);
+        score.add(None, 90.0);
+        assert!((score.rms_deg().unwrap() - 12.5f64.sqrt()).abs() < 1e-12);
+        assert_eq!(score.to_string(), " 3.54° RMS,  4.00° at worst");
+    }
 }
