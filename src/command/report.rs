@@ -11,6 +11,7 @@ use super::runtime::runtime;
 use super::{Failure, config_file, number, read_log_on, tell, tell_skips, write_out};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
+use crate::config::source::Kind;
 use crate::position::{Follower, Gpsd};
 use crate::publish::control::ControlRequest;
 use crate::publish::raw::{self, Object};
@@ -98,7 +99,9 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
     let sockets = DaemonSockets::beside(socket, config);
     let mut headings = Headings::open(&sockets.headings, WATCH)?;
     headings.set_patience(Some(PATIENCE))?;
-    let mut gpsd = follower(config)?;
+    // Neither gpsd nor clock says where and when a log was recorded.
+    let live = config.source.kind != Some(Kind::Replay);
+    let mut gpsd = if live { follower(config)? } else { None };
     let bar = Progress::with_message();
     bar.say(format!(
         "listening for {:.0} s; Ctrl-C gives up",
@@ -106,16 +109,27 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
     ));
     let begun = Instant::now();
     let mut found: Option<(About, Analysis)> = None;
+    let mut early = None;
     loop {
         let passed_s = begun.elapsed().as_secs_f64();
         if passed_s >= args.duration {
             break;
         }
         bar.set(passed_s / args.duration);
-        let Some(object) = headings.object_in_time()? else {
-            continue;
+        let object = match headings.object_in_time() {
+            Ok(Some(object)) => object,
+            Ok(None) => continue,
+            Err(failure) if found.is_some() => {
+                early = Some(failure.message);
+                break;
+            }
+            Err(failure) => return Err(failure),
         };
         match serde_json::from_value(object) {
+            Ok(Object::Board { .. }) if found.is_some() => {
+                early = Some("the daemon reads another board now".to_owned());
+                break;
+            }
             Ok(Object::Board { header }) => {
                 let header = raw::header(&header)?;
                 let about = about(&sockets.headings.display().to_string(), &header);
@@ -129,14 +143,17 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
                         analysis.put_position(position);
                     }
                     // A board without a clock of its own has the receiver's.
-                    let now = wall_clock::now().or_else(|| gpsd.as_ref()?.now());
-                    analysis.take(row.reading(), now);
+                    let now = || wall_clock::now().or_else(|| gpsd.as_ref()?.now());
+                    analysis.take(row.reading(), live.then(now).flatten());
                 }
             }
             _ => {}
         }
     }
     drop(bar);
+    if let Some(why) = early {
+        tell(format_args!("the page ends early: {why}"));
+    }
     if gpsd.is_some_and(|gpsd| !gpsd.has_position()) {
         tell(format_args!(
             "no position from the gpsd at {}",

@@ -185,6 +185,20 @@ fn without_a_terminal_or_a_daemon_it_says_so() {
 }
 
 #[test]
+fn a_report_on_a_daemon_that_ends_has_what_there_was() {
+    let rig = Rig::new(5.0, "");
+    let (_process, _client) = rig.watched();
+    let (socket, out) = (rig.text("heading.sock"), rig.text("report.html"));
+    let (status, _, err) = headingd(&["report", "--socket", &socket, "--out", &out]);
+    assert_eq!(status, 0, "{err}");
+    assert!(
+        err.contains("the page ends early: headingd has closed"),
+        "{err}"
+    );
+    assert!(std::fs::read_to_string(&out).unwrap().contains("<figure>"));
+}
+
+#[test]
 fn a_running_daemon_is_reported_on() {
     let rig = Rig::new(FAST, ENDLESS);
     let (_process, mut client) = rig.watched();
