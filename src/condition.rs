@@ -222,7 +222,9 @@ pub fn judge(evidence: &Evidence) -> Report {
         let message = "no gyro data: headings are those of single samples";
         return e.report(Condition::Degraded, "no_gyro", message);
     }
-    if e.heading_sd_deg > e.good_sd_deg {
+    // Neither is one that is no number.
+    let certain = e.heading_sd_deg <= e.good_sd_deg;
+    if !certain {
         let message = format!(
             "the heading is still uncertain: move the board about, and {}",
             e.motion_wanted
