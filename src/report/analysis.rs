@@ -202,7 +202,10 @@ impl Findings {
                 let outcome = self.calibrate(*request);
                 return Some(Event::Calibrated(Box::new(outcome)));
             }
-            Action::Conclude(outcome, _) if self.verdicts.len() < MOST_EVENTS => {
+            Action::Conclude(outcome, _) => {
+                if self.verdicts.len() == MOST_EVENTS {
+                    self.verdicts.remove(0);
+                }
                 self.verdicts.push((
                     self.now_s,
                     outcome.verdict.word(),
@@ -212,7 +215,6 @@ impl Findings {
                 ));
             }
             Action::Warn(news) => self.warn(news),
-            Action::Conclude(..) => {}
         }
         None
     }
