@@ -96,22 +96,24 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.plane != Plane::Gyro && config.calibration.mode == ModeChoice::Spatial {
         return Err(Failure::new(
             Failure::USAGE,
-            "a plane is named, but the mode is spatial: leave out one of --plane and --mode",
+            "a plane is named, but the mode is spatial: leave out --plane, or set another --mode",
         ));
     }
     let (identity, outcome) = calibrated(args, &config)?;
-    if let (Some(path), Some(calibration)) = (&args.out, outcome.calibration) {
-        let made = Made::of(&outcome, calibration, Reason::Log, unix_now_s());
-        let history = History::of(identity, made);
-        Store::write_file(path, &Contents::of(history))?;
-    }
+    let written = match (&args.out, outcome.calibration) {
+        (Some(path), Some(calibration)) => {
+            let made = Made::of(&outcome, calibration, Reason::Log, unix_now_s());
+            Store::write_file(path, &Contents::of(History::of(identity, made)))
+        }
+        _ => Ok(()),
+    };
     if args.json {
         print_json(&outcome)?;
     } else {
         print(&summary(&outcome))?;
     }
     match outcome.verdict {
-        Verdict::Accepted => Ok(()),
+        Verdict::Accepted => Ok(written?),
         // Standard output has said why.
         _ => Err(Failure::new(Failure::REFUSED, "")),
     }
