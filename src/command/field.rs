@@ -76,6 +76,7 @@ fn as_text(position: &Position, day: &str, field: &EarthField) -> String {
     };
     let row = |name: &str, known: Known, unit: &str, more: &str| {
         let Known { value, sd } = known;
+        let value = rounded(value, 2);
         format!("{name:<12}{value:>8.2} ± {sd:.2}{unit}{more}\n")
     };
     let declination = if field.declination_deg.value < 0.0 {
@@ -103,7 +104,7 @@ fn as_text(position: &Position, day: &str, field: &EarthField) -> String {
 
 fn as_json(position: &Position, day: &str, field: &EarthField) -> serde_json::Value {
     let hundredths = |value| rounded(value, 2);
-    json!({
+    let mut all = json!({
         "latitude_deg": position.latitude_deg,
         "longitude_deg": position.longitude_deg,
         "altitude_m": position.altitude_m,
@@ -116,6 +117,9 @@ fn as_json(position: &Position, day: &str, field: &EarthField) -> serde_json::Va
         "total_sd_mgauss": hundredths(field.strength_mgauss.sd),
         "horizontal_mgauss": hundredths(field.horizontal_mgauss.value),
         "horizontal_sd_mgauss": hundredths(field.horizontal_mgauss.sd),
-        "warning": field.warning(),
-    })
+    });
+    if let Some(warning) = field.warning() {
+        all["warning"] = warning.into();
+    }
+    all
 }
