@@ -9,6 +9,8 @@
 //! | (start) | readings come, and no calibration is kept | uncalibrated | `no_calibration` |
 //! | (start) | readings come, and one is kept | degraded | `learning` |
 //! | (start) | readings come, but none of the magnetometer | stale | `no_samples` |
+//! | (start) | readings come, but none of the gyro | uncalibrated | `no_gyro` |
+//! | (start) | readings come, but none of the accelerometer | uncalibrated | `no_accelerometer` |
 //! | uncalibrated | a tenth of a turn | turning | `turning` |
 //! | turning | `turn.time_limit_s` passes | uncalibrated | `no_calibration` |
 //! | turning | the heading is worth something | degraded | `learning` |
@@ -222,7 +224,7 @@ pub fn judge(evidence: &Evidence) -> Report {
         let message = "no gyro data: headings are those of single samples";
         return e.report(Condition::Degraded, "no_gyro", message);
     }
-    // Neither is one that is no number.
+    // NaN is not certain.
     let certain = e.heading_sd_deg <= e.good_sd_deg;
     if !certain {
         let message = format!(
@@ -273,118 +275,5 @@ impl Evidence<'_> {
             },
             t_s: self.t_s,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::sync::LazyLock;
-
-    use super::*;
-
-    fn well() -> Evidence<'static> {
-        Evidence {
-            t_s: 1.0,
-            fault: None,
-            silent_s: 0.02,
-            overflowing: false,
-            stale_s: 0.5,
-            calibrated: true,
-            calibrating: false,
-            wanted: true,
-            turned: 0.0,
-            learnt: 1.0,
-            motion_wanted: "turn it",
-            refused: None,
-            heading_sd_deg: 1.0,
-            good_sd_deg: 3.0,
-            strength_deviation: 0.01,
-            disturbed: false,
-            tilt_known: true,
-            gyro_live: true,
-            gyro_fault: None,
-        }
-    }
-
-    #[test]
-    fn every_condition_has_its_evidence() {
-        type SpoilEvidence = fn(&mut Evidence<'static>);
-        let cases: [(&str, &str, SpoilEvidence); 19] = [
-            ("good", "good", |_| ()),
-            ("fault", "unplugged", |e| {
-                static UNPLUGGED: LazyLock<SourceFault> = LazyLock::new(|| SourceFault {
-                    code: "unplugged",
-                    message: "the port is gone".to_owned(),
-                });
-                e.fault = Some(&UNPLUGGED);
-            }),
-            ("stale", "no_samples", |e| e.silent_s = 0.6),
-            ("stale", "overflow", |e| {
-                (e.silent_s, e.overflowing) = (0.6, true)
-            }),
-            ("uncalibrated", "no_calibration", |e| e.calibrated = false),
-            ("turning", "turning", |e| {
-                (e.calibrated, e.turned) = (false, 0.4)
-            }),
-            ("calibrating", "calibrating", |e| {
-                (e.calibrated, e.calibrating) = (false, true)
-            }),
-            ("uncalibrated", "coverage", |e| {
-                (e.calibrated, e.refused) = (false, Some(("coverage", "too little")));
-            }),
-            ("uncalibrated", "no_gyro", |e| {
-                (e.calibrated, e.gyro_live) = (false, false)
-            }),
-            ("uncalibrated", "no_accelerometer", |e| {
-                (e.calibrated, e.tilt_known) = (false, false)
-            }),
-            ("disturbed", "field_strength", |e| {
-                (e.disturbed, e.strength_deviation) = (true, -0.2)
-            }),
-            ("disturbed", "field_changed", |e| e.disturbed = true),
-            ("degraded", "gyro_dead", |e| {
-                (e.disturbed, e.gyro_fault) = (true, Some("gyro_dead"))
-            }),
-            ("degraded", "learning", |e| e.heading_sd_deg = 4.0),
-            ("uncalibrated", "mode_off", |e| {
-                (e.calibrated, e.wanted, e.turned) = (false, false, 0.5)
-            }),
-            ("degraded", "no_accelerometer", |e| e.tilt_known = false),
-            ("degraded", "no_gyro", |e| e.gyro_live = false),
-            // A calibrated board that turns or calibrates again is still good.
-            ("good", "good", |e| e.turned = 0.5),
-            ("good", "good", |e| e.calibrating = true),
-        ];
-        for (word, reason, spoil) in cases {
-            let mut evidence = well();
-            spoil(&mut evidence);
-            let report = judge(&evidence);
-            assert_eq!((report.condition.word(), report.reason), (word, reason));
-            assert!(report.message.len() > 5);
-            assert_eq!(
-                report.progress.is_some(),
-                ["uncalibrated", "turning"].contains(&word) || reason == "learning"
-            );
-        }
-    }
-
-    #[test]
-    fn only_calibrated_and_fresh_conditions_may_steer() {
-        use Condition::*;
-        let steering = [
-            Uncalibrated,
-            Turning,
-            Calibrating,
-            Good,
-            Degraded,
-            Disturbed,
-            Stale,
-            Fault,
-        ]
-        .map(Condition::may_steer);
-        assert_eq!(
-            steering,
-            [false, false, false, true, true, true, false, false]
-        );
     }
 }

@@ -83,6 +83,14 @@ const SCENARIOS: &[Scenario] = &[
         b.with_field = false;
         b.rest(1.0);
     }),
+    ("readings come, but none of the gyro", || Board::new(None), |b| {
+        b.with_gyro = false;
+        b.rest(1.0);
+    }),
+    ("readings come, but none of the accelerometer", || Board::new(None), |b| {
+        b.with_accel = false;
+        b.rest(1.0);
+    }),
     ("a tenth of a turn", || Board::rested(None), |b| b.turn(60.0)),
     ("`turn.time_limit_s` passes", turning, |b| b.rest(125.0)),
     ("the heading is worth something", turning, |b| {
