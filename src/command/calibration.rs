@@ -70,7 +70,8 @@ pub enum CalibrationAction {
     },
     /// Calibrate on the next turn, even if there is a calibration and the mode is off
     Start {
-        /// Wait until a turn has been judged, and show the progress. Exit status: 0, or 3 if the turn is refused
+        /// Wait until a turn has been judged, or motion has taught as much, and show the progress. Exit status: 0, or 3 if the turn
+        /// is refused
         #[arg(long)]
         wait: bool,
     },
