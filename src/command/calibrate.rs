@@ -24,7 +24,6 @@ use crate::wall_clock::unix_now_s;
 /// --plane, --window all, or no gyro in the log, it fits the whole log. Exit status: 0 accepted, 3 refused.
 #[derive(Debug, clap::Args)]
 #[command(
-    allow_negative_numbers = true,
     after_help = "Example: headingd calibrate turn.csv --reference-mgauss 163 --out here.json"
 )]
 pub struct Args {

@@ -25,10 +25,7 @@ use crate::wall_clock::unix_now_s;
 /// log, configuration and seed give the same bytes; nothing is read from or written to a store unless
 /// --store says so.
 #[derive(Debug, clap::Args)]
-#[command(
-    allow_negative_numbers = true,
-    after_help = "Example: headingd replay turn.csv | grep CALIBRATION"
-)]
+#[command(after_help = "Example: headingd replay turn.csv | grep CALIBRATION")]
 pub struct Args {
     /// The log (`headingd simulate` writes one)
     pub log: PathBuf,

@@ -1,13 +1,10 @@
 //! The field against the gyro, and the deviation by heading, before and after, as a compass adjuster's card has it.
 
-use super::field::mean;
+use super::field::{MOST, mean};
 use super::plot::{AxisScale, Chart, Hue, ReportError, Series};
 use super::thin::some;
 use super::turn::{Headings3, Turned};
 use crate::frame::{wrap_360, wrap_pi};
-
-/// Points of a kind in a figure.
-const MOST: usize = 700;
 
 /// Headings of the card.
 const CARD: usize = 12;

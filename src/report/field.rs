@@ -8,7 +8,7 @@ use super::thin::some;
 use super::turn::{Seen, Turned};
 
 /// Points of a kind in a figure.
-const MOST: usize = 700;
+pub(super) const MOST: usize = 700;
 
 /// Points of a circle.
 const CIRCLE: u32 = 120;
