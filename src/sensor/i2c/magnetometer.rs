@@ -32,8 +32,8 @@ pub(super) struct MagnetometerPoller {
 struct Memory {
     last: Option<[i16; 3]>,
     repeats: RepeatWatch<[i16; 3]>,
-    /// Whether two measurements differed.
-    has_measured: bool,
+    /// The chip of which two measurements differed. It is not probed again: when frozen or slow it would look like another.
+    known: Option<&'static dyn Magnetometer>,
 }
 
 struct AtWork {
@@ -95,7 +95,13 @@ impl MagnetometerPoller {
     /// Tells which chip it is, and sets it up.
     fn start(&mut self, bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<(), ChipError> {
         self.at_work = None;
-        let found = identify(bus, clock, self.named)?;
+        let known = self.named.or(self.memory.known);
+        let found = identify(bus, clock, known).inspect_err(|error| {
+            // There may be another chip now.
+            if error.is_no_answer() || !matches!(error, ChipError::Bus(_)) {
+                self.memory.known = None;
+            }
+        })?;
         let chip = found.chip;
         let sheet = chip.sheet();
         let single = sheet.single_s.filter(|_| self.rate_hz == STEADY_HZ);
@@ -151,7 +157,9 @@ impl MagnetometerPoller {
             at_work.times.failed(now_s);
         }
         stepped.map_err(|error| match error {
-            ChipError::NotReady { .. } | ChipError::Frozen { .. } if !self.memory.has_measured => {
+            ChipError::NotReady { .. } | ChipError::Frozen { .. }
+                if self.memory.known.is_none() =>
+            {
                 at_work.chip.imitation().unwrap_or(error)
             }
             error => error,
@@ -177,8 +185,13 @@ impl AtWork {
         let sheet = self.chip.sheet();
         match raw.map(|raw| Measurement::new(sheet, self.setup.gain, raw)) {
             Some(sample) if self.is_new(&sample, memory, now_s - since_s) => {
-                memory.has_measured |= memory.last.is_some_and(|last| last != sample.raw);
-                memory.last = Some(sample.raw);
+                if memory
+                    .last
+                    .replace(sample.raw)
+                    .is_some_and(|last| last != sample.raw)
+                {
+                    memory.known = Some(self.chip);
+                }
                 self.times.measured(now_s);
                 self.was_ready = false;
                 let sample = self.take(bus, now_s, sample, memory)?;

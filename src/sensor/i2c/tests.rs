@@ -15,8 +15,8 @@ const MAG: u8 = 0x1E;
 const GYRO: u8 = 0x68;
 const ACCEL: u8 = 0x53;
 const QMC: u8 = 0x0D;
-/// Where a test notes that a magnet is near, beyond the range of ±2 gauss.
-const MAGNET: u8 = 0x20;
+/// Where a test notes that a magnet is near, beyond the range of ±2 gauss, or that an HMC58xx is frozen.
+const NOTE: u8 = 0x20;
 
 /// A stick with an HMC5843, an ITG-3200 and an ADXL345, all alive.
 fn stick() -> FakeBus {
@@ -81,7 +81,7 @@ impl Clock for Theatre {
                 world.set(chip, register, &[0, noise]);
             }
         }
-        if self.alive && world.chips.contains_key(&MAG) {
+        if self.alive && world.chips.contains_key(&MAG) && world.get(MAG, NOTE) == 0 {
             let count = (self.now_s / self.period_s) as u64;
             let [.., high, low] = (count % 1000).to_be_bytes();
             // RDY never falls: the worst that the data sheet allows.
@@ -89,7 +89,7 @@ impl Clock for Theatre {
         }
         // In standby it does not measure; the low byte comes first.
         if world.chips.contains_key(&QMC) && world.get(QMC, 0x09) & 1 == 1 {
-            if world.get(QMC, MAGNET) == 1 && world.get(QMC, 0x09) >> 4 == 0 {
+            if world.get(QMC, NOTE) == 1 && world.get(QMC, 0x09) >> 4 == 0 {
                 world.set(QMC, 0x00, &[0xFF, 0x7F, 0, 0, 0, 0, 0x03]);
                 return self.now_s < self.until_s;
             }

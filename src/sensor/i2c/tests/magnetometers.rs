@@ -37,7 +37,7 @@ fn a_qmc5883l_that_saturates_has_its_coarser_range_and_a_brown_out_is_set_right(
         magnetometer: MagnetometerChoice::new("qmc5883l").unwrap(),
         ..alone()
     };
-    let magnet = |world: &mut World| world.set(QMC, MAGNET, &[1]);
+    let magnet = |world: &mut World| world.set(QMC, NOTE, &[1]);
     let dip: Deed = (3.0, |world| world.set(QMC, 0x09, &[0, 0, 0]));
     let (said, _) = play(&settings, &bus, 0.02, vec![(1.0, magnet), dip], 6.0);
     assert_eq!(codes(&said), ["configuration_lost", ""]);
@@ -77,5 +77,18 @@ fn an_hmc5883l_that_has_never_measured_is_a_fake_and_one_that_has_is_frozen() {
         }
     });
     let (said, _) = play_dead(&settings, &bus, 3.0);
+    assert_eq!(codes(&said), ["frozen"]);
+}
+
+#[test]
+fn a_chip_that_has_measured_is_not_identified_again() {
+    let settings = Settings {
+        magnetometer: MagnetometerChoice::default(),
+        rate_hz: 75.0,
+        ..alone()
+    };
+    let freeze = |world: &mut World| world.set(MAG, NOTE, &[1]);
+    let bus = stick();
+    let (said, _) = play(&settings, &bus, 1.0 / 75.0, vec![(3.0, freeze)], 9.0);
     assert_eq!(codes(&said), ["frozen"]);
 }
