@@ -93,14 +93,17 @@ impl Bus for FakeBus {
         world
             .transfers
             .push(Transfer::Write(address, register, value));
-        if let Some(cause) = world.fails(address) {
-            return Err(error(Attempt::Write { address, register }, cause));
+        // A transfer that fails at its end has written.
+        if world.broken.is_none() && world.chips.contains_key(&address) {
+            world.set(address, register, &[value]);
+            if let Some(on_write) = world.on_write {
+                on_write(world, address, register, value);
+            }
         }
-        world.set(address, register, &[value]);
-        if let Some(on_write) = world.on_write {
-            on_write(world, address, register, value);
-        }
-        Ok(())
+        let failed = world.fails(address);
+        failed.map_or(Ok(()), |cause| {
+            Err(error(Attempt::Write { address, register }, cause))
+        })
     }
 }
 

@@ -41,8 +41,8 @@ struct AtWork {
     setup: ChipSetup,
     /// Without it the gain is fixed.
     range: Option<AutoRange>,
-    /// The next measurement was started with the gain before.
-    outdated: bool,
+    /// Discard the next measurement: it still has the previous gain.
+    discard_next: bool,
     times: Timetable,
     was_ready: bool,
     verify_s: f64,
@@ -135,7 +135,7 @@ impl MagnetometerPoller {
             chip,
             setup,
             range: self.gain.is_none().then(AutoRange::default),
-            outdated: true,
+            discard_next: true,
             times: Timetable::new(now_s, 1.0 / rate_hz, single),
             was_ready: false,
             verify_s: now_s + VERIFY_S,
@@ -230,7 +230,7 @@ impl AtWork {
         sample: Measurement,
         memory: &mut Memory,
     ) -> Result<Option<Measurement>, ChipError> {
-        if std::mem::take(&mut self.outdated) {
+        if std::mem::take(&mut self.discard_next) {
             return Ok(None);
         }
         if !sample.overflowed() {
@@ -242,9 +242,10 @@ impl AtWork {
             return Ok(Some(sample));
         };
         let setup = ChipSetup { gain, ..self.setup };
+        // If this fails, only the registers tell which gain the chip has.
+        (self.discard_next, self.verify_s) = (true, now_s);
         change(bus, self.chip, self.setup, setup)?;
         self.setup = setup;
-        self.outdated = true;
         let range_gauss = sheet.gain(gain).range_gauss;
         tracing::info!("the magnetometer's range is now {range_gauss} gauss either way");
         Ok((!sample.overflowed()).then_some(sample))
@@ -268,7 +269,8 @@ impl AtWork {
         if now_s < self.verify_s {
             return Ok(());
         }
+        verify(bus, self.chip, self.setup)?;
         self.verify_s = now_s + VERIFY_S;
-        verify(bus, self.chip, self.setup)
+        Ok(())
     }
 }

@@ -15,7 +15,7 @@ const MAG: u8 = 0x1E;
 const GYRO: u8 = 0x68;
 const ACCEL: u8 = 0x53;
 const QMC: u8 = 0x0D;
-/// Where a test notes that a magnet is near, beyond the range of ±2 gauss, or that an HMC58xx is frozen.
+/// Where a test notes that a magnet is near, beyond the range of ±2 gauss, that an HMC58xx is frozen, or what is to come.
 const NOTE: u8 = 0x20;
 
 /// A stick with an HMC5843, an ITG-3200 and an ADXL345, all alive.
@@ -366,7 +366,12 @@ fn a_silent_rdy_is_a_trouble_too() {
 
 #[test]
 fn an_overflow_steps_the_range_up_and_is_never_published() {
-    let magnet = |world: &mut World, chip, register, _| {
+    let magnet = |world: &mut World, chip, register, value| {
+        // The chip takes gain code 3, but the transfer fails, once.
+        if world.get(chip, NOTE) == 1 && (chip, register, value) == (MAG, 0x01, 3 << 5) {
+            world.set(MAG, NOTE, &[0]);
+            world.faults.insert(MAG, [Cause::Timeout].into());
+        }
         // An overflow at gain codes 1 and 2, a measurement at 3.
         if chip == MAG && register == 0x02 {
             let x = if world.get(MAG, 1) >> 5 < 3 {
@@ -378,16 +383,20 @@ fn an_overflow_steps_the_range_up_and_is_never_published() {
             world.set(MAG, 0x03, &[x[0], x[1], 0, noise, 0, 0, 1]);
         }
     };
-    let bus = stick();
-    bus.world.borrow_mut().on_write = Some(magnet);
-    let (said, _) = play_dead(&alone(), &bus, 3.0);
-    assert!(field_times(&said).len() > 100);
-    for reading in readings(&said) {
-        // 1024 counts at 780 a gauss.
-        let x = reading.whole_field_mgauss().expect("no overflow").x;
-        assert!((x - 1024.0 / 0.78).abs() < 1e-9);
+    for (fails, gains) in [(0, &[1, 2, 3][..]), (1, &[1, 2, 3, 1, 2, 3])] {
+        let bus = stick();
+        bus.set(MAG, NOTE, &[fails]);
+        bus.world.borrow_mut().on_write = Some(magnet);
+        let (said, _) = play_dead(&alone(), &bus, 4.0);
+        assert!(field_times(&said).len() > 100);
+        for reading in readings(&said) {
+            // 1024 counts at 780 a gauss.
+            let x = reading.whole_field_mgauss().expect("no overflow").x;
+            assert!((x - 1024.0 / 0.78).abs() < 1e-9);
+        }
+        let gains: Vec<u8> = gains.iter().map(|gain| gain << 5).collect();
+        assert_eq!(written(&bus, MAG, 0x01), gains);
     }
-    assert_eq!(written(&bus, MAG, 0x01), [1, 2, 3].map(|gain| gain << 5));
 }
 
 #[test]
