@@ -223,6 +223,19 @@ fn a_claimed_chip_does_not_hide_the_others() {
 }
 
 #[test]
+fn a_claimed_address_that_is_not_configured_is_no_problem() {
+    let bus = stick();
+    let claimed = Cause::Claimed { driver: None };
+    bus.world
+        .borrow_mut()
+        .faults
+        .insert(0x69, vec![claimed; 20].into());
+    let report = examined(&bus, CONFIG);
+    assert_eq!(codes(&report), [""; 0], "{:?}", report.problems);
+    assert!(report.to_string().contains("0x69  claimed"));
+}
+
+#[test]
 fn a_gy_271_with_a_qmc5883l_beside_a_gyro_is_well() {
     let bus = stick();
     bus.world.borrow_mut().chips.remove(&0x1E);

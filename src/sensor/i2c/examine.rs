@@ -127,6 +127,14 @@ fn find_chips(report: &mut CheckReport, bus: &mut dyn Bus, clock: &mut dyn Clock
                 cause: Cause::NoAnswer,
                 ..
             }) => {}
+            // If it is in use, reading it will tell who has claimed it.
+            Err(BusError {
+                cause: Cause::Claimed { .. },
+                ..
+            }) => report.chips.push(FoundChip {
+                address,
+                chip: "claimed",
+            }),
             Err(error) => {
                 let for_all = matches!(error.cause, Cause::NoBus | Cause::Permission);
                 report.failed(&error.into());
