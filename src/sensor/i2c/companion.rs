@@ -50,7 +50,12 @@ impl CompanionPoller {
                     return Ok(());
                 }
                 Err(ChipError::Stopped) => return Err(ChipError::Stopped),
-                Err(error) => failed = Some(error),
+                Err(error @ ChipError::Identity { .. }) => failed = Some(error),
+                // It may still be this one, and must not be set up as another.
+                Err(error) => {
+                    failed = Some(error);
+                    break;
+                }
             }
         }
         if let Some(error) = failed {

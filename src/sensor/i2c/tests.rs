@@ -1,5 +1,6 @@
 //! The live source over a bus of simulated chips, by a clock that jumps.
 
+mod companions;
 mod magnetometers;
 
 use rand::{RngExt, SeedableRng};
@@ -425,26 +426,4 @@ fn without_its_gyro_the_magnetometer_goes_on() {
     assert_eq!(chips.troubles().next().unwrap().code, "no_answer");
     let forces = readings(&said).filter(|r| r.specific_force_m_s2.is_some() && r.t_s > 2.5);
     assert!(forces.count() > 200);
-}
-
-#[test]
-fn a_magnetometer_behind_an_mpu_6050_answers_after_its_bypass_is_on() {
-    let bus = FakeBus::default();
-    bus.set(GYRO, 0x75, &[0x68]);
-    let bypass = |world: &mut World, chip, register, value| {
-        if chip == GYRO && register == 0x37 && value == 0x02 {
-            world.set(MAG, 0x0A, b"H43");
-        }
-    };
-    bus.world.borrow_mut().on_write = Some(bypass);
-    let settings = Settings {
-        board: Board::Custom,
-        ..settings()
-    };
-    let (said, chips) = play(&settings, &bus, 0.001, vec![], 0.9);
-    assert!(codes(&said).is_empty());
-    assert!(field_times(&said).len() > 20);
-    // No accelerometer is looked for beside it.
-    assert_eq!(chips.troubles().count(), 0);
-    assert!(!bus.transfers().contains(&Transfer::Read(ACCEL, 0, 1)));
 }
