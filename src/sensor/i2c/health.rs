@@ -89,7 +89,7 @@ impl Health {
                 faults = faults.count,
                 "{} works again, after {:.1} s",
                 self.what,
-                faults.last_s - faults.since_s
+                now_s - faults.since_s
             );
             self.faults = None;
             self.wait_s = FIRST_WAIT_S;
