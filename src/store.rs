@@ -158,7 +158,8 @@ impl Store {
 
     /// Keeps this in place of `known`, which is what was loaded or saved last for this sensor. What is kept for
     /// other sensors stays. A file that could not be used, or in which somebody else has changed what is kept for
-    /// this sensor, is set aside; its new path is given back. After an error the old file is intact.
+    /// this sensor, is set aside; its new path is given back. After an error the file
+    /// is the old one or the new one.
     ///
     /// # Errors
     ///
@@ -173,7 +174,9 @@ impl Store {
         let (mut contents, reason) = match self.contents() {
             Ok(contents) => {
                 let found = contents.find(&history.identity);
-                let reason = (found.is_some() && found != known).then_some("changed");
+                // After an error in syncing the folder, it may hold this one already.
+                let ours = [known, Some(history), None].contains(&found);
+                let reason = (!ours).then_some("changed");
                 (contents, reason)
             }
             Err(StoreError::Newer(..)) => (Contents::default(), Some("newer")),
@@ -226,7 +229,8 @@ impl Store {
         })
     }
 
-    /// Writes a calibration file, in place of what was there. After an error a regular file is as it was.
+    /// Writes a calibration file, in place of what was there. After an error a regular file is the
+    /// old one or the new one.
     ///
     /// # Errors
     ///

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 const TEMPORARY_SUFFIX: &str = ".tmp";
 
-/// Replaces a file's content as a whole. After an error a regular file is as it was.
+/// Replaces a file's content as a whole. After an error a regular file is the old one or the new one.
 pub fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     // A link keeps pointing where it did, and a device or pipe is written to, not replaced.
     let path = match fs::canonicalize(path) {
@@ -64,9 +64,13 @@ pub(super) fn remove_leftovers(directory: &Path, name: &str) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes a rename last: it is the folder that has changed.
+/// Makes a rename last: it is the folder that has changed. Not every file system can.
 pub(super) fn sync_folder(directory: &Path) -> io::Result<()> {
-    File::open(directory)?.sync_all()
+    use io::ErrorKind::{InvalidInput, Unsupported};
+    match File::open(directory)?.sync_all() {
+        Err(error) if [InvalidInput, Unsupported].contains(&error.kind()) => Ok(()),
+        synced => synced,
+    }
 }
 
 /// Gives the file's content a second name, `<path>.<reason>-<n>`, n the first free number. The file itself stays
@@ -88,5 +92,13 @@ pub(super) fn set_aside(path: &Path, reason: &str) -> io::Result<PathBuf> {
             }
             Err(_) => number += 1,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_folder_that_cannot_be_synced_is_no_error() {
+        super::sync_folder("/proc".as_ref()).unwrap();
     }
 }

@@ -441,6 +441,8 @@ fn what_somebody_else_has_changed_meanwhile_is_set_aside() {
     let aside = store.save(&next, Some(&known)).unwrap().unwrap();
     assert!(aside.ends_with("calibration.json.changed-1"));
     assert_eq!(Store::read_file(&aside).unwrap(), Contents::of(backup));
+    // A save of which nobody knows that it succeeded is repeated.
+    assert_eq!(store.save(&next, Some(&known)).unwrap(), None);
     assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(next));
 }
 
