@@ -25,8 +25,8 @@ const FILE_NAME: &str = "calibration.json";
 /// Locked by the process that keeps calibrations there.
 const LOCK_NAME: &str = ".lock";
 
-/// Longest file that is read, bytes: a calibration has less than a thousand.
-const LONGEST: u64 = 1 << 20;
+/// Longest file, bytes: a calibration has up to 4 kB, and each sensor up to a hundred of them.
+const LONGEST: u64 = 1 << 24;
 
 settings! {
     /// Where the calibration is kept.
@@ -248,7 +248,10 @@ impl Store {
 }
 
 fn text(path: &Path, contents: &Contents) -> Result<String, StoreError> {
-    contents
-        .to_json()
-        .map_err(|why| StoreError::Unsavable(path.to_owned(), why))
+    let text = contents.to_json().and_then(|text| {
+        let fits = text.len() as u64 <= LONGEST;
+        fits.then_some(text)
+            .ok_or_else(|| format!("it would be longer than {LONGEST} bytes"))
+    });
+    text.map_err(|why| StoreError::Unsavable(path.to_owned(), why))
 }

@@ -18,7 +18,7 @@ pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
 
 /// A folder and the thread that writes there. The sessions before and after a reload share it.
 pub(super) struct Disk {
-    /// Unbounded, but a calibration takes a turn of the board and has a few hundred bytes, and whoever asks for a
+    /// Unbounded, but a calibration takes a turn of the board and has at most 4 kB, and whoever asks for a
     /// change waits for it.
     queue: mpsc::Sender<Job>,
     thread: Thread,
