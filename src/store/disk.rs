@@ -12,7 +12,13 @@ pub fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     // A link keeps pointing where it did, and a device or pipe is written to, not replaced.
     let path = match fs::canonicalize(path) {
         Ok(path) => path,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => path.to_owned(),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => match fs::read_link(path) {
+            Ok(target) => {
+                let folder = path.parent().unwrap_or(path);
+                return replace_file(&folder.join(target), bytes);
+            }
+            Err(_) => path.to_owned(),
+        },
         Err(error) => return Err(error),
     };
     if path.exists() && !path.is_file() {
