@@ -92,9 +92,12 @@ pub(super) fn set_aside(path: &Path, reason: &str) -> io::Result<PathBuf> {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
             // Not every file system has links.
             Err(_) if fs::symlink_metadata(&aside).is_err() => {
-                fs::copy(path, &aside)?;
-                File::open(&aside)?.sync_all()?;
-                return Ok(aside);
+                let copied = fs::copy(path, &aside).and_then(|_| File::open(&aside)?.sync_all());
+                if copied.is_err() {
+                    // A part of it is worth nothing; the disk may be full.
+                    let _ = fs::remove_file(&aside);
+                }
+                return copied.map(|()| aside);
             }
             Err(_) => number += 1,
         }
