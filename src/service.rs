@@ -2,7 +2,6 @@
 //!
 //! Without a manager (no `NOTIFY_SOCKET` in the environment) everything here does nothing.
 
-pub mod network;
 pub mod sockets;
 
 use std::env;

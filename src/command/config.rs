@@ -1,15 +1,13 @@
 //! `headingd config`: checks a configuration, or shows the settings that it comes to.
 
 use std::os::unix::fs::OpenOptionsExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Subcommand;
 
 use super::{Failure, OrFail, config_file, print, tell};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
-use crate::position::Gpsd;
-use crate::service::network;
 use crate::true_north::TrueNorth;
 use crate::wall_clock;
 
@@ -70,13 +68,6 @@ fn warnings(config: &Config) -> Vec<String> {
     if config.source.kind != Some(Kind::Replay) {
         north.declination_deg(wall_clock::now());
         warnings.extend(north.news());
-    }
-    let gpsd = matches!(Gpsd::parse(&config.true_north.gpsd), Some(Gpsd::Tcp(_)));
-    let outside = gpsd || config.udp.to().or(config.tcp.listen()).is_some();
-    if outside && network::is_closed(Path::new("/")) {
-        let warning = "[udp], [tcp] and a gpsd on a port have no effect in the service: its unit closes the network; see \
-                       /usr/share/doc/headingd/network.conf";
-        warnings.push(warning.to_owned());
     }
     let log = &config.source.log;
     if config.source.kind == Some(Kind::Replay)
