@@ -107,17 +107,6 @@ mod tests {
         }
     }
 
-    /// Real chips are right-handed, so a mirrored mounting would be a slip of the pen.
-    #[test]
-    fn no_mounting_is_mirrored() {
-        for board in [Board::Sparkfun9dofStick, Board::Gy85, Board::Gy86] {
-            let m = board.mountings(&Mountings::default());
-            for mounting in [m.mag, m.gyro, m.accel] {
-                assert!(!mounting.is_mirrored());
-            }
-        }
-    }
-
     /// Nose up, the front of the board points up, and so a part of the force of the table is along it; and
     /// nose up is a positive rotation about the axis to the right.
     #[test]
@@ -150,19 +139,6 @@ mod tests {
         let gy = Board::Gy85.mountings(&Mountings::default());
         let field = gy.mag.to_body(Vector3::new(-170.0, 0.0, -500.0));
         assert_eq!(field, Vector3::new(0.0, -170.0, 500.0));
-    }
-
-    #[test]
-    fn the_names_are_those_of_the_boards() {
-        for (board, name) in [
-            (Board::Sparkfun9dofStick, "sparkfun-9dof-stick"),
-            (Board::Gy85, "gy-85"),
-            (Board::Gy86, "gy-86"),
-            (Board::Gy271, "gy-271"),
-            (Board::Custom, "custom"),
-        ] {
-            assert_eq!(toml::Value::try_from(board).unwrap().as_str(), Some(name));
-        }
     }
 
     #[test]

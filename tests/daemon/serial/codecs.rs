@@ -347,37 +347,7 @@ fn a_stream_may_be_split_at_every_position() {
     }
 }
 
-fn frames() -> impl Strategy<Value = Vec<[[i32; 3]; 3]>> {
-    prop::collection::vec(
-        prop::array::uniform3(prop::array::uniform3(-2048i32..2048)),
-        1..12,
-    )
-}
-
 proptest! {
-    #[test]
-    fn any_cut_of_text_gives_the_same_readings(frames in frames(), cuts in prop::collection::vec(any::<usize>(), 0..20)) {
-        let stream: Vec<u8> = frames.iter().flat_map(|frame| text(*frame)).collect();
-        assert_cuts(&stream, &cuts, of_text);
-        prop_assert_eq!(readings(&of_text(&[&stream])).len(), frames.len());
-    }
-
-    #[test]
-    fn any_cut_of_binary_gives_the_same_readings(frames in frames(), cuts in prop::collection::vec(any::<usize>(), 0..20)) {
-        let stream: Vec<u8> =
-            b"#SYNCH01\r\n".iter().copied().chain(frames.iter().flat_map(|frame| binary(*frame))).collect();
-        assert_cuts(&stream, &cuts, of_binary);
-        prop_assert_eq!(readings(&of_binary(&[&stream])).len(), frames.len());
-    }
-
-    #[test]
-    fn any_cut_of_rows_gives_the_same_readings(rows in prop::collection::vec(-1e3..1e3f64, 1..12), cuts in prop::collection::vec(any::<usize>(), 0..20)) {
-        let rows_text: String = rows.iter().map(|n| format!("1,{n},2,3\n")).collect();
-        let stream = format!("{HEADER}{rows_text}");
-        assert_cuts(stream.as_bytes(), &cuts, of_rows);
-        prop_assert_eq!(readings(&of_rows(&[stream.as_bytes()])).len(), rows.len());
-    }
-
     #[test]
     fn no_bytes_make_a_codec_panic(bytes in prop::collection::vec(any::<u8>(), 0..3000), at in any::<usize>()) {
         for head in [&b""[..], b"#SYNCH01\r\n", b"#A-R=", b"#M-R=1,", HEADER.as_bytes()] {
