@@ -187,8 +187,8 @@ fn feed(bus: &str, entries: &[Entry], mut clock: SystemClock) -> Outcome<()> {
         }
         if ready_s.is_some_and(|ready_s| ready_s <= now_s) {
             last_s = ready_s.take().unwrap_or(now_s);
-            let gain = chip.sheet().gain(mag.smbus_read_byte_data(0x01)? >> 5);
-            let counts_per_mgauss = gain.counts_per_gauss / 1000.0;
+            let gain = mag.smbus_read_byte_data(0x01)? >> 5;
+            let counts_per_mgauss = chip.sheet().gain(gain) / 1000.0;
             // The sample of the log that is nearest in time; between two of them, part of both.
             let field =
                 between(&fields, now_s, |a, b, share| a + (b - a) * share).unwrap_or_default();

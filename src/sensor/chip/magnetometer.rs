@@ -15,30 +15,14 @@ pub struct DataSheet {
     pub address: u8,
     /// The rates of continuous measurement, Hz, by code, rising.
     pub rates_hz: &'static [f64],
-    /// The gains, by code, finest first.
-    pub gains: &'static [Gain],
+    /// The gains, counts per gauss, by code, finest first.
+    pub gains: &'static [f64],
     /// The codes of the finest and the coarsest gain that are chosen automatically.
     pub automatic_gains: (u8, u8),
     /// The smallest and the largest count of a measurement; any other is an overflow of its axis.
     pub counts: (i16, i16),
     /// The longest that a single measurement takes, seconds; `None` for a chip that measures continuously only.
     pub single_s: Option<f64>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gain {
-    /// Largest field that is recommended, gauss, either way.
-    pub range_gauss: f64,
-    pub counts_per_gauss: f64,
-}
-
-impl Gain {
-    pub const fn new(range_gauss: f64, counts_per_gauss: f64) -> Self {
-        Self {
-            range_gauss,
-            counts_per_gauss,
-        }
-    }
 }
 
 impl DataSheet {
@@ -48,8 +32,8 @@ impl DataSheet {
         slower.min(self.rates_hz.len() - 1) as u8
     }
 
-    /// The gain with this code; the coarsest one for a code that the chip does not have.
-    pub fn gain(&self, code: u8) -> Gain {
+    /// The counts per gauss of this code; of the coarsest gain for a code that the chip does not have.
+    pub fn gain(&self, code: u8) -> f64 {
         self.gains[usize::from(code).min(self.gains.len() - 1)]
     }
 }
@@ -79,7 +63,7 @@ pub struct Measurement {
 impl Measurement {
     /// A measurement with this gain; `raw` is in the order X, Y, Z.
     pub fn new(sheet: &DataSheet, gain: u8, raw: [i16; 3]) -> Self {
-        let mgauss_per_count = 1000.0 / sheet.gain(gain).counts_per_gauss;
+        let mgauss_per_count = 1000.0 / sheet.gain(gain);
         let (least, most) = sheet.counts;
         let field = |count: i16| {
             (least..=most)

@@ -1,9 +1,7 @@
 //! QMC5883L: a three-axis magnetometer that most boards sold with an HMC5883L carry. It has other registers at another
 //! address, and no self-test.
 
-use super::magnetometer::{
-    ChipSetup, DataSheet, Driver, Gain, Identified, Magnetometer, MeasuringMode,
-};
+use super::magnetometer::{ChipSetup, DataSheet, Driver, Identified, Magnetometer, MeasuringMode};
 use super::{ChipError, little_endian, must_be};
 use crate::sensor::bus::{Bus, read_byte};
 use crate::sensor::clock::Clock;
@@ -34,7 +32,7 @@ static SHEET: DataSheet = DataSheet {
     word: "qmc5883l",
     address: ADDRESS,
     rates_hz: &[10.0, 50.0, 100.0, 200.0],
-    gains: &[Gain::new(2.0, 12_000.0), Gain::new(8.0, 3000.0)],
+    gains: &[12_000.0, 3000.0],
     automatic_gains: (0, 1),
     // The output saturates at the ends of 16 bits.
     counts: (-i16::MAX, i16::MAX - 1),

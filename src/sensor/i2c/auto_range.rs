@@ -38,8 +38,7 @@ impl AutoRange {
 
 /// Whether the finer gain would have had ample room for it.
 fn is_small(sheet: &DataSheet, gain: u8, sample: &Measurement) -> bool {
-    let [now, finer] = [gain, gain - 1].map(|code| sheet.gain(code));
-    let ratio = finer.counts_per_gauss / now.counts_per_gauss;
+    let ratio = sheet.gain(gain - 1) / sheet.gain(gain);
     let largest = sample.raw.iter().map(|count| f64::from(*count).abs());
     largest.fold(0.0, f64::max) * ratio < ROOM * f64::from(sheet.counts.1)
 }

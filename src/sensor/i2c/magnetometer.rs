@@ -246,8 +246,8 @@ impl AtWork {
         (self.discard_next, self.verify_s) = (true, now_s);
         change(bus, self.chip, self.setup, setup)?;
         self.setup = setup;
-        let range_gauss = sheet.gain(gain).range_gauss;
-        tracing::info!("the magnetometer's range is now {range_gauss} gauss either way");
+        let range_gauss = f64::from(sheet.counts.1) / sheet.gain(gain);
+        tracing::info!("the magnetometer's range is now {range_gauss:.1} gauss either way");
         Ok((!sample.overflowed()).then_some(sample))
     }
 

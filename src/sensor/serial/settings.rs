@@ -76,6 +76,6 @@ impl Chip {
             Self::Hmc5843 => Variant::Hmc5843,
             Self::Hmc5883l => Variant::Hmc5883l,
         };
-        chip.sheet().gain(1).counts_per_gauss
+        chip.sheet().gain(1)
     }
 }

@@ -17,8 +17,7 @@ const PERIOD_LIMIT_S: f64 = 0.0163;
 /// A little less than the time between two measurements at 75 Hz: a longer time between two looks may have hidden one.
 const SHORTEST_PERIOD_S: f64 = 0.013;
 const LOOK_S: f64 = 0.001;
-/// So many periods in a row are timed: one measurement that is read in halves, and counts twice, does not decide. This may take
-/// so long at most.
+/// Times 8 periods in a row, so that one torn read, which counts twice, does not decide. Gives up after 0.5 s.
 const PERIODS: usize = 8;
 const PATIENCE_S: f64 = 0.5;
 

@@ -34,7 +34,7 @@ pub(super) fn self_test(
     let positive = mean_counts(chip, bus, clock, POSITIVE_BIAS)?;
     let negative = mean_counts(chip, bus, clock, NEGATIVE_BIAS)?;
     bus.write(ADDRESS, CRA, cra(FASTEST, NO_BIAS))?;
-    let counts_per_gauss = chip.sheet().gain(straps.gain).counts_per_gauss;
+    let counts_per_gauss = chip.sheet().gain(straps.gain);
     let axis = |axis: usize| {
         let expected = straps.field_gauss[axis] * counts_per_gauss;
         let (least, most) = (expected * straps.share.0, expected * straps.share.1);

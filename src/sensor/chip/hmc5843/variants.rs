@@ -1,7 +1,7 @@
 //! The HMC5843 and its variants: what differs between them.
 
 use super::registers::ADDRESS;
-use crate::sensor::chip::magnetometer::{DataSheet, Gain};
+use crate::sensor::chip::magnetometer::DataSheet;
 
 /// The chips that answer "H43".
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,28 +23,12 @@ pub(super) struct Straps {
     pub(super) share: (f64, f64),
 }
 
-#[rustfmt::skip]
-const GAINS_5843: &[Gain] = &[
-    Gain::new(0.7, 1620.0), Gain::new(1.0, 1300.0), Gain::new(1.5, 970.0), Gain::new(2.0, 780.0),
-    Gain::new(3.2, 530.0), Gain::new(3.8, 460.0), Gain::new(4.5, 390.0), Gain::new(6.5, 280.0),
-];
-#[rustfmt::skip]
-const GAINS_5883: &[Gain] = &[
-    Gain::new(0.9, 1280.0), Gain::new(1.2, 1024.0), Gain::new(1.9, 768.0), Gain::new(2.5, 614.0),
-    Gain::new(4.0, 415.0), Gain::new(4.6, 361.0), Gain::new(5.5, 307.0), Gain::new(7.9, 219.0),
-];
-#[rustfmt::skip]
-const GAINS_5883L: &[Gain] = &[
-    Gain::new(0.88, 1370.0), Gain::new(1.3, 1090.0), Gain::new(1.9, 820.0), Gain::new(2.5, 660.0),
-    Gain::new(4.0, 440.0), Gain::new(4.7, 390.0), Gain::new(5.6, 330.0), Gain::new(8.1, 230.0),
-];
-
 const HMC5843: DataSheet = DataSheet {
     name: "HMC5843",
     word: "hmc5843",
     address: ADDRESS,
     rates_hz: &[0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0],
-    gains: GAINS_5843,
+    gains: &[1620.0, 1300.0, 970.0, 780.0, 530.0, 460.0, 390.0, 280.0],
     // Code 0 gains a fourth in resolution, and loses the room for hard iron; code 7 is not recommended.
     automatic_gains: (1, 6),
     // 12 bits. −4096 marks an overflow; no other number ever comes.
@@ -56,7 +40,7 @@ const HMC5883: DataSheet = DataSheet {
     name: "HMC5883",
     word: "hmc5883",
     rates_hz: &[0.75, 1.5, 3.0, 7.5, 15.0, 30.0, 75.0],
-    gains: GAINS_5883,
+    gains: &[1280.0, 1024.0, 768.0, 614.0, 415.0, 361.0, 307.0, 219.0],
     automatic_gains: (1, 7),
     // The data sheet has 116 Hz at most.
     single_s: Some(0.009),
@@ -65,7 +49,7 @@ const HMC5883: DataSheet = DataSheet {
 const HMC5883L: DataSheet = DataSheet {
     name: "HMC5883L",
     word: "hmc5883l",
-    gains: GAINS_5883L,
+    gains: &[1370.0, 1090.0, 820.0, 660.0, 440.0, 390.0, 330.0, 230.0],
     ..HMC5883
 };
 const HMC5983: DataSheet = DataSheet {
