@@ -285,15 +285,15 @@ mod tests {
             ),
             (
                 "[source]\nspeed = 1\nspeed = 2\n",
-                "3:1: speed stands twice in its table: keep one of them",
+                "3:1: speed appears twice in its table: keep one of them",
             ),
             (
                 "[source]\n[i2c]\n[source]\n",
-                "3:2: table [source] stands twice: put its keys under one of them",
+                "3:2: table [source] appears twice: merge the two",
             ),
             (
                 "[source]\nkind = i2c\n",
-                "2:8: i2c is neither a number nor true or false: a text stands in quotes, \"i2c\"",
+                "2:8: i2c is neither a number nor true or false: put text in quotes: \"i2c\"",
             ),
             ("[source]\nkind = \n", "2:8: there is no value after the ="),
         ] {

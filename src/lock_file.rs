@@ -9,10 +9,10 @@ use std::process;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
-/// Its file may be replaced so often while it is being locked; more is no accident.
+/// Attempts to lock; each fails if the owner removes the file in between.
 const ATTEMPTS: usize = 100;
 
-/// How often it is looked for its holder's number, which is written right after it is locked.
+/// Attempts to read the holder's process number; the holder writes it right after it takes the lock.
 const LOOKS: usize = 10;
 
 /// Between two looks.
@@ -44,7 +44,7 @@ impl OwnFile {
 pub struct LockFile {
     /// Dropped before the lock ends, so that the file goes while nobody else can hold it.
     own: OwnFile,
-    /// Its end ends the lock.
+    /// Closing it releases the lock.
     file: File,
 }
 

@@ -237,7 +237,7 @@ impl<'i> TableReader<'i> {
             let right = format!("{} numbers, as the default is: {default}", numbers.len());
             return Err(Fault::new(&dotted, found, right).to_string());
         }
-        // Checks that number instead; the fault names the range.
+        // Checks the number as if it had the right type: the fault then names the range.
         let number = beyond(&message).and_then(|number| DeValue::parse(number).ok());
         let checked = number.and_then(|number| attempt(good.clone(), number).ok());
         let mut faults = checked.into_iter().flatten();

@@ -10,8 +10,8 @@ pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
     if message == "duplicate key" {
         let name = text.get(span).unwrap_or(word);
         return match before.starts_with('[') {
-            true => format!("table [{name}] stands twice: put its keys under one of them"),
-            false => format!("{name} stands twice in its table: keep one of them"),
+            true => format!("table [{name}] appears twice: merge the two"),
+            false => format!("{name} appears twice in its table: keep one of them"),
         };
     }
     if message.starts_with("unexpected leading zero") {
@@ -28,9 +28,7 @@ pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
     match (is_bare, word) {
         (true, "") => "there is no value after the =".to_owned(),
         (true, word) => {
-            format!(
-                "{word} is neither a number nor true or false: a text stands in quotes, \"{word}\""
-            )
+            format!("{word} is neither a number nor true or false: put text in quotes: \"{word}\"")
         }
         _ => message.to_owned(),
     }

@@ -11,13 +11,13 @@ use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::Context;
 
-/// One place in the program is heard so often …
+/// A call site may log this many lines …
 const MOST: u32 = 5;
 
-/// … in so much time; the rest is counted.
+/// … in this time; the rest are counted.
 const WINDOW: Duration = Duration::from_secs(10);
 
-/// What is told from there is never left out: what was changed, and who asked for it.
+/// This module's lines are never suppressed: they say what was changed, and who asked.
 const CHANGES: &str = "headingd::publish::control::changes";
 
 /// Another layer, which is spared repetitions.

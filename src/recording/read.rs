@@ -9,7 +9,7 @@ use super::rows::{RowFault, Rows};
 use super::stretch::{self, TimeOrder};
 use super::{Entry, Header, LineError, RecordingError};
 
-/// So many rows tell whether the times are in seconds, if there are so many steps between the gyro's readings among them, …
+/// The unit of the times is checked on the first 1000 rows, if they hold at least 20 steps between gyro readings …
 const FIRST_ROWS: usize = 1000;
 const FEWEST_STEPS: usize = 20;
 /// … and the median step is shorter than this: one of 500 Hz has it in milliseconds.

@@ -11,7 +11,7 @@ pub const HEADING: &str = "heading";
 /// The name of the control socket.
 pub const CONTROL: &str = "control";
 
-/// What systemd calls a socket whose unit gives it no name is the unit's own.
+/// Names of a socket whose unit has no FileDescriptorName=: systemd then uses the unit's name.
 const UNNAMED: [&str; 2] = ["", "headingd.socket"];
 
 #[derive(Debug, Default)]

@@ -172,7 +172,7 @@ impl Contents {
                 .iter()
                 .any(|other| other.identity == history.identity)
             {
-                return Some(format!("{} stands there twice", history.identity));
+                return Some(format!("{} appears twice", history.identity));
             }
             for entry in &history.entries {
                 let faults = faults(&entry.made.calibration);

@@ -23,8 +23,8 @@ settings! {
         board: Board = Board::default();
         /// The magnetometer.
         magnetometer: MagnetometerChoice = MagnetometerChoice::default();
-        /// Its readings: 40 by single measurements where the chip has those, others by the smallest
-        /// rate of the chip that is not smaller, or else by its largest.
+        /// Readings a second. 40 uses single measurements where the chip has them; any other value selects the
+        /// chip's smallest rate that is not smaller, else its fastest.
         rate_hz: f64 = STEADY_HZ, 0.5..=220.0, "Hz";
         /// The gain's code, 0 (finest) to 7, or 1 with a QMC5883L; without it, the gain is chosen automatically.
         gain: Option<u8> = None;

@@ -17,7 +17,7 @@ use crate::condition::SourceFault;
 use crate::frame::Mountings;
 use crate::sensor::SourceEvent;
 
-/// Whether it is to stop is looked at this often.
+/// Interval at which `stop` is checked.
 const LOOK: Duration = Duration::from_millis(50);
 /// A bridge that has not looked at the port for this long was stopped or held up: bytes have waited.
 const AWAY_S: f64 = 0.2;

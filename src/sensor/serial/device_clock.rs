@@ -58,7 +58,7 @@ impl DeviceClock {
             self.late.end();
         }
         self.last_device_s = device_s;
-        // While it is open whether readings are late or the clock has changed there is nothing to learn.
+        // Learns nothing until it is clear whether readings are late or the clock has changed.
         if !self.late.is_open() {
             self.envelope.take(device_s, arrival_s);
         }

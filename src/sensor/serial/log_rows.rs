@@ -1,7 +1,7 @@
 //! headingd's own log rows over a line, with or without their header: what a sketch of twenty lines sends.
 //!
-//! A device may send its header once, with every reset, or every now and then; it counts from its last line on. A device
-//! that has once ended a row in a checksum does so with every row. Without a header, rows have the first 4, 7, 10 or 11
+//! A device may send its header once, with every reset, or now and then; it takes effect with its last line. Once a
+//! row has ended in a checksum, each row must. Without a header, rows have the first 4, 7, 10 or 11
 //! columns of the log format, in our units.
 
 use nalgebra::Matrix3;

@@ -43,7 +43,7 @@ pub(super) fn open(settings: &Settings) -> Result<SerialStream, SourceFault> {
             tokio_serial::ErrorKind::Io(kind) => {
                 by_system(&io::Error::new(kind, error.description))
             }
-            // So it calls a port that is locked.
+            // tokio_serial reports a locked port as NoDevice.
             tokio_serial::ErrorKind::NoDevice => by_system(&ErrorKind::ResourceBusy.into()),
             _ => fail("port", &error.description),
         })?;

@@ -130,10 +130,7 @@ fn counts(text: &str) -> Result<RazorCounts, &'static str> {
     let mut counts = [None; 3];
     let mut cells = text.split(',');
     for count in &mut counts {
-        let cell = cells
-            .next()
-            .ok_or("three numbers must stand there")?
-            .trim_ascii();
+        let cell = cells.next().ok_or("must be three numbers")?.trim_ascii();
         let unsigned = cell.strip_prefix('-').unwrap_or(cell);
         if unsigned.is_empty() || unsigned.eq_ignore_ascii_case("ovf") {
             continue;
@@ -148,6 +145,6 @@ fn counts(text: &str) -> Result<RazorCounts, &'static str> {
     }
     match cells.next() {
         None => Ok(counts),
-        Some(_) => Err("three numbers must stand there"),
+        Some(_) => Err("must be three numbers"),
     }
 }

@@ -90,7 +90,7 @@ impl SteadyClock {
             self.late.end();
             self.away = false;
         }
-        // While it is open whether frames are late or lost there is nothing to learn.
+        // Learns nothing until it is clear whether frames are late or lost.
         if !self.late.is_open() {
             self.envelope.take(self.device_s(), arrival_s);
         }
