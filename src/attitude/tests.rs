@@ -1,6 +1,5 @@
 use super::motion::TestBoard;
 use super::*;
-use crate::check::Check;
 
 fn run(board: &TestBoard) -> (Attitude, Vec<Tick>) {
     run_with(board, &Settings::default())
@@ -315,15 +314,4 @@ fn nonsense_is_passed_over() {
     assert!(attitude.pose_at(board.t_s).is_some());
     assert_eq!(attitude.pose_at(f64::NAN), None);
     assert!(tilt(&attitude, board.t_s).unwrap().pitch_rad.is_finite());
-}
-
-#[test]
-fn settings_are_checked() {
-    assert!(Settings::default().check().is_empty());
-    let bad = Settings {
-        gyro_bias_limit_deg_s: 0.5,
-        gap_s: f64::NAN,
-        gyro_range_deg_s: Some(0.0),
-    };
-    assert_eq!(bad.check().len(), 3);
 }

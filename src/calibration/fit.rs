@@ -3,7 +3,7 @@
 use nalgebra::SMatrix;
 
 use super::curve::{Curve, ParameterVector};
-use super::medians::{MEDIAN_TO_SD, median, median_of_5};
+use super::medians::{MEDIAN_TO_SD, median, median_of};
 use super::objective::{Factored, Normalizer, direct};
 use super::refine::{Refined, refine};
 use super::settings::{Profile, Settings};
@@ -90,8 +90,8 @@ pub fn without_spikes<const D: usize>(points: &[[f64; D]]) -> Vec<[f64; D]> {
         deviations.clear();
         deviations.extend(points.iter().enumerate().map(|(i, point)| {
             let first = i.saturating_sub(2).min(points.len() - 5);
-            let around = std::array::from_fn(|k| points[first + k][axis]);
-            (point[axis] - median_of_5(around)).abs()
+            let around: [f64; 5] = std::array::from_fn(|k| points[first + k][axis]);
+            (point[axis] - median_of(around)).abs()
         }));
         let Some(typical) = median(&mut deviations.clone()) else {
             continue;

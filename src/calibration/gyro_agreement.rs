@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Unit, Vector3};
 
-use super::medians::median_of_5;
+use super::medians::median_of;
 use crate::attitude::Pose;
 use crate::frame::{hypot, wrap_pi};
 
@@ -221,7 +221,7 @@ fn without_lone(phases: Vec<Phase>) -> Vec<Phase> {
         for (i, phase) in stretch.iter().enumerate() {
             let around = (i >= 2).then(|| stretch.get(i - 2..i + 3)).flatten();
             let far = around.is_some_and(|around| {
-                let typical = median_of_5(std::array::from_fn(|k| around[k].rad));
+                let typical = median_of::<5>(std::array::from_fn(|k| around[k].rad));
                 (phase.rad - typical).abs() > FAR_RAD
             });
             if !far {

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::gyro_agreement::Sighting;
-use super::medians::{median, median_of_7};
+use super::medians::{median, median_of};
 
 /// Samples before and after a jump, whose medians are compared: a spike or three do not count.
 const AROUND: usize = 7;
@@ -47,7 +47,7 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
         .collect();
     let strength = fields.iter().map(Vector3::norm).sum::<f64>() / fields.len() as f64;
     let middle = |seven: &[Vector3<f64>]| {
-        Vector3::from_fn(|axis, _| median_of_7(std::array::from_fn(|k| seven[k][axis])))
+        Vector3::from_fn(|axis, _| median_of::<7>(std::array::from_fn(|k| seven[k][axis])))
     };
     let middles: Vec<Vector3<f64>> = fields.windows(7).map(middle).collect();
     DURING_S

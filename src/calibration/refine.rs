@@ -8,11 +8,11 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::curve::{Curve, Distance, ParameterVector};
-use super::medians::{MEDIAN_TO_SD, median_near};
+use super::medians::{MEDIAN_TO_SD, median};
 
 /// Samples further out than this many standard deviations have no weight. At 6 the biweight loses 1 %
 /// of precision on pure Gaussian noise.
-pub const BIWEIGHT: f64 = 6.0;
+const BIWEIGHT: f64 = 6.0;
 
 /// The least noise that is believed, milligauss: less than any magnetometer's quantisation leaves.
 const NOISE_FLOOR_MGAUSS: f64 = 0.02;
@@ -70,7 +70,7 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
             sizes.clear();
             sizes.extend(distances.iter().map(|distance| distance.value_mgauss.abs()));
             let before = sigma;
-            let typical = median_near(&mut sizes, before / MEDIAN_TO_SD)?;
+            let typical = median(&mut sizes)?;
             sigma = (MEDIAN_TO_SD * typical).max(NOISE_FLOOR_MGAUSS);
             settled = iteration == LAST_SCALING || (sigma - before).abs() < SETTLED * sigma;
         }
@@ -122,12 +122,12 @@ pub struct NormalEquations<const P: usize> {
 }
 
 /// Tukey's biweight of a distance in cutoffs, −1 to 1.
-pub fn biweight(z: f64) -> f64 {
+fn biweight(z: f64) -> f64 {
     (1.0 - z * z).powi(2)
 }
 
 /// The normal equations over the samples nearer than the cutoff; `weight` is that of a distance in cutoffs.
-pub fn accumulate<const P: usize>(
+fn accumulate<const P: usize>(
     distances: &[Distance<P>],
     sigma: f64,
     weight: impl Fn(f64) -> f64,

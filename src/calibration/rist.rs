@@ -45,34 +45,17 @@ mod tests {
     }
 
     #[test]
-    fn maximum_first() {
+    fn the_window_is_half_the_distance_longer_at_both_ends_and_within_the_log() {
+        let a_hundred = |ind_max, ind_min| window(values(100, ind_max, ind_min));
         // w = 20/2: 30 − 10 .. 50 + 10, both inside.
-        assert_eq!(window(values(100, 30, 50)), 20..61);
-    }
-
-    #[test]
-    fn minimum_first() {
-        assert_eq!(window(values(100, 50, 30)), 20..61);
-    }
-
-    #[test]
-    fn an_odd_distance_is_floored_at_both_ends() {
+        assert_eq!(a_hundred(30, 50), 20..61);
+        assert_eq!(a_hundred(50, 30), 20..61);
         // w = 10.5: floor(19.5) = 19, floor(61.5) − the pseudo-code's floor(51 + 10.5) = 61.
-        assert_eq!(window(values(100, 30, 51)), 19..62);
-    }
-
-    #[test]
-    fn the_end_is_clamped_to_the_last_sample() {
-        // floor(90 + 20) = 110 ≥ 100.
-        assert_eq!(window(values(100, 50, 90)), 30..100);
-        // Just reaching it: floor(79 + 20) = 99, the last one.
-        assert_eq!(window(values(100, 39, 79)), 19..100);
-    }
-
-    #[test]
-    fn the_start_is_clamped_to_the_first_sample() {
-        // 10 − 20 lies before the log.
-        assert_eq!(window(values(100, 10, 50)), 0..71);
+        assert_eq!(a_hundred(30, 51), 19..62);
+        // floor(90 + 20) = 110 ≥ 100; floor(79 + 20) = 99 is the last sample; 10 − 20 lies before the first.
+        assert_eq!(a_hundred(50, 90), 30..100);
+        assert_eq!(a_hundred(39, 79), 19..100);
+        assert_eq!(a_hundred(10, 50), 0..71);
     }
 
     #[test]

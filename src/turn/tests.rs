@@ -1,7 +1,6 @@
 use super::*;
 use crate::attitude::motion::TestBoard;
 use crate::attitude::{Attitude, Settings as AttitudeSettings};
-use crate::check::Check;
 use crate::frame::Mountings;
 
 fn turns_with(board: &TestBoard, settings: &Settings) -> Vec<Turn> {
@@ -245,15 +244,4 @@ fn a_turn_past_the_time_limit_is_none() {
             assert_eq!(turns_with(&board, &settings).len(), expected, "{deg_s}");
         }
     }
-}
-
-#[test]
-fn settings_are_checked() {
-    assert!(Settings::default().check().is_empty());
-    let bad = Settings {
-        angle_deg: 90.0,
-        axis_tolerance_deg: 50.0,
-        time_limit_s: f64::NAN,
-    };
-    assert_eq!(bad.check().len(), 3);
 }

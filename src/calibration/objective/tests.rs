@@ -67,24 +67,18 @@ fn factored<const D: usize, const F: usize>(points: &[[f64; D]]) -> Factored<D, 
 
 proptest! {
     #[test]
-    fn factor_and_direct_sum_agree_in_space(drawn in drawn()) {
+    fn factor_and_direct_sum_agree(drawn in drawn()) {
         let (points, truth, near) = noisy(drawn);
-        let factored = factored::<3, 7>(&points);
-        for position in [truth, near] {
-            let (a, b) = (direct(&points, &position, 500.0), factored.fit_value(&position));
-            prop_assert!((a - b).abs() <= 1e-9 * a, "{a} {b}");
-        }
-    }
-
-    #[test]
-    fn factor_and_direct_sum_agree_in_the_plane(drawn in drawn()) {
-        let (points, truth, near) = noisy(drawn);
-        let points: Vec<[f64; 2]> = points.iter().map(|p| [p[0], p[1]]).collect();
-        let factored = factored::<2, 5>(&points);
+        let plane: Vec<[f64; 2]> = points.iter().map(|p| [p[0], p[1]]).collect();
+        let (in_space, in_plane) = (factored::<3, 7>(&points), factored::<2, 5>(&plane));
         for p in [truth, near] {
-            let position = [p[0], p[1], p[3], p[4]];
-            let (a, b) = (direct(&points, &position, 500.0), factored.fit_value(&position));
-            prop_assert!((a - b).abs() <= 1e-9 * a, "{a} {b}");
+            let level = [p[0], p[1], p[3], p[4]];
+            for (a, b) in [
+                (direct(&points, &p, 500.0), in_space.fit_value(&p)),
+                (direct(&plane, &level, 500.0), in_plane.fit_value(&level)),
+            ] {
+                prop_assert!((a - b).abs() <= 1e-9 * a, "{a} {b}");
+            }
         }
     }
 }
