@@ -40,7 +40,7 @@ use iron_watch::IronWatch;
 use level::Level;
 use place::PlaceEvidence;
 use prior::{Measured, Prior};
-use rival::Rival;
+use rival::{IronTrial, Rival};
 use visit::VisitWatch;
 
 /// An axis whose bias is known less well than this share of the field is not measured: where the field is horizontal, that much turns
@@ -127,7 +127,7 @@ pub struct Estimate {
     checkpoints: [Option<Checkpoint>; 3],
     iron: IronWatch,
     visit: VisitWatch,
-    disturbed_s: f64,
+    trial: IronTrial,
     replaced: bool,
     lost: bool,
     level: Level,
@@ -153,7 +153,7 @@ impl Estimate {
             checkpoints: [const { None }; 3],
             iron: IronWatch::default(),
             visit: VisitWatch::default(),
-            disturbed_s: 0.0,
+            trial: IronTrial::default(),
             replaced: false,
             lost: false,
             level: Level::default(),
@@ -202,8 +202,9 @@ impl Estimate {
             self.gyro.lose_frame();
             self.forget_checkpoints();
         }
+        let iron_open = self.trial.filter().is_some();
         let checked = (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter);
-        let right = self.gyro.take(&input, checked);
+        let right = self.gyro.take(&input, checked, iron_open);
         let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
         // At rest the filters read the bias themselves.
         self.learn_of_gyro_bias(sample, period_s, unbroken && !at_fault && !sample.still);
@@ -214,6 +215,7 @@ impl Estimate {
         if let Some(rival) = &mut self.rival {
             rival.filter.follow(&input, lost, self.frozen);
         }
+        self.trial.follow(&input, &self.active, lost);
         let down = sample.pose.orientation * Vector3::z();
         self.level.take(down, lost, period_s);
         if right && !self.disturbed() {
@@ -224,14 +226,14 @@ impl Estimate {
                 self.news = place.weigh(&self.active, period_s).or(self.news.take());
             }
             self.compare(period_s);
-            self.try_iron(period_s);
+            self.try_iron(&input);
         }
         let restored = self.visit.take(&input, &self.active, self.rival.as_ref());
         if let Some(restored) = restored {
             self.active = restored.active;
             self.rival = restored.rival;
             self.iron = IronWatch::default();
-            self.disturbed_s = 0.0;
+            self.trial = IronTrial::default();
         }
         self.iron.take(&self.active, period_s);
     }
@@ -247,7 +249,8 @@ impl Estimate {
         }
         let rival = self.rival.as_mut().map(|one| &mut one.filter);
         let following = [Some(&mut self.active), rival].into_iter().flatten();
-        for filter in following.chain(self.visit.filters()) {
+        let kept = self.visit.filters().chain(self.trial.filter());
+        for filter in following.chain(kept) {
             filter.learn_of_gyro_bias(&learnt, self.frozen);
         }
         let suspended = self.suspended.as_mut().map(|one| &mut one.filter);
@@ -281,7 +284,6 @@ impl Estimate {
             }
         }
         self.lose_frame();
-        self.disturbed_s = 0.0;
     }
 
     /// Whether anything is known, by motion or by a calibration. A suspended filter counts while it may come back.
@@ -320,6 +322,7 @@ impl Estimate {
         self.last = None;
         self.lost = true;
         self.rival = None;
+        self.trial = IronTrial::default();
     }
 
     /// Whether the active filter has been replaced by its rival since this was last asked.
@@ -347,9 +350,12 @@ impl Estimate {
         // To go back would undo the turn.
         self.forget_checkpoints();
         self.visit = VisitWatch::default();
+        self.trial = IronTrial::default();
         if better {
             self.kept = Some(*calibration);
             self.proven = None;
+            // The iron may jump, and the turn explains it.
+            self.iron = IronWatch::default();
             let known = std::mem::replace(&mut self.active, turned);
             self.start_rival(known);
         } else {

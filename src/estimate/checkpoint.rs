@@ -4,6 +4,7 @@ use super::filter::Filter;
 use super::filter::gyro_bias::BiasLearnt;
 use super::gyro_check::GyroCheck;
 use super::iron_watch::IronWatch;
+use super::rival::IronTrial;
 use super::visit::VisitWatch;
 use super::{Estimate, Rival, Sample};
 
@@ -14,7 +15,6 @@ pub(super) struct Checkpoint {
     proven: Option<Filter>,
     gyro: GyroCheck,
     iron: IronWatch,
-    disturbed_s: f64,
     sample: Sample,
 }
 
@@ -29,7 +29,6 @@ impl Estimate {
                 proven: self.proven.clone(),
                 gyro: self.gyro.clone(),
                 iron: self.iron.clone(),
-                disturbed_s: self.disturbed_s,
                 sample,
             });
         }
@@ -66,7 +65,7 @@ impl Estimate {
         self.gyro = kept.gyro;
         self.gyro.lose_frame();
         self.iron = kept.iron;
-        self.disturbed_s = kept.disturbed_s;
+        self.trial = IronTrial::default();
         self.visit = VisitWatch::default();
         // Later checkpoints of other axes contain the bad samples, so they are set anew.
         for other in 0..3 {

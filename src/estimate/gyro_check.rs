@@ -233,8 +233,9 @@ impl Unexplained {
 }
 
 impl GyroCheck {
-    /// Takes a sample, and what the filter knows. Whether the sample has shown the gyro to be right.
-    pub(super) fn take(&mut self, input: &Input, filter: &Filter) -> bool {
+    /// Takes a sample, and what the filter knows. Whether the sample has shown the gyro to be right. While iron may just have come or gone
+    /// (`iron_open`) only a gyro that repeats its reading is judged: that predicts no change, whatever the iron.
+    pub(super) fn take(&mut self, input: &Input, filter: &Filter, iron_open: bool) -> bool {
         let constant = input.gyro_constant_s > CONSTANT_S;
         if constant != self.constant {
             self.constant = constant;
@@ -249,6 +250,10 @@ impl GyroCheck {
             self.scale.begin_anew();
         }
         self.disturbed = disturbed;
+        if filter.odd() {
+            // The field jumps, and not by turning.
+            self.scale.lose_moment();
+        }
         let mut judge = self.scale.take(input, filter);
         if let Some(force) = input.force_m_s2 {
             let up = force / GRAVITY_M_S2;
@@ -280,7 +285,7 @@ impl GyroCheck {
             self.unexplained.take(&change, input.rate_rad_s.norm());
             judge |= change.counts();
         }
-        if !judge {
+        if !judge || (iron_open && !constant) {
             return false;
         }
         let scale = self.scale.verdict();
@@ -291,6 +296,11 @@ impl GyroCheck {
         }
         self.fault = fault;
         fault.is_none() && scale == ScaleVerdict::Right
+    }
+
+    /// Iron has come or gone, as far as is known: what the field has shown before is no evidence any more.
+    pub(super) fn forget_field(&mut self) {
+        self.field = Witness::default();
     }
 
     /// The gyro has a gap: what has changed meanwhile is no evidence against it.

@@ -3,7 +3,7 @@
 //! Both predict the samples that follow in motion. The one with the smaller innovations becomes, or stays, the active one.
 
 use super::Estimate;
-use super::filter::Filter;
+use super::filter::{Filter, Input};
 
 /// A filter wins when its log-likelihood leads by this much. The limit is high (e¹² to 1) because the errors of consecutive samples are
 /// correlated. Half or twice this value, or the one below, decides the simulated cases in the same way.
@@ -28,6 +28,33 @@ pub(super) struct Rival {
     moved_s: f64,
 }
 
+/// What is known for a rival that takes a disturbance for iron on the board.
+#[derive(Default)]
+pub(super) struct IronTrial {
+    disturbed_s: f64,
+    /// The active filter from before the field jumped, carried on while the field is disturbed. The active one takes the jump for
+    /// unevenness of the field, which makes north uncertain and is forgotten slowly.
+    before_jump: Option<Box<Filter>>,
+}
+
+impl IronTrial {
+    /// Takes a sample that the active filter has followed.
+    pub(super) fn follow(&mut self, input: &Input, active: &Filter, lost: bool) {
+        if lost || !(active.odd() || active.disturbed()) {
+            self.before_jump = None;
+        } else if let Some(before) = &mut self.before_jump {
+            before.pass(input);
+        } else if active.odd() && !active.disturbed() {
+            self.before_jump = Some(Box::new(active.clone()));
+        }
+    }
+
+    /// The kept filter.
+    pub(super) fn filter(&mut self) -> Option<&mut Filter> {
+        self.before_jump.as_deref_mut()
+    }
+}
+
 impl Estimate {
     /// The better explanation of the samples wins.
     pub(super) fn compare(&mut self, period_s: f64) {
@@ -45,28 +72,36 @@ impl Estimate {
             self.proven = None;
             self.rival = None;
             self.replaced = true;
-            self.disturbed_s = 0.0;
+            self.trial = IronTrial::default();
         } else if lead < -DECIDED || rival.moved_s > RIVAL_LASTS_S {
             self.rival = None;
         }
     }
 
     /// A disturbance that stays while the board moves may be iron on the board.
-    pub(super) fn try_iron(&mut self, period_s: f64) {
+    pub(super) fn try_iron(&mut self, input: &Input) {
         if self.rival.is_some() || self.frozen || !self.active.begun() {
             return;
         }
-        if self.active.disturbance() < IRON_TRIED_FROM {
-            self.disturbed_s = (self.disturbed_s - period_s).max(0.0);
+        let trial = &mut self.trial;
+        if trial.before_jump.is_none() && self.active.disturbance() < IRON_TRIED_FROM {
+            trial.disturbed_s = (trial.disturbed_s - input.period_s).max(0.0);
             return;
         }
-        self.disturbed_s += period_s;
-        if self.disturbed_s < IRON_TRIED_AFTER_S {
+        trial.disturbed_s += input.period_s;
+        if trial.disturbed_s < IRON_TRIED_AFTER_S {
             return;
         }
-        self.disturbed_s = 0.0;
-        let mut filter = self.active.clone();
-        filter.doubt_iron();
+        let filter = if let Some(mut before) = std::mem::take(trial).before_jump {
+            self.gyro.forget_field();
+            let (innovation, _) = before.foresee(input);
+            before.doubt_iron(innovation.norm());
+            *before
+        } else {
+            let mut filter = self.active.clone();
+            filter.doubt_iron(filter.disturbance_mgauss());
+            filter
+        };
         self.start_rival(filter);
     }
 

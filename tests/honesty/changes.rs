@@ -3,7 +3,7 @@
 use headingd::condition::Condition;
 use nalgebra::Vector3;
 
-use crate::chips::GyroFault;
+use crate::chips::{Draw, GyroFault};
 use crate::daemon::Shown;
 use crate::drive::{Now, Scene, run};
 use crate::handled::{FAIR, free, in_room, misread, teaching};
@@ -64,6 +64,41 @@ pub fn magnet_at_rest(rng: &mut Rng, score: &mut Score) {
     let field = magnet(rng);
     let scene = scene.with(move |now, _, board, _| {
         board.mag.attached = field * ((now.t_s - change_s) / 0.5).clamp(0.0, 1.0);
+    });
+    run(scene, rng, score);
+}
+
+/// A magnet of 300 to 2500 mG, as a small one has at 1 to 2 cm, is attached while the board moves, and taken off again. Headings are to be
+/// good 15 s after either.
+pub fn large_magnet(rng: &mut Rng, score: &mut Score) {
+    const ON_S: f64 = 40.0;
+    const LEARNT_S: f64 = 15.0;
+    let rate = rng.uniform(0.5, 1.2);
+    let moving = Part::Free {
+        s: 10.0 + 2.0 * ON_S,
+        rate,
+        accel: 1.0,
+    };
+    let mut lesson = lesson(rng, &[], &[moving]);
+    lesson.change_s += 10.0;
+    let length = length_s(&lesson.parts);
+    let change_s = lesson.change_s;
+    let draw = Draw {
+        room: 3000.0,
+        ..FAIR
+    };
+    let scene = in_room(rng, &draw, lesson.parts, length);
+    score.starts_s = 4.0;
+    score.learnt_by_s = change_s;
+    score.excluded = [0.0, ON_S]
+        .map(|after_s| (change_s + after_s, change_s + after_s + LEARNT_S))
+        .into();
+    score.watch(Some(change_s), disturbed);
+    let field = rng.direction() * rng.log_uniform(300.0, 2500.0);
+    let scene = scene.with(move |now, _, board, _| {
+        let on = (now.t_s - change_s) / 0.3;
+        let off = (now.t_s - change_s - ON_S) / 0.3;
+        board.mag.attached = field * (on.clamp(0.0, 1.0) - off.clamp(0.0, 1.0));
     });
     run(scene, rng, score);
 }

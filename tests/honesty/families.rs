@@ -78,6 +78,10 @@ const LEARNT: Limits = Limits {
     rms_deg: Some(3.0),
     ..CHANGE
 };
+const LARGE: Limits = Limits {
+    good: Some(0.8),
+    ..LEARNT
+};
 const FAULT: Limits = Limits {
     told: Some((10.0, 0.99)),
     false_of_good: Some(0.02),
@@ -135,6 +139,7 @@ pub const ALL: &[Family] = &[
     family("fast_turns", 500, VEHICLE, vehicles::fast_car),
     family("change_magnet_at_rest", 500, CHANGE, changes::magnet_at_rest),
     family("change_magnet_in_motion", 500, LEARNT, changes::magnet_in_motion),
+    family("change_large_magnet", 500, LARGE, changes::large_magnet),
     family("change_moved_iron", 500, VISIT, changes::moved_iron),
     family("change_gyro_flipped", 500, CHANGE, changes::flipped_gyro),
     family("change_gyro_scaled", 200, CHANGE, changes::scaled_gyro),

@@ -87,10 +87,10 @@ impl Filter {
         self.odd_mgauss = Vector3::zeros();
     }
 
-    /// Iron may have come or gone: the hard iron is as unknown as the disturbance is large, and the field here is as
+    /// Iron may have come or gone: the hard iron is as unknown as this disturbance is large, and the field here is as
     /// even as places are.
-    pub(in crate::estimate) fn doubt_iron(&mut self) {
-        let disturbance = self.vector(M).norm() + 0.1 * self.strength_rms_mgauss;
+    pub(in crate::estimate) fn doubt_iron(&mut self, disturbance_mgauss: f64) {
+        let disturbance = disturbance_mgauss + 0.1 * self.strength_rms_mgauss;
         self.unevenness2 = USUAL_UNEVENNESS.powi(2);
         self.restart(M, self.unevenness2);
         for axis in 0..3 {

@@ -113,14 +113,24 @@ impl Filter {
             || (!self.still && self.unevenness2 > (3.0 * USUAL_UNEVENNESS).powi(2))
     }
 
+    /// Whether the last sample was beyond the gate. The first such sample changes no state.
+    pub(in crate::estimate) fn odd(&self) -> bool {
+        self.odd.is_some()
+    }
+
     /// Whether the board did not move at the last sample, by gyro and accelerometer.
     pub(in crate::estimate) fn still(&self) -> bool {
         self.still
     }
 
-    /// The disturbance here, as a share of the field.
+    /// The disturbance here, milligauss.
+    pub(in crate::estimate) fn disturbance_mgauss(&self) -> f64 {
+        self.vector(M).norm()
+    }
+
+    /// The same as a share of the field.
     pub(in crate::estimate) fn disturbance(&self) -> f64 {
-        self.vector(M).norm() / self.strength_rms_mgauss
+        self.disturbance_mgauss() / self.strength_rms_mgauss
     }
 
     /// Recent jumps of the field and the innovation of a rejected sample, in the frame, milligauss.
