@@ -373,9 +373,10 @@ impl Estimate {
         Some(self.active.matrix().try_inverse()? * (body - self.active.bias_mgauss()))
     }
 
-    /// The kept calibration, until the active filter has begun.
+    /// The kept calibration, until the active filter has begun. If it has a covariance, the filter knows from the start what it says.
     fn kept_alone(&self) -> Option<&Calibration> {
-        self.kept.as_ref().filter(|_| !self.active.begun())
+        let filter_knows = |kept: &&Calibration| self.active.begun() || kept.covariance.is_some();
+        self.kept.as_ref().filter(|kept| !filter_knows(kept))
     }
 
     /// Which body axes have a bias that is known.
@@ -383,16 +384,16 @@ impl Estimate {
         if let Some(kept) = self.kept_alone() {
             return kept::measured_axes(kept, &self.mounting);
         }
-        let limit = MEASURED * self.active.strength_mgauss().max(1.0);
+        let limit = MEASURED * self.strength_mgauss().max(1.0);
         let sd = self.active.bias_sd_mgauss();
         std::array::from_fn(|axis| sd[axis] < limit)
     }
 
     /// Expected strength of the corrected field, milligauss.
     pub fn strength_mgauss(&self) -> f64 {
-        match self.kept_alone() {
-            Some(kept) => kept.strength_mgauss,
-            None => self.active.strength_mgauss(),
+        match &self.kept {
+            Some(kept) if !self.active.begun() => kept.strength_mgauss,
+            _ => self.active.strength_mgauss(),
         }
     }
 

@@ -144,7 +144,8 @@ impl FrozenWatch {
         });
         // Whether the board moves is unknown until the gyro's next reading.
         let jumped_back = self.rate.is_some_and(|(last_s, _)| t_s < last_s);
-        if !self.field.is(&field) {
+        // An axis that overflows has no reading: where all do, nothing is repeated.
+        if field == Field::default() || !self.field.is(&field) {
             self.magnetometer_frozen = false;
             self.field.begin(field);
         } else if moving {
@@ -265,6 +266,20 @@ mod tests {
 
     /// The same field at a rate that differs, and the same rate in a field that differs. The clock starts again before either has
     /// turned far enough.
+    #[test]
+    fn a_magnetometer_that_overflows_on_all_axes_is_not_frozen() {
+        let mut watch = FrozenWatch::default();
+        for i in 0..100 {
+            let found = watch.take(&Reading {
+                t_s: f64::from(i) * 0.02,
+                field_mgauss: Some([None; 3]),
+                rate_rad_s: Some(Vector3::z() + Vector3::x() * 0.001 * f64::from(i)),
+                specific_force_m_s2: None,
+            });
+            assert_eq!(found, None);
+        }
+    }
+
     #[test]
     fn a_time_that_jumps_back_hides_no_frozen_sensor() {
         let differs = |i: u32| f64::from(i % 3);

@@ -28,7 +28,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T};
-use super::prior::{FIELD_MGAUSS, Measured, Prior};
+use super::prior::{FIELD_MGAUSS, Measured, Prior, USUAL_UNEVENNESS};
 use crate::attitude::TiltError;
 use correct::LEAST_NOISE_MGAUSS;
 use rest::RestWatch;
@@ -56,9 +56,6 @@ const JITTER_S: f64 = 0.002;
 const TILT_RAD: f64 = 0.012;
 /// Unevenness of the field at first, as a share of it.
 const FIRST_UNEVENNESS: f64 = 0.035;
-/// Unevenness of usual places, as a share of the field: rooms have 1 to 2 % over half a metre. More than that, while the board turns,
-/// is iron that came to stay on the board.
-const USUAL_UNEVENNESS: f64 = 0.015;
 /// A disturbance by this share of the field is no place's unevenness: four deviations.
 pub(super) const DISTURBED: f64 = 4.0 * USUAL_UNEVENNESS;
 /// Unevenness is forgotten by moving this long, seconds.
@@ -125,6 +122,8 @@ pub(super) struct Filter {
     p: Covariance,
     /// Whether the state has begun.
     begun: bool,
+    /// Whether it starts from a calibration.
+    calibrated: bool,
     /// Orientation at the first sample, body to frame.
     first_attitude: Option<Matrix3<f64>>,
     vertical_known: bool,
@@ -189,6 +188,7 @@ impl Filter {
             x,
             p,
             begun: false,
+            calibrated,
             first_attitude: None,
             vertical_known: false,
             strength_rms_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),
@@ -242,7 +242,9 @@ impl Filter {
             self.learn_bias_of_still_board(input, frozen);
         } else {
             self.rest = RestWatch::default();
-            self.still_information = 0.0;
+            // A touch that leaves the field as it is begins nothing anew.
+            let information = input.hidden_rate_sd_rad_s.powi(-2);
+            self.still_information = self.still_information.min(information);
         }
         if !self.begun && !self.begin(input) {
             return;

@@ -11,6 +11,7 @@ use nalgebra::Vector3;
 
 use super::filter::{Filter, Input};
 use super::gyro_scale::{GyroScale, ScaleVerdict};
+use super::prior::FIELD_MGAUSS;
 use crate::attitude::GRAVITY_M_S2;
 
 /// A moment ends when the field has changed by this share of it (a turn of 9°), or after this time, seconds.
@@ -244,7 +245,12 @@ impl GyroCheck {
         }
         let (turned_rad, dt) = (input.turned_rad, input.period_s);
         self.count_unseen(input);
-        let field = input.field_mgauss / filter.strength_mgauss().max(1.0);
+        let strength = if filter.begun() {
+            filter.strength_mgauss().max(1.0)
+        } else {
+            FIELD_MGAUSS
+        };
+        let field = input.field_mgauss / strength;
         let disturbed = filter.begun() && filter.disturbed();
         if disturbed && !self.disturbed {
             self.scale.begin_anew();
@@ -273,14 +279,14 @@ impl GyroCheck {
             }
         }
         // A gyro that repeats its reading is judged with unknown iron, too: a dead one predicts no change, whatever the iron.
-        let known = constant || filter.iron_known_within(filter.strength_mgauss());
+        let known = constant || filter.iron_known_within(strength);
         if filter.begun() && known {
             let matrix = filter.matrix();
             let Some(inverse) = matrix.try_inverse() else {
                 return false;
             };
             let corrected = inverse * (input.field_mgauss - filter.bias_mgauss());
-            let change = matrix * corrected.cross(&turned_rad) / filter.strength_mgauss();
+            let change = matrix * corrected.cross(&turned_rad) / strength;
             let change = self.field.take(field, change, dt);
             self.unexplained.take(&change, input.rate_rad_s.norm());
             judge |= change.counts();

@@ -17,8 +17,9 @@ const SKEW: f64 = 0.02;
 pub(super) const ROTATION_RAD: f64 = 0.029;
 /// White noise of a sample, milligauss, until it is measured: an HMC5843's resolution.
 const NOISE_MGAUSS: f64 = 7.0;
-/// What the place of a turn may have added to its result, as a share of the field: rooms are uneven by 1 to 2 %.
-const PLACE: f64 = 0.015;
+/// Unevenness of usual places, as a share of the field: rooms have 1 to 2 % over half a metre. More than that, while the board turns,
+/// is iron that came to stay on the board. The place of a turn may have added as much to its result.
+pub(super) const USUAL_UNEVENNESS: f64 = 0.015;
 
 /// Standard deviation of the entries beside the diagonal where a fit to a sphere took them for 0.
 const GUESSED: f64 = 0.015;
@@ -31,7 +32,7 @@ pub(super) type ParameterCovariance = SMatrix<f64, 12, 12>;
 pub(super) struct Measured {
     /// Weights of the bias, body axes.
     pub(super) bias: Vector3<f64>,
-    /// Weights of D's entries.
+    /// Weights of the entries of D − I; their trace is 0.
     pub(super) matrix: Matrix3<f64>,
     /// Weight of the field's upward part in the frame.
     pub(super) up: f64,
@@ -147,7 +148,7 @@ impl Measured {
         let strength = calibration.strength_mgauss;
         // A heading's uncertainty is the bias's over the field, in two directions.
         let fitted = calibration.heading_sd_deg.to_radians() * strength;
-        let place = PLACE * FIELD_MGAUSS.max(strength);
+        let place = USUAL_UNEVENNESS * FIELD_MGAUSS.max(strength);
         let bias_variance = 0.5 * fitted * fitted + place * place;
         let matrix_variance = bias_variance / (strength * strength);
         let mut all = Vec::new();
@@ -203,10 +204,11 @@ impl Measured {
         }
         all.extend(entries.into_iter().map(|(matrix, value, guess)| Self {
             bias: Vector3::zeros(),
-            matrix,
+            // D's trace is held, and the state has D − I.
+            matrix: matrix - Matrix3::identity() * (matrix.trace() / 3.0),
             up: 0.0,
             across: None,
-            value,
+            value: value - matrix.trace(),
             variance: matrix_variance + guess * guess,
             inflation: SCALE * SCALE,
         }));

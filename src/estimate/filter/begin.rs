@@ -4,7 +4,6 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
-use crate::estimate::prior::FIELD_MGAUSS;
 use crate::frame::angle_between_rad;
 
 /// Before the board has turned this far, the field does not tell iron from north, radians.
@@ -106,13 +105,12 @@ impl Filter {
         }
     }
 
-    /// Begins the state: at once if the iron is known or measured, else once the board has turned a little, with half of the field
+    /// Begins the state: at once from a calibration, else once the board has turned a little, with half of the field
     /// taken for iron. Returns whether the state has begun and the sample can still be taken: where the field comes from the sample, it
     /// must not count twice.
     pub(super) fn begin(&mut self, input: &Input) -> bool {
         let first = *self.first_attitude.get_or_insert(input.to_frame);
-        let known = self.iron_known_within(FIELD_MGAUSS);
-        if known || !self.measured.is_empty() {
+        if self.calibrated {
             self.begun = true;
             let measured = std::mem::take(&mut self.measured);
             // The field comes from the sample less the iron, and D multiplies it. So the iron is found first, and then all is linearised
@@ -140,6 +138,8 @@ impl Filter {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Rotation3;
+
     use super::*;
     use crate::calibration::model::{Calibration, Parameters, Spatial};
     use crate::estimate::prior::Prior;
@@ -186,5 +186,26 @@ mod tests {
             assert!((0.97..1.01).contains(&(second / first)), "{first} {second}");
         }
         assert!((first.0 - earth).norm() < 10.0, "{}", first.0);
+    }
+
+    /// A board that stayed level does not tell the iron along its vertical from the field's.
+    #[test]
+    fn a_calibration_with_an_axis_that_is_not_known_is_used_as_it_is() {
+        let iron = Vector3::new(90.0, -40.0, 0.0);
+        let mut prior = Prior::unknown();
+        prior.bias_mgauss = iron;
+        prior.covariance *= 1e-4;
+        prior.covariance[(2, 2)] = 671.0 * 671.0;
+        prior.strength_mgauss = Some(470.0);
+        let mut filter = Filter::new(&prior);
+        let earth = Vector3::new(60.0, 190.0, -420.0);
+        for step in 0..10 {
+            let turned = Rotation3::new(Vector3::z() * 0.05 * f64::from(step)).into_inner();
+            let field = turned.transpose() * earth + iron;
+            let sample = Input::turning_at(turned, Vector3::z() * 0.5, field);
+            filter.follow(&sample, false, false);
+        }
+        let off = (filter.bias_mgauss() - iron).xy().norm();
+        assert!(off < 5.0, "{off}");
     }
 }

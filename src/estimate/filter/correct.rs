@@ -65,12 +65,15 @@ impl HeldBack {
 
     /// The shares of the states from b to G; M and T are among them and are corrected in full.
     fn shares(&self) -> SVector<f64, HELD> {
-        SVector::from_fn(|index, _| match B + index {
-            B..M => self.iron,
-            M..D => 0.0,
-            D..T => self.matrix,
-            T => 0.0,
-            _ => self.gyro_bias,
+        SVector::from_fn(|index, _| {
+            let share = match B + index {
+                B..M => self.iron,
+                M..D => 0.0,
+                D..T => self.matrix,
+                T => 0.0,
+                _ => self.gyro_bias,
+            };
+            if share < LEAST_HELD { 0.0 } else { share }
         })
     }
 }
@@ -121,6 +124,8 @@ impl Filter {
         self.odd_mgauss = Vector3::zeros();
         if squared > GATE {
             if !self.record_odd(&innovation, &r) {
+                // What rejects a sample explains it no better than what takes it at the gate.
+                self.log_likelihood -= 0.5 * (GATE + s.determinant().ln());
                 return;
             }
             // It is taken for unevenness of the field here, until turning shows otherwise.
@@ -228,7 +233,7 @@ impl Filter {
     /// Dyn. 40, 2017). What stays of a covariance is the product of both shares.
     pub(super) fn correct_partly(&mut self, held: &HeldBack, correct: impl FnOnce(&mut Self)) {
         let held = held.shares();
-        if held.amax() < LEAST_HELD {
+        if held.amax() == 0.0 {
             return correct(self);
         }
         let x: SVector<f64, HELD> = self.x.fixed_rows::<HELD>(B).into();
@@ -239,7 +244,7 @@ impl Filter {
         };
         let mut now = self.x.fixed_rows_mut::<HELD>(B);
         now.zip_zip_apply(&x, &held, take_back);
-        for column in (0..HELD).filter(|&column| held[column] > LEAST_HELD) {
+        for column in (0..HELD).filter(|&column| held[column] > 0.0) {
             let mut now = self.p.fixed_view_mut::<HELD, 1>(B, B + column);
             now.zip_zip_apply(&p.column(column), &(held * held[column]), take_back);
         }

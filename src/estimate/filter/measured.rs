@@ -64,7 +64,7 @@ impl Filter {
     /// Updates the state by one sum of parameters.
     fn learn(&mut self, measured: &Measured) {
         let jacobian = self.jacobian_of(measured);
-        let predicted = jacobian.dot(&self.x) + measured.matrix.trace();
+        let predicted = jacobian.dot(&self.x);
         let cross = self.p * jacobian;
         let gain = cross / (jacobian.dot(&cross) + measured.variance);
         self.x += gain * (measured.value - predicted);
