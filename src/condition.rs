@@ -33,6 +33,7 @@
 //! | good | the gyro has another sign | degraded | `gyro_sign` |
 //! | good | the gyro has another scale | degraded | `gyro_scale` |
 //! | good | the board turns faster than the gyro can tell | degraded | `gyro_clipped` |
+//! | uncalibrated | the magnetometer's unit is wrong | fault | `field_unit` |
 //! | good | the magnetometer falls silent | stale | `no_samples` |
 //! | good | an axis overflows | stale | `overflow` |
 //! | good | an axis reads the same number while the board turns | stale | `overflow` |
@@ -134,6 +135,8 @@ pub struct Evidence<'a> {
     pub good_sd_deg: f64,
     /// Strength of the field over what is expected, less 1, smoothed.
     pub strength_deviation: f64,
+    /// Strength of the field, milligauss, where the earth's is nowhere like that.
+    pub impossible_mgauss: Option<f64>,
     /// The field is not the earth's.
     pub disturbed: bool,
     /// Whether the board's tilt is known.
@@ -164,6 +167,9 @@ pub fn judge(evidence: &Evidence) -> Report {
             let message = "no magnetometer sample is recent enough to publish a heading from";
             e.report(Condition::Stale, "no_samples", message)
         };
+    }
+    if let Some(strength) = e.impossible_mgauss {
+        return e.report(Condition::Fault, "field_unit", unearthly(strength));
     }
     if !e.calibrated {
         return if e.calibrating {
@@ -237,6 +243,13 @@ pub fn judge(evidence: &Evidence) -> Report {
         Condition::Good,
         "good",
         "the field is as the estimate expects it",
+    )
+}
+
+/// What a person should know of a field that is nowhere so strong, milligauss.
+pub fn unearthly(strength_mgauss: f64) -> String {
+    format!(
+        "the field is {strength_mgauss:.0} mG strong, and the earth's is 220 to 670: check the magnetometer's unit and range"
     )
 }
 

@@ -3,7 +3,13 @@
 //! Real parts tick apart, so a [`Reading`] carries a time and the sensors that were read. Nothing below
 //! assumes that they come together or evenly.
 
+use std::ops::RangeInclusive;
+
 use nalgebra::Vector3;
+
+/// Strengths of a field that may be the earth's, milligauss: it has 220 to 670. A compass that finds less than half or more than twice
+/// that reads its magnetometer in a wrong unit or range.
+pub const EARTH_MGAUSS: RangeInclusive<f64> = 110.0..=1340.0;
 
 /// Standard gravity, m/s².
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.80665;

@@ -124,6 +124,7 @@ impl<const D: usize> Work<'_, D> {
             end_outlier_share: end_outlier_share(&residuals, cutoff),
             residual_share: best.residual_mgauss / (best.reference_mgauss * mean_scale),
             scale: scale.to_vec(),
+            strength_mgauss: best.reference_mgauss,
             reference_given: reference.is_some(),
             centre_inside: centre_inside(points, &position[..D]),
             heading_sd_deg,

@@ -140,7 +140,7 @@ impl<const D: usize> Work<'_, D> {
         let no_motion = || {
             Refusal::new(
                 "no_motion",
-                "the field hardly changed: the board did not turn, or the magnetometer is stuck",
+                "the field hardly changed: the board did not turn, the magnetometer is stuck, or its unit is not the one stated",
             )
         };
         let swing = coverage::swing(&points);

@@ -2,6 +2,7 @@
 
 use super::gyro_agreement::GyroAgreement;
 use super::jump::Jump;
+use crate::reading::EARTH_MGAUSS;
 
 pub mod imported;
 mod limits;
@@ -42,7 +43,9 @@ pub struct Measures {
     pub residual_share: f64,
     /// Scale factors.
     pub scale: Vec<f64>,
-    /// Whether they refer to a given field.
+    /// Strength of the field, milligauss, horizontal if the samples are planar.
+    pub strength_mgauss: f64,
+    /// Whether scale factors and strength refer to a given field.
     pub reference_given: bool,
     /// Whether the centre lies within the samples on every axis.
     pub centre_inside: bool,
@@ -131,11 +134,18 @@ fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = (Limit, &'static str, &
     let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);
     let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
     let given = |scale: f64| m.reference_given.then_some(scale);
+    let strength = (!m.reference_given).then_some(m.strength_mgauss);
+    // Near the magnetic poles the horizontal part may be as weak as it likes.
+    let whole = strength.filter(|_| m.direction_spread.is_some());
     let drift = m.gyro.map(|gyro| percent(gyro.drift_share));
     let rms_deg = m.gyro.map(|gyro| gyro.rms_deg);
     let jump = m.jump.filter(|jump| jump.share > LEAST_JUMP_SHARE).map(|jump| jump.times_usual);
     let rest = m.rest_share.map(percent);
     [
+        ("field_unit", "strength of the field", "mG", strength, AtMost(*EARTH_MGAUSS.end()),
+         "the earth's is 220 to 670 mG: check the unit and the range of the magnetometer"),
+        ("field_unit", "strength of the field", "mG", whole, AtLeast(*EARTH_MGAUSS.start()),
+         "the earth's is 220 to 670 mG: check the unit and the range of the magnetometer"),
         ("coverage", "coverage of the circle", "degrees", m.coverage_deg, AtLeast(l.coverage_deg),
          "turn the board further round"),
         ("coverage", "spread of the field's directions", "", m.direction_spread, AtLeast(l.direction_spread),
@@ -208,6 +218,7 @@ mod tests {
             end_outlier_share: 0.0,
             residual_share: 0.012,
             scale: vec![0.9, 1.1],
+            strength_mgauss: 500.0,
             reference_given: true,
             centre_inside: true,
             heading_sd_deg: 0.05,

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Estimate, Fix, kept, level};
+use super::{Estimate, Fix, MOST_RAW_MGAUSS, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
 
@@ -102,6 +102,9 @@ impl Estimate {
         down: Option<(Vector3<f64>, f64)>,
         rate_rad_s: f64,
     ) -> Option<Fix> {
+        if field_mgauss.norm() > MOST_RAW_MGAUSS {
+            return None;
+        }
         let corrected = self.corrected(field_mgauss)?;
         if let Some(kept) = self.kept_alone() {
             return kept::fix(kept, &self.mounting, &corrected, down);

@@ -43,6 +43,7 @@ impl Pipeline {
             heading_sd_deg: self.sd_deg,
             good_sd_deg: self.setup.pipeline.good_sd_deg,
             strength_deviation: self.strength_deviation,
+            impossible_mgauss: self.estimate.impossible_mgauss(),
             // Without a gyro the estimate sees nothing, and the field's strength is all that tells.
             disturbed: if gyro_live {
                 self.now_s - self.disturbed_s < CALM_S

@@ -3,6 +3,7 @@
 use super::Pipeline;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::verdict::Refusal;
+use crate::condition::unearthly;
 
 /// What a calibration by motion is judged by.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,6 +53,9 @@ impl Pipeline {
     fn objection_to_motion(&self, measures: &MotionMeasures) -> Option<Refusal> {
         if let Some(refusal) = self.objection_to_gyro() {
             return Some(refusal);
+        }
+        if let Some(strength) = self.estimate.impossible_mgauss() {
+            return Some(Refusal::new("field_unit", unearthly(strength)));
         }
         if !measures.field_is_predicted {
             return Some(Refusal::new(

@@ -47,7 +47,8 @@ impl Pipeline {
         if let Some(best) = &best {
             self.sd_deg = best.sd_deg;
         }
-        let published = best.filter(certain);
+        let possible = self.estimate.impossible_mgauss().is_none();
+        let published = best.filter(|fix| certain(fix) && possible);
         if published.is_some() && self.wanted().is_some() {
             self.learning.calibrated = true;
         }
@@ -79,6 +80,7 @@ impl Pipeline {
             heading.mag_status = match condition {
                 Condition::Disturbed if self.strength_deviation > 0.0 => MagStatus::HighField,
                 Condition::Disturbed => MagStatus::LowField,
+                Condition::Fault => MagStatus::Calibration,
                 _ => MagStatus::Normal,
             };
         }

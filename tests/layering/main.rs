@@ -51,7 +51,7 @@ const ROOMS: &[Room] = &[
     // The condition is published with each heading.
     room("heading", 0, &["condition"]),
     // Starts from a calibration, and gives one to keep; the place's field is evidence.
-    room("estimate", 0, &["attitude", "calibration::model", "frame", "true_north"]),
+    room("estimate", 0, &["attitude", "calibration::model", "frame", "reading", "true_north"]),
 
     room("recording", 1, &["reading", "frame", "date"]),
     // Joins all of floor 0 into one journey.

@@ -186,6 +186,11 @@ const SCENARIOS: &[Scenario] = &[
         b.gyro = |rate| rate.map(|value| value.clamp(-250f64.to_radians(), 250f64.to_radians()));
         b.turn_at(400.0, 0.3);
     }),
+    ("the magnetometer's unit is wrong", || Board::rested(None), |b| {
+        b.earth_mgauss *= 10.0;
+        b.tumble();
+        b.tumble();
+    }),
     ("the magnetometer falls silent", good, |b| {
         b.with_field = false;
         b.rest(1.0);
