@@ -91,8 +91,9 @@ fn args() -> Result<Option<Args>, String> {
                 println!("honesty: test");
                 return Ok(None);
             }
-            // Options of the usual test programs, and the names of other tests.
-            other if other.starts_with("--") => {}
+            // An option of the usual test programs, and the names of other tests.
+            "--nocapture" => {}
+            other if other.starts_with('-') => return Err(format!("unknown option {other}")),
             other if !"honesty".contains(other) => return Ok(None),
             _ => {}
         }
