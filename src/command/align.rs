@@ -93,6 +93,7 @@ fn as_text(found: &Alignment) -> String {
             "# The field is too level to tell whether the accelerometer reads force or gravity: force is assumed.\n"
         }
     };
+    text += "# No motion shows which way is ahead: if headings are off by 90 or 180 degrees, set heading_offset_deg.\n";
     text
 }
 

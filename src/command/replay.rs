@@ -97,9 +97,10 @@ fn play<W: Write>(
     })?;
     output(lines.out.flush())?;
     if pipeline.dropped() > 0 {
+        let count = pipeline.dropped();
+        let values = if count == 1 { "value" } else { "values" };
         tell(format_args!(
-            "{} values dropped that no sensor can have taken",
-            pipeline.dropped()
+            "{count} {values} dropped that no sensor can have taken"
         ));
     }
     tell_skips(&skips)

@@ -82,6 +82,9 @@ impl HeaderLines {
         };
         let (key, value) = (key.trim(), value.trim());
         let Some(known) = KEYS.iter().find(|known| **known == key) else {
+            if let Some(meant) = KEYS.iter().find(|known| resembles(key, known)) {
+                return Err(format!("{key} is no key; {meant} is one"));
+            }
             self.header.truth.push((key.to_owned(), value.to_owned()));
             return Ok(());
         };
@@ -139,6 +142,17 @@ impl HeaderLines {
         rules[HEADING] = rule(("degrees", 1.0), 360.0);
         Ok(rules)
     }
+}
+
+/// Whether somebody may have meant the other: all that differs is case, or a letter or two at the end.
+fn resembles(key: &str, known: &str) -> bool {
+    let key = key.to_lowercase().replace('-', "_");
+    let (short, long) = if key.len() < known.len() {
+        (key.as_str(), known)
+    } else {
+        (known, key.as_str())
+    };
+    long.starts_with(short) && long.len() - short.len() <= 2
 }
 
 impl Rows {
@@ -304,6 +318,12 @@ mod tests {
             ("# headingd-log 1\n", 2, "ends within"),
             ("# headingd-log 1\nt_s,mx,my,mz", 2, "ends within"),
             ("# headingd-log 1\n# mag_unit = tesla\n", 2, "uT, nT or"),
+            ("# headingd-log 1\n# mag_units = uT\n", 2, "mag_unit is one"),
+            (
+                "# headingd-log 1\n# Gyro-Unit = deg/s\n",
+                2,
+                "gyro_unit is one",
+            ),
             ("# headingd-log 1\n# gyro_unit = rpm\n", 2, "rad/s or"),
             ("# headingd-log 1\n# accel_unit = ft\n", 2, "m/s2 or g"),
             ("# headingd-log 1\n# mag_axes = +x +x +z\n", 2, "once"),

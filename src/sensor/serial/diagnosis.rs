@@ -66,21 +66,21 @@ impl Diagnosis {
                 "other_mode",
                 format!(
                     "the device sends {mode} and does not take the order to send raw readings; check that the \
-                     line is connected both ways"
+                     port is the board's, and that the line is connected both ways"
                 ),
             )
         } else if odd > ODD_SHARE {
             (
                 "noise",
                 format!(
-                    "what comes is no text (and no {speaks}); check serial.baud, which is {baud}, and serial.protocol"
+                    "what comes is neither text nor {speaks}; check serial.baud, which is {baud}, and serial.protocol"
                 ),
             )
         } else if self.too_long {
             (
                 "long_line",
                 format!(
-                    "a line is longer than 4 KiB, so it is none of {speaks}; check what the device sends"
+                    "a line is longer than 4 KiB, so it is not {speaks}; check what the device sends"
                 ),
             )
         } else {

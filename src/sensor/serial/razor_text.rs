@@ -9,7 +9,7 @@ use super::razor::{RazorCounts, RazorFrame, reading};
 use super::shown;
 
 /// Beginnings of lines that the firmware, its forks or its predecessor send in other modes.
-const OTHER_MODES: [(&str, &str); 9] = [
+const OTHER_MODES: [(&str, &str); 10] = [
     ("#YPR", "angles (#ot)"),
     ("#A-C=", "calibrated readings (#osct)"),
     ("#M-C=", "calibrated readings (#osct)"),
@@ -17,6 +17,7 @@ const OTHER_MODES: [(&str, &str); 9] = [
     ("accel x,y,z", "calibration (#oc)"),
     ("magn x,y,z", "calibration (#oc)"),
     ("gyro x,y,z", "calibration (#oc)"),
+    ("$G", "NMEA 0183 (a GPS?)"),
     (
         "$",
         "SparkFun's stock firmware, which is not the Razor AHRS",

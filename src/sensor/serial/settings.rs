@@ -49,7 +49,7 @@ impl Protocol {
     /// What a person calls it.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Auto => "any protocol known here",
+            Self::Auto => "a known protocol",
             Self::Razor => "Razor AHRS, text",
             Self::RazorBinary => "Razor AHRS, binary",
             Self::LogRows => "log rows",

@@ -175,6 +175,7 @@ fn other_modes_are_named() {
             "calibration",
         ),
         ("$1,2,3,4,5,6,7,8,9#", "stock firmware"),
+        ("$GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8", "GPS"),
     ] {
         let items = of_text(&[line.as_bytes(), b"\n\r"]);
         assert!(
