@@ -220,7 +220,8 @@ impl Estimate {
         if let Some(rival) = &mut self.rival {
             rival.filter.follow(&input, lost, self.frozen);
         }
-        self.trial.follow(&input, &self.active, lost);
+        let shut = lost || self.frozen || self.rival.is_some();
+        self.trial.follow(&input, &self.active, shut);
         let down = sample.pose.orientation * Vector3::z();
         self.level.take(down, lost, period_s);
         if right && !self.disturbed() {
@@ -359,7 +360,6 @@ impl Estimate {
         if better {
             self.kept = Some(*calibration);
             self.proven = None;
-            // The iron may jump, and the turn explains it.
             self.iron = IronWatch::default();
             let known = std::mem::replace(&mut self.active, turned);
             self.start_rival(known);
