@@ -169,7 +169,7 @@ pub fn judge(evidence: &Evidence) -> Report {
         };
     }
     if let Some(strength) = e.impossible_mgauss {
-        return e.report(Condition::Fault, "field_unit", unearthly(strength));
+        return e.report(Condition::Fault, "field_unit", wrong_strength(strength));
     }
     if !e.calibrated {
         return if e.calibrating {
@@ -247,7 +247,7 @@ pub fn judge(evidence: &Evidence) -> Report {
 }
 
 /// What a person should know of a field that is nowhere so strong, milligauss.
-pub fn unearthly(strength_mgauss: f64) -> String {
+pub fn wrong_strength(strength_mgauss: f64) -> String {
     format!(
         "the field is {strength_mgauss:.0} mG strong, and the earth's is 220 to 670: check the magnetometer's unit and range"
     )

@@ -13,7 +13,6 @@ use nalgebra::{Matrix3, Vector3};
 use crate::attitude::{GyroBias, Pose, TiltError};
 use crate::calibration::model::Calibration;
 use crate::frame::Mounting;
-use crate::reading::EARTH_MGAUSS;
 use crate::true_north::EarthField;
 
 mod checkpoint;
@@ -29,6 +28,7 @@ mod level;
 mod place;
 mod prior;
 mod rival;
+mod strength;
 mod visit;
 
 use checkpoint::Checkpoint;
@@ -53,10 +53,6 @@ const FALSE_ALARM_S: f64 = 5.0;
 /// Mean normalised innovation squared for each degree of freedom from which samples contradict the estimate: twice the deviation that it
 /// expects.
 const CONTRADICTED: f64 = 4.0;
-/// A strength is certain within so many deviations of the whole field.
-const CERTAIN: f64 = 3.0;
-/// No compass works beside iron that makes a raw field stronger than this, milligauss: it is beyond all three axes of a chip for 8 gauss.
-const MOST_RAW_MGAUSS: f64 = 14_000.0;
 /// Twice the longest lag of a magnetometer on any recorder, 60 ms, seconds.
 const MOST_LAG_S: f64 = 0.12;
 
@@ -220,8 +216,8 @@ impl Estimate {
         if let Some(rival) = &mut self.rival {
             rival.filter.follow(&input, lost, self.frozen);
         }
-        let shut = lost || self.frozen || self.rival.is_some();
-        self.trial.follow(&input, &self.active, shut);
+        let blocked = lost || self.frozen || self.rival.is_some();
+        self.trial.follow(&input, &self.active, blocked);
         let down = sample.pose.orientation * Vector3::z();
         self.level.take(down, lost, period_s);
         if right && !self.disturbed() {
@@ -400,23 +396,6 @@ impl Estimate {
             Some(kept) if !self.active.begun() => kept.strength_mgauss,
             _ => self.active.strength_mgauss(),
         }
-    }
-
-    /// That strength, rounded to two digits, if no field of the earth is like it.
-    pub fn impossible_mgauss(&self) -> Option<f64> {
-        let raw = self.last.map_or(0.0, |last| last.field_mgauss.norm());
-        let (strength, sd) = match self.active.begun() {
-            _ if raw > MOST_RAW_MGAUSS => (raw, 0.0),
-            true => {
-                let sd = self.active.field_covariance().trace().sqrt();
-                (self.active.strength_mgauss(), sd)
-            }
-            false => return None,
-        };
-        let may_be = strength - CERTAIN * sd..=strength + CERTAIN * sd;
-        let earthly = may_be.end() >= EARTH_MGAUSS.start() && may_be.start() <= EARTH_MGAUSS.end();
-        let digit = 10f64.powf(strength.log10().floor() - 1.0);
-        (!earthly).then(|| (strength / digit).round() * digit)
     }
 
     /// The horizontal part of the field, milligauss.

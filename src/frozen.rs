@@ -264,8 +264,6 @@ mod tests {
         }
     }
 
-    /// The same field at a rate that differs, and the same rate in a field that differs. The clock starts again before either has
-    /// turned far enough.
     #[test]
     fn a_magnetometer_that_overflows_on_all_axes_is_not_frozen() {
         let mut watch = FrozenWatch::default();
@@ -280,6 +278,8 @@ mod tests {
         }
     }
 
+    /// The same field at a rate that differs, and the same rate in a field that differs. The clock starts again before either has
+    /// turned far enough.
     #[test]
     fn a_time_that_jumps_back_hides_no_frozen_sensor() {
         let differs = |i: u32| f64::from(i % 3);

@@ -17,7 +17,7 @@ pub(super) struct Inactivity {
     /// Readable once it has expired. It is no pipe, but is waited for and read like one.
     timer: Receiver,
     expires: Instant,
-    last_input: Instant,
+    restarted: Instant,
 }
 
 impl Inactivity {
@@ -29,7 +29,7 @@ impl Inactivity {
         let mut inactivity = Self {
             timer: Receiver::from_owned_fd_unchecked(timer)?,
             expires: now,
-            last_input: now,
+            restarted: now,
         };
         inactivity.arm();
         Ok(inactivity)
@@ -37,15 +37,15 @@ impl Inactivity {
 
     /// Counts anew: input has arrived.
     pub(super) fn restart(&mut self) {
-        self.last_input = Instant::now();
-        if self.expires < self.last_input + LIMIT / 2 {
+        self.restarted = Instant::now();
+        if self.expires < self.restarted + LIMIT / 2 {
             self.arm();
         }
     }
 
     /// When it was restarted last.
     pub(super) fn restarted(&self) -> Instant {
-        self.last_input
+        self.restarted
     }
 
     /// Waits until it fires. Nothing is lost when the wait is given up.
@@ -55,14 +55,14 @@ impl Inactivity {
             let _ = self.timer.readable().await;
             match self.timer.try_read(&mut [0; size_of::<u64>()]) {
                 Err(error) if error.kind() == ErrorKind::WouldBlock => continue,
-                _ if self.last_input.elapsed() >= LIMIT => return,
+                _ if self.restarted.elapsed() >= LIMIT => return,
                 _ => self.arm(),
             }
         }
     }
 
     fn arm(&mut self) {
-        self.expires = self.last_input + LIMIT;
+        self.expires = self.restarted + LIMIT;
         // A time of 0 would disarm it.
         let left = self.expires.saturating_duration_since(Instant::now());
         let left = left.max(Duration::from_nanos(1));
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn it_fires_long_enough_after_the_last_input_and_again() {
+    async fn it_fires_long_enough_after_the_last_restart_and_again() {
         let mut inactivity = Inactivity::new().unwrap();
         for inputs in [0, 1, 30, 2] {
             for _ in 0..inputs {

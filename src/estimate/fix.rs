@@ -2,7 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::{Estimate, Fix, MOST_RAW_MGAUSS, kept, level};
+use super::strength::MOST_RAW_MGAUSS;
+use super::{Estimate, Fix, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
 

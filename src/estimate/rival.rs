@@ -38,9 +38,9 @@ pub(super) struct IronTrial {
 }
 
 impl IronTrial {
-    /// Takes a sample that the active filter has followed. While it is `shut` no rival may start.
-    pub(super) fn follow(&mut self, input: &Input, active: &Filter, shut: bool) {
-        if shut || !(active.odd() || active.disturbed()) {
+    /// Takes a sample that the active filter has followed. While `blocked`, no rival may start.
+    pub(super) fn follow(&mut self, input: &Input, active: &Filter, blocked: bool) {
+        if blocked || !(active.odd() || active.disturbed()) {
             self.before_jump = None;
         } else if let Some(before) = &mut self.before_jump {
             before.pass(input);

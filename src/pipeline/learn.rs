@@ -94,8 +94,8 @@ impl Pipeline {
         let replaced = self.estimate.take_replaced();
         let due = self.now_s - self.learning.last_s >= KEEP_EVERY_S;
         let good_sd_deg = self.setup.pipeline.good_sd_deg;
-        let earthly = self.estimate.impossible_mgauss().is_none();
-        let good = sd_deg <= good_sd_deg && !self.estimate.disturbed() && earthly;
+        let possible = self.estimate.impossible_mgauss().is_none();
+        let good = sd_deg <= good_sd_deg && !self.estimate.disturbed() && possible;
         let better = sd_deg <= MORE_CERTAIN * self.learning.last_sd_deg;
         let limit_mgauss = MOVED * good_sd_deg.to_radians() * self.estimate.horizontal_mgauss();
         let moved = self.learning.moved_mgauss(&self.estimate.bias_mgauss()) > limit_mgauss;

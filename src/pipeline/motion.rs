@@ -3,7 +3,7 @@
 use super::Pipeline;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::verdict::Refusal;
-use crate::condition::unearthly;
+use crate::condition::wrong_strength;
 
 /// What a calibration by motion is judged by.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,7 +55,7 @@ impl Pipeline {
             return Some(refusal);
         }
         if let Some(strength) = self.estimate.impossible_mgauss() {
-            return Some(Refusal::new("field_unit", unearthly(strength)));
+            return Some(Refusal::new("field_unit", wrong_strength(strength)));
         }
         if !measures.field_is_predicted {
             return Some(Refusal::new(
