@@ -56,8 +56,8 @@ const CONTRADICTED: f64 = 4.0;
 /// Twice the longest lag of a magnetometer on any recorder, 60 ms, seconds.
 const MOST_LAG_S: f64 = 0.12;
 
-/// Limits of the time between two samples, seconds. The lower one keeps quotients finite; the upper one keeps a pause from counting as
-/// hours of motion.
+/// Limits of the time between two samples, seconds. The lower one keeps quotients finite. After a longer pause, in which the gyro alone
+/// has carried the frame, the frame begins anew from the iron: a gyro bias known to 0.5°/s has then turned it by 5°.
 const SHORTEST_S: f64 = 1e-4;
 const LONGEST_S: f64 = 10.0;
 
@@ -197,7 +197,9 @@ impl Estimate {
         let previous = self.last.replace(*sample).unwrap_or(*sample);
         let input = self.input(sample, &previous);
         let period_s = input.period_s;
-        let lost = std::mem::take(&mut self.lost) || sample.pose.stretch != previous.pose.stretch;
+        let lost = std::mem::take(&mut self.lost)
+            || sample.pose.stretch != previous.pose.stretch
+            || sample.t_s - previous.t_s > LONGEST_S;
         if lost {
             self.visit = VisitWatch::default();
             self.gyro.lose_frame();
@@ -285,6 +287,8 @@ impl Estimate {
                 });
             }
         }
+        // The iron of another filter has not moved.
+        self.iron = IronWatch::default();
         self.lose_frame();
     }
 

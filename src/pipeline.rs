@@ -155,14 +155,8 @@ pub struct Pipeline {
 impl Pipeline {
     /// A pipeline that starts with this calibration, or with none.
     pub fn new(setup: Setup, calibration: Option<Calibration>) -> Self {
-        let mut intake = Intake::new(&setup);
-        if let Some(bias_deg_s) = calibration.and_then(|one| one.gyro_bias_deg_s) {
-            intake
-                .attitude
-                .expect_gyro_bias(bias_deg_s.map(f64::to_radians));
-        }
         Self {
-            intake,
+            intake: Intake::new(&setup, calibration.as_ref()),
             frozen_watch: FrozenWatch::default(),
             frozen: None,
             estimate: Estimate::new(setup.mountings.mag, calibration.as_ref()),
@@ -194,7 +188,10 @@ impl Pipeline {
     pub fn handle(&mut self, event: Event, actions: &mut Vec<Action>) {
         match event {
             Event::Reading(reading) => self.read(&reading, actions),
-            Event::NewStretch => self.begin_stretch(),
+            Event::NewStretch => {
+                let calibration = self.calibration();
+                self.begin_stretch(calibration.as_ref());
+            }
             Event::Silence(t_s) => {
                 if t_s > self.now_s {
                     self.now_s = t_s;

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::Setup;
 use super::saturation::{RunState, Saturation};
 use crate::attitude::{Attitude, Lateness, Tick};
+use crate::calibration::model::Calibration;
 use crate::outliers::Outliers;
 use crate::reading::{HELD_S, Reading};
 use crate::turn::{Turn, TurnDetector};
@@ -21,11 +22,12 @@ pub(super) struct Intake {
 }
 
 impl Intake {
-    pub(super) fn new(setup: &Setup) -> Self {
+    /// With a calibration, the gyro is expected to have the bias that goes with it.
+    pub(super) fn new(setup: &Setup, calibration: Option<&Calibration>) -> Self {
         Self {
             outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
             saturation: Saturation::new(&setup.mountings),
-            attitude: Attitude::new(&setup.attitude, &setup.mountings),
+            attitude: new_attitude(setup, calibration),
             turns: TurnDetector::new(&setup.turn),
             newest: None,
             late: Lateness::default(),
@@ -61,10 +63,10 @@ impl Intake {
         Some(t_s - self.late.take(t_s))
     }
 
-    /// Forgets all motion: the times that follow have nothing to do with those before.
-    pub(super) fn begin_stretch(&mut self, setup: &Setup) {
+    /// Forgets all motion: the times that follow have nothing to do with those before. The gyro keeps the bias of this calibration.
+    pub(super) fn begin_stretch(&mut self, setup: &Setup, calibration: Option<&Calibration>) {
         self.saturation.begin_stretch();
-        self.attitude = Attitude::new(&setup.attitude, &setup.mountings);
+        self.attitude = new_attitude(setup, calibration);
         self.turns = TurnDetector::new(&setup.turn);
         self.newest = None;
         self.late = Lateness::default();
@@ -74,4 +76,12 @@ impl Intake {
     pub(super) fn dropped(&self) -> u64 {
         self.outliers.dropped()
     }
+}
+
+fn new_attitude(setup: &Setup, calibration: Option<&Calibration>) -> Attitude {
+    let mut attitude = Attitude::new(&setup.attitude, &setup.mountings);
+    if let Some(bias_deg_s) = calibration.and_then(|one| one.gyro_bias_deg_s) {
+        attitude.expect_gyro_bias(bias_deg_s.map(f64::to_radians));
+    }
+    attitude
 }

@@ -30,7 +30,7 @@ impl Pipeline {
         self.intake.saturation = Saturation::new(&mountings);
         self.discard_outcome();
         self.forget_estimate(calibration);
-        self.begin_stretch();
+        self.begin_stretch(calibration.as_ref());
         // Otherwise the accelerometer would count as silent until its next reading.
         self.intake.attitude.take(&last_force, |_| {});
     }

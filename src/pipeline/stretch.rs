@@ -1,12 +1,13 @@
 //! A new stretch of readings, whose times have nothing to do with those before.
 
 use super::Pipeline;
+use crate::calibration::model::Calibration;
 
 impl Pipeline {
     /// Forgets all motion, and whatever is remembered by its time. Calibration, policy and the verdict on the last turn
-    /// stay, and so does a calibration that is under way.
-    pub(super) fn begin_stretch(&mut self) {
-        self.intake.begin_stretch(&self.setup);
+    /// stay, and so do a calibration that is under way and the gyro's bias, which goes with the active calibration.
+    pub(super) fn begin_stretch(&mut self, calibration: Option<&Calibration>) {
+        self.intake.begin_stretch(&self.setup, calibration);
         self.buffer.clear();
         self.completed.clear();
         self.forget_waiting_turns();

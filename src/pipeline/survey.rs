@@ -52,7 +52,7 @@ impl Survey {
     pub fn new(setup: Setup, plane: Option<[usize; 2]>) -> Self {
         let motion_counts = plane.is_none() && setup.calibration.window != WindowChoice::All;
         Self {
-            intake: Intake::new(&setup),
+            intake: Intake::new(&setup, None),
             motion: motion_counts.then(|| Pipeline::new(setup.clone(), None)),
             setup,
             plane,

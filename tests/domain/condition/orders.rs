@@ -374,6 +374,47 @@ fn a_restart_begins_with_the_gyros_bias_of_before() {
 }
 
 #[test]
+fn a_board_that_is_mounted_otherwise_keeps_its_gyros_bias() {
+    let mut board = Board::new(Some(spatial(0.0)));
+    board.gyro = |rate| rate + Vector3::new(0.08, -0.02, 0.03);
+    for _ in 0..4 {
+        board.tumble();
+    }
+    board.tell(Event::Mounted(Box::default()));
+    for _ in 0..20 {
+        board.turn(6.0);
+        if let Some(error_deg) = board.error_deg() {
+            assert!(error_deg.abs() < 3.0, "{error_deg}");
+        }
+    }
+    assert!(board.error_deg().is_some());
+}
+
+/// While an axis overflows, the frame drifts with the gyro's bias. The heading comes from the iron again.
+#[test]
+fn after_minutes_without_a_field_the_gyros_drift_does_not_count() {
+    let mut board = Board::new(Some(spatial(0.0)));
+    for _ in 0..4 {
+        board.tumble();
+    }
+    board.overflow = true;
+    // 0.3°/s: 36° in this time.
+    board.gyro = |rate| rate + Vector3::z() * 0.0052;
+    for _ in 0..20 {
+        board.turn(180.0);
+        board.turn(-180.0);
+    }
+    board.overflow = false;
+    board.turn(90.0);
+    let heading = board.heading.as_ref().unwrap();
+    let (error_deg, sd_deg) = (board.error_deg().unwrap(), heading.sd_deg.unwrap());
+    assert!(
+        error_deg.abs() < 3.0 && sd_deg < 6.0,
+        "{error_deg} ± {sd_deg}"
+    );
+}
+
+#[test]
 fn without_a_gyro_a_kept_calibration_gives_the_headings_of_single_samples() {
     for calibration in [planar(0.0), spatial(0.0)] {
         let mut board = Board::new(Some(calibration));
