@@ -53,19 +53,11 @@ impl Board {
                 continue;
             }
             board.samples.push(Sample {
-                lag_s: 0.0,
-                force_m_s2: None,
                 t_s: reading.t_s,
                 field_mgauss,
-                pose: motion.pose,
-                rate_rad_s: motion.rate_rad_s,
-                turned_rad: motion.turned_rad,
-                gyro_bias: board.attitude.gyro_bias(),
-                tilt_error: board.attitude.tilt_error(),
-                gyro_constant_s: board.attitude.gyro_constant_s(),
-                at_rest: board.attitude.at_rest(),
-                still: board.attitude.still(),
-                hidden_rate_sd_rad_s: board.attitude.hidden_rate_sd_rad_s(reading.t_s),
+                lag_s: 0.0,
+                motion,
+                board: board.attitude.state(reading.t_s),
             });
         }
         board
@@ -76,7 +68,7 @@ impl Board {
         let mut estimate = Estimate::new(Default::default(), None);
         for sample in black_box(&self.samples) {
             estimate.take(sample);
-            black_box(estimate.fix(&sample.pose, 0.0));
+            black_box(estimate.fix(&sample.motion.pose, 0.0));
         }
         estimate
     }

@@ -4,9 +4,9 @@
 //!
 //! | whether the board moves | by | for |
 //! |---|---|---|
-//! | [`Attitude::still`] | gyro and accelerometer, over half a second | what moves then is the field, not the board |
-//! | [`Attitude::at_rest`] | gyro and accelerometer over 1.5 s (VQF), and the raw field over ten | the gyro reads its bias |
-//! | [`Attitude::hidden_rate_sd_rad_s`] | the raw field, over up to 20 s | how fast a still board may turn all the same |
+//! | [`BoardState::still`] | gyro and accelerometer, over half a second | what moves then is the field, not the board |
+//! | [`BoardState::at_rest`] | gyro and accelerometer over 1.5 s (VQF), and the raw field over ten | the gyro reads its bias |
+//! | [`BoardState::hidden_rate_sd_rad_s`] | the raw field, over up to 20 s | how fast a still board may turn all the same |
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -108,6 +108,26 @@ pub struct TiltError {
     pub whole_sd_rad: f64,
     /// The same without what `by_bias` stands for.
     pub sd_rad: f64,
+}
+
+/// What the readings of one instant say of the board and of the gyro, beside pose and rate.
+#[derive(Clone, Copy, Debug)]
+pub struct BoardState {
+    /// Whether the board is at rest, by gyro, accelerometer and field: the gyro's rate is its bias.
+    pub at_rest: bool,
+    /// Whether gyro and accelerometer have been quiet for half a second; a field that changes does not matter.
+    pub still: bool,
+    /// Standard deviation of the slow steady turn that a field at rest may still hide, rad/s; infinite until the field has
+    /// moved and come to rest.
+    pub hidden_rate_sd_rad_s: f64,
+    /// The gyro's bias as learnt so far.
+    pub gyro_bias: GyroBias,
+    /// What the tilt is off by.
+    pub tilt_error: TiltError,
+    /// For how long the gyro has read the same to the last bit, seconds, beyond the usual repetition of its readings.
+    pub gyro_constant_s: f64,
+    /// Specific force, body axes, m/s², low-passed over 0.2 s; `None` while the accelerometer is silent.
+    pub force_m_s2: Option<Vector3<f64>>,
 }
 
 settings! {
@@ -256,26 +276,23 @@ impl Attitude {
         self.filter.gravity.live(t_s)
     }
 
-    /// The gyro's bias as learnt so far.
-    pub fn gyro_bias(&self) -> GyroBias {
-        GyroBias {
-            rad_s: self.filter.bias(),
-            covariance: self.filter.errors.bias_covariance(),
+    /// The board's state at `t_s`, as of the last tick.
+    pub fn state(&self, t_s: f64) -> BoardState {
+        BoardState {
+            at_rest: self.filter.at_rest(),
+            still: self.still(),
+            hidden_rate_sd_rad_s: self.filter.field_motion.hidden_rate_sd_rad_s(t_s),
+            gyro_bias: GyroBias {
+                rad_s: self.filter.bias(),
+                covariance: self.filter.errors.bias_covariance(),
+            },
+            tilt_error: self.filter.tilt_error(),
+            gyro_constant_s: self.repetition.unusual_s(),
+            force_m_s2: self.filter.gravity.low_passed(t_s),
         }
     }
 
-    /// Whether the board was at rest at the last tick.
-    pub fn at_rest(&self) -> bool {
-        self.filter.at_rest()
-    }
-
-    /// Standard deviation of the slow steady turn that a field at rest may still hide, rad/s; infinite until the field has
-    /// moved and come to rest.
-    pub fn hidden_rate_sd_rad_s(&self, t_s: f64) -> f64 {
-        self.filter.field_motion.hidden_rate_sd_rad_s(t_s)
-    }
-
-    /// Whether gyro and accelerometer have been quiet for half a second; a field that changes does not matter.
+    /// See [`BoardState::still`].
     pub fn still(&self) -> bool {
         self.filter.stillness.still()
     }
@@ -283,21 +300,6 @@ impl Attitude {
     /// Rate of the last tick freed of its bias, body axes, rad/s.
     pub fn rate_rad_s(&self) -> Vector3<f64> {
         self.filter.rate_rad_s
-    }
-
-    /// What the tilt is off by now.
-    pub fn tilt_error(&self) -> TiltError {
-        self.filter.tilt_error()
-    }
-
-    /// Specific force, body axes, m/s², low-passed over 0.2 s; `None` while the accelerometer is silent.
-    pub fn low_passed_force_m_s2(&self, t_s: f64) -> Option<Vector3<f64>> {
-        self.filter.gravity.low_passed(t_s)
-    }
-
-    /// How long the gyro has read the same to the last bit, seconds, beyond the usual repetition of its readings.
-    pub fn gyro_constant_s(&self) -> f64 {
-        self.repetition.unusual_s()
     }
 
     /// Rotation, radians, that the gyro may have missed by `t_s`: since a jump of its rate, and since its newest reading, after which

@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::attitude::{GyroBias, Pose, TiltError};
+use crate::attitude::{BoardMotion, BoardState, GyroBias};
 use crate::calibration::model::Calibration;
 use crate::frame::Mounting;
 use crate::true_north::EarthField;
@@ -68,28 +68,12 @@ pub struct Sample {
     pub t_s: f64,
     /// Raw field, magnetometer chip axes, milligauss.
     pub field_mgauss: Vector3<f64>,
-    /// Lag of the magnetometer for which pose, rate and turn are already corrected, seconds.
+    /// Lag of the magnetometer for which the motion is already corrected, seconds.
     pub lag_s: f64,
-    /// The board's pose when the magnetometer measured.
-    pub pose: Pose,
-    /// Angular rate freed of the gyro's bias, body axes, rad/s.
-    pub rate_rad_s: Vector3<f64>,
-    /// Integral of that rate since a fixed time, radians.
-    pub turned_rad: Vector3<f64>,
-    /// The bias that was subtracted.
-    pub gyro_bias: GyroBias,
-    /// What the tilt is off by.
-    pub tilt_error: TiltError,
-    /// For how long the gyro has read the same to the last bit, seconds.
-    pub gyro_constant_s: f64,
-    /// Specific force, body axes, m/s²; `None` without an accelerometer.
-    pub force_m_s2: Option<Vector3<f64>>,
-    /// At rest by gyro, accelerometer and field.
-    pub at_rest: bool,
-    /// Still by gyro and accelerometer.
-    pub still: bool,
-    /// See [`crate::attitude::Attitude::hidden_rate_sd_rad_s`].
-    pub hidden_rate_sd_rad_s: f64,
+    /// How the board lay and turned when the magnetometer measured.
+    pub motion: BoardMotion,
+    /// The board's state when the sample came.
+    pub board: BoardState,
 }
 
 /// A heading and its deviation.
@@ -198,7 +182,7 @@ impl Estimate {
         let input = self.input(sample, &previous);
         let period_s = input.period_s;
         let lost = std::mem::take(&mut self.lost)
-            || sample.pose.stretch != previous.pose.stretch
+            || sample.motion.pose.stretch != previous.motion.pose.stretch
             || sample.t_s - previous.t_s > LONGEST_S;
         if lost {
             self.visit = VisitWatch::default();
@@ -210,7 +194,11 @@ impl Estimate {
         let right = self.gyro.take(&input, checked, iron_open);
         let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
         // At rest the filters read the bias themselves.
-        self.learn_of_gyro_bias(sample, period_s, unbroken && !at_fault && !sample.still);
+        self.learn_of_gyro_bias(
+            sample,
+            period_s,
+            unbroken && !at_fault && !sample.board.still,
+        );
         if at_fault {
             return self.follow_gyro_fault(&input, lost);
         }
@@ -220,12 +208,12 @@ impl Estimate {
         }
         let blocked = lost || self.frozen || self.rival.is_some();
         self.trial.follow(&input, &self.active, blocked);
-        let down = sample.pose.orientation * Vector3::z();
+        let down = sample.motion.pose.orientation * Vector3::z();
         self.level.take(down, lost, period_s);
         if right && !self.disturbed() {
             self.proven = Some(self.active.clone());
         }
-        if !sample.still {
+        if !sample.board.still {
             if let Some(place) = &mut self.place {
                 self.news = place.weigh(&self.active, period_s).or(self.news.take());
             }
@@ -244,7 +232,7 @@ impl Estimate {
 
     /// Tells the filters how the attitude's gyro bias has changed. If that was `measured`, those that follow the samples learn from it.
     fn learn_of_gyro_bias(&mut self, sample: &Sample, period_s: f64, measured: bool) {
-        let after = sample.gyro_bias;
+        let after = sample.board.gyro_bias;
         let before = self.gyro_bias.replace(after).unwrap_or(after);
         self.bias_age_s += period_s;
         let learnt = BiasLearnt::between(&before, &after, self.bias_age_s, measured);
@@ -272,7 +260,11 @@ impl Estimate {
                 let filter = &mut suspended.filter;
                 let known = filter.iron_known_within(filter.strength_mgauss());
                 filter.follow(input, lost, self.frozen || known);
-                suspended.moved_s += if input.still { 0.0 } else { input.period_s };
+                suspended.moved_s += if input.board.still {
+                    0.0
+                } else {
+                    input.period_s
+                };
                 self.suspended = Some(suspended);
                 return;
             }
@@ -295,26 +287,22 @@ impl Estimate {
     /// Whether anything is known, by motion or by a calibration. A suspended filter counts while it may come back.
     pub fn knows(&self) -> bool {
         let may_come_back = (self.suspended.as_ref())
-            .is_some_and(|one| one.filter.begun() && one.moved_s < FALSE_ALARM_S);
-        may_come_back || self.active.begun() || self.kept.is_some()
+            .is_some_and(|one| one.filter.begun && one.moved_s < FALSE_ALARM_S);
+        may_come_back || self.active.begun || self.kept.is_some()
     }
 
     /// Makes the filters' input from a sample and the one before it. The first sample is its own predecessor.
     fn input(&self, sample: &Sample, before: &Sample) -> Input {
+        let motion = &sample.motion;
         Input {
-            to_frame: sample.pose.orientation.to_rotation_matrix().into_inner(),
-            vertical_known: sample.pose.vertical_known,
-            rate_rad_s: sample.rate_rad_s,
+            to_frame: motion.pose.orientation.to_rotation_matrix().into_inner(),
+            vertical_known: motion.pose.vertical_known,
+            rate_rad_s: motion.rate_rad_s,
             field_mgauss: self.mounting.to_body(sample.field_mgauss),
-            turned_rad: sample.turned_rad - before.turned_rad,
+            turned_rad: motion.turned_rad - before.motion.turned_rad,
             period_s: (sample.t_s - before.t_s).clamp(SHORTEST_S, LONGEST_S),
             lag_s: sample.lag_s,
-            tilt_error: sample.tilt_error,
-            gyro_constant_s: sample.gyro_constant_s,
-            force_m_s2: sample.force_m_s2,
-            at_rest: sample.at_rest,
-            still: sample.still,
-            hidden_rate_sd_rad_s: sample.hidden_rate_sd_rad_s,
+            board: sample.board,
         }
     }
 
@@ -339,7 +327,7 @@ impl Estimate {
     /// Takes the result of a full turn. If it knows the hard iron better, it is active from now on and what was known
     /// becomes its rival, else the other way round. Whether the turn's result is active.
     pub fn adopt_turn(&mut self, calibration: &Calibration, sample: Option<&Sample>) -> bool {
-        let Some(sample) = sample.filter(|_| self.active.begun()) else {
+        let Some(sample) = sample.filter(|_| self.active.begun) else {
             let frozen = self.frozen;
             self.restart(self.mounting, Some(calibration));
             self.frozen = frozen;
@@ -380,7 +368,7 @@ impl Estimate {
 
     /// The kept calibration, until the active filter has begun. If it has a covariance, the filter knows from the start what it says.
     fn kept_alone(&self) -> Option<&Calibration> {
-        let filter_knows = |kept: &&Calibration| self.active.begun() || kept.covariance.is_some();
+        let filter_knows = |kept: &&Calibration| self.active.begun || kept.covariance.is_some();
         self.kept.as_ref().filter(|kept| !filter_knows(kept))
     }
 
@@ -397,7 +385,7 @@ impl Estimate {
     /// Expected strength of the corrected field, milligauss.
     pub fn strength_mgauss(&self) -> f64 {
         match &self.kept {
-            Some(kept) if !self.active.begun() => kept.strength_mgauss,
+            Some(kept) if !self.active.begun => kept.strength_mgauss,
             _ => self.active.strength_mgauss(),
         }
     }
@@ -414,9 +402,9 @@ impl Estimate {
 
     /// Whether the field here is not the earth's, or the samples are not as the estimate expects them.
     pub fn disturbed(&self) -> bool {
-        self.active.begun()
+        self.active.begun
             && (self.active.disturbed()
-                || self.active.consistency() >= CONTRADICTED
+                || self.active.consistency >= CONTRADICTED
                 || self.iron.moved())
     }
 

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
+use nalgebra::{Matrix3, Rotation3, SVector, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// How a chip's axes lie in the body frame: `body = matrix · chip`.
@@ -204,6 +204,11 @@ pub fn wrap_pi(angle_rad: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
     // For an angle just above π, rem_euclid rounds up to TAU itself.
     PI - (PI - angle_rad).rem_euclid(TAU) % TAU
+}
+
+/// A matrix's entries, row by row.
+pub fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
+    SVector::from_column_slice(matrix.transpose().as_slice())
 }
 
 /// Length of (x, y). The C library's `hypot` rounds differently from one processor to another, and a replay shall give the same

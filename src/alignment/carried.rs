@@ -1,7 +1,8 @@
 //! What the gyro says of a motion, and what a vector sensor says in the frame that the gyro carries along.
 
-use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, Vector3};
 
+use crate::frame::rows;
 use crate::reading::Reading;
 
 /// A gyro that is silent for longer has left a gap, seconds.
@@ -24,11 +25,6 @@ impl Linear {
     pub(super) fn at(&self, matrix: &Matrix3<f64>, offset: &Vector3<f64>) -> Vector3<f64> {
         self.by_matrix * rows(matrix) - self.by_offset * offset
     }
-}
-
-/// A matrix row by row.
-pub(super) fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
-    SVector::from_column_slice(matrix.transpose().as_slice())
 }
 
 /// The gyro's account of a motion, with this bias taken out, gyro axes: one knot a reading.

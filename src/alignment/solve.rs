@@ -9,7 +9,8 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::carried::{Knot, KnotPair, Linear, rows};
+use super::carried::{Knot, KnotPair, Linear};
+use crate::frame::rows;
 
 /// Deviation of M from three signed axes, entry by entry: 6° of rotation, 10 % of scale and soft iron.
 const ENTRY: f64 = 0.1;

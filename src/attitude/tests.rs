@@ -32,8 +32,12 @@ fn a_bias_of_5_deg_s_is_learnt_at_rest_within_seconds() {
         };
         board.rest(6.0);
         let (attitude, _) = run(&board);
-        assert!(attitude.at_rest());
-        let learnt = attitude.gyro_bias().rad_s.map(f64::to_degrees);
+        assert!(attitude.state(board.t_s).at_rest);
+        let learnt = attitude
+            .state(board.t_s)
+            .gyro_bias
+            .rad_s
+            .map(f64::to_degrees);
         let error = (learnt - board.gyro_bias_deg_s).norm();
         assert!(error < 0.15, "accel {accel}: {error}");
     }
@@ -57,8 +61,12 @@ fn a_slow_steady_turn_is_motion_not_bias() {
             }
             board.turn(-Vector3::z(), 60.0, deg_s);
             let (attitude, _) = run(&board);
-            assert!(!attitude.at_rest());
-            let learnt = attitude.gyro_bias().rad_s.map(f64::to_degrees);
+            assert!(!attitude.state(board.t_s).at_rest);
+            let learnt = attitude
+                .state(board.t_s)
+                .gyro_bias
+                .rad_s
+                .map(f64::to_degrees);
             let error = (learnt - board.gyro_bias_deg_s).norm();
             // At power-on nothing has told the bias yet; it must only not become the turn's rate.
             let limit = if start == "power-on" { 0.6 } else { 0.2 };
@@ -131,7 +139,7 @@ fn tilt_by_an_unknown_bias_is_small_and_part_of_its_deviation() {
             let up = board.attitude.inverse() * Vector3::z();
             let off_rad = (pose.orientation.inverse() * Vector3::z()).angle(&up);
             assert!(off_rad.to_degrees() < 3.5, "{start_deg} {off_rad}");
-            let share = off_rad / (attitude.tilt_error().whole_sd_rad * 2f64.sqrt());
+            let share = off_rad / (attitude.state(board.t_s).tilt_error.whole_sd_rad * 2f64.sqrt());
             assert!((0.65..1.3).contains(&share), "{start_deg} {share}");
         }
         assert!(compared > 10);
@@ -143,7 +151,7 @@ fn the_bias_tilts_the_frame_of_a_board_that_does_not_stay_upright() {
     let turned = |rate: fn(f64) -> Vector3<f64>| {
         let mut board = TestBoard::default();
         board.go(60.0, |_, t_s| rate(t_s));
-        run(&board).0.tilt_error()
+        run(&board).0.state(board.t_s).tilt_error
     };
     let upright = turned(|_| Vector3::z() * 0.5);
     assert_eq!(upright.by_bias, 0.0);

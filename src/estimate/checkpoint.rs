@@ -46,10 +46,10 @@ impl Estimate {
         };
         let meanwhile = self.input(&last, &kept.sample);
         let learnt = BiasLearnt::between(
-            &kept.sample.gyro_bias,
-            &last.gyro_bias,
+            &kept.sample.board.gyro_bias,
+            &last.board.gyro_bias,
             meanwhile.period_s,
-            !last.still,
+            !last.board.still,
         );
         let rival = kept.rival.as_mut().map(|rival| &mut rival.filter);
         for filter in [&mut kept.active].into_iter().chain(rival) {

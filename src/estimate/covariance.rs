@@ -7,8 +7,8 @@ use nalgebra::{Matrix2x3, Matrix3, SMatrix, Vector3};
 pub(super) const H: usize = 0;
 pub(super) const E: usize = 3;
 pub(super) const B: usize = 5;
-pub(super) const M: usize = 8;
-pub(super) const D: usize = 11;
+pub(super) const D: usize = 8;
+pub(super) const M: usize = 17;
 pub(super) const T: usize = 20;
 pub(super) const G: usize = 21;
 pub(super) const S: usize = 24;
@@ -22,7 +22,7 @@ pub(super) type Covariance = SMatrix<f64, N, N>;
 const MOVING: [usize; 11] = [H, H + 1, H + 2, E, E + 1, M, M + 1, M + 2, Q, Q + 1, Q + 2];
 /// All others: b, D, T, G and S.
 const LASTING: [usize; N - 11] = [
-    5, 6, 7, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26,
+    5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 20, 21, 22, 23, 24, 25, 26,
 ];
 
 /// What a step of time does to the states.

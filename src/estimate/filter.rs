@@ -12,12 +12,12 @@
 //! | h | field in the frame, milligauss; its azimuth is north | the gyro's errors, which turn the frame; a slow walk |
 //! | ε | tilt error of the frame, two angles, radians | acceleration and the gyro's bias; fades with the time constant of the tilt |
 //! | b | hard iron, body axes, milligauss | a slow walk, and by turning |
-//! | m | unevenness of the field here, in the frame, milligauss | forgotten by turning and moving, and slowly at rest |
-//! | q | offset of the place as a whole, in the frame, milligauss | forgotten in `PLACE_LASTS_S` of motion, kept at rest |
 //! | D | soft iron, scale factors and rotation between the chips; trace held at 3; the state has D − I, row by row | turning |
+//! | m | unevenness of the field here, in the frame, milligauss | forgotten by turning and moving, and slowly at rest |
 //! | T | lag of the magnetometer behind the gyro, seconds | nothing |
 //! | G | what is left of the gyro's bias, body axes, rad/s | what the attitude takes out of the rates; a slow walk |
 //! | S | scale error of each axis of the gyro | nothing |
+//! | q | offset of the place as a whole, in the frame, milligauss | forgotten in `PLACE_LASTS_S` of motion, kept at rest |
 //!
 //! The trace of D is held since only the product of D and h can be seen.
 //!
@@ -25,11 +25,13 @@
 //! `filter/measured.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and at rest,
 //! `filter/rest.rs` tells a board at rest from one that swings, and `filter/known.rs` answers what is known.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix3, SVector, Vector3};
 
-use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T};
+use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T, subtract};
 use super::prior::{FIELD_MGAUSS, Measured, Prior, USUAL_UNEVENNESS};
-use crate::attitude::TiltError;
+use crate::attitude::BoardState;
+#[cfg(test)]
+use crate::attitude::{GyroBias, TiltError};
 use correct::LEAST_NOISE_MGAUSS;
 use rest::RestWatch;
 
@@ -84,30 +86,20 @@ pub(super) struct Input {
     pub(super) period_s: f64,
     /// Lag for which frame, rate and turn are already corrected, seconds.
     pub(super) lag_s: f64,
-    /// What the tilt is off by.
-    pub(super) tilt_error: TiltError,
-    /// For how long the gyro has read the same to the last bit, seconds.
-    pub(super) gyro_constant_s: f64,
-    /// Specific force, body axes, m/s².
-    pub(super) force_m_s2: Option<Vector3<f64>>,
-    /// The board is at rest, by gyro, accelerometer and field: the gyro's rate is its bias.
-    pub(super) at_rest: bool,
-    /// The board does not move, by gyro and accelerometer.
-    pub(super) still: bool,
-    /// See [`crate::attitude::Attitude::hidden_rate_sd_rad_s`].
-    pub(super) hidden_rate_sd_rad_s: f64,
+    /// The board's state.
+    pub(super) board: BoardState,
 }
 
 impl Input {
     /// Whether both detectors see rest. `still` ends sooner when the board begins to move.
     fn rests(&self) -> bool {
-        self.at_rest && self.still
+        self.board.at_rest && self.board.still
     }
 
     /// Angular rate of the board, body axes, rad/s; 0 while it is still. The gyro then reads only noise, which is in `to_frame` too:
     /// the correlation would bias the lag.
     fn turning(&self) -> Vector3<f64> {
-        if self.still {
+        if self.board.still {
             Vector3::zeros()
         } else {
             self.rate_rad_s
@@ -121,12 +113,13 @@ pub(super) struct Filter {
     x: State,
     p: Covariance,
     /// Whether the state has begun.
-    begun: bool,
+    pub(super) begun: bool,
     /// Whether it starts from a calibration.
     calibrated: bool,
     /// Orientation at the first sample, body to frame.
     first_attitude: Option<Matrix3<f64>>,
-    vertical_known: bool,
+    /// Whether the frame's Z is known to point up.
+    pub(super) vertical_known: bool,
     /// Root mean square of what the field's strength may be, milligauss: √(|h|² + tr P_h), at most |h| or the strongest field on earth,
     /// whichever is larger.
     strength_rms_mgauss: f64,
@@ -143,16 +136,17 @@ pub(super) struct Filter {
     /// In the frame, milligauss: the sum of recent jumps of the field, and the innovation of an odd sample that was rejected.
     jumps_mgauss: Vector3<f64>,
     odd_mgauss: Vector3<f64>,
-    still: bool,
+    /// Whether the board did not move at the last sample, by gyro and accelerometer.
+    pub(super) still: bool,
     rest: RestWatch,
     /// What the field has told of the gyro's bias on each axis since the board came to lie still: information, (rad/s)⁻².
     still_information: f64,
     /// Orientation when the board last moved or swung, body to frame.
     last_attitude: Matrix3<f64>,
-    /// Sum of the log-likelihoods of the samples taken.
-    log_likelihood: f64,
-    /// Mean normalised innovation squared for each degree of freedom, over 2 s.
-    consistency: f64,
+    /// Sum of the log-likelihoods of the samples taken, but for the constant that each has.
+    pub(super) log_likelihood: f64,
+    /// Mean normalised innovation squared for each degree of freedom, over 2 s; 1 where all is as expected.
+    pub(super) consistency: f64,
 }
 
 impl Filter {
@@ -209,7 +203,8 @@ impl Filter {
             log_likelihood: 0.0,
             consistency: 1.0,
         };
-        filter.put_parameter_covariance(&prior.covariance);
+        let mut parameters = filter.p.fixed_view_mut::<12, 12>(B, B);
+        parameters.copy_from(&prior.covariance);
         filter
     }
 
@@ -237,13 +232,13 @@ impl Filter {
     fn take(&mut self, input: &Input, frozen: bool) {
         if input.rests() {
             self.learn_bias_at_rest(input, frozen);
-        } else if input.still {
+        } else if input.board.still {
             self.rest.interrupt();
             self.learn_bias_of_still_board(input, frozen);
         } else {
             self.rest = RestWatch::default();
             // A touch that leaves the field as it is begins nothing anew.
-            let information = input.hidden_rate_sd_rad_s.powi(-2);
+            let information = input.board.hidden_rate_sd_rad_s.powi(-2);
             self.still_information = self.still_information.min(information);
         }
         if !self.begun && !self.begin(input) {
@@ -251,16 +246,16 @@ impl Filter {
         }
         let forgotten = self.predict(input);
         // A board that does not turn cannot tell iron from north: what changes then is the place or the frame.
-        self.correct(input, frozen || input.still);
+        self.correct(input, frozen || input.board.still);
         self.measure_unevenness(input, forgotten, frozen);
     }
 
-    fn put_parameter_covariance(&mut self, covariance: &SMatrix<f64, 12, 12>) {
-        for row in 0..12 {
-            for column in 0..12 {
-                self.p[(parameter(row), parameter(column))] = covariance[(row, column)];
-            }
-        }
+    /// Corrects the state by a number that differs by `innovation` from what was expected: its covariance with the state is `cross`, and
+    /// its own variance, noise and all, `variance`.
+    fn measure(&mut self, innovation: f64, cross: &State, variance: f64) {
+        let gain = cross / variance;
+        self.x += gain * innovation;
+        subtract(&mut self.p, &gain, cross);
     }
 
     fn vector(&self, at: usize) -> Vector3<f64> {
@@ -286,11 +281,6 @@ impl Filter {
     }
 }
 
-/// Where a parameter, of b or of D row by row, is in the state.
-fn parameter(index: usize) -> usize {
-    if index < 3 { B + index } else { D + index - 3 }
-}
-
 #[cfg(test)]
 impl Input {
     /// A sample, 0.1 s after the one before, of a board that turns in this attitude.
@@ -307,17 +297,36 @@ impl Input {
             turned_rad: rate_rad_s * 0.1,
             period_s: 0.1,
             lag_s: 0.0,
-            tilt_error: TiltError {
-                tau_s: 2.0,
-                by_bias: 0.0,
-                whole_sd_rad: 0.01,
-                sd_rad: 0.01,
+            board: BoardState {
+                at_rest: false,
+                still: false,
+                hidden_rate_sd_rad_s: f64::INFINITY,
+                gyro_bias: GyroBias {
+                    rad_s: Vector3::zeros(),
+                    covariance: Matrix3::zeros(),
+                },
+                tilt_error: TiltError {
+                    tau_s: 2.0,
+                    by_bias: 0.0,
+                    whole_sd_rad: 0.01,
+                    sd_rad: 0.01,
+                },
+                gyro_constant_s: 0.0,
+                force_m_s2: None,
             },
-            gyro_constant_s: 0.0,
-            force_m_s2: None,
-            at_rest: false,
-            still: false,
-            hidden_rate_sd_rad_s: f64::INFINITY,
         }
+    }
+
+    /// The same of a board that is still, where a field at rest may hide a turn of this deviation, rad/s.
+    pub(super) fn still(mut self, hidden_rate_sd_rad_s: f64) -> Self {
+        self.board.still = true;
+        self.board.hidden_rate_sd_rad_s = hidden_rate_sd_rad_s;
+        self
+    }
+
+    /// The same of a board at rest.
+    pub(super) fn resting(mut self) -> Self {
+        self.board.at_rest = true;
+        self.still(f64::INFINITY)
     }
 }

@@ -30,7 +30,7 @@ impl Estimate {
     /// before the estimate has begun. The deviation covers the field and the tilt. On a moving board
     /// whose vertical is known it also covers the rotation, radians, that the gyro may have missed.
     pub fn fix(&self, pose: &Pose, missed_turn_rad: f64) -> Option<Fix> {
-        if !self.active.begun() {
+        if !self.active.begun {
             return None;
         }
         if !pose.vertical_known {
@@ -55,14 +55,14 @@ impl Estimate {
         let by_tilt = by_attitude.cross_matrix().transpose() * by_nose;
         let variance = north.variance(&by_field(&field), &by_tilt).max(0.0);
         // Innovations larger than expected: what is known is known less well than it seems.
-        let variance = variance * self.active.consistency().max(self.iron.excess());
+        let variance = variance * self.active.consistency.max(self.iron.excess());
         let sd = hypot(variance.sqrt(), self.doubt_rad(missed_turn_rad));
         Some(Fix::new(wrap_360(heading.to_degrees()), sd))
     }
 
     /// What the heading of a moving board may be off because the gyro is wrong and the field right, radians.
     fn doubt_rad(&self, missed_turn_rad: f64) -> f64 {
-        if self.active.still() {
+        if self.active.still {
             return 0.0;
         }
         let field = self.active.field();
@@ -124,7 +124,7 @@ impl Estimate {
 
     /// Deviation of north in the gyro's frame, degrees: that of every heading of a level board.
     pub fn north_sd_deg(&self) -> f64 {
-        if !self.active.begun() {
+        if !self.active.begun {
             return UNKNOWN_SD_DEG;
         }
         let slope = by_field(&self.active.field());

@@ -237,7 +237,7 @@ impl GyroCheck {
     /// Takes a sample, and what the filter knows. Whether the sample has shown the gyro to be right. While iron may just have come or gone
     /// (`iron_open`) only a gyro that repeats its reading is judged: that predicts no change, whatever the iron.
     pub(super) fn take(&mut self, input: &Input, filter: &Filter, iron_open: bool) -> bool {
-        let constant = input.gyro_constant_s > CONSTANT_S;
+        let constant = input.board.gyro_constant_s > CONSTANT_S;
         if constant != self.constant {
             self.constant = constant;
             self.field.sums = Sums::default();
@@ -245,13 +245,13 @@ impl GyroCheck {
         }
         let (turned_rad, dt) = (input.turned_rad, input.period_s);
         self.count_unseen(input);
-        let strength = if filter.begun() {
+        let strength = if filter.begun {
             filter.strength_mgauss().max(1.0)
         } else {
             FIELD_MGAUSS
         };
         let field = input.field_mgauss / strength;
-        let disturbed = filter.begun() && filter.disturbed();
+        let disturbed = filter.begun && filter.disturbed();
         if disturbed && !self.disturbed {
             self.scale.begin_anew();
         }
@@ -261,7 +261,7 @@ impl GyroCheck {
             self.scale.lose_moment();
         }
         let mut judge = self.scale.take(input, filter);
-        if let Some(force) = input.force_m_s2 {
+        if let Some(force) = input.board.force_m_s2 {
             let up = force / GRAVITY_M_S2;
             if self.gravity.moment.is_none() {
                 self.field_at_start = field;
@@ -280,7 +280,7 @@ impl GyroCheck {
         }
         // A gyro that repeats its reading is judged with unknown iron, too: a dead one predicts no change, whatever the iron.
         let known = constant || filter.iron_known_within(strength);
-        if filter.begun() && known {
+        if filter.begun && known {
             let matrix = filter.matrix();
             let Some(inverse) = matrix.try_inverse() else {
                 return false;
@@ -319,12 +319,12 @@ impl GyroCheck {
 
     /// A gyro that reads the same again and again does not see how the board turns.
     fn count_unseen(&mut self, input: &Input) {
-        if input.gyro_constant_s == 0.0 {
+        if input.board.gyro_constant_s == 0.0 {
             self.unseen_rad = 0.0;
             let share = (input.period_s / RATE_TAU_S).min(1.0);
             self.rate_rad_s += share * (input.rate_rad_s.norm() - self.rate_rad_s);
-        } else if !input.still {
-            self.unseen_rad = self.rate_rad_s * input.gyro_constant_s;
+        } else if !input.board.still {
+            self.unseen_rad = self.rate_rad_s * input.board.gyro_constant_s;
         }
     }
 

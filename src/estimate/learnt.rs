@@ -18,12 +18,12 @@ impl Estimate {
 
     /// What is left of the gyro's bias, body axes, rad/s, and its variance on each axis; `None` before the estimate has begun.
     pub fn gyro_bias(&self) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        self.active.begun().then(|| self.active.gyro_bias())
+        self.active.begun.then(|| self.active.gyro_bias())
     }
 
     /// What is known now, as a calibration to keep; `None` before the estimate has begun.
     pub fn calibration(&self) -> Option<Calibration> {
-        if !self.active.begun() {
+        if !self.active.begun {
             return None;
         }
         let to_chip = self.mounting.rotation().transpose();

@@ -94,7 +94,7 @@ impl PlaceEvidence {
 
     /// Compares it with what was learnt, `period_s` after the last time. A warning, once the contradiction lasts.
     pub(super) fn weigh(&mut self, filter: &Filter, period_s: f64) -> Option<String> {
-        if !filter.vertical_known() || filter.disturbed() {
+        if !filter.vertical_known || filter.disturbed() {
             return None;
         }
         let north = filter.north();

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::calibration::model::{Calibration, Model, Parameters};
-use crate::frame::Mounting;
+use crate::frame::{Mounting, rows};
 
 /// Strength of the earth's field where nothing else is known, that of northern mid-latitudes; anywhere it is 220 to 670 mG.
 pub(super) const FIELD_MGAUSS: f64 = 500.0;
@@ -214,12 +214,6 @@ impl Measured {
         }));
         all
     }
-}
-
-/// A matrix's entries, row by row.
-pub(super) fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
-    let by_rows = matrix.transpose();
-    SVector::from_column_slice(by_rows.as_slice())
 }
 
 /// Takes the trace out of D's entries, row by row: I − d dᵀ / 3, where d has the entries of the identity.

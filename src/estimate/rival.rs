@@ -62,7 +62,7 @@ impl Estimate {
             return;
         };
         rival.moved_s += period_s;
-        let ahead = rival.filter.log_likelihood() - self.active.log_likelihood();
+        let ahead = rival.filter.log_likelihood - self.active.log_likelihood;
         rival.lead += (ahead - rival.ahead).clamp(-MOST_A_SAMPLE, MOST_A_SAMPLE);
         rival.ahead = ahead;
         let lead = rival.lead;
@@ -80,7 +80,7 @@ impl Estimate {
 
     /// A disturbance that stays while the board moves may be iron on the board.
     pub(super) fn try_iron(&mut self, input: &Input) {
-        if self.rival.is_some() || self.frozen || !self.active.begun() {
+        if self.rival.is_some() || self.frozen || !self.active.begun {
             return;
         }
         let trial = &mut self.trial;
@@ -107,7 +107,7 @@ impl Estimate {
 
     pub(super) fn start_rival(&mut self, filter: Filter) {
         self.rival = Some(Rival {
-            ahead: filter.log_likelihood() - self.active.log_likelihood(),
+            ahead: filter.log_likelihood - self.active.log_likelihood,
             lead: 0.0,
             filter,
             moved_s: 0.0,

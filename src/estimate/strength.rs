@@ -14,7 +14,7 @@ impl Estimate {
         let raw = self.last.map_or(0.0, |last| last.field_mgauss.norm());
         let (strength, sd) = if raw > MOST_RAW_MGAUSS {
             (raw, 0.0)
-        } else if self.active.begun() {
+        } else if self.active.begun {
             let sd = self.active.field_covariance().trace().sqrt();
             (self.active.strength_mgauss(), sd)
         } else {

@@ -60,7 +60,7 @@ impl VisitWatch {
             rival: rival.cloned(),
         };
         let Some(rest) = &mut self.rest else {
-            let rests = input.still && active.begun() && !disturbed;
+            let rests = input.board.still && active.begun && !disturbed;
             self.rest = rests.then(|| {
                 Box::new(Rest {
                     before: now(),
@@ -101,7 +101,7 @@ impl Rest {
     /// Whether the board does not lie as it did.
     fn board_moved(&mut self, input: &Input) -> bool {
         let touched_s = self.touched_s + input.period_s;
-        self.touched_s = if input.still { 0.0 } else { touched_s };
+        self.touched_s = if input.board.still { 0.0 } else { touched_s };
         self.touched_s > TOUCH_S || angle_between_rad(&self.lay, &input.to_frame) > SWING_RAD
     }
 
@@ -120,6 +120,6 @@ impl Rest {
         let disturbance2 = (DISTURBED * filter.strength_mgauss()).powi(2);
         let certain = covariance.trace() * EXPECTED / 3.0 < disturbance2;
         let expected = |inverse: Matrix3<f64>| off.dot(&(inverse * *off)) < EXPECTED;
-        input.still && less && certain && covariance.try_inverse().is_some_and(expected)
+        input.board.still && less && certain && covariance.try_inverse().is_some_and(expected)
     }
 }

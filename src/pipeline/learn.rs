@@ -73,7 +73,7 @@ impl Pipeline {
 
     /// The gyro's bias, gyro chip axes; `None` while it is not known well.
     fn gyro_bias_deg_s(&self) -> Option<Vector3<f64>> {
-        let removed = self.sample.as_ref()?.gyro_bias.rad_s;
+        let removed = self.sample.as_ref()?.board.gyro_bias.rad_s;
         let (left, variance) = self.estimate.gyro_bias()?;
         let known = variance.max() < KNOWN_BIAS_RAD_S.powi(2);
         let chip = self.setup.mountings.gyro.to_chip(removed + left);

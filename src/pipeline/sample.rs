@@ -35,16 +35,8 @@ impl Pipeline {
             t_s: measured_s,
             field_mgauss: *raw,
             lag_s,
-            pose: motion.pose,
-            rate_rad_s: motion.rate_rad_s,
-            turned_rad: motion.turned_rad,
-            gyro_bias: self.intake.attitude.gyro_bias(),
-            tilt_error: self.intake.attitude.tilt_error(),
-            gyro_constant_s: self.intake.attitude.gyro_constant_s(),
-            force_m_s2: self.intake.attitude.low_passed_force_m_s2(t_s),
-            at_rest: self.intake.attitude.at_rest(),
-            still: self.intake.attitude.still(),
-            hidden_rate_sd_rad_s: self.intake.attitude.hidden_rate_sd_rad_s(t_s),
+            motion,
+            board: self.intake.attitude.state(t_s),
         };
         self.estimate
             .freeze(self.wanted().is_none() && self.learning.calibrated);

@@ -18,7 +18,7 @@ impl Filter {
 
     /// The same, linearised about the iron, the matrix and the lag of this state.
     fn restart_frame_about(&mut self, input: &Input, about: &State) {
-        self.still = input.still;
+        self.still = input.board.still;
         self.vertical_known = input.vertical_known;
         self.last_attitude = input.to_frame;
         if !self.begun {
@@ -40,7 +40,7 @@ impl Filter {
         self.restart(M, self.unevenness2);
         self.restart(Q, self.place2);
         for axis in 0..2 {
-            self.p[(E + axis, E + axis)] = input.tilt_error.whole_sd_rad.powi(2);
+            self.p[(E + axis, E + axis)] = input.board.tilt_error.whole_sd_rad.powi(2);
         }
         // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
@@ -162,14 +162,8 @@ mod tests {
         let mut filter = Filter::new(&Prior::of(&calibration, &Mounting::default()));
         let earth = Vector3::new(60.0, 190.0, -420.0);
         let to_frame = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
-        let resting = Input {
-            still: true,
-            ..Input::turning_at(
-                to_frame,
-                Vector3::zeros(),
-                spatial.matrix() * (to_frame.transpose() * earth) + iron,
-            )
-        };
+        let field = spatial.matrix() * (to_frame.transpose() * earth) + iron;
+        let resting = Input::turning_at(to_frame, Vector3::zeros(), field).still(f64::INFINITY);
         let mut known = || {
             filter.follow(&resting, false, false);
             let level = filter.field_covariance().fixed_view::<2, 2>(0, 0).trace();

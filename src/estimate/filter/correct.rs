@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::{FORGET_MOVING_S, Filter, Input, JITTER_S};
-use crate::estimate::covariance::{B, D, E, H, M, N, Q, S, Sensitivity, T, subtract};
+use crate::estimate::covariance::{B, D, E, G, H, M, N, Q, S, Sensitivity, T, subtract};
 use crate::estimate::prior::SCALE;
 
 /// Least white noise of a sample, milligauss; an HMC5883L's data sheet has 2.
@@ -67,10 +67,9 @@ impl HeldBack {
     fn shares(&self) -> SVector<f64, HELD> {
         SVector::from_fn(|index, _| {
             let share = match B + index {
-                B..M => self.iron,
-                M..D => 0.0,
-                D..T => self.matrix,
-                T => 0.0,
+                B..D => self.iron,
+                D..M => self.matrix,
+                M..G => 0.0,
                 _ => self.gyro_bias,
             };
             if share < LEAST_HELD { 0.0 } else { share }
@@ -86,13 +85,9 @@ fn share(one: f64, other: f64) -> f64 {
 impl Filter {
     /// Takes the sample in.
     pub(super) fn correct(&mut self, input: &Input, frozen: bool) {
-        let Input {
-            to_frame: r,
-            period_s: dt,
-            ..
-        } = *input;
+        let (r, dt) = (input.to_frame, input.period_s);
         let (predicted, innovation) = self.predicted(input);
-        let sensitivity = if input.still {
+        let sensitivity = if input.board.still {
             // At rest the Jacobian leaves out the estimates of unevenness, place and tilt error: they follow the innovation, and the correlation
             // would turn the field steadily, by 10° in some hours of a field that swells by 1 %.
             self.sensitivity(input, &self.vector(H), &Vector3::zeros())
@@ -115,7 +110,7 @@ impl Filter {
         };
         self.measure_noise(&innovation, dt);
         // At rest a large innovation means that the surroundings have changed; it does not test what is known.
-        if !input.still {
+        if !input.board.still {
             let now = (squared / 3.0).min(CONSISTENCY_MOST);
             self.consistency += (dt / CONSISTENCY_S).min(1.0) * (now - self.consistency);
         }
@@ -313,7 +308,7 @@ impl Filter {
         };
         self.unevenness2 += forgotten / lengths * (share2 - self.unevenness2);
         self.unevenness2 = self.unevenness2.max(LEAST_UNEVENNESS.powi(2));
-        if !input.still {
+        if !input.board.still {
             let here = self.unevenness2.min(MOST_PLACE.powi(2));
             self.mean_unevenness2 += forgotten / LENGTHS_DOWN * (here - self.mean_unevenness2);
             let ratio = self.mean_unevenness2 / self.place2;

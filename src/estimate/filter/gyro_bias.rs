@@ -109,7 +109,7 @@ impl Filter {
     /// Learns the gyro's bias of a still board that may turn slowly: no faster than its field hides, which is the less the longer the field
     /// has stood still. The turn is the same all the time, so that only what the field tells anew counts.
     pub(super) fn learn_bias_of_still_board(&mut self, input: &Input, frozen: bool) {
-        let information = input.hidden_rate_sd_rad_s.powi(-2);
+        let information = input.board.hidden_rate_sd_rad_s.powi(-2);
         let gained = information - self.still_information;
         if gained > 0.0 {
             self.still_information = information;
@@ -124,9 +124,7 @@ impl Filter {
             for axis in 0..3 {
                 let innovation = input.rate_rad_s[axis] - filter.x[G + axis];
                 let column: State = filter.p.column(G + axis).into();
-                let gain = column / (column[G + axis] + variance);
-                filter.x += gain * innovation;
-                subtract(&mut filter.p, &gain, &column);
+                filter.measure(innovation, &column, column[G + axis] + variance);
             }
         });
     }
@@ -162,11 +160,8 @@ mod tests {
             let parameters = |filter: &Filter| (filter.bias_mgauss(), filter.matrix());
             let before = parameters(&filter);
             for _ in 0..20 {
-                let resting = Input {
-                    at_rest: true,
-                    still: true,
-                    ..Input::turning_at(to_frame, gyro_bias, to_frame.transpose() * earth + iron)
-                };
+                let field = to_frame.transpose() * earth + iron;
+                let resting = Input::turning_at(to_frame, gyro_bias, field).resting();
                 filter.follow(&resting, false, frozen);
             }
             (before, parameters(&filter))
@@ -182,13 +177,10 @@ mod tests {
         let gyro_bias = Vector3::new(0.02, -0.01, 0.03);
         let mut filter = Filter::new(&Prior::unknown());
         let (_, variance) = filter.gyro_bias();
+        let sample = Input::turning_at(Matrix3::identity(), gyro_bias, Vector3::x() * 500.0);
+        let still = |hidden_rate_sd_rad_s| sample.still(hidden_rate_sd_rad_s);
         for hidden_rate_sd_rad_s in [0.02, 0.01, 0.01, 0.02] {
-            let still = Input {
-                still: true,
-                hidden_rate_sd_rad_s,
-                ..Input::turning_at(Matrix3::identity(), gyro_bias, Vector3::x() * 500.0)
-            };
-            filter.learn_bias_of_still_board(&still, false);
+            filter.learn_bias_of_still_board(&still(hidden_rate_sd_rad_s), false);
         }
         let (learnt, left) = filter.gyro_bias();
         let expected = variance.map(|variance| 1.0 / (1.0 / variance + 1.0 / 0.01f64.powi(2)));
@@ -203,12 +195,7 @@ mod tests {
         };
         let anew = BiasLearnt::between(&bias(0.001), &bias(0.05), 0.1, false);
         filter.learn_of_gyro_bias(&anew, false);
-        let still = Input {
-            still: true,
-            hidden_rate_sd_rad_s: 0.01,
-            ..Input::turning_at(Matrix3::identity(), gyro_bias, Vector3::x() * 500.0)
-        };
-        filter.learn_bias_of_still_board(&still, false);
+        filter.learn_bias_of_still_board(&still(0.01), false);
         let (_, left) = filter.gyro_bias();
         assert!(left.amax() < 0.01f64.powi(2), "{left}");
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SymmetricEigen, Vector3};
 
-use super::{DISTURBED, Filter, USUAL_UNEVENNESS, parameter};
+use super::{DISTURBED, Filter, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, T};
 use crate::frame::hypot;
 
@@ -25,11 +25,6 @@ impl Filter {
         (self.vector(G), variance)
     }
 
-    /// Whether a state has begun.
-    pub(in crate::estimate) fn begun(&self) -> bool {
-        self.begun
-    }
-
     /// The field in the frame, milligauss.
     pub(in crate::estimate) fn field(&self) -> Vector3<f64> {
         self.vector(H)
@@ -49,11 +44,6 @@ impl Filter {
             tilt_covariance: self.p.fixed_view::<2, 2>(E, E).into(),
             cross: self.p.fixed_view::<3, 2>(H, E).into(),
         }
-    }
-
-    /// Whether the frame's Z is known to point up.
-    pub(in crate::estimate) fn vertical_known(&self) -> bool {
-        self.vertical_known
     }
 
     /// Covariance of the field in the frame, milligauss².
@@ -83,7 +73,7 @@ impl Filter {
 
     /// Covariance of b and of D, row by row.
     pub(in crate::estimate) fn parameter_covariance(&self) -> SMatrix<f64, 12, 12> {
-        SMatrix::from_fn(|row, column| self.p[(parameter(row), parameter(column))])
+        self.p.fixed_view::<12, 12>(B, B).into()
     }
 
     /// Estimated strength of the field, milligauss.
@@ -118,11 +108,6 @@ impl Filter {
         self.odd.is_some()
     }
 
-    /// Whether the board did not move at the last sample, by gyro and accelerometer.
-    pub(in crate::estimate) fn still(&self) -> bool {
-        self.still
-    }
-
     /// The disturbance here, milligauss.
     pub(in crate::estimate) fn disturbance_mgauss(&self) -> f64 {
         self.vector(M).norm()
@@ -136,16 +121,6 @@ impl Filter {
     /// Recent jumps of the field and the innovation of a rejected sample, in the frame, milligauss.
     pub(in crate::estimate) fn missed_mgauss(&self) -> Vector3<f64> {
         self.jumps_mgauss + self.odd_mgauss
-    }
-
-    /// Sum of the log-likelihoods of the samples taken, but for the constant that each has.
-    pub(in crate::estimate) fn log_likelihood(&self) -> f64 {
-        self.log_likelihood
-    }
-
-    /// Mean normalised innovation squared for each degree of freedom; 1 where all is as expected.
-    pub(in crate::estimate) fn consistency(&self) -> f64 {
-        self.consistency
     }
 
     /// The least known direction of the hard iron, body axes: turning about an axis across it would teach most.

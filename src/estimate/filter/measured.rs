@@ -1,7 +1,7 @@
 //! Puts the result of a full turn into the filter.
 
-use super::{Filter, Input, State, USUAL_UNEVENNESS, parameter};
-use crate::estimate::covariance::{D, H, subtract};
+use super::{Filter, Input, State, USUAL_UNEVENNESS};
+use crate::estimate::covariance::{B, D, H};
 use crate::estimate::prior::Measured;
 
 impl Filter {
@@ -10,12 +10,8 @@ impl Filter {
     pub(in crate::estimate) fn replace(&mut self, measured: &[Measured], input: &Input) {
         for one in measured {
             let weights = one.weights();
-            for row in 0..12 {
-                for column in 0..12 {
-                    let at = (parameter(row), parameter(column));
-                    self.p[at] += one.inflation * weights[row] * weights[column];
-                }
-            }
+            let mut parameters = self.p.fixed_view_mut::<12, 12>(B, B);
+            parameters += weights * weights.transpose() * one.inflation;
         }
         // The turn was accepted, so the field was even all the way round.
         for variance in [
@@ -37,10 +33,9 @@ impl Filter {
 
     fn jacobian_of(&self, measured: &Measured) -> State {
         let mut jacobian = State::zeros();
-        let weights = measured.weights();
-        for index in 0..12 {
-            jacobian[parameter(index)] = weights[index];
-        }
+        jacobian
+            .fixed_rows_mut::<12>(B)
+            .copy_from(&measured.weights());
         jacobian[H + 2] = measured.up;
         if let Some(across) = measured.across {
             // The turn was level: the normal of its plane is vertical. Body Z points down where the frame's Z points up.
@@ -66,8 +61,7 @@ impl Filter {
         let jacobian = self.jacobian_of(measured);
         let predicted = jacobian.dot(&self.x);
         let cross = self.p * jacobian;
-        let gain = cross / (jacobian.dot(&cross) + measured.variance);
-        self.x += gain * (measured.value - predicted);
-        subtract(&mut self.p, &gain, &cross);
+        let variance = jacobian.dot(&cross) + measured.variance;
+        self.measure(measured.value - predicted, &cross, variance);
     }
 }

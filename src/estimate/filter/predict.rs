@@ -48,14 +48,9 @@ const FIELD_SHARE: f64 = 0.003;
 impl Filter {
     /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten.
     pub(super) fn predict(&mut self, input: &Input) -> f64 {
-        self.still = input.still;
+        self.still = input.board.still;
         self.vertical_known = input.vertical_known;
-        let Input {
-            to_frame: r,
-            period_s: dt,
-            still,
-            ..
-        } = *input;
+        let (r, dt, still) = (input.to_frame, input.period_s, input.board.still);
         let h = self.vector(H);
         let strength2 = h.norm_squared() + self.trace(H, 3);
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
@@ -84,8 +79,9 @@ impl Filter {
                 FORGET_MOVING_S
             };
         let kept = (-length).exp();
-        let tilt_kept = (-dt / input.tilt_error.tau_s).exp();
-        let tilt_s = input.tilt_error.tau_s * (1.0 - tilt_kept) * input.tilt_error.by_bias;
+        let tilt_kept = (-dt / input.board.tilt_error.tau_s).exp();
+        let tilt_s =
+            input.board.tilt_error.tau_s * (1.0 - tilt_kept) * input.board.tilt_error.by_bias;
         let tilt_by_bias = r.fixed_rows::<2>(0) * tilt_s;
         let place_kept = if still {
             1.0
@@ -119,7 +115,7 @@ impl Filter {
         }
         for axis in 0..2 {
             self.p[(E + axis, E + axis)] +=
-                (1.0 - tilt_kept * tilt_kept) * input.tilt_error.sd_rad.powi(2);
+                (1.0 - tilt_kept * tilt_kept) * input.board.tilt_error.sd_rad.powi(2);
         }
         let mut field = self.p.fixed_view_mut::<3, 3>(H, H);
         field += noise;
@@ -137,7 +133,7 @@ impl Filter {
         noise_share: f64,
     ) -> Matrix3<f64> {
         let dt = input.period_s;
-        let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.still { 0.1 } else { 1.0 }
+        let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.board.still { 0.1 } else { 1.0 }
             + GYRO_CROSS.powi(2) * turned_rad;
         let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
         let bias = bias * (1.0 - noise_share).powi(2);
@@ -170,9 +166,9 @@ impl Filter {
         let rate = input.turning().norm();
         let turned = 1.0 - (-2.0 * (rate - 0.05).max(0.0) * dt / FORGET_RAD).exp();
         let moved_iron = unusual * turned * strength2;
-        let by_tilt2 = BY_TILT * input.tilt_error.whole_sd_rad.powi(2);
+        let by_tilt2 = BY_TILT * input.board.tilt_error.whole_sd_rad.powi(2);
         let left_out2 = (self.unevenness2 + by_tilt2).min(USUAL_UNEVENNESS.powi(2));
-        let moving_s = if input.still { 0.0 } else { dt };
+        let moving_s = if input.board.still { 0.0 } else { dt };
         let field = FIELD_WALK.powi(2) * moving_s * strength2 + FIELD_SHARE * moved_iron;
         let iron = IRON_WALK_MGAUSS.powi(2) * moving_s
             + moved_iron
@@ -215,7 +211,7 @@ impl Filter {
     /// How far the board has turned since the sample before, radians. A still board that swings turns in steps: all else that
     /// its gyro reads is noise, which would add up.
     fn turned_since_last(&mut self, input: &Input) -> f64 {
-        if !input.still {
+        if !input.board.still {
             self.last_attitude = input.to_frame;
             return input.rate_rad_s.norm() * input.period_s;
         }
