@@ -1,8 +1,8 @@
 //! How the chips lie to each other, found from a recorded motion.
 //!
-//! The gyro says how the board turns. The earth's field and gravity stand still, so that what magnetometer and accelerometer
+//! The gyro measures how the board turns. The earth's field and gravity stand still, so that what magnetometer and accelerometer
 //! read must turn the other way: that tells which of their axes is which of the gyro's, and the small rotation beside that.
-//! What all chips have in common it does not tell: the accelerometer says where down was, and which way is ahead nobody can say.
+//! What all chips have in common it does not tell: the accelerometer shows where down was, and which way is ahead nobody can say.
 
 mod carried;
 mod solve;
@@ -47,7 +47,7 @@ pub struct Alignment {
     pub gyro: Mounting,
     /// The magnetometer, if the log has one.
     pub mag: Option<ChipAlignment>,
-    /// The accelerometer, if the log has one: it says where down was at the beginning.
+    /// The accelerometer, if the log has one: it shows where down was at the beginning.
     pub accel: Option<ChipAlignment>,
     /// What the accelerometer reads.
     pub sign: Sign,
@@ -79,7 +79,7 @@ pub enum AlignmentError {
     LittleMotion,
     /// The gyro counts turns the wrong way round.
     #[error(
-        "the gyro's axes are mirrored: field or gravity turn the other way round than it says, so that one of its \
+        "the gyro's axes are mirrored: field or gravity turn the other way round than it reads, so that one of its \
          three signs, or all of them, are wrong, or two of its axes are exchanged, before the log was written"
     )]
     GyroMirrored,
@@ -194,7 +194,7 @@ struct VectorSensor {
 }
 
 impl VectorSensor {
-    /// What it says, with the gyro's account of the motion.
+    /// What it reads, with the gyro's account of the motion.
     fn data(&self, carried: &Carried) -> SensorData {
         let knots = carried.knots();
         let means = carried.means(&knots, &self.samples, self.half_window_s);

@@ -65,7 +65,7 @@ pub struct Tick {
     pub pose: Pose,
     /// Angular rate in the body frame, freed of its bias, rad/s.
     pub rate_rad_s: Vector3<f64>,
-    /// The board is at rest: what the gyro says now is bias and noise.
+    /// The board is at rest: what the gyro reads now is bias and noise.
     pub at_rest: bool,
 }
 
@@ -225,7 +225,7 @@ impl Attitude {
     }
 
     /// The pose at `t_s`, up to a quarter of a second ago, or carried on from the last tick with the current rate; `None` if the
-    /// gyro has been silent for longer than a gap, or never spoke.
+    /// gyro has been silent for longer than a gap, or has not been read yet.
     pub fn pose_at(&self, t_s: f64) -> Option<Pose> {
         let beyond = self.clock.beyond_tick_rad(t_s, self.filter.bias())?;
         if self.past.reaches(t_s) {
@@ -312,7 +312,7 @@ impl Attitude {
         )
     }
 
-    /// Whether the gyro's newest reading is at its full scale: the board turns faster than it says.
+    /// Whether the gyro's newest reading is at its full scale: the board turns faster than it reads.
     pub fn clipping(&self) -> bool {
         self.clip.clipping()
     }

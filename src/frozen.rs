@@ -1,7 +1,7 @@
-//! Notices a sensor that says the same again and again while the board turns: its chip hangs, or whoever reads it does.
+//! Notices a sensor that repeats its value while the board turns: its chip hangs, or whoever reads it does.
 //!
-//! At rest a coarse sensor, or a simulated one without noise, may well say the same for ever. So only what is said
-//! while the gyro shows motion counts.
+//! At rest a coarse sensor, or a simulated one without noise, may well repeat its value for ever. So only values that come
+//! while the gyro shows motion count.
 
 use nalgebra::Vector3;
 
@@ -20,7 +20,7 @@ pub(crate) const MOVING_RAD_S: f64 = 0.35;
 const BELIED_RAD: f64 = 1.57;
 /// … the field changes by less than this share of it.
 const BELIED_SHARE: f64 = 0.05;
-/// A gyro that has said nothing for longer shows no motion, seconds.
+/// A gyro that is silent for longer shows no motion, seconds.
 pub(crate) const GAP_S: f64 = 0.5;
 
 /// What is frozen.
@@ -33,17 +33,17 @@ pub struct Frozen {
 }
 
 impl Frozen {
-    /// The magnetometer says the same while the gyro shows that the board turns.
+    /// The magnetometer repeats its value while the gyro shows that the board turns.
     const MAGNETOMETER: Self = Self {
         code: "frozen_magnetometer",
-        message: "the magnetometer says the same again and again while the gyro shows that the board turns; switch the \
+        message: "the magnetometer repeats its value while the gyro shows that the board turns; switch the \
                   board off and on, and check what reads the magnetometer",
     };
 
-    /// The gyro says the same rotation while the field stands still.
+    /// The gyro repeats its rate while the field stands still.
     const GYRO: Self = Self {
         code: "frozen_gyro",
-        message: "the gyro says the same rotation again and again while the field stands still; switch the board off \
+        message: "the gyro repeats its rate while the field stands still; switch the board off \
                   and on, and check what reads the gyro",
     };
 }
@@ -96,7 +96,7 @@ impl<T: PartialEq> Run<T> {
 }
 
 impl FrozenWatch {
-    /// Takes a reading; what is frozen, until it says something else.
+    /// Takes a reading; what is frozen, until its value changes.
     pub fn take(&mut self, reading: &Reading) -> Option<Frozen> {
         if let Some(rate) = reading.rate_rad_s {
             self.take_rate(reading.t_s, rate);

@@ -27,7 +27,7 @@ const SHORTEST_S: f64 = 0.002;
 const STEEPER: f64 = 3.0;
 /// … and "of late" is this long, seconds.
 const LATELY_S: f64 = 0.5;
-/// So many in a row may be dropped; then it is the sensor that says so, and not a fault on the way.
+/// So many in a row may be dropped; then the sensor measures that, and it is no fault on the way.
 const IN_A_ROW: u32 = 2;
 
 /// A change that is no leap whatever went before: so much, and so much a second.

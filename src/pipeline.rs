@@ -6,8 +6,9 @@
 
 mod active;
 mod collector;
-mod evidence;
+
 mod intake;
+mod judge;
 mod learn;
 mod motion;
 mod mounting;
@@ -29,7 +30,7 @@ use crate::calibration::{self, FieldSample, Request, verdict};
 use crate::condition::{Condition, Report, SourceFault};
 use crate::estimate::{Estimate, Sample, UNKNOWN_SD_DEG};
 use crate::frame::Mountings;
-use crate::frozen::FrozenWatch;
+use crate::frozen::{Frozen, FrozenWatch};
 use crate::heading::Heading;
 use crate::reading::Reading;
 use crate::true_north::EarthField;
@@ -122,8 +123,8 @@ pub struct Pipeline {
     setup: Setup,
     intake: Intake,
     frozen_watch: FrozenWatch,
-    /// A sensor that says the same again and again while the board moves.
-    frozen: Option<SourceFault>,
+    /// A sensor that repeats its value while the board moves.
+    frozen: Option<Frozen>,
     estimate: Estimate,
     learning: Learning,
     /// The newest sample that the estimate has taken.
@@ -260,7 +261,7 @@ impl Pipeline {
                 RunState::Saturated => self.estimate.go_back(axis),
             }
         }
-        self.watch(reading);
+        self.frozen = self.frozen_watch.take(reading);
         self.readings_s = Some((first_s, reading.t_s));
         self.now_s = reading.t_s;
         if reading.rate_rad_s.is_some() {

@@ -1,4 +1,4 @@
-//! What the gyro says of a motion, and what a vector sensor says in the frame that the gyro carries along.
+//! What the gyro measures of a motion, and what a vector sensor measures in the frame that the gyro carries along.
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, Vector3};
 

@@ -5,7 +5,7 @@
 //! M and c, so that one pass over a log gives normal equations in which each candidate for M costs nothing.
 //!
 //! It holds for −M where it holds for M: that a chip counts its axes as right-handed ones has to be taken for granted, or the
-//! other way round. Only a gyro that is mirrored shows itself, since then nothing turns as it says.
+//! other way round. Only a gyro that is mirrored shows itself, since then nothing turns as it reads.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 

@@ -104,7 +104,7 @@ mod tests {
                 false, false, false, false, true, true, false, true, false, false
             ]
         );
-        // A gyro that reads the same on all axes says nothing.
+        // A gyro that reads the same on all axes tells nothing.
         let mut frozen = ClipWatch::new(None);
         assert!((0..20).all(|_| !frozen.take(&at(300.0)) && !frozen.clipped));
     }

@@ -7,7 +7,7 @@
 //! dy/dt = s D (D⁻¹ (y − b) × ω)
 //! ```
 //!
-//! where s is how fast the board turns over how fast the gyro says that it does: 1 where the gyro is right. Over a moment the
+//! where s is how fast the board turns over how fast the gyro reads that it does: 1 where the gyro is right. Over a moment the
 //! change of y is linear in s and in s b, so that a regression over moments gives both, and their deviations. The hard iron is
 //! estimated here and not taken from the filter, since a filter that a wrong gyro has misled agrees with that gyro. D and the
 //! magnetometer's lag are the filter's. Without D, soft iron of 5 % changes s by as much where the board swings about one attitude.

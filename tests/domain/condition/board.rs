@@ -160,7 +160,7 @@ impl Board {
         let to_body = Rotation3::from_euler_angles(0.0, pitch, heading).inverse();
         let noise = Vector3::from_fn(|_, _| self.random.random_range(-2.0..2.0));
         let field = to_body * self.earth_mgauss + self.bias_mgauss + noise;
-        // No real gyro says the same twice.
+        // No real gyro reads the same twice.
         let shaken = Vector3::from_fn(|_, _| self.random.random_range(-0.002..0.002));
         let axis = |value| Some(value).filter(|_| !self.overflow);
         Reading {

@@ -1,0 +1,196 @@
+//! Judges the condition from all that the pipeline knows, and tells which report is news.
+
+use std::borrow::Cow;
+
+use super::{Action, Pipeline};
+use crate::condition::{Condition, Report, STRENGTH_TOLERANCE, gyro_fault, wrong_strength};
+use crate::estimate::GyroFault;
+
+/// A field that was disturbed is called so until it has been calm for this long, seconds.
+const CALM_S: f64 = 3.0;
+/// A rotation this far along is called a turn.
+const TURNING_FROM: f64 = 0.1;
+/// Progress is news when it has changed by this share of a turn …
+const PROGRESS_STEP: f64 = 0.05;
+/// … and this much later than the last news of it, seconds.
+const PROGRESS_EVERY_S: f64 = 0.25;
+
+impl Pipeline {
+    /// Judges the condition anew, and reports it if that is news.
+    pub(super) fn update_condition(&mut self, actions: &mut Vec<Action>) -> Condition {
+        // A magnetometer that has had no time to give a reading is not silent. Before the first reading time counts from 0.
+        let first_s = self.readings_s.map_or(0.0, |(first_s, _)| first_s);
+        let beginning = self.whole_field_s.max(self.overflow_s) < first_s
+            && self.now_s - first_s <= self.setup.pipeline.stale_s;
+        if beginning && self.fault.is_none() && self.frozen.is_none() {
+            return Condition::Stale;
+        }
+        let report = self.judge();
+        let condition = report.condition;
+        let news = self.report.as_ref().is_none_or(|last| {
+            let progressed = match (last.progress, report.progress) {
+                (Some(old), Some(new)) => {
+                    (new - old).abs() >= PROGRESS_STEP && report.t_s - last.t_s >= PROGRESS_EVERY_S
+                }
+                _ => false,
+            };
+            (last.condition, last.reason) != (condition, report.reason) || progressed
+        });
+        if news {
+            self.report = Some(report.clone());
+            actions.push(Action::Report(report));
+        }
+        condition
+    }
+
+    /// The first condition that applies, worst first.
+    fn judge(&self) -> Report {
+        if let Some(fault) = &self.fault {
+            return self.report_as(Condition::Fault, fault.code, fault.message.clone());
+        }
+        if let Some(frozen) = self.frozen {
+            return self.report_as(Condition::Fault, frozen.code, frozen.message);
+        }
+        if self.now_s - self.whole_field_s > self.setup.pipeline.stale_s {
+            let (reason, message) = if self.overflow_s > self.whole_field_s {
+                (
+                    "overflow",
+                    "the field is beyond the magnetometer's range, or an axis is stuck: choose a larger range, or move away from the magnet",
+                )
+            } else {
+                (
+                    "no_samples",
+                    "no magnetometer sample is recent enough to publish a heading from",
+                )
+            };
+            return self.report_as(Condition::Stale, reason, message);
+        }
+        if let Some(strength) = self.estimate.impossible_mgauss() {
+            return self.report_as(Condition::Fault, "field_unit", wrong_strength(strength));
+        }
+        if !self.learning.calibrated {
+            return self.judge_uncalibrated();
+        }
+        if let Some(reason) = self.gyro_fault() {
+            return self.report_as(Condition::Degraded, reason, gyro_fault(reason));
+        }
+        if self.field_is_disturbed() {
+            if self.strength_deviation.abs() > STRENGTH_TOLERANCE {
+                let percent = 100.0 * (1.0 + self.strength_deviation);
+                // In steps, or every sample would be news.
+                let message = format!(
+                    "the field has {:.0} % of the strength it should have",
+                    (percent / 10.0).round() * 10.0
+                );
+                return self.report_as(Condition::Disturbed, "field_strength", message);
+            }
+            let message = "the field is not what the motion predicts: something magnetic is near";
+            return self.report_as(Condition::Disturbed, "field_changed", message);
+        }
+        if !self.tilt_is_known() {
+            let message = "no accelerometer data: headings hold for a board that is level";
+            return self.report_as(Condition::Degraded, "no_accelerometer", message);
+        }
+        if !self.gyro_is_live() {
+            let message = "no gyro data: headings are those of single samples";
+            return self.report_as(Condition::Degraded, "no_gyro", message);
+        }
+        // NaN is not certain.
+        let certain = self.sd_deg <= self.setup.pipeline.good_sd_deg;
+        if !certain {
+            let message = format!(
+                "the heading is still uncertain: move the board about, and {}",
+                self.estimate.motion_wanted()
+            );
+            return self.report_as(Condition::Degraded, "learning", message);
+        }
+        let message = "the field is as the estimate expects it";
+        self.report_as(Condition::Good, "good", message)
+    }
+
+    /// The same while there is no calibration.
+    fn judge_uncalibrated(&self) -> Report {
+        if self.job.is_some_and(|job| !job.unwanted) {
+            let message = "calibrating on the motion just made";
+            return self.report_as(Condition::Calibrating, "calibrating", message);
+        }
+        if let Some(reason) = self.gyro_fault() {
+            return self.report_as(Condition::Uncalibrated, reason, gyro_fault(reason));
+        }
+        if self.wanted().is_none() {
+            let message = "told not to calibrate by itself: headingd calibration start, and then turn the board";
+            return self.report_as(Condition::Uncalibrated, "mode_off", message);
+        }
+        if self.intake.turns.progress() >= TURNING_FROM {
+            let message = "keep turning the board the same way round";
+            return self.report_as(Condition::Turning, "turning", message);
+        }
+        if let Some((reason, message)) = &self.refused {
+            let message = format!("the last attempt gave no calibration: {message}");
+            return self.report_as(Condition::Uncalibrated, reason, message);
+        }
+        if !self.gyro_is_live() {
+            let message = "no gyro data, so turns cannot be detected: connect the gyro or import a calibration";
+            return self.report_as(Condition::Uncalibrated, "no_gyro", message);
+        }
+        if !self.tilt_is_known() {
+            let message = "no accelerometer data, so headings hold for a board that stays level: keep it level, and turn it once all the way round";
+            return self.report_as(Condition::Uncalibrated, "no_accelerometer", message);
+        }
+        let message = "turn the board once all the way round, or move it about, away from iron";
+        self.report_as(Condition::Uncalibrated, "no_calibration", message)
+    }
+
+    fn report_as(
+        &self,
+        condition: Condition,
+        reason: &'static str,
+        message: impl Into<Cow<'static, str>>,
+    ) -> Report {
+        Report {
+            condition,
+            reason,
+            message: message.into(),
+            progress: match condition {
+                Condition::Turning => Some(self.intake.turns.progress()),
+                Condition::Uncalibrated => Some(self.learnt()),
+                Condition::Degraded if reason == "learning" => {
+                    let share = self.setup.pipeline.good_sd_deg / self.sd_deg;
+                    Some(share.clamp(0.0, 1.0))
+                }
+                _ => None,
+            },
+            t_s: self.now_s,
+        }
+    }
+
+    /// Whether something magnetic is near. Without a gyro the estimate sees nothing, and the field's strength is all that tells.
+    fn field_is_disturbed(&self) -> bool {
+        if self.gyro_is_live() {
+            self.now_s - self.disturbed_s < CALM_S
+        } else {
+            self.strength_deviation.abs() > STRENGTH_TOLERANCE
+        }
+    }
+
+    fn tilt_is_known(&self) -> bool {
+        self.intake.attitude.accelerometer_live(self.now_s)
+    }
+
+    fn gyro_is_live(&self) -> bool {
+        self.now_s - self.rate_s <= self.setup.attitude.gap_s
+    }
+
+    /// What is wrong with the gyro, as a code.
+    fn gyro_fault(&self) -> Option<&'static str> {
+        if self.intake.attitude.clipping() {
+            return Some("gyro_clipped");
+        }
+        self.estimate.gyro_fault().map(GyroFault::reason)
+    }
+
+    /// Whether nothing is known to be wrong with the gyro.
+    pub(super) fn gyro_is_right(&self) -> bool {
+        self.estimate.gyro_fault().is_none()
+    }
+}
