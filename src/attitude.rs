@@ -69,25 +69,6 @@ pub struct Tick {
     pub at_rest: bool,
 }
 
-/// Pitch and roll.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tilt {
-    /// Nose up, radians, −π/2 to π/2.
-    pub pitch_rad: f64,
-    /// Right wing down, radians, −π to π.
-    pub roll_rad: f64,
-}
-
-impl Tilt {
-    /// The tilt of a board that sees down along this unit vector of body axes.
-    pub fn of_down(down: &Vector3<f64>) -> Self {
-        Self {
-            pitch_rad: (-down.x).clamp(-1.0, 1.0).asin(),
-            roll_rad: down.y.atan2(down.z),
-        }
-    }
-}
-
 /// A bias of the gyro, as it is taken out of the rates.
 #[derive(Clone, Copy, Debug)]
 pub struct GyroBias {

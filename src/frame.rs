@@ -249,6 +249,13 @@ fn horizontal(down: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
     Some((*forward, down.cross(&forward)))
 }
 
+/// Pitch (nose up, −90 to 90) and roll (right wing down, −180 to 180) of a board that sees down along this unit vector of body axes,
+/// degrees.
+pub fn pitch_and_roll_deg(down: &Vector3<f64>) -> (f64, f64) {
+    let pitch_rad = (-down.x).clamp(-1.0, 1.0).asin();
+    (pitch_rad.to_degrees(), down.y.atan2(down.z).to_degrees())
+}
+
 /// How far a field in body axes points below the horizontal plane with this `down`, degrees. NaN for no field.
 pub fn dip_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> f64 {
     let sine = field_body.dot(down) / field_body.norm();
@@ -306,6 +313,8 @@ mod tests {
         for heading in [0.0, 77.0, 190.0, 300.0] {
             for (pitch, roll) in [(0.0, 0.0), (20.0, -10.0), (-45.0, 30.0), (10.0, 170.0)] {
                 let (field, down) = seen(heading, pitch, roll);
+                let (found_pitch, found_roll) = pitch_and_roll_deg(&down);
+                assert!((found_pitch - pitch).abs() < 1e-9 && (found_roll - roll).abs() < 1e-9);
                 let found = heading_deg(&field, &down).unwrap();
                 assert!(
                     (found - heading).abs() < 1e-9,

@@ -104,15 +104,14 @@ impl Prior {
             noise_mgauss: calibration.residual_mgauss,
             ..Self::unknown()
         };
-        let Some(covariance) = &calibration.covariance else {
+        // Only the estimate states a covariance, and its calibrations are spatial.
+        let (Parameters::Spatial(spatial), Some(covariance)) =
+            (&calibration.parameters, &calibration.covariance)
+        else {
             return Self {
                 measured: Measured::by(calibration, mounting),
                 ..unknown
             };
-        };
-        let Parameters::Spatial(spatial) = &calibration.parameters else {
-            // Only the estimate states a covariance, and its calibrations are spatial.
-            return unknown;
         };
         let to_body = mounting.rotation();
         let turn = turned(&to_body);

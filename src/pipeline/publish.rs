@@ -3,10 +3,9 @@
 use nalgebra::Vector3;
 
 use super::{Action, Pipeline};
-use crate::attitude::Tilt;
 use crate::condition::Condition;
 use crate::estimate::Fix;
-use crate::frame::{dip_deg, heading_deg};
+use crate::frame::{dip_deg, heading_deg, pitch_and_roll_deg};
 use crate::heading::{Heading, MagStatus};
 use crate::reading::HELD_S;
 
@@ -111,7 +110,7 @@ impl Pipeline {
     /// One with nothing in it but time, tilt, and what gyro and accelerometer say.
     fn heading(&mut self, t_s: f64, down: Option<&Vector3<f64>>, condition: Condition) -> Heading {
         self.seq += 1;
-        let tilt = down.map(Tilt::of_down);
+        let tilt = down.map(pitch_and_roll_deg);
         let rate_rad_s =
             (self.intake.attitude.pose_at(t_s)).map(|_| self.intake.attitude.rate_rad_s());
         // Without an accelerometer the board is taken to be level, as for its heading.
@@ -120,8 +119,8 @@ impl Pipeline {
             seq: self.seq,
             t_s,
             condition,
-            pitch_deg: tilt.map(|tilt| tilt.pitch_rad.to_degrees()),
-            roll_deg: tilt.map(|tilt| tilt.roll_rad.to_degrees()),
+            pitch_deg: tilt.map(|(pitch_deg, _)| pitch_deg),
+            roll_deg: tilt.map(|(_, roll_deg)| roll_deg),
             turn_deg_min: rate_rad_s.map(|rate| 60.0 * rate.dot(&down).to_degrees()),
             rate_deg_s: rate_rad_s.map(|rate| rate.map(f64::to_degrees).into()),
             specific_force_m_s2: self
