@@ -5,7 +5,7 @@ use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 use super::Stopwatch;
 use super::coverage::{centre_inside, coverage_deg, direction_spread};
 use super::cross_validation::without_each_part;
-use super::curve::{Curve, symmetric};
+use super::curve::{Curve, Distance, symmetric};
 use super::fit::Fitted;
 use super::fit_turn::Work;
 use super::gyro_agreement::{self, GyroAgreement, Sighting};
@@ -67,9 +67,9 @@ impl<const D: usize> Work<'_, D> {
         let parameters = self.parameters(position, level).ok_or_else(unusable)?;
         let cutoff = best.cutoff_mgauss;
         let planar = self.plan.mode == Mode::Planar;
-        let residuals: Vec<f64> = (points.iter())
-            .map(|point| curve.distance(point).value_mgauss)
-            .collect();
+        let distances: Vec<Distance<P>> =
+            points.iter().map(|point| curve.distance(point)).collect();
+        let residuals: Vec<f64> = distances.iter().map(|d| d.value_mgauss).collect();
         let fits = |index: usize| residuals[index].abs() < cutoff;
         // A dip is measured in space only.
         let sightings = if planar {
@@ -86,7 +86,7 @@ impl<const D: usize> Work<'_, D> {
                 &best.covariance,
                 dip,
             );
-        let gyro = self.cross_validated::<C, P>(points, best, fits);
+        let gyro = self.cross_validated::<C, P>(points, &distances, best, fits);
         let scale = &position[D..2 * D];
         let mean_scale = scale.iter().sum::<f64>() / D as f64;
 
@@ -244,11 +244,12 @@ impl<const D: usize> Work<'_, D> {
     fn cross_validated<C: Curve<D, P>, const P: usize>(
         &self,
         points: &[[f64; D]],
+        distances: &[Distance<P>],
         best: &Refined<P>,
         fits: impl Fn(usize) -> bool,
     ) -> Option<GyroAgreement> {
         let part = points.len().div_ceil(FOLDS);
-        let curves = without_each_part::<C, D, P>(points, best, part)
+        let curves = without_each_part::<C, D, P>(points, distances, best, part)
             .iter()
             .map(|position| C::new(position, best.reference_mgauss))
             .collect::<Option<Vec<C>>>()?;

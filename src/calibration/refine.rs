@@ -12,7 +12,7 @@ use super::medians::{MEDIAN_TO_SD, median};
 
 /// Samples further out than this many standard deviations have no weight. At 6 the biweight loses 1 %
 /// of precision on pure Gaussian noise.
-const BIWEIGHT: f64 = 6.0;
+pub const BIWEIGHT: f64 = 6.0;
 
 /// The least noise that is believed, milligauss: less than any magnetometer's quantisation leaves.
 const NOISE_FLOOR_MGAUSS: f64 = 0.02;
@@ -122,12 +122,12 @@ pub struct NormalEquations<const P: usize> {
 }
 
 /// Tukey's biweight of a distance in cutoffs, −1 to 1.
-fn biweight(z: f64) -> f64 {
+pub fn biweight(z: f64) -> f64 {
     (1.0 - z * z).powi(2)
 }
 
 /// The normal equations over the samples nearer than the cutoff; `weight` is that of a distance in cutoffs.
-fn accumulate<const P: usize>(
+pub fn accumulate<const P: usize>(
     distances: &[Distance<P>],
     sigma: f64,
     weight: impl Fn(f64) -> f64,
