@@ -231,13 +231,23 @@ fn record(
     readings: &Receiver<Reading>,
     written: &mut u64,
 ) -> Result<(), RecordError> {
-    let (mut path, mut file) = target.open()?;
-    if let Destination::Ring(_) = target {
-        tracing::info!("recording into {}", path.display());
-    }
+    // A file that somebody has named is opened at once: they wait for the error. A ring makes room for the next file only when there
+    // is something to write: a daemon that is started again and again and reads nothing must not remove the logs that show why.
+    let mut opened = match target {
+        Destination::File(_) => Some(target.open()?),
+        Destination::Ring(_) => None,
+    };
     loop {
         // The header contains the time of the first reading, so it is written only when that has come.
         let first = readings.recv();
+        let (path, file) = match opened.take() {
+            Some(opened) => opened,
+            None if first.is_err() => return Ok(()),
+            None => target.open()?,
+        };
+        if *written == 0 && matches!(target, Destination::Ring(_)) {
+            tracing::info!("recording into {}", path.display());
+        }
         let mut log = OpenLog::begin(path, file, header)?;
         let full = match first {
             Ok(first) => log.fill(first, readings, target.most_bytes(), written)?,
@@ -248,6 +258,5 @@ fn record(
         if !full {
             return Ok(());
         }
-        (path, file) = target.open()?;
     }
 }

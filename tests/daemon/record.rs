@@ -287,6 +287,25 @@ fn the_daemon_keeps_a_ring_of_logs() {
     assert!(all.iter().copied().eq(right.take(all.len())), "{said}");
 }
 
+/// A watchdog starts a daemon again and again whose bus hangs: the logs from before show why.
+#[test]
+fn a_daemon_that_reads_nothing_removes_no_log_of_its_ring() {
+    let rig = Rig::new(1.0, "");
+    let ring = rig.path("ring");
+    fs::create_dir(&ring).unwrap();
+    let before = [1, 2].map(|number| ring.join(format!("record-00000{number}.csv")));
+    for log in &before {
+        fs::write(log, "a log").unwrap();
+    }
+    let no_bus =
+        format!("kind = \"i2c\"\n[i2c]\nbus = 255\n[record]\ndirectory = {ring:?}\nfiles = 2\n");
+    rig.configure(1.0, &rig.path("store"), &no_bus);
+    let (mut process, mut client) = rig.watched();
+    client.find("STATE", |state| state["cal_state"] == "fault");
+    process.stop();
+    assert_eq!(files(&ring), before);
+}
+
 #[test]
 fn a_full_disk_ends_the_recording_and_not_the_headings() {
     let rig = Rig::new(1.0, "");
