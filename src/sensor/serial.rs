@@ -36,6 +36,10 @@ pub enum Item {
     Frame(Reading),
     /// The sensors at a time of the device's own clock.
     Timed(Reading),
+    /// A row that will count if no header comes.
+    Early,
+    /// A header, after rows that have counted without: they were in other units than those that follow.
+    NewUnits,
     /// The answer to a request for synchronisation, with the two bytes that were asked for.
     Synch([u8; 2]),
     /// The device sends, but in this mode, which is of no use here.

@@ -160,7 +160,13 @@ impl Bridge {
             Some(Ok(count)) => {
                 let (waiting, origin) = (&mut self.waiting, self.origin);
                 let (trouble, last_s) = (&mut self.trouble, &mut self.last_s);
-                session.bytes(&self.bytes[..count], now_s, |mut reading| {
+                session.bytes(&self.bytes[..count], now_s, |reading| {
+                    let Some(mut reading) = reading else {
+                        tracing::warn!(
+                            "the device has sent a header: its rows before were read in other units"
+                        );
+                        return waiting.push_back(SourceEvent::NewStretch);
+                    };
                     if trouble.take().is_some() {
                         waiting.push_back(SourceEvent::Fault(None));
                     }

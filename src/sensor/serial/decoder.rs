@@ -53,7 +53,7 @@ impl Decoder {
         }
         // A line that the one understands is a remark or a fault to the other.
         self.log_rows.feed(bytes, |item| {
-            if matches!(item, Item::Timed(_)) {
+            if matches!(item, Item::Timed(_) | Item::Early) {
                 self.protocol = Protocol::LogRows;
             }
             found(item);

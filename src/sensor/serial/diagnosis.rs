@@ -40,7 +40,7 @@ impl Diagnosis {
             }
             // Without lines that were not understood, it is the device that lacks the numbers.
             Item::Frame(_) => self.unread |= !std::mem::take(&mut self.garbled),
-            Item::Timed(_) | Item::Synch(_) => {}
+            Item::Timed(_) | Item::Early | Item::NewUnits | Item::Synch(_) => {}
         }
     }
 

@@ -1,7 +1,7 @@
 //! headingd's own log rows over a line, with or without their header: what a sketch of twenty lines sends.
 //!
 //! A device may send its header once, with every reset, or now and then; it takes effect with its last line. Once a
-//! row has ended in a checksum, each row must. Without a header, rows have the first 4, 7, 10 or 11
+//! row has ended in a checksum, each row must. Where no header comes, rows have the first 4, 7, 10 or 11
 //! columns of the log format, in our units.
 
 use nalgebra::Matrix3;
@@ -10,8 +10,14 @@ use super::Item;
 use super::lines::{SerialLine, SerialLines};
 use super::shown;
 use crate::frame::{Mounting, Mountings};
-use crate::reading::{Field, Reading};
+use crate::reading::Field;
 use crate::recording::{HeaderLines, Rows, check_row};
+
+/// Rows count without a header from then on, seconds of their own clock: the sketch of docs/serial.md repeats its header
+/// every 500 rows, 11 s at its 45 Hz, and slower ones need some more.
+const HEADER_S: f64 = 15.0;
+/// What a row adds to that, seconds: a lost point makes a time a thousand times as late, and a clock may stand still.
+const STEP_S: (f64, f64) = (0.001, 1.0);
 
 /// Bytes in, readings out.
 #[derive(Debug)]
@@ -31,11 +37,16 @@ struct Wire {
     turns: [Matrix3<f64>; 3],
     /// The device has sent a part of a header: rows count only after the whole.
     has_header: bool,
+    /// Rows have counted without one: what they said was in other units.
+    counted_plain: bool,
     first: bool,
     /// The device ends its rows in checksums: one without has lost it.
     checked: bool,
     /// Cells of the line before, where there is no header: two lines must agree.
     cells: usize,
+    /// How long rows have come without a header, and the time of the last, seconds.
+    waited_s: f64,
+    last_s: f64,
 }
 
 impl LogRows {
@@ -47,6 +58,7 @@ impl LogRows {
                 board,
                 turns: [Matrix3::identity(); 3],
                 first: true,
+                last_s: f64::INFINITY,
                 ..Wire::default()
             },
         }
@@ -70,7 +82,8 @@ impl Wire {
         let bad = |what: String| Item::Bad(format!("found {}: {what}", shown(line)));
         let text = str::from_utf8(line).ok();
         if let Some(begun) = text.and_then(|text| HeaderLines::begin(text).ok()) {
-            (self.header, self.has_header) = (Some(begun), true);
+            self.header = Some(begun);
+            self.heard_header();
             return;
         }
         let is_header = line.starts_with(b"#") || names(line);
@@ -81,6 +94,9 @@ impl Wire {
                     let named = ["mag_axes", "gyro_axes", "accel_axes"].map(|key| header.gave(key));
                     self.header = None;
                     self.begin(rows, named);
+                    if std::mem::take(&mut self.counted_plain) {
+                        found(Item::NewUnits);
+                    }
                 }
                 Err(what) => {
                     self.header = None;
@@ -89,16 +105,26 @@ impl Wire {
             },
             // Its beginning was lost, or it is a mere remark. Who sends headers sends the next one too.
             _ if is_header => {
-                self.has_header |= names(line) || line.contains(&b'=');
+                if names(line) || line.contains(&b'=') {
+                    self.heard_header();
+                }
             }
             _ => {
                 // A row where the header should go on: its column names were lost.
                 self.header = None;
                 // The beginning of the first line was lost, and what is left may look whole.
                 if !first {
-                    found(self.row(line).map_or_else(bad, Item::Timed));
+                    found(self.row(line).unwrap_or_else(bad));
                 }
             }
+        }
+    }
+
+    /// The first sign of a header ends what rows mean without one.
+    fn heard_header(&mut self) {
+        if !self.has_header {
+            self.has_header = true;
+            self.counted_plain = self.rows.take().is_some() && self.waited_s >= HEADER_S;
         }
     }
 
@@ -116,7 +142,7 @@ impl Wire {
         self.rows = Some(rows);
     }
 
-    fn row(&mut self, line: &[u8]) -> Result<Reading, String> {
+    fn row(&mut self, line: &[u8]) -> Result<Item, String> {
         let (line, checked) = check_row(line)?;
         self.checked |= checked;
         if self.checked && !checked {
@@ -146,11 +172,18 @@ impl Wire {
             .to_owned());
         };
         let mut reading = rows.row(line)?.reading;
+        if !self.has_header {
+            let step_s = (reading.t_s - self.last_s).clamp(STEP_S.0, STEP_S.1);
+            (self.waited_s, self.last_s) = (self.waited_s + step_s, reading.t_s);
+            if self.waited_s < HEADER_S {
+                return Ok(Item::Early);
+            }
+        }
         let [mag, gyro, accel] = &self.turns;
         reading.field_mgauss = reading.field_mgauss.map(|field| turned(mag, field));
         reading.rate_rad_s = reading.rate_rad_s.map(|rate| gyro * rate);
         reading.specific_force_m_s2 = reading.specific_force_m_s2.map(|force| accel * force);
-        Ok(reading)
+        Ok(Item::Timed(reading))
     }
 }
 

@@ -81,8 +81,14 @@ impl PortSession {
         self.frames.resume();
     }
 
-    /// Takes bytes that have arrived at this time, and hands over the readings that they complete.
-    pub(super) fn bytes(&mut self, bytes: &[u8], now_s: f64, mut reading: impl FnMut(Reading)) {
+    /// Takes bytes that have arrived at this time, and hands over the readings that they complete; `None`: those
+    /// that follow have nothing to do with those before.
+    pub(super) fn bytes(
+        &mut self,
+        bytes: &[u8],
+        now_s: f64,
+        mut reading: impl FnMut(Option<Reading>),
+    ) {
         self.heard_s = now_s;
         self.diagnosis.bytes(bytes);
         let mut good = false;
@@ -96,6 +102,9 @@ impl PortSession {
                     t_s: self.device.time(row.t_s, now_s),
                     ..row
                 },
+                Item::NewUnits => return reading(None),
+                // There is nothing wrong with it.
+                Item::Early => return self.good_s = now_s,
                 other => {
                     match &other {
                         Item::Synch(id) => self.start.answered(*id),
@@ -110,7 +119,7 @@ impl PortSession {
                 || timed.specific_force_m_s2.is_some();
             if says_something {
                 good = true;
-                reading(timed);
+                reading(Some(timed));
             } else {
                 self.diagnosis.item(Item::Frame(timed));
             }

@@ -273,16 +273,68 @@ fn the_sketch_of_the_manual_is_understood() {
     assert_eq!(reading.rate_rad_s.unwrap().x, 14.375f64.to_radians());
 }
 
+/// Rows of seven cells, 45 a second, from a time on.
+fn sketch_rows(from_s: f64, count: u32) -> String {
+    let row = |i| format!("{:.4},130,0,13,14.375,0,0\n", from_s + f64::from(i) / 45.0);
+    (0..count).map(row).collect()
+}
+
 #[test]
-fn rows_without_a_header_count_when_two_agree() {
-    let row = "1,10,20,30,0.1,0.2,0.3,0,0,-9.8\n";
-    let all = readings(&of_rows(&[
-        format!("5,6\n{row}{row}{row}3,1,2,3\n{row}").as_bytes()
-    ]));
-    assert_eq!(all.len(), 3, "{all:?}");
-    assert_eq!(all[0].rate_rad_s, Some(Vector3::new(0.1, 0.2, 0.3)));
+fn rows_without_a_header_count_when_two_agree_and_none_has_come_for_15_s() {
+    let stream = format!("5,6\n{}3,1,2,3\n", sketch_rows(7.0, 900));
+    let all = readings(&of_rows(&[stream.as_bytes()]));
+    assert!((22.0..22.1).contains(&all[0].t_s), "{:?}", all[0]);
+    assert_eq!(all[0].rate_rad_s, Some(Vector3::new(14.375, 0.0, 0.0)));
+    assert_eq!(all.last().unwrap().t_s, 26.9778);
+    // A lost point, and a clock that stands still.
+    let leap = format!(
+        "x\n{}10000.2,1,2,3,4,5,6\n{}",
+        sketch_rows(0.0, 9),
+        sketch_rows(0.2, 9)
+    );
+    assert!(readings(&of_rows(&[leap.as_bytes()])).is_empty());
+    let still = "x\n".to_owned() + &"0,1,2,3\n".repeat(20_000);
+    assert!(!readings(&of_rows(&[still.as_bytes()])).is_empty());
     let items = of_rows(&[b"1\n1,2\n1,2\n"]);
     assert!(bad(&items)[1].contains("4, 7, 10 or 11"), "{items:?}");
+}
+
+/// The sketch of the manual, heard from the middle: nothing is taken in the wrong units.
+#[test]
+fn a_header_that_comes_late_is_waited_for() {
+    let header = "# headingd-log 1\n# mag_unit = counts\n# counts_per_gauss = 1300\n# gyro_unit = deg/s\n\
+                  t_s,mx,my,mz,gx,gy,gz\n";
+    for missed in [0, 250, 499] {
+        let stream = sketch_rows(5.0, 500 - missed) + header + &sketch_rows(16.2, 500);
+        let items = of_rows(&[stream.as_bytes()]);
+        let all = readings(&items);
+        assert_eq!(all.len(), 500);
+        assert!(
+            all.iter()
+                .all(|reading| first_mgauss(reading) == Some(100.0))
+        );
+        assert!(!items.contains(&Item::NewUnits));
+    }
+    // One that comes still later changes what its rows say, and a lost line of it ends the rows in the wrong units.
+    let stream = sketch_rows(5.0, 1000) + header + &sketch_rows(28.0, 1);
+    let items = of_rows(&[stream.as_bytes()]);
+    let [.., Item::Timed(before), Item::NewUnits, Item::Timed(after)] = &items[..] else {
+        panic!("{:?}", items.last());
+    };
+    assert_eq!(
+        [before, after].map(first_mgauss),
+        [Some(130.0), Some(100.0)]
+    );
+    let half = header.replace("t_s", "t_");
+    let stream =
+        sketch_rows(5.0, 1000) + &half + &sketch_rows(28.0, 500) + header + "40,130,0,0,0,0,0\n";
+    let items = of_rows(&[stream.as_bytes()]);
+    let late: Vec<_> = readings(&items)
+        .into_iter()
+        .filter(|reading| reading.t_s > 28.0)
+        .collect();
+    assert_eq!((late.len(), first_mgauss(&late[0])), (1, Some(100.0)));
+    assert!(items.contains(&Item::NewUnits));
 }
 
 #[test]
@@ -387,6 +439,7 @@ fn rows_with_checksums_lose_rows_to_lost_bytes_and_nothing_else() {
         bytes.extend(format!("{row}*{sum:02X}\r\n").into_bytes());
     }
     bytes.retain(|_| !random.random_bool(0.003));
+    bytes.splice(..0, *b"# headingd-log 1\nt_s,mx,my,mz\n");
     let mut codec = LogRows::new(Mountings::default());
     let (mut good, mut wrong) = (0, 0);
     codec.feed(&bytes, |item| {
