@@ -2,6 +2,8 @@
 
 use std::io::BufRead;
 
+use strsim::levenshtein;
+
 use super::lines::{LogLine, LogLines};
 use super::rows::{Rows, Rule};
 use super::{
@@ -82,7 +84,7 @@ impl HeaderLines {
         };
         let (key, value) = (key.trim(), value.trim());
         let Some(known) = KEYS.iter().find(|known| **known == key) else {
-            if let Some(meant) = KEYS.iter().find(|known| resembles(key, known)) {
+            if let Some(meant) = meant(key) {
                 return Err(format!("{key} is no key; {meant} is one"));
             }
             self.header.truth.push((key.to_owned(), value.to_owned()));
@@ -144,15 +146,12 @@ impl HeaderLines {
     }
 }
 
-/// Whether somebody may have meant the other: all that differs is case, or a letter or two at the end.
-fn resembles(key: &str, known: &str) -> bool {
+/// A key of a unit or of axes that somebody may have meant: without it, numbers would be taken for other ones. Keys that
+/// say nothing of them are free, also beside `sensor`.
+fn meant(key: &str) -> Option<&'static str> {
     let key = key.to_lowercase().replace('-', "_");
-    let (short, long) = if key.len() < known.len() {
-        (key.as_str(), known)
-    } else {
-        (known, key.as_str())
-    };
-    long.starts_with(short) && long.len() - short.len() <= 2
+    let mut units_and_axes = KEYS.into_iter().filter(|known| *known != "sensor");
+    units_and_axes.find(|known| levenshtein(&key, known) <= 2)
 }
 
 impl Rows {
@@ -296,13 +295,22 @@ mod tests {
         } = rows(
             "\u{feff}# headingd-log 1\r\n#sensor=hmc5843\r\n# a remark\r\n# mag_unit = counts\r\n\
              # counts_per_gauss = 1300\r\n# gyro_axes = -x +y -z\r\n# truth_scale = 1 2 3\r\n\
+             # sensor_1 = bmp280\r\n# sensors = 3\r\n\
              az,ax,ay,t_s,temperature\r\n",
         )
         .unwrap();
         assert_eq!(header.sensor.as_deref(), Some("hmc5843"));
         assert_eq!(header.mountings.gyro, "-x +y -z".parse().unwrap());
         assert_eq!(header.mountings.mag, Default::default());
-        assert_eq!(header.truth, [("truth_scale".into(), "1 2 3".into())]);
+        let kept = [
+            ("truth_scale", "1 2 3"),
+            ("sensor_1", "bmp280"),
+            ("sensors", "3"),
+        ];
+        assert_eq!(
+            header.truth,
+            kept.map(|(key, value)| (key.into(), value.into()))
+        );
         assert_eq!(columns, [Some(9), Some(7), Some(8), Some(0), None]);
         assert_eq!(rules[MAG].factor, 1000.0 / 1300.0);
     }
@@ -319,6 +327,7 @@ mod tests {
             ("# headingd-log 1\nt_s,mx,my,mz", 2, "ends within"),
             ("# headingd-log 1\n# mag_unit = tesla\n", 2, "uT, nT or"),
             ("# headingd-log 1\n# mag_units = uT\n", 2, "mag_unit is one"),
+            ("# headingd-log 1\n# mag_uint = uT\n", 2, "mag_unit is one"),
             (
                 "# headingd-log 1\n# Gyro-Unit = deg/s\n",
                 2,
