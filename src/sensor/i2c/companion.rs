@@ -50,7 +50,8 @@ impl CompanionPoller {
                     return Ok(());
                 }
                 Err(ChipError::Stopped) => return Err(ChipError::Stopped),
-                Err(error @ ChipError::Identity { .. }) => failed = Some(error),
+                // The first is the likeliest to be there in another make.
+                Err(error @ ChipError::Identity { .. }) => failed = failed.or(Some(error)),
                 // It may still be this one, and must not be set up as another.
                 Err(error) => {
                     failed = Some(error);

@@ -24,6 +24,23 @@ fn a_magnetometer_behind_an_mpu_6050_answers_after_its_bypass_is_on() {
     assert!(!bus.transfers().contains(&Transfer::Read(ACCEL, 0, 1)));
 }
 
+/// It lacks the registers that an ITG-3200 has, and its relative's name helps more.
+#[test]
+fn an_mpu_9250_is_told_as_a_wrong_mpu_6050() {
+    let bus = FakeBus::default();
+    bus.set(GYRO, 0x75, &[0x71]);
+    let settings = Settings {
+        board: Board::Custom,
+        ..settings()
+    };
+    let (_, chips) = play(&settings, &bus, 0.001, vec![], 0.5);
+    let gyro = chips
+        .troubles()
+        .find(|fault| fault.message.contains("gyro"));
+    let message = &gyro.unwrap().message;
+    assert!(message.contains("MPU-6050"), "{message}");
+}
+
 #[test]
 fn an_mpu_6050_that_fails_is_not_set_up_as_an_itg_3200() {
     let bus = FakeBus::default();
