@@ -69,13 +69,9 @@ impl Publisher {
         self.feed.send(Broadcast::Event(kind, last.clone()));
     }
 
-    /// Says whose raw readings will come, for clients that ask for them. A header that cannot be written is logged, and
-    /// left out.
+    /// Says whose raw readings will come, for clients that ask for them.
     pub fn board(&self, header: &Header) {
-        match raw::board(header) {
-            Ok(line) => self.feed.lock().board = line.into(),
-            Err(error) => tracing::warn!("clients are not told of the board: {error}"),
-        }
+        self.feed.lock().board = raw::board(header).into();
     }
 
     /// Sends a raw reading to all who watch for `READING`.

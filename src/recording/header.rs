@@ -236,7 +236,7 @@ const GYRO_UNITS: [Unit; 2] = [("rad/s", 1.0), ("deg/s", 1f64.to_radians())];
 const ACCEL_UNITS: [Unit; 2] = [("m/s2", 1.0), ("g", STANDARD_GRAVITY_M_S2)];
 
 /// The keys with a meaning of their own; a log may give each only once.
-pub(super) const KEYS: [&str; 8] = [
+const KEYS: [&str; 8] = [
     "sensor",
     "mag_unit",
     "counts_per_gauss",

@@ -3,7 +3,7 @@
 use std::io::{self, BufRead, Read};
 
 /// Longest line, its end included. A row of eleven numbers stays below it however they are printed.
-pub(super) const LONGEST_LINE: usize = 4096;
+const LONGEST_LINE: usize = 4096;
 
 /// After so many bytes without an end of the line nothing more is expected: a device may go on for ever.
 const LONGEST_SKIPPED: u64 = 64 << 20;
