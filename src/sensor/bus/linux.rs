@@ -47,7 +47,7 @@ impl LinuxBus {
                     Err(error) => Err(BusError {
                         bus: path.display().to_string(),
                         attempt: Attempt::Open { address },
-                        cause: opening(&error, self.number, address),
+                        cause: opening(error, self.number, address),
                     }),
                 }
             }
@@ -78,7 +78,7 @@ impl Bus for LinuxBus {
             Ok(bytes) => Cause::ShortRead {
                 found: bytes.len() as u8,
             },
-            Err(error) => transfer(&error),
+            Err(error) => transfer(error),
         };
         let attempt = Attempt::Read {
             address,
@@ -93,21 +93,15 @@ impl Bus for LinuxBus {
             .smbus_write_byte_data(register, value)
             .map_err(|error| {
                 let attempt = Attempt::Write { address, register };
-                self.failed(address, attempt, transfer(&error))
+                self.failed(address, attempt, transfer(error))
             })
     }
 }
 
-fn errno(error: &LinuxI2CError) -> Option<i32> {
-    match error {
-        LinuxI2CError::Errno(errno) => Some(*errno),
-        LinuxI2CError::Io(error) => error.raw_os_error(),
-    }
-}
-
 /// What a refusal to open means: of the file, or of the address.
-fn opening(error: &LinuxI2CError, number: u8, address: u8) -> Cause {
-    match errno(error) {
+fn opening(error: LinuxI2CError, number: u8, address: u8) -> Cause {
+    let error = io::Error::from(error);
+    match error.raw_os_error() {
         Some(ENOENT | ENODEV | ENXIO) => Cause::NoBus,
         Some(EACCES | EPERM) => Cause::Permission,
         Some(EBUSY) => Cause::Claimed {
@@ -118,8 +112,9 @@ fn opening(error: &LinuxI2CError, number: u8, address: u8) -> Cause {
 }
 
 /// What a failed transfer means, as `Documentation/i2c/fault-codes.rst` of the kernel has it.
-fn transfer(error: &LinuxI2CError) -> Cause {
-    match errno(error) {
+fn transfer(error: LinuxI2CError) -> Cause {
+    let error = io::Error::from(error);
+    match error.raw_os_error() {
         // No acknowledge is ENXIO; BCM2835 returns EREMOTEIO, some adapters ENODEV.
         Some(ENXIO | EREMOTEIO | ENODEV) => Cause::NoAnswer,
         Some(ETIMEDOUT) => Cause::Timeout,
@@ -127,8 +122,7 @@ fn transfer(error: &LinuxI2CError) -> Cause {
         Some(EOPNOTSUPP) => Cause::Unsupported,
         Some(EBUSY) => Cause::Claimed { driver: None },
         Some(EACCES | EPERM) => Cause::Permission,
-        Some(errno) => Cause::Other(io::Error::from_raw_os_error(errno).to_string()),
-        None => Cause::Other(error.to_string()),
+        _ => Cause::Other(error.to_string()),
     }
 }
 
@@ -151,7 +145,7 @@ mod tests {
 
     #[test]
     fn an_errno_becomes_a_cause() {
-        let of = |errno| transfer(&LinuxI2CError::Errno(errno));
+        let of = |errno| transfer(LinuxI2CError::Errno(errno));
         for (errno, code) in [
             (ENXIO, "no_answer"),
             (EREMOTEIO, "no_answer"),
@@ -166,7 +160,7 @@ mod tests {
         assert!(of(5).to_string().contains("Input/output error"));
         let open = |errno| {
             let error = LinuxI2CError::Io(io::Error::from_raw_os_error(errno));
-            opening(&error, 250, 0x1e).code()
+            opening(error, 250, 0x1e).code()
         };
         assert_eq!(
             [open(ENOENT), open(EACCES), open(EBUSY), open(5)],
