@@ -32,7 +32,7 @@ impl Board {
             mag_rate_hz: 50.0,
             ..Settings::default()
         };
-        let simulator = Simulator::new(settings).expect("the settings are good");
+        let simulator = Simulator::new(settings);
         let mountings = simulator.header().mountings;
         let mut board = Self {
             ticks: Vec::new(),

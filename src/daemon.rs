@@ -32,7 +32,6 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::{JoinHandle, JoinSet};
 
-use crate::check::Fault;
 use crate::condition::Report;
 use crate::config::Config;
 use crate::config::source::Settings;
@@ -72,8 +71,6 @@ pub enum DaemonError {
     Replay(#[from] RecordingError),
     #[error("most of the log cannot be used: {0}")]
     Unusable(String),
-    #[error("cannot simulate a board: [simulator] {}", .0.iter().map(Fault::to_string).collect::<Vec<_>>().join("; "))]
-    Simulator(Vec<Fault>),
     #[error(transparent)]
     Bind(#[from] BindError),
     #[error(transparent)]

@@ -12,7 +12,7 @@ use tokio::sync::Notify;
 use super::runtime::{ENDS, Signals, runtime};
 use super::{Failure, OrFail, number, print};
 use crate::config::{Config, source};
-use crate::daemon::{Daemon, DaemonError};
+use crate::daemon::Daemon;
 use crate::logging::Log;
 use crate::publish::server;
 use crate::sensor::simulator::{self, Scenario, Simulator};
@@ -70,7 +70,7 @@ async fn demo(args: &Args) -> Result<(), Failure> {
         }
     };
     let config = config(args, &socket);
-    let simulator = Simulator::new(config.simulator.clone()).map_err(DaemonError::Simulator)?;
+    let simulator = Simulator::new(config.simulator.clone());
     let opening = opening(&config, simulator.duration_s());
     let mut timeline = Timeline::new(&config, simulator);
 

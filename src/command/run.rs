@@ -31,9 +31,7 @@ impl From<DaemonError> for Failure {
         let status = match &error {
             DaemonError::Replay(error) => log_status(error),
             DaemonError::Unusable(_) => Self::DATA,
-            DaemonError::NoSource
-            | DaemonError::NothingToRecord { .. }
-            | DaemonError::Simulator(_) => Self::CONFIG,
+            DaemonError::NoSource | DaemonError::NothingToRecord { .. } => Self::CONFIG,
             DaemonError::Bind(_) | DaemonError::Listen(_) | DaemonError::Store(_) => {
                 Self::UNAVAILABLE
             }

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use crate::check::Fault;
+use crate::check::{Check, Fault};
 use crate::command::{Failure, OrFail, word, write_out};
 use crate::recording::Writer;
 use crate::sensor::simulator::{Scenario, Settings, Simulator};
@@ -77,7 +77,7 @@ fn three(text: &str) -> Result<[f64; 3], String> {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let simulator = Simulator::new(Settings {
+    let settings = Settings {
         scenario: args.scenario,
         seed: args.seed,
         turns: args.turns,
@@ -88,10 +88,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         with_gyro: !args.no_gyro,
         with_accel: !args.no_accel,
         ..Settings::default()
-    })
-    .map_err(|faults| options(&faults))
-    .or_fail(Failure::USAGE, "cannot simulate")?;
-    let log = written(simulator).or_fail(Failure::IO, "cannot write the log")?;
+    };
+    let faults = settings.check();
+    if !faults.is_empty() {
+        let message = format!("cannot simulate: {}", options(&faults));
+        return Err(Failure::new(Failure::USAGE, message));
+    }
+    let log = written(Simulator::new(settings)).or_fail(Failure::IO, "cannot write the log")?;
     write_out(&args.out, &log)
 }
 
@@ -132,7 +135,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("a.csv");
         run(&args(&out, &[]).unwrap()).unwrap();
-        let simulator = Simulator::new(Settings::default()).unwrap();
+        let simulator = Simulator::new(Settings::default());
         let mut replay = Replay::open(&out).unwrap();
         assert_eq!(replay.header(), &simulator.header());
         for (read, made) in replay.by_ref().zip(simulator) {

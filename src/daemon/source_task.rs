@@ -62,8 +62,7 @@ impl SourceTask {
         let mut bps = None;
         let (name, source) = match config.source.kind.ok_or(DaemonError::NoSource)? {
             Kind::Simulator => {
-                let simulator =
-                    Simulator::new(config.simulator.clone()).map_err(DaemonError::Simulator)?;
+                let simulator = Simulator::new(config.simulator.clone());
                 header = simulator.header();
                 let source = Source::Simulator(Box::new(simulator));
                 ("simulator".to_owned(), source)

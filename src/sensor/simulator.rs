@@ -13,7 +13,6 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::check::{Check, Fault};
 use crate::frame::{rounded, wrap_360};
 use crate::reading::{Field, Reading, STANDARD_GRAVITY_M_S2};
 use crate::recording::{Entry, Header};
@@ -45,27 +44,19 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// A board with these settings, or everything that is wrong with them.
-    ///
-    /// # Errors
-    ///
-    /// Everything that is wrong with the settings.
-    pub fn new(settings: Settings) -> Result<Self, Vec<Fault>> {
-        let faults = settings.check();
-        if !faults.is_empty() {
-            return Err(faults);
-        }
+    /// A board with these settings, which were checked.
+    pub fn new(settings: Settings) -> Self {
         let mag_noise = Xoshiro256PlusPlus::seed_from_u64(settings.seed);
         let mut gyro_noise = mag_noise.clone();
         gyro_noise.jump();
-        Ok(Self {
+        Self {
             motion: Motion::new(&settings),
             settings,
             mag_noise,
             gyro_noise,
             mag_count: 0,
             gyro_count: 0,
-        })
+        }
     }
 
     /// Time of the last reading at most, seconds; the first one is at 0. Infinite where the scenario is endless.

@@ -32,7 +32,7 @@ fn recorded(log: &Path) -> Vec<Reading> {
 }
 
 fn simulated(settings: Settings) -> impl Iterator<Item = Reading> {
-    Simulator::new(settings).unwrap().map(|entry| entry.reading)
+    Simulator::new(settings).map(|entry| entry.reading)
 }
 
 fn record(rig: &Rig, out: &Path, more: &[&str]) -> Process {

@@ -16,7 +16,7 @@ fn turning(turns: f64) -> Vec<u8> {
         turns,
         ..Settings::default()
     };
-    let simulator = Simulator::new(settings).unwrap();
+    let simulator = Simulator::new(settings);
     log(&simulator.header(), simulator)
 }
 

@@ -12,7 +12,6 @@ use crate::rig::{FAST, LONG, Rig, apart_deg, finished, headingd, log, long, unti
 fn error_deg(att: &Value, settings: &Settings) -> f64 {
     let t_s = att["t_s"].as_f64().unwrap();
     let truth = Simulator::new(settings.clone())
-        .unwrap()
         .find(|entry| (entry.reading.t_s - t_s).abs() < 1e-6 && entry.heading_truth_rad.is_some());
     let truth_deg = truth.unwrap().heading_truth_rad.unwrap().to_degrees();
     let heading_deg = att["mheading"].as_f64().unwrap();
@@ -100,7 +99,7 @@ fn at_real_time_headings_go_on_and_a_simulation_ends_the_daemon() {
 fn a_calibration_at_the_very_end_of_a_log_is_published_and_kept() {
     let rig = Rig::new(10.0, "");
     let whole = rig.path("whole.csv");
-    let simulator = Simulator::new(Settings::default()).unwrap();
+    let simulator = Simulator::new(Settings::default());
     let header = simulator.header();
     // The first turn is complete at about 10.04 s.
     let first_turn = simulator.take_while(|entry| entry.reading.t_s <= 10.1);
@@ -251,7 +250,7 @@ fn nobody_waits_for_a_time_that_jumps() {
         turns: 1.0,
         ..Settings::default()
     };
-    let simulated = || Simulator::new(settings.clone()).unwrap();
+    let simulated = || Simulator::new(settings.clone());
     let mut entries = Vec::new();
     for later_s in [0.0, 31_536_000.0] {
         for (count, mut entry) in simulated().enumerate() {

@@ -92,7 +92,7 @@ pub type Log = (Header, Vec<Entry>);
 
 /// What a simulated board records.
 pub fn simulated(settings: &Settings) -> Log {
-    let simulator = Simulator::new(settings.clone()).unwrap();
+    let simulator = Simulator::new(settings.clone());
     (simulator.header(), simulator.collect())
 }
 

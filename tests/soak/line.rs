@@ -61,7 +61,7 @@ fn board(rig: &Rig, life: Duration, rng: &mut impl Rng) {
         seed: rng.random(),
         ..Settings::default()
     };
-    let entries = Simulator::new(settings).unwrap().collect();
+    let entries = Simulator::new(settings).collect();
     let noise = || (0..997u32).map(|i| (i * 97 % 251) as u8).collect();
     let firmware = match rng.random_range(0..4) {
         0 => Firmware::Flood(noise()),

@@ -22,7 +22,7 @@ pub fn write(path: &Path, rng: &mut impl Rng) -> Truth {
         turns: 85.0,
         ..Settings::default()
     };
-    let simulator = Simulator::new(settings).unwrap();
+    let simulator = Simulator::new(settings);
     let mut writer = Writer::new(Vec::new(), &simulator.header()).unwrap();
     let mut truth = Truth::new();
     let mut gap_until_s = 0.0;

@@ -1,10 +1,11 @@
 use super::*;
 use crate::calibration::model::Spatial;
+use crate::check::Check;
 use crate::reading::STANDARD_GRAVITY_M_S2;
 use crate::recording::Writer;
 
 fn simulator(settings: Settings) -> Simulator {
-    Simulator::new(settings).unwrap()
+    Simulator::new(settings)
 }
 
 /// No noise, no gyro bias.
@@ -192,12 +193,12 @@ fn a_board_that_points_up_has_no_heading() {
 
 #[test]
 fn wrong_settings_are_all_named() {
-    let faults = Simulator::new(Settings {
+    let settings = Settings {
         scale: [0.0, 1.0, f64::NAN],
         spikes: 0.6,
         ..Settings::default()
-    })
-    .unwrap_err();
+    };
+    let faults = settings.check();
     let keys: Vec<&str> = faults.iter().map(|fault| fault.key.as_str()).collect();
     assert_eq!(keys, ["scale", "scale", "spikes"]);
 }

@@ -22,7 +22,7 @@ fn board() -> Simulator {
         turn_deg_s: 180.0,
         ..Settings::default()
     };
-    Simulator::new(settings).unwrap()
+    Simulator::new(settings)
 }
 
 fn configure(rig: &Rig, chip: &str) {
