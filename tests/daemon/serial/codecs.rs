@@ -309,10 +309,8 @@ fn a_header_that_comes_late_is_waited_for() {
         let items = of_rows(&[stream.as_bytes()]);
         let all = readings(&items);
         assert_eq!(all.len(), 500);
-        assert!(
-            all.iter()
-                .all(|reading| first_mgauss(reading) == Some(100.0))
-        );
+        let right = |reading| first_mgauss(reading) == Some(100.0);
+        assert!(all.iter().all(right));
         assert!(!items.contains(&Item::NewUnits));
     }
     // One that comes still later changes what its rows say, and a lost line of it ends the rows in the wrong units.
@@ -321,18 +319,14 @@ fn a_header_that_comes_late_is_waited_for() {
     let [.., Item::Timed(before), Item::NewUnits, Item::Timed(after)] = &items[..] else {
         panic!("{:?}", items.last());
     };
-    assert_eq!(
-        [before, after].map(first_mgauss),
-        [Some(130.0), Some(100.0)]
-    );
+    let said = [before, after].map(first_mgauss);
+    assert_eq!(said, [Some(130.0), Some(100.0)]);
     let half = header.replace("t_s", "t_");
     let stream =
         sketch_rows(5.0, 1000) + &half + &sketch_rows(28.0, 500) + header + "40,130,0,0,0,0,0\n";
     let items = of_rows(&[stream.as_bytes()]);
-    let late: Vec<_> = readings(&items)
-        .into_iter()
-        .filter(|reading| reading.t_s > 28.0)
-        .collect();
+    let mut late = readings(&items);
+    late.retain(|reading| reading.t_s > 28.0);
     assert_eq!((late.len(), first_mgauss(&late[0])), (1, Some(100.0)));
     assert!(items.contains(&Item::NewUnits));
 }
