@@ -78,7 +78,7 @@ impl Listener {
         Ok(listener)
     }
 
-    /// Records readings until the service hangs up: at the end of its source, or its own.
+    /// Records readings until the service hangs up, at the end of its source or its own, or reads another board.
     pub(super) async fn record(&mut self, recorder: &mut Recorder) -> Result<(), ListenError> {
         loop {
             match self.next().await? {
@@ -94,6 +94,13 @@ impl Listener {
                     recorder.take(row.reading());
                 }
                 Some(Object::State { cal_state, message }) => self.tell(&cal_state, message),
+                Some(Object::Board { header }) if self.is_another(&header) => {
+                    tracing::warn!(
+                        "the service at {} reads another board now: the recording of the one before ends, start another",
+                        self.socket.display()
+                    );
+                    return Ok(());
+                }
                 Some(_) => {}
             }
         }
@@ -123,6 +130,11 @@ impl Listener {
         }
         self.lost = self.lost.saturating_add(lost);
         self.seq = Some(row.seq);
+    }
+
+    /// Whether this is the header of another log than the one that is recorded.
+    fn is_another(&self, header: &str) -> bool {
+        raw::header(header).is_ok_and(|header| header != self.header)
     }
 
     /// Logs a fault of the source once, and its end.

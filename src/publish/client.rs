@@ -12,13 +12,12 @@ use tokio::sync::{broadcast, watch};
 use tokio::task::yield_now;
 
 use super::connection::Connection;
-use super::feed::{Broadcast, EventKind, Feed, NumberedLine, PublishedHeading};
+use super::feed::{Broadcast, EventKind, Feed, NumberedLine, PublishedHeading, Raw};
 use super::gpsd::{self, LINE_END, WatchPolicy};
 use super::inbox::Inbox;
 use super::rate_limit::RateLimit;
 use super::raw;
 use super::request::{ClientRequest, WatchRequest};
-use crate::reading::Reading;
 
 /// Bytes that are sent together.
 const MOST_BYTES: usize = 4096;
@@ -79,8 +78,8 @@ pub(super) async fn serve(
                 client.forward(message);
                 client.forward_waiting().await?;
             }
-            reading = next(&mut client.readings) => {
-                client.forward_reading(reading);
+            message = next(&mut client.readings) => {
+                client.forward_raw(message);
                 client.forward_waiting().await?;
             }
         }
@@ -122,7 +121,7 @@ struct Client<'a> {
     nmea_pace: RateLimit,
     /// Only while something is watched for: an idle client costs the publisher nothing.
     ring: Option<broadcast::Receiver<Broadcast>>,
-    readings: Option<broadcast::Receiver<(u64, Reading)>>,
+    readings: Option<broadcast::Receiver<Raw>>,
     /// By their kinds, the numbers of the last events sent, or passed over while they were not watched for.
     seen: [u64; 2],
     /// Lines on their way to the client, together.
@@ -230,11 +229,15 @@ impl Client<'_> {
         }
     }
 
-    fn forward_reading(&mut self, reading: Result<(u64, Reading), RecvError>) {
-        match reading {
-            Ok((seq, reading)) => self.put(&raw::reading(seq, &reading)),
-            // Missed readings are gone, and their `seq` says so.
-            Err(RecvError::Lagged(_)) => {}
+    fn forward_raw(&mut self, message: Result<Raw, RecvError>) {
+        match message {
+            Ok(Raw::Board(line)) => self.put(&line),
+            Ok(Raw::Reading(seq, reading)) => self.put(&raw::reading(seq, &reading)),
+            // Missed readings are gone, and their `seq` says so. A new board may be among what was missed.
+            Err(RecvError::Lagged(_)) => {
+                let board = self.feed.board();
+                self.put(&board);
+            }
             Err(RecvError::Closed) => self.readings = None,
         }
     }
@@ -248,9 +251,9 @@ impl Client<'_> {
             self.forward(message);
         }
         while self.lines.len() < MOST_BYTES
-            && let Some(reading) = waiting(&mut self.readings)
+            && let Some(message) = waiting(&mut self.readings)
         {
-            self.forward_reading(reading);
+            self.forward_raw(message);
         }
         let more = self.lines.len() >= MOST_BYTES;
         self.send_lines().await?;

@@ -69,18 +69,17 @@ impl Publisher {
         self.feed.send(Broadcast::Event(kind, last.clone()));
     }
 
-    /// Says whose raw readings will come, for clients that ask for them.
+    /// Says whose raw readings will come, for clients that ask for them, now or later.
     pub fn board(&self, header: &Header) {
-        self.feed.lock().board = raw::board(header).into();
+        let line: Arc<str> = raw::board(header).into();
+        self.feed.lock().board = line.clone();
+        self.feed.send_raw(Raw::Board(line));
     }
 
     /// Sends a raw reading to all who watch for `READING`.
     pub fn reading(&self, reading: &Reading) {
         let seq = self.feed.read.fetch_add(1, Ordering::Relaxed) + 1;
-        if let Some(ring) = self.feed.readings.get() {
-            // The only error is that nobody is listening.
-            let _ = ring.send((seq, *reading));
-        }
+        self.feed.send_raw(Raw::Reading(seq, *reading));
     }
 
     /// The latest heading, while it is not stale.
@@ -105,8 +104,8 @@ pub(super) struct Feed {
     stale: Duration,
     /// A ring of bounded size: a client that falls behind by more than it holds loses the oldest.
     ring: broadcast::Sender<Broadcast>,
-    /// Raw readings with their numbers; made for the first client that asks.
-    readings: OnceLock<broadcast::Sender<(u64, Reading)>>,
+    /// Raw readings; made for the first client that asks.
+    readings: OnceLock<broadcast::Sender<Raw>>,
     /// Counts the readings.
     read: AtomicU64,
     latest: Mutex<Latest>,
@@ -156,6 +155,15 @@ pub(super) enum Broadcast {
     Event(EventKind, NumberedLine),
 }
 
+/// One entry of the ring of raw readings.
+#[derive(Clone, Debug)]
+pub(super) enum Raw {
+    /// The readings that follow are this board's.
+    Board(Arc<str>),
+    /// A reading with its number.
+    Reading(u64, Reading),
+}
+
 /// What is sent when it happens, and to whoever begins to watch for it.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum EventKind {
@@ -200,7 +208,7 @@ impl Feed {
         self.ring.subscribe()
     }
 
-    pub(super) fn subscribe_readings(&self) -> broadcast::Receiver<(u64, Reading)> {
+    pub(super) fn subscribe_readings(&self) -> broadcast::Receiver<Raw> {
         let made = || broadcast::Sender::new(READINGS);
         self.readings.get_or_init(made).subscribe()
     }
@@ -274,6 +282,13 @@ impl Feed {
     fn send(&self, message: Broadcast) {
         // The only error is that nobody is listening.
         let _ = self.ring.send(message);
+    }
+
+    fn send_raw(&self, message: Raw) {
+        if let Some(ring) = self.readings.get() {
+            // The only error is that nobody is listening.
+            let _ = ring.send(message);
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, Latest> {

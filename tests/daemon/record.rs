@@ -113,6 +113,25 @@ fn what_is_recorded_from_a_service_is_what_it_records_by_itself() {
     }
 }
 
+/// A log has one header: rows of another board would be replayed wrongly.
+#[test]
+fn a_recording_ends_where_a_reload_has_brought_another_board() {
+    let rig = Rig::new(1.0, LONG);
+    let service = rig.start();
+    rig.client();
+    let out = rig.path("a.csv");
+    let mut process = record(&rig, &out, &[]);
+    until("a recording", || {
+        fs::metadata(&out).is_ok_and(|log| log.len() > 2000)
+    });
+    let before = header(&out);
+    rig.edit("turns = 100", "turns = 100\nbias_mgauss = [1, 2, 3]");
+    service.signal("HUP");
+    let said = process.ends(0);
+    assert!(said.contains("reads another board now"), "{said}");
+    assert_eq!(header(&out), before);
+}
+
 #[test]
 fn a_recording_that_is_too_slow_says_how_much_it_lost() {
     let rig = Rig::new(1.0, "");
