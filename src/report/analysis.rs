@@ -65,8 +65,10 @@ pub(super) struct Findings {
     pub(super) spans: Vec<Span>,
     /// Verdicts with their times, of turns and of motion.
     pub(super) verdicts: Vec<(f64, &'static str, &'static str, String, &'static str)>,
-    /// The turn that the figures show: the last that was accepted, or else the last.
+    /// The turn that the figures show: the last that was not refused, or else the last.
     pub(super) turn: Option<Judged>,
+    /// The calibration under way.
+    under_way: Option<Request>,
     pub(super) first_s: Option<f64>,
     pub(super) now_s: f64,
     pub(super) readings: u64,
@@ -137,20 +139,15 @@ impl Analysis {
 }
 
 impl Findings {
-    fn calibrate(&mut self, request: Request) -> Outcome {
-        let outcome = calibrate(&request, &|| None);
-        let accepted = |outcome: &Outcome| outcome.verdict == Verdict::Accepted;
-        let before = self
-            .turn
-            .as_ref()
-            .is_some_and(|turn| accepted(&turn.outcome));
-        if accepted(&outcome) || !before {
+    /// Keeps the newest turn with its verdict: one whose fit is good rather than one that was refused.
+    fn judged(&mut self, request: Request, outcome: &Outcome) {
+        let refused = |outcome: &Outcome| outcome.verdict == Verdict::Rejected;
+        if !refused(outcome) || self.turn.as_ref().is_none_or(|turn| refused(&turn.outcome)) {
             self.turn = Some(Judged {
                 request,
                 outcome: outcome.clone(),
             });
         }
-        outcome
     }
 
     fn warn(&mut self, news: String) {
@@ -199,10 +196,17 @@ impl Findings {
             }
             Action::Turned(_) => self.turns += 1,
             Action::Calibrate(request) => {
-                let outcome = self.calibrate(*request);
+                let outcome = calibrate(&request, &|| None);
+                self.under_way = Some(*request);
                 return Some(Event::Calibrated(Box::new(outcome)));
             }
             Action::Conclude(outcome, _) => {
+                // The pipeline has the last word: it may know better already, or find the gyro wrong.
+                if outcome.method == "turn"
+                    && let Some(request) = self.under_way.take()
+                {
+                    self.judged(request, &outcome);
+                }
                 if self.verdicts.len() == MOST_EVENTS {
                     self.verdicts.remove(0);
                 }

@@ -25,6 +25,21 @@ fn row<'a>(page: &'a str, name: &str) -> Option<&'a str> {
     Some(row.split_once("</td>")?.0)
 }
 
+/// What the turn's fit gives is accepted; then the pipeline finds that it knows better.
+#[test]
+fn the_verdict_on_a_turn_is_the_last_one() {
+    let settings = Settings {
+        scenario: Scenario::Demo,
+        ..Settings::default()
+    };
+    let page = page(settings, "");
+    let (_, section) = page
+        .split_once("<h2>Calibration by a full turn</h2>")
+        .unwrap();
+    let kept = "<p><b class=good>not needed: what was known is more certain</b> (less_certain)";
+    assert!(section.trim_start().starts_with(kept), "{section:.300}");
+}
+
 #[test]
 fn a_known_place_gives_true_headings_as_in_a_replay() {
     let folder = Folder::new();
@@ -104,13 +119,11 @@ fn assert_self_contained(page: &str) {
 
 #[test]
 fn an_accepted_turn_has_every_figure() {
-    let page = page(
-        Settings {
-            scenario: Scenario::Demo,
-            ..Settings::default()
-        },
-        "",
-    );
+    let one_turn = Settings {
+        turns: 1.1,
+        ..Settings::default()
+    };
+    let page = page(one_turn, "");
     assert_self_contained(&page);
     assert_eq!(page.matches("<figure>").count(), 8, "planar: one circle");
     for part in [
