@@ -173,6 +173,7 @@ impl Daemon {
                  unit and the configuration agree"
             );
         }
+        let socket = served.to_owned();
         let control = control(config, &mut service);
         for name in service.sockets.names() {
             tracing::warn!(
@@ -191,7 +192,7 @@ impl Daemon {
             control: control.map(|control| {
                 Serving::start(|stopped| control.run(sender, async { drop(stopped.await) }))
             }),
-            socket: config.socket.socket.clone(),
+            socket,
             orders,
             outputs: Outputs::open(&config.udp, &config.tcp, &config.pty, &publisher),
             publisher,

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::future::Future;
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use tokio::time::timeout;
@@ -31,22 +31,26 @@ impl Recording {
     /// Then headings are served meanwhile, as by the daemon; where there can be no socket it says so and records all
     /// the same. Without a source a service must be there.
     pub async fn open(config: &Config) -> Result<Self, DaemonError> {
-        // One recording is enough.
-        let config = Config {
+        // One recording is enough, and it needs no calibration: a store has one daemon.
+        let mut config = Config {
             record: record::Settings::default(),
             ..config.clone()
         };
+        config.store.directory = PathBuf::new();
+        // The service comes first: a pipe that is opened twice shares its rows among both readers.
+        let service = match Listener::connect(&config.socket.socket).await {
+            Ok(listener) => {
+                let origin = ReadingsFrom::Service(Box::new(listener));
+                return Ok(Self { config, origin });
+            }
+            Err(service) => service,
+        };
         let origin = match Daemon::open(&config, Service::default()) {
             Err(DaemonError::Bind(BindError {
-                path,
                 why: BindFault::Busy(_),
-            })) => ReadingsFrom::Service(Box::new(Listener::connect(&path).await?)),
-            Err(DaemonError::NoSource) => {
-                let connected = Listener::connect(&config.socket.socket).await;
-                let listener =
-                    connected.map_err(|service| DaemonError::NothingToRecord { service })?;
-                ReadingsFrom::Service(Box::new(listener))
-            }
+                ..
+            })) => return Err(service.into()),
+            Err(DaemonError::NoSource) => return Err(DaemonError::NothingToRecord { service }),
             // Two readers of the same chips would disturb each other.
             Err(DaemonError::Bind(error)) if !matches!(error.why, BindFault::Unsure(_)) => {
                 tracing::warn!("{error}; recording without a socket");

@@ -113,6 +113,19 @@ fn what_is_recorded_from_a_service_is_what_it_records_by_itself() {
     }
 }
 
+/// Only the socket's path counts then: the source may be a pipe, or a log that only the service may read.
+#[test]
+fn with_a_service_the_configurations_source_is_not_touched() {
+    let rig = Rig::new(1.0, LONG);
+    let _service = rig.start();
+    rig.client();
+    rig.replay(1.0, &rig.path("missing.csv"));
+    let out = rig.path("a.csv");
+    record(&rig, &out, &["--duration", "0.5"]).ends(0);
+    assert!(!recorded(&out).is_empty());
+    assert!(!rig.path("missing.csv").exists());
+}
+
 /// A log has one header: rows of another board would be replayed wrongly.
 #[test]
 fn a_recording_ends_where_a_reload_has_brought_another_board() {

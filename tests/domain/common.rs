@@ -32,7 +32,10 @@ impl Ran {
 /// The program, ready for arguments. It reads nothing and finds no settings in the environment.
 pub fn command() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
-    command.stdin(Stdio::null()).env_remove("RUST_LOG");
+    command
+        .stdin(Stdio::null())
+        .env_remove("RUST_LOG")
+        .env_remove("HEADINGD_CONFIG");
     command
 }
 

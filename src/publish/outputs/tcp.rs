@@ -82,6 +82,8 @@ pub(super) async fn run(
             Some(_) = clients.join_next() => continue,
             accepted = listener.accept() => accepted,
         };
+        // Those who have left meanwhile make room, whichever of both came first.
+        while clients.try_join_next().is_some() {}
         match accepted {
             Ok((stream, _)) if clients.len() < MOST_CLIENTS => {
                 let lines = HeadingLines::new(feed.clone(), format);
