@@ -12,6 +12,7 @@ use super::{Failure, config_file, number, read_log_on, tell, tell_skips, write_o
 use crate::calibration::model::Calibration;
 use crate::config::Config;
 use crate::config::source::Kind;
+use crate::frame::Mounting;
 use crate::position::{Follower, Gpsd};
 use crate::publish::control::ControlRequest;
 use crate::publish::raw::{self, Object};
@@ -133,7 +134,10 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
             Ok(Object::Board { header }) => {
                 let header = raw::header(&header)?;
                 let about = about(&sockets.headings.display().to_string(), &header);
-                let setup = config.setup(&header.mountings);
+                let mut setup = config.setup(&header.mountings);
+                if let Some(board) = board(&sockets) {
+                    setup.mountings = header.mountings.on(&board);
+                }
                 let north = TrueNorth::new(&config.true_north);
                 found = Some((about, Analysis::new(setup, north, active(&sockets))));
             }
@@ -180,6 +184,17 @@ fn follower(config: &Config) -> Result<Option<Follower>, Failure> {
     };
     std::thread::spawn(move || runtime.block_on(pending::<()>()));
     Ok(Some(follower))
+}
+
+/// How the daemon's board is mounted, where this user may ask for it: it may have been told otherwise than the configuration.
+fn board(sockets: &DaemonSockets) -> Option<Mounting> {
+    let question = ControlRequest::Mounting {
+        level: false,
+        heading_deg: None,
+        reset: false,
+    };
+    let answer = exchange(&sockets.control, &question).ok()?;
+    answer["board_axes"].as_str()?.parse().ok()
 }
 
 /// The daemon's calibration, where this user may ask for it.

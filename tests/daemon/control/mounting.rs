@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::link::Link;
-use crate::rig::{FAST, LONG, Rig, apart_deg};
+use crate::rig::{FAST, LONG, Rig, apart_deg, headingd};
 
 /// A board whose nose is 10° up, and which turns so slowly that it may be taken for one that is held.
 const SLOW: &str = "[simulator]\nturns = 2\nturn_deg_s = 1\ntilt_deg = 10\n";
@@ -53,6 +53,22 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     });
     assert!(number(&ahead, "pitch").abs() < 2.0, "{ahead}");
     let kept = link.told("mounting")["board_axes"].clone();
+    // A report on the daemon has the board mounted so, too.
+    let socket = rig.text("heading.sock");
+    let (status, page, err) = headingd(&[
+        "report",
+        "--socket",
+        &socket,
+        "--duration",
+        "2",
+        "--out",
+        "-",
+    ]);
+    assert_eq!(status, 0, "{err}");
+    let (_, row) = page.split_once("<tr><th>last heading</th><td>").unwrap();
+    let (heading, _) = row.split_once('°').unwrap();
+    let off_deg = apart_deg(heading.parse().unwrap(), 200.0);
+    assert!(off_deg.abs() < 25.0, "{heading}");
     process.signal("KILL");
     process.wait();
 
