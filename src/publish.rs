@@ -17,6 +17,5 @@ mod rate_limit;
 pub(crate) mod raw;
 pub mod request;
 pub mod server;
-mod shared_lines;
 mod signalk;
 mod socket_file;

@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 use tokio::sync::broadcast;
 
 use super::gpsd::{self, Device};
-use super::shared_lines::SharedLines;
 use super::{nmea, raw, signalk};
 use crate::calibration::outcome::Outcome;
 use crate::condition::Report;
@@ -38,12 +37,13 @@ impl Publisher {
     pub fn heading(&self, heading: Heading, taken: Instant, time: Option<String>) {
         let mut latest = self.feed.lock();
         latest.count(&heading);
-        let number = latest.heading.as_ref().map_or(1, |last| last.number + 1);
         let published = Arc::new(PublishedHeading {
-            number,
             heading,
             taken,
             time,
+            att: OnceLock::new(),
+            nmea: OnceLock::new(),
+            signalk: OnceLock::new(),
         });
         self.feed.send(Broadcast::Heading(published.clone()));
         latest.heading = Some(published);
@@ -109,10 +109,6 @@ pub(super) struct Feed {
     /// Counts the readings.
     read: AtomicU64,
     latest: Mutex<Latest>,
-    /// Each without its age, which is added when it is written to a client.
-    att: SharedLines,
-    nmea_lines: SharedLines,
-    signalk: SharedLines,
 }
 
 #[derive(Debug, Default)]
@@ -139,13 +135,16 @@ impl Latest {
 /// A heading on its way to clients.
 #[derive(Clone, Debug)]
 pub(super) struct PublishedHeading {
-    /// Counts from 1, over all sources.
-    number: u64,
     pub(super) heading: Heading,
     /// When the magnetometer was read.
     pub(super) taken: Instant,
     /// The same moment, RFC 3339 in UTC, if the time of day is known.
     time: Option<String>,
+    /// Its lines in each format: encoded once, for all clients, if one of them wants the format. `att` is without the heading's age,
+    /// which is added when it is written to a client.
+    att: OnceLock<String>,
+    nmea: OnceLock<String>,
+    signalk: OnceLock<String>,
 }
 
 /// One entry of the ring.
@@ -198,9 +197,6 @@ impl Feed {
             readings: OnceLock::new(),
             read: AtomicU64::new(0),
             latest: Mutex::default(),
-            att: SharedLines::new(backlog),
-            nmea_lines: SharedLines::new(backlog),
-            signalk: SharedLines::new(backlog),
         }
     }
 
@@ -240,26 +236,32 @@ impl Feed {
 
     /// Appends a heading as an `ATT` object.
     pub(super) fn put_att(&self, out: &mut String, published: &PublishedHeading) {
-        self.att.put(out, published.number, |line| {
+        out.push_str(published.att.get_or_init(|| {
+            let mut line = String::new();
             let time = published.time.as_deref();
-            gpsd::att_begin(line, &self.device.path, &published.heading, time);
-        });
+            gpsd::att_begin(&mut line, &self.device.path, &published.heading, time);
+            line
+        }));
         let age_ms = published.taken.elapsed().as_millis();
         gpsd::att_end(out, u64::try_from(age_ms).unwrap_or(u64::MAX));
     }
 
     /// Appends a heading as NMEA 0183.
     pub(super) fn put_nmea(&self, out: &mut String, published: &PublishedHeading) {
-        self.nmea_lines.put(out, published.number, |lines| {
-            *lines = nmea::sentences(&self.nmea.talker, &published.heading);
-        });
+        out.push_str(
+            published
+                .nmea
+                .get_or_init(|| nmea::sentences(&self.nmea.talker, &published.heading)),
+        );
     }
 
     /// Appends a heading as a Signal K delta.
     pub(super) fn put_signalk(&self, out: &mut String, published: &PublishedHeading) {
-        self.signalk.put(out, published.number, |line| {
-            *line = signalk::delta(&published.heading, published.time.as_deref());
-        });
+        out.push_str(
+            published
+                .signalk
+                .get_or_init(|| signalk::delta(&published.heading, published.time.as_deref())),
+        );
     }
 
     /// How often headings go out as NMEA 0183, unless a client asks for another rate.
