@@ -94,7 +94,7 @@ impl Listener {
                     recorder.take(row.reading());
                 }
                 Some(Object::State { cal_state, message }) => self.tell(&cal_state, message),
-                Some(Object::Board { header }) if self.is_another(&header) => {
+                Some(Object::Board { .. }) => {
                     tracing::warn!(
                         "the service at {} reads another board now: the recording of the one before ends, start another",
                         self.socket.display()
@@ -130,11 +130,6 @@ impl Listener {
         }
         self.lost = self.lost.saturating_add(lost);
         self.seq = Some(row.seq);
-    }
-
-    /// Whether this is the header of another log than the one that is recorded.
-    fn is_another(&self, header: &str) -> bool {
-        raw::header(header).is_ok_and(|header| header != self.header)
     }
 
     /// Logs a fault of the source once, and its end.

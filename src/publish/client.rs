@@ -51,6 +51,7 @@ pub(super) async fn serve(
         nmea_pace: RateLimit::default(),
         ring: None,
         readings: None,
+        board: Arc::default(),
         seen: [0; 2],
         lines: String::new(),
     };
@@ -122,6 +123,8 @@ struct Client<'a> {
     /// Only while something is watched for: an idle client costs the publisher nothing.
     ring: Option<broadcast::Receiver<Broadcast>>,
     readings: Option<broadcast::Receiver<Raw>>,
+    /// The board that the client was told of since it asked for readings; empty before.
+    board: Arc<str>,
     /// By their kinds, the numbers of the last events sent, or passed over while they were not watched for.
     seen: [u64; 2],
     /// Lines on their way to the client, together.
@@ -181,16 +184,14 @@ impl Client<'_> {
         } else if self.ring.is_none() {
             self.ring = Some(self.feed.subscribe());
         }
-        let announced = self.readings.is_some();
         if !(policy.enable && policy.readings) {
-            self.readings = None;
-        } else if !announced {
+            (self.readings, self.board) = (None, Arc::default());
+        } else if self.readings.is_none() {
             self.readings = Some(self.feed.subscribe_readings());
         }
         self.put_policy();
-        let board = self.feed.board();
-        if self.readings.is_some() && !announced && !board.is_empty() {
-            self.put(&board);
+        if self.readings.is_some() {
+            self.put_board(self.feed.board());
         }
         if self.ring.is_none() {
             return;
@@ -231,14 +232,19 @@ impl Client<'_> {
 
     fn forward_raw(&mut self, message: Result<Raw, RecvError>) {
         match message {
-            Ok(Raw::Board(line)) => self.put(&line),
+            Ok(Raw::Board(line)) => self.put_board(line),
             Ok(Raw::Reading(seq, reading)) => self.put(&raw::reading(seq, &reading)),
             // Missed readings are gone, and their `seq` says so. A new board may be among what was missed.
-            Err(RecvError::Lagged(_)) => {
-                let board = self.feed.board();
-                self.put(&board);
-            }
+            Err(RecvError::Lagged(_)) => self.put_board(self.feed.board()),
             Err(RecvError::Closed) => self.readings = None,
+        }
+    }
+
+    /// Puts the board whose readings follow, unless the client knows it.
+    fn put_board(&mut self, board: Arc<str>) {
+        if board != self.board {
+            self.put(&board);
+            self.board = board;
         }
     }
 

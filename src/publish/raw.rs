@@ -11,7 +11,7 @@ use crate::recording::{Header, Reader, RecordingError, Writer};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "class", rename_all = "UPPERCASE")]
 pub enum Object {
-    /// Whose readings they are; comes before the first, and again when the service has been reloaded.
+    /// Whose readings they are; comes before the first, and when the service reads another board.
     Board {
         /// The header of a log, all its lines.
         header: String,

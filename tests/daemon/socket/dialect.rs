@@ -246,6 +246,45 @@ async fn raw_readings_come_to_those_who_ask_until_they_ask_no_more() {
     assert_eq!(plain.next().await["class"], "ATT");
 }
 
+/// Most reloads leave the board as it is.
+#[tokio::test]
+async fn a_board_is_announced_once_until_there_is_another() {
+    let rig = rig(|_| {});
+    let publish = |header: &Header, t_s| {
+        rig.publisher.board(header);
+        rig.publisher.reading(&Reading {
+            t_s,
+            ..Reading::default()
+        });
+    };
+    let before = Header::default();
+    rig.publisher.board(&before);
+    let mut client = rig
+        .watcher("{\"enable\":true,\"json\":false,\"readings\":true}")
+        .await;
+    assert_eq!(client.next().await["class"], "BOARD");
+    publish(&before, 1.0);
+    let reading = client.next().await;
+    assert_eq!(
+        (&reading["class"], &reading["t_s"]),
+        (&"READING".into(), &1.0.into())
+    );
+    let after = Header {
+        sensor: Some("another".to_owned()),
+        ..before
+    };
+    publish(&after, 2.0);
+    let board = client.next().await;
+    assert_eq!(board["class"], "BOARD");
+    assert!(
+        board["header"]
+            .as_str()
+            .unwrap()
+            .contains("sensor = another")
+    );
+    assert_eq!(client.next().await["t_s"], 2.0);
+}
+
 #[tokio::test]
 async fn garbage_is_answered_and_the_connection_lives() {
     let rig = rig(|_| {});
