@@ -136,11 +136,11 @@ impl Config {
         }
     }
 
-    /// What a pipeline is set up with for these chips, on a board mounted as the configuration says.
-    pub fn setup(&self, chips: &frame::Mountings) -> pipeline::Setup {
+    /// What a pipeline is set up with for these chips, on a board that is mounted so.
+    pub fn setup(&self, chips: &frame::Mountings, board: &frame::Mounting) -> pipeline::Setup {
         pipeline::Setup {
             pipeline: self.heading,
-            mountings: chips.on(&self.mounting.board()),
+            mountings: chips.on(board),
             attitude: self.attitude,
             turn: self.turn,
             calibration: self.calibration.clone(),

@@ -139,7 +139,8 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     let replay = Replay::open(&args.log)?;
     let header = replay.header();
     let identity = Identity::new(header.sensor_name(), header.mountings.mag);
-    let mut survey = Survey::new(config.setup(&header.mountings), args.plane.axes());
+    let setup = config.setup(&header.mountings, &config.mounting.board());
+    let mut survey = Survey::new(setup, args.plane.axes());
     let skips = read_log(replay, |entry, begins_stretch| {
         survey.take(&entry.reading, begins_stretch);
         Ok(())

@@ -57,10 +57,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         most: config.store.history,
     };
     let calibration = keep.open(args)?;
-    let mut setup = config.setup(&header.mountings);
     let board = keep.history.board(&config.mounting.board());
-    setup.mountings = header.mountings.on(&board);
-    let pipeline = Pipeline::new(setup, calibration);
+    let pipeline = Pipeline::new(config.setup(&header.mountings, &board), calibration);
     let lines = JsonLines {
         device: Device {
             path: args.log.display().to_string(),

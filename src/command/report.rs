@@ -73,7 +73,7 @@ fn of_log(log: &Path, config: &Config) -> Result<(About, Analysis), Failure> {
     let replay = Replay::open(log)?;
     let about = about(&log.display().to_string(), replay.header());
     let mut time = TimeOfDay::new(replay.header());
-    let setup = config.setup(&replay.header().mountings);
+    let setup = config.setup(&replay.header().mountings, &config.mounting.board());
     let mut analysis = Analysis::new(setup, TrueNorth::new(&config.true_north), None);
     let skips = read_log_on(replay, |entry, begins_stretch| {
         if begins_stretch {
@@ -134,10 +134,8 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
             Ok(Object::Board { header }) => {
                 let header = raw::header(&header)?;
                 let about = about(&sockets.headings.display().to_string(), &header);
-                let mut setup = config.setup(&header.mountings);
-                if let Some(board) = board(&sockets) {
-                    setup.mountings = header.mountings.on(&board);
-                }
+                let board = board(&sockets).unwrap_or_else(|| config.mounting.board());
+                let setup = config.setup(&header.mountings, &board);
                 let north = TrueNorth::new(&config.true_north);
                 found = Some((about, Analysis::new(setup, north, active(&sockets))));
             }

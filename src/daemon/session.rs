@@ -139,8 +139,6 @@ impl Session {
 fn pipeline(config: &Config, source: &SourceTask, store: &SensorStore) -> Pipeline {
     let history = store.history();
     let calibration = history.active().map(|entry| entry.made.calibration);
-    let mountings = &source.header.mountings;
-    let mut setup = config.setup(mountings);
-    setup.mountings = mountings.on(&history.board(&config.mounting.board()));
-    Pipeline::new(setup, calibration)
+    let board = history.board(&config.mounting.board());
+    Pipeline::new(config.setup(&source.header.mountings, &board), calibration)
 }
