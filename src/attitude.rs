@@ -91,7 +91,7 @@ pub struct TiltError {
     pub sd_rad: f64,
 }
 
-/// What the readings of one instant say of the board and of the gyro, beside pose and rate.
+/// The state of board and gyro at one instant, beside pose and rate.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardState {
     /// Whether the board is at rest, by gyro, accelerometer and field: the gyro's rate is its bias.

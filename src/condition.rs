@@ -1,7 +1,7 @@
 //! The one state of the daemon, and the reason for it: the word that the socket, the log and systemd show.
 //!
-//! `pipeline/judge.rs` finds it without memory: it is the first, the worst first, that the evidence shows. So a faulty source or a
-//! silent magnetometer leads from any state to `fault` or `stale`, and its end to what the evidence shows then.
+//! `pipeline/judge.rs` judges it without memory: the first condition that applies, worst first. So a faulty source or a silent
+//! magnetometer leads from any state to `fault` or `stale`, and its end to whatever applies then.
 //! What leads from one state to another (`tests/domain/condition` plays each row through the pipeline):
 //!
 //! | from | what happens | to | reason |
@@ -113,7 +113,7 @@ pub fn wrong_strength(strength_mgauss: f64) -> String {
 }
 
 /// What a person should know of a gyro that is at fault.
-pub fn gyro_fault(reason: &str) -> &'static str {
+pub fn wrong_gyro(reason: &str) -> &'static str {
     match reason {
         "gyro_clipped" => "the board turns faster than the gyro can measure: turn it more slowly",
         "gyro_dead" => "the field turns and the gyro reads a constant: check its wiring",

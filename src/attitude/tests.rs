@@ -34,12 +34,9 @@ fn a_bias_of_5_deg_s_is_learnt_at_rest_within_seconds() {
         };
         board.rest(6.0);
         let (attitude, _) = run(&board);
-        assert!(attitude.state(board.t_s).at_rest);
-        let learnt = attitude
-            .state(board.t_s)
-            .gyro_bias
-            .rad_s
-            .map(f64::to_degrees);
+        let state = attitude.state(board.t_s);
+        assert!(state.at_rest);
+        let learnt = state.gyro_bias.rad_s.map(f64::to_degrees);
         let error = (learnt - board.gyro_bias_deg_s).norm();
         assert!(error < 0.15, "accel {accel}: {error}");
     }
@@ -63,12 +60,9 @@ fn a_slow_steady_turn_is_motion_not_bias() {
             }
             board.turn(-Vector3::z(), 60.0, deg_s);
             let (attitude, _) = run(&board);
-            assert!(!attitude.state(board.t_s).at_rest);
-            let learnt = attitude
-                .state(board.t_s)
-                .gyro_bias
-                .rad_s
-                .map(f64::to_degrees);
+            let state = attitude.state(board.t_s);
+            assert!(!state.at_rest);
+            let learnt = state.gyro_bias.rad_s.map(f64::to_degrees);
             let error = (learnt - board.gyro_bias_deg_s).norm();
             // At power-on nothing has told the bias yet; it must only not become the turn's rate.
             let limit = if start == "power-on" { 0.6 } else { 0.2 };
@@ -91,9 +85,9 @@ fn pose_and_tilt_follow_the_truth() {
     for (i, reading) in board.readings.iter().enumerate() {
         attitude.take(reading, |_| {});
         if i + 1 == stop {
-            let tilt = tilt(&attitude, reading.t_s).unwrap();
-            assert!((tilt.1 - 20.7).abs() < 1.0, "{tilt:?}");
-            assert!((tilt.0 + 14.1).abs() < 1.0, "{tilt:?}");
+            let (pitch, roll) = tilt(&attitude, reading.t_s).unwrap();
+            assert!((roll - 20.7).abs() < 1.0, "{roll}");
+            assert!((pitch + 14.1).abs() < 1.0, "{pitch}");
         }
     }
     let t_s = board.t_s;

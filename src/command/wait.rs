@@ -52,7 +52,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
         let object = headings.object_in_time()?.unwrap_or_default();
         // Motion that taught as much ends the wait for a turn too.
         let over = object["method"] == "turn" || object["verdict"] == "accepted";
-        // The start itself cancels a calibration that is under way, and that is told, too.
+        // The start itself cancels a calibration that is under way; its outcome is not the one to wait for.
         if object["class"] == "CALIBRATION" && over && object["reason"] != "cancelled" {
             drop(show);
             return conclude(&object, headings.text(), json);

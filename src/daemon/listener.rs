@@ -96,7 +96,7 @@ impl Listener {
                 Some(Object::State { cal_state, message }) => self.tell(&cal_state, message),
                 Some(Object::Board { .. }) => {
                     tracing::warn!(
-                        "the service at {} reads another board now: the recording of the one before ends, start another",
+                        "the service at {} reads another board now: the recording ends, start another one",
                         self.socket.display()
                     );
                     return Ok(());

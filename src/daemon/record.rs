@@ -31,13 +31,13 @@ impl Recording {
     /// Then headings are served meanwhile, as by the daemon; where there can be no socket it says so and records all
     /// the same. Without a source a service must be there.
     pub async fn open(config: &Config) -> Result<Self, DaemonError> {
-        // One recording is enough, and it needs no calibration: a store has one daemon.
+        // One recording is enough. It needs no calibrations, and the store belongs to the service.
         let mut config = Config {
             record: record::Settings::default(),
             ..config.clone()
         };
         config.store.directory = PathBuf::new();
-        // The service comes first: a pipe that is opened twice shares its rows among both readers.
+        // Ask the service first: a pipe that is opened twice splits its rows between both readers.
         let service = match Listener::connect(&config.socket.socket).await {
             Ok(listener) => {
                 let origin = ReadingsFrom::Service(Box::new(listener));

@@ -231,8 +231,8 @@ fn record(
     readings: &Receiver<Reading>,
     written: &mut u64,
 ) -> Result<(), RecordError> {
-    // A file that somebody has named is opened at once: they wait for the error. A ring makes room for the next file only when there
-    // is something to write: a daemon that is started again and again and reads nothing must not remove the logs that show why.
+    // A named file is opened at once, so that an error is reported at once. A ring opens its next file, and removes the oldest, only
+    // when there is a reading to write: a daemon that restarts again and again without one must not remove the logs that show why.
     let mut opened = match target {
         Destination::File(_) => Some(target.open()?),
         Destination::Ring(_) => None,

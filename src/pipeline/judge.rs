@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::{Action, Pipeline};
-use crate::condition::{Condition, Report, STRENGTH_TOLERANCE, gyro_fault, wrong_strength};
+use crate::condition::{Condition, Report, STRENGTH_TOLERANCE, wrong_gyro, wrong_strength};
 use crate::estimate::GyroFault;
 
 /// A field that was disturbed is called so until it has been calm for this long, seconds.
@@ -72,7 +72,7 @@ impl Pipeline {
             return self.judge_uncalibrated();
         }
         if let Some(reason) = self.gyro_fault() {
-            return self.report_as(Condition::Degraded, reason, gyro_fault(reason));
+            return self.report_as(Condition::Degraded, reason, wrong_gyro(reason));
         }
         if self.field_is_disturbed() {
             if self.strength_deviation.abs() > STRENGTH_TOLERANCE {
@@ -108,14 +108,14 @@ impl Pipeline {
         self.report_as(Condition::Good, "good", message)
     }
 
-    /// The same while there is no calibration.
+    /// The first condition that applies while there is no calibration.
     fn judge_uncalibrated(&self) -> Report {
         if self.job.is_some_and(|job| !job.unwanted) {
             let message = "calibrating on the motion just made";
             return self.report_as(Condition::Calibrating, "calibrating", message);
         }
         if let Some(reason) = self.gyro_fault() {
-            return self.report_as(Condition::Uncalibrated, reason, gyro_fault(reason));
+            return self.report_as(Condition::Uncalibrated, reason, wrong_gyro(reason));
         }
         if self.wanted().is_none() {
             let message = "told not to calibrate by itself: headingd calibration start, and then turn the board";
@@ -164,7 +164,7 @@ impl Pipeline {
         }
     }
 
-    /// Whether something magnetic is near. Without a gyro the estimate sees nothing, and the field's strength is all that tells.
+    /// Whether something magnetic is near. Without a gyro the estimate takes no samples, and only the field's strength shows it.
     fn field_is_disturbed(&self) -> bool {
         if self.gyro_is_live() {
             self.now_s - self.disturbed_s < CALM_S

@@ -146,8 +146,8 @@ impl HeaderLines {
     }
 }
 
-/// A key of a unit or of axes that somebody may have meant: without it, numbers would be taken for other ones. Keys that
-/// say nothing of them are free, also beside `sensor`.
+/// The key of a unit or of axes that this one misspells: without that key, numbers would be read in wrong units. Other
+/// keys are free, also those that resemble `sensor`.
 fn meant(key: &str) -> Option<&'static str> {
     let key = key.to_lowercase().replace('-', "_");
     let mut units_and_axes = KEYS.into_iter().filter(|known| *known != "sensor");

@@ -16,7 +16,7 @@ pub struct Writer<W: Write> {
 }
 
 impl<W: Write> Writer<W> {
-    /// Writes the header, whose texts are one line each, as in one that was read.
+    /// Writes the header. Its texts must be single lines, as those of a header that was read are.
     ///
     /// # Errors
     ///

@@ -139,7 +139,7 @@ impl Analysis {
 }
 
 impl Findings {
-    /// Keeps the newest turn with its verdict: one whose fit is good rather than one that was refused.
+    /// Keeps the newest turn that was not refused, or else the newest, with its verdict.
     fn judged(&mut self, request: Request, outcome: &Outcome) {
         let refused = |outcome: &Outcome| outcome.verdict == Verdict::Rejected;
         if !refused(outcome) || self.turn.as_ref().is_none_or(|turn| refused(&turn.outcome)) {
@@ -201,7 +201,7 @@ impl Findings {
                 return Some(Event::Calibrated(Box::new(outcome)));
             }
             Action::Conclude(outcome, _) => {
-                // The pipeline has the last word: it may know better already, or find the gyro wrong.
+                // The pipeline decides: it may be more certain already, or find the gyro wrong.
                 if outcome.method == "turn"
                     && let Some(request) = self.under_way.take()
                 {

@@ -38,7 +38,7 @@ pub enum Item {
     Timed(Reading),
     /// A row that will count if no header comes.
     Early,
-    /// A header, after rows that have counted without: they were in other units than those that follow.
+    /// A header, after rows that counted without one: those rows were in other units.
     NewUnits,
     /// The answer to a request for synchronisation, with the two bytes that were asked for.
     Synch([u8; 2]),

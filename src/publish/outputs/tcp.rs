@@ -82,7 +82,7 @@ pub(super) async fn run(
             Some(_) = clients.join_next() => continue,
             accepted = listener.accept() => accepted,
         };
-        // Those who have left meanwhile make room, whichever of both came first.
+        // Clients that have left free their places before the next one is counted.
         while clients.try_join_next().is_some() {}
         match accepted {
             Ok((stream, _)) if clients.len() < MOST_CLIENTS => {

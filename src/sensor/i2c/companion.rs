@@ -50,7 +50,7 @@ impl CompanionPoller {
                     return Ok(());
                 }
                 Err(ChipError::Stopped) => return Err(ChipError::Stopped),
-                // The first is the likeliest to be there in another make.
+                // Report the first: a chip with another identity is most likely a variant of that one.
                 Err(error @ ChipError::Identity { .. }) => failed = failed.or(Some(error)),
                 // It may still be this one, and must not be set up as another.
                 Err(error) => {

@@ -13,10 +13,11 @@ use crate::frame::{Mounting, Mountings};
 use crate::reading::Field;
 use crate::recording::{HeaderLines, Rows, check_row};
 
-/// Rows count without a header from then on, seconds of their own clock: the sketch of docs/serial.md repeats its header
-/// every 500 rows, 11 s at its 45 Hz, and slower ones need some more.
+/// Rows count without a header after this time, seconds of their own clock: the sketch of docs/serial.md repeats its header
+/// every 500 rows, 11 s at its 45 Hz, and slower sketches need some more.
 const HEADER_S: f64 = 15.0;
-/// What a row adds to that, seconds: a lost point makes a time a thousand times as late, and a clock may stand still.
+/// Least and most that a row adds to it, seconds: the clock may stand still, and a lost decimal point makes a time a thousand times
+/// as late.
 const STEP_S: (f64, f64) = (0.001, 1.0);
 
 /// Bytes in, readings out.
@@ -37,7 +38,7 @@ struct Wire {
     turns: [Matrix3<f64>; 3],
     /// The device has sent a part of a header: rows count only after the whole.
     has_header: bool,
-    /// Rows have counted without one: what they said was in other units.
+    /// Rows have counted without one, in units that may be wrong.
     counted_plain: bool,
     first: bool,
     /// The device ends its rows in checksums: one without has lost it.

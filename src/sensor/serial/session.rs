@@ -81,8 +81,8 @@ impl PortSession {
         self.frames.resume();
     }
 
-    /// Takes bytes that have arrived at this time, and hands over the readings that they complete; `None`: those
-    /// that follow have nothing to do with those before.
+    /// Takes bytes that have arrived at this time, and hands over the readings that they complete; `None`
+    /// where the readings that follow have other units.
     pub(super) fn bytes(
         &mut self,
         bytes: &[u8],

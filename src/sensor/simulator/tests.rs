@@ -4,10 +4,6 @@ use crate::check::Check;
 use crate::reading::STANDARD_GRAVITY_M_S2;
 use crate::recording::Writer;
 
-fn simulator(settings: Settings) -> Simulator {
-    Simulator::new(settings)
-}
-
 /// No noise, no gyro bias.
 fn perfect(scenario: Scenario) -> Settings {
     Settings {
@@ -20,7 +16,7 @@ fn perfect(scenario: Scenario) -> Settings {
 }
 
 fn log(settings: Settings) -> Vec<u8> {
-    let simulator = simulator(settings);
+    let simulator = Simulator::new(settings);
     let mut writer = Writer::new(Vec::new(), &simulator.header()).unwrap();
     for entry in simulator {
         writer.write(&entry).unwrap();
@@ -31,7 +27,7 @@ fn log(settings: Settings) -> Vec<u8> {
 #[test]
 fn a_level_board_at_heading_90_sees_the_horizontal_field_to_its_left() {
     // A quarter of a turn, then rest.
-    let simulator = simulator(Settings {
+    let simulator = Simulator::new(Settings {
         turns: 0.25,
         ..perfect(Scenario::Planar)
     });
@@ -54,7 +50,7 @@ fn a_level_board_at_heading_90_sees_the_horizontal_field_to_its_left() {
 fn the_parameters_take_the_raw_field_back_to_the_true_one() {
     let settings = perfect(Scenario::Spatial);
     let parameters = Spatial::diagonal(settings.bias_mgauss.into(), settings.scale.into()).unwrap();
-    let mut simulator = simulator(settings);
+    let mut simulator = Simulator::new(settings);
     while let Some(entry) = simulator.next() {
         if let Some(raw) = entry.reading.whole_field_mgauss() {
             let error = parameters.correct(&raw) - simulator.true_field_mgauss(entry.reading.t_s);
@@ -68,7 +64,7 @@ fn the_parameters_take_the_raw_field_back_to_the_true_one() {
 fn the_gyro_says_how_the_attitude_changes() {
     use Scenario::*;
     for scenario in [Planar, Spatial, Free, Demo] {
-        let simulator = simulator(perfect(scenario));
+        let simulator = Simulator::new(perfect(scenario));
         let motion = simulator.motion.clone();
         let mut attitude = nalgebra::UnitQuaternion::identity();
         let mut before = Vector3::zeros();
@@ -85,7 +81,7 @@ fn the_gyro_says_how_the_attitude_changes() {
 #[test]
 fn a_level_board_at_rest_reads_minus_9_8_on_z() {
     let settings = Settings::default();
-    let rest = simulator(settings).take_while(|e| e.reading.t_s < 3.0);
+    let rest = Simulator::new(settings).take_while(|e| e.reading.t_s < 3.0);
     let forces: Vec<_> = rest.filter_map(|e| e.reading.specific_force_m_s2).collect();
     let mean = forces.iter().sum::<Vector3<f64>>() / forces.len() as f64;
     assert!(
@@ -93,7 +89,7 @@ fn a_level_board_at_rest_reads_minus_9_8_on_z() {
         "{mean}"
     );
     // Nose up by 30°: forward axis up, so that it reads half of gravity.
-    let tilted = simulator(Settings {
+    let tilted = Simulator::new(Settings {
         tilt_deg: 30.0,
         ..Settings::default()
     });
@@ -108,7 +104,7 @@ fn a_level_board_at_rest_reads_minus_9_8_on_z() {
 
 #[test]
 fn the_chips_tick_apart_and_in_order() {
-    let entries: Vec<Entry> = simulator(Settings::default()).collect();
+    let entries: Vec<Entry> = Simulator::new(Settings::default()).collect();
     assert!(entries.is_sorted_by(|a, b| a.reading.t_s < b.reading.t_s));
     for entry in &entries {
         let mag = entry.reading.field_mgauss.is_some();
@@ -128,7 +124,7 @@ fn the_chips_tick_apart_and_in_order() {
             .filter_map(|e| e.reading.field_mgauss)
             .collect()
     };
-    assert_eq!(fields(simulator(mag_only).collect()), fields(entries));
+    assert_eq!(fields(Simulator::new(mag_only).collect()), fields(entries));
 }
 
 #[test]
@@ -151,7 +147,7 @@ fn spikes_are_as_many_and_as_high_as_asked_for() {
             spikes,
             ..Settings::default()
         };
-        let entries = simulator(settings).map(|e| e.reading.whole_field_mgauss());
+        let entries = Simulator::new(settings).map(|e| e.reading.whole_field_mgauss());
         entries.flatten().collect()
     };
     let (with, without) = (fields(0.2), fields(0.0));
@@ -171,7 +167,7 @@ fn a_field_beyond_12_bits_overflows_its_axis() {
         bias_mgauss: [0.0, 1500.0, 0.0],
         ..perfect(Scenario::Planar)
     };
-    let entries: Vec<Entry> = simulator(settings).collect();
+    let entries: Vec<Entry> = Simulator::new(settings).collect();
     let overflow = entries.iter().filter(|e| e.reading.field_overflowed());
     assert!(overflow.count() > 10);
     let largest = entries.iter().filter_map(|e| e.reading.field_mgauss?[1]);
@@ -180,7 +176,7 @@ fn a_field_beyond_12_bits_overflows_its_axis() {
 
 #[test]
 fn a_board_that_points_up_has_no_heading() {
-    let steep = simulator(Settings {
+    let steep = Simulator::new(Settings {
         scenario: Scenario::Free,
         ..Settings::default()
     });

@@ -24,7 +24,7 @@ fn a_magnetometer_behind_an_mpu_6050_answers_after_its_bypass_is_on() {
     assert!(!bus.transfers().contains(&Transfer::Read(ACCEL, 0, 1)));
 }
 
-/// It lacks the registers that an ITG-3200 has, and its relative's name helps more.
+/// It is a variant of the MPU-6050, and has nothing in common with an ITG-3200.
 #[test]
 fn an_mpu_9250_is_told_as_a_wrong_mpu_6050() {
     let bus = FakeBus::default();
