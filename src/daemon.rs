@@ -112,7 +112,7 @@ pub struct Daemon {
     service: Service,
     inactivity: Inactivity,
     begun: Instant,
-    /// What has been counted since then, but for what the pipeline counts.
+    /// What has been counted since then, but for what this session's pipeline counts.
     counts: StatusCounts,
     reported: Option<Report>,
     /// Empty between events; kept for its capacity.
@@ -275,7 +275,8 @@ impl Daemon {
                     path: self.socket.clone(),
                     source: io::Error::other("the server has stopped"),
                 }),
-                prepared = self.reload.prepared() => {
+                // A calibration under way ends first: its turn is not made again.
+                prepared = self.reload.prepared(), if !self.session.calibrator.is_busy() => {
                     self.end_reload(prepared).await?;
                     self.inactivity.restart();
                 }

@@ -95,6 +95,11 @@ impl TrueNorth {
         }
     }
 
+    /// Where the compass is, if that is known.
+    pub fn position(&self) -> Option<Position> {
+        self.position
+    }
+
     /// How far magnetic north is east of true north at this time of day, degrees; `None` where that is not known. It is
     /// computed once a day, and where the compass has moved.
     pub fn declination_deg(&mut self, since_1970: Option<Duration>) -> Option<f64> {

@@ -192,7 +192,7 @@ impl Daemon {
 
     pub(super) fn counts(&self) -> StatusCounts {
         StatusCounts {
-            values_dropped: self.session.pipeline.dropped(),
+            values_dropped: self.counts.values_dropped + self.session.pipeline.dropped(),
             ..self.counts.clone()
         }
     }

@@ -60,6 +60,7 @@ impl Disk {
             store: opened.ok(),
             known: Contents::default(),
             unsaved: Contents::default(),
+            opens_anew: false,
             pause: PAUSES.0,
             fault: fault.clone(),
         };
@@ -165,6 +166,8 @@ struct DiskWriter {
     /// What the file holds of the sensors that were loaded or saved.
     known: Contents,
     unsaved: Contents,
+    /// The folder may be another by now. Until the next attempt it stays locked.
+    opens_anew: bool,
     pause: Duration,
     fault: SharedFault,
 }
@@ -242,7 +245,7 @@ impl DiskWriter {
                 Ok(())
             }
             Err(error) => {
-                self.store = None;
+                self.opens_anew = true;
                 let message = with_remedy(&error);
                 if !told {
                     tracing::error!(
@@ -257,6 +260,9 @@ impl DiskWriter {
     }
 
     fn save(&mut self) -> Result<(), StoreError> {
+        if std::mem::take(&mut self.opens_anew) {
+            self.store = None;
+        }
         let store = match &mut self.store {
             Some(store) => store,
             none => none.insert(Store::open(&self.directory)?),

@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::position::{Follower, Gpsd};
-use crate::true_north::{EarthField, TrueNorth};
+use crate::true_north::{EarthField, Position, TrueNorth};
 
 pub(super) struct North {
     true_north: TrueNorth,
@@ -40,6 +40,11 @@ impl North {
             tracing::warn!("{news}");
         }
         declination_deg
+    }
+
+    /// Where the compass is, if that is known.
+    pub(super) fn position(&self) -> Option<Position> {
+        self.true_north.position()
     }
 
     /// The earth's field where the compass is, once whenever it has been computed; `Some(None)` where it is not known.

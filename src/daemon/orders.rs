@@ -251,9 +251,9 @@ impl Daemon {
         })
     }
 
-    /// The earth's field where the board is, if that is configured.
+    /// The earth's field where the board is, if that is known.
     fn reference(&self) -> Option<ReferenceSummary> {
-        let position = self.session.config.true_north.position()?;
+        let position = self.session.north.position()?;
         let field = EarthField::new(&position, wall_clock::now()?).ok()?;
         Some(ReferenceSummary {
             strength_mgauss: brief(field.strength_mgauss.value),

@@ -9,6 +9,7 @@ use super::session::Session;
 use super::source_task::SourceTask;
 use super::thread::Thread;
 use super::{Daemon, DaemonError};
+use crate::calibration::policy::Reason;
 use crate::config::Config;
 use crate::pipeline::Event;
 
@@ -105,9 +106,14 @@ impl Daemon {
                 // Both may have the same device.
                 self.session.source.stop().await;
                 session.take_over(&self.session);
+                let started = self.session.pipeline.wanted() == Some(Reason::Start);
+                self.counts.values_dropped = self.counts().values_dropped;
                 let last = std::mem::replace(&mut self.session, session);
                 self.closing.spawn(last.close());
                 self.start_session()?;
+                if started {
+                    self.handle(Event::Start);
+                }
                 tracing::info!("reloaded: {}", keys.join(", "));
             }
         }

@@ -6,6 +6,7 @@ use std::os::unix::net::UnixListener;
 
 use serde_json::Value;
 
+use crate::control::link::Link;
 use crate::rig::{Client, FAST, LONG, Rig, apart_deg};
 
 /// What a gpsd says first, then what is not to be used, and a position at last.
@@ -54,6 +55,9 @@ fn a_gpsd_says_where_true_north_is_and_may_come_and_go() {
     greet(&mut stream, "\"lat\":51.08,\"lon\":-114.13,\"altHAE\":1100");
     // Calgary: 13.3° east.
     declined(&mut client, |degrees| (degrees - 13.3).abs() < 0.3);
+    let status = Link::new(&rig).told("status");
+    let dip_deg = status["reference"]["dip_deg"].as_f64().unwrap();
+    assert!((dip_deg - 73.0).abs() < 1.0, "{status}");
     // The vehicle moves to London, where magnetic north is nearly true.
     writeln!(
         stream,

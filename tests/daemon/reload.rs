@@ -102,3 +102,12 @@ fn of_two_reloads_the_second_follows_the_first() {
     });
     rig.client().find("ATT", |_| true);
 }
+
+#[test]
+fn what_was_started_is_still_wanted_after_a_reload() {
+    let (rig, process, _client, mut pipe, _) = reloading();
+    Link::new(&rig).told("start");
+    pipe.write_all(&turning(0.1)).unwrap();
+    process.says("reloaded: source.speed");
+    Link::new(&rig).status("it to be armed", |status| status["armed"] == true);
+}

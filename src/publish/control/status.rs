@@ -24,7 +24,7 @@ pub(crate) struct DaemonStatus {
     pub(crate) calibration: Option<CalibrationSummary>,
     /// What corrects the field now: motion may have taught more than what is kept.
     pub(crate) active: Option<ActiveSummary>,
-    /// The earth's field where the board is.
+    /// The earth's field where the board is, if that is known.
     pub(crate) reference: Option<ReferenceSummary>,
     pub(crate) heading_socket: Option<String>,
     pub(crate) source: String,
