@@ -1,6 +1,6 @@
 //! `headingd calibrate`: one calibration of a log, offline.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use clap::ValueEnum;
@@ -58,7 +58,8 @@ pub struct Args {
     /// Configuration, for everything that has no option here [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Write an accepted calibration to this file (`headingd replay --calibration` reads it)
+    /// Write an accepted calibration to this file (`headingd replay --calibration` reads it). "-" is standard output; what is
+    /// said of it goes to standard error then
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Print one JSON object
@@ -98,21 +99,30 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             "a plane is named, but the mode is spatial: leave out --plane, or set another --mode",
         ));
     }
+    let to_standard_output = args.out.as_deref() == Some(Path::new("-"));
+    if to_standard_output && args.json {
+        return Err(Failure::new(
+            Failure::USAGE,
+            "--json and --out - both want standard output: name a file",
+        ));
+    }
     let (identity, outcome) = calibrated(args, &config)?;
     let written = match (&args.out, outcome.calibration) {
         (Some(path), Some(calibration)) => {
             let made = Made::of(&outcome, calibration, Reason::Log, unix_now_s());
-            Store::write_file(path, &Contents::of(History::of(identity, made)))
+            write(path, &Contents::of(History::of(identity, made)))
         }
         _ => Ok(()),
     };
     if args.json {
         print_json(&outcome)?;
+    } else if to_standard_output {
+        tell(summary(&outcome).trim_end());
     } else {
         print(&summary(&outcome))?;
     }
     match outcome.verdict {
-        Verdict::Accepted => Ok(written?),
+        Verdict::Accepted => written,
         // Standard output has said why.
         _ => Err(Failure::new(Failure::REFUSED, "")),
     }
@@ -167,6 +177,14 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     let origin = Instant::now();
     let outcome = calibrate(&request, &|| Some(origin.elapsed()));
     Ok((identity, outcome))
+}
+
+fn write(path: &Path, contents: &Contents) -> Result<(), Failure> {
+    if path == Path::new("-") {
+        let json = contents.to_json();
+        return print(&json.map_err(|why| Failure::new(Failure::DATA, why))?);
+    }
+    Ok(Store::write_file(path, contents)?)
 }
 
 /// What the motion did not show, in words.

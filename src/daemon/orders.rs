@@ -214,6 +214,7 @@ impl Daemon {
         let latest = latest
             .as_ref()
             .filter(|heading| heading.magnetic_deg().is_some());
+        let board = history.board(&session.config.mounting.board());
         let degrees = |angle: Option<f64>| angle.map(|angle| brief(angle).rem_euclid(360.0));
         Answer::done(message).with_all(&DaemonStatus {
             cal_state: report.map(|report| report.condition.word().to_owned()),
@@ -232,6 +233,7 @@ impl Daemon {
             source: session.source.name.clone(),
             sensor: history.identity.sensor.clone(),
             mag_axes: history.identity.mag_axes.to_string(),
+            board_axes: board.rounded().to_string(),
             uptime_s: self.begun.elapsed().as_secs(),
             clients: self.publisher.clients(),
             counts: self.counts(),

@@ -184,7 +184,11 @@ impl Findings {
                 let same = |span: &Span| {
                     (span.word, span.reason) == (report.condition.word(), report.reason)
                 };
-                if !self.spans.last().is_some_and(same) && self.spans.len() < MOST_EVENTS {
+                if !self.spans.last().is_some_and(same) {
+                    // More cannot be told apart in a chart: the oldest is left out.
+                    if self.spans.len() == MOST_EVENTS {
+                        self.spans.remove(0);
+                    }
                     self.spans.push(Span {
                         from_s: report.t_s,
                         word: report.condition.word(),

@@ -4,6 +4,7 @@ mod figures;
 
 use crate::common::{Folder, Ran, apart_deg, headingd, log, of_class, simulated};
 use headingd::sensor::simulator::{Scenario, Settings};
+use headingd::store::Contents;
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
@@ -493,6 +494,7 @@ fn each_way_to_fail_has_its_status() {
             vec![&good, "--config", &missing],
             "cannot read configuration",
         ),
+        (2, vec![&good, "--out", "-"], "both want standard output"),
         (
             66,
             vec![&good, "--config", &directory],
@@ -574,6 +576,11 @@ fn a_calibration_written_is_used_from_the_first_reading_on() {
         att[0]
     );
     assert!(apart_deg(att[0]["mheading"].as_f64().unwrap(), 0.0).abs() < 3.0);
+
+    let ran = headingd(&["calibrate", &log, "--out", "-"]);
+    let contents = Contents::from_json(ran.out.as_bytes()).unwrap();
+    assert_eq!(contents.sensors.len(), 1);
+    assert!(ran.err.starts_with("headingd: accepted"), "{}", ran.err);
 }
 
 #[test]

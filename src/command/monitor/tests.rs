@@ -94,6 +94,21 @@ fn a_turning_board_shows_how_far_it_is_and_what_is_missing() {
 }
 
 #[test]
+fn the_raw_field_is_drawn_in_the_axes_of_the_vehicle() {
+    let now = Instant::now();
+    let mut view = fed(&turning(), now);
+    let down = |view: &View| view.raw.iter().all(|field| field[2] > 0.0);
+    assert!(!view.raw.is_empty() && down(&view));
+    let status = serde_json::from_value(json!({"board_axes": "+x -y -z"})).unwrap();
+    view.take(News::Status(Ok(Box::new(status))), now);
+    assert!(view.raw.is_empty());
+    for object in turning() {
+        view.take(News::Object(object), now);
+    }
+    assert!(!view.raw.is_empty() && !view.raw.iter().any(|field| field[2] > 0.0));
+}
+
+#[test]
 fn a_good_board_shows_its_heading_field_and_calibration() {
     let now = Instant::now();
     let mut view = fed(

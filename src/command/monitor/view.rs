@@ -68,7 +68,13 @@ impl View {
                 *self = Self::new(std::mem::take(&mut self.socket));
                 self.lost = Some(why);
             }
-            News::Status(status) => self.status = Some(status),
+            News::Status(status) => {
+                let board = self.board();
+                self.status = Some(status);
+                if self.board() != board {
+                    self.raw.clear();
+                }
+            }
             News::Answer(said) => self.said = said,
         }
     }
@@ -132,7 +138,8 @@ impl View {
                 self.last_reading = row.seq;
                 if let Some(field) = reading.whole_field_mgauss() {
                     self.field_hz.count(reading.t_s, now);
-                    keep(&mut self.raw, self.mounting.to_body(field).into());
+                    let mounting = self.board().after(&self.mounting);
+                    keep(&mut self.raw, mounting.to_body(field).into());
                 }
                 if reading.rate_rad_s.is_some() {
                     self.gyro_hz.count(reading.t_s, now);
@@ -152,6 +159,12 @@ impl View {
 
     pub(super) fn answered(&self) -> Option<&DaemonStatus> {
         self.status.as_ref()?.as_deref().ok()
+    }
+
+    /// How the board is mounted: the corrected field is in the axes of the vehicle, and the raw one is drawn beside it.
+    fn board(&self) -> Mounting {
+        let told = self.answered().map(|status| status.board_axes.parse());
+        told.and_then(Result::ok).unwrap_or_default()
     }
 
     /// Whether nothing may take the place of the calibration.

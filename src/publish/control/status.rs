@@ -30,6 +30,8 @@ pub(crate) struct DaemonStatus {
     pub(crate) source: String,
     pub(crate) sensor: String,
     pub(crate) mag_axes: String,
+    /// How the board is mounted, as configured or told.
+    pub(crate) board_axes: String,
     pub(crate) uptime_s: u64,
     pub(crate) clients: usize,
     pub(crate) counts: StatusCounts,
