@@ -86,8 +86,6 @@ pub enum DaemonError {
         name: &'static str,
         source: io::Error,
     },
-    #[error("cannot set up the timer that notices silence: {0}")]
-    Timer(io::Error),
 }
 
 pub enum Notice {
@@ -197,7 +195,7 @@ impl Daemon {
             outputs: Outputs::open(&config.udp, &config.tcp, &config.pty, &publisher),
             publisher,
             service,
-            inactivity: Inactivity::new().map_err(DaemonError::Timer)?,
+            inactivity: Inactivity::new(),
             begun: Instant::now(),
             counts: StatusCounts::default(),
             reported: None,

@@ -38,7 +38,7 @@ impl From<DaemonError> for Failure {
             DaemonError::Serve { .. } => Self::IO,
             DaemonError::Record(error) if error.at_start => Self::CANNOT_CREATE,
             DaemonError::Record(_) => Self::IO,
-            DaemonError::Thread { .. } | DaemonError::Timer(_) => Self::SYSTEM,
+            DaemonError::Thread { .. } => Self::SYSTEM,
         };
         Self::new(status, error)
     }
