@@ -1,7 +1,7 @@
 //! The folder in which calibrations are kept, and the thread that reads and writes there: a slow disk delays no heading.
 
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{self, RecvTimeoutError};
+use std::sync::mpsc::{self, RecvTimeoutError, TrySendError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -13,37 +13,48 @@ use crate::store::{Contents, History, Identity, Loaded, Store, StoreError};
 /// Pauses before a save that failed is tried again: the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
 
+/// How many jobs wait for the disk.
+const WAITING_JOBS: usize = 16;
+
 /// Told when something is on disk, or why it is not.
 pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
 
 /// A folder and the thread that writes there. The sessions before and after a reload share it.
 pub(super) struct Disk {
-    /// Unbounded, but a calibration takes a turn of the board and has at most 4 kB, and whoever asks for a
-    /// change waits for it.
-    queue: mpsc::Sender<Job>,
+    queue: mpsc::SyncSender<Job>,
+    /// The newest history of each sensor, until the thread saves it.
+    newest: Shared<Contents>,
     thread: Thread,
     pub(super) directory: PathBuf,
-    fault: SharedFault,
+    /// What is wrong with the store now, for people.
+    fault: Shared<Option<String>>,
 }
 
 enum Job {
     Load(Identity, mpsc::Sender<Option<History>>),
-    Save(History, Then),
+    /// Saves the newest histories.
+    Save(Then),
 }
 
-/// What is wrong with the store now, for people.
-#[derive(Clone, Default)]
-struct SharedFault(Arc<Mutex<Option<String>>>);
+/// What both threads see.
+#[derive(Default)]
+struct Shared<T>(Arc<Mutex<T>>);
 
-impl SharedFault {
-    fn lock(&self) -> MutexGuard<'_, Option<String>> {
+impl<T> Shared<T> {
+    fn lock(&self) -> MutexGuard<'_, T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<T> Clone for Shared<T> {
+    fn clone(&self) -> Self {
+        Self(self.0.clone())
     }
 }
 
 impl Disk {
     pub(super) fn open(directory: &Path) -> Result<Self, DaemonError> {
-        let fault = SharedFault::default();
+        let (newest, fault) = (Shared::default(), Shared::default());
         let opened = match Store::open(directory) {
             // Each would take the other's calibrations for a mistake.
             Err(error @ StoreError::InUse { .. }) => return Err(DaemonError::Store(error)),
@@ -54,11 +65,12 @@ impl Disk {
             tracing::error!("{message}; until then headings are served, but calibrations are lost");
             *fault.lock() = Some(message);
         }
-        let (queue, jobs) = mpsc::channel();
+        let (queue, jobs) = mpsc::sync_channel(WAITING_JOBS);
         let writer = DiskWriter {
             directory: directory.to_owned(),
             store: opened.ok(),
             known: Contents::default(),
+            newest: newest.clone(),
             unsaved: Contents::default(),
             opens_anew: false,
             pause: PAUSES.0,
@@ -66,6 +78,7 @@ impl Disk {
         };
         Ok(Self {
             queue,
+            newest,
             thread: Thread::start("store", move || writer.run(&jobs))?,
             directory: directory.to_owned(),
             fault,
@@ -80,15 +93,20 @@ impl Disk {
         loaded.recv().ok()?
     }
 
-    /// Has this saved, and says so to `then`.
+    /// Has this saved, and says so to `then`. Never waits.
     pub(super) fn save(&self, history: History, then: Then) {
-        if let Err(mpsc::SendError(job)) = self.queue.send(Job::Save(history, then)) {
-            let message = "the thread of the store has failed".to_owned();
-            tracing::error!("cannot keep calibrations: {message}");
-            *self.fault.lock() = Some(message.clone());
-            if let Job::Save(_, then) = job {
-                then(Err(message));
-            }
+        self.newest.lock().put(history);
+        let (job, why) = match self.queue.try_send(Job::Save(then)) {
+            Ok(()) => return,
+            // The first job of the queue will save the newest history.
+            Err(TrySendError::Full(job)) => (job, "the disk hangs"),
+            Err(TrySendError::Disconnected(job)) => (job, "the thread of the store has failed"),
+        };
+        if self.fault.lock().replace(why.to_owned()).is_none() {
+            tracing::error!("cannot keep calibrations: {why}");
+        }
+        if let Job::Save(then) = job {
+            then(Err(why.to_owned()));
         }
     }
 
@@ -165,11 +183,12 @@ struct DiskWriter {
     store: Option<Store>,
     /// What the file holds of the sensors that were loaded or saved.
     known: Contents,
+    newest: Shared<Contents>,
     unsaved: Contents,
     /// The folder may be another by now. Until the next attempt it stays locked.
     opens_anew: bool,
     pause: Duration,
-    fault: SharedFault,
+    fault: Shared<Option<String>>,
 }
 
 impl DiskWriter {
@@ -186,8 +205,8 @@ impl DiskWriter {
                     // Nobody waits for it any more if the daemon ends.
                     let _ = sender.send(self.load(&identity));
                 }
-                Ok(Job::Save(history, then)) => {
-                    self.unsaved.put(history);
+                Ok(Job::Save(then)) => {
+                    self.take_newest();
                     then(self.attempt());
                 }
                 Err(RecvTimeoutError::Timeout) => {
@@ -203,7 +222,14 @@ impl DiskWriter {
         }
     }
 
+    fn take_newest(&mut self) {
+        for history in std::mem::take(&mut *self.newest.lock()).sensors {
+            self.unsaved.put(history);
+        }
+    }
+
     fn load(&mut self, identity: &Identity) -> Option<History> {
+        self.take_newest();
         if let Some(unsaved) = self.unsaved.find(identity) {
             return Some(unsaved.clone());
         }
@@ -276,5 +302,56 @@ impl DiskWriter {
             self.unsaved.sensors.pop();
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Mounting;
+
+    #[test]
+    fn a_disk_that_hangs_keeps_the_newest_history_once_it_answers() {
+        let folder = tempfile::tempdir().unwrap();
+        let (queue, jobs) = mpsc::sync_channel(1);
+        let disk = Disk {
+            queue,
+            newest: Shared::default(),
+            thread: Thread::start("test", || ()).unwrap(),
+            directory: folder.path().to_owned(),
+            fault: Shared::default(),
+        };
+        let identity = Identity::new("hmc5843", Mounting::default());
+        let (sender, answers) = mpsc::channel();
+        for last_number in [1, 2] {
+            let history = History {
+                last_number,
+                ..History::new(identity.clone())
+            };
+            let sender = sender.clone();
+            disk.save(history, Box::new(move |kept| sender.send(kept).unwrap()));
+        }
+        assert_eq!(
+            answers.try_recv().unwrap(),
+            Err("the disk hangs".to_owned())
+        );
+        assert_eq!(disk.summary().state, "failing");
+
+        let writer = DiskWriter {
+            directory: folder.path().to_owned(),
+            store: Some(Store::open(folder.path()).unwrap()),
+            known: Contents::default(),
+            newest: disk.newest.clone(),
+            unsaved: Contents::default(),
+            opens_anew: false,
+            pause: PAUSES.0,
+            fault: disk.fault.clone(),
+        };
+        drop(disk.queue);
+        writer.run(&jobs);
+        assert_eq!(answers.try_recv().unwrap(), Ok(()));
+        assert_eq!(*disk.fault.lock(), None);
+        let kept = Store::unchecked(folder.path()).load(&identity).unwrap();
+        assert!(matches!(kept, Loaded::Found(history) if history.last_number == 2));
     }
 }
