@@ -107,9 +107,10 @@ pub struct Estimate {
     gyro: GyroCheck,
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
-    suspended: Option<Suspended>,
-    /// One for each axis of the magnetometer, set when the axis begins to repeat a number and may be saturated.
-    checkpoints: [Option<Checkpoint>; 3],
+    suspended: Option<Box<Suspended>>,
+    /// One for each axis of the magnetometer, set when the axis begins to repeat a number and may be saturated. Boxed: dropping
+    /// an empty `Option` of 25 kB copies as much, three times a sample.
+    checkpoints: [Option<Box<Checkpoint>>; 3],
     iron: IronWatch,
     visit: VisitWatch,
     trial: IronTrial,
@@ -273,10 +274,10 @@ impl Estimate {
             None => {
                 let unproven = || fresh(self.kept.as_ref(), &self.mounting);
                 let proven = self.proven.clone().unwrap_or_else(unproven);
-                self.suspended = Some(Suspended {
+                self.suspended = Some(Box::new(Suspended {
                     filter: std::mem::replace(&mut self.active, proven),
                     moved_s: 0.0,
-                });
+                }));
             }
         }
         // The iron of another filter has not moved.

@@ -23,14 +23,14 @@ impl Estimate {
     /// of the axis stays.
     pub fn set_checkpoint(&mut self, axis: usize) {
         if let (None, Some(sample)) = (&self.checkpoints[axis], self.last) {
-            self.checkpoints[axis] = Some(Checkpoint {
+            self.checkpoints[axis] = Some(Box::new(Checkpoint {
                 active: self.active.clone(),
                 rival: self.rival.clone(),
                 proven: self.proven.clone(),
                 gyro: self.gyro.clone(),
                 iron: self.iron.clone(),
                 sample,
-            });
+            }));
         }
     }
 
