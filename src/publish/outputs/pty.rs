@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 use rustix::fs::{Mode, OFlags, fcntl_setfl, open};
 use rustix::io::ioctl_fionread;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
+use rustix::termios::{
+    OptionalActions, QueueSelector, ioctl_tiocnxcl, tcflush, tcgetattr, tcsetattr,
+};
 
 use super::lines::HeadingLines;
 use crate::check::{Fault, absolute_or_empty, settings};
@@ -106,6 +108,9 @@ impl Pty {
 
     /// Writes in place of what nobody has read: a program that opens the port later gets no old headings.
     fn write(&mut self, text: &str) -> io::Result<()> {
+        // A program that opened the port for itself alone and was killed would lock it: ours stays open, and only the last
+        // close of a port forgets that.
+        ioctl_tiocnxcl(&self.theirs)?;
         if ioctl_fionread(&self.theirs)? > 0 {
             tcflush(&self.theirs, QueueSelector::IFlush)?;
         }

@@ -5,6 +5,9 @@ use std::net::{SocketAddr, TcpListener as StdListener};
 use std::sync::Arc;
 use std::time::Duration;
 
+use rustix::net::sockopt::{
+    set_socket_keepalive, set_tcp_keepcnt, set_tcp_keepidle, set_tcp_keepintvl,
+};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
@@ -20,6 +23,9 @@ const MOST_CLIENTS: usize = 8;
 
 /// How long a client may take nothing.
 const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A client that has been silent for this long is asked whether it is still there, at this interval and so many times.
+const KEEP_ALIVE: (Duration, Duration, u32) = (Duration::from_secs(30), Duration::from_secs(10), 3);
 
 /// Pause after an accept that failed: there may be no files left.
 const PAUSE: Duration = Duration::from_secs(1);
@@ -107,6 +113,11 @@ pub(super) async fn run(
 /// Serves one client until it leaves, or takes nothing. What it sends is thrown away.
 async fn serve(mut stream: TcpStream, mut lines: HeadingLines) -> io::Result<()> {
     stream.set_nodelay(true)?;
+    // A client that vanished without a word is found out even while there are no headings to send.
+    set_socket_keepalive(&stream, true)?;
+    set_tcp_keepidle(&stream, KEEP_ALIVE.0)?;
+    set_tcp_keepintvl(&stream, KEEP_ALIVE.1)?;
+    set_tcp_keepcnt(&stream, KEEP_ALIVE.2)?;
     let (mut reader, mut writer) = stream.split();
     let mut thrown = [0; 256];
     loop {
