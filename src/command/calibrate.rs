@@ -5,7 +5,9 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 
-use super::{Failure, config_file, number, print, print_json, read_log, tell, tell_skips, word};
+use super::{
+    Failure, config_file, number, print, print_json, read_log, spare_log, tell, tell_skips, word,
+};
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
@@ -105,6 +107,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             Failure::USAGE,
             "--json and --out - both want standard output: name a file",
         ));
+    }
+    if let Some(out) = &args.out {
+        spare_log(&args.log, out)?;
     }
     let (identity, outcome) = calibrated(args, &config)?;
     let written = match (&args.out, outcome.calibration) {

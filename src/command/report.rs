@@ -8,7 +8,7 @@ use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
 use super::runtime::runtime;
-use super::{Failure, config_file, number, read_log_on, tell, tell_skips, write_out};
+use super::{Failure, config_file, number, read_log_on, spare_log, tell, tell_skips, write_out};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
 use crate::config::source::Kind;
@@ -63,7 +63,10 @@ impl From<ReportError> for Failure {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
     let (about, analysis) = match &args.log {
-        Some(log) => of_log(log, &config)?,
+        Some(log) => {
+            spare_log(log, &args.out)?;
+            of_log(log, &config)?
+        }
         None => of_daemon(args, &config)?,
     };
     write_out(&args.out, page(&about, &analysis)?.as_bytes())

@@ -21,6 +21,8 @@ use crate::wall_clock;
 const QUEUE: usize = 4096;
 /// Interval at which readings are handed to the system, which writes them to disk: a daemon that is killed loses no more.
 const FLUSH: Duration = Duration::from_secs(1);
+/// Pause before a ring tries again what has failed.
+const RETRY: Duration = Duration::from_secs(5);
 
 #[derive(Debug, thiserror::Error)]
 #[error("cannot {} recording {}: {source}", if *at_start { "begin" } else { "go on with" }, path.display())]
@@ -62,32 +64,24 @@ impl Recorder {
     /// Starts to record into one file. What becomes of it comes out of the second value.
     pub(super) fn file(path: &Path, header: Header) -> Result<(Self, Ending), DaemonError> {
         let (sender, ending) = oneshot::channel();
-        let recorder = Self::start(
-            Destination::File(path.to_owned()),
-            header,
-            |written, end| {
-                // Nobody may want to know.
-                let _ = sender.send((written, end));
-            },
-        )?;
-        Ok((recorder, ending))
-    }
-
-    fn start(
-        target: Destination,
-        header: Header,
-        ended: impl FnOnce(u64, Result<(), RecordError>) + Send + 'static,
-    ) -> Result<Self, DaemonError> {
-        let (queue, readings) = sync_channel(QUEUE);
-        let thread = Thread::start("recorder", move || {
+        let file = Destination::File(path.to_owned());
+        let work = move |readings: &Receiver<Reading>| {
             let mut written = 0;
-            let end = match record(&target, &header, &readings, &mut written) {
+            let end = match record(&file, &header, readings, &mut written) {
                 // The reader has closed the pipe: `| head`.
                 Err(error) if error.source.kind() == ErrorKind::BrokenPipe => Ok(()),
                 end => end,
             };
-            ended(written, end);
-        })?;
+            // Nobody may want to know.
+            let _ = sender.send((written, end));
+        };
+        Ok((Self::start(work)?, ending))
+    }
+
+    /// Starts a thread that does this with the readings.
+    fn start(work: impl FnOnce(&Receiver<Reading>) + Send + 'static) -> Result<Self, DaemonError> {
+        let (queue, readings) = sync_channel(QUEUE);
+        let thread = Thread::start("recorder", move || work(&readings))?;
         Ok(Self {
             queue: Some(queue),
             thread,
@@ -95,20 +89,17 @@ impl Recorder {
         })
     }
 
-    /// Starts to record into a ring of files, if the settings say so. A failure is logged once.
+    /// Starts to record into a ring of files, if the settings say so.
     pub(super) fn ring(settings: &Settings, header: Header) -> Result<Option<Self>, DaemonError> {
         if settings.directory.as_os_str().is_empty() {
             return Ok(None);
         }
-        let ended = |_, end| {
-            if let Err(error) = end {
-                tracing::error!(
-                    "{error}; nothing is recorded any more, headings go on: see to the disk and record.directory, \
-                     and start again"
-                );
-            }
+        let ring = Destination::Ring(settings.clone());
+        let work = move |readings: &Receiver<Reading>| {
+            // A failure has been logged: a ring goes on after it.
+            let _ = record(&ring, &header, readings, &mut 0);
         };
-        Self::start(Destination::Ring(settings.clone()), header, ended).map(Some)
+        Self::start(work).map(Some)
     }
 
     /// Records a reading, if there is room for it. Never waits.
@@ -171,6 +162,48 @@ impl Destination {
             Self::Ring(ring) => ring.file_mib << 20,
         }
     }
+
+    /// Does this, in a ring again and again until it succeeds: the disk may be full for a while. Meanwhile readings are thrown away.
+    fn insist<T>(
+        &self,
+        readings: &Receiver<Reading>,
+        mut attempt: impl FnMut() -> Result<T, RecordError>,
+    ) -> Result<T, RecordError> {
+        let mut told = false;
+        loop {
+            match attempt() {
+                Err(error) if matches!(self, Self::Ring(_)) => {
+                    if !std::mem::replace(&mut told, true) {
+                        tracing::error!(
+                            "{error}; until then nothing is recorded, and headings go on: make room on the disk, or see \
+                             to record.directory"
+                        );
+                    }
+                    if !discard(readings, RETRY) {
+                        return Err(error);
+                    }
+                }
+                done => {
+                    if told && done.is_ok() {
+                        tracing::info!("recording again");
+                    }
+                    return done;
+                }
+            }
+        }
+    }
+}
+
+/// Throws away the readings of this time. Whether more may come.
+fn discard(readings: &Receiver<Reading>, time: Duration) -> bool {
+    let begun = Instant::now();
+    loop {
+        match readings.recv_timeout(time.saturating_sub(begun.elapsed())) {
+            Ok(_) => {}
+            Err(RecvTimeoutError::Timeout) => return true,
+            Err(RecvTimeoutError::Disconnected) => return false,
+        }
+    }
 }
 
 impl OpenLog {
@@ -190,38 +223,46 @@ impl OpenLog {
     /// Writes readings until there are no more, or the file has its full size; whether it has.
     fn fill(
         &mut self,
+        target: &Destination,
         first: Reading,
         readings: &Receiver<Reading>,
-        most_bytes: u64,
         written: &mut u64,
     ) -> Result<bool, RecordError> {
         let mut bytes = 0;
         let mut next = Ok(first);
         let mut flushed = Instant::now();
         loop {
-            let done = match next {
+            match next {
                 Ok(reading) => {
                     let entry = Entry {
                         reading,
                         heading_truth_rad: None,
                     };
-                    self.writer.write(&entry).map(|length| {
-                        *written += 1;
-                        bytes += length as u64;
-                    })
+                    // A row that cannot be written is not buffered either, so that it can be written again.
+                    bytes += target.insist(readings, || self.write(&entry))?;
+                    *written += 1;
                 }
                 Err(RecvTimeoutError::Timeout) => {
+                    target.insist(readings, || self.flush())?;
                     flushed = Instant::now();
-                    self.writer.flush()
                 }
                 Err(RecvTimeoutError::Disconnected) => return Ok(false),
-            };
-            done.map_err(RecordError::of(false, &self.path))?;
-            if bytes >= most_bytes {
+            }
+            if bytes >= target.most_bytes() {
                 return Ok(true);
             }
             next = readings.recv_timeout(FLUSH.saturating_sub(flushed.elapsed()));
         }
+    }
+
+    fn write(&mut self, entry: &Entry) -> Result<u64, RecordError> {
+        let length = self.writer.write(entry);
+        Ok(length.map_err(RecordError::of(false, &self.path))? as u64)
+    }
+
+    fn flush(&mut self) -> Result<(), RecordError> {
+        let flushed = self.writer.flush();
+        flushed.map_err(RecordError::of(false, &self.path))
     }
 }
 
@@ -243,18 +284,17 @@ fn record(
         let (path, file) = match opened.take() {
             Some(opened) => opened,
             None if first.is_err() => return Ok(()),
-            None => target.open()?,
+            None => target.insist(readings, || target.open())?,
         };
         if *written == 0 && matches!(target, Destination::Ring(_)) {
             tracing::info!("recording into {}", path.display());
         }
         let mut log = OpenLog::begin(path, file, header)?;
         let full = match first {
-            Ok(first) => log.fill(first, readings, target.most_bytes(), written)?,
+            Ok(first) => log.fill(target, first, readings, written)?,
             Err(_) => false,
         };
-        let closed = log.writer.flush();
-        closed.map_err(RecordError::of(false, &log.path))?;
+        target.insist(readings, || log.flush())?;
         if !full {
             return Ok(());
         }

@@ -12,6 +12,7 @@ use headingd::reading::Reading;
 use headingd::recording::Header;
 use headingd::sensor::replay::Replay;
 use headingd::sensor::simulator::{Settings, Simulator};
+use rustix::process::{Pid, Resource, Rlimit, prlimit};
 
 fn recorded(log: &Path) -> Vec<Reading> {
     let mut replay = Replay::open(log).unwrap();
@@ -339,20 +340,20 @@ fn a_daemon_that_reads_nothing_removes_no_log_of_its_ring() {
 }
 
 #[test]
-fn a_full_disk_ends_the_recording_and_not_the_headings() {
+fn a_full_disk_interrupts_the_recording_and_not_the_headings() {
     let rig = Rig::new(1.0, "");
     let ring = rig.path("ring");
     let more = format!("{LONG}[record]\ndirectory = {ring:?}\n");
     rig.configure(50.0, &rig.path("store"), &more);
     // No file may become longer than 64 KiB: what a full disk is, without filling one.
-    let script = "trap '' XFSZ; ulimit -f 64; exec \"$0\" run --config \"$1\"";
+    let script = "trap '' XFSZ; ulimit -S -f 64; exec \"$0\" run --config \"$1\"";
     let process = rig.spawn(
         Command::new("bash")
             .args(["-c", script])
             .arg(env!("CARGO_BIN_EXE_headingd"))
             .arg(rig.path("headingd.toml")),
     );
-    process.says("nothing is recorded any more");
+    process.says("until then nothing is recorded");
     let mut client = rig.client();
     let first = client.find("ATT", |_| true)["seq"].as_u64().unwrap();
     client.find("ATT", |att| att["seq"].as_u64() > Some(first + 100));
@@ -362,7 +363,43 @@ fn a_full_disk_ends_the_recording_and_not_the_headings() {
         1,
         "{said}"
     );
-    assert!(fs::metadata(&files(&ring)[0]).unwrap().len() <= 64 << 10);
+    let [file] = &files(&ring)[..] else {
+        panic!("{:?}", files(&ring));
+    };
+    assert!(fs::metadata(file).unwrap().len() <= 64 << 10);
+
+    let unlimited = Rlimit {
+        current: None,
+        maximum: None,
+    };
+    prlimit(
+        Pid::from_raw(process.id() as i32),
+        Resource::Fsize,
+        unlimited,
+    )
+    .unwrap();
+    process.says("recording again");
+    until("the file to grow", || {
+        fs::metadata(file).unwrap().len() > 80 << 10
+    });
+    let mut replay = Replay::open(file).unwrap();
+    assert!(replay.by_ref().map(Result::unwrap).count() > 1000);
+    assert_eq!(replay.skips().count(), 0);
+}
+
+#[test]
+fn a_log_is_not_recorded_over_itself() {
+    let rig = Rig::new(1.0, "");
+    let log = rig.path("a.csv");
+    let simulator = Simulator::new(Settings::default());
+    let before = crate::rig::log(&simulator.header(), simulator);
+    fs::write(&log, &before).unwrap();
+    rig.replay(1000.0, &log);
+    let link = rig.path("link.csv");
+    std::os::unix::fs::symlink(&log, &link).unwrap();
+    let said = record(&rig, &link, &[]).ends(73);
+    assert!(said.contains("it is the log that is read"), "{said}");
+    assert!(fs::read(&log).unwrap() == before);
 }
 
 #[test]

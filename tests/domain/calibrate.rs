@@ -546,6 +546,12 @@ fn each_way_to_fail_has_its_status() {
         // What was found is told also where it cannot be kept.
         assert_eq!(ran.out.is_empty(), status != 73, "{args:?}");
     }
+    let over_itself = headingd(&["calibrate", &good, "--out", &good]);
+    assert_eq!(over_itself.status, 73);
+    assert!(
+        over_itself.err.contains("it is the log that is read"),
+        "{over_itself:?}"
+    );
     // Without a gyro these work.
     assert_true(
         "xy",
