@@ -49,7 +49,7 @@ use crate::wall_clock;
 use inactivity::Inactivity;
 pub use listener::ListenError;
 pub use recorder::RecordError;
-pub use reload::LoadConfig;
+pub use reload::NewConfig;
 use reload::Reload;
 use sensor_store::Running;
 use session::Session;
@@ -91,7 +91,7 @@ pub enum DaemonError {
 pub enum Notice {
     Stop,
     /// Go on with this configuration; if that is impossible, log why and go on as before.
-    Reload(LoadConfig),
+    Reload(NewConfig),
     Summary,
 }
 
@@ -267,7 +267,7 @@ impl Daemon {
                 notice = notice() => match notice {
                     Notice::Stop => return Ok(()),
                     Notice::Summary => self.log_summary(),
-                    Notice::Reload(load) => self.begin_reload(load),
+                    Notice::Reload(new) => self.begin_reload(new),
                 },
                 _ = &mut self.server.task => return Err(DaemonError::Serve {
                     path: self.socket.clone(),

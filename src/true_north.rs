@@ -65,9 +65,9 @@ pub struct TrueNorth {
     position: Option<Position>,
     /// Where and on which day the model was asked last; no day where no date was known.
     asked: Option<(Position, Option<u64>)>,
-    declination_deg: Option<f64>,
-    /// The field there, until it has been asked for; `Some(None)` where it is not known any more.
-    field: Option<Option<EarthField>>,
+    /// The field there, where it is known, and whether it has been taken.
+    field: Option<EarthField>,
+    field_is_new: bool,
     /// Kind of the last warning.
     told: Option<&'static str>,
     news: Option<String>,
@@ -95,16 +95,12 @@ impl TrueNorth {
         }
     }
 
-    /// Where the compass is, if that is known.
-    pub fn position(&self) -> Option<Position> {
-        self.position
-    }
-
     /// How far magnetic north is east of true north at this time of day, degrees; `None` where that is not known. It is
     /// computed once a day, and where the compass has moved.
     pub fn declination_deg(&mut self, since_1970: Option<Duration>) -> Option<f64> {
         self.ask_model(since_1970);
-        self.declination_by_hand_deg.or(self.declination_deg)
+        let modelled = self.field.map(|field| field.declination_deg.value);
+        self.declination_by_hand_deg.or(modelled)
     }
 
     fn ask_model(&mut self, since_1970: Option<Duration>) {
@@ -116,7 +112,6 @@ impl TrueNorth {
             return;
         }
         let (field, warning) = answer(&position, since_1970);
-        let declination_deg = field.map(|field| field.declination_deg.value);
         // Warns only on a change. A configured declination needs no warning.
         let (kind, news) = warning.unzip();
         if self.told != kind && self.declination_by_hand_deg.is_none() {
@@ -124,14 +119,24 @@ impl TrueNorth {
         }
         self.told = kind;
         self.asked = Some(asked);
-        self.declination_deg = declination_deg;
-        self.field = Some(field);
+        self.field = field;
+        self.field_is_new = true;
     }
 
-    /// The field there, once whenever it has been computed; `Some(None)` where the model has none: without a date, and near a
-    /// magnetic pole, where no compass is to be relied on.
+    /// The field there; `None` where the model has none: without a date, and near a magnetic pole, where no compass is to be
+    /// relied on.
+    pub fn field(&self) -> Option<&EarthField> {
+        self.field.as_ref()
+    }
+
+    /// The same, once whenever it has been computed.
     pub fn take_field(&mut self) -> Option<Option<EarthField>> {
-        self.field.take()
+        std::mem::take(&mut self.field_is_new).then_some(self.field)
+    }
+
+    /// Another reader takes the field from now on, which does not have it yet.
+    pub fn renew_field(&mut self) {
+        self.field_is_new = self.asked.is_some();
     }
 
     /// What the user should know since the last answer, once.

@@ -8,7 +8,7 @@ use tokio::signal::unix::SignalKind;
 use super::runtime::{ENDS, Signals, runtime};
 use super::{Failure, config_file, log_status};
 use crate::config::Config;
-use crate::daemon::{Daemon, DaemonError, Notice};
+use crate::daemon::{Daemon, DaemonError, NewConfig, Notice};
 use crate::logging::Log;
 use crate::service::Service;
 
@@ -77,12 +77,14 @@ fn serve(args: &Args) -> Result<(), Failure> {
                 Notice::Stop
             } else {
                 let (path, log) = (path.clone(), log.clone());
-                Notice::Reload(Box::new(move || {
-                    let config = config_file::read(&path).map_err(|failure| failure.message)?;
-                    log.set(&config.log.filter);
-                    tell_retired(&path, &config);
-                    Ok(config)
-                }))
+                Notice::Reload(NewConfig {
+                    load: Box::new(move || {
+                        let config = config_file::read(&path).map_err(|failure| failure.message)?;
+                        tell_retired(&path, &config);
+                        Ok(config)
+                    }),
+                    holds: Box::new(move |config| log.set(&config.log.filter)),
+                })
             }
         };
         Ok(daemon.run(order).await?)

@@ -64,7 +64,7 @@ impl Daemon {
             SourceEvent::Broken(fault) => {
                 self.session.state = SourceState::Broken;
                 tracing::error!(
-                    "there are no readings any more: {}; see to the source and start again",
+                    "there are no readings any more: {}; see to the source and restart the daemon",
                     fault.message
                 );
                 self.fault(Some(fault));

@@ -37,19 +37,10 @@ enum Job {
 }
 
 /// What both threads see.
-#[derive(Default)]
-struct Shared<T>(Arc<Mutex<T>>);
+type Shared<T> = Arc<Mutex<T>>;
 
-impl<T> Shared<T> {
-    fn lock(&self) -> MutexGuard<'_, T> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl<T> Clone for Shared<T> {
-    fn clone(&self) -> Self {
-        Self(self.0.clone())
-    }
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Disk {
@@ -63,7 +54,7 @@ impl Disk {
         if let Err(error) = &opened {
             let message = with_remedy(error);
             tracing::error!("{message}; until then headings are served, but calibrations are lost");
-            *fault.lock() = Some(message);
+            *lock(&fault) = Some(message);
         }
         let (queue, jobs) = mpsc::sync_channel(WAITING_JOBS);
         let writer = DiskWriter {
@@ -95,14 +86,14 @@ impl Disk {
 
     /// Has this saved, and says so to `then`. Never waits.
     pub(super) fn save(&self, history: History, then: Then) {
-        self.newest.lock().put(history);
+        lock(&self.newest).put(history);
         let (job, why) = match self.queue.try_send(Job::Save(then)) {
             Ok(()) => return,
             // The first job of the queue will save the newest history.
             Err(TrySendError::Full(job)) => (job, "the disk hangs"),
             Err(TrySendError::Disconnected(job)) => (job, "the thread of the store has failed"),
         };
-        if self.fault.lock().replace(why.to_owned()).is_none() {
+        if lock(&self.fault).replace(why.to_owned()).is_none() {
             tracing::error!("cannot keep calibrations: {why}");
         }
         if let Job::Save(then) = job {
@@ -111,7 +102,7 @@ impl Disk {
     }
 
     pub(super) fn summary(&self) -> StoreSummary {
-        let message = self.fault.lock().clone();
+        let message = lock(&self.fault).clone();
         let state = if message.is_some() { "failing" } else { "good" };
         StoreSummary {
             state: state.to_owned(),
@@ -223,7 +214,7 @@ impl DiskWriter {
     }
 
     fn take_newest(&mut self) {
-        for history in std::mem::take(&mut *self.newest.lock()).sensors {
+        for history in std::mem::take(&mut *lock(&self.newest)).sensors {
             self.unsaved.put(history);
         }
     }
@@ -248,7 +239,7 @@ impl DiskWriter {
                         "{error}; starting without a calibration: turn the board once, or bring back a good file; \
                          this one is set aside when there is a new calibration"
                     );
-                    self.fault.lock().get_or_insert(error.to_string());
+                    lock(&self.fault).get_or_insert(error.to_string());
                 }
                 None
             }
@@ -257,7 +248,7 @@ impl DiskWriter {
 
     /// Saves what is unsaved; where nothing is, sees whether the folder works now.
     fn attempt(&mut self) -> Result<(), String> {
-        let told = self.fault.lock().is_some();
+        let told = lock(&self.fault).is_some();
         match self.save() {
             Ok(()) => {
                 if told {
@@ -267,7 +258,7 @@ impl DiskWriter {
                     );
                 }
                 self.pause = PAUSES.0;
-                *self.fault.lock() = None;
+                *lock(&self.fault) = None;
                 Ok(())
             }
             Err(error) => {
@@ -279,7 +270,7 @@ impl DiskWriter {
                          on the disk, or see to the folder's permissions; it is tried again"
                     );
                 }
-                *self.fault.lock() = Some(message.clone());
+                *lock(&self.fault) = Some(message.clone());
                 Err(message)
             }
         }
@@ -350,7 +341,7 @@ mod tests {
         drop(disk.queue);
         writer.run(&jobs);
         assert_eq!(answers.try_recv().unwrap(), Ok(()));
-        assert_eq!(*disk.fault.lock(), None);
+        assert_eq!(*lock(&disk.fault), None);
         let kept = Store::unchecked(folder.path()).load(&identity).unwrap();
         assert!(matches!(kept, Loaded::Found(history) if history.last_number == 2));
     }

@@ -7,7 +7,7 @@ use tokio::time::{Interval, MissedTickBehavior, interval};
 /// It fires when no input has arrived for this long.
 const LIMIT: Duration = Duration::from_millis(100);
 
-/// Fires when no input arrives for 100 ms, at the latest half as long afterwards.
+/// Fires 100 to 150 ms after the last input.
 pub(super) struct Inactivity {
     /// Ticks on, whatever arrives: to set a timer anew for each input cost 5 % of the daemon's time (tests/board/cost).
     ticks: Interval,

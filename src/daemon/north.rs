@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::position::{Follower, Gpsd};
-use crate::true_north::{EarthField, Position, TrueNorth};
+use crate::true_north::{EarthField, TrueNorth};
 
 pub(super) struct North {
     true_north: TrueNorth,
@@ -24,9 +24,17 @@ impl North {
         }
     }
 
-    /// Begins to ask the gpsd, if there is one. Needs a runtime.
+    /// Begins to ask the gpsd, if there is one that has not been asked yet. Needs a runtime.
     pub(super) fn start(&mut self) {
-        self.follower = self.gpsd.take().map(Follower::start);
+        if let Some(gpsd) = self.gpsd.take() {
+            self.follower = Some(Follower::start(gpsd));
+        }
+    }
+
+    /// Goes on from the session before a reload, with a new pipeline.
+    pub(super) fn take_over(&mut self, last: &mut Self) {
+        std::mem::swap(self, last);
+        self.true_north.renew_field();
     }
 
     /// The declination at this time of day, or else by the receiver's clock. What is new about it is logged.
@@ -42,12 +50,12 @@ impl North {
         declination_deg
     }
 
-    /// Where the compass is, if that is known.
-    pub(super) fn position(&self) -> Option<Position> {
-        self.true_north.position()
+    /// The earth's field where the compass is, if that is known.
+    pub(super) fn field(&self) -> Option<&EarthField> {
+        self.true_north.field()
     }
 
-    /// The earth's field where the compass is, once whenever it has been computed; `Some(None)` where it is not known.
+    /// The same for the pipeline, once whenever it has been computed; `Some(None)` where it is not known.
     pub(super) fn take_field(&mut self) -> Option<Option<EarthField>> {
         self.true_north.take_field()
     }

@@ -17,7 +17,6 @@ use crate::publish::control::status::{
 use crate::publish::control::{Answer, ControlCall, ControlRequest};
 use crate::store::history::{Forget, HistoryError};
 use crate::store::{Contents, FormatError, History, KeptCalibration, Made};
-use crate::true_north::EarthField;
 use crate::wall_clock;
 
 impl From<HistoryError> for Answer {
@@ -45,7 +44,7 @@ impl Daemon {
                 Err(why) => Answer {
                     ok: false,
                     code: "not_kept",
-                    message: format!("{}; but only until the daemon stops: {why}", done.message),
+                    message: format!("{}; not on disk yet, and lost if the daemon stops before a later attempt succeeds: {why}", done.message),
                     ..done
                 },
             });
@@ -255,8 +254,7 @@ impl Daemon {
 
     /// The earth's field where the board is, if that is known.
     fn reference(&self) -> Option<ReferenceSummary> {
-        let position = self.session.north.position()?;
-        let field = EarthField::new(&position, wall_clock::now()?).ok()?;
+        let field = self.session.north.field()?;
         Some(ReferenceSummary {
             strength_mgauss: brief(field.strength_mgauss.value),
             dip_deg: brief(field.dip_deg.value),

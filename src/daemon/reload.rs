@@ -13,14 +13,19 @@ use crate::calibration::policy::Reason;
 use crate::config::Config;
 use crate::pipeline::Event;
 
-/// Reads the wanted configuration; may block.
-pub type LoadConfig = Box<dyn FnOnce() -> Result<Config, String> + Send>;
+/// A configuration to go on with.
+pub struct NewConfig {
+    /// Reads it; may block.
+    pub load: Box<dyn FnOnce() -> Result<Config, String> + Send>,
+    /// Told of it once nothing stands in its way.
+    pub holds: Box<dyn FnOnce(&Config) + Send>,
+}
 
 /// The reload under way, and what follows it.
 #[derive(Default)]
 pub(super) struct Reload {
     prepared: Option<oneshot::Receiver<Result<Prepared, String>>>,
-    next: Option<LoadConfig>,
+    next: Option<NewConfig>,
 }
 
 pub(super) struct Prepared {
@@ -50,9 +55,9 @@ impl Reload {
 
 impl Daemon {
     /// Begins a reload, or has it follow the one under way: the last that is wanted counts.
-    pub(super) fn begin_reload(&mut self, load: LoadConfig) {
+    pub(super) fn begin_reload(&mut self, new: NewConfig) {
         if self.reload.is_busy() {
-            self.reload.next = Some(load);
+            self.reload.next = Some(new);
             return;
         }
         self.service.reloading();
@@ -61,7 +66,7 @@ impl Daemon {
         let (sender, prepared) = oneshot::channel();
         let work = move || {
             // If nobody waits any more, the daemon is about to end.
-            let _ = sender.send(prepare(load, &config, &running));
+            let _ = sender.send(prepare(new, &config, &running));
         };
         self.reload.prepared = Some(prepared);
         if let Err(error) = Thread::start("reload", work) {
@@ -106,6 +111,10 @@ impl Daemon {
                 // Both may have the same device.
                 self.session.source.stop().await;
                 session.take_over(&self.session);
+                // A gpsd is not asked about a log.
+                if !keys.iter().any(|key| is_north(key) || key == "source.kind") {
+                    session.north.take_over(&mut self.session.north);
+                }
                 let started = self.session.pipeline.wanted() == Some(Reason::Start);
                 self.counts.values_dropped = self.counts().values_dropped;
                 let last = std::mem::replace(&mut self.session, session);
@@ -140,8 +149,8 @@ fn is_north(key: &str) -> bool {
 }
 
 /// Opens the wanted session, if it differs from the running one.
-fn prepare(load: LoadConfig, config: &Config, running: &Running) -> Result<Prepared, String> {
-    let wanted = load()?;
+fn prepare(new: NewConfig, config: &Config, running: &Running) -> Result<Prepared, String> {
+    let wanted = (new.load)()?;
     let change = config.change(&wanted).map_err(|error| error.to_string())?;
     if !change.at_start.is_empty() {
         tracing::warn!(
@@ -150,15 +159,15 @@ fn prepare(load: LoadConfig, config: &Config, running: &Running) -> Result<Prepa
         );
     }
     let config = change.config;
-    // The log has its new filter already.
-    let running_on = |key: &String| key.starts_with("log.") || is_north(key);
-    let session = if change.now.iter().all(running_on) {
+    let needs_no_session = |key: &String| key.starts_with("log.") || is_north(key);
+    let session = if change.now.iter().all(needs_no_session) {
         None
     } else {
         let opened = SourceTask::open(&config)
             .and_then(|source| Session::open(source, config.clone(), running));
         Some(opened.map_err(|error| error.to_string())?)
     };
+    (new.holds)(&config);
     Ok(Prepared {
         config,
         keys: change.now,

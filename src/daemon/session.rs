@@ -107,6 +107,7 @@ impl Session {
             );
         }
         self.north.start();
+        self.last.1 = Instant::now();
         self.source.start(self.config.source.pace())
     }
 

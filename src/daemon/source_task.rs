@@ -178,7 +178,7 @@ fn run(source: Source, speed: f64, sender: mpsc::Sender<Events>, stop: Arc<Atomi
         }
     };
     if let Some(end) = end {
-        // If nobody listens any more, the daemon is about to end.
+        // After a stop or a reload nobody takes it.
         let _ = send(&sender, vec![end]);
     }
 }

@@ -71,10 +71,23 @@ fn a_gpsd_says_where_true_north_is_and_may_come_and_go() {
     declined(&mut client, |degrees| (0.2..3.0).contains(&degrees));
     let (mut stream, _) = gpsd.accept().unwrap();
     greet(&mut stream, "\"lat\":-33.9,\"lon\":151.2");
-    let last = declined(&mut client, |degrees| (degrees - 12.8).abs() < 1.0);
+    declined(&mut client, |degrees| (degrees - 12.8).abs() < 1.0);
+
+    // A reload that needs a new pipeline goes on from the last position.
+    let store = rig.path("store");
+    rig.configure(FAST, &store, &more("[turn]\nangle_deg = 350\n"));
+    process.signal("HUP");
+    process.says("reloaded: turn.angle_deg");
+    let last = declined(&mut rig.client(), |degrees| (degrees - 12.8).abs() < 1.0);
+    let status = Link::new(&rig).told("status");
+    assert!(
+        status["reference"]["dip_deg"].as_f64() < Some(-60.0),
+        "{status}"
+    );
 
     // A declination by hand needs no new pipeline: the headings are counted on.
-    rig.configure(FAST, &rig.path("store"), &more("declination_deg = -20\n"));
+    let by_hand = "declination_deg = -20\n[turn]\nangle_deg = 350\n";
+    rig.configure(FAST, &store, &more(by_hand));
     process.signal("HUP");
     let by_hand = declined(&mut client, |degrees| (degrees + 20.0).abs() < 0.1);
     assert!(

@@ -28,7 +28,7 @@ fn a_store_that_fails_shows_in_the_status_and_catches_up_when_it_works() {
         (&json!(false), &json!("not_kept"))
     );
     let message = answer["message"].as_str().unwrap();
-    assert!(message.contains("only until the daemon stops"), "{message}");
+    assert!(message.contains("not on disk yet"), "{message}");
     assert_eq!(link.told("status")["mode"], "locked");
 
     fs::remove_file(rig.path("file")).unwrap();
