@@ -36,6 +36,9 @@ pub trait Check: Default + Serialize + DeserializeOwned {
     /// Their keys, as in the file: the names of the fields.
     const KEYS: &[&str];
 
+    /// Every number outside its range.
+    fn check_ranges(&self) -> Vec<Fault>;
+
     /// Every fault at once; empty when all is well.
     fn check(&self) -> Vec<Fault>;
 }
@@ -135,13 +138,20 @@ macro_rules! settings {
         impl $crate::check::Check for $name {
             const KEYS: &[&str] = &[$(stringify!($key)),*];
 
-            fn check(&self) -> Vec<$crate::check::Fault> {
+            fn check_ranges(&self) -> Vec<$crate::check::Fault> {
+                #[allow(unused_mut, reason = "some settings have no numbers")]
                 let mut faults = Vec::new();
                 $($(
                     for number in $crate::check::Numbers::numbers(&self.$key) {
                         $crate::check::within(&mut faults, stringify!($key), number, $range, $unit);
                     }
                 )?)*
+                faults
+            }
+
+            fn check(&self) -> Vec<$crate::check::Fault> {
+                #[allow(unused_mut, reason = "not all settings have faults beside their ranges")]
+                let mut faults = self.check_ranges();
                 $($also(self, &mut faults);)?
                 faults
             }

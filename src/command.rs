@@ -195,7 +195,7 @@ fn read_log(
 /// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
 const STRETCHES_APART_S: f64 = 10.0;
 
-/// The same, with times that go on where those of the log jump.
+/// Like `read_log`, with times that go on where those of the log jump.
 fn read_log_on(
     log: Replay,
     mut take: impl FnMut(Entry, bool) -> Result<(), Failure>,

@@ -148,10 +148,12 @@ impl Config {
         }
     }
 
-    /// The first table with this key.
-    fn table_of(key: &str) -> Option<&'static str> {
-        let mut tables = Self::tables().into_iter();
-        Some(tables.find(|table| table.keys.contains(&key))?.name)
+    /// The tables with this key, as `[a] or [b]`; empty where there is none.
+    fn tables_of(key: &str) -> String {
+        let tables = Self::tables().into_iter();
+        let named = tables.filter(|table| table.keys.contains(&key));
+        let names: Vec<String> = named.map(|table| format!("[{}]", table.name)).collect();
+        names.join(" or ")
     }
 
     /// What is wrong between tables that are right in themselves. The keys are `table.key`.
@@ -296,9 +298,34 @@ mod tests {
                 "2:8: i2c is neither a number nor true or false: put text in quotes: \"i2c\"",
             ),
             ("[source]\nkind = \n", "2:8: there is no value after the ="),
+            (
+                "[i2c]\nrate_hz = 40 Hz\n",
+                "2:11: more follows the number 40: write it alone, without a unit, or text in quotes",
+            ),
+            (
+                "[simulator]\nwith_gyro = True\n",
+                "2:13: True: write true and false in small letters",
+            ),
         ] {
             assert_eq!(faults(text), [format!("file.toml:{right}")]);
         }
+    }
+
+    #[test]
+    fn a_key_that_cannot_be_used_is_compared_with_no_other() {
+        let text = "[heading]\npublish_sd_deg = \"20\"\ngood_sd_deg = 12\n";
+        let found = faults(text);
+        assert!(
+            found.len() == 1 && found[0].contains("publish_sd_deg"),
+            "{found:?}"
+        );
+        let range = faults("[heading]\npublish_sd_deg = \"20\"\ngood_sd_deg = 0\n");
+        assert_eq!(range.len(), 2, "{range:?}");
+        let mode = faults("mode = \"0666\"\n");
+        assert!(
+            mode[0].contains("[calibration] or [socket] or [control]"),
+            "{mode:?}"
+        );
     }
 
     #[test]

@@ -40,7 +40,7 @@ pub enum CalibrationAction {
     },
     /// Lock the active calibration: nothing replaces it, until it is unlocked
     Lock,
-    /// Unlock it: every turn is calibrated on again. Mode off stays off
+    /// Unlock the active calibration: every turn is calibrated on again. Mode off stays off
     Unlock,
     /// Make an earlier calibration the active one
     Rollback {
@@ -51,7 +51,7 @@ pub enum CalibrationAction {
     Forget {
         /// Its number; without it, the active one
         number: Option<u64>,
-        /// All of this sensor
+        /// Forget all calibrations of this sensor
         #[arg(long, conflicts_with = "number")]
         all: bool,
     },
@@ -75,7 +75,7 @@ pub enum CalibrationAction {
         #[arg(long)]
         wait: bool,
     },
-    /// Give that up
+    /// Cancel a calibration that was started, or one under way
     Cancel,
     /// Calibrate on every turn (on), only when told to (off), or never (locked). Without a word, show the mode
     Mode {
@@ -123,11 +123,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             let calibrations: Vec<_> = control::read(answer["calibrations"].clone())?;
             print(&format!("{}{message}\n", table(&calibrations)))
         }
-        CalibrationAction::Show { .. } => print(&format!(
-            "{message}\n{}\n{}\n",
-            line(&control::read(answer["calibration"].clone())?),
-            answer["parameters"]
-        )),
+        CalibrationAction::Show { .. } => {
+            let mut parameters = answer["parameters"].clone();
+            if let Some(parameters) = parameters.as_object_mut() {
+                // Some 90 numbers: --json has them.
+                parameters.remove("covariance");
+            }
+            let line = line(&control::read(answer["calibration"].clone())?);
+            print(&format!("{line}\n{parameters}\n"))
+        }
         _ => print(&format!("{message}\n")),
     }
 }

@@ -8,6 +8,7 @@ use clap::Subcommand;
 use super::{Failure, OrFail, config_file, print, tell};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
+use crate::frame::{Mounting, Mountings};
 use crate::true_north::TrueNorth;
 use crate::wall_clock;
 
@@ -55,15 +56,7 @@ fn warnings(config: &Config) -> Vec<String> {
     if config.source.kind.is_none() {
         warnings.push(Settings::UNSET.to_owned());
     }
-    if config.source.kind == Some(Kind::I2c)
-        && !config.i2c.board.has_custom_mountings()
-        && config.mounting.chips() != Default::default()
-    {
-        let warning = "mag_axes, gyro_axes and accel_axes of [mounting] have no effect: headingd knows how the chips of \
-                       i2c.board are mounted; leave them out (board_axes turns the whole board), or set \
-                       i2c.board = \"custom\"";
-        warnings.push(warning.to_owned());
-    }
+    warnings.extend(mountings_without_effect(config));
     let mut north = TrueNorth::new(&config.true_north);
     if config.source.kind != Some(Kind::Replay) {
         north.declination_deg(wall_clock::now());
@@ -87,6 +80,38 @@ fn warnings(config: &Config) -> Vec<String> {
         ));
     }
     warnings
+}
+
+/// Warns of chips' axes that the source does not use.
+fn mountings_without_effect(config: &Config) -> Option<String> {
+    let set = config.mounting.chips();
+    let (used, why) = match config.source.kind? {
+        Kind::Serial => return None,
+        Kind::I2c => (
+            config.i2c.board.mountings(&set),
+            "headingd knows how the chips of i2c.board are mounted; leave them out (board_axes turns the whole board), or \
+             set i2c.board = \"custom\"",
+        ),
+        Kind::Simulator => (
+            Mountings::default(),
+            "the simulated board says itself how its chips are mounted; leave them out",
+        ),
+        Kind::Replay => (
+            Mountings::default(),
+            "the log says itself how its chips are mounted; leave them out",
+        ),
+    };
+    let chips = [
+        ("mag_axes", set.mag, used.mag),
+        ("gyro_axes", set.gyro, used.gyro),
+        ("accel_axes", set.accel, used.accel),
+    ];
+    let without_effect = chips
+        .iter()
+        .filter(|(_, set, used)| *set != Mounting::default() && set != used);
+    let keys: Vec<&str> = without_effect.map(|(key, ..)| *key).collect();
+    let keys = keys.join(", ");
+    (!keys.is_empty()).then(|| format!("no effect of {keys} in [mounting]: {why}"))
 }
 
 fn shown(config: &Config) -> Result<String, Failure> {
@@ -135,10 +160,18 @@ mod tests {
         let board = "[source]\nkind = \"i2c\"\n[i2c]\nboard = \"gy-85\"\n";
         let mounted = format!("{board}[mounting]\nmag_axes = \"+x -y -z\"\n");
         let custom = mounted.replace("gy-85", "custom");
+        let axes = "mag_axes = \"+y -x +z\"\ngyro_axes = \"+y -x +z\"\n";
+        let gy_271 = board.replace("gy-85", "gy-271") + "[mounting]\n" + axes;
+        let simulated = "[source]\nkind = \"simulator\"\n[mounting]\ngyro_axes = \"+y -x +z\"\n";
         let of = |text: &str| warnings(&Config::parse("a.toml", text).unwrap());
         for (text, part) in [
             (&replay, "a.csv: No such file"),
-            (&mounted, "of [mounting] have no effect"),
+            (&mounted, "no effect of mag_axes in [mounting]"),
+            (&gy_271, "no effect of mag_axes in [mounting]"),
+            (
+                &simulated.to_owned(),
+                "no effect of gyro_axes in [mounting]",
+            ),
         ] {
             let found = of(text);
             assert!(

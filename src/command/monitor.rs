@@ -131,9 +131,15 @@ const HANGUP: PollFlags = PollFlags::HUP.union(PollFlags::ERR);
 
 /// Does what a key is for; whether that is to end.
 fn press(key: KeyEvent, view: &mut View, feeds: &Feeds) -> bool {
-    let control = key.modifiers.contains(KeyModifiers::CONTROL);
-    if control && key.code == KeyCode::Char('c') {
+    if key.modifiers.contains(KeyModifiers::CONTROL) && key.code == KeyCode::Char('c') {
         return true;
+    }
+    // Ctrl-L draws a screen anew elsewhere, and shall not lock anything here.
+    if key
+        .modifiers
+        .intersects(KeyModifiers::CONTROL | KeyModifiers::ALT)
+    {
+        return false;
     }
     if let Some((_, request)) = view.asking.take() {
         if key.code == KeyCode::Char('y') {

@@ -81,6 +81,9 @@ fn play<W: Write>(
     keep: &mut Keep,
 ) -> Result<(), Failure> {
     lines.greet()?;
+    pipeline.play(Event::Policy(keep.history.mode), |action| {
+        carry_out(action, &mut lines, keep)
+    })?;
     let skips = read_log(replay, |entry, begins_stretch| {
         if begins_stretch {
             pipeline.play(Event::NewStretch, |action| {

@@ -4,11 +4,15 @@ use std::future::pending;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use rustix::fs::{Access, access};
+
 use super::control::exchange;
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
 use super::runtime::runtime;
-use super::{Failure, config_file, number, read_log_on, spare_log, tell, tell_skips, write_out};
+use super::{
+    Failure, OrFail, config_file, number, read_log_on, spare_log, tell, tell_skips, write_out,
+};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
 use crate::config::source::Kind;
@@ -62,6 +66,7 @@ impl From<ReportError> for Failure {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
+    may_write(&args.out)?;
     let (about, analysis) = match &args.log {
         Some(log) => {
             spare_log(log, &args.out)?;
@@ -70,6 +75,18 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => of_daemon(args, &config)?,
     };
     write_out(&args.out, page(&about, &analysis)?.as_bytes())
+}
+
+/// Refuses a page that could not be written in the end, after a day of listening perhaps.
+fn may_write(out: &Path) -> Result<(), Failure> {
+    if out.exists() || out == Path::new("-") {
+        return Ok(());
+    }
+    let folder = out.parent().filter(|folder| *folder != Path::new(""));
+    access(folder.unwrap_or(Path::new(".")), Access::WRITE_OK).or_fail(
+        Failure::CANNOT_CREATE,
+        format!("cannot write {}", out.display()),
+    )
 }
 
 fn of_log(log: &Path, config: &Config) -> Result<(About, Analysis), Failure> {
@@ -99,8 +116,13 @@ fn about(source: &str, header: &Header) -> About {
 }
 
 fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure> {
-    let socket = args.socket.as_ref().unwrap_or(&config.socket.socket);
-    let sockets = DaemonSockets::beside(socket, config);
+    let sockets = match &args.socket {
+        // Another daemon than that of the configuration has another control socket.
+        Some(socket) if *socket != config.socket.socket => {
+            DaemonSockets::beside(socket, &Config::default())
+        }
+        _ => DaemonSockets::beside(&config.socket.socket, config),
+    };
     let mut headings = Headings::open(&sockets.headings, WATCH)?;
     headings.set_patience(Some(PATIENCE))?;
     // Neither gpsd nor clock says where and when a log was recorded.

@@ -55,12 +55,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn print(args: &Args, headings: &mut Headings, out: &mut impl Write) -> Result<(), Failure> {
     let mut printed = 0;
     let mut state = String::new();
-    while args.count.is_none_or(|most| printed < most) {
+    let is_enough = |printed| args.count.is_some_and(|most| printed >= most);
+    while args.nmea || !is_enough(printed) {
         if args.nmea {
             let line = headings.line()?;
             if line.starts_with('$') {
-                // A heading has several sentences: HDG is in each.
-                printed += u64::from(line.get(3..6) == Some("HDG"));
+                // HDM is the first sentence of each heading.
+                let begins = line.get(3..6) == Some("HDM");
+                if begins && is_enough(printed) {
+                    break;
+                }
+                printed += u64::from(begins);
                 output(writeln!(out, "{line}"))?;
             }
         } else {

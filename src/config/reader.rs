@@ -78,9 +78,10 @@ impl<'i> TableReader<'i> {
             let sentence = if value.get_ref().is_table() {
                 format!("unknown table; {}", suggest(name, names))
             } else {
-                let help = match Config::table_of(name) {
-                    Some(table) => format!("move it below [{table}]"),
-                    None => suggest(name, names),
+                let tables = Config::tables_of(name);
+                let help = match tables.as_str() {
+                    "" => suggest(name, names),
+                    tables => format!("move it below {tables}"),
                 };
                 format!("this key is outside any table: {help}")
             };
@@ -102,10 +103,18 @@ impl<'i> TableReader<'i> {
                 }
             },
         };
+        let count = self.faults.len();
         let usable = Spanned::new(0..0, DeValue::Table(self.usable(&target)));
+        let all_usable = self.faults.len() == count;
         match T::deserialize(ValueDeserializer::from(usable)) {
             Ok(settings) => {
-                self.collect(&format!("{name}."), settings.check());
+                // What compares keys would compare the default of one that cannot be used.
+                let faults = if all_usable {
+                    settings.check()
+                } else {
+                    settings.check_ranges()
+                };
+                self.collect(&format!("{name}."), faults);
                 settings
             }
             Err(error) => {

@@ -27,6 +27,12 @@ pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
         || (before.ends_with('=') && word.starts_with(char::is_alphabetic));
     match (is_bare, word) {
         (true, "") => "there is no value after the =".to_owned(),
+        (true, "True" | "False") => format!("{word}: write true and false in small letters"),
+        (true, number) if number.parse::<f64>().is_ok() => {
+            format!(
+                "more follows the number {number}: write it alone, without a unit, or text in quotes"
+            )
+        }
         (true, word) => {
             format!("{word} is neither a number nor true or false: put text in quotes: \"{word}\"")
         }

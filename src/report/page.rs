@@ -241,24 +241,26 @@ fn motion(analysis: &Analysis) -> String {
         let (sd_deg, most) = (m.heading_sd_deg, Bound::AtMost(m.most_heading_sd_deg));
         let [right, predicted] = [m.gyro_is_right, m.field_is_predicted].map(f64::from);
         out += &verdict("Calibration by motion", &outcome);
-        out += &limits(
-            &[
-                ("gyro turns as the field does", "", right, Bound::True),
-                (
-                    "field at the end as the motion predicts",
-                    "",
-                    predicted,
-                    Bound::True,
-                ),
-                ("predicted heading uncertainty", "degrees", sd_deg, most),
-            ]
-            .map(|(name, unit, measured, bound)| Limit {
-                name,
-                unit,
-                measured,
-                bound,
-            }),
-        );
+        out += &limits(&[
+            Limit {
+                name: "gyro turns as the field does",
+                unit: "",
+                measured: right,
+                bound: Bound::True,
+            },
+            Limit {
+                name: "field at the end as the motion predicts",
+                unit: "",
+                measured: predicted,
+                bound: Bound::True,
+            },
+            Limit {
+                name: "predicted heading uncertainty",
+                unit: "degrees",
+                measured: sd_deg,
+                bound: most,
+            },
+        ]);
     }
     out
 }

@@ -11,7 +11,7 @@ const MOST: usize = 1500;
 const OVER_NORTH_DEG: f64 = 180.0;
 
 /// The band of a condition.
-pub(super) fn hue(word: &str) -> Hue {
+fn hue(word: &str) -> Hue {
     match word {
         "good" => Hue::Good,
         "degraded" | "disturbed" => Hue::Middling,

@@ -69,11 +69,6 @@ impl Board {
         }
     }
 
-    /// Whether the mounting of some of its chips is as the configuration says.
-    pub fn has_custom_mountings(self) -> bool {
-        matches!(self, Self::Gy271 | Self::Custom)
-    }
-
     /// The chips beside the magnetometer, as far as the board says.
     pub fn companions(self) -> Companions {
         match self {

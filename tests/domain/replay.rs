@@ -379,6 +379,22 @@ fn a_store_is_touched_only_if_it_is_named() {
     );
     assert_eq!(before, after);
 
+    // Nor is a locked calibration replaced.
+    let path = folder.path("store/calibration.json");
+    let mut locked: Value = serde_json::from_slice(&before.1).unwrap();
+    locked["sensors"][0]["mode"] = "locked".into();
+    std::fs::write(&path, locked.to_string()).unwrap();
+    let other = Settings {
+        bias_mgauss: [-150.0, -200.0, 50.0],
+        ..Settings::default()
+    };
+    lines(&folder.log("b.csv", &other), &["--store", &store]);
+    let kept: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    assert_eq!(
+        kept["sensors"][0]["in_force"],
+        locked["sensors"][0]["in_force"]
+    );
+
     // One log's calibration file and one store cannot both be active.
     let both = replay(&log, &["--store", &store, "--calibration", &store]);
     assert_eq!(both.status, 2);

@@ -140,12 +140,15 @@ fn the_screen_shows_the_daemon_and_keys_reach_it() {
     screen.shows("mode locked");
     screen.press("l");
     link.status("the end of it", |status| status["mode"] == "on");
+    // Ctrl-L, which draws a screen anew elsewhere.
+    screen.press("\u{c}");
     // A key that changes much is asked about, and any other key is a no, and nothing else: the next turn is still wanted.
     screen.press("r");
     screen.shows("y: yes");
     screen.press("l");
     screen.press("c");
     screen.shows("turn the board once");
+    assert_eq!(link.told("status")["mode"], "on");
     // Without colour there is none, and it is no reason to hide the daemon's end.
     process.stop();
     screen.shows("lost");

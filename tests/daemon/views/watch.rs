@@ -43,7 +43,9 @@ fn headings_are_printed_as_text_json_and_nmea() {
 
     let nmea = watch(&["--nmea", "--rate", "100"]);
     assert!(nmea.lines().all(|line| line.starts_with("$HC")), "{nmea}");
-    assert_eq!(nmea.matches("$HCHDG,").count(), 3, "{nmea}");
+    for sentence in ["$HCHDM,", "$HCHDG,", "$HCROT,", "$HCXDR,"] {
+        assert_eq!(nmea.matches(sentence).count(), 3, "{sentence}: {nmea}");
+    }
 }
 
 #[test]
