@@ -237,14 +237,14 @@ impl Attitude {
         }
     }
 
-    /// Down at `t_s`, with a standard deviation, radians. Where the gyro is not trusted, down is what the accelerometer feels, and the
-    /// board's accelerations tilt that. Where it is, the deviation is 0: the caller already counts the tilt's own error.
+    /// Down at `t_s`, with a standard deviation, radians. Where the gyro is not trusted, down is what the accelerometer feels. Where it
+    /// is, the deviation is 0: the heading from one sample counts that of a still board.
     pub fn down_and_sd(&self, t_s: f64, gyro_trusted: bool) -> Option<(Vector3<f64>, f64)> {
         if gyro_trusted {
             return Some((self.down(t_s)?, 0.0));
         }
         let gravity = &self.filter.gravity;
-        Some((gravity.down(t_s)?, gravity.shaken_rad()))
+        Some((gravity.down(t_s)?, gravity.down_sd_rad()))
     }
 
     /// The accelerometer's newest reading, body axes, m/s²; `None` while it is silent.

@@ -89,6 +89,8 @@ pub struct Fix {
 struct Suspended {
     filter: Filter,
     moved_s: f64,
+    /// The fault was that the gyro did not measure at all.
+    dead: bool,
 }
 
 /// The estimate.
@@ -108,6 +110,7 @@ pub struct Estimate {
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
     suspended: Option<Box<Suspended>>,
+    gyro_recovered: bool,
     /// One for each axis of the magnetometer, set when the axis begins to repeat a number and may be saturated. Boxed: dropping
     /// an empty `Option` of 25 kB copies as much, three times a sample.
     checkpoints: [Option<Box<Checkpoint>>; 3],
@@ -136,6 +139,7 @@ impl Estimate {
             gyro: GyroCheck::default(),
             proven: None,
             suspended: None,
+            gyro_recovered: false,
             checkpoints: [const { None }; 3],
             iron: IronWatch::default(),
             visit: VisitWatch::default(),
@@ -261,6 +265,7 @@ impl Estimate {
                 let filter = &mut suspended.filter;
                 let known = filter.iron_known_within(filter.strength_mgauss());
                 filter.follow(input, lost, self.frozen || known);
+                suspended.dead = self.gyro.fault() == Some(GyroFault::Dead);
                 suspended.moved_s += if input.board.still {
                     0.0
                 } else {
@@ -270,13 +275,14 @@ impl Estimate {
                 return;
             }
             Some(suspended) if suspended.moved_s < FALSE_ALARM_S => self.active = suspended.filter,
-            Some(_) => {}
+            Some(suspended) => self.gyro_recovered = suspended.dead,
             None => {
                 let unproven = || fresh(self.kept.as_ref(), &self.mounting);
                 let proven = self.proven.clone().unwrap_or_else(unproven);
                 self.suspended = Some(Box::new(Suspended {
                     filter: std::mem::replace(&mut self.active, proven),
                     moved_s: 0.0,
+                    dead: false,
                 }));
             }
         }
@@ -323,6 +329,11 @@ impl Estimate {
     /// Whether the active filter has been replaced by its rival since this was last asked.
     pub fn take_replaced(&mut self) -> bool {
         std::mem::take(&mut self.replaced)
+    }
+
+    /// Whether a dead gyro measures again since this was last asked. Other faults may have been the field's.
+    pub fn take_gyro_recovered(&mut self) -> bool {
+        std::mem::take(&mut self.gyro_recovered)
     }
 
     /// Takes the result of a full turn. If it knows the hard iron better, it is active from now on and what was known

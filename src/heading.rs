@@ -50,7 +50,7 @@ impl Heading {
             .filter(|_| self.condition.may_steer())
     }
 
-    /// The same from true north.
+    /// The true heading, degrees, not wrapped: it may be below 0 or above 360.
     pub fn true_deg(&self) -> Option<f64> {
         Some(self.magnetic_deg()? + self.declination_deg?)
     }

@@ -8,7 +8,7 @@ const SILENT_S: f64 = 1.0;
 const HOLD_S: f64 = 0.1;
 /// The force is low-passed over this time for those who compare it with gravity, seconds: vibration is shorter.
 const LOW_PASS_S: f64 = 0.2;
-/// How much its strength differs from gravity's is measured over this time, seconds.
+/// How certain down is by the force alone is measured over this time, seconds.
 const SHAKEN_S: f64 = 2.0;
 /// Gravity, m/s²: within half a percent anywhere.
 pub const GRAVITY_M_S2: f64 = 9.81;
@@ -20,7 +20,10 @@ const PLAUSIBLE_M_S2: std::ops::RangeInclusive<f64> = 0.1..=1000.0;
 pub(super) struct Gravity {
     previous: Option<(f64, Vector3<f64>)>,
     newest: Option<(f64, Vector3<f64>)>,
-    low_passed: Vector3<f64>,
+    /// The force low-passed once, twice and three times.
+    low_passed: [Vector3<f64>; 3],
+    /// Mean square of what is left of the low pass's lag in `down`, m²/s⁴.
+    lag2: f64,
     /// Mean square of what its strength differs from gravity's, m²/s⁴.
     shaken2: f64,
     /// Sum and count of the readings since the last tick.
@@ -36,16 +39,24 @@ impl Gravity {
         match self.newest {
             Some((newest_s, _)) if (0.0..=SILENT_S).contains(&(t_s - newest_s)) => {
                 let gain = 1.0 - (-(t_s - newest_s) / LOW_PASS_S).exp();
-                self.low_passed += (force - self.low_passed) * gain;
-                let off = self.low_passed.norm() - GRAVITY_M_S2;
+                let mut input = force;
+                for stage in &mut self.low_passed {
+                    *stage += (input - *stage) * gain;
+                    input = *stage;
+                }
+                let [once, twice, thrice] = self.low_passed;
+                let off = once.norm() - GRAVITY_M_S2;
+                let left = once - 2.0 * twice + thrice;
                 let gain = 1.0 - (-(t_s - newest_s) / SHAKEN_S).exp();
                 self.shaken2 += (off * off - self.shaken2) * gain;
+                self.lag2 += (left.norm_squared() - self.lag2) * gain;
                 self.previous = self.newest;
             }
             // A step back by less than that is a late reading.
             Some((newest_s, _)) if (-SILENT_S..0.0).contains(&(t_s - newest_s)) => return,
             _ => {
-                self.low_passed = force;
+                self.low_passed = [force; 3];
+                (self.shaken2, self.lag2) = (0.0, 0.0);
                 self.previous = None;
                 self.since_tick = Default::default();
             }
@@ -70,20 +81,24 @@ impl Gravity {
         Some(previous + (newest - previous) * part)
     }
 
-    /// By how much the board's accelerations tilt what the accelerometer feels, one standard deviation, radians: as
-    /// much across gravity as along it, where it shows.
-    pub(super) fn shaken_rad(&self) -> f64 {
-        self.shaken2.sqrt() / GRAVITY_M_S2
+    /// Standard deviation of `down`, radians. The board's accelerations show along gravity only; across it they are taken to be as
+    /// large.
+    pub(super) fn down_sd_rad(&self) -> f64 {
+        (self.shaken2 + self.lag2).sqrt() / GRAVITY_M_S2
     }
 
     /// Specific force low-passed over 0.2 s; `None` while the accelerometer is silent.
     pub(super) fn low_passed(&self, t_s: f64) -> Option<Vector3<f64>> {
-        self.live(t_s).then_some(self.low_passed)
+        self.live(t_s).then_some(self.low_passed[0])
     }
 
-    /// Where down is, a unit vector of body axes: an accelerometer feels up. `None` while it is silent.
+    /// Where down is, a unit vector of body axes: an accelerometer feels up. `None` while it is silent. On a board that tilts
+    /// steadily a low pass lags by its time; double smoothing (Brown, 1956) does not, and what is left of the lag is about the
+    /// second difference of the stages.
     pub(super) fn down(&self, t_s: f64) -> Option<Vector3<f64>> {
-        (-self.low_passed(t_s)?).try_normalize(1e-9)
+        let [once, twice, _] = self.low_passed;
+        let force = self.live(t_s).then_some(2.0 * once - twice)?;
+        (-force).try_normalize(1e-9)
     }
 
     /// The newest reading; `None` while the accelerometer is silent.

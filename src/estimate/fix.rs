@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::strength::MOST_RAW_MGAUSS;
-use super::{Estimate, Fix, kept, level};
+use super::{Estimate, Fix, Sample, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
 
@@ -27,10 +27,11 @@ impl Fix {
 
 impl Estimate {
     /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` where X is vertical, or
-    /// before the estimate has begun. The deviation covers the field and the tilt. On a moving board
+    /// before the estimate has begun, in this frame too. The deviation covers the field and the tilt. On a moving board
     /// whose vertical is known it also covers the rotation, radians, that the gyro may have missed.
     pub fn fix(&self, pose: &Pose, missed_turn_rad: f64) -> Option<Fix> {
-        if !self.active.begun {
+        let in_this_frame = |last: &Sample| last.motion.pose.stretch == pose.stretch;
+        if !self.active.begun || !self.last.as_ref().is_some_and(in_this_frame) {
             return None;
         }
         if !pose.vertical_known {
@@ -96,7 +97,7 @@ impl Estimate {
     }
 
     /// The heading from one sample alone: what is left where the gyro is not to be trusted. Down is a unit vector of body
-    /// axes with its standard deviation, radians; the rate, rad/s, is that of a board whose field lags behind.
+    /// axes with its standard deviation, radians. The rate, rad/s, times the uncertain lag adds to the deviation.
     pub fn instantaneous(
         &self,
         field_mgauss: &Vector3<f64>,

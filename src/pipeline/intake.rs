@@ -66,10 +66,15 @@ impl Intake {
     /// Forgets all motion: the times that follow have nothing to do with those before. The gyro keeps the bias of this calibration.
     pub(super) fn begin_stretch(&mut self, setup: &Setup, calibration: Option<&Calibration>) {
         self.saturation.begin_stretch();
-        self.attitude = new_attitude(setup, calibration);
-        self.turns = TurnDetector::new(&setup.turn);
+        self.renew_attitude(setup, calibration);
         self.newest = None;
         self.late = Lateness::default();
+    }
+
+    /// Forgets how the board lay and turned. The gyro keeps the bias of this calibration.
+    pub(super) fn renew_attitude(&mut self, setup: &Setup, calibration: Option<&Calibration>) {
+        self.attitude = new_attitude(setup, calibration);
+        self.turns = TurnDetector::new(&setup.turn);
     }
 
     /// How many values were dropped since no sensor can have measured them.

@@ -11,9 +11,8 @@ impl Pipeline {
     /// Where down is now, a unit vector of body axes, and how fast the board turns, rad/s; `None` while nothing feels it.
     pub fn down(&self) -> Option<(Vector3<f64>, f64)> {
         let down = self.intake.attitude.down(self.now_s)?;
-        let turning = self.intake.attitude.pose_at(self.now_s).is_some();
-        let rate_rad_s = self.intake.attitude.rate_rad_s().norm();
-        Some((down, if turning { rate_rad_s } else { 0.0 }))
+        let rate_rad_s = self.rate_rad_s(self.now_s);
+        Some((down, rate_rad_s.map_or(0.0, |rate| rate.norm())))
     }
 
     /// The chips are mounted otherwise. What is known of them is in their own axes and stays, as over a restart; what was

@@ -40,7 +40,7 @@ impl Pipeline {
             self.estimate
                 .fix(&pose, self.intake.attitude.missed_turn_rad(t_s))
         });
-        let rate_rad_s = self.intake.attitude.rate_rad_s().norm();
+        let rate_rad_s = self.rate_rad_s(t_s).map_or(0.0, |rate| rate.norm());
         let instantaneous = self.estimate.instantaneous(raw, level, rate_rad_s);
         let best = if trusted { fused } else { instantaneous };
         if let Some(best) = &best {
@@ -107,12 +107,17 @@ impl Pipeline {
         actions.push(Action::Publish(heading));
     }
 
+    /// Rate of the board, body axes, rad/s; `None` while the gyro is silent.
+    pub(super) fn rate_rad_s(&self, t_s: f64) -> Option<Vector3<f64>> {
+        let attitude = &self.intake.attitude;
+        attitude.pose_at(t_s).map(|_| attitude.rate_rad_s())
+    }
+
     /// One with nothing in it but time, tilt, and what gyro and accelerometer say.
     fn heading(&mut self, t_s: f64, down: Option<&Vector3<f64>>, condition: Condition) -> Heading {
         self.seq += 1;
         let tilt = down.map(pitch_and_roll_deg);
-        let rate_rad_s =
-            (self.intake.attitude.pose_at(t_s)).map(|_| self.intake.attitude.rate_rad_s());
+        let rate_rad_s = self.rate_rad_s(t_s);
         // Without an accelerometer the board is taken to be level, as for its heading.
         let down = down.copied().unwrap_or_else(Vector3::z);
         Heading {

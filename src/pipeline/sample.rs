@@ -41,6 +41,15 @@ impl Pipeline {
         self.estimate
             .freeze(self.wanted().is_none() && self.learning.calibrated);
         self.estimate.take(&sample);
+        if self.estimate.take_gyro_recovered() {
+            // The attitude has followed the dead gyro, and learnt a wrong bias of it.
+            let calibration = self.calibration();
+            self.intake
+                .renew_attitude(&self.setup, calibration.as_ref());
+            self.completed.clear();
+            self.forget_waiting_turns();
+            return None;
+        }
         if self.learning.calibrated && !self.estimate.knows() {
             // All of it was learnt by a gyro that is wrong.
             self.forget_learning(None);

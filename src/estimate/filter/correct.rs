@@ -109,14 +109,10 @@ impl Filter {
             return;
         };
         self.measure_noise(&innovation, dt);
-        // At rest a large innovation means that the surroundings have changed; it does not test what is known.
-        if !input.board.still {
-            let now = (squared / 3.0).min(CONSISTENCY_MOST);
-            self.consistency += (dt / CONSISTENCY_S).min(1.0) * (now - self.consistency);
-        }
         self.jumped = false;
         self.jumps_mgauss *= (-dt / FORGET_MOVING_S).exp();
         self.odd_mgauss = Vector3::zeros();
+        let squared_at_first = squared;
         if squared > GATE {
             if !self.record_odd(&innovation, &r) {
                 // What rejects a sample explains it no better than what takes it at the gate.
@@ -136,6 +132,11 @@ impl Filter {
             (s, inverse, squared) = again;
         } else {
             self.odd = None;
+        }
+        // At rest a large innovation means that the surroundings have changed; it does not test what is known.
+        if !input.board.still {
+            let now = (squared_at_first / 3.0).min(CONSISTENCY_MOST);
+            self.consistency += (dt / CONSISTENCY_S).min(1.0) * (now - self.consistency);
         }
         self.log_likelihood -= 0.5 * (squared + s.determinant().ln());
         self.update(&(cross * inverse), &cross, &innovation, frozen);

@@ -145,7 +145,7 @@ fn a_pause_is_a_gap() {
     let mut clock = SteadyClock::new(0.02);
     let stamped = stamp(&mut clock, &true_s, &arrivals(&true_s, 3));
     assert!(stamped[500].1 - stamped[499].1 > 29.5);
-    assert!(stamped[999].1 - true_s[999] < 0.01);
+    assert!((stamped[999].1 - true_s[999]).abs() < 0.01);
     assert!(clock.lost() >= 1480, "{}", clock.lost());
 }
 

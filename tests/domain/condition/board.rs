@@ -18,7 +18,7 @@ use crate::common::apart_deg;
 const STEP_S: f64 = 0.02;
 
 pub const BIAS: Vector3<f64> = Vector3::new(87.0, 54.0, 135.0);
-const EARTH: Vector3<f64> = Vector3::new(163.0, 0.0, 527.0);
+pub const EARTH: Vector3<f64> = Vector3::new(163.0, 0.0, 527.0);
 
 pub struct Board {
     pub pipeline: Pipeline,
@@ -36,6 +36,9 @@ pub struct Board {
     pub overflow: bool,
     /// What axis X of the magnetometer reads all the time.
     pub stuck_mgauss: Option<f64>,
+    /// How many readings have the same field.
+    pub repeats: usize,
+    held: Option<(usize, Vector3<f64>)>,
     random: Xoshiro256PlusPlus,
     /// Outcomes wait until they are asked for.
     pub late: bool,
@@ -73,6 +76,8 @@ impl Board {
             with_accel: true,
             overflow: false,
             stuck_mgauss: None,
+            repeats: 1,
+            held: None,
             random: Xoshiro256PlusPlus::seed_from_u64(1),
             late: false,
             under_way: None,
@@ -159,7 +164,10 @@ impl Board {
         let (heading, pitch) = (self.heading_deg.to_radians(), self.pitch_deg.to_radians());
         let to_body = Rotation3::from_euler_angles(0.0, pitch, heading).inverse();
         let noise = Vector3::from_fn(|_, _| self.random.random_range(-2.0..2.0));
-        let field = to_body * self.earth_mgauss + self.bias_mgauss + noise;
+        let measured = to_body * self.earth_mgauss + self.bias_mgauss + noise;
+        let held = self.held.filter(|(count, _)| *count < self.repeats);
+        let (count, field) = held.unwrap_or((0, measured));
+        self.held = Some((count + 1, field));
         // No real gyro reads the same twice.
         let shaken = Vector3::from_fn(|_, _| self.random.random_range(-0.002..0.002));
         let axis = |value| Some(value).filter(|_| !self.overflow);

@@ -201,7 +201,7 @@ fn the_gyros_bias_stays_known_where_the_clock_begins_anew() {
         board.turn(if step % 8 < 4 { 50.0 } else { -50.0 });
         worst_deg = board
             .error_deg()
-            .map_or(worst_deg, |error_deg| error_deg.max(worst_deg));
+            .map_or(worst_deg, |error_deg| error_deg.abs().max(worst_deg));
     }
     assert!(board.error_deg().is_some());
     assert!((0.0..3.0).contains(&worst_deg), "{worst_deg}");

@@ -1,0 +1,133 @@
+//! A gyro that is away or wrong for a while, and what tilt and field say without it.
+
+use super::board::{BIAS, Board, EARTH, spatial};
+use crate::common::apart_deg;
+use headingd::pipeline::{Event, Settings};
+use headingd::reading::Reading;
+use nalgebra::{Rotation3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+fn taught() -> Board {
+    let mut board = Board::rested(Some(spatial(0.0)));
+    for _ in 0..3 {
+        board.tumble();
+    }
+    assert_eq!(board.state(), ("good", "good"));
+    board
+}
+
+/// How a board lies that turns on and rolls and pitches meanwhile.
+fn swinging(t_s: f64) -> Rotation3<f64> {
+    Rotation3::from_euler_angles(0.6 * (1.3 * t_s).sin(), 0.5 * (0.9 * t_s).sin(), 0.6 * t_s)
+}
+
+#[test]
+fn a_gyro_that_was_dead_leaves_no_wrong_tilt_behind() {
+    const STEP_S: f64 = 0.02;
+    let mut board = Board::new(None);
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
+    let mut noise = |most: f64| Vector3::from_fn(|_, _| random.random_range(-most..most));
+    let mut dead = false;
+    for step in 0..6000 {
+        let t_s = f64::from(step) * STEP_S;
+        let lies = swinging(t_s);
+        let rate = (swinging(t_s - STEP_S).inverse() * lies).scaled_axis() / STEP_S;
+        let measured = if (60.0..75.0).contains(&t_s) {
+            Vector3::zeros()
+        } else {
+            rate
+        };
+        board.tell(Event::Reading(Reading {
+            t_s,
+            field_mgauss: Some(
+                (lies.inverse() * EARTH + BIAS + noise(2.0))
+                    .map(Some)
+                    .into(),
+            ),
+            rate_rad_s: Some(measured + noise(0.002)),
+            specific_force_m_s2: Some(lies.inverse() * Vector3::z() * -9.8 + noise(0.05)),
+        }));
+        dead |= board
+            .reports
+            .last()
+            .is_some_and(|report| report.reason == "gyro_dead");
+        let heading = board.heading.as_ref().unwrap();
+        if let (true, Some(found), Some(sd_deg)) =
+            (t_s > 80.0, heading.magnetic_deg(), heading.sd_deg)
+        {
+            let error_deg = apart_deg(found, (0.6 * t_s).to_degrees());
+            assert!(
+                error_deg.abs() < 5.0 || error_deg.abs() < 3.0 * sd_deg,
+                "{t_s}: {error_deg} ± {sd_deg}"
+            );
+        }
+    }
+    assert!(dead);
+    assert_eq!(board.state(), ("good", "good"));
+}
+
+#[test]
+fn without_a_gyro_the_accelerometers_low_pass_does_not_lag_behind_a_board_that_tilts() {
+    let settings = Settings {
+        publish_sd_deg: 60.0,
+        ..Settings::default()
+    };
+    let mut board = Board::with(settings, Some(spatial(0.0)));
+    board.turn(90.0);
+    board.with_gyro = false;
+    board.rest(5.0);
+    let mut squares = Vec::new();
+    for step in 0..40 {
+        for part in 1..=4 {
+            let pitch_deg = f64::from(part) * 10.0 - 20.0;
+            board.pitch_to(if step % 2 == 0 { pitch_deg } else { -pitch_deg });
+            let heading = board.heading.as_ref().unwrap();
+            if let (Some(found), Some(sd_deg)) = (heading.instantaneous_deg, heading.sd_deg) {
+                squares.push((apart_deg(found, 90.0) / sd_deg).powi(2));
+            }
+        }
+    }
+    assert!(squares.len() > 40, "{}", squares.len());
+    let nerr = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+    let worst = squares.iter().copied().fold(0.0, f64::max).sqrt();
+    assert!(nerr < 1.5 && worst < 4.0, "{nerr}, {worst}");
+}
+
+#[test]
+fn after_a_gap_of_the_gyro_no_heading_is_from_the_frame_before() {
+    let mut board = taught();
+    // A source that reads faster than the chip measures.
+    board.repeats = 5;
+    board.turn(60.0);
+    board.with_gyro = false;
+    board.turn(90.0);
+    board.with_gyro = true;
+    for _ in 0..100 {
+        board.rest(0.02);
+        if let Some(error_deg) = board.error_deg() {
+            let sd_deg = board.heading.as_ref().unwrap().sd_deg.unwrap();
+            assert!(
+                error_deg.abs() < 3.0 * sd_deg.max(1.0),
+                "{error_deg} ± {sd_deg}"
+            );
+        }
+    }
+    assert!(board.error_deg().is_some());
+}
+
+#[test]
+fn spikes_that_are_rejected_disturb_no_board_that_comes_to_rest() {
+    let mut board = taught();
+    board.repeats = 5;
+    board.turn(60.0);
+    for _ in 0..5 {
+        board.turn_at(60.0, 0.1);
+        board.bias_mgauss += Vector3::x() * 300.0;
+        board.turn_at(60.0, 0.1);
+        board.bias_mgauss -= Vector3::x() * 300.0;
+    }
+    board.rest(10.0);
+    assert_eq!(board.state(), ("good", "good"));
+    assert!(board.error_deg().unwrap().abs() < 2.0);
+}
