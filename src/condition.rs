@@ -62,7 +62,7 @@ words! {
         Good = "good",
         /// Calibrated, but something has made the headings less certain.
         Degraded = "degraded",
-        /// Calibrated, but something magnetic is near: the field is too strong, too weak or too steep.
+        /// Calibrated, but something magnetic is near: the field differs from the expected one in strength or direction.
         Disturbed = "disturbed",
         /// The magnetometer has been silent for too long: no heading.
         Stale = "stale",
@@ -102,10 +102,11 @@ pub struct SourceFault {
     pub message: String,
 }
 
-/// A field that is stronger or weaker by more is disturbed for that reason; others have changed their direction.
+/// Largest share by which the strength may differ from the expected one. Beyond it the reason is `field_strength`, else
+/// `field_changed`.
 pub const STRENGTH_TOLERANCE: f64 = 0.15;
 
-/// What a person should know of a field that is nowhere so strong, milligauss.
+/// The message for a field strength found nowhere on earth, milligauss.
 pub fn wrong_strength(strength_mgauss: f64) -> String {
     format!(
         "the field is {strength_mgauss:.0} mG strong, and the earth's is 220 to 670: check the magnetometer's unit and range"

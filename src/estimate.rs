@@ -291,6 +291,11 @@ impl Estimate {
         self.lose_frame();
     }
 
+    /// Whether it follows the samples: until then there is only the calibration that it starts with.
+    pub fn has_begun(&self) -> bool {
+        self.active.begun
+    }
+
     /// Whether anything is known, by motion or by a calibration. A suspended filter counts while it may come back.
     pub fn knows(&self) -> bool {
         let may_come_back = (self.suspended.as_ref())

@@ -116,6 +116,8 @@ struct CalibrationJob {
     unwanted: bool,
     /// Calibrate again when it ends: a turn was completed meanwhile.
     again: bool,
+    /// The end of its last turn, seconds.
+    end_s: f64,
 }
 
 /// Turns readings into headings, conditions and calibrations.
@@ -136,6 +138,8 @@ pub struct Pipeline {
     /// The next motion is to be calibrated on.
     armed: bool,
     refused: Option<(&'static str, String)>,
+    /// The end of the last turn that was refused for its samples, seconds.
+    bad_turn_s: f64,
     fault: Option<SourceFault>,
     report: Option<Report>,
     now_s: f64,
@@ -170,6 +174,7 @@ impl Pipeline {
             policy: Policy::On,
             armed: false,
             refused: None,
+            bad_turn_s: f64::NEG_INFINITY,
             fault: None,
             report: None,
             now_s: f64::NEG_INFINITY,

@@ -13,6 +13,9 @@ const GYRO_SHARE: f64 = 0.7;
 /// A field that is off at rest is off by a bias in one direction: the heading's error, RMS over a turn, is this share of it.
 const REST_SHARE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
+/// Refusals of a turn that is not enough by itself, but may be a part of a calibration.
+const MORE_HELPS: [&str; 2] = ["coverage", "heading_uncertainty"];
+
 impl Pipeline {
     /// Why a motion would be calibrated on now; `None` if none would.
     pub fn wanted(&self) -> Option<Reason> {
@@ -116,7 +119,12 @@ impl Pipeline {
                     self.adopt(&mut outcome, &calibration);
                     self.refused = None;
                 }
-                _ => self.refused = Some((outcome.reason, outcome.message.clone())),
+                (verdict, _) => {
+                    if verdict == Verdict::Rejected && !MORE_HELPS.contains(&outcome.reason) {
+                        self.bad_turn_s = job.end_s;
+                    }
+                    self.refused = Some((outcome.reason, outcome.message.clone()));
+                }
             }
         }
         actions.push(Action::Conclude(outcome, job.reason));

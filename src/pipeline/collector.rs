@@ -64,6 +64,7 @@ impl Pipeline {
             reason,
             unwanted: false,
             again: false,
+            end_s: self.completed.back().map_or(self.now_s, |turn| turn.end_s),
         });
         actions.push(Action::Calibrate(Box::new(request)));
     }
@@ -113,6 +114,7 @@ impl Pipeline {
         let tolerance = self.setup.turn.axis_tolerance_deg.to_radians().cos();
         let follows = |(later, earlier): &(&Turn, &Turn)| {
             later.start_s - earlier.end_s < TURNS_FOLLOW_S
+                && earlier.end_s > self.bad_turn_s
                 && earlier.axis_body.dot(&later.axis_body).abs() > tolerance
         };
         let newest_first = || self.completed.iter().rev();

@@ -23,9 +23,10 @@ pub(super) struct Learning {
     pub(super) initial: Option<Calibration>,
     /// Whether there has been a calibration worth a heading.
     pub(super) calibrated: bool,
-    /// What was last kept, its deviation, degrees, and when.
+    /// What was last kept, its deviation, degrees, and when. A turn's calibration does not know its own: the place and how the chips
+    /// lie to each other are not in it.
     last: Option<Parameters>,
-    last_sd_deg: f64,
+    last_sd_deg: Option<f64>,
     pub(super) last_s: f64,
 }
 
@@ -34,7 +35,10 @@ impl Learning {
         Self {
             calibrated: initial.is_some(),
             last: initial.map(|one| one.parameters),
-            last_sd_deg: initial.map_or(f64::INFINITY, |one| one.heading_sd_deg),
+            last_sd_deg: match &initial {
+                None => Some(f64::INFINITY),
+                Some(one) => one.covariance.as_ref().map(|_| one.heading_sd_deg),
+            },
             initial,
             last_s: f64::NEG_INFINITY,
         }
@@ -43,7 +47,7 @@ impl Learning {
     /// Something has been kept.
     pub(super) fn keep(&mut self, parameters: &Parameters, sd_deg: f64, t_s: f64) {
         self.last = Some(*parameters);
-        (self.last_sd_deg, self.last_s) = (sd_deg, t_s);
+        (self.last_sd_deg, self.last_s) = (Some(sd_deg), t_s);
     }
 
     /// How far this hard iron, chip axes, is from what was last kept, as far as that knew it, milligauss.
@@ -96,13 +100,17 @@ impl Pipeline {
         let good_sd_deg = self.setup.pipeline.good_sd_deg;
         let possible = self.estimate.impossible_mgauss().is_none();
         let good = sd_deg <= good_sd_deg && !self.estimate.disturbed() && possible;
-        let better = sd_deg <= MORE_CERTAIN * self.learning.last_sd_deg;
+        let last_sd_deg = self.learning.last_sd_deg;
+        if last_sd_deg.is_none() && self.estimate.has_begun() {
+            self.learning.last_sd_deg = Some(sd_deg);
+        }
+        let better = last_sd_deg.is_some_and(|last_sd_deg| sd_deg <= MORE_CERTAIN * last_sd_deg);
         let limit_mgauss = MOVED * good_sd_deg.to_radians() * self.estimate.horizontal_mgauss();
         let moved = self.learning.moved_mgauss(&self.estimate.bias_mgauss()) > limit_mgauss;
         if !(good && due && (better || moved || replaced)) {
             // A new estimate that is not good yet: save it as soon as it is.
             if replaced {
-                self.learning.last_sd_deg = f64::INFINITY;
+                self.learning.last_sd_deg = Some(f64::INFINITY);
             }
             return;
         }

@@ -11,6 +11,9 @@ impl Pipeline {
         self.buffer.clear();
         self.completed.clear();
         self.forget_waiting_turns();
+        if let Some(job) = &mut self.job {
+            job.end_s = f64::NEG_INFINITY;
+        }
         self.sample = None;
         self.estimate.lose_frame();
         self.report = None;
@@ -20,6 +23,7 @@ impl Pipeline {
             &mut self.whole_field_s,
             &mut self.overflow_s,
             &mut self.rate_s,
+            &mut self.bad_turn_s,
             &mut self.disturbed_s,
             &mut self.strength_s,
             &mut self.learning.last_s,

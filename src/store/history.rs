@@ -266,7 +266,7 @@ impl History {
         self.find(None)
     }
 
-    /// Forgets calibrations; how many. If the active one is among them, none is active any more.
+    /// Forgets calibrations and returns how many. If the active one is among them, none is active any more.
     ///
     /// # Errors
     ///

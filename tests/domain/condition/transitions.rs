@@ -1,5 +1,6 @@
 //! The table of transitions in src/condition.rs, row by row.
 
+use headingd::calibration::outcome::Outcome;
 use headingd::calibration::policy::Policy;
 use headingd::condition::SourceFault;
 use headingd::pipeline::{Event, Settings};
@@ -269,4 +270,30 @@ fn every_row_of_the_table_is_so_and_none_is_missing() {
         }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn a_refused_turn_does_not_spoil_the_next() {
+    let mut board = Board::rested(None);
+    board.turn(180.0);
+    board.bias_mgauss += Vector3::new(60.0, 40.0, 0.0);
+    board.turn(185.0);
+    assert_eq!(board.verdict().0, "rejected");
+    board.turn(365.0);
+    assert_eq!(board.verdict().0, "accepted", "{:?}", board.verdict());
+}
+
+#[test]
+fn what_motion_teaches_is_kept_after_a_start_from_a_turns_calibration() {
+    let mut board = Board::rested(Some(planar(0.0)));
+    for _ in 0..4 {
+        board.tumble();
+    }
+    let by_motion = |outcome: &&Outcome| outcome.method == "motion";
+    let kept = board
+        .outcomes
+        .iter()
+        .find(by_motion)
+        .expect("none was kept");
+    assert!(kept.calibration.is_some_and(|one| one.covariance.is_some()));
 }
