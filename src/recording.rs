@@ -51,7 +51,7 @@ use crate::frame::Mountings;
 use crate::reading::Reading;
 
 pub(crate) use checksum::check as check_row;
-pub(crate) use header::HeaderLines;
+pub(crate) use header::{HeaderLines, gives_key};
 pub(crate) use read::Reader;
 pub(crate) use rows::Rows;
 pub(crate) use time_of_day::{RECORDED_FROM, TimeOfDay};

@@ -9,7 +9,7 @@ use super::control::{self, ControlTarget};
 use super::wait::start_and_wait;
 use super::{Failure, print, print_json, text, word, write_out};
 use crate::calibration::model::Mode;
-use crate::calibration::policy::Policy;
+use crate::calibration::policy::{Policy, Reason};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::CalibrationSummary;
 use crate::store::{Contents, Store};
@@ -167,9 +167,12 @@ pub(super) fn line(calibration: &CalibrationSummary) -> String {
         calibration.mode.map(Mode::word).unwrap_or_default(),
     );
     let known = [
+        ("by", calibration.method.clone()),
+        // A turn or motion is what a calibration is usually made on.
         (
-            "by",
-            calibration.reason.map(|reason| reason.word().to_owned()),
+            "from",
+            (calibration.reason.filter(|reason| *reason != Reason::Turn))
+                .map(|reason| reason.word().to_owned()),
         ),
         (
             "residual",

@@ -247,6 +247,12 @@ const KEYS: [&str; 8] = [
     "accel_axes",
 ];
 
+/// Whether a `#` line gives one of the keys that say how to read the rows.
+pub(crate) fn gives_key(line: &str) -> bool {
+    let key = line.strip_prefix('#').and_then(|text| text.split_once('='));
+    key.is_some_and(|(key, _)| KEYS.contains(&key.trim()))
+}
+
 fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
     let columns: Vec<Option<usize>> = text
         .split(',')

@@ -124,8 +124,9 @@ async fn carry_out(request: ControlRequest, orders: &mpsc::Sender<ControlCall>) 
     }
     match timeout(PATIENCE, answer).await {
         Ok(answer) => answer.unwrap_or_else(|_| ending()),
+        // To ask again might change it again: roll back to the one before, for instance.
         Err(_) => Answer::refused(
-            "timeout",
+            "not_kept",
             format!(
                 "the change is in effect, but the disk has not answered for {} s: headingd status shows whether it is saved",
                 PATIENCE.as_secs()

@@ -11,7 +11,7 @@ use super::lines::{SerialLine, SerialLines};
 use super::shown;
 use crate::frame::{Mounting, Mountings};
 use crate::reading::Field;
-use crate::recording::{HeaderLines, Rows, check_row};
+use crate::recording::{HeaderLines, Rows, check_row, gives_key};
 
 /// Rows count without a header after this time, seconds of their own clock: the sketch of docs/serial.md repeats its header
 /// every 500 rows, 11 s at its 45 Hz, and slower sketches need some more.
@@ -33,6 +33,8 @@ struct Wire {
     board: Mountings,
     /// A header on its way.
     header: Option<HeaderLines>,
+    /// What was wrong with the last one, if anything.
+    header_fault: Option<String>,
     rows: Option<Rows>,
     /// Turn field, rate and force into the axes of the board's chips.
     turns: [Matrix3<f64>; 3],
@@ -101,12 +103,15 @@ impl Wire {
                 }
                 Err(what) => {
                     self.header = None;
-                    found(bad(what));
+                    let what = format!("found {}: {what}", shown(line));
+                    self.header_fault = Some(what.clone());
+                    found(Item::Bad(what));
                 }
             },
-            // Its beginning was lost, or it is a mere remark. Who sends headers sends the next one too.
+            // Its beginning was lost, or it is a remark. Rows wait for the next whole header; a device that sends it only at its
+            // reset must be reset.
             _ if is_header => {
-                if names(line) || line.contains(&b'=') {
+                if names(line) || text.is_some_and(gives_key) {
                     self.heard_header();
                 }
             }
@@ -130,6 +135,7 @@ impl Wire {
     }
 
     fn begin(&mut self, rows: Rows, named: [bool; 3]) {
+        self.header_fault = None;
         let (theirs, ours) = (rows.header().mountings, self.board);
         let turn = |named, theirs: Mounting, ours: Mounting| match named && theirs != ours {
             true => ours.rotation().transpose() * theirs.rotation(),
@@ -166,11 +172,14 @@ impl Wire {
             self.cells = cells;
         }
         let Some(rows) = &self.rows else {
-            return Err(match self.has_header {
-                true => "a row, but only a part of its header arrived; waiting for the next one",
-                false => "a first row; waiting for a second one like it",
-            }
-            .to_owned());
+            return Err(match (&self.header_fault, self.has_header) {
+                (Some(fault), _) => format!("a row after a header that is wrong: {fault}"),
+                (None, true) => {
+                    "a row, but only a part of its header arrived; waiting for the next one"
+                        .to_owned()
+                }
+                (None, false) => "a first row; waiting for a second one like it".to_owned(),
+            });
         };
         let mut reading = rows.row(line)?.reading;
         if !self.has_header {

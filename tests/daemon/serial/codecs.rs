@@ -345,6 +345,25 @@ fn rows_whose_header_was_half_heard_wait_for_the_next_one() {
 }
 
 #[test]
+fn rows_after_a_wrong_header_say_what_is_wrong_with_it_and_remarks_are_no_header() {
+    let wrong = "x\n# headingd-log 1\n# mag_uint = gauss\nt_s,mx,my,mz\n1,2,3,4\n2,2,3,4\n";
+    let items = of_rows(&[wrong.as_bytes()]);
+    assert!(readings(&items).is_empty(), "{items:?}");
+    assert!(
+        bad(&items)
+            .last()
+            .unwrap()
+            .contains("mag_uint is no key; mag_unit is one"),
+        "{items:?}"
+    );
+    let rows: String = (0..400)
+        .map(|row| format!("{}.1,2,3,4\n# battery = 3.7\n", row))
+        .collect();
+    let items = of_rows(&[b"x\n", rows.as_bytes()]);
+    assert!(readings(&items).len() > 300, "{}", readings(&items).len());
+}
+
+#[test]
 fn mountings_in_a_header_are_turned_into_the_boards() {
     let header = "# headingd-log 1\n# mag_axes = +y -x +z\n# gyro_axes = +x -y -z\nt_s,mx,my,mz,gx,gy,gz,ax,ay,az\n";
     let stream = format!("x\n{header}0,1,,3,1,2,3,1,2,3\n");
