@@ -123,9 +123,10 @@ fn main() -> ExitCode {
     };
     let wanted =
         |name: &str| args.families.is_empty() || args.families.iter().any(|word| picks(word, name));
-    if !names.iter().any(|name| wanted(name)) {
+    let is_unknown = |word: &&String| !names.iter().any(|name| picks(word, name));
+    if let Some(word) = args.families.iter().find(is_unknown) {
         eprintln!(
-            "honesty: no row is named like that; there are {}",
+            "honesty: no row is named like {word}; there are {}",
             names.join(", ")
         );
         return ExitCode::from(2);

@@ -45,7 +45,7 @@ const ROOMS: &[Room] = &[
     // Decides from plain numbers that it is handed, so that it needs no other room.
     room("condition", 0, &[]),
     room("attitude", 0, &["reading", "frame"]),
-    room("turn", 0, &["reading", "frame", "attitude"]),
+    room("turn", 0, &["frame", "attitude"]),
     // A sample carries the pose that the gyro gave it: the verdict is held against it.
     room("calibration", 0, &["reading", "frame", "turn", "attitude"]),
     // The condition is published with each heading.
@@ -60,11 +60,10 @@ const ROOMS: &[Room] = &[
         "true_north",
     ]),
 
-    // The simulator distorts a field with the model that a calibration inverts; a live source says its troubles.
-    room("sensor", 2, &["reading", "frame", "recording", "calibration::model", "condition"]),
+    // A live source reports its faults.
+    room("sensor", 2, &["reading", "frame", "recording", "condition"]),
     // Raw readings go out with the header and in the columns of a log.
-    // A control request says which of the kept calibrations it means.
-    room("publish", 2, &["heading", "condition", "calibration", "reading", "recording", "lock_file", "store::history"]),
+    room("publish", 2, &["heading", "condition", "calibration", "reading", "recording", "lock_file"]),
     // Reads where the compass is from a gpsd.
     room("position", 2, &["true_north", "date"]),
     // The mounting is kept with the calibration: the one holds only with the other.
@@ -84,12 +83,10 @@ const ROOMS: &[Room] = &[
     ]),
 
     room("daemon", 3, &[
-        "reading", "date", "frame", "attitude", "turn", "calibration", "true_north", "heading", "condition",
-        "recording", "pipeline", "position", "sensor", "publish", "store", "service", "config", "wall_clock",
+        "reading", "date", "frame", "calibration", "true_north", "condition", "recording", "pipeline", "position", "sensor", "publish", "store", "service", "config", "wall_clock",
     ]),
     room("command", 3, &[
-        "reading", "date", "frame", "alignment", "attitude", "calibration", "true_north", "heading",
-        "condition", "recording", "pipeline", "position", "sensor", "publish", "store", "service", "logging", "config", "daemon",
+        "date", "frame", "alignment", "calibration", "true_north", "heading", "recording", "pipeline", "position", "sensor", "publish", "store", "service", "logging", "config", "daemon",
         "wall_clock", "advice", "report",
     ]),
     room("main", 3, &["command"]),
@@ -192,7 +189,7 @@ fn a_wrong_line_is_found_and_explained() {
     };
     assert_eq!(
         one("src/turn/chain.rs", "\nuse crate::publish::gpsd;\n"),
-        "src/turn/chain.rs:2: turn imports publish::gpsd, but may import only check, reading, frame, attitude"
+        "src/turn/chain.rs:2: turn imports publish::gpsd, but may import only check, frame, attitude"
     );
     for (file, text) in [
         ("src/turn.rs", "use crate::{frame::wrap_360, store};"),
@@ -200,7 +197,7 @@ fn a_wrong_line_is_found_and_explained() {
         ("src/turn.rs", "use super::store;"),
         ("src/turn/chain.rs", "use super::super::{frame, store};"),
         (
-            "src/sensor/simulator.rs",
+            "src/estimate/fix.rs",
             "use crate::calibration::{model::Spatial, verdict};",
         ),
         ("src/command/run.rs", "use crate::nowhere;"),

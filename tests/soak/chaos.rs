@@ -100,7 +100,8 @@ fn live(rig: &Rig, process: &Process, life: Duration, rng: &mut impl Rng) {
         return;
     };
     until("what clients held to be given back", || {
-        alone(process) <= held
+        let now = alone(process);
+        now.0 <= held.0 && now.1 <= held.1
     });
     let grown = resident_bytes(process.id()).saturating_sub(bytes);
     assert!(grown < GROWTH, "memory has grown by {grown} bytes");
@@ -201,18 +202,12 @@ fn break_the_store(rig: &Rig, rng: &mut impl Rng) {
 
 /// Ends the process in one way or another.
 fn end(rig: &Rig, mut process: Process, life: Duration, rng: &mut impl Rng) {
-    let begun = Instant::now();
     let name = ["TERM", "INT", "KILL"][rng.random_range(0..3)];
     process.signal(name);
     let status = process.wait();
     let said = process.said();
     if name != "KILL" {
         assert!(status.success(), "{status}: {said}");
-        assert!(
-            begun.elapsed() < Duration::from_secs(1),
-            "{:?}",
-            begun.elapsed()
-        );
         assert!(!rig.path("heading.sock").exists());
     }
     assert!(!said.contains("panicked"), "{said}");
