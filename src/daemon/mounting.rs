@@ -6,7 +6,7 @@ use crate::pipeline::Event;
 use crate::publish::control::Answer;
 use crate::store::BoardMounting;
 
-/// A board that turns faster is not held level, rad/s (6° a second): a boat at its berth rolls more slowly.
+/// A board that turns faster is not held still, rad/s (6° a second): a boat at its berth rolls more slowly.
 const HELD_RAD_S: f64 = 0.1;
 
 impl Daemon {
@@ -60,8 +60,7 @@ impl Daemon {
             Answer::refused("no_tilt", message)
         })?;
         if rate_rad_s > HELD_RAD_S {
-            let message = "the board is turning: hold it still, and ask again";
-            return Err(Answer::refused("moving", message));
+            return Err(moving());
         }
         Mounting::levelling(&down).ok_or_else(|| {
             let message = "the board's X points up or down, so that nothing tells which way is ahead: set board_axes of \
@@ -72,7 +71,12 @@ impl Daemon {
 
     /// What makes the heading of now this one.
     fn turning(&self, wanted_deg: f64) -> Result<Mounting, Answer> {
-        let fresh = self.publisher.latest().is_some();
+        let latest = self.publisher.latest();
+        let turning_deg_min = latest.as_ref().and_then(|heading| heading.turn_deg_min);
+        if turning_deg_min.is_some_and(|rate| (rate / 60.0).to_radians().abs() > HELD_RAD_S) {
+            return Err(moving());
+        }
+        let fresh = latest.is_some();
         let heading_deg = self.session.heading_deg.filter(|_| fresh).ok_or_else(|| {
             let message =
                 "there is no heading now that could be set right: headingd status says why";
@@ -99,4 +103,9 @@ impl Daemon {
             .with("board_axes", board.to_string())
             .with("from", from)
     }
+}
+
+fn moving() -> Answer {
+    let message = "the board is turning: hold it still, and ask again";
+    Answer::refused("moving", message)
 }

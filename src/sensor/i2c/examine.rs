@@ -300,6 +300,14 @@ fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, observed: &Obs
         );
     }
     let Some(field) = mean(&observed.fields) else {
+        if observed.overflows == 0 && report.problems.is_empty() {
+            report.problem(
+                "no_samples",
+                format!(
+                    "the magnetometer measured no field within {READING_S:.0} s; check it, or set a larger i2c.rate_hz"
+                ),
+            );
+        }
         return;
     };
     let strength = field.norm();

@@ -20,7 +20,11 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     let (mut process, mut client) = rig.watched();
     client.accepted();
     let mut link = Link::new(&rig);
-    link.refused(json!({"request": "mounting", "level": true}), "moving");
+    for asked in [json!({"level": true}), json!({"heading_deg": 200})] {
+        let mut request = asked;
+        request["request"] = "mounting".into();
+        link.refused(request, "moving");
+    }
     let answer = link.told("mounting");
     assert_eq!(
         (&answer["board_axes"], &answer["from"]),

@@ -78,7 +78,7 @@ impl Variant {
         }
     }
 
-    /// Its measurement bias. The data sheet of the HMC5883L has limits (243 to 575 counts at gain code 5); the others
+    /// Its measurement bias. The data sheet of the HMC5883L has limits (243 to 575 counts at gain code 5, on every axis); the others
     /// have those that FreeIMU found good.
     pub(super) fn straps(self) -> Straps {
         match self {
