@@ -44,7 +44,10 @@ impl Daemon {
                 Err(why) => Answer {
                     ok: false,
                     code: "not_kept",
-                    message: format!("{}; not on disk yet, and lost if the daemon stops before a later attempt succeeds: {why}", done.message),
+                    message: format!(
+                        "{}; not on disk yet, and lost if the daemon stops before a later attempt succeeds: {why}",
+                        done.message
+                    ),
                     ..done
                 },
             });

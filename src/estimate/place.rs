@@ -110,9 +110,18 @@ impl PlaceEvidence {
             return None;
         }
         let found = parts(&north.field) * north.field;
+        // As where gravity is taken for the force that holds the board up, or a chip lies upside down.
+        let reversed = Vector2::new(found.x, -found.y);
+        let near = 3.0 * hypot(LOCAL, GAIN) * self.expected.norm();
+        let remedy = if (reversed - self.expected).norm() < near {
+            "Up and down are exchanged, and headings may be off by up to 180 degrees. Check the mounting with headingd align, \
+             whether the accelerometer reads gravity, and the sign of true_north.latitude_deg"
+        } else {
+            "Check [true_north], or look for iron nearby"
+        };
         Some(format!(
             "the field does not match the position: {:.0} mG horizontal and {:.0} mG down, but the World Magnetic Model has {:.0} \
-             and {:.0}; headings do not use the model. Check [true_north], or look for iron nearby",
+             and {:.0}; headings do not use the model. {remedy}",
             found.x, -found.y, self.expected.x, -self.expected.y
         ))
     }

@@ -148,6 +148,12 @@ fn a_place_that_the_field_contradicts_is_told_and_left_out() {
         told[0].contains("the field does not match the position"),
         "{told:?}"
     );
+    assert!(told[0].ends_with("look for iron nearby"), "{told:?}");
+    let kerguelen = moved_about("[true_north]\nlatitude_deg = -49.3\nlongitude_deg = 70\n");
+    assert!(
+        kerguelen.err.contains("Up and down are exchanged"),
+        "{kerguelen:?}"
+    );
     assert_eq!(calibrations(&singapore), calibrations(&nowhere));
     let (without, with) = (deviations(&nowhere), deviations(&singapore));
     let last = without.len() / 2;
