@@ -22,6 +22,12 @@ const TURNS_TOGETHER: usize = 2;
 /// A planar calibration is of use for headings only if its turn was about the vertical, within this angle.
 const LEVEL_TURN_DEG: f64 = 30.0;
 
+/// Whether a planar calibration on this turn is of use.
+pub(super) fn is_level(turn: &Turn) -> bool {
+    turn.from_vertical_deg
+        .is_none_or(|angle| angle < LEVEL_TURN_DEG)
+}
+
 impl Pipeline {
     /// Keeps a sample for a calibration, and drops what is too old or exceeds the buffer.
     pub(super) fn buffer_sample(&mut self, t_s: f64, field_mgauss: Vector3<f64>) {
@@ -74,10 +80,7 @@ impl Pipeline {
         let settings = &self.setup.calibration;
         let axes = self.completed.iter().map(|turn| turn.axis_body);
         let spatial = settings.mode != ModeChoice::Planar && show_space(axes, settings);
-        let level = last
-            .from_vertical_deg
-            .is_none_or(|angle| angle < LEVEL_TURN_DEG);
-        if !spatial && (settings.mode == ModeChoice::Spatial || !level) {
+        if !spatial && (settings.mode == ModeChoice::Spatial || !is_level(last)) {
             return None;
         }
         let count = if spatial {

@@ -4,9 +4,11 @@ use std::convert::Infallible;
 
 use nalgebra::Vector3;
 
+use super::collector::is_level;
 use super::intake::Intake;
 use super::{Event, Pipeline, Setup};
 use crate::calibration::outcome::Outcome;
+use crate::calibration::plane::show_space;
 use crate::calibration::settings::{ModeChoice, WindowChoice};
 use crate::calibration::thinning::Thinned;
 use crate::calibration::{CompletedTurn, FieldSample, Request, during, last_rest};
@@ -78,6 +80,7 @@ impl Survey {
             ..*reading
         };
         self.learn(Event::Reading(reading));
+        let turns_before = self.turns.len();
         let (turns, rotation_s) = (&mut self.turns, &mut self.rotation_s);
         let (reading, _) = self.intake.take(&reading, |tick, turn| {
             turns.extend(turn);
@@ -88,7 +91,7 @@ impl Survey {
         });
         self.last_s = reading.t_s;
         self.has_gyro |= reading.rate_rad_s.is_some();
-        if !self.turns.is_empty() {
+        if self.turns.len() > turns_before && self.turns_count() {
             self.motion = None;
         }
         let field = reading
@@ -105,6 +108,16 @@ impl Survey {
             let open_s = self.setup.turn.time_limit_s;
             self.samples.push(sample, &self.turns, open_s);
         }
+    }
+
+    /// Whether a calibration on the turns is wanted, as the daemon would make one. Turns about one level axis do not tell what a
+    /// heading needs; the estimate learns of them, too.
+    fn turns_count(&self) -> bool {
+        let settings = &self.setup.calibration;
+        let axes = self.turns.iter().map(|turn| turn.axis_body);
+        settings.mode != ModeChoice::Auto
+            || self.turns.iter().any(is_level)
+            || show_space(axes, settings)
     }
 
     /// Takes no actions: only a full turn asks for a calibration, and then this result is not used.

@@ -3,12 +3,17 @@
 mod figures;
 
 use crate::common::{Folder, Ran, apart_deg, headingd, log, of_class, simulated};
+use headingd::reading::Reading;
+use headingd::recording::{Entry, Header};
 use headingd::sensor::simulator::{Scenario, Settings};
 use headingd::store::Contents;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Value, json};
+use std::f64::consts::TAU;
 
 /// The keys of a JSON object in the order they are written, each with its value.
 struct Ordered(Vec<(String, Value)>);
@@ -602,4 +607,50 @@ fn no_angle_is_minus_zero() {
         "{}",
         ran.out
     );
+}
+
+/// The daemon would not calibrate on it either: the plane of such a turn does not tell a heading.
+#[test]
+fn a_turn_about_a_level_axis_leaves_the_calibration_to_motion() {
+    const STEP_S: f64 = 0.02;
+    let lies = |t_s: f64| match t_s - 4.0 {
+        before if before < 0.0 => Rotation3::identity(),
+        turning if turning < 8.0 => Rotation3::from_euler_angles(0.0, TAU / 8.0 * turning, 0.0),
+        after => {
+            let t_s = after - 8.0;
+            Rotation3::from_euler_angles(
+                0.6 * (1.3 * t_s).sin(),
+                0.5 * (0.9 * t_s).sin(),
+                0.6 * t_s.sin(),
+            )
+        }
+    };
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
+    let mut noise = |most: f64| Vector3::from_fn(|_, _| random.random_range(-most..most));
+    let entries = (0..3600).map(|step| {
+        let t_s = f64::from(step) * STEP_S;
+        let now = lies(t_s);
+        let rate = (lies(t_s - STEP_S).inverse() * now).scaled_axis() / STEP_S;
+        let field =
+            now.inverse() * Vector3::new(163.0, 0.0, 527.0) + Vector3::new(87.0, 54.0, 135.0);
+        let reading = Reading {
+            t_s,
+            field_mgauss: Some((field + noise(2.0)).map(Some).into()),
+            rate_rad_s: Some(rate + noise(0.002)),
+            specific_force_m_s2: Some(now.inverse() * Vector3::z() * -9.8 + noise(0.05)),
+        };
+        Entry {
+            reading,
+            heading_truth_rad: None,
+        }
+    });
+    let folder = Folder::new();
+    let log = folder.file("a.csv", log(&(Header::default(), entries.collect())));
+    let outcome = accepted(&log, &[]);
+    assert_eq!(
+        (&outcome["method"], &outcome["mode"]),
+        (&json!("motion"), &json!("spatial"))
+    );
+    // Whoever wants the plane of the turn still gets it.
+    assert_eq!(accepted(&log, &["--mode", "planar"])["method"], "turn");
 }
