@@ -100,8 +100,8 @@ impl ChipError {
 ///
 /// The quietest of these parts at their coarsest range have a noise of about half a count an axis (an HMC5883L's
 /// 2 mG at 230 counts a gauss). Then two readings of one axis are the same with a probability of 0.56 at most,
-/// all three with 0.18, and 20 in a row with 5e-15: at 100 Hz, a false alarm in tens of thousands of years. A chip
-/// that is read twice as fast as it measures still leaves 10: 2e-7 at that range, 1e-16 at any usual one.
+/// all three with 0.18, and 20 in a row with 5e-15: at 100 Hz, a false alarm in tens of thousands of years. Where a
+/// chip is read twice per measurement, 20 equal readings are only 10 equal measurements: 2e-7 at that range, 1e-16 at any usual one.
 #[derive(Clone, Debug, Default)]
 pub struct RepeatWatch<T> {
     last: Option<T>,

@@ -35,7 +35,7 @@ const TOGETHER: f64 = 0.4;
 
 pub struct Chips {
     magnetometer: MagnetometerPoller,
-    /// The code of the trouble that was said.
+    /// The code of the fault reported last; `None` once readings resume.
     said: Option<&'static str>,
     gyro: Option<CompanionPoller>,
     accel: Option<CompanionPoller>,

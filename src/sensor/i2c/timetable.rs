@@ -37,7 +37,7 @@ impl Timetable {
             due_s,
             measuring_since_s,
             slot_s: now_s,
-            // A chip whose clock is fast is not to run away before that is learnt.
+            // The shortest period first, so that no measurement of a fast chip is missed while its period is learnt.
             patience_s: single_s.unwrap_or(FAST * period_s),
             looked: false,
             at_once: 0,

@@ -14,7 +14,7 @@ const PROBE: u8 = 0x78;
 const PROBE_WITHOUT_AVERAGING: u8 = 0x18;
 /// At rate code 6 an HMC5843 measures at 50 Hz, all others at 75 Hz. The limit lies between.
 const PERIOD_LIMIT_S: f64 = 0.0163;
-/// A little less than the time between two measurements at 75 Hz: a longer time between two looks may have hidden one.
+/// Slightly less than the period at 75 Hz: looks further apart than this may have missed a measurement.
 const SHORTEST_PERIOD_S: f64 = 0.013;
 const LOOK_S: f64 = 0.001;
 /// Times 8 periods in a row, so that one torn read, which counts twice, does not decide. Gives up after 0.5 s.
