@@ -39,8 +39,15 @@ pub trait Check: Default + Serialize + DeserializeOwned {
     /// Every number outside its range.
     fn check_ranges(&self) -> Vec<Fault>;
 
+    /// Collects the other faults; some compare keys.
+    fn check_rest(&self, _faults: &mut Vec<Fault>) {}
+
     /// Every fault at once; empty when all is well.
-    fn check(&self) -> Vec<Fault>;
+    fn check(&self) -> Vec<Fault> {
+        let mut faults = self.check_ranges();
+        self.check_rest(&mut faults);
+        faults
+    }
 }
 
 /// Collects a fault unless `value` lies in `range`. NaN never does.
@@ -149,12 +156,11 @@ macro_rules! settings {
                 faults
             }
 
-            fn check(&self) -> Vec<$crate::check::Fault> {
-                #[allow(unused_mut, reason = "not all settings have faults beside their ranges")]
-                let mut faults = self.check_ranges();
-                $($also(self, &mut faults);)?
-                faults
-            }
+            $(
+                fn check_rest(&self, faults: &mut Vec<$crate::check::Fault>) {
+                    $also(self, faults);
+                }
+            )?
         }
     };
 }

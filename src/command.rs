@@ -15,7 +15,7 @@ use serde_json::Value;
 use crate::logging;
 use crate::recording::{Entry, RecordingError, Skips};
 use crate::sensor::replay::Replay;
-use crate::store::{StoreError, replace_file};
+use crate::store::{Contents, Store, StoreError, replace_file};
 
 mod align;
 mod calibrate;
@@ -124,7 +124,7 @@ fn print(text: &str) -> Result<(), Failure> {
 }
 
 /// Refuses to write over the log that is read.
-fn spare_log(log: &Path, out: &Path) -> Result<(), Failure> {
+fn refuse_overwrite(log: &Path, out: &Path) -> Result<(), Failure> {
     let file = |path| fs::metadata(path).map(|found| (found.dev(), found.ino()));
     match (file(log), file(out)) {
         (Ok(log), Ok(written)) if log == written => Err(Failure::new(
@@ -146,6 +146,15 @@ fn write_out(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     }
     let what = format!("cannot write {}", path.display());
     replace_file(path, bytes).or_fail(Failure::CANNOT_CREATE, what)
+}
+
+/// Writes a calibration file; "-" is standard output.
+fn write_calibrations(path: &Path, contents: &Contents) -> Result<(), Failure> {
+    if path == Path::new("-") {
+        let json = contents.to_json();
+        return print(&json.map_err(|why| Failure::new(Failure::DATA, why))?);
+    }
+    Ok(Store::write_file(path, contents)?)
 }
 
 /// Writes a value to standard output, as one line of JSON.

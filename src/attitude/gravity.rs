@@ -8,7 +8,7 @@ const SILENT_S: f64 = 1.0;
 const HOLD_S: f64 = 0.1;
 /// The force is low-passed over this time for those who compare it with gravity, seconds: vibration is shorter.
 const LOW_PASS_S: f64 = 0.2;
-/// How certain down is by the force alone is measured over this time, seconds.
+/// The deviation of `down` is averaged over this time, seconds.
 const SHAKEN_S: f64 = 2.0;
 /// Gravity, m/s²: within half a percent anywhere.
 pub const GRAVITY_M_S2: f64 = 9.81;

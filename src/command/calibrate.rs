@@ -6,7 +6,8 @@ use std::time::Instant;
 use clap::ValueEnum;
 
 use super::{
-    Failure, config_file, number, print, print_json, read_log, spare_log, tell, tell_skips, word,
+    Failure, config_file, number, print, print_json, read_log, refuse_overwrite, tell, tell_skips,
+    word, write_calibrations,
 };
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
@@ -16,7 +17,7 @@ use crate::config::Config;
 use crate::frame::rounded;
 use crate::pipeline::{Survey, Surveyed};
 use crate::sensor::replay::Replay;
-use crate::store::{Contents, History, Identity, Made, Store};
+use crate::store::{Contents, History, Identity, Made};
 use crate::wall_clock::unix_now_s;
 
 /// Calibrate on a recorded log
@@ -61,8 +62,8 @@ pub struct Args {
     /// Configuration, for everything that has no option here [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Write an accepted calibration to this file (`headingd replay --calibration` reads it). "-" is standard output; what is
-    /// said of it goes to standard error then
+    /// Write an accepted calibration to this file (`headingd replay --calibration` reads it). "-" is standard output; the
+    /// summary goes to standard error then
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Print one JSON object
@@ -110,13 +111,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     if let Some(out) = &args.out {
-        spare_log(&args.log, out)?;
+        refuse_overwrite(&args.log, out)?;
     }
     let (identity, outcome) = calibrated(args, &config)?;
     let written = match (&args.out, outcome.calibration) {
         (Some(path), Some(calibration)) => {
             let made = Made::of(&outcome, calibration, Reason::Log, unix_now_s());
-            write(path, &Contents::of(History::of(identity, made)))
+            write_calibrations(path, &Contents::of(History::of(identity, made)))
         }
         _ => Ok(()),
     };
@@ -183,14 +184,6 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     let origin = Instant::now();
     let outcome = calibrate(&request, &|| Some(origin.elapsed()));
     Ok((identity, outcome))
-}
-
-fn write(path: &Path, contents: &Contents) -> Result<(), Failure> {
-    if path == Path::new("-") {
-        let json = contents.to_json();
-        return print(&json.map_err(|why| Failure::new(Failure::DATA, why))?);
-    }
-    Ok(Store::write_file(path, contents)?)
 }
 
 /// What the motion did not show, in words.

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use super::control::{self, ControlTarget};
 use super::wait::start_and_wait;
-use super::{Failure, print, print_json, text, word, write_out};
+use super::{Failure, print, print_json, text, word, write_calibrations};
 use crate::calibration::model::Mode;
 use crate::calibration::policy::{Policy, Reason};
 use crate::publish::control::ControlRequest;
@@ -97,7 +97,8 @@ impl CalibrationAction {
             Self::Export { number, .. } => ControlRequest::Export { number },
             // Read here too: what is wrong is told with the file's name.
             Self::Import { ref file } => ControlRequest::Import {
-                file: written(Store::read_file(file)?.to_value())?,
+                file: (Store::read_file(file)?.to_value())
+                    .map_err(|why| Failure::new(Failure::DATA, why))?,
             },
             Self::Start { .. } => ControlRequest::Start {},
             Self::Cancel => ControlRequest::Cancel {},
@@ -136,15 +137,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-fn written<T>(contents: Result<T, String>) -> Result<T, Failure> {
-    contents.map_err(|why| Failure::new(Failure::DATA, why))
-}
-
 fn export(answer: &Value, out: Option<&Path>) -> Result<(), Failure> {
     let contents = Contents::from_value(answer["file"].clone())
         .map_err(|error| Failure::new(Failure::DATA, error))?;
-    let json = written(contents.to_json())?;
-    write_out(out.unwrap_or(Path::new("-")), json.as_bytes())
+    write_calibrations(out.unwrap_or(Path::new("-")), &contents)
 }
 
 fn table(calibrations: &[CalibrationSummary]) -> String {

@@ -134,7 +134,7 @@ fn press(key: KeyEvent, view: &mut View, feeds: &Feeds) -> bool {
     if key.modifiers.contains(KeyModifiers::CONTROL) && key.code == KeyCode::Char('c') {
         return true;
     }
-    // Ctrl-L draws a screen anew elsewhere, and shall not lock anything here.
+    // Other programs redraw the screen at Ctrl-L: it must not lock the calibration here.
     if key
         .modifiers
         .intersects(KeyModifiers::CONTROL | KeyModifiers::ALT)

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use super::runtime::{ENDS, Signals, runtime};
-use super::{Failure, config_file, number, spare_log, tell};
+use super::{Failure, config_file, number, refuse_overwrite, tell};
 use crate::config::source::Kind;
 use crate::daemon::record::Recording;
 use crate::logging::Log;
@@ -32,7 +32,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
     if config.source.kind == Some(Kind::Replay) {
-        spare_log(&config.source.log, &args.out)?;
+        refuse_overwrite(&config.source.log, &args.out)?;
     }
     Log::start(&config.log.filter);
     runtime()?.block_on(async {

@@ -11,7 +11,8 @@ use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
 use super::runtime::runtime;
 use super::{
-    Failure, OrFail, config_file, number, read_log_on, spare_log, tell, tell_skips, write_out,
+    Failure, OrFail, config_file, number, read_log_on, refuse_overwrite, tell, tell_skips,
+    write_out,
 };
 use crate::calibration::model::Calibration;
 use crate::config::Config;
@@ -69,7 +70,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     may_write(&args.out)?;
     let (about, analysis) = match &args.log {
         Some(log) => {
-            spare_log(log, &args.out)?;
+            refuse_overwrite(log, &args.out)?;
             of_log(log, &config)?
         }
         None => of_daemon(args, &config)?,

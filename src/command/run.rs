@@ -83,7 +83,7 @@ fn serve(args: &Args) -> Result<(), Failure> {
                         tell_retired(&path, &config);
                         Ok(config)
                     }),
-                    holds: Box::new(move |config| log.set(&config.log.filter)),
+                    applied: Box::new(move |config| log.set(&config.log.filter)),
                 })
             }
         };

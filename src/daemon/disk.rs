@@ -63,7 +63,7 @@ impl Disk {
             known: Contents::default(),
             newest: newest.clone(),
             unsaved: Contents::default(),
-            opens_anew: false,
+            reopen: false,
             pause: PAUSES.0,
             fault: fault.clone(),
         };
@@ -176,8 +176,8 @@ struct DiskWriter {
     known: Contents,
     newest: Shared<Contents>,
     unsaved: Contents,
-    /// The folder may be another by now. Until the next attempt it stays locked.
-    opens_anew: bool,
+    /// The next attempt opens the folder anew: it may be another by then. Until then it stays locked.
+    reopen: bool,
     pause: Duration,
     fault: Shared<Option<String>>,
 }
@@ -262,7 +262,7 @@ impl DiskWriter {
                 Ok(())
             }
             Err(error) => {
-                self.opens_anew = true;
+                self.reopen = true;
                 let message = with_remedy(&error);
                 if !told {
                     tracing::error!(
@@ -277,7 +277,7 @@ impl DiskWriter {
     }
 
     fn save(&mut self) -> Result<(), StoreError> {
-        if std::mem::take(&mut self.opens_anew) {
+        if std::mem::take(&mut self.reopen) {
             self.store = None;
         }
         let store = match &mut self.store {
@@ -334,7 +334,7 @@ mod tests {
             known: Contents::default(),
             newest: disk.newest.clone(),
             unsaved: Contents::default(),
-            opens_anew: false,
+            reopen: false,
             pause: PAUSES.0,
             fault: disk.fault.clone(),
         };

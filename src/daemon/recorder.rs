@@ -163,8 +163,9 @@ impl Destination {
         }
     }
 
-    /// Does this, in a ring again and again until it succeeds: the disk may be full for a while. Meanwhile readings are thrown away.
-    fn insist<T>(
+    /// Attempts this; for a ring, retries until it succeeds, since the disk may be full for a while. Readings are discarded
+    /// meanwhile.
+    fn retrying<T>(
         &self,
         readings: &Receiver<Reading>,
         mut attempt: impl FnMut() -> Result<T, RecordError>,
@@ -194,7 +195,7 @@ impl Destination {
     }
 }
 
-/// Throws away the readings of this time. Whether more may come.
+/// Discards readings for this long. Returns whether more may come.
 fn discard(readings: &Receiver<Reading>, time: Duration) -> bool {
     let begun = Instant::now();
     loop {
@@ -239,11 +240,11 @@ impl OpenLog {
                         heading_truth_rad: None,
                     };
                     // A row that cannot be written is not buffered either, so that it can be written again.
-                    bytes += target.insist(readings, || self.write(&entry))?;
+                    bytes += target.retrying(readings, || self.write(&entry))?;
                     *written += 1;
                 }
                 Err(RecvTimeoutError::Timeout) => {
-                    target.insist(readings, || self.flush())?;
+                    target.retrying(readings, || self.flush())?;
                     flushed = Instant::now();
                 }
                 Err(RecvTimeoutError::Disconnected) => return Ok(false),
@@ -284,7 +285,7 @@ fn record(
         let (path, file) = match opened.take() {
             Some(opened) => opened,
             None if first.is_err() => return Ok(()),
-            None => target.insist(readings, || target.open())?,
+            None => target.retrying(readings, || target.open())?,
         };
         if *written == 0 && matches!(target, Destination::Ring(_)) {
             tracing::info!("recording into {}", path.display());
@@ -294,7 +295,7 @@ fn record(
             Ok(first) => log.fill(target, first, readings, written)?,
             Err(_) => false,
         };
-        target.insist(readings, || log.flush())?;
+        target.retrying(readings, || log.flush())?;
         if !full {
             return Ok(());
         }

@@ -17,8 +17,8 @@ use crate::pipeline::Event;
 pub struct NewConfig {
     /// Reads it; may block.
     pub load: Box<dyn FnOnce() -> Result<Config, String> + Send>,
-    /// Told of it once nothing stands in its way.
-    pub holds: Box<dyn FnOnce(&Config) + Send>,
+    /// Called with it once it takes effect.
+    pub applied: Box<dyn FnOnce(&Config) + Send>,
 }
 
 /// The reload under way, and what follows it.
@@ -167,7 +167,7 @@ fn prepare(new: NewConfig, config: &Config, running: &Running) -> Result<Prepare
             .and_then(|source| Session::open(source, config.clone(), running));
         Some(opened.map_err(|error| error.to_string())?)
     };
-    (new.holds)(&config);
+    (new.applied)(&config);
     Ok(Prepared {
         config,
         keys: change.now,

@@ -91,7 +91,7 @@ impl Survey {
         });
         self.last_s = reading.t_s;
         self.has_gyro |= reading.rate_rad_s.is_some();
-        if self.turns.len() > turns_before && self.turns_count() {
+        if self.turns.len() > turns_before && self.fits_turns() {
             self.motion = None;
         }
         let field = reading
@@ -110,9 +110,9 @@ impl Survey {
         }
     }
 
-    /// Whether a calibration on the turns is wanted, as the daemon would make one. Turns about one level axis do not tell what a
-    /// heading needs; the estimate learns of them, too.
-    fn turns_count(&self) -> bool {
+    /// Whether the turns are fitted, as the daemon would fit them. Turns about one level axis do not determine a heading; the
+    /// estimate learns from them, too.
+    fn fits_turns(&self) -> bool {
         let settings = &self.setup.calibration;
         let axes = self.turns.iter().map(|turn| turn.axis_body);
         settings.mode != ModeChoice::Auto

@@ -2,14 +2,11 @@
 
 mod figures;
 
-use crate::common::{Folder, Ran, apart_deg, headingd, log, of_class, simulated};
-use headingd::reading::Reading;
+use crate::common::{Folder, Ran, apart_deg, carried, headingd, log, of_class, simulated};
 use headingd::recording::{Entry, Header};
 use headingd::sensor::simulator::{Scenario, Settings};
 use headingd::store::Contents;
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use rand::{RngExt, SeedableRng};
-use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde_json::{Value, json};
@@ -612,7 +609,6 @@ fn no_angle_is_minus_zero() {
 /// The daemon would not calibrate on it either: the plane of such a turn does not tell a heading.
 #[test]
 fn a_turn_about_a_level_axis_leaves_the_calibration_to_motion() {
-    const STEP_S: f64 = 0.02;
     let lies = |t_s: f64| match t_s - 4.0 {
         before if before < 0.0 => Rotation3::identity(),
         turning if turning < 8.0 => Rotation3::from_euler_angles(0.0, TAU / 8.0 * turning, 0.0),
@@ -625,24 +621,9 @@ fn a_turn_about_a_level_axis_leaves_the_calibration_to_motion() {
             )
         }
     };
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
-    let mut noise = |most: f64| Vector3::from_fn(|_, _| random.random_range(-most..most));
-    let entries = (0..3600).map(|step| {
-        let t_s = f64::from(step) * STEP_S;
-        let now = lies(t_s);
-        let rate = (lies(t_s - STEP_S).inverse() * now).scaled_axis() / STEP_S;
-        let field =
-            now.inverse() * Vector3::new(163.0, 0.0, 527.0) + Vector3::new(87.0, 54.0, 135.0);
-        let reading = Reading {
-            t_s,
-            field_mgauss: Some((field + noise(2.0)).map(Some).into()),
-            rate_rad_s: Some(rate + noise(0.002)),
-            specific_force_m_s2: Some(now.inverse() * Vector3::z() * -9.8 + noise(0.05)),
-        };
-        Entry {
-            reading,
-            heading_truth_rad: None,
-        }
+    let entries = carried(72.0, lies, |_, rate| rate).map(|reading| Entry {
+        reading,
+        heading_truth_rad: None,
     });
     let folder = Folder::new();
     let log = folder.file("a.csv", log(&(Header::default(), entries.collect())));

@@ -2,9 +2,12 @@
 use std::fs;
 use std::process::{Command, Stdio};
 
+use headingd::reading::Reading;
 use headingd::recording::{Entry, Header, Writer};
 use headingd::sensor::simulator::{Settings, Simulator};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -145,4 +148,30 @@ pub fn turn_errors_deg(
 /// Root mean square.
 pub fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+/// The earth's field, north, east and down, and hard iron, milligauss.
+pub const EARTH: Vector3<f64> = Vector3::new(163.0, 0.0, 527.0);
+pub const BIAS: Vector3<f64> = Vector3::new(87.0, 54.0, 135.0);
+
+/// The readings, 50 a second, of a board that lies like this at each time. `gyro` is what its gyro makes of the rate at a time.
+pub fn carried(
+    until_s: f64,
+    lies: impl Fn(f64) -> Rotation3<f64>,
+    gyro: impl Fn(f64, Vector3<f64>) -> Vector3<f64>,
+) -> impl Iterator<Item = Reading> {
+    const STEP_S: f64 = 0.02;
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
+    (0..(until_s / STEP_S).round() as u32).map(move |step| {
+        let mut noise = |most: f64| Vector3::from_fn(|_, _| random.random_range(-most..most));
+        let t_s = f64::from(step) * STEP_S;
+        let now = lies(t_s);
+        let rate = (lies(t_s - STEP_S).inverse() * now).scaled_axis() / STEP_S;
+        Reading {
+            t_s,
+            field_mgauss: Some((now.inverse() * EARTH + BIAS + noise(2.0)).map(Some).into()),
+            rate_rad_s: Some(gyro(t_s, rate) + noise(0.002)),
+            specific_force_m_s2: Some(now.inverse() * Vector3::z() * -9.8 + noise(0.05)),
+        }
+    })
 }

@@ -113,7 +113,7 @@ pub(super) async fn run(
 /// Serves one client until it leaves, or takes nothing. What it sends is thrown away.
 async fn serve(mut stream: TcpStream, mut lines: HeadingLines) -> io::Result<()> {
     stream.set_nodelay(true)?;
-    // A client that vanished without a word is found out even while there are no headings to send.
+    // Detects a client that has vanished, even while there are no headings to send.
     set_socket_keepalive(&stream, true)?;
     set_tcp_keepidle(&stream, KEEP_ALIVE.0)?;
     set_tcp_keepintvl(&stream, KEEP_ALIVE.1)?;

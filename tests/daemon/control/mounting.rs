@@ -20,11 +20,8 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     let (mut process, mut client) = rig.watched();
     client.accepted();
     let mut link = Link::new(&rig);
-    for asked in [json!({"level": true}), json!({"heading_deg": 200})] {
-        let mut request = asked;
-        request["request"] = "mounting".into();
-        link.refused(request, "moving");
-    }
+    link.refused(json!({"request": "mounting", "level": true}), "moving");
+    link.refused(json!({"request": "mounting", "heading_deg": 200}), "moving");
     let answer = link.told("mounting");
     assert_eq!(
         (&answer["board_axes"], &answer["from"]),

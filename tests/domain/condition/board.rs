@@ -12,13 +12,10 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::common::apart_deg;
+use crate::common::{BIAS, EARTH, apart_deg};
 
 /// Between two readings, seconds; all chips speak in each.
 const STEP_S: f64 = 0.02;
-
-pub const BIAS: Vector3<f64> = Vector3::new(87.0, 54.0, 135.0);
-pub const EARTH: Vector3<f64> = Vector3::new(163.0, 0.0, 527.0);
 
 pub struct Board {
     pub pipeline: Pipeline,

@@ -1,12 +1,9 @@
 //! A gyro that is away or wrong for a while, and what tilt and field say without it.
 
-use super::board::{BIAS, Board, EARTH, spatial};
-use crate::common::apart_deg;
+use super::board::{Board, spatial};
+use crate::common::{apart_deg, carried};
 use headingd::pipeline::{Event, Settings};
-use headingd::reading::Reading;
 use nalgebra::{Rotation3, Vector3};
-use rand::{RngExt, SeedableRng};
-use rand_xoshiro::Xoshiro256PlusPlus;
 
 fn taught() -> Board {
     let mut board = Board::rested(Some(spatial(0.0)));
@@ -24,30 +21,15 @@ fn swinging(t_s: f64) -> Rotation3<f64> {
 
 #[test]
 fn a_gyro_that_was_dead_leaves_no_wrong_tilt_behind() {
-    const STEP_S: f64 = 0.02;
     let mut board = Board::new(None);
-    let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
-    let mut noise = |most: f64| Vector3::from_fn(|_, _| random.random_range(-most..most));
     let mut dead = false;
-    for step in 0..6000 {
-        let t_s = f64::from(step) * STEP_S;
-        let lies = swinging(t_s);
-        let rate = (swinging(t_s - STEP_S).inverse() * lies).scaled_axis() / STEP_S;
-        let measured = if (60.0..75.0).contains(&t_s) {
-            Vector3::zeros()
-        } else {
-            rate
-        };
-        board.tell(Event::Reading(Reading {
-            t_s,
-            field_mgauss: Some(
-                (lies.inverse() * EARTH + BIAS + noise(2.0))
-                    .map(Some)
-                    .into(),
-            ),
-            rate_rad_s: Some(measured + noise(0.002)),
-            specific_force_m_s2: Some(lies.inverse() * Vector3::z() * -9.8 + noise(0.05)),
-        }));
+    let gyro = |t_s: f64, rate| match (60.0..75.0).contains(&t_s) {
+        true => Vector3::zeros(),
+        false => rate,
+    };
+    for reading in carried(120.0, swinging, gyro) {
+        let t_s = reading.t_s;
+        board.tell(Event::Reading(reading));
         dead |= board
             .reports
             .last()

@@ -7,8 +7,8 @@ use headingd::condition::SourceFault;
 use headingd::pipeline::Event;
 use nalgebra::Vector3;
 
-use super::board::{BIAS, Board, planar, spatial};
-use crate::common::apart_deg;
+use super::board::{Board, planar, spatial};
+use crate::common::{BIAS, apart_deg};
 
 /// More than a full turn, less than two.
 const A_TURN_DEG: f64 = 365.0;
