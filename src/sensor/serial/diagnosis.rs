@@ -1,6 +1,7 @@
 //! Why there are no readings, from what came in their place.
 
 use super::Item;
+use super::log_rows::HEADER_S;
 use super::settings::{Protocol, Settings};
 use crate::condition::SourceFault;
 
@@ -15,6 +16,8 @@ pub(super) struct Diagnosis {
     odd: u64,
     other_mode: Option<&'static str>,
     too_long: bool,
+    /// Rows wait for their header.
+    early: bool,
     unread: bool,
     /// What has come since the last frame cannot be used.
     garbled: bool,
@@ -40,7 +43,8 @@ impl Diagnosis {
             }
             // Without lines that were not understood, it is the device that lacks the numbers.
             Item::Frame(_) => self.unread |= !std::mem::take(&mut self.garbled),
-            Item::Timed(_) | Item::Early | Item::NewUnits | Item::Synch(_) => {}
+            Item::Early => self.early = true,
+            Item::Timed(_) | Item::NewUnits | Item::Synch(_) => {}
         }
     }
 
@@ -54,6 +58,14 @@ impl Diagnosis {
                 "silent",
                 "the device says nothing; check its power, its wires and whether it runs"
                     .to_owned(),
+            )
+        } else if self.early {
+            (
+                "no_header",
+                format!(
+                    "rows come without a header; they count {HEADER_S} s after the first, in milligauss, rad/s and m/s²; \
+                     let the device send its header first (docs/serial.md)"
+                ),
             )
         } else if self.unread {
             (

@@ -43,6 +43,8 @@ pub(super) struct PortSession {
     heard_s: f64,
     /// When the last reading came; before the first, when the port was opened.
     good_s: f64,
+    /// When the last row came that waits for a header: there is nothing wrong with the port.
+    early_s: f64,
     patience_s: f64,
     complained: bool,
 }
@@ -62,6 +64,7 @@ impl PortSession {
             diagnosis: Diagnosis::default(),
             heard_s: now_s,
             good_s: now_s,
+            early_s: now_s,
             patience_s: FIRST_S,
             complained: false,
         }
@@ -103,10 +106,9 @@ impl PortSession {
                     ..row
                 },
                 Item::NewUnits => return reading(None),
-                // There is nothing wrong with it.
-                Item::Early => return self.good_s = now_s,
                 other => {
                     match &other {
+                        Item::Early => self.early_s = now_s,
                         Item::Synch(id) => self.start.answered(*id),
                         Item::OtherMode(_) => self.start.order_again(),
                         _ => {}
@@ -147,7 +149,7 @@ impl PortSession {
         Orders {
             send: self.start.due(now_s, protocol),
             trouble: complain.then(|| self.diagnosis.trouble(&self.settings, protocol)),
-            reopen: waited_s > REOPEN_S,
+            reopen: now_s - self.good_s.max(self.early_s) > REOPEN_S,
         }
     }
 }

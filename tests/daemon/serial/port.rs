@@ -284,7 +284,7 @@ fn whatever_comes_instead_has_one_message() {
         Firmware::Plain(Vec::new(), text.into())
     }
     type Case = (&'static str, fn() -> Firmware, &'static str);
-    let cases: [(Protocol, Case); 8] = [
+    let cases: [(Protocol, Case); 9] = [
         (Protocol::Auto, ("silent", || line(""), "says nothing")),
         (
             Protocol::Auto,
@@ -321,6 +321,10 @@ fn whatever_comes_instead_has_one_message() {
         (
             Protocol::LogRows,
             ("not_understood", || line("a,b\r\n"), "serial.protocol"),
+        ),
+        (
+            Protocol::Auto,
+            ("no_header", || line("1,2,3,4\r\n"), "in milligauss"),
         ),
     ];
     // With tests/slow until it has been closed, opened anew and found wanting again.
