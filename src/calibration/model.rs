@@ -66,7 +66,7 @@ pub struct Spatial {
     inverse: Matrix3<f64>,
 }
 
-/// [`Spatial`] as it is written down: without what follows from the rest.
+/// [`Spatial`] as a calibration file has it: without what follows from the rest, and the matrix column by column.
 #[derive(Clone, Copy, Serialize, Deserialize)]
 struct StoredSpatial {
     model: Model,

@@ -245,6 +245,37 @@ fn old_files_load() {
         (Some(0.75), Some(560))
     );
     assert_eq!((razor.mode, razor.active()), (Policy::Off, None));
+
+    let found = Store::read_file(&data.join("store-3.json")).unwrap();
+    let [stick] = found.sensors.as_slice() else {
+        panic!("{found:?}");
+    };
+    let mounting = stick.mounting.as_deref().unwrap();
+    let (told, configured) = (mounting.board_axes, mounting.configured);
+    assert_eq!(
+        (told.to_string(), configured.to_string()),
+        ("+y -x +z".to_owned(), "+x +y +z".to_owned())
+    );
+    let kept = only(&found);
+    assert_eq!(kept.reason, Some(Reason::Turn));
+    let learnt = kept.calibration;
+    assert_eq!(learnt.gyro_bias_deg_s, Some(Vector3::new(0.5, -1.25, 0.0)));
+    let covariance = learnt.covariance.unwrap().unpacked();
+    assert_eq!(covariance[(0, 0)], 4.0);
+    assert_eq!(
+        (covariance[(0, 3)], covariance[(3, 0)]),
+        (-0.0078125, -0.0078125)
+    );
+    assert_eq!(covariance[(2, 11)], 0.00390625);
+    let Parameters::Spatial(spatial) = learnt.parameters else {
+        panic!("{found:?}");
+    };
+    assert_eq!(spatial.model(), Model::General);
+    // Column by column in the file.
+    let rows = [
+        0.96875, 0.03125, 0.015625, -0.0625, 1.0, 0.0625, 0.03125, -0.03125, 1.03125,
+    ];
+    assert_eq!(spatial.matrix(), &Matrix3::from_row_slice(&rows));
 }
 
 /// A store of version 1 that a new calibration was saved to.
