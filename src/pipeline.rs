@@ -6,7 +6,6 @@
 
 mod active;
 mod collector;
-
 mod intake;
 mod judge;
 mod learn;
@@ -39,7 +38,6 @@ use intake::Intake;
 use learn::Learning;
 use saturation::RunState;
 
-pub use motion::MotionMeasures;
 pub use settings::Settings;
 pub use survey::{Survey, Surveyed};
 

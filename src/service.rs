@@ -293,13 +293,4 @@ mod tests {
             ]
         );
     }
-
-    #[test]
-    fn without_a_manager_all_is_well() {
-        let mut service = Service::default();
-        service.ready();
-        service.state(&report(Condition::Good, "good"));
-        service.tick(Instant::now(), true);
-        service.stopping();
-    }
 }

@@ -250,15 +250,6 @@ mod tests {
     }
 
     #[test]
-    fn a_declination_by_hand_needs_neither_date_nor_place() {
-        let by_hand = Settings {
-            declination_deg: Some(-3.5),
-            ..calgary()
-        };
-        assert_eq!(TrueNorth::new(&by_hand).declination_deg(None), Some(-3.5));
-    }
-
-    #[test]
     fn what_stands_in_the_way_is_told_once_and_again_when_it_changes() {
         let mut north = TrueNorth::new(&calgary());
         for _ in 0..2 {

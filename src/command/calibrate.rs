@@ -6,8 +6,8 @@ use std::time::Instant;
 use clap::ValueEnum;
 
 use super::{
-    Failure, config_file, number, print, print_json, read_log, refuse_overwrite, tell, tell_skips,
-    word, write_calibrations,
+    Failure, config_file, number, print, print_json, read_log_on, refuse_overwrite, tell,
+    tell_skips, word, write_calibrations,
 };
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
@@ -158,7 +158,7 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     let identity = Identity::new(header.sensor_name(), header.mountings.mag);
     let setup = config.setup(&header.mountings, &config.mounting.board());
     let mut survey = Survey::new(setup, args.plane.axes());
-    let skips = read_log(replay, |entry, begins_stretch| {
+    let skips = read_log_on(replay, |entry, begins_stretch| {
         survey.take(&entry.reading, begins_stretch);
         Ok(())
     })?;

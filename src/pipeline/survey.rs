@@ -18,9 +18,6 @@ use crate::turn::Turn;
 /// Faster than this is rotation, rad/s: a hand that holds still stays below 5 degrees a second.
 const ROTATING_RAD_S: f64 = 0.087;
 
-/// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
-const STRETCHES_APART_S: f64 = 10.0;
-
 /// Finds the samples, the turns and the rotation of a log.
 pub struct Survey {
     setup: Setup,
@@ -34,8 +31,6 @@ pub struct Survey {
     has_gyro: bool,
     /// What the daemon would have made of the log, as long as no full turn is found, where motion may calibrate.
     motion: Option<Pipeline>,
-    last_s: f64,
-    later_s: f64,
 }
 
 /// What a log allows.
@@ -62,34 +57,26 @@ impl Survey {
             turns: Vec::new(),
             rotation_s: None,
             has_gyro: false,
-            last_s: 0.0,
-            later_s: 0.0,
         }
     }
 
-    /// Takes the next reading. `new_stretch`: its time has nothing to do with those before.
+    /// Takes the next reading. `new_stretch`: the log's clock has jumped before it; its time must still be later than those before, since
+    /// samples are found by their times.
     pub fn take(&mut self, reading: &Reading, new_stretch: bool) {
         if new_stretch {
             self.intake.saturation.begin_stretch();
-            // Samples are found by their times: a stretch comes after a gap, wherever its own clock began.
-            self.later_s = self.last_s + STRETCHES_APART_S - reading.t_s;
             self.learn(Event::NewStretch);
         }
-        let reading = Reading {
-            t_s: reading.t_s + self.later_s,
-            ..*reading
-        };
-        self.learn(Event::Reading(reading));
+        self.learn(Event::Reading(*reading));
         let turns_before = self.turns.len();
         let (turns, rotation_s) = (&mut self.turns, &mut self.rotation_s);
-        let (reading, _) = self.intake.take(&reading, |tick, turn| {
+        let (reading, _) = self.intake.take(reading, |tick, turn| {
             turns.extend(turn);
             if tick.rate_rad_s.norm() > ROTATING_RAD_S {
                 let (first, _) = rotation_s.unwrap_or((tick.t_s, tick.t_s));
                 *rotation_s = Some((first, tick.t_s));
             }
         });
-        self.last_s = reading.t_s;
         self.has_gyro |= reading.rate_rad_s.is_some();
         if self.turns.len() > turns_before && self.fits_turns() {
             self.motion = None;

@@ -7,9 +7,10 @@ use std::time::Duration;
 use super::thin::Thin;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
+use crate::calibration::verdict::Limit;
 use crate::calibration::{Request, calibrate};
 use crate::condition::Report;
-use crate::pipeline::{Action, Event, MotionMeasures, Pipeline, Setup};
+use crate::pipeline::{Action, Event, Pipeline, Setup};
 use crate::reading::Reading;
 use crate::true_north::{Position, TrueNorth};
 
@@ -119,8 +120,8 @@ impl Analysis {
         self.pipeline.calibration()
     }
 
-    /// What motion has taught, and what that was judged by, as `calibrate` does for a log without a full turn.
-    pub(super) fn motion(&self) -> Option<(Outcome, MotionMeasures)> {
+    /// What motion has taught, and the limits that this is held to, as `calibrate` does for a log without a full turn.
+    pub(super) fn motion(&self) -> Option<(Outcome, [Limit; 3])> {
         if self.found.turns > 0 {
             return None;
         }

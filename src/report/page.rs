@@ -10,7 +10,7 @@ use super::turn::Turned;
 use super::{compass, field, timeline};
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
-use crate::calibration::verdict::{Bound, Limit, measured};
+use crate::calibration::verdict::{Limit, measured};
 use crate::frame::to_tenths;
 
 #[derive(Clone, Debug)]
@@ -237,30 +237,9 @@ fn motion(analysis: &Analysis) -> String {
     let mut out = String::from(
         "<h2>Calibration by a full turn</h2>\n<p>The board made no full turn that was calibrated on.</p>\n",
     );
-    if let Some((outcome, m)) = analysis.motion() {
-        let (sd_deg, most) = (m.heading_sd_deg, Bound::AtMost(m.most_heading_sd_deg));
-        let [right, predicted] = [m.gyro_is_right, m.field_is_predicted].map(f64::from);
+    if let Some((outcome, held_to)) = analysis.motion() {
         out += &verdict("Calibration by motion", &outcome);
-        out += &limits(&[
-            Limit {
-                name: "gyro turns as the field does",
-                unit: "",
-                measured: right,
-                bound: Bound::True,
-            },
-            Limit {
-                name: "field at the end as the motion predicts",
-                unit: "",
-                measured: predicted,
-                bound: Bound::True,
-            },
-            Limit {
-                name: "predicted heading uncertainty",
-                unit: "degrees",
-                measured: sd_deg,
-                bound: most,
-            },
-        ]);
+        out += &limits(&held_to);
     }
     out
 }
