@@ -115,7 +115,9 @@ impl Disk {
     pub(super) async fn close(self, patience: Duration) {
         drop(self.queue);
         if !self.thread.end(patience).await {
-            tracing::error!("the disk hangs: what was saved last may not be kept");
+            tracing::error!(
+                "the disk did not answer in time: the last calibration or setting may be lost"
+            );
         }
     }
 }
@@ -236,7 +238,7 @@ impl DiskWriter {
                 // A folder that cannot be used has been complained of.
                 if self.store.is_some() || !matches!(error, StoreError::Read { .. }) {
                     tracing::error!(
-                        "{error}; starting without a calibration: turn the board once, or bring back a good file; \
+                        "{error}; starting without a calibration: turn the board once, or bring back a good file and restart; \
                          this one is set aside when there is a new calibration"
                     );
                     lock(&self.fault).get_or_insert(error.to_string());

@@ -1,5 +1,6 @@
 //! Writes raw readings into logs, on a thread of its own: a slow or full disk delays no heading.
 
+use std::cell::Cell;
 use std::fs::File;
 use std::io::{self, BufWriter, ErrorKind};
 use std::os::fd::AsFd;
@@ -48,7 +49,26 @@ enum Destination {
     /// Into one file; `-` is standard output.
     File(PathBuf),
     /// Into a ring of files.
-    Ring(Settings),
+    Ring(Ring),
+}
+
+struct Ring {
+    settings: Settings,
+    /// Recording has failed, and has been complained of.
+    failing: Cell<bool>,
+}
+
+impl Ring {
+    /// Whether a full disk has more room now, at the cost of the ring's oldest file.
+    fn makes_room(&self) -> bool {
+        match ring::remove_oldest(&self.settings.directory) {
+            Ok(Some(oldest)) => {
+                tracing::info!("the disk is full: {} was removed", oldest.display());
+                true
+            }
+            Ok(None) | Err(_) => false,
+        }
+    }
 }
 
 pub(super) struct Recorder {
@@ -94,7 +114,10 @@ impl Recorder {
         if settings.directory.as_os_str().is_empty() {
             return Ok(None);
         }
-        let ring = Destination::Ring(settings.clone());
+        let ring = Destination::Ring(Ring {
+            settings: settings.clone(),
+            failing: Cell::new(false),
+        });
         let work = move |readings: &Receiver<Reading>| {
             // A failure has been logged: a ring goes on after it.
             let _ = record(&ring, &header, readings, &mut 0);
@@ -151,46 +174,52 @@ impl Destination {
                 let file = File::create(path).map_err(RecordError::of(true, path))?;
                 (path.clone(), file)
             }
-            Self::Ring(ring) => ring::next(&ring.directory, ring.files)
-                .map_err(RecordError::of(true, &ring.directory))?,
+            Self::Ring(Ring { settings, .. }) => ring::next(&settings.directory, settings.files)
+                .map_err(RecordError::of(true, &settings.directory))?,
         })
     }
 
     fn most_bytes(&self) -> u64 {
         match self {
             Self::File(_) => u64::MAX,
-            Self::Ring(ring) => ring.file_mib << 20,
+            Self::Ring(ring) => ring.settings.file_mib << 20,
         }
     }
 
-    /// Attempts this; for a ring, retries until it succeeds, since the disk may be full for a while. Readings are discarded
-    /// meanwhile.
+    /// Attempts this; for a ring, retries until it succeeds. A full disk costs the ring's oldest files; where that does not help, readings
+    /// are discarded meanwhile.
     fn retrying<T>(
         &self,
         readings: &Receiver<Reading>,
         mut attempt: impl FnMut() -> Result<T, RecordError>,
     ) -> Result<T, RecordError> {
-        let mut told = false;
         loop {
-            match attempt() {
-                Err(error) if matches!(self, Self::Ring(_)) => {
-                    if !std::mem::replace(&mut told, true) {
-                        tracing::error!(
-                            "{error}; until then nothing is recorded, and headings go on: make room on the disk, or see \
-                             to record.directory"
-                        );
-                    }
-                    if !discard(readings, RETRY) {
-                        return Err(error);
-                    }
-                }
-                done => {
-                    if told && done.is_ok() {
-                        tracing::info!("recording again");
-                    }
-                    return done;
-                }
+            let (error, ring) = match (attempt(), self) {
+                (Err(error), Self::Ring(ring)) => (error, ring),
+                (done, _) => return done,
+            };
+            let full = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded];
+            if full.contains(&error.source.kind()) && ring.makes_room() {
+                continue;
             }
+            if !ring.failing.replace(true) {
+                tracing::error!(
+                    "{error}; until then nothing is recorded, and headings go on: make room on the disk, or see \
+                     to record.directory"
+                );
+            }
+            if !discard(readings, RETRY) {
+                return Err(error);
+            }
+        }
+    }
+
+    /// What was recorded is on the disk.
+    fn recorded(&self) {
+        if let Self::Ring(ring) = self
+            && ring.failing.take()
+        {
+            tracing::info!("recording again");
         }
     }
 }
@@ -245,6 +274,7 @@ impl OpenLog {
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     target.retrying(readings, || self.flush())?;
+                    target.recorded();
                     flushed = Instant::now();
                 }
                 Err(RecvTimeoutError::Disconnected) => return Ok(false),
@@ -296,8 +326,48 @@ fn record(
             Err(_) => false,
         };
         target.retrying(readings, || log.flush())?;
+        target.recorded();
         if !full {
             return Ok(());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn a_full_disk_costs_the_oldest_logs_of_a_ring_but_not_the_newest() {
+        let folder = tempfile::tempdir().unwrap();
+        for _ in 0..3 {
+            ring::next(folder.path(), 3).unwrap();
+        }
+        let target = Destination::Ring(Ring {
+            settings: Settings {
+                directory: folder.path().to_owned(),
+                ..Settings::default()
+            },
+            failing: Cell::new(false),
+        });
+        let attempt = |left: usize| {
+            let (sender, readings) = sync_channel(1);
+            // The daemon ends: a pause is not waited for.
+            drop(sender);
+            target.retrying(&readings, || {
+                match fs::read_dir(folder.path()).unwrap().count() > left {
+                    true => Err(RecordError::of(false, folder.path())(
+                        ErrorKind::StorageFull.into(),
+                    )),
+                    false => Ok(()),
+                }
+            })
+        };
+        assert!(attempt(2).is_ok() && attempt(1).is_ok());
+        assert!(folder.path().join("record-000003.csv").exists());
+        assert!(attempt(0).is_err());
+        assert!(folder.path().join("record-000003.csv").exists());
     }
 }

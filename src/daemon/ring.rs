@@ -11,8 +11,7 @@ const SUFFIX: &str = ".csv";
 /// Makes room for another file among at most `most`, and makes it.
 pub(super) fn next(directory: &Path, most: usize) -> io::Result<(PathBuf, File)> {
     fs::create_dir_all(directory)?;
-    let mut numbers = numbers(directory)?;
-    numbers.sort_unstable();
+    let numbers = numbers(directory)?;
     let next = numbers.last().map_or(1, |last| last + 1);
     let excess = (numbers.len() + 1).saturating_sub(most);
     for number in &numbers[..excess.min(numbers.len())] {
@@ -23,11 +22,21 @@ pub(super) fn next(directory: &Path, most: usize) -> io::Result<(PathBuf, File)>
     Ok((path, file))
 }
 
+/// Removes the oldest file, unless it is the only one, and returns its path.
+pub(super) fn remove_oldest(directory: &Path) -> io::Result<Option<PathBuf>> {
+    let [oldest, _, ..] = numbers(directory)?[..] else {
+        return Ok(None);
+    };
+    let path = path(directory, oldest);
+    fs::remove_file(&path)?;
+    Ok(Some(path))
+}
+
 fn path(directory: &Path, number: u64) -> PathBuf {
     directory.join(format!("{PREFIX}{number:06}{SUFFIX}"))
 }
 
-/// The numbers of the files that are there; others are not ours.
+/// The numbers of the files that are there, the oldest first; others are not ours.
 fn numbers(directory: &Path) -> io::Result<Vec<u64>> {
     let mut numbers = Vec::new();
     for entry in fs::read_dir(directory)? {
@@ -39,6 +48,7 @@ fn numbers(directory: &Path) -> io::Result<Vec<u64>> {
         // A number written otherwise is another file.
         numbers.extend(number.filter(|number| path(directory, *number).file_name() == Some(&name)));
     }
+    numbers.sort_unstable();
     Ok(numbers)
 }
 

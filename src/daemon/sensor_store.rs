@@ -83,8 +83,8 @@ impl SensorStore {
     pub(super) fn take_over(&mut self, last: &Self) {
         let (here, there) = (self.disk.as_ref(), last.disk.as_ref());
         let same = here.map(Arc::as_ptr) == there.map(Arc::as_ptr);
-        if last.history.identity == self.history.identity && (same || self.history.last_number == 0)
-        {
+        let new = self.history == History::new(self.history.identity.clone());
+        if last.history.identity == self.history.identity && (same || new) {
             self.history = last.history.clone();
             if !same {
                 self.save(Box::new(|_| ()));
@@ -129,10 +129,11 @@ impl SensorStore {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::policy::Policy;
     use crate::frame::Mounting;
 
     #[tokio::test]
-    async fn a_reload_takes_calibrations_along_and_replaces_none_of_another_folder() {
+    async fn a_reload_takes_calibrations_along_and_replaces_nothing_of_another_folder() {
         let folder = tempfile::tempdir().unwrap();
         let open = |name, running: &Running| {
             let settings = Settings {
@@ -142,16 +143,20 @@ mod tests {
             let identity = Identity::new("hmc5843", Mounting::default());
             SensorStore::open(&settings, identity, running).unwrap()
         };
-        let mut backup = open("backup", &Running::default());
-        backup.history_mut().last_number = 3;
-        backup.save(Box::new(|_| ()));
-        backup.close(Duration::from_secs(30)).await;
+        for (name, mode, last_number) in [("backup", Policy::On, 3), ("off", Policy::Off, 0)] {
+            let mut other = open(name, &Running::default());
+            other.history_mut().mode = mode;
+            other.history_mut().last_number = last_number;
+            other.save(Box::new(|_| ()));
+            other.close(Duration::from_secs(30)).await;
+        }
         let mut here = open("here", &Running::default());
         here.history_mut().last_number = 5;
-        for (name, right) in [("here", 5), ("backup", 3), ("new", 5)] {
+        for (name, right) in [("here", 5), ("backup", 3), ("off", 0), ("new", 5)] {
             let mut next = open(name, &here.running());
             next.take_over(&here);
             assert_eq!(next.history().last_number, right, "{name}");
+            assert_eq!(next.history().mode == Policy::Off, name == "off", "{name}");
         }
     }
 }

@@ -94,7 +94,7 @@ pub(super) fn set_aside(path: &Path, reason: &str) -> io::Result<PathBuf> {
             Err(_) if fs::symlink_metadata(&aside).is_err() => {
                 let copied = fs::copy(path, &aside).and_then(|_| File::open(&aside)?.sync_all());
                 if copied.is_err() {
-                    // A part of it is worth nothing; the disk may be full.
+                    // An incomplete copy is worth nothing; the disk may be full.
                     let _ = fs::remove_file(&aside);
                 }
                 return copied.map(|()| aside);

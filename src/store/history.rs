@@ -231,16 +231,21 @@ impl History {
         self.mode == Policy::Locked && self.active.is_some()
     }
 
-    /// Makes a calibration the active one, and lets go of the oldest ones beyond `most`.
+    /// Makes a calibration the active one, and lets go of the oldest ones beyond `most`, but not of the one that was active: somebody may have
+    /// gone back to it.
     pub fn keep(&mut self, made: Made, most: usize) {
+        let before = self.active;
         self.last_number += 1;
         self.active = Some(self.last_number);
         self.entries.push(KeptCalibration {
             number: self.last_number,
             made,
         });
-        let beyond = self.entries.len().saturating_sub(most.max(1));
-        self.entries.drain(..beyond);
+        while self.entries.len() > most.max(1) {
+            let may_go = |entry: &KeptCalibration| most < 2 || Some(entry.number) != before;
+            let oldest = self.entries.iter().position(may_go).unwrap_or(0);
+            self.entries.remove(oldest);
+        }
     }
 
     /// Makes an earlier calibration the active one: that with this number, or the one saved before.

@@ -297,6 +297,22 @@ fn a_calibration_of_version_1_becomes_the_first_of_a_history() {
 }
 
 #[test]
+fn the_calibration_that_somebody_went_back_to_outlives_the_next_one() {
+    let mut history = History::new(identity());
+    for _ in 0..3 {
+        history.keep(made(planar()), 3);
+    }
+    history.roll_back(Some(1)).unwrap();
+    history.keep(made(planar()), 3);
+    let kept = |history: &History| -> Vec<u64> {
+        history.entries.iter().map(|entry| entry.number).collect()
+    };
+    assert_eq!((kept(&history), history.active), (vec![1, 3, 4], Some(4)));
+    history.keep(made(planar()), 1);
+    assert_eq!((kept(&history), history.active), (vec![5], Some(5)));
+}
+
+#[test]
 fn the_oldest_goes_by_number_whatever_the_clock_said() {
     let mut history = History::new(identity());
     for clock in [Some(900), Some(5_000), None, Some(100), Some(200)] {
