@@ -17,8 +17,7 @@ const MOST_LINES: u64 = 1000;
 /// Reads everything up to and with the line of column names.
 pub(super) fn read<R: BufRead>(log: &str, lines: &mut LogLines<R>) -> Result<Rows, RecordingError> {
     let text = next_line(log, lines)?;
-    let mut header = HeaderLines::begin(text.trim_start_matches('\u{feff}'))
-        .map_err(|what| wrong(log, lines.number(), what))?;
+    let mut header = HeaderLines::begin(text).map_err(|what| wrong(log, lines.number(), what))?;
     loop {
         let text = next_line(log, lines)?;
         let done = header.add(text);
@@ -43,7 +42,7 @@ pub struct HeaderLines {
 impl HeaderLines {
     /// Takes the first line, `# headingd-log 1`.
     pub fn begin(text: &str) -> Result<Self, String> {
-        check_version(text)?;
+        check_version(text.trim_start_matches('\u{feff}'))?;
         Ok(Self {
             count: 1,
             ..Self::default()

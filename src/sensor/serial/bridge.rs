@@ -10,6 +10,7 @@ use tokio::runtime::Builder;
 use tokio::time::{sleep, timeout};
 use tokio_serial::SerialStream;
 
+use super::log_rows::LogRows;
 use super::port;
 use super::session::PortSession;
 use super::settings::{Protocol, Settings};
@@ -31,6 +32,8 @@ const WRITE_PATIENCE: Duration = Duration::from_millis(100);
 pub struct Bridge {
     settings: Settings,
     board: Mountings,
+    /// What is known of the device's log rows, while the port is closed.
+    log_rows: LogRows,
     /// Origin of the readings' times.
     origin: Instant,
     state: BridgeState,
@@ -63,6 +66,7 @@ impl Bridge {
         Self {
             settings: settings.clone(),
             board,
+            log_rows: LogRows::new(board),
             origin,
             state: BridgeState::Closed {
                 retry: origin,
@@ -123,7 +127,8 @@ impl Bridge {
         match port::open(&self.settings) {
             Ok(stream) => {
                 self.looked_s = self.now_s();
-                let session = PortSession::new(&self.settings, self.board, self.looked_s);
+                let log_rows = std::mem::replace(&mut self.log_rows, LogRows::new(self.board));
+                let session = PortSession::new(&self.settings, log_rows, self.looked_s);
                 self.state = BridgeState::Open {
                     stream,
                     session: Box::new(session),
@@ -199,10 +204,13 @@ impl Bridge {
                     self.settings.port.display()
                 );
             }
-            self.state = BridgeState::Closed {
+            let closed = BridgeState::Closed {
                 retry: Instant::now() + PAUSES.0,
                 pause: PAUSES.0,
             };
+            if let BridgeState::Open { session, .. } = std::mem::replace(&mut self.state, closed) {
+                self.log_rows = session.into_log_rows().reopened(gone.is_none());
+            }
         }
         let unplugged = gone.map(|why| SourceFault {
             code: "unplugged",

@@ -5,7 +5,6 @@ use super::log_rows::LogRows;
 use super::razor_binary::RazorBinary;
 use super::razor_text::RazorText;
 use super::settings::{Protocol, Settings};
-use crate::frame::Mountings;
 
 #[derive(Debug)]
 pub(super) struct Decoder {
@@ -16,13 +15,14 @@ pub(super) struct Decoder {
 }
 
 impl Decoder {
-    pub(super) fn new(settings: &Settings, board: Mountings) -> Self {
+    /// With what is known of the device's log rows.
+    pub(super) fn new(settings: &Settings, log_rows: LogRows) -> Self {
         let gain = settings.chip.counts_per_gauss();
         Self {
             protocol: settings.protocol,
             razor_text: RazorText::new(gain),
             razor_binary: RazorBinary::new(gain),
-            log_rows: LogRows::new(board),
+            log_rows,
         }
     }
 
@@ -58,6 +58,11 @@ impl Decoder {
             }
             found(item);
         });
+    }
+
+    /// What is known of the device's log rows.
+    pub(super) fn into_log_rows(self) -> LogRows {
+        self.log_rows
     }
 
     /// Whether it has lost its place, and only the device can help.

@@ -22,6 +22,9 @@ const LATE_S: f64 = 0.4;
 #[derive(Clone, Debug)]
 pub struct DeviceClock {
     envelope: Envelope,
+    /// The last time that the device sent, as it was sent, and when it first arrived.
+    sent_s: f64,
+    first_arrival_s: f64,
     last_device_s: f64,
     last_s: f64,
     late: LineLateness,
@@ -31,6 +34,8 @@ impl Default for DeviceClock {
     fn default() -> Self {
         Self {
             envelope: Envelope::new(TOLERANCE),
+            sent_s: f64::NEG_INFINITY,
+            first_arrival_s: f64::NEG_INFINITY,
             last_device_s: f64::NEG_INFINITY,
             last_s: f64::NEG_INFINITY,
             late: LineLateness::new(LATE_STEP_S),
@@ -41,12 +46,14 @@ impl Default for DeviceClock {
 impl DeviceClock {
     /// The time of a reading, seconds on the clock of the arrivals. Times never decrease, and are never later
     /// than the arrival.
-    pub fn time(&mut self, device_s: f64, arrival_s: f64) -> f64 {
+    pub fn time(&mut self, sent_s: f64, arrival_s: f64) -> f64 {
+        let restarted = sent_s < self.sent_s;
+        let device_s = self.refined(sent_s, arrival_s);
         let late_s = self
             .envelope
             .time(device_s)
             .map_or(0.0, |line_s| arrival_s - line_s);
-        if device_s < self.last_device_s || late_s < -EARLY_S {
+        if restarted || late_s < -EARLY_S {
             self.envelope.restart();
             self.late.end();
         } else if late_s > LATE_FROM_S {
@@ -65,6 +72,20 @@ impl DeviceClock {
         let line_s = self.envelope.time(device_s).unwrap_or(arrival_s);
         self.last_s = line_s.min(arrival_s).max(self.last_s);
         self.last_s
+    }
+
+    /// The device's time of a reading. Where a coarse clock sends the same number several times (whole seconds, or a 32-bit float after some
+    /// days), the arrivals say how much later the second reading was.
+    fn refined(&mut self, sent_s: f64, arrival_s: f64) -> f64 {
+        if sent_s == self.sent_s {
+            return sent_s + (arrival_s - self.first_arrival_s);
+        }
+        let least_s = match sent_s > self.sent_s {
+            true => self.last_device_s,
+            false => f64::NEG_INFINITY,
+        };
+        (self.sent_s, self.first_arrival_s) = (sent_s, arrival_s);
+        sent_s.max(least_s)
     }
 }
 
@@ -123,6 +144,29 @@ mod tests {
                     "lost {lost_s} s, leapt {leap_s} s: {age_s} s old at {true_s} s"
                 );
             }
+        }
+    }
+
+    /// The clock counts whole seconds, quarters of one, or does not count at all.
+    #[test]
+    fn between_the_steps_of_a_coarse_clock_arrivals_count() {
+        for step_s in [1.0, 0.25, f64::INFINITY] {
+            let mut clock = DeviceClock::default();
+            let mut worst: f64 = 0.0;
+            for i in 1..3000u32 {
+                let true_s = f64::from(i) * 0.02;
+                let arrival_s = (true_s / 0.008).ceil() * 0.008;
+                let sent_s = match step_s.is_finite() {
+                    true => (true_s / step_s).floor() * step_s,
+                    false => 0.0,
+                };
+                let t_s = clock.time(sent_s, arrival_s);
+                if true_s > 5.0 {
+                    worst = worst.max((t_s - true_s).abs());
+                }
+            }
+            // As irregular as the readings fall between the steps.
+            assert!(worst < 0.03, "{step_s}: {worst}");
         }
     }
 

@@ -67,6 +67,28 @@ impl LogRows {
         }
     }
 
+    /// The port has been opened anew. Rows of the `same_device` mean what they meant before; another one must send a header if the last one
+    /// did: rows in other units or axes would give wrong headings.
+    pub fn reopened(self, same_device: bool) -> Self {
+        let before = self.rows;
+        let rows = match same_device {
+            true => Wire {
+                header: None,
+                first: true,
+                ..before
+            },
+            false => Wire {
+                has_header: before.has_header,
+                header_fault: before.header_fault,
+                ..Self::new(before.board).rows
+            },
+        };
+        Self {
+            lines: SerialLines::default(),
+            rows,
+        }
+    }
+
     /// Hands over what `bytes` complete, in order.
     pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
         self.lines.feed(bytes, |line| match line {
@@ -175,7 +197,7 @@ impl Wire {
             return Err(match (&self.header_fault, self.has_header) {
                 (Some(fault), _) => format!("a row after a header that is wrong: {fault}"),
                 (None, true) => {
-                    "a row, but only a part of its header arrived; waiting for the next one"
+                    "a row, but its header was lost; waiting for the next one: reset the device"
                         .to_owned()
                 }
                 (None, false) => "a first row; waiting for a second one like it".to_owned(),

@@ -4,11 +4,11 @@ use super::Item;
 use super::decoder::Decoder;
 use super::device_clock::DeviceClock;
 use super::diagnosis::Diagnosis;
+use super::log_rows::LogRows;
 use super::settings::{Protocol, Settings};
 use super::start::Start;
 use super::steady_clock::SteadyClock;
 use crate::condition::SourceFault;
-use crate::frame::Mountings;
 use crate::reading::Reading;
 
 /// The Razor's loop (`OUTPUT__DATA_INTERVAL`), seconds.
@@ -50,14 +50,14 @@ pub(super) struct PortSession {
 }
 
 impl PortSession {
-    pub(super) fn new(settings: &Settings, board: Mountings, now_s: f64) -> Self {
+    pub(super) fn new(settings: &Settings, log_rows: LogRows, now_s: f64) -> Self {
         let listen_s = match settings.protocol {
             Protocol::Auto => LISTEN_S,
             _ => 0.0,
         };
         Self {
             settings: settings.clone(),
-            decoder: Decoder::new(settings, board),
+            decoder: Decoder::new(settings, log_rows),
             start: Start::at(now_s + listen_s),
             frames: SteadyClock::new(RAZOR_PERIOD_S),
             device: DeviceClock::default(),
@@ -68,6 +68,11 @@ impl PortSession {
             patience_s: FIRST_S,
             complained: false,
         }
+    }
+
+    /// What is known of the device's log rows.
+    pub(super) fn into_log_rows(self) -> LogRows {
+        self.decoder.into_log_rows()
     }
 
     pub(super) fn protocol(&self) -> Protocol {
