@@ -211,7 +211,7 @@ mod tests {
             "file.toml:4: source.kind is \"reply\", but must be \"simulator\" or \"replay\" or \"i2c\" or \"serial\"",
             "file.toml:5: source.sped: unknown key; did you mean speed?",
             "file.toml:6: source.speed is 0, but must be from 0.1 to 1000 times real time",
-            "file.toml:9: mounting.mag_axes: mounting \"+x +y\" is not understood: it has 2 words",
+            "file.toml:9: mounting.mag_axes: mounting \"+x +y\" is not understood: found 2 of the three or nine words",
             "file.toml:10: mounting.gyro_axes is 3, but must be a text in quotes",
             "file.toml:12: stroe: unknown table; did you mean store?",
             "file.toml:14: i2s: unknown table; did you mean i2c?",

@@ -135,11 +135,11 @@ impl FromStr for Mounting {
                 }
                 Matrix3::from_row_slice(&numbers)
             }
-            n => return Err(fail(&format!("it has {n} words, not three or nine"))),
+            n => return Err(fail(&format!("found {n} of the three or nine words"))),
         };
         Self::from_matrix(matrix).ok_or_else(|| {
             fail(if words.len() == 3 {
-                "each of x, y and z must stand in it once"
+                "each of x, y and z must occur once"
             } else {
                 "its rows are not perpendicular unit vectors"
             })

@@ -57,6 +57,7 @@ fn warnings(config: &Config) -> Vec<String> {
         warnings.push(Settings::UNSET.to_owned());
     }
     warnings.extend(mountings_without_effect(config));
+    warnings.extend(stale_between_samples(config));
     let mut north = TrueNorth::new(&config.true_north);
     if config.source.kind != Some(Kind::Replay) {
         north.declination_deg(wall_clock::now());
@@ -80,6 +81,22 @@ fn warnings(config: &Config) -> Vec<String> {
         ));
     }
     warnings
+}
+
+/// Warns of a magnetometer that measures so seldom that the state is stale before the next sample.
+fn stale_between_samples(config: &Config) -> Option<String> {
+    let (key, rate_hz) = match config.source.kind? {
+        Kind::I2c => ("i2c.rate_hz", config.i2c.rate_hz),
+        Kind::Simulator => ("simulator.mag_rate_hz", config.simulator.mag_rate_hz),
+        Kind::Serial | Kind::Replay => return None,
+    };
+    let (stale_s, least_s) = (config.heading.stale_s, 1.5 / rate_hz);
+    (stale_s < least_s).then(|| {
+        format!(
+            "with {key} = {rate_hz}, headings may be stale between two samples: set heading.stale_s, which is {stale_s}, to \
+             {least_s:.1} or more"
+        )
+    })
 }
 
 /// Warns of chips' axes that the source does not use.
@@ -184,6 +201,8 @@ mod tests {
         }
         let old = format!("{board}[heading]\nmisfit_s = 60.0\n");
         assert!(of(&old)[0].starts_with("line 6: heading.misfit_s no longer exists"));
+        let seldom = of(&format!("{board}rate_hz = 1\n"));
+        assert!(seldom[0].contains("set heading.stale_s"), "{seldom:?}");
         let pole = format!("{board}[true_north]\nlatitude_deg = 86\nlongitude_deg = 139\n");
         assert!(of(&pole)[0].contains("near a magnetic pole"));
         let turned =

@@ -33,6 +33,9 @@ pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
                 "more follows the number {number}: write it alone, without a unit, or text in quotes"
             )
         }
+        (true, word) if word.starts_with(['“', '„', '”', '‘', '’']) => {
+            format!("{word} has typographic quotes: use straight ones, \"…\"")
+        }
         (true, word) => {
             format!("{word} is neither a number nor true or false: put text in quotes: \"{word}\"")
         }

@@ -125,9 +125,7 @@ impl HeaderLines {
         let mag = match (self.mag, self.counts_per_gauss) {
             (Some((COUNTS, _)), Some(counts)) => (COUNTS, 1000.0 / counts),
             (Some((COUNTS, _)), None) => {
-                return Err(
-                    "mag_unit is counts, so \"# counts_per_gauss = …\" must stand above".to_owned(),
-                );
+                return Err("mag_unit = counts needs a line \"# counts_per_gauss = …\"".to_owned());
             }
             (unit, _) => unit.unwrap_or(MAG_UNITS[0]),
         };
@@ -265,7 +263,7 @@ fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
     }
     if !has(0) {
         return Err(format!(
-            "found {}, but the column names must stand here, t_s among them",
+            "found {}, but the line of column names must follow the # lines: names with commas between them, t_s among them",
             shown(text.as_bytes())
         ));
     }

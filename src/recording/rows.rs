@@ -91,10 +91,15 @@ impl Rows {
         let count = 1 + line.iter().filter(|byte| **byte == b',').count();
         let expected = self.columns.len();
         if count != expected {
+            // A comma for a decimal point makes two cells of a number, a semicolon one of two.
+            let hint = match count > expected || line.contains(&b';') {
+                true => "; decimals need a point, columns a comma",
+                false => "",
+            };
             return Err((
                 None,
                 format!(
-                    "found {count} cells in {}, but must be {expected}, one a column",
+                    "found {count} cells in {}, but must be {expected}, one a column{hint}",
                     shown(line)
                 ),
             ));
