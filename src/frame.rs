@@ -372,7 +372,7 @@ mod tests {
     #[test]
     fn a_wrong_mounting_says_what_is_wrong() {
         for (text, why) in [
-            ("+x +y", "2 words"),
+            ("+x +y", "found 2"),
             ("+x +y +w", "no axis"),
             ("+x +x +z", "once"),
             ("1 0 0 0 1 0 0 0 2", "perpendicular"),

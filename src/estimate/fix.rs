@@ -6,6 +6,7 @@ use super::strength::MOST_RAW_MGAUSS;
 use super::{Estimate, Fix, Sample, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
+use crate::reading::EARTH_MGAUSS;
 
 /// Deviation of a heading of which nothing is known, degrees: half a turn.
 pub const UNKNOWN_SD_DEG: f64 = 180.0;
@@ -85,14 +86,22 @@ impl Estimate {
     /// certain is its heading.
     fn level_fix(&self, pose: &Pose, seen: &Vector3<f64>) -> Option<Fix> {
         let (down, leaning_rad) = self.level.down()?;
+        let covariance = self.active.field_covariance() * self.iron.excess();
+        let variance_along = |axis: &Vector3<f64>| (axis.transpose() * covariance * axis)[0];
+        // A board that stays level never learns the vertical field, and its headings need it only as far as it tilts.
+        let east = down.cross(&self.active.field());
+        let own = variance_along(&east.try_normalize(1e-6)?);
+        let vertical_variance = variance_along(&down);
         let down = pose.orientation.inverse_transform_vector(&down);
         let (vertical, horizontal) = level::split(seen, &down);
-        let own = self.active.field_covariance().trace() / 3.0 * self.iron.excess();
+        // No field on earth has more.
+        let most2 = EARTH_MGAUSS.end().powi(2) - horizontal * horizontal;
+        let vertical2 = (vertical * vertical + vertical_variance).min(most2.max(0.0));
         let tilted = down.z.clamp(-1.0, 1.0).acos();
-        let tilt = (level::SD_RAD + 0.5 * tilted) * vertical;
+        let tilt2 = (level::SD_RAD + 0.5 * tilted).powi(2) * vertical2;
         // The lean may be in any direction, so all of the field counts.
-        let tilt2 = tilt * tilt + (leaning_rad * seen.norm()).powi(2);
-        let sd = (own + tilt2).sqrt() / horizontal;
+        let lean2 = leaning_rad.powi(2) * (horizontal * horizontal + vertical2);
+        let sd = (own + tilt2 + lean2).sqrt() / horizontal;
         Some(Fix::new(heading_deg(seen, &down)?, sd))
     }
 

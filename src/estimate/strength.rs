@@ -20,7 +20,12 @@ impl Estimate {
         } else {
             return None;
         };
-        let (least, most) = (strength - CERTAIN * sd, strength + CERTAIN * sd);
+        // The vertical field of a board that stays level is not measured.
+        let measured = match self.active.begun && self.measured_axes() != [true; 3] {
+            true => strength.min(self.horizontal_mgauss()),
+            false => strength,
+        };
+        let (least, most) = (measured - CERTAIN * sd, strength + CERTAIN * sd);
         let possible = most >= *EARTH_MGAUSS.start() && least <= *EARTH_MGAUSS.end();
         (!possible).then(|| {
             let digit = 10f64.powf(strength.log10().floor() - 1.0);

@@ -88,7 +88,11 @@ impl Pipeline {
             return self.report_as(Condition::Disturbed, "field_changed", message);
         }
         if !self.tilt_is_known() {
-            let message = "no accelerometer data: headings hold for a board that is level";
+            let message = if self.sd_deg <= self.setup.pipeline.publish_sd_deg {
+                "no accelerometer data: headings hold for a board that is level"
+            } else {
+                "no accelerometer data, and so no heading is certain enough yet: keep the board level and turn it, for some minutes"
+            };
             return self.report_as(Condition::Degraded, "no_accelerometer", message);
         }
         if !self.gyro_is_live() {
@@ -122,7 +126,9 @@ impl Pipeline {
             return self.report_as(Condition::Uncalibrated, "mode_off", message);
         }
         if self.intake.turns.progress() >= TURNING_FROM {
-            let message = "keep turning the board the same way round";
+            let limit_s = self.setup.turn.time_limit_s;
+            let message =
+                format!("keep turning the board the same way round: once within {limit_s:.0} s");
             return self.report_as(Condition::Turning, "turning", message);
         }
         if let Some((reason, message)) = &self.refused {

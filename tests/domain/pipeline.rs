@@ -495,6 +495,24 @@ fn what_a_clipped_axis_taught_before_it_was_recognised_is_forgotten() {
     assert!(apart.fold(0.0, f64::max) < 2.0, "{silent:?} {declared:?}");
 }
 
+/// It never learns the vertical field, which at this dip its headings do not need.
+#[test]
+fn a_level_board_without_an_accelerometer_gets_headings_where_the_dip_is_small() {
+    let settings = Settings {
+        with_accel: false,
+        horizontal_mgauss: 310.0,
+        vertical_mgauss: 90.0,
+        turns: 12.0,
+        gyro_bias_deg_s: [0.0; 3],
+        ..Settings::default()
+    };
+    let played = play(&readings(&settings), None, 0);
+    let published = played.headings.iter().filter(|heading| steers(heading));
+    let share = published.count() as f64 / played.headings.len() as f64;
+    assert!(share > 0.8, "{share}");
+    assert!(played.when("field_unit").is_empty());
+}
+
 #[test]
 fn a_gyro_that_dies_in_a_level_turn_is_named_within_three_seconds() {
     let settings = Settings::default();
