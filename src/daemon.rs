@@ -35,17 +35,14 @@ use tokio::task::{JoinHandle, JoinSet};
 use crate::condition::Report;
 use crate::config::Config;
 use crate::config::source::Settings;
-use crate::date;
 use crate::pipeline::{Action, Event};
 use crate::publish::control::status::StatusCounts;
 use crate::publish::control::{Control, ControlCall};
-use crate::publish::gpsd::Device;
 use crate::publish::outputs::Outputs;
 use crate::publish::server::{BindError, Publisher, Server};
 use crate::recording::RecordingError;
 use crate::service::{Service, sockets};
 use crate::store::StoreError;
-use crate::wall_clock;
 use inactivity::Inactivity;
 pub use listener::ListenError;
 pub use recorder::RecordError;
@@ -148,12 +145,6 @@ impl Daemon {
     /// Needs a runtime.
     pub fn open(config: &Config, mut service: Service) -> Result<Self, DaemonError> {
         let source = SourceTask::open(config)?;
-        let device = Device {
-            path: source.name.clone(),
-            activated: wall_clock::now().map(date::rfc3339),
-            sensor: source.header.sensor.clone(),
-            bps: source.bps,
-        };
         let stale = Duration::from_secs_f64(config.heading.stale_s);
         // Each client may need two files. The soft limit is low for the sake of programs that use select(2).
         let files = getrlimit(Resource::Nofile);
@@ -162,7 +153,7 @@ impl Daemon {
             tracing::warn!("cannot raise the limit of open files: {error}");
         }
         let handed = service.sockets.take(sockets::HEADING);
-        let server = Server::bind(handed, &config.socket, &config.nmea, device, stale)?;
+        let server = Server::bind(handed, &config.socket, &config.nmea, source.device(), stale)?;
         let (served, wanted) = (server.socket(), &config.socket.socket);
         tracing::info!("serving on socket {}", served.display());
         if served != *wanted {

@@ -60,9 +60,8 @@ impl fmt::Display for Gpsd {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct GpsFix {
     position: Position,
-    /// The time of day by the receiver, if it knows it.
-    since_1970: Option<Duration>,
-    taken: Instant,
+    /// The time of day by a receiver, and when it came. Of several receivers one may not know it.
+    since_1970: Option<(Duration, Instant)>,
 }
 
 /// A client at work until it is dropped.
@@ -99,8 +98,8 @@ impl Follower {
 
     /// The time of day by the receiver's clock.
     pub fn now(&self) -> Option<Duration> {
-        let fix = (*self.fixes.borrow())?;
-        Some(fix.since_1970? + fix.taken.elapsed())
+        let (since_1970, taken) = (*self.fixes.borrow())?.since_1970?;
+        Some(since_1970 + taken.elapsed())
     }
 }
 
@@ -113,14 +112,14 @@ impl Drop for Follower {
 /// Reads and reconnects for ever; dropping the `Follower` aborts it.
 async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
     let mut pause = PAUSES.0;
-    let mut told = false;
+    // Both are told once until there is a position again: a gpsd may be away for months.
+    let (mut told, mut told_connected) = (false, false);
     loop {
         let before = *fixes.borrow();
-        let ended = read(&gpsd, &fixes).await;
+        let ended = read(&gpsd, &fixes, &mut told_connected).await;
         if *fixes.borrow() != before {
-            (pause, told) = (PAUSES.0, false);
+            (pause, told, told_connected) = (PAUSES.0, false, false);
         }
-        // Once an episode: a gpsd may be away for months.
         if !std::mem::replace(&mut told, true) {
             let why = ended.err().map_or_else(
                 || "it has closed the connection".to_owned(),
@@ -134,15 +133,19 @@ async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
 }
 
 /// Connects, and reads to the end.
-async fn read(gpsd: &Gpsd, fixes: &watch::Sender<Option<GpsFix>>) -> io::Result<()> {
+async fn read(
+    gpsd: &Gpsd,
+    fixes: &watch::Sender<Option<GpsFix>>,
+    told_connected: &mut bool,
+) -> io::Result<()> {
     match gpsd {
         Gpsd::Tcp(address) => {
             let stream = timeout(CONNECT_PATIENCE, TcpStream::connect(address));
-            read_from(stream.await??, gpsd, fixes).await
+            read_from(stream.await??, gpsd, fixes, told_connected).await
         }
         Gpsd::Unix(path) => {
             let stream = timeout(CONNECT_PATIENCE, UnixStream::connect(path));
-            read_from(stream.await??, gpsd, fixes).await
+            read_from(stream.await??, gpsd, fixes, told_connected).await
         }
     }
 }
@@ -151,8 +154,13 @@ async fn read_from(
     mut stream: impl AsyncRead + AsyncWrite + Unpin,
     gpsd: &Gpsd,
     fixes: &watch::Sender<Option<GpsFix>>,
+    told_connected: &mut bool,
 ) -> io::Result<()> {
     timeout(CONNECT_PATIENCE, stream.write_all(WATCH)).await??;
+    if !std::mem::replace(told_connected, true) {
+        tracing::info!("connected to the gpsd at {gpsd}, which has no position yet");
+    }
+    let mut found = false;
     let mut reader = BufReader::new(stream);
     let mut line = Vec::new();
     // Of a line that is too long nothing is used, up to its end.
@@ -166,33 +174,51 @@ async fn read_from(
         }
         let whole = line.ends_with(b"\n");
         if !std::mem::replace(&mut too_long, !whole) && whole {
-            take(&line, gpsd, fixes);
+            let Some(fix) = tpv::read(&line) else {
+                continue;
+            };
+            if !std::mem::replace(&mut found, true) {
+                tracing::info!(
+                    latitude_deg = fix.0.latitude_deg,
+                    longitude_deg = fix.0.longitude_deg,
+                    "position from the gpsd at {gpsd}"
+                );
+            }
+            take(fix, fixes);
         }
     }
 }
 
-fn take(line: &[u8], gpsd: &Gpsd, fixes: &watch::Sender<Option<GpsFix>>) {
-    let Some((position, since_1970)) = tpv::read(line) else {
-        return;
-    };
-    let first = fixes.borrow().is_none();
-    if first {
-        tracing::info!(
-            latitude_deg = position.latitude_deg,
-            longitude_deg = position.longitude_deg,
-            "position from the gpsd at {gpsd}"
-        );
-    }
+fn take(
+    (position, since_1970): (Position, Option<Duration>),
+    fixes: &watch::Sender<Option<GpsFix>>,
+) {
+    let before = *fixes.borrow();
+    let known = before.and_then(|fix| fix.since_1970);
     fixes.send_replace(Some(GpsFix {
         position,
-        since_1970,
-        taken: Instant::now(),
+        since_1970: since_1970.map(|time| (time, Instant::now())).or(known),
     }));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_receiver_that_does_not_know_the_time_leaves_that_of_another() {
+        let (sender, fixes) = watch::channel(None);
+        let position = Position {
+            latitude_deg: 51.0,
+            longitude_deg: -114.0,
+            altitude_m: 0.0,
+        };
+        let since_1970 = Duration::from_secs(1_790_000_000);
+        take((position, Some(since_1970)), &sender);
+        take((position, None), &sender);
+        let (known, _) = fixes.borrow().unwrap().since_1970.unwrap();
+        assert_eq!(known, since_1970);
+    }
 
     #[test]
     fn a_gpsd_is_named_by_a_number_and_a_port_or_by_a_path() {

@@ -65,7 +65,7 @@ pub struct TrueNorth {
     position: Option<Position>,
     /// Where and on which day the model was asked last; no day where no date was known.
     asked: Option<(Position, Option<u64>)>,
-    /// The field there, where it is known, and whether it has been taken.
+    /// The field there, where it is known, and whether nobody has taken it yet.
     field: Option<EarthField>,
     field_is_new: bool,
     /// Kind of the last warning.

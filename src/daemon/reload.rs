@@ -111,14 +111,14 @@ impl Daemon {
                 // Both may have the same device.
                 self.session.source.stop().await;
                 session.take_over(&self.session);
-                // A gpsd is not asked about a log.
-                if !keys.iter().any(|key| is_north(key) || key == "source.kind") {
+                if !keys.iter().any(|key| is_north(key)) {
                     session.north.take_over(&mut self.session.north);
                 }
                 let started = self.session.pipeline.wanted() == Some(Reason::Start);
                 self.counts.values_dropped = self.counts().values_dropped;
                 let last = std::mem::replace(&mut self.session, session);
                 self.closing.spawn(last.close());
+                self.publisher.device(self.session.source.device());
                 self.start_session()?;
                 if started {
                     self.handle(Event::Start);

@@ -14,6 +14,8 @@ use super::thread::Thread;
 use crate::condition::SourceFault;
 use crate::config::Config;
 use crate::config::source::Kind;
+use crate::date;
+use crate::publish::gpsd::Device;
 use crate::reading::Reading;
 use crate::recording::{Header, RecordingError};
 use crate::sensor::SourceEvent;
@@ -23,6 +25,7 @@ use crate::sensor::i2c::{self, Chips};
 use crate::sensor::replay::Replay;
 use crate::sensor::serial::Bridge;
 use crate::sensor::simulator::Simulator;
+use crate::wall_clock;
 
 /// How many messages wait for the pipeline; then the source waits.
 const WAITING_MESSAGES: usize = 64;
@@ -56,6 +59,16 @@ struct RunningSource {
 }
 
 impl SourceTask {
+    /// The source as `DEVICE` names it.
+    pub(super) fn device(&self) -> Device {
+        Device {
+            path: self.name.clone(),
+            activated: wall_clock::now().map(date::rfc3339),
+            sensor: self.header.sensor.clone(),
+            bps: self.bps,
+        }
+    }
+
     /// Opens a log, or makes a simulated board. Chips and boards that are missing now may come yet.
     pub(super) fn open(config: &Config) -> Result<Self, DaemonError> {
         let mut header = Header::default();

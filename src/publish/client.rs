@@ -164,7 +164,7 @@ impl Client<'_> {
     }
 
     fn watch(&mut self, watch: &WatchRequest) {
-        let only = &self.feed.device.path;
+        let only = &self.feed.path;
         // gpsd's own library from 3.24 on asks for an empty one: all devices.
         if let Some(device) = &watch.device
             && !(device.is_empty() || device == only)

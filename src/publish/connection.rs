@@ -43,12 +43,20 @@ impl Connection {
 
     /// Writes all of this. The error is `TimedOut` where the other end has taken nothing for this long.
     pub(super) async fn write_all(&self, mut bytes: &[u8], patience: Duration) -> io::Result<()> {
+        // Linux wakes a writer only once most of the buffer is free: a client that reads slowly has then read all the same.
+        let mut waited_in_vain = false;
         while !bytes.is_empty() {
             match self.stream.get_ref().write(bytes) {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
-                Ok(count) => bytes = &bytes[count..],
+                Ok(count) => (bytes, waited_in_vain) = (&bytes[count..], false),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                    timeout(patience, self.room()).await??;
+                    if waited_in_vain {
+                        return Err(ErrorKind::TimedOut.into());
+                    }
+                    match timeout(patience, self.room()).await {
+                        Ok(room) => room?,
+                        Err(_) => waited_in_vain = true,
+                    }
                 }
                 Err(error) if error.kind() == ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),

@@ -69,6 +69,11 @@ impl Publisher {
         self.feed.send(Broadcast::Event(kind, last.clone()));
     }
 
+    /// The source has become another one at the same path.
+    pub fn device(&self, device: Device) {
+        self.feed.lock().device = device;
+    }
+
     /// Says whose raw readings will come, for clients that ask for them, now or later.
     pub fn board(&self, header: &Header) {
         let line: Arc<str> = raw::board(header).into();
@@ -98,7 +103,8 @@ impl Publisher {
 /// What the publisher and the clients share.
 #[derive(Debug)]
 pub(super) struct Feed {
-    pub(super) device: Device,
+    /// Path of the source.
+    pub(super) path: String,
     nmea: nmea::Settings,
     pub(super) clients: AtomicUsize,
     stale: Duration,
@@ -111,8 +117,9 @@ pub(super) struct Feed {
     latest: Mutex<Latest>,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Latest {
+    device: Device,
     heading: Option<Arc<PublishedHeading>>,
     /// By their kinds.
     events: [NumberedLine; 2],
@@ -189,14 +196,20 @@ impl Feed {
         stale: Duration,
     ) -> Self {
         Self {
-            device,
+            path: device.path.clone(),
             nmea,
             clients: AtomicUsize::new(0),
             stale,
             ring: broadcast::Sender::new(backlog),
             readings: OnceLock::new(),
             read: AtomicU64::new(0),
-            latest: Mutex::default(),
+            latest: Mutex::new(Latest {
+                device,
+                heading: None,
+                events: Default::default(),
+                board: Arc::default(),
+                cycle_s: None,
+            }),
         }
     }
 
@@ -216,12 +229,14 @@ impl Feed {
 
     /// The device, as `DEVICE` tells it.
     pub(super) fn device(&self) -> String {
-        gpsd::device(&self.device, self.lock().cycle_s)
+        let latest = self.lock();
+        gpsd::device(&latest.device, latest.cycle_s)
     }
 
     /// The same, as `DEVICES` tells it.
     pub(super) fn devices(&self) -> String {
-        gpsd::devices(&self.device, self.lock().cycle_s)
+        let latest = self.lock();
+        gpsd::devices(&latest.device, latest.cycle_s)
     }
 
     /// The latest event of each kind.
@@ -239,7 +254,7 @@ impl Feed {
         out.push_str(published.att.get_or_init(|| {
             let mut line = String::new();
             let time = published.time.as_deref();
-            gpsd::att_begin(&mut line, &self.device.path, &published.heading, time);
+            gpsd::att_begin(&mut line, &self.path, &published.heading, time);
             line
         }));
         let age_ms = published.taken.elapsed().as_millis();

@@ -55,13 +55,13 @@ impl Outputs {
         let mut tasks = JoinSet::new();
         let lines = |format| HeadingLines::new(publisher.feed.clone(), format);
         if let Some(to) = udp.to()
-            && let Some(socket) = opened("udp.to", to, udp::open(to))
+            && let Some(socket) = opened("udp.to", to, udp::open(to), WITHOUT)
         {
             tracing::info!("sending {} over UDP to {to}", udp.format.name());
             tasks.spawn(udp::run(socket, to, lines(udp.format)));
         }
         if let Some(listen) = tcp.listen() {
-            let listener = opened("tcp.listen", listen, tcp::open(listen));
+            let listener = opened("tcp.listen", listen, tcp::open(listen), "will try again");
             tasks.spawn(tcp::run(
                 listener,
                 listen,
@@ -70,7 +70,7 @@ impl Outputs {
             ));
         }
         if let Some(path) = pty.path()
-            && let Some(pty) = opened("pty.path", path.display(), pty::Pty::open(path))
+            && let Some(pty) = opened("pty.path", path.display(), pty::Pty::open(path), WITHOUT)
         {
             tracing::info!("writing NMEA 0183 to {}", path.display());
             tasks.spawn(pty.run(lines(Format::Nmea)));
@@ -84,10 +84,13 @@ impl Outputs {
     }
 }
 
-/// What was opened for a setting; an error is logged.
-fn opened<T>(key: &str, place: impl Display, opened: io::Result<T>) -> Option<T> {
+/// What follows from an output that cannot be had.
+const WITHOUT: &str = "headings go out without it";
+
+/// What was opened for a setting; an error is logged, with what follows.
+fn opened<T>(key: &str, place: impl Display, opened: io::Result<T>, follows: &str) -> Option<T> {
     let complain = |error: &io::Error| {
-        tracing::error!("cannot use {key} = \"{place}\": {error}; headings go out without it");
+        tracing::error!("cannot use {key} = \"{place}\": {error}; {follows}");
     };
     opened.inspect_err(complain).ok()
 }

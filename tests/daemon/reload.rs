@@ -62,11 +62,16 @@ fn clients_are_served_while_a_reload_waits_for_its_source() {
     assert_eq!(status["source"], log.to_str().unwrap());
     assert!(!process.said().contains("reloaded"), "{}", process.said());
 
-    pipe.write_all(&turning(0.1)).unwrap();
+    let other = String::from_utf8(turning(0.1)).unwrap();
+    let other = other.replacen("sensor = hmc5843", "sensor = hmc5883l", 1);
+    pipe.write_all(other.as_bytes()).unwrap();
     let last = seq(&client.find("ATT", |_| true));
     client.find("ATT", |att| seq(att) < last.min(20));
     let said = process.said();
     assert!(said.contains("reloaded: source.speed"), "{said}");
+    rig.client().find("DEVICES", |devices| {
+        devices["devices"][0]["subtype"] == "hmc5883l"
+    });
 
     // By now the source waits for the rest of the pipe, and does not end by itself.
     fs::remove_file(&log).unwrap();

@@ -6,7 +6,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use rustix::net::sockopt::{
-    set_socket_keepalive, set_tcp_keepcnt, set_tcp_keepidle, set_tcp_keepintvl,
+    set_socket_keepalive, set_socket_send_buffer_size, set_tcp_keepcnt, set_tcp_keepidle,
+    set_tcp_keepintvl,
 };
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
@@ -32,6 +33,10 @@ const PAUSE: Duration = Duration::from_secs(1);
 
 /// The longest pause before the port is tried again; the first is [`PAUSE`], doubled each time.
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
+
+/// What the system keeps for a client that does not read, bytes; it doubles that. A heading that waits in it is old: these are some
+/// five seconds of NMEA 0183, at ten headings a second.
+const SEND_BUFFER: usize = 4 << 10;
 
 settings! {
     /// Where clients connect.
@@ -113,6 +118,7 @@ pub(super) async fn run(
 /// Serves one client until it leaves, or takes nothing. What it sends is thrown away.
 async fn serve(mut stream: TcpStream, mut lines: HeadingLines) -> io::Result<()> {
     stream.set_nodelay(true)?;
+    set_socket_send_buffer_size(&stream, SEND_BUFFER)?;
     // Detects a client that has vanished, even while there are no headings to send.
     set_socket_keepalive(&stream, true)?;
     set_tcp_keepidle(&stream, KEEP_ALIVE.0)?;
