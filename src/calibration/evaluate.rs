@@ -204,7 +204,10 @@ impl<const D: usize> Work<'_, D> {
         };
         let pose = rest.pose?;
         let samples = &self.request.samples[self.plan.samples.clone()];
-        let first = &samples[..samples.len() / FIRST_PART];
+        // Over several turns a gyro of a wrong scale would have turned the frame.
+        let first_turn = self.request.turns.first();
+        let turn = first_turn.map_or(samples.len(), |turn| turn.samples.len().min(samples.len()));
+        let first = &samples[..turn / FIRST_PART];
         let begins = first.iter().filter(|sample| sample.pose.is_some()).count();
         let turned: Vec<Vector3<f64>> = seen[..begins]
             .iter()

@@ -26,6 +26,8 @@ const LEAST_SWING_MGAUSS: f64 = 20.0;
 
 /// A calibration needs at least this many samples.
 const LEAST_SAMPLES: usize = 20;
+/// One on a turn needs at least this many: steps of more than 15° count as gaps in its coverage.
+const LEAST_IN_TURN: usize = 24;
 
 /// Calibrates and fills in the outcome as far as it gets. The sentence of an acceptance, or a refusal.
 ///
@@ -65,6 +67,15 @@ pub fn calibrate(
             "the gyro shows no rotation, so nothing tells the plane of the turn",
         )
     })?;
+    if !request.turns.is_empty() && plan.samples.len() < LEAST_IN_TURN {
+        return Err(Refusal::new(
+            "too_few_samples",
+            format!(
+                "the turn has {} magnetometer samples; at least {LEAST_IN_TURN} are needed, one each 15 degrees",
+                plan.samples.len()
+            ),
+        ));
+    }
     outcome.mode = Some(plan.mode);
     outcome.model = Some(Model::Diagonal);
     outcome.samples.turn = plan.samples.len();

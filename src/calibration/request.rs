@@ -90,24 +90,25 @@ impl Request {
     }
 }
 
-/// The earliest sample at rest of the last seconds among these, which are in order of time and end where a turn begins. A turn
-/// begins gently, so that the last sample at rest may be one of the turn.
+/// The earliest sample at rest of the last seconds among these, which are in order of time and end where a turn begins, with the median
+/// field of that rest: a single sample may be a spike. A turn begins gently, so that the last sample at rest may be one of the turn.
 pub fn last_rest<'a>(
     samples: impl DoubleEndedIterator<Item = &'a FieldSample> + Clone,
 ) -> Option<FieldSample> {
     let ends_s = samples.clone().next_back()?.t_s;
     let mut earlier = samples.clone().rev();
     let lasts = samples
+        .clone()
         .rev()
         .take_while(|sample| ends_s - sample.t_s < REST_BEFORE_S);
     // Both go back in time, one ahead of the other.
     let mut first = earlier.next()?;
-    let mut rest = None;
+    let mut rest: Option<FieldSample> = None;
     for last in lasts {
         while last.t_s - first.t_s < REST_S {
             match earlier.next() {
                 Some(sample) => first = sample,
-                None => return rest,
+                None => return with_median_field(rest?, samples),
             }
         }
         let (Some(now), Some(then)) = (last.pose, first.pose) else {
@@ -118,7 +119,26 @@ pub fn last_rest<'a>(
             rest = Some(*first);
         }
     }
-    rest
+    with_median_field(rest?, samples)
+}
+
+/// A sample that begins a rest, with the median field of the rest, whose samples are among these.
+fn with_median_field<'a>(
+    rest: FieldSample,
+    samples: impl Iterator<Item = &'a FieldSample>,
+) -> Option<FieldSample> {
+    let lasts = rest.t_s..=rest.t_s + REST_S;
+    let resting = samples.filter(|sample| lasts.contains(&sample.t_s));
+    let mut fields: Vec<Vector3<f64>> = resting.map(|sample| sample.field_mgauss).collect();
+    let mut field_mgauss = Vector3::zeros();
+    for axis in 0..3 {
+        fields.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
+        field_mgauss[axis] = fields[fields.len() / 2][axis];
+    }
+    Some(FieldSample {
+        field_mgauss,
+        ..rest
+    })
 }
 
 /// Those of these samples, in order of time, that were taken from one moment to another. Both moments belong to it: between

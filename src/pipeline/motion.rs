@@ -69,7 +69,7 @@ impl Pipeline {
             Refusal::new(
                 "heading_uncertainty",
                 format!(
-                    "no full turn was made, and by motion headings are certain to {sd_deg:.1} degrees only (at most {limit_deg:.1}): move the board about, and {}",
+                    "no level full turn was made, and by motion headings are uncertain by {sd_deg:.1} degrees (at most {limit_deg:.1}): move the board about, and {}",
                     self.estimate.motion_wanted()
                 ),
             )
