@@ -83,6 +83,20 @@ const DOUBTED: usize = 8;
 /// accelerations sway with it.
 const UPRIGHT_S: f64 = 20.0;
 const UPRIGHT: std::ops::Range<f64> = 0.8..0.95;
+/// The same over a longer time, seconds: a board that stays upright for minutes may do so for hours, and what it learns wrongly adds up.
+const STAYS_UPRIGHT_S: f64 = 60.0;
+
+/// How surely a board whose up has this mean in body axes stays upright, 0 to 1.
+fn share(upright: &Vector3<f64>) -> f64 {
+    let beyond = upright.norm() - UPRIGHT.start;
+    (beyond / (UPRIGHT.end - UPRIGHT.start)).clamp(0.0, 1.0)
+}
+
+/// Takes away the vertical of a board that stays upright, body axes.
+fn across(upright: &Vector3<f64>) -> Matrix3<f64> {
+    let up = upright / upright.norm().max(1e-9);
+    Matrix3::identity() - up * up.transpose() * share(upright)
+}
 
 /// The filter, and the errors that it takes out of the gyro's rates.
 pub(super) struct GyroErrors {
@@ -95,6 +109,8 @@ pub(super) struct GyroErrors {
     velocity: Vector3<f64>,
     /// Mean of up in body axes.
     upright: Vector3<f64>,
+    /// The same over `STAYS_UPRIGHT_S`; 0 at first.
+    long_upright: Vector3<f64>,
     /// Mean squares of velocity and acceleration on an axis.
     speed2: f64,
     acceleration2: f64,
@@ -127,6 +143,7 @@ impl GyroErrors {
             up: None,
             velocity: Vector3::zeros(),
             upright: Vector3::zeros(),
+            long_upright: Vector3::zeros(),
             speed2: SPEED_M_S.powi(2),
             acceleration2: ACCELERATION_M_S2.powi(2),
             p,
@@ -255,10 +272,11 @@ impl GyroErrors {
         self.velocity = self.velocity * keep + left;
         let upright = window.mean_in_body(&up.normalize());
         self.upright += (upright - self.upright) * (dt / UPRIGHT_S);
+        self.long_upright += (upright - self.long_upright) * (dt / STAYS_UPRIGHT_S);
 
         // An error e of the rate, body axes, turns u by R e.
         let by_turn = -up.cross_matrix();
-        let seen = self.seen();
+        let seen = across(&self.upright);
         // Of the transition only the rows of u and v differ from the identity's.
         let mut step = SMatrix::<f64, 6, N>::identity();
         step.fixed_view_mut::<3, 3>(U, B)
@@ -292,14 +310,7 @@ impl GyroErrors {
 
     /// How surely the board stays upright, 0 to 1.
     pub(super) fn upright_share(&self) -> f64 {
-        let beyond = self.upright.norm() - UPRIGHT.start;
-        (beyond / (UPRIGHT.end - UPRIGHT.start)).clamp(0.0, 1.0)
-    }
-
-    /// Takes away the vertical of a board that stays upright, body axes.
-    fn seen(&self) -> Matrix3<f64> {
-        let up = self.upright / self.upright.norm().max(1e-9);
-        Matrix3::identity() - up * up.transpose() * self.upright_share()
+        share(&self.upright)
     }
 
     /// The board is at rest: its velocity is 0, and all specific force is gravity's.
@@ -332,8 +343,14 @@ impl GyroErrors {
         let Some(inverse) = (own + Matrix3::identity() * variance).try_inverse() else {
             return;
         };
-        let gain = cross * inverse;
-        self.p -= gain * cross.transpose();
+        let mut gain = cross * inverse;
+        if at != B {
+            self.hold_unseen(&mut gain);
+        }
+        // With a gain that holds states back P − K C − Cᵀ Kᵀ + K S Kᵀ is still their covariance.
+        let scattered = gain * (own + Matrix3::identity() * variance);
+        let learnt = gain * cross.transpose();
+        self.p += scattered * gain.transpose() - learnt - learnt.transpose();
         let change = gain * innovation;
         if let Some(up) = &mut self.up {
             *up += change.fixed_rows::<3>(U);
@@ -344,6 +361,20 @@ impl GyroErrors {
         self.bias = (self.bias + change.fixed_rows::<3>(B)).map(|bias| bias.clamp(-most, most));
         let rows = Matrix3::from_row_slice(change.fixed_rows::<9>(M).as_slice());
         self.matrix = (self.matrix + rows).map(|entry| entry.clamp(-MOST_MATRIX, MOST_MATRIX));
+    }
+
+    /// Takes the gyro's errors about the vertical of a board that stays upright, M's row for that axis, out of a gain: gravity does not show
+    /// them. While the board sways, the axis that is taken for the vertical sways with it and lets a little through. Where a motion repeats that
+    /// is always of the same sign: without this, rates about the vertical were off by a fifth after four hours.
+    fn hold_unseen(&self, gain: &mut SMatrix<f64, N, 3>) {
+        let seen = across(&self.long_upright);
+        for innovation in 0..3 {
+            let rows = gain.fixed_view::<9, 1>(M, innovation);
+            let rows = seen * Matrix3::from_row_slice(rows.as_slice());
+            for entry in 0..9 {
+                gain[(M + entry, innovation)] = rows[(entry / 3, entry % 3)];
+            }
+        }
     }
 
     /// Forgets three states, and how they go with others.

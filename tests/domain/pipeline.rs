@@ -7,7 +7,7 @@ use headingd::condition::Condition;
 use headingd::heading::Heading;
 use headingd::pipeline::{Action, Event, Pipeline, Setup, Survey, Surveyed};
 use headingd::reading::Reading;
-use headingd::sensor::simulator::Settings;
+use headingd::sensor::simulator::{Scenario, Settings, Simulator};
 use nalgebra::{Vector2, Vector3};
 
 use crate::common::{apart_deg, rms, simulated, turn_errors_deg};
@@ -493,6 +493,39 @@ fn what_a_clipped_axis_taught_before_it_was_recognised_is_forgotten() {
     let apart = (0..3).map(|axis| (silent[axis] - declared[axis]).abs());
     // Noise is 2 mG. Were these samples kept, X would be off by 16 mG.
     assert!(apart.fold(0.0, f64::max) < 2.0, "{silent:?} {declared:?}");
+}
+
+/// Level turns and sways that repeat, without a rest that is long enough to be one. Each time a little leaks into what is learnt of the gyro
+/// about the vertical, always of the same sign.
+#[test]
+fn a_motion_that_repeats_for_hours_teaches_no_wrong_gyro() {
+    let lasts_s = 9600.0;
+    let settings = Settings {
+        scenario: Scenario::Endless,
+        ..Settings::default()
+    };
+    let mut pipeline = Pipeline::new(Setup::default(), None);
+    let (mut actions, mut errors_deg) = (Vec::new(), Vec::new());
+    let entries = Simulator::new(settings).take_while(|entry| entry.reading.t_s < lasts_s);
+    for entry in entries {
+        pipeline.handle(Event::Reading(entry.reading), &mut actions);
+        for action in std::mem::take(&mut actions) {
+            match action {
+                Action::Publish(heading) if heading.t_s > lasts_s - 600.0 => {
+                    let truth = entry.heading_truth_rad.unwrap().to_degrees();
+                    errors_deg.push(apart_deg(heading.fused_deg.unwrap(), truth));
+                }
+                Action::Calibrate(request) => {
+                    let outcome = Box::new(calibrate(&request, &|| None));
+                    pipeline.handle(Event::Calibrated(outcome), &mut actions);
+                    actions.clear();
+                }
+                _ => {}
+            }
+        }
+    }
+    let error_deg = rms(&errors_deg);
+    assert!(error_deg < 0.25, "{error_deg}");
 }
 
 /// It never learns the vertical field, which at this dip its headings do not need.
