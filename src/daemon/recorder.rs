@@ -1,7 +1,7 @@
 //! Writes raw readings into logs, on a thread of its own: a slow or full disk delays no heading.
 
 use std::cell::Cell;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufWriter, ErrorKind};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
@@ -171,6 +171,10 @@ impl Destination {
                 (path, file)
             }
             Self::File(path) => {
+                // Whoever reads the log that was there, as a daemon that replays it, reads on.
+                if fs::symlink_metadata(path).is_ok_and(|found| found.is_file()) {
+                    let _ = fs::remove_file(path);
+                }
                 let file = File::create(path).map_err(RecordError::of(true, path))?;
                 (path.clone(), file)
             }
@@ -335,8 +339,6 @@ fn record(
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
-
     use super::*;
 
     #[test]
@@ -369,5 +371,16 @@ mod tests {
         assert!(folder.path().join("record-000003.csv").exists());
         assert!(attempt(0).is_err());
         assert!(folder.path().join("record-000003.csv").exists());
+    }
+
+    #[test]
+    fn a_log_that_is_replaced_is_read_to_its_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.csv");
+        fs::write(&path, "old").unwrap();
+        let reader = File::open(&path).unwrap();
+        Destination::File(path.clone()).open().unwrap();
+        assert_eq!(io::read_to_string(reader).unwrap(), "old");
+        assert_eq!(fs::read(path).unwrap(), b"");
     }
 }
