@@ -174,25 +174,22 @@ async fn read_from(
         }
         let whole = line.ends_with(b"\n");
         if !std::mem::replace(&mut too_long, !whole) && whole {
-            let Some(fix) = tpv::read(&line) else {
+            let Some((position, since_1970)) = tpv::read(&line) else {
                 continue;
             };
             if !std::mem::replace(&mut found, true) {
                 tracing::info!(
-                    latitude_deg = fix.0.latitude_deg,
-                    longitude_deg = fix.0.longitude_deg,
+                    latitude_deg = position.latitude_deg,
+                    longitude_deg = position.longitude_deg,
                     "position from the gpsd at {gpsd}"
                 );
             }
-            take(fix, fixes);
+            take(position, since_1970, fixes);
         }
     }
 }
 
-fn take(
-    (position, since_1970): (Position, Option<Duration>),
-    fixes: &watch::Sender<Option<GpsFix>>,
-) {
+fn take(position: Position, since_1970: Option<Duration>, fixes: &watch::Sender<Option<GpsFix>>) {
     let before = *fixes.borrow();
     let known = before.and_then(|fix| fix.since_1970);
     fixes.send_replace(Some(GpsFix {
@@ -214,8 +211,8 @@ mod tests {
             altitude_m: 0.0,
         };
         let since_1970 = Duration::from_secs(1_790_000_000);
-        take((position, Some(since_1970)), &sender);
-        take((position, None), &sender);
+        take(position, Some(since_1970), &sender);
+        take(position, None, &sender);
         let (known, _) = fixes.borrow().unwrap().since_1970.unwrap();
         assert_eq!(known, since_1970);
     }

@@ -130,15 +130,12 @@ fn with_median_field<'a>(
     let lasts = rest.t_s..=rest.t_s + REST_S;
     let resting = samples.filter(|sample| lasts.contains(&sample.t_s));
     let mut fields: Vec<Vector3<f64>> = resting.map(|sample| sample.field_mgauss).collect();
-    let mut field_mgauss = Vector3::zeros();
+    let mut found = rest;
     for axis in 0..3 {
         fields.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
-        field_mgauss[axis] = fields[fields.len() / 2][axis];
+        found.field_mgauss[axis] = fields.get(fields.len() / 2)?[axis];
     }
-    Some(FieldSample {
-        field_mgauss,
-        ..rest
-    })
+    Some(found)
 }
 
 /// Those of these samples, in order of time, that were taken from one moment to another. Both moments belong to it: between
