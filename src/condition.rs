@@ -119,10 +119,10 @@ pub fn wrong_gyro(reason: &str) -> &'static str {
         "gyro_clipped" => "the board turns faster than the gyro can measure: turn it more slowly",
         "gyro_dead" => "the field turns and the gyro reads a constant: check its wiring",
         "gyro_sign" => {
-            "gyro and field turn different ways: check the gyro's axes and signs in [mounting]"
+            "gyro and field turn different ways: check the gyro's axes and signs (in [mounting] or the header) and its unit"
         }
         _ => {
-            "gyro and field differ by more than 5 % in how far the board turns: check the gyro's range"
+            "gyro and field differ by more than 5 % in how far the board turns: check the gyro's range and unit"
         }
     }
 }

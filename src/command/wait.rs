@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::control::{self, ControlTarget, exchange};
 use super::headings::{Headings, reason_text};
 use super::progress::Progress;
-use super::{Failure, print, tell, text};
+use super::{Failure, print, print_json, tell, text};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 
@@ -65,6 +65,10 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
             // The verdict may be on its way: a second look decides.
             if over && given_up {
                 let message = "given up: somebody has cancelled it, or locked the calibration";
+                drop(show);
+                if json {
+                    print_json(&json!({"ok": false, "code": "cancelled", "message": message}))?;
+                }
                 return Err(Failure::new(Failure::REFUSED, message));
             }
             given_up = over;
