@@ -236,4 +236,8 @@ fn a_running_daemon_is_reported_on() {
     }
     let (status, _, err) = headingd(&["report", "--socket", "/none.sock", "--out", "-"]);
     assert_eq!(status, 69, "{err}");
+    // What cannot be written is refused before a day of listening.
+    let folder = rig.text("");
+    let (status, _, err) = headingd(&[&report[..], &[&folder, "--duration", "86400"]].concat());
+    assert!(status == 73 && err.contains("it is a folder"), "{err}");
 }
