@@ -276,25 +276,6 @@ fn log_rows_are_found_and_timed_by_the_device() {
 }
 
 #[test]
-fn a_device_whose_header_named_units_is_not_read_in_others_when_it_comes_back() {
-    at_once(&[(Protocol::LogRows, ())], |rig, ()| {
-        let header = "# headingd-log 1\r\n# mag_unit = uT\r\nt_s,mx,my,mz\r\n";
-        let row = || "{t},10,20,30\r\n".to_owned();
-        let device = rig.plug(Firmware::Plain(header.into(), row()));
-        rig.readings(5);
-        device.unplug();
-        assert_eq!(rig.trouble().0, "unplugged");
-        // It is not reset, as over Bluetooth.
-        let _device = rig.plug(Firmware::Plain(Vec::new(), row()));
-        let (code, message) = rig.trouble();
-        assert!(
-            code == "not_understood" && message.contains("its header was lost"),
-            "{code}: {message}"
-        );
-    });
-}
-
-#[test]
 fn whatever_comes_instead_has_one_message() {
     fn noise() -> Firmware {
         Firmware::Flood((0..200u32).map(|i| (i * 97 + 131) as u8 | 0x80).collect())
