@@ -12,18 +12,19 @@ impl Estimate {
     /// Strength of the field, milligauss, rounded to two digits, if the earth's is nowhere like that.
     pub fn impossible_mgauss(&self) -> Option<f64> {
         let raw = self.last.map_or(0.0, |last| last.field_mgauss.norm());
-        let (strength, sd) = if raw > MOST_RAW_MGAUSS {
-            (raw, 0.0)
+        let (strength, measured, sd) = if raw > MOST_RAW_MGAUSS {
+            (raw, raw, 0.0)
         } else if self.active.begun {
+            let strength = self.active.strength_mgauss();
+            // The vertical field of a board that stays level is not measured.
+            let measured = match self.measured_axes() == [true; 3] {
+                true => strength,
+                false => self.horizontal_mgauss(),
+            };
             let sd = self.active.field_covariance().trace().sqrt();
-            (self.active.strength_mgauss(), sd)
+            (strength, measured, sd)
         } else {
             return None;
-        };
-        // The vertical field of a board that stays level is not measured.
-        let measured = match self.active.begun && self.measured_axes() != [true; 3] {
-            true => strength.min(self.horizontal_mgauss()),
-            false => strength,
         };
         let (least, most) = (measured - CERTAIN * sd, strength + CERTAIN * sd);
         let possible = most >= *EARTH_MGAUSS.start() && least <= *EARTH_MGAUSS.end();

@@ -297,3 +297,13 @@ fn what_motion_teaches_is_kept_after_a_start_from_a_turns_calibration() {
         .expect("none was kept");
     assert!(kept.calibration.is_some_and(|one| one.covariance.is_some()));
 }
+
+/// The field's vertical part is not measured on a board that turns level, and its horizontal part alone is a field of the earth.
+#[test]
+fn a_raw_field_that_no_compass_works_in_is_a_fault_on_a_level_board_too() {
+    let mut board = Board::rested(Some(planar(0.0)));
+    board.turn(400.0);
+    board.bias_mgauss += Vector3::new(0.0, 0.0, 20_000.0);
+    board.rest(1.0);
+    assert_eq!(board.state(), ("fault", "field_unit"));
+}
