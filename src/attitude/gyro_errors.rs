@@ -340,17 +340,17 @@ impl GyroErrors {
     fn correct(&mut self, at: usize, innovation: &Vector3<f64>, variance: f64) {
         let cross: SMatrix<f64, N, 3> = self.p.fixed_columns::<3>(at).into();
         let own: Matrix3<f64> = cross.fixed_rows::<3>(at).into();
-        let Some(inverse) = (own + Matrix3::identity() * variance).try_inverse() else {
+        let scatter = own + Matrix3::identity() * variance;
+        let Some(inverse) = scatter.try_inverse() else {
             return;
         };
         let mut gain = cross * inverse;
         if at != B {
             self.hold_unseen(&mut gain);
         }
-        // With a gain that holds states back P − K C − Cᵀ Kᵀ + K S Kᵀ is still their covariance.
-        let scattered = gain * (own + Matrix3::identity() * variance);
+        // P − K Cᵀ − C Kᵀ + K S Kᵀ holds for any gain K, also for one that holds states back.
         let learnt = gain * cross.transpose();
-        self.p += scattered * gain.transpose() - learnt - learnt.transpose();
+        self.p += gain * scatter * gain.transpose() - learnt - learnt.transpose();
         let change = gain * innovation;
         if let Some(up) = &mut self.up {
             *up += change.fixed_rows::<3>(U);

@@ -26,7 +26,7 @@ const LEAST_SWING_MGAUSS: f64 = 20.0;
 
 /// A calibration needs at least this many samples.
 const LEAST_SAMPLES: usize = 20;
-/// One on a turn needs at least this many: steps of more than 15° count as gaps in its coverage.
+/// A calibration on a turn needs at least this many: steps of more than 15° count as gaps in its coverage.
 const LEAST_IN_TURN: usize = 24;
 
 /// Calibrates and fills in the outcome as far as it gets. The sentence of an acceptance, or a refusal.

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 
+use super::medians::median;
 use super::settings::Settings;
 use super::verdict::Limits;
 use crate::attitude::Pose;
@@ -91,24 +92,38 @@ impl Request {
 }
 
 /// The earliest sample at rest of the last seconds among these, which are in order of time and end where a turn begins, with the median
-/// field of that rest: a single sample may be a spike. A turn begins gently, so that the last sample at rest may be one of the turn.
+/// field of that rest: a single sample may be a spike.
 pub fn last_rest<'a>(
+    samples: impl DoubleEndedIterator<Item = &'a FieldSample> + Clone,
+) -> Option<FieldSample> {
+    let mut rest = begin_of_last_rest(samples.clone())?;
+    let lasts = rest.t_s..=rest.t_s + REST_S;
+    let resting = samples.filter(|sample| lasts.contains(&sample.t_s));
+    let fields: Vec<Vector3<f64>> = resting.map(|sample| sample.field_mgauss).collect();
+    for axis in 0..3 {
+        let mut values: Vec<f64> = fields.iter().map(|field| field[axis]).collect();
+        rest.field_mgauss[axis] = median(&mut values)?;
+    }
+    Some(rest)
+}
+
+/// The sample that rest began with. A turn begins gently, so that the last sample at rest may be one of the turn.
+fn begin_of_last_rest<'a>(
     samples: impl DoubleEndedIterator<Item = &'a FieldSample> + Clone,
 ) -> Option<FieldSample> {
     let ends_s = samples.clone().next_back()?.t_s;
     let mut earlier = samples.clone().rev();
     let lasts = samples
-        .clone()
         .rev()
         .take_while(|sample| ends_s - sample.t_s < REST_BEFORE_S);
     // Both go back in time, one ahead of the other.
     let mut first = earlier.next()?;
-    let mut rest: Option<FieldSample> = None;
+    let mut rest = None;
     for last in lasts {
         while last.t_s - first.t_s < REST_S {
             match earlier.next() {
                 Some(sample) => first = sample,
-                None => return with_median_field(rest?, samples),
+                None => return rest,
             }
         }
         let (Some(now), Some(then)) = (last.pose, first.pose) else {
@@ -119,23 +134,7 @@ pub fn last_rest<'a>(
             rest = Some(*first);
         }
     }
-    with_median_field(rest?, samples)
-}
-
-/// A sample that begins a rest, with the median field of the rest, whose samples are among these.
-fn with_median_field<'a>(
-    rest: FieldSample,
-    samples: impl Iterator<Item = &'a FieldSample>,
-) -> Option<FieldSample> {
-    let lasts = rest.t_s..=rest.t_s + REST_S;
-    let resting = samples.filter(|sample| lasts.contains(&sample.t_s));
-    let mut fields: Vec<Vector3<f64>> = resting.map(|sample| sample.field_mgauss).collect();
-    let mut found = rest;
-    for axis in 0..3 {
-        fields.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
-        found.field_mgauss[axis] = fields.get(fields.len() / 2)?[axis];
-    }
-    Some(found)
+    rest
 }
 
 /// Those of these samples, in order of time, that were taken from one moment to another. Both moments belong to it: between

@@ -63,7 +63,10 @@ impl Ring {
     fn makes_room(&self) -> bool {
         match ring::remove_oldest(&self.settings.directory) {
             Ok(Some(oldest)) => {
-                tracing::info!("the disk is full: {} was removed", oldest.display());
+                tracing::info!(
+                    "the disk is full: removed the oldest log {}",
+                    oldest.display()
+                );
                 true
             }
             Ok(None) | Err(_) => false,

@@ -31,7 +31,7 @@ impl Pipeline {
         ];
         let outcome =
             Outcome::of_motion(self.learnt_calibration()?, self.estimate.measured_axes())?;
-        let outcome = match self.objection_to_motion() {
+        let outcome = match self.objection_to_motion(&limits) {
             Some(refusal) => outcome.refused(refusal),
             None => outcome,
         };
@@ -48,28 +48,25 @@ impl Pipeline {
         })
     }
 
-    fn objection_to_motion(&self) -> Option<Refusal> {
+    fn objection_to_motion(&self, [_, predicted, certain]: &[Limit; 3]) -> Option<Refusal> {
         if let Some(refusal) = self.objection_to_gyro() {
             return Some(refusal);
         }
         if let Some(strength) = self.estimate.impossible_mgauss() {
             return Some(Refusal::new("field_unit", wrong_strength(strength)));
         }
-        if self.estimate.disturbed() {
+        if !predicted.is_kept() {
             return Some(Refusal::new(
                 "outliers",
                 "at the end of the log the field is not what the motion predicts: something magnetic came or went",
             ));
         }
-        let (sd_deg, limit_deg) = (
-            self.estimate.north_sd_deg(),
-            self.setup.pipeline.good_sd_deg,
-        );
-        (sd_deg > limit_deg).then(|| {
+        (!certain.is_kept()).then(|| {
+            let (sd_deg, most_deg) = (certain.measured, self.setup.pipeline.good_sd_deg);
             Refusal::new(
                 "heading_uncertainty",
                 format!(
-                    "no level full turn was made, and by motion headings are uncertain by {sd_deg:.1} degrees (at most {limit_deg:.1}): move the board about, and {}",
+                    "no level full turn was made, and by motion headings are uncertain by {sd_deg:.1} degrees (at most {most_deg:.1}): move the board about, and {}",
                     self.estimate.motion_wanted()
                 ),
             )

@@ -34,7 +34,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 /// The longest pause before the port is tried again; the first is [`PAUSE`], doubled each time.
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);
 
-/// What the system keeps for a client that does not read, bytes; it doubles that. A heading that waits in it is old: these are some
+/// What the system keeps for a client that does not read, bytes; it doubles that. Headings that wait there grow old: this holds some
 /// five seconds of NMEA 0183, at ten headings a second.
 const SEND_BUFFER: usize = 4 << 10;
 
