@@ -13,6 +13,7 @@ use rustix::buffer::spare_capacity;
 use rustix::event::{Timespec, epoll};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
+use crate::PATIENT;
 use crate::health::{resident_bytes, running_time};
 use crate::rig::{LONG, PATIENCE, Rig};
 
@@ -30,12 +31,12 @@ const FILES: u64 = 2 * MANY as u64 + 100;
 
 pub fn soak(length: Duration) {
     raise_limit_of_files();
-    let rig = Rig::new(1.0, &format!("{LONG}mag_rate_hz = {RATE_HZ}\n"));
+    let rig = Rig::new(1.0, &format!("{LONG}mag_rate_hz = {RATE_HZ}\n{PATIENT}"));
     let config = rig.path("headingd.toml");
     let text = fs::read_to_string(&config).unwrap();
     // One that takes nothing is kept to the end.
-    let places = format!("max_clients = {}\nwrite_timeout_s = 60", MANY + 1);
-    fs::write(&config, text.replace("backlog = 4096", &places)).unwrap();
+    let places = format!("[socket]\nmax_clients = {}\nwrite_timeout_s = 60", MANY + 1);
+    fs::write(&config, text.replace("[socket]", &places)).unwrap();
     let mut process = rig.start();
 
     let begun = Instant::now();

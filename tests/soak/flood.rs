@@ -5,6 +5,7 @@ use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
+use crate::PATIENT;
 use crate::rig::{LONG, Rig};
 
 const FLOODERS: usize = 31;
@@ -33,7 +34,7 @@ pub fn soak(length: Duration) {
 
 /// How late the headings were at the 99th percentile.
 fn flood(length: Duration) -> Duration {
-    let rig = Rig::new(1.0, LONG);
+    let rig = Rig::new(1.0, &format!("{LONG}{PATIENT}"));
     let (mut process, mut client) = rig.watched();
     let begun = Instant::now();
     let mut flooders = Vec::new();

@@ -27,6 +27,10 @@ use std::time::Duration;
 /// Without an argument.
 const SHORT: Duration = Duration::from_secs(10);
 
+/// Where every heading must arrive: a machine that stands still for half a second makes headings stale, and those are rightly sent
+/// to nobody.
+const PATIENT: &str = "[heading]\nstale_s = 10\n";
+
 /// The flood is the same all the time.
 const FLOOD: Duration = Duration::from_secs(20);
 
