@@ -13,6 +13,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::attitude::{BoardMotion, BoardState, GyroBias};
 use crate::calibration::model::Calibration;
 use crate::frame::Mounting;
+use crate::reading::STRONGEST_MGAUSS;
 use crate::true_north::EarthField;
 
 mod checkpoint;
@@ -394,7 +395,7 @@ impl Estimate {
         if let Some(kept) = self.kept_alone() {
             return kept::measured_axes(kept, &self.mounting);
         }
-        let limit = MEASURED * self.strength_mgauss().max(1.0);
+        let limit = MEASURED * self.strength_mgauss().clamp(1.0, STRONGEST_MGAUSS);
         let sd = self.active.bias_sd_mgauss();
         std::array::from_fn(|axis| sd[axis] < limit)
     }

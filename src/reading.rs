@@ -7,9 +7,12 @@ use std::ops::RangeInclusive;
 
 use nalgebra::Vector3;
 
-/// Strengths of a field that may be the earth's, milligauss: it has 220 to 670. A compass that finds less than half or more than twice
-/// that reads its magnetometer in a wrong unit or range.
-pub const EARTH_MGAUSS: RangeInclusive<f64> = 110.0..=1340.0;
+/// The strongest field of the earth, milligauss.
+pub const STRONGEST_MGAUSS: f64 = 670.0;
+
+/// Strengths that a compass may find, milligauss: half to twice the earth's 220 to 670. Outside, its magnetometer's unit or range is
+/// wrong.
+pub const EARTH_MGAUSS: RangeInclusive<f64> = 110.0..=2.0 * STRONGEST_MGAUSS;
 
 /// Standard gravity, m/s².
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.80665;

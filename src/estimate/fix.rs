@@ -6,7 +6,7 @@ use super::strength::MOST_RAW_MGAUSS;
 use super::{Estimate, Fix, Sample, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
-use crate::reading::EARTH_MGAUSS;
+use crate::reading::STRONGEST_MGAUSS;
 
 /// Deviation of a heading of which nothing is known, degrees: half a turn.
 pub const UNKNOWN_SD_DEG: f64 = 180.0;
@@ -95,7 +95,7 @@ impl Estimate {
         let down = pose.orientation.inverse_transform_vector(&down);
         let (vertical, horizontal) = level::split(seen, &down);
         // No field on earth has more.
-        let most2 = EARTH_MGAUSS.end().powi(2) - horizontal * horizontal;
+        let most2 = STRONGEST_MGAUSS.powi(2) - horizontal * horizontal;
         let vertical2 = (vertical * vertical + vertical_variance).min(most2.max(0.0));
         let tilted = down.z.clamp(-1.0, 1.0).acos();
         let tilt2 = (level::SD_RAD + 0.5 * tilted).powi(2) * vertical2;

@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::{FORGET_MOVING_S, Filter, Input, JITTER_S};
 use crate::estimate::covariance::{B, D, E, G, H, M, N, Q, S, Sensitivity, T, subtract};
 use crate::estimate::prior::SCALE;
+use crate::reading::STRONGEST_MGAUSS;
 
 /// Least white noise of a sample, milligauss; an HMC5883L's data sheet has 2.
 pub(super) const LEAST_NOISE_MGAUSS: f64 = 1.5;
@@ -169,13 +170,25 @@ impl Filter {
             * (Matrix3::identity() + w.cross_matrix() * lag)
             * to_body
             * (Matrix3::identity() + tilt.cross_matrix() * self.tilt_worth());
-        let by_tilt = by_field * -here.cross_matrix();
+        let by_tilt = by_field * -self.tilted(here).cross_matrix();
         Sensitivity {
             field: by_field,
             tilt: [by_tilt.column(0).into(), by_tilt.column(1).into()],
             lag: matrix * body_rate,
             row: body + body_rate * lag,
         }
+    }
+
+    /// The field that a tilt error tilts: its vertical part is taken to be as strong as it may be. What linearising neglects, the product
+    /// of both errors, lasts as long as the tilt error, and is no white noise.
+    fn tilted(&self, here: &Vector3<f64>) -> Vector3<f64> {
+        if !self.vertical_known {
+            return *here;
+        }
+        let known2 = here.z * here.z;
+        let most2 = known2.max(STRONGEST_MGAUSS.powi(2));
+        let vertical = (known2 + self.p[(H + 2, H + 2)]).min(most2).sqrt();
+        Vector3::new(here.x, here.y, vertical.copysign(here.z))
     }
 
     /// Variance of what is white in a sample of a board that turns at this rate, rad/s: noise, jitter, and the products of two
@@ -400,6 +413,27 @@ mod tests {
         let sample = Input::turning_at(Matrix3::identity(), Vector3::zeros(), earth);
         filter.correct(&sample, false);
         filter.p[(G + 2, G + 2)] / before
+    }
+
+    /// How far a sample moves for each radian of tilt error.
+    fn moved_by_tilt(vertical: f64, vertical_sd: f64) -> f64 {
+        let mut filter = Filter::new(&Prior::unknown());
+        filter.vertical_known = true;
+        filter.p[(H + 2, H + 2)] = vertical_sd.powi(2);
+        let input = Input::turning_at(Matrix3::identity(), Vector3::zeros(), Vector3::zeros());
+        let here = Vector3::new(0.0, 0.0, vertical);
+        let [tilt, _] = filter.sensitivity(&input, &here, &Vector3::zeros()).tilt;
+        tilt.norm()
+    }
+
+    #[test]
+    fn a_tilt_error_moves_a_sample_by_the_vertical_field_that_there_may_be() {
+        let moved = |vertical, sd| moved_by_tilt(vertical, sd).round();
+        assert_eq!(moved(-400.0, 0.0), 400.0);
+        assert_eq!(moved(0.0, 300.0), 300.0);
+        assert_eq!(moved(-400.0, 300.0), 500.0);
+        assert_eq!(moved(0.0, 5000.0), STRONGEST_MGAUSS);
+        assert_eq!(moved(1000.0, 5000.0), 1000.0);
     }
 
     #[test]

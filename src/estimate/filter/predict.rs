@@ -8,11 +8,10 @@ use super::{
 use crate::attitude::GYRO_BIAS_WALK_RAD_S;
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
 use crate::frame::angle_between_rad;
+use crate::reading::STRONGEST_MGAUSS;
 
 /// The second order of an uncertain gyro bias is small: any time near this one will do, seconds.
 const BIAS_DRAWN_S: f64 = 1.0;
-/// Upper limit of the expected strength, the strongest field on earth: uncertain iron makes the field uncertain, not stronger.
-const STRONGEST_MGAUSS: f64 = 670.0;
 /// Walk of the frame by a gyro's cross-axis errors, one standard deviation, radians per √rad turned.
 const GYRO_CROSS: f64 = 0.0028;
 /// Angle random walk of the frame, rad/√s (0.02 °/√s): data sheets state noise densities of 0.005 (MPU-6050) to 0.03 °/s/√Hz
@@ -53,6 +52,7 @@ impl Filter {
         let (r, dt, still) = (input.to_frame, input.period_s, input.board.still);
         let h = self.vector(H);
         let strength2 = h.norm_squared() + self.trace(H, 3);
+        // Uncertain iron makes the field uncertain, not stronger than any on earth.
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
         let w = input.turning();
         let turned_rad = self.turned_since_last(input);
