@@ -246,7 +246,6 @@ impl Daemon {
         })
     }
 
-    /// What corrects the field now: motion may have taught more than what is kept.
     fn active(&self) -> Option<ActiveSummary> {
         let calibration = self.session.pipeline.calibration()?;
         Some(ActiveSummary {
@@ -255,7 +254,6 @@ impl Daemon {
         })
     }
 
-    /// The earth's field where the board is, if that is known.
     fn reference(&self) -> Option<ReferenceSummary> {
         let field = self.session.north.field()?;
         Some(ReferenceSummary {
@@ -281,7 +279,6 @@ fn mode_answer(mode: Policy) -> Answer {
     Answer::done(message).with("mode", mode.word())
 }
 
-/// A calibration as `list`, `show` and `status` describe it.
 fn described(entry: &KeptCalibration, history: &History) -> CalibrationSummary {
     let Made {
         saved_unix_s,

@@ -34,7 +34,7 @@ impl Thread {
             .map_err(|source| DaemonError::Thread { name, source })
     }
 
-    /// Waits for the end of the work for as long as `patience`; whether it has come.
+    /// Waits up to `patience` for the work to end, and returns whether it did.
     pub(super) async fn end(self, patience: Duration) -> bool {
         let name = self.name;
         if timeout(patience, self.ended).await.is_err() {
