@@ -43,13 +43,14 @@ use crate::publish::server::{BindError, Publisher, Server};
 use crate::recording::RecordingError;
 use crate::service::{Service, sockets};
 use crate::store::StoreError;
+use disk::UNANSWERED;
 use inactivity::Inactivity;
 pub use listener::ListenError;
 pub use recorder::RecordError;
 pub use reload::NewConfig;
 use reload::Reload;
 use sensor_store::Running;
-use session::Session;
+use session::{DISK_PATIENCE, Session};
 use source_task::SourceTask;
 
 /// How many control requests wait for the pipeline; then their clients wait.
@@ -213,8 +214,6 @@ impl Daemon {
         let unusable = self.session.unusable.take();
         // Clients that still wait for an answer are told that none will come.
         drop(self.orders);
-        // A session that will not begin lets go of the store.
-        drop(self.reload);
         let served = async {
             match &ended {
                 // A task that has ended cannot be waited for again.
@@ -229,7 +228,14 @@ impl Daemon {
                 tracing::error!("the control socket has failed: {error}");
             }
         };
-        let (served, (), ()) = tokio::join!(served, controlled, self.session.close());
+        let closed = async {
+            // Only whoever holds the store last can wait for the disk: the session, and not a reload.
+            if !self.reload.close(DISK_PATIENCE).await && self.session.store.is_shared() {
+                tracing::error!("{UNANSWERED}");
+            }
+            self.session.close().await;
+        };
+        let (served, (), ()) = tokio::join!(served, controlled, closed);
         self.outputs.close().await;
         self.closing.join_all().await;
         ended?;

@@ -139,11 +139,8 @@ impl Service {
             return;
         }
         let overdue = |last: Option<Instant>, pace| last.is_none_or(|last| now >= last + pace);
-        if alive
-            && self.pace.is_some_and(|pace| overdue(self.alive, pace))
-            && self.say("WATCHDOG=1")
-        {
-            self.alive = Some(now);
+        if alive && self.pace.is_some_and(|pace| overdue(self.alive, pace)) {
+            self.alive(now);
         }
         let same = |told: &(String, Option<u16>, Instant)| {
             now < told.2 + STATUS_PACE || (told.0 == self.state && told.1 == self.heading_deg)
@@ -157,6 +154,13 @@ impl Service {
         };
         if self.say(&status(&format!("{}{heading}", self.state))) {
             self.told = Some((self.state.clone(), self.heading_deg, now));
+        }
+    }
+
+    /// Says that the daemon is alive, whether that is due or not, if the manager asks for it.
+    pub fn alive(&mut self, now: Instant) {
+        if self.pace.is_some() && self.say("WATCHDOG=1") {
+            self.alive = Some(now);
         }
     }
 

@@ -16,6 +16,10 @@ const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_sec
 /// How many jobs wait for the disk.
 const WAITING_JOBS: usize = 16;
 
+/// What is logged at the end of a daemon that has waited for the disk long enough.
+pub(super) const UNANSWERED: &str =
+    "the disk did not answer in time: the last calibration or setting may be lost";
+
 /// Told when something is on disk, or why it is not.
 pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
 
@@ -115,9 +119,7 @@ impl Disk {
     pub(super) async fn close(self, patience: Duration) {
         drop(self.queue);
         if !self.thread.end(patience).await {
-            tracing::error!(
-                "the disk did not answer in time: the last calibration or setting may be lost"
-            );
+            tracing::error!("{UNANSWERED}");
         }
     }
 }

@@ -1,6 +1,8 @@
 //! A reload: the next session is opened on a thread of its own while the present one goes on, and takes its place when it
 //! is ready.
 
+use std::time::{Duration, Instant};
+
 use tokio::sync::oneshot;
 
 use super::north::North;
@@ -25,6 +27,8 @@ pub struct NewConfig {
 #[derive(Default)]
 pub(super) struct Reload {
     prepared: Option<oneshot::Receiver<Result<Prepared, String>>>,
+    /// It may hold the store.
+    thread: Option<Thread>,
     next: Option<NewConfig>,
 }
 
@@ -48,8 +52,17 @@ impl Reload {
         };
         let failed = |_| Err("the thread of the reload panicked".to_owned());
         let prepared = prepared.await.unwrap_or_else(failed);
-        self.prepared = None;
+        (self.prepared, self.thread) = (None, None);
         prepared
+    }
+
+    /// Waits up to `patience` for the session that will not begin to let go of the store, and returns whether it did.
+    pub(super) async fn close(self, patience: Duration) -> bool {
+        drop(self.prepared);
+        match self.thread {
+            Some(thread) => thread.end(patience).await,
+            None => true,
+        }
     }
 }
 
@@ -69,9 +82,9 @@ impl Daemon {
             let _ = sender.send(prepare(new, &config, &running));
         };
         self.reload.prepared = Some(prepared);
-        if let Err(error) = Thread::start("reload", work) {
-            tracing::error!("{error}");
-        }
+        self.reload.thread = Thread::start("reload", work)
+            .inspect_err(|error| tracing::error!("{error}"))
+            .ok();
     }
 
     /// Goes on with the next session, or as before if it cannot be had. What stands in the way is logged.
@@ -117,9 +130,13 @@ impl Daemon {
                 let started = self.session.pipeline.wanted() == Some(Reason::Start);
                 self.counts.values_dropped = self.counts().values_dropped;
                 let last = std::mem::replace(&mut self.session, session);
+                // Those that have ended are forgotten: a daemon may reload for years.
+                while self.closing.try_join_next().is_some() {}
                 self.closing.spawn(last.close());
                 self.publisher.device(self.session.source.device());
                 self.start_session()?;
+                // The new source may be silent for seconds, and the last sign of life may be old: the watchdog begins anew.
+                self.service.alive(Instant::now());
                 if started {
                     self.handle(Event::Start);
                 }

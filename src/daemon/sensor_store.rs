@@ -117,6 +117,12 @@ impl SensorStore {
         }
     }
 
+    /// Whether another session has the same disk.
+    pub(super) fn is_shared(&self) -> bool {
+        let disk = self.disk.as_ref();
+        disk.is_some_and(|disk| Arc::strong_count(disk) > 1)
+    }
+
     /// Waits until everything is on disk, unless that takes longer than `patience`, or another session goes on writing
     /// there.
     pub(super) async fn close(self, patience: Duration) {

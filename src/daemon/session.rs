@@ -16,7 +16,7 @@ use crate::recording::TimeOfDay;
 use crate::store::Identity;
 
 /// What is still to be written is waited for this long: a stop takes less than a second.
-const DISK_PATIENCE: Duration = Duration::from_millis(600);
+pub(super) const DISK_PATIENCE: Duration = Duration::from_millis(600);
 
 /// Everything between the device and the clients, under one configuration.
 pub(super) struct Session {

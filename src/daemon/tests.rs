@@ -49,6 +49,18 @@ fn fed(folder: &Path, service: Service) -> (Daemon, mpsc::Sender<Events>) {
     (daemon, sender)
 }
 
+/// Reloads to a session with another source, which sends nothing before the next wait.
+async fn reload(daemon: &mut Daemon) {
+    let mut config = daemon.session.config.clone();
+    config.store.history = config.store.history % 100 + 1;
+    daemon.begin_reload(NewConfig {
+        load: Box::new(move || Ok(config)),
+        applied: Box::new(|_| ()),
+    });
+    let prepared = daemon.reload.prepared().await;
+    daemon.end_reload(prepared).await.unwrap();
+}
+
 fn reading() -> SourceEvent {
     let reading = Reading {
         t_s: 0.0,
@@ -116,4 +128,69 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
     };
     let ended = timeout(Duration::from_secs(60), daemon.run_until(script)).await;
     ended.unwrap().unwrap();
+}
+
+#[tokio::test]
+async fn after_a_reload_the_watchdog_begins_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let notify = folder.path().join("notify");
+    let manager = UnixDatagram::bind(&notify).unwrap();
+    manager.set_nonblocking(true).unwrap();
+    // No other sign of life is due in the time of the test.
+    let patience = Duration::from_secs(3600);
+    let service = Service::at(notify.to_str().unwrap(), Some(patience)).unwrap();
+    let (mut daemon, _) = fed(folder.path(), service);
+    let fresh = daemon.take(Some(vec![reading()]));
+    daemon.tick(fresh);
+    assert!(heard(&manager).contains(&"WATCHDOG=1".to_owned()));
+    reload(&mut daemon).await;
+    let words = heard(&manager);
+    assert!(words[0].starts_with("RELOADING=1"), "{words:?}");
+    assert_eq!(words[1..], ["WATCHDOG=1"]);
+}
+
+#[tokio::test]
+async fn sessions_that_have_ended_are_forgotten() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut daemon, _) = fed(folder.path(), Service::default());
+    for _ in 0..5 {
+        reload(&mut daemon).await;
+        // The one before has nothing to write, and ends now.
+        tokio::task::yield_now().await;
+    }
+    assert_eq!(daemon.closing.len(), 1);
+}
+
+#[tokio::test]
+async fn the_end_waits_for_a_reload_that_holds_the_store() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut daemon, _) = fed(folder.path(), Service::default());
+    let mut config = daemon.session.config.clone();
+    config.store.directory = folder.path().join("store");
+    let open = |config: &Config, running: &Running| {
+        let source = SourceTask::open(config).unwrap();
+        Session::open(source, config.clone(), running).unwrap()
+    };
+    daemon.session = open(&config, &Running::default());
+
+    // A reload to the same folder, which ends when it is told to.
+    let running = daemon.session.store.running();
+    let (holds, held) = oneshot::channel();
+    let (go, told) = std::sync::mpsc::channel();
+    daemon.begin_reload(NewConfig {
+        load: Box::new(move || {
+            let _session = open(&config, &running);
+            holds.send(()).unwrap();
+            told.recv().unwrap();
+            Err("told to end".to_owned())
+        }),
+        applied: Box::new(|_| ()),
+    });
+    held.await.unwrap();
+    assert!(daemon.session.store.is_shared());
+    let patience = Duration::from_secs(30);
+    let release = async { go.send(()).unwrap() };
+    let (closed, ()) = tokio::join!(daemon.reload.close(patience), release);
+    assert!(closed);
+    assert!(!daemon.session.store.is_shared());
 }
