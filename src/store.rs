@@ -107,23 +107,42 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the folder, or makes it. It writes a probe: better now than after the first turn. No other process can open
-    /// it until this and its clones are dropped; this one can.
+    /// Opens the folder, or makes it, and sees whether it can be written. No other process can open it until this and its
+    /// clones are dropped; this one can.
     ///
     /// # Errors
     ///
     /// When the folder cannot be made or used, or when another process has it.
     pub fn open(directory: &Path) -> Result<Self, StoreError> {
-        let fail = |error| StoreError::Directory(directory.to_owned(), error);
-        fs::create_dir_all(directory).map_err(fail)?;
-        let store = Self {
+        let store = Self::claim(directory)?;
+        store.probe()?;
+        Ok(store)
+    }
+
+    /// The same without a look whether the folder can be written: on a full disk too, nobody else gets it.
+    ///
+    /// # Errors
+    ///
+    /// When the folder cannot be made, or when another process has it.
+    pub fn claim(directory: &Path) -> Result<Self, StoreError> {
+        fs::create_dir_all(directory)
+            .map_err(|error| StoreError::Directory(directory.to_owned(), error))?;
+        Ok(Self {
             directory: directory.to_owned(),
             _lock: Some(Self::lock(directory)?),
-        };
-        disk::remove_leftovers(directory, FILE_NAME).map_err(fail)?;
-        let probe = disk::written(directory, FILE_NAME, b"probe").map_err(fail)?;
-        probe.close().map_err(fail)?;
-        Ok(store)
+        })
+    }
+
+    /// Writes a probe: better now than after the first turn.
+    ///
+    /// # Errors
+    ///
+    /// When the folder cannot be written.
+    pub fn probe(&self) -> Result<(), StoreError> {
+        let fail = |error| StoreError::Directory(self.directory.clone(), error);
+        disk::remove_leftovers(&self.directory, FILE_NAME).map_err(fail)?;
+        let probe = disk::written(&self.directory, FILE_NAME, b"probe").map_err(fail)?;
+        probe.close().map_err(fail)
     }
 
     fn lock(directory: &Path) -> Result<Arc<LockFile>, StoreError> {

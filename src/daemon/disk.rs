@@ -50,12 +50,16 @@ fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Disk {
     pub(super) fn open(directory: &Path) -> Result<Self, DaemonError> {
         let (newest, fault) = (Shared::default(), Shared::default());
-        let opened = match Store::open(directory) {
+        let (store, error) = match Store::claim(directory) {
             // Each would take the other's calibrations for a mistake.
             Err(error @ StoreError::InUse { .. }) => return Err(DaemonError::Store(error)),
-            opened => opened,
+            Err(error) => (None, Some(error)),
+            Ok(store) => {
+                let probed = store.probe();
+                (Some(store), probed.err())
+            }
         };
-        if let Err(error) = &opened {
+        if let Some(error) = &error {
             let message = with_remedy(error);
             tracing::error!("{message}; until then headings are served, but calibrations are lost");
             *lock(&fault) = Some(message);
@@ -63,11 +67,11 @@ impl Disk {
         let (queue, jobs) = mpsc::sync_channel(WAITING_JOBS);
         let writer = DiskWriter {
             directory: directory.to_owned(),
-            store: opened.ok(),
+            store,
             known: Contents::default(),
             newest: newest.clone(),
             unsaved: Contents::default(),
-            reopen: false,
+            reopen: error.is_some(),
             pause: PAUSES.0,
             fault: fault.clone(),
         };
@@ -180,7 +184,7 @@ struct DiskWriter {
     known: Contents,
     newest: Shared<Contents>,
     unsaved: Contents,
-    /// The next attempt opens the folder anew: it may be another by then. Until then it stays locked.
+    /// The next attempt opens the folder anew: it may be another by then. Until that succeeds, the last one stays locked.
     reopen: bool,
     pause: Duration,
     fault: Shared<Option<String>>,
@@ -189,7 +193,7 @@ struct DiskWriter {
 impl DiskWriter {
     fn run(mut self, jobs: &mpsc::Receiver<Job>) {
         loop {
-            let failing = !self.unsaved.sensors.is_empty() || self.store.is_none();
+            let failing = self.reopen || !self.unsaved.sensors.is_empty();
             let job = if failing {
                 jobs.recv_timeout(self.pause)
             } else {
@@ -281,12 +285,14 @@ impl DiskWriter {
     }
 
     fn save(&mut self) -> Result<(), StoreError> {
-        if std::mem::take(&mut self.reopen) {
-            self.store = None;
-        }
-        let store = match &mut self.store {
-            Some(store) => store,
-            none => none.insert(Store::open(&self.directory)?),
+        let store = match &self.store {
+            Some(store) if !self.reopen => store,
+            // It is open before the last one is dropped: no other daemon gets the folder in between.
+            _ => {
+                let opened = Store::open(&self.directory)?;
+                self.reopen = false;
+                self.store.insert(opened)
+            }
         };
         while let Some(history) = self.unsaved.sensors.last() {
             if let Some(aside) = store.save(history, self.known.find(&history.identity))? {
@@ -302,8 +308,23 @@ impl DiskWriter {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::{self, File};
+
     use super::*;
     use crate::frame::Mounting;
+
+    fn writer(folder: &Path) -> DiskWriter {
+        DiskWriter {
+            directory: folder.to_owned(),
+            store: Some(Store::open(folder).unwrap()),
+            known: Contents::default(),
+            newest: Shared::default(),
+            unsaved: Contents::default(),
+            reopen: false,
+            pause: PAUSES.0,
+            fault: Shared::default(),
+        }
+    }
 
     #[test]
     fn a_disk_that_hangs_keeps_the_newest_history_once_it_answers() {
@@ -333,14 +354,9 @@ mod tests {
         assert_eq!(disk.summary().state, "failing");
 
         let writer = DiskWriter {
-            directory: folder.path().to_owned(),
-            store: Some(Store::open(folder.path()).unwrap()),
-            known: Contents::default(),
             newest: disk.newest.clone(),
-            unsaved: Contents::default(),
-            reopen: false,
-            pause: PAUSES.0,
             fault: disk.fault.clone(),
+            ..writer(folder.path())
         };
         drop(disk.queue);
         writer.run(&jobs);
@@ -348,5 +364,34 @@ mod tests {
         assert_eq!(*lock(&disk.fault), None);
         let kept = Store::unchecked(folder.path()).load(&identity).unwrap();
         assert!(matches!(kept, Loaded::Found(history) if history.last_number == 2));
+    }
+
+    #[test]
+    fn a_folder_without_room_stays_locked() {
+        let folder = tempfile::tempdir().unwrap();
+        let is_locked = || {
+            let lock = File::open(folder.path().join(".lock"));
+            lock.unwrap().try_lock().is_err()
+        };
+        // A folder of this name cannot be removed as a file is, so that no store is opened here.
+        let obstacle = folder.path().join(".calibration.json.x.tmp");
+        let mut writer = writer(folder.path());
+        fs::create_dir(&obstacle).unwrap();
+        writer.reopen = true;
+        for _ in 0..2 {
+            writer.attempt().unwrap_err();
+            assert!(is_locked());
+        }
+        drop(writer);
+
+        let disk = Disk::open(folder.path()).unwrap();
+        assert_eq!(disk.summary().state, "failing");
+        assert!(is_locked());
+        fs::remove_dir(&obstacle).unwrap();
+        let (sender, answers) = mpsc::channel();
+        let history = History::new(Identity::new("hmc5843", Mounting::default()));
+        disk.save(history, Box::new(move |kept| sender.send(kept).unwrap()));
+        assert_eq!(answers.recv().unwrap(), Ok(()));
+        assert!(is_locked());
     }
 }
