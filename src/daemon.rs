@@ -16,6 +16,7 @@ mod orders;
 pub mod record;
 mod recorder;
 mod reload;
+mod remedy;
 mod ring;
 mod sensor_store;
 mod session;

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use super::DaemonError;
+use super::remedy::with_remedy;
 use super::thread::Thread;
 use crate::publish::control::status::StoreSummary;
 use crate::store::{Contents, History, Identity, Loaded, Store, StoreError};
@@ -128,17 +129,6 @@ impl Disk {
     }
 }
 
-/// The error, and what helps if it is the folder.
-fn with_remedy(error: &StoreError) -> String {
-    match error {
-        StoreError::Directory { .. } => format!(
-            "{error}; make room on the disk, set store.directory to a folder that this user may write, or start the \
-             daemon with StateDirectory=headingd in its systemd unit"
-        ),
-        other => other.to_string(),
-    }
-}
-
 fn load(store: &Store, identity: &Identity) -> Result<Option<History>, StoreError> {
     let path = store.path();
     let path = path.display();
@@ -243,11 +233,12 @@ impl DiskWriter {
             Err(error) => {
                 // A folder that cannot be used has been complained of.
                 if self.store.is_some() || !matches!(error, StoreError::Read { .. }) {
+                    let message = with_remedy(&error);
                     tracing::error!(
-                        "{error}; starting without a calibration: turn the board once, or bring back a good file and restart; \
-                         this one is set aside when there is a new calibration"
+                        "{message}; starting without a calibration: turn the board once, or bring back a good file and \
+                         restart; the next save (of a calibration, mode or mounting) sets this file aside"
                     );
-                    lock(&self.fault).get_or_insert(error.to_string());
+                    lock(&self.fault).get_or_insert(message);
                 }
                 None
             }
@@ -274,8 +265,8 @@ impl DiskWriter {
                 let message = with_remedy(&error);
                 if !told {
                     tracing::error!(
-                        "{message}; the active calibration stays active, but is lost when the daemon stops: make room \
-                         on the disk, or see to the folder's permissions; it is tried again"
+                        "{message}; the active calibration stays active, but is lost when the daemon stops; it is tried \
+                         again"
                     );
                 }
                 *lock(&self.fault) = Some(message.clone());

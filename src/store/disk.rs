@@ -79,9 +79,10 @@ pub(super) fn sync_folder(directory: &Path) -> io::Result<()> {
     }
 }
 
-/// Gives the file's content a second name, `<path>.<reason>-<n>`, n the first free number. The file itself stays
+/// Gives the file's content a second name, `<path>.<reason>-<n>`, n the first free number. A file that can be read stays
 /// until it is replaced, so that there is never a moment without one.
 pub(super) fn set_aside(path: &Path, reason: &str) -> io::Result<PathBuf> {
+    use io::ErrorKind::{InvalidInput, PermissionDenied};
     let mut number = 1_u32;
     loop {
         let mut name = path.as_os_str().to_owned();
@@ -97,7 +98,13 @@ pub(super) fn set_aside(path: &Path, reason: &str) -> io::Result<PathBuf> {
                     // An incomplete copy is worth nothing; the disk may be full.
                     let _ = fs::remove_file(&aside);
                 }
-                return copied.map(|()| aside);
+                return match copied {
+                    // What may not be read, or is a folder, is of no use where it is.
+                    Err(error) if matches!(error.kind(), PermissionDenied | InvalidInput) => {
+                        fs::rename(path, &aside).map(|()| aside)
+                    }
+                    copied => copied.map(|()| aside),
+                };
             }
             Err(_) => number += 1,
         }

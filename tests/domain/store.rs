@@ -688,3 +688,15 @@ fn a_pipe_in_place_of_the_file_is_not_waited_for() {
     assert!(aside.unwrap().ends_with("calibration.json.unreadable-1"));
     assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(right));
 }
+
+/// Neither a link nor a copy of it can be made, as of a file of root's that the daemon may not read.
+#[test]
+fn what_can_only_be_renamed_is_set_aside_too() {
+    let (_folder, store) = store();
+    fs::create_dir(store.path()).unwrap();
+    let good = history(planar());
+    let aside = store.save(&good, None).unwrap().unwrap();
+    assert!(aside.ends_with("calibration.json.unreadable-1"));
+    assert!(aside.is_dir());
+    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(good));
+}
