@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use super::runtime::{ENDS, Signals, runtime};
+use super::runtime::{ENDS, Signals, outlive_file_limits, runtime};
 use super::{Failure, config_file, number, refuse_overwrite, tell};
 use crate::config::source::Kind;
 use crate::daemon::record::Recording;
@@ -36,6 +36,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     Log::start(&config.log.filter);
     runtime()?.block_on(async {
+        outlive_file_limits()?;
         let mut signals = Signals::catch(&ENDS)?;
         let over = async {
             match args.duration {

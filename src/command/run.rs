@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use tokio::signal::unix::SignalKind;
 
-use super::runtime::{ENDS, Signals, runtime};
+use super::runtime::{ENDS, Signals, outlive_file_limits, runtime};
 use super::{Failure, config_file, log_status};
 use crate::config::Config;
 use crate::daemon::{Daemon, DaemonError, NewConfig, Notice};
@@ -57,6 +57,7 @@ fn serve(args: &Args) -> Result<(), Failure> {
     let service = Service::from_env();
     let on_terminal = io::stderr().is_terminal();
     runtime()?.block_on(async {
+        outlive_file_limits()?;
         // Before the socket is there: whoever sees it may send a signal.
         let mut signals = Signals::catch(&[&ENDS[..], &[SignalKind::user_defined1()]].concat())?;
         let daemon = Daemon::open(&config, service).map_err(|error| match error {

@@ -21,6 +21,16 @@ pub(super) const ENDS: [SignalKind; 3] = [
     SignalKind::hangup(),
 ];
 
+/// Where files may not grow beyond a limit (`ulimit -f`), a write that would is an error, as on a full disk, and not the end of
+/// the process. Needs a runtime.
+pub(super) fn outlive_file_limits() -> Result<(), Failure> {
+    let kind = SignalKind::from_raw(libc::SIGXFSZ);
+    // Once caught it stays so, whether or not anybody listens.
+    signal(kind)
+        .map(drop)
+        .or_fail(Failure::SYSTEM, "cannot catch signals")
+}
+
 /// Signals that are caught from now on.
 pub(super) struct Signals {
     caught: mpsc::Receiver<SignalKind>,
