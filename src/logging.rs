@@ -4,14 +4,16 @@ mod repeats;
 
 use std::env;
 use std::io::{self, IsTerminal};
+use std::time::Instant;
 
 use rustix::fs::fstat;
+use tokio::time::sleep;
 use tracing_journald::{Priority, PriorityMappings};
 use tracing_subscriber::filter::{LevelFilter, ParseError, Targets};
 use tracing_subscriber::prelude::*;
 use tracing_subscriber::{Layer, Registry, fmt, reload};
 
-use repeats::Repeats;
+use repeats::{LeftOut, Repeats, WINDOW};
 
 /// The environment variable that takes the place of `log.filter`.
 const FILTER_VARIABLE: &str = "RUST_LOG";
@@ -20,6 +22,7 @@ const FILTER_VARIABLE: &str = "RUST_LOG";
 pub struct Log {
     /// None if the environment has a filter of its own, which stays.
     filter: Option<reload::Handle<Targets, Registry>>,
+    left_out: LeftOut,
 }
 
 impl Log {
@@ -35,9 +38,11 @@ impl Log {
             None => (targets(filter), false, None),
         };
         let (chosen, handle) = reload::Layer::new(chosen);
+        let repeats = Repeats::of(output());
+        let left_out = repeats.left_out();
         tracing_subscriber::registry()
             .with(chosen)
-            .with(Repeats::of(output()))
+            .with(repeats)
             .init();
         if let Some((text, error)) = wrong {
             tracing::warn!(
@@ -46,7 +51,23 @@ impl Log {
         }
         Self {
             filter: (!own).then_some(handle),
+            left_out,
         }
+    }
+
+    /// Does the work, and says meanwhile and at its end how many lines were left out. Needs a runtime.
+    pub async fn tell_left_out<T>(&self, work: impl Future<Output = T>) -> T {
+        let left_out = self.left_out.clone();
+        let regularly = tokio::spawn(async move {
+            loop {
+                sleep(WINDOW).await;
+                left_out.tell(Instant::now());
+            }
+        });
+        let ended = work.await;
+        regularly.abort();
+        self.left_out.tell_all();
+        ended
     }
 
     /// Takes another filter from the configuration.

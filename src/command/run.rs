@@ -88,7 +88,7 @@ fn serve(args: &Args) -> Result<(), Failure> {
                 })
             }
         };
-        Ok(daemon.run(order).await?)
+        Ok(log.tell_left_out(daemon.run(order)).await?)
     })
 }
 

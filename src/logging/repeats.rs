@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::fmt::{Debug, Write};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use tracing::callsite::Identifier;
@@ -15,7 +15,7 @@ use tracing_subscriber::layer::Context;
 const MOST: u32 = 5;
 
 /// … in this time; the rest are counted.
-const WINDOW: Duration = Duration::from_secs(10);
+pub(super) const WINDOW: Duration = Duration::from_secs(10);
 
 /// This module's lines are never suppressed: they say what was changed, and who asked.
 const CHANGES: &str = "headingd::publish::control::changes";
@@ -23,34 +23,35 @@ const CHANGES: &str = "headingd::publish::control::changes";
 /// Another layer, which is spared repetitions.
 pub(super) struct Repeats<L> {
     inner: L,
-    counts: Mutex<RepeatCounts>,
+    left_out: LeftOut,
 }
 
 impl<L> Repeats<L> {
     pub(super) fn of(inner: L) -> Self {
         Self {
             inner,
-            counts: Mutex::default(),
+            left_out: LeftOut::default(),
         }
+    }
+
+    pub(super) fn left_out(&self) -> LeftOut {
+        self.left_out.clone()
     }
 }
 
-impl<S: Subscriber, L: Layer<S>> Layer<S> for Repeats<L> {
-    fn on_event(&self, event: &Event<'_>, context: Context<'_, S>) {
-        let metadata = event.metadata();
-        if [module_path!(), CHANGES].contains(&metadata.target()) {
-            return self.inner.on_event(event, context);
-        }
-        let mut words = Words(String::new());
-        event.record(&mut words);
-        let now = Instant::now();
-        let (heard, over) = {
-            let mut counts = self.counts.lock().unwrap_or_else(PoisonError::into_inner);
-            let over = counts.over(now);
-            let heard = counts.hear(metadata.callsite(), *metadata.level(), &words.0, now);
-            (heard, over)
-        };
-        // Without the lock: these come back here.
+/// What was left out and has not been told yet.
+#[derive(Clone, Debug, Default)]
+pub(super) struct LeftOut(Arc<Mutex<RepeatCounts>>);
+
+impl LeftOut {
+    fn counts(&self) -> MutexGuard<'_, RepeatCounts> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Tells what is due at this time.
+    pub(super) fn tell(&self, now: Instant) {
+        // Without the lock: these come back to the layer.
+        let over = self.counts().over(now);
         for Said {
             level,
             count,
@@ -63,6 +64,26 @@ impl<S: Subscriber, L: Layer<S>> Layer<S> for Repeats<L> {
                 tracing::info!("{count} more such lines were left out, the last: {words}");
             }
         }
+    }
+
+    /// Tells all, as at the end.
+    pub(super) fn tell_all(&self) {
+        self.tell(Instant::now() + WINDOW);
+    }
+}
+
+impl<S: Subscriber, L: Layer<S>> Layer<S> for Repeats<L> {
+    fn on_event(&self, event: &Event<'_>, context: Context<'_, S>) {
+        let metadata = event.metadata();
+        if [module_path!(), CHANGES].contains(&metadata.target()) {
+            return self.inner.on_event(event, context);
+        }
+        let mut words = Words(String::new());
+        event.record(&mut words);
+        let now = Instant::now();
+        self.left_out.tell(now);
+        let (place, level) = (metadata.callsite(), *metadata.level());
+        let heard = self.left_out.counts().hear(place, level, &words.0, now);
         if heard {
             self.inner.on_event(event, context);
         }
@@ -89,11 +110,12 @@ struct Said {
 }
 
 /// What each place in the program has said of late. There are no more entries than such places.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct RepeatCounts {
     places: HashMap<Identifier, CallSite>,
 }
 
+#[derive(Debug)]
 struct CallSite {
     since: Instant,
     heard: u32,
@@ -136,7 +158,6 @@ impl RepeatCounts {
 #[cfg(test)]
 mod tests {
     use std::io;
-    use std::sync::Arc;
 
     use tracing::Callsite;
     use tracing_subscriber::prelude::*;
@@ -190,11 +211,13 @@ mod tests {
     }
 
     #[test]
-    fn a_flood_does_not_pass_the_real_layers() {
+    fn a_flood_does_not_pass_the_real_layers_and_is_told_at_the_end() {
         let paper = Paper::default();
         let writer = paper.clone();
         let lines = tracing_subscriber::fmt::layer().with_writer(move || writer.clone());
-        let log = tracing_subscriber::registry().with(Repeats::of(lines));
+        let repeats = Repeats::of(lines);
+        let left_out = repeats.left_out();
+        let log = tracing_subscriber::registry().with(repeats);
         tracing::subscriber::with_default(log, || {
             for t_s in 0..1000 {
                 tracing::warn!(t_s, "the board has gone");
@@ -203,8 +226,13 @@ mod tests {
             for number in 0..20 {
                 tracing::info!(target: CHANGES, "asked for rollback {number}");
             }
+            for _ in 0..2 {
+                left_out.tell_all();
+            }
         });
         let text = String::from_utf8(paper.0.lock().unwrap().clone()).unwrap();
-        assert_eq!(text.lines().count(), 26, "{text}");
+        assert_eq!(text.lines().count(), 27, "{text}");
+        let last = "995 more such lines were left out, the last: the board has gone\n";
+        assert!(text.ends_with(last), "{text}");
     }
 }

@@ -1,11 +1,15 @@
 //! `headingd run` under a service manager: what it is told, sockets that it hands over, signals and reload.
 
 use std::fs::{self, File};
+use std::io::Read;
+use std::net::{SocketAddr, TcpStream};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::{UnixDatagram, UnixListener, UnixStream};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Resource, Rlimit, prlimit};
 
 use crate::rig::{FAST, LONG, PATIENCE, Process, Rig, pty};
 
@@ -235,4 +239,52 @@ fn it_may_open_as_many_files_as_the_system_allows() {
     let line = limits.lines().find(|line| line.starts_with("Max open"));
     let words: Vec<_> = line.unwrap().split_whitespace().collect();
     assert_eq!(words[3], words[4], "{limits}");
+}
+
+#[test]
+fn lines_left_out_of_the_log_are_counted_at_the_end() {
+    let rig = Rig::new(1.0, LONG);
+    rig.edit("backlog = 4096", "backlog = 4096\nmax_clients = 1");
+    let (mut process, mut client) = rig.watched();
+    client.find("ATT", |_| true);
+    for _ in 0..40 {
+        let mut refused = rig.connect("heading.sock");
+        refused.read_to_end(&mut Vec::new()).unwrap();
+    }
+    let said = process.stop();
+    let last = "more such lines were left out, the last: refused a client";
+    assert!(said.contains(last), "{said}");
+}
+
+#[test]
+fn without_files_for_clients_of_tcp_it_warns_once() {
+    // Each process has its own loopback address, and this port is not among those that the kernel gives away.
+    let [.., high, middle, low] = std::process::id().to_be_bytes();
+    let address = SocketAddr::from(([127, high, middle, low.max(2)], 10113));
+    let rig = Rig::new(FAST, &format!("{LONG}[tcp]\nlisten = \"{address}\"\n"));
+    let (mut process, mut client) = rig.watched();
+    process.says("serving NMEA 0183 over TCP");
+    // It has been accepted.
+    client.find("ATT", |_| true);
+    let pid = Pid::from_raw(process.id() as i32);
+    let files = |current| {
+        let limit = Rlimit {
+            current: Some(current),
+            maximum: Some(1024),
+        };
+        prlimit(pid, Resource::Nofile, limit).unwrap();
+    };
+    files(3);
+    let mut waiting = TcpStream::connect(address).unwrap();
+    process.says("cannot accept a client of TCP, will try again");
+    // It tries every second; this takes two and a half.
+    let first = client.find("ATT", |_| true)["t_s"].as_f64().unwrap();
+    client.find("ATT", |att| {
+        att["t_s"].as_f64().unwrap() > first + 2.5 * FAST
+    });
+    files(1024);
+    waiting.set_read_timeout(Some(PATIENCE)).unwrap();
+    waiting.read_exact(&mut [0]).unwrap();
+    let said = process.stop();
+    assert_eq!(said.matches("cannot accept").count(), 1, "{said}");
 }

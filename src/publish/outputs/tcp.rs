@@ -88,6 +88,7 @@ pub(super) async fn run(
     };
     tracing::info!("serving {} over TCP on {listen}", format.name());
     let mut clients = JoinSet::new();
+    let mut failing = false;
     loop {
         let accepted = tokio::select! {
             Some(_) = clients.join_next() => continue,
@@ -95,6 +96,7 @@ pub(super) async fn run(
         };
         // Clients that have left free their places before the next one is counted.
         while clients.try_join_next().is_some() {}
+        let told = std::mem::replace(&mut failing, accepted.is_err());
         match accepted {
             Ok((stream, _)) if clients.len() < MOST_CLIENTS => {
                 let lines = HeadingLines::new(feed.clone(), format);
@@ -108,7 +110,10 @@ pub(super) async fn run(
                 tracing::info!("{peer} is one client of TCP too many: {MOST_CLIENTS} are served");
             }
             Err(error) => {
-                tracing::warn!("cannot accept a client of TCP: {error}");
+                // The client stays in the queue. Once an episode.
+                if !told {
+                    tracing::warn!("cannot accept a client of TCP, will try again: {error}");
+                }
                 sleep(PAUSE).await;
             }
         }
