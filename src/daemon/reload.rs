@@ -123,7 +123,7 @@ impl Daemon {
             }) => {
                 // Both may have the same device.
                 self.session.source.stop().await;
-                session.take_over(&self.session);
+                session.take_over(&mut self.session);
                 if !keys.iter().any(|key| is_north(key)) {
                     session.north.take_over(&mut self.session.north);
                 }

@@ -86,8 +86,9 @@ impl Session {
         }))
     }
 
-    /// Goes on from the calibrations of the session before.
-    pub(super) fn take_over(&mut self, last: &Self) {
+    /// Goes on from the calibrations of the session before, and from what its source knows of its device.
+    pub(super) fn take_over(&mut self, last: &mut Self) {
+        self.source.take_over(&mut last.source);
         self.store.take_over(&last.store);
         self.pipeline = pipeline(&self.config, &self.source, &self.store);
     }

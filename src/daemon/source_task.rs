@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TrySendError;
+use tokio::sync::{mpsc, oneshot};
 
 use super::DaemonError;
 use super::batch::{Batch, Events};
@@ -23,7 +23,7 @@ use crate::sensor::bus::LinuxBus;
 use crate::sensor::clock::{Clock, SystemClock};
 use crate::sensor::i2c::{self, Chips};
 use crate::sensor::replay::Replay;
-use crate::sensor::serial::Bridge;
+use crate::sensor::serial::{Bridge, KnownDevice};
 use crate::sensor::simulator::Simulator;
 use crate::wall_clock;
 
@@ -43,6 +43,8 @@ pub(super) struct SourceTask {
     pub(super) bps: Option<u32>,
     opened: Option<Source>,
     running: Option<RunningSource>,
+    /// What it knew of its device when it was stopped.
+    known: Option<KnownDevice>,
 }
 
 enum Source {
@@ -56,6 +58,8 @@ struct RunningSource {
     events: mpsc::Receiver<Events>,
     stop: Arc<AtomicBool>,
     thread: Thread,
+    /// What it knows of its device, at its end.
+    known: oneshot::Receiver<Option<KnownDevice>>,
 }
 
 impl SourceTask {
@@ -107,7 +111,15 @@ impl SourceTask {
             bps,
             opened: Some(source),
             running: None,
+            known: None,
         })
+    }
+
+    /// Goes on with what the source before knows, which has been stopped.
+    pub(super) fn take_over(&mut self, last: &mut Self) {
+        if let (Some(Source::Serial(bridge)), Some(known)) = (&mut self.opened, last.known.take()) {
+            bridge.take_over(known);
+        }
     }
 
     /// Starts to send events; logs and simulations go `speed` times as fast as real time.
@@ -118,11 +130,16 @@ impl SourceTask {
         let (sender, events) = mpsc::channel(WAITING_MESSAGES);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
-        let thread = Thread::start("source", move || run(source, speed, sender, stopped))?;
+        let (ended, known) = oneshot::channel();
+        let thread = Thread::start("source", move || {
+            // Nobody asks for it at the end of the daemon.
+            let _ = ended.send(run(source, speed, sender, stopped));
+        })?;
         self.running = Some(RunningSource {
             events,
             stop,
             thread,
+            known,
         });
         Ok(())
     }
@@ -143,6 +160,7 @@ impl SourceTask {
             events,
             stop: Arc::default(),
             thread: Thread::start("test", || ()).unwrap(),
+            known: oneshot::channel().1,
         };
         let task = Self {
             name: name.to_owned(),
@@ -150,6 +168,7 @@ impl SourceTask {
             bps: None,
             opened: None,
             running: Some(running),
+            known: None,
         };
         (sender, task)
     }
@@ -161,12 +180,19 @@ impl SourceTask {
             // The thread may be waiting for room.
             drop(running.events);
             running.thread.end(PATIENCE).await;
+            let mut known = running.known;
+            self.known = known.try_recv().ok().flatten();
         }
     }
 }
 
-/// Sends the source's events until it is stopped, or nobody listens.
-fn run(source: Source, speed: f64, sender: mpsc::Sender<Events>, stop: Arc<AtomicBool>) {
+/// Sends the source's events until it is stopped, or nobody listens. Returns what it knows of its device, if that outlives a reload.
+fn run(
+    source: Source,
+    speed: f64,
+    sender: mpsc::Sender<Events>,
+    stop: Arc<AtomicBool>,
+) -> Option<KnownDevice> {
     let mut clock = SystemClock::new(stop.clone());
     let mut at_once = |event| send(&sender, vec![event]);
     let end = match source {
@@ -186,14 +212,14 @@ fn run(source: Source, speed: f64, sender: mpsc::Sender<Events>, stop: Arc<Atomi
             None
         }
         Source::Serial(bridge) => {
-            bridge.run(&stop, &mut at_once);
-            None
+            return Some(bridge.run(&stop, &mut at_once));
         }
     };
     if let Some(end) = end {
         // After a stop or a reload nobody takes it.
         let _ = send(&sender, vec![end]);
     }
+    None
 }
 
 /// Sends events; false if nobody listens. First without blocking, which takes far more code.

@@ -20,7 +20,7 @@ pub mod settings;
 mod start;
 mod steady_clock;
 
-pub use bridge::Bridge;
+pub use bridge::{Bridge, KnownDevice};
 pub use log_rows::LogRows;
 pub use razor_binary::RazorBinary;
 pub use razor_text::RazorText;

@@ -47,6 +47,13 @@ pub struct Bridge {
     bytes: Box<[u8; 4096]>,
 }
 
+/// A device as a bridge knows it: what its rows mean.
+#[derive(Debug)]
+pub struct KnownDevice {
+    settings: Settings,
+    log_rows: LogRows,
+}
+
 #[derive(Debug)]
 enum BridgeState {
     Closed {
@@ -81,8 +88,19 @@ impl Bridge {
         }
     }
 
-    /// Sends events until it is told to stop, or `out` gives false.
-    pub fn run(mut self, stop: &AtomicBool, out: &mut dyn FnMut(SourceEvent) -> bool) {
+    /// Goes on with what another one knows, if that had the same device.
+    pub fn take_over(&mut self, known: KnownDevice) {
+        if known.settings == self.settings {
+            self.log_rows = known.log_rows.reopened(true).mounted(self.board);
+        }
+    }
+
+    /// Sends events until it is told to stop, or `out` gives false. Returns what it knows of the device.
+    pub fn run(
+        mut self,
+        stop: &AtomicBool,
+        out: &mut dyn FnMut(SourceEvent) -> bool,
+    ) -> KnownDevice {
         match Builder::new_current_thread().enable_all().build() {
             Ok(runtime) => {
                 while let Some(event) = runtime.block_on(self.next(stop))
@@ -94,6 +112,13 @@ impl Bridge {
                 let code = "internal";
                 out(SourceEvent::Broken(SourceFault { code, message }));
             }
+        }
+        KnownDevice {
+            settings: self.settings,
+            log_rows: match self.state {
+                BridgeState::Open { session, .. } => session.into_log_rows(),
+                BridgeState::Closed { .. } => self.log_rows,
+            },
         }
     }
 

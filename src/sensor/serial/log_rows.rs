@@ -36,6 +36,8 @@ struct Wire {
     /// What was wrong with the last one, if anything.
     header_fault: Option<String>,
     rows: Option<Rows>,
+    /// Whether the header says how the chips of field, rate and force are mounted.
+    named: [bool; 3],
     /// Turn field, rate and force into the axes of the board's chips.
     turns: [Matrix3<f64>; 3],
     /// The device has sent a part of a header: rows count only after the whole.
@@ -89,6 +91,13 @@ impl LogRows {
         }
     }
 
+    /// The same, but readings come out in the axes of chips that are mounted like this.
+    pub fn mounted(mut self, board: Mountings) -> Self {
+        self.rows.board = board;
+        self.rows.turn();
+        self
+    }
+
     /// Hands over what `bytes` complete, in order.
     pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
         self.lines.feed(bytes, |line| match line {
@@ -116,9 +125,11 @@ impl Wire {
             (Some(text), Some(header)) if is_header => match header.add(text) {
                 Ok(None) => {}
                 Ok(Some(rows)) => {
-                    let named = ["mag_axes", "gyro_axes", "accel_axes"].map(|key| header.gave(key));
-                    self.header = None;
-                    self.begin(rows, named);
+                    self.named =
+                        ["mag_axes", "gyro_axes", "accel_axes"].map(|key| header.gave(key));
+                    (self.header, self.header_fault) = (None, None);
+                    self.rows = Some(rows);
+                    self.turn();
                     if std::mem::take(&mut self.counted_plain) {
                         found(Item::NewUnits);
                     }
@@ -156,9 +167,12 @@ impl Wire {
         }
     }
 
-    fn begin(&mut self, rows: Rows, named: [bool; 3]) {
-        self.header_fault = None;
-        let (theirs, ours) = (rows.header().mountings, self.board);
+    /// Finds how the axes of the rows are turned into those of the board's chips.
+    fn turn(&mut self) {
+        let Some(rows) = &self.rows else {
+            return;
+        };
+        let (theirs, ours, named) = (rows.header().mountings, self.board, self.named);
         let turn = |named, theirs: Mounting, ours: Mounting| match named && theirs != ours {
             true => ours.rotation().transpose() * theirs.rotation(),
             false => Matrix3::identity(),
@@ -168,7 +182,6 @@ impl Wire {
             turn(named[1], theirs.gyro, ours.gyro),
             turn(named[2], theirs.accel, ours.accel),
         ];
-        self.rows = Some(rows);
     }
 
     fn row(&mut self, line: &[u8]) -> Result<Item, String> {

@@ -1,9 +1,11 @@
 //! The daemon on a simulated Razor: what comes out is what a replay of the same log gives.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::Write;
+use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use headingd::recording::Entry;
@@ -13,7 +15,7 @@ use serde_json::Value;
 
 use super::device::{Device, Firmware, Habits, counts_of};
 use super::quiet::until_quiet;
-use crate::rig::{Rig, apart_deg, folder, headingd, until};
+use crate::rig::{Rig, apart_deg, folder, headingd, pty, until};
 
 /// Rest, two turns in two seconds each, rest.
 fn board() -> Simulator {
@@ -232,5 +234,70 @@ fn what_waited_for_a_stopped_daemon_is_as_old_as_it_is() {
             }
         }
         process.stop();
+    });
+}
+
+/// The board is not reset when its port is opened: its header came once, at its own start.
+#[test]
+fn a_reload_keeps_what_the_rows_of_the_same_device_mean() {
+    until_quiet(|| {
+        let rig = Rig::new(1.0, "");
+        let (pty, node) = pty();
+        rustix::io::ioctl_fionbio(&pty, true).unwrap();
+        // The line stays up while the daemon opens it anew.
+        let _line = File::open(&node).unwrap();
+        symlink(node, rig.path("tty")).unwrap();
+        let more = format!(
+            "kind = \"serial\"\n[serial]\nport = {:?}\nprotocol = \"log_rows\"\n[mounting]\nmag_axes = \"+x +y +z\"\n",
+            rig.path("tty")
+        );
+        rig.configure(1.0, &rig.path("store"), &more);
+
+        let (starting, over) = (AtomicBool::new(true), AtomicBool::new(false));
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let mut pty = File::from(pty);
+                for row in 0.. {
+                    let mut text = format!("{},20,{},40\r\n", f64::from(row) * 0.02, row % 2);
+                    if starting.load(Ordering::Relaxed) {
+                        text.insert_str(
+                            0,
+                            "# headingd-log 1\r\n# mag_unit = uT\r\nt_s,mx,my,mz\r\n",
+                        );
+                    }
+                    // Before anybody reads, the line may be full.
+                    let _ = pty.write_all(text.as_bytes());
+                    if over.load(Ordering::Relaxed) {
+                        return;
+                    }
+                    std::thread::sleep(Duration::from_millis(20));
+                }
+            });
+            let ended = std::panic::catch_unwind(|| {
+                let (mut process, mut client) = rig.watched();
+                client.find("ATT", |_| true);
+                starting.store(false, Ordering::Relaxed);
+                let seq = |att: &Value| att["seq"].as_u64().unwrap();
+                client.find("ATT", |att| seq(att) > 20);
+                rig.edit("+x +y +z", "-x -y +z");
+                process.signal("HUP");
+                let next = loop {
+                    let message = client.next().unwrap();
+                    let begun_anew = message["class"] == "ATT" && seq(&message) < 10;
+                    if begun_anew || message["reason"] == "no_header" {
+                        break message;
+                    }
+                };
+                // The board is turned half round.
+                let heading = next["raw_heading"].as_f64();
+                assert!(
+                    heading.is_some_and(|deg| apart_deg(deg, 180.0).abs() < 5.0),
+                    "{next}"
+                );
+                process.stop();
+            });
+            over.store(true, Ordering::Relaxed);
+            ended.unwrap();
+        });
     });
 }
