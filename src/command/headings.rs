@@ -88,11 +88,16 @@ pub struct Headings {
 impl Headings {
     /// Connects, and asks for what `watch` says: the argument of a `?WATCH`.
     pub fn open(path: &Path, watch: &str) -> Result<Self, Failure> {
-        let opened = connect(path).and_then(|mut stream| {
-            stream.write_all(format!("?WATCH={watch};\n").as_bytes())?;
-            Ok(stream)
-        });
-        let stream = opened.map_err(|error| unreachable(path, &error))?;
+        let stream = connect(path).map_err(|error| unreachable(path, &error))?;
+        Self::greet(path, stream, watch)
+    }
+
+    fn greet(path: &Path, mut stream: UnixStream, watch: &str) -> Result<Self, Failure> {
+        match stream.write_all(format!("?WATCH={watch};\n").as_bytes()) {
+            // A daemon that has hung up may have said why: one that is full does.
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => {}
+            sent => sent.map_err(|error| unreachable(path, &error))?,
+        }
         let mut headings = Self {
             path: path.to_owned(),
             reader: BufReader::new(stream),
@@ -199,5 +204,23 @@ impl Headings {
             }
             return Ok(Some(object));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_daemon_that_has_hung_up_already_is_heard() {
+        let (stream, mut daemon) = UnixStream::pair().unwrap();
+        let refusal = r#"{"class":"ERROR","message":"headingd serves 2 clients already"}"#;
+        writeln!(daemon, "{refusal}").unwrap();
+        drop(daemon);
+        let failure = Headings::greet(Path::new("/s"), stream, "{}").unwrap_err();
+        assert_eq!(
+            failure.message,
+            "headingd at /s refuses: headingd serves 2 clients already"
+        );
     }
 }
