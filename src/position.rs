@@ -91,6 +91,11 @@ impl Follower {
         Some(fix?.position)
     }
 
+    /// Somebody else asks for the latest position from now on.
+    pub fn renew(&mut self) {
+        self.fixes.mark_changed();
+    }
+
     /// Whether there was a position.
     pub fn has_position(&self) -> bool {
         self.fixes.borrow().is_some()

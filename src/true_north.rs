@@ -134,11 +134,6 @@ impl TrueNorth {
         std::mem::take(&mut self.field_is_new).then_some(self.field)
     }
 
-    /// Another reader takes the field from now on, which does not have it yet.
-    pub fn renew_field(&mut self) {
-        self.field_is_new = self.asked.is_some();
-    }
-
     /// What the user should know since the last answer, once.
     pub fn news(&mut self) -> Option<String> {
         self.news.take()

@@ -24,17 +24,21 @@ impl North {
         }
     }
 
-    /// Begins to ask the gpsd, if there is one that has not been asked yet. Needs a runtime.
+    /// Begins to ask the gpsd, if there is one that is not asked yet. Needs a runtime.
     pub(super) fn start(&mut self) {
-        if let Some(gpsd) = self.gpsd.take() {
-            self.follower = Some(Follower::start(gpsd));
+        if self.follower.is_none() {
+            self.follower = self.gpsd.clone().map(Follower::start);
         }
     }
 
-    /// Goes on from the session before a reload, with a new pipeline.
+    /// Goes on from before a reload with the gpsd, if it is the same one, and from the position that it gave last.
     pub(super) fn take_over(&mut self, last: &mut Self) {
-        std::mem::swap(self, last);
-        self.true_north.renew_field();
+        if self.gpsd == last.gpsd {
+            self.follower = last.follower.take();
+            if let Some(follower) = &mut self.follower {
+                follower.renew();
+            }
+        }
     }
 
     /// The declination at this time of day, or else by the receiver's clock. What is new about it is logged.

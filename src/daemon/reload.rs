@@ -109,8 +109,10 @@ impl Daemon {
                     }
                 }
                 if keys.iter().any(|key| is_north(key)) {
-                    self.session.north = North::new(&config);
-                    self.session.north.start();
+                    let mut north = North::new(&config);
+                    north.take_over(&mut self.session.north);
+                    north.start();
+                    self.session.north = north;
                     self.handle(Event::Place(None));
                 }
                 self.session.config = config;
@@ -124,9 +126,7 @@ impl Daemon {
                 // Both may have the same device.
                 self.session.source.stop().await;
                 session.take_over(&mut self.session);
-                if !keys.iter().any(|key| is_north(key)) {
-                    session.north.take_over(&mut self.session.north);
-                }
+                session.north.take_over(&mut self.session.north);
                 let started = self.session.pipeline.wanted() == Some(Reason::Start);
                 self.counts.values_dropped = self.counts().values_dropped;
                 let last = std::mem::replace(&mut self.session, session);

@@ -94,6 +94,10 @@ fn a_gpsd_says_where_true_north_is_and_may_come_and_go() {
         by_hand["seq"].as_u64() > last["seq"].as_u64(),
         "{last} {by_hand}"
     );
+    // Without it, the place is still the one that the gpsd gave last, though it gives none now.
+    rig.configure(FAST, &store, &more("[turn]\nangle_deg = 350\n"));
+    process.signal("HUP");
+    declined(&mut client, |degrees| (degrees - 12.8).abs() < 1.0);
     process.stop();
 }
 
