@@ -2,6 +2,7 @@
 
 mod tpv;
 
+use std::convert::Infallible;
 use std::fmt;
 use std::io;
 use std::net::SocketAddr;
@@ -114,23 +115,50 @@ impl Drop for Follower {
     }
 }
 
+/// Why there is no connection, or none any more.
+#[derive(Debug, thiserror::Error)]
+enum Lost {
+    #[error(transparent)]
+    Broken(#[from] io::Error),
+    #[error("it has not taken the connection for {} s", CONNECT_PATIENCE.as_secs())]
+    Busy,
+    #[error("it has closed the connection")]
+    Closed,
+    #[error("it has sent nothing for {} s", SILENCE.as_secs())]
+    Silent,
+}
+
+/// What was told since the last position, each once: a gpsd may be away for months.
+#[derive(Default)]
+struct Told {
+    connected: bool,
+    lost: bool,
+    silent: bool,
+    /// The first position of this connection.
+    position: bool,
+}
+
 /// Reads and reconnects for ever; dropping the `Follower` aborts it.
 async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
     let mut pause = PAUSES.0;
-    // Both are told once until there is a position again: a gpsd may be away for months.
-    let (mut told, mut told_connected) = (false, false);
+    let mut told = Told::default();
     loop {
-        let before = *fixes.borrow();
-        let ended = read(&gpsd, &fixes, &mut told_connected).await;
-        if *fixes.borrow() != before {
-            (pause, told, told_connected) = (PAUSES.0, false, false);
+        let Err(lost) = read(&gpsd, &fixes, &mut told).await;
+        if std::mem::take(&mut told.position) {
+            pause = PAUSES.0;
         }
-        if !std::mem::replace(&mut told, true) {
-            let why = ended.err().map_or_else(
-                || "it has closed the connection".to_owned(),
-                |error| error.to_string(),
-            );
-            tracing::warn!("no position from the gpsd at {gpsd}, will try again: {why}");
+        let told_before = match lost {
+            Lost::Silent => &mut told.silent,
+            _ => &mut told.lost,
+        };
+        if !std::mem::replace(told_before, true) {
+            if fixes.borrow().is_some() {
+                tracing::warn!(
+                    "lost the gpsd at {gpsd}, will try again; its last position stays in use: {lost}"
+                );
+            } else {
+                tracing::warn!("no position from the gpsd at {gpsd}, will try again: {lost}");
+            }
         }
         sleep(pause).await;
         pause = (2 * pause).min(PAUSES.1);
@@ -141,16 +169,17 @@ async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
 async fn read(
     gpsd: &Gpsd,
     fixes: &watch::Sender<Option<GpsFix>>,
-    told_connected: &mut bool,
-) -> io::Result<()> {
+    told: &mut Told,
+) -> Result<Infallible, Lost> {
+    let busy = |_| Lost::Busy;
     match gpsd {
         Gpsd::Tcp(address) => {
             let stream = timeout(CONNECT_PATIENCE, TcpStream::connect(address));
-            read_from(stream.await??, gpsd, fixes, told_connected).await
+            read_from(stream.await.map_err(busy)??, gpsd, fixes, told).await
         }
         Gpsd::Unix(path) => {
             let stream = timeout(CONNECT_PATIENCE, UnixStream::connect(path));
-            read_from(stream.await??, gpsd, fixes, told_connected).await
+            read_from(stream.await.map_err(busy)??, gpsd, fixes, told).await
         }
     }
 }
@@ -159,13 +188,13 @@ async fn read_from(
     mut stream: impl AsyncRead + AsyncWrite + Unpin,
     gpsd: &Gpsd,
     fixes: &watch::Sender<Option<GpsFix>>,
-    told_connected: &mut bool,
-) -> io::Result<()> {
-    timeout(CONNECT_PATIENCE, stream.write_all(WATCH)).await??;
-    if !std::mem::replace(told_connected, true) {
-        tracing::info!("connected to the gpsd at {gpsd}, which has no position yet");
+    told: &mut Told,
+) -> Result<Infallible, Lost> {
+    let sent = timeout(CONNECT_PATIENCE, stream.write_all(WATCH));
+    sent.await.map_err(|_| Lost::Busy)??;
+    if !std::mem::replace(&mut told.connected, true) {
+        tracing::info!("connected to the gpsd at {gpsd}: waiting for a position");
     }
-    let mut found = false;
     let mut reader = BufReader::new(stream);
     let mut line = Vec::new();
     // Of a line that is too long nothing is used, up to its end.
@@ -174,15 +203,19 @@ async fn read_from(
         line.clear();
         let mut limited = (&mut reader).take(LONGEST as u64);
         let read = timeout(SILENCE, limited.read_until(b'\n', &mut line));
-        if read.await?? == 0 {
-            return Ok(());
+        if read.await.map_err(|_| Lost::Silent)?? == 0 {
+            return Err(Lost::Closed);
         }
         let whole = line.ends_with(b"\n");
         if !std::mem::replace(&mut too_long, !whole) && whole {
             let Some((position, since_1970)) = tpv::read(&line) else {
                 continue;
             };
-            if !std::mem::replace(&mut found, true) {
+            if !told.position {
+                *told = Told {
+                    position: true,
+                    ..Told::default()
+                };
                 tracing::info!(
                     latitude_deg = position.latitude_deg,
                     longitude_deg = position.longitude_deg,
@@ -220,6 +253,33 @@ mod tests {
         take(position, None, &sender);
         let (known, _) = fixes.borrow().unwrap().since_1970.unwrap();
         assert_eq!(known, since_1970);
+    }
+
+    #[tokio::test]
+    async fn each_connection_that_gives_a_position_is_known_for_it() {
+        let gpsd = Gpsd::Unix("/s".into());
+        let (sender, _fixes) = watch::channel(None);
+        let mut told = Told {
+            lost: true,
+            silent: true,
+            ..Told::default()
+        };
+        for (text, gave) in [
+            ("{\"class\":\"VERSION\"}\n", false),
+            ("{\"class\":\"TPV\",\"mode\":2,\"lat\":51.5,\"lon\":-0.1}\n", true),
+            // At the same place, by a receiver that does not know the time.
+            ("{\"class\":\"TPV\",\"mode\":2,\"lat\":51.5,\"lon\":-0.1}\n", true),
+            ("", false),
+        ] {
+            let (stream, mut other) = tokio::io::duplex(1024);
+            other.write_all(text.as_bytes()).await.unwrap();
+            other.shutdown().await.unwrap();
+            let Err(lost) = read_from(stream, &gpsd, &sender, &mut told).await;
+            assert_eq!(lost.to_string(), "it has closed the connection");
+            let waits = sender.borrow().is_none();
+            assert_eq!((told.lost, told.silent), (waits, waits));
+            assert_eq!(std::mem::take(&mut told.position), gave, "{text}");
+        }
     }
 
     #[test]

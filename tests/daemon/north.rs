@@ -52,6 +52,7 @@ fn a_gpsd_says_where_true_north_is_and_may_come_and_go() {
         att.get("mheading").is_some()
     });
     let (mut stream, _) = gpsd.accept().unwrap();
+    process.says(": waiting for a position");
     greet(&mut stream, "\"lat\":51.08,\"lon\":-114.13,\"altHAE\":1100");
     // Calgary: 13.3° east.
     declined(&mut client, |degrees| (degrees - 13.3).abs() < 0.3);
@@ -67,7 +68,7 @@ fn a_gpsd_says_where_true_north_is_and_may_come_and_go() {
     declined(&mut client, |degrees| (0.2..3.0).contains(&degrees));
     // The gpsd goes: what it said last stays, and it is asked again.
     drop(stream);
-    process.says("it has closed the connection");
+    process.says("its last position stays in use: it has closed the connection");
     declined(&mut client, |degrees| (0.2..3.0).contains(&degrees));
     let (mut stream, _) = gpsd.accept().unwrap();
     greet(&mut stream, "\"lat\":-33.9,\"lon\":151.2");
