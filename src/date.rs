@@ -5,6 +5,10 @@ use std::time::Duration;
 use time::format_description::well_known::Rfc3339;
 use time::{Date, OffsetDateTime};
 
+/// A clock that says less has never been set, or has lost count: a board without a battery begins in 1970, and an old
+/// receiver's weeks begin anew after 1024. It is 2020-01-01.
+pub const CREDIBLE: Duration = Duration::from_secs(1_577_836_800);
+
 /// As RFC 3339 has it, in UTC and to the millisecond.
 pub fn rfc3339(since_1970: Duration) -> String {
     let date = date(since_1970);

@@ -154,7 +154,7 @@ fn answer(
     };
     match EarthField::new(position, since_1970) {
         Err(error) => {
-            let warning = format!("no true headings: {error}; update headingd, or {REMEDY}");
+            let warning = format!("no true headings: {error}; {REMEDY}");
             (None, Some(("unknown", warning)))
         }
         Ok(field) => {

@@ -2,8 +2,7 @@
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-/// A clock that says less has never been set: a board without a battery begins in 1970. It is 2020-01-01.
-const CREDIBLE: Duration = Duration::from_secs(1_577_836_800);
+use crate::date::CREDIBLE;
 
 /// The time of day at a recent moment, since 1970; `None` if the system's clock was never set.
 pub fn at(moment: Instant) -> Option<Duration> {

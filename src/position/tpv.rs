@@ -40,8 +40,8 @@ pub(super) fn read(line: &[u8]) -> Option<(Position, Option<Duration>)> {
             .filter(|altitude_m| (-1000.0..=850_000.0).contains(altitude_m))
             .unwrap_or(0.0),
     };
-    let since_1970 = tpv.time.and_then(|time| date::parse_rfc3339(&time));
-    Some((position, since_1970))
+    let time = tpv.time.and_then(|time| date::parse_rfc3339(&time));
+    Some((position, time.filter(|time| *time >= date::CREDIBLE)))
 }
 
 #[cfg(test)]
@@ -59,6 +59,8 @@ mod tests {
         };
         assert_eq!(position, right);
         assert_eq!(time.unwrap().as_secs(), 1_795_356_000);
+        let weeks_ago = br#"{"class":"TPV","mode":3,"time":"2007-04-08T14:00:00.000Z","lat":51.08,"lon":-114.13,"alt":1100.2}"#;
+        assert_eq!(read(weeks_ago), Some((right, None)));
         for (line, altitude_m) in [
             (r#"{"class":"TPV","mode":2,"lat":1,"lon":2}"#, Some(0.0)),
             (

@@ -64,9 +64,17 @@ impl EarthField {
             date,
         )
         .map_err(|error| match error {
-            Error::DateOutsideOfValidityRange { min_date, max_date } => format!(
-                "the World Magnetic Model of this headingd holds from {min_date} to {max_date}, and the date is {date}"
-            ),
+            Error::DateOutsideOfValidityRange { min_date, max_date } => {
+                let newer = if date > max_date {
+                    ", which a newer headingd may know"
+                } else {
+                    ""
+                };
+                format!(
+                    "the World Magnetic Model of this headingd holds from {min_date} to {max_date}, and the date is \
+                     {date}{newer}"
+                )
+            }
             place => format!("the World Magnetic Model knows no such place: {place}"),
         })?;
         Ok(Self {
@@ -163,11 +171,18 @@ mod tests {
             altitude_m: 0.0,
         };
         let now = moment("2026-11-21T00:00:00Z");
-        let late = EarthField::new(&at(51.0, -114.0), moment("2030-01-01T00:00:00Z")).unwrap_err();
-        assert_eq!(
-            late,
-            "the World Magnetic Model of this headingd holds from 2020-01-01 to 2029-12-31, and the date is 2030-01-01"
-        );
+        let holds =
+            "the World Magnetic Model of this headingd holds from 2020-01-01 to 2029-12-31, and the date is";
+        for (day, error) in [
+            ("2019-12-31", format!("{holds} 2019-12-31")),
+            (
+                "2030-01-01",
+                format!("{holds} 2030-01-01, which a newer headingd may know"),
+            ),
+        ] {
+            let moment = moment(&format!("{day}T00:00:00Z"));
+            assert_eq!(EarthField::new(&at(51.0, -114.0), moment), Err(error));
+        }
         for nowhere in [at(91.0, 0.0), at(0.0, 181.0), at(f64::NAN, 0.0)] {
             let error = EarthField::new(&nowhere, now).unwrap_err();
             assert!(error.contains("no such place"), "{error}");

@@ -73,7 +73,7 @@ const ROOMS: &[Room] = &[
     // Sockets and stores are one process's at a time.
     room("lock_file", 2, &[]),
     room("logging", 2, &[]),
-    room("wall_clock", 2, &[]),
+    room("wall_clock", 2, &["date"]),
     // Tells systemd the condition.
     room("service", 2, &["condition"]),
     // One table for each room that has settings.
