@@ -70,7 +70,16 @@ pub struct TrueNorth {
     field_is_new: bool,
     /// Kind of the last warning.
     told: Option<&'static str>,
-    news: Option<String>,
+    news: Option<NorthNews>,
+}
+
+/// What the user should know.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NorthNews {
+    /// Else there is nothing to warn of any more.
+    pub is_warning: bool,
+    /// The message.
+    pub text: String,
 }
 
 impl TrueNorth {
@@ -112,10 +121,17 @@ impl TrueNorth {
             return;
         }
         let (field, warning) = answer(&position, since_1970);
-        // Warns only on a change. A configured declination needs no warning.
-        let (kind, news) = warning.unzip();
+        // Only on a change. A configured declination needs no warning.
+        let (kind, text) = warning.unzip();
         if self.told != kind && self.declination_by_hand_deg.is_none() {
-            self.news = news;
+            let again = match self.field {
+                None => "true headings again",
+                Some(_) => "far enough from the magnetic pole again",
+            };
+            self.news = Some(NorthNews {
+                is_warning: kind.is_some(),
+                text: text.unwrap_or_else(|| again.to_owned()),
+            });
         }
         self.told = kind;
         self.asked = Some(asked);
@@ -135,7 +151,7 @@ impl TrueNorth {
     }
 
     /// What the user should know since the last answer, once.
-    pub fn news(&mut self) -> Option<String> {
+    pub fn news(&mut self) -> Option<NorthNews> {
         self.news.take()
     }
 }
@@ -251,10 +267,19 @@ mod tests {
             assert_eq!(north.declination_deg(None), None);
         }
         let told = north.news().unwrap();
-        assert!(told.contains("the date is not known"), "{told}");
+        assert!(
+            told.is_warning && told.text.contains("the date is not known"),
+            "{told:?}"
+        );
         assert_eq!(north.news(), None);
         // Then the clock is set.
         assert!(north.declination_deg(day("2029-12-30")).is_some());
+        let again = NorthNews {
+            is_warning: false,
+            text: "true headings again".to_owned(),
+        };
+        assert_eq!(north.news(), Some(again));
+        assert!(north.declination_deg(day("2029-12-31")).is_some());
         assert_eq!(north.news(), None);
         for date in ["2030-01-01", "2030-01-02"] {
             assert_eq!(north.declination_deg(day(date)), None);
@@ -269,7 +294,7 @@ mod tests {
         let mut north = TrueNorth::new(&at_the_pole);
         for (date, part) in [(None, "the date is not"), (day("2026-11-21"), "no compass")] {
             assert_eq!(north.declination_deg(date), None);
-            assert!(north.news().unwrap().contains(part));
+            assert!(north.news().unwrap().text.contains(part));
         }
     }
 

@@ -61,7 +61,7 @@ fn warnings(config: &Config) -> Vec<String> {
     let mut north = TrueNorth::new(&config.true_north);
     if config.source.kind != Some(Kind::Replay) {
         north.declination_deg(wall_clock::now());
-        warnings.extend(north.news());
+        warnings.extend(north.news().map(|news| news.text));
     }
     let log = &config.source.log;
     if config.source.kind == Some(Kind::Replay)

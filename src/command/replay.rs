@@ -171,7 +171,7 @@ impl<W: Write> JsonLines<W> {
         gpsd::att_into(&mut self.line, device, &heading, time, 0);
         self.line.push('\n');
         output(self.out.write_all(self.line.as_bytes()))?;
-        Ok(self.true_north.news())
+        Ok(self.true_north.news().map(|news| news.text))
     }
 
     fn write(&mut self, line: &str) -> Result<(), Failure> {
