@@ -37,6 +37,9 @@ impl Publisher {
     pub fn heading(&self, heading: Heading, taken: Instant, time: Option<String>) {
         let mut latest = self.feed.lock();
         latest.count(&heading);
+        if latest.device.activated.is_none() {
+            latest.device.activated.clone_from(&time);
+        }
         let published = Arc::new(PublishedHeading {
             heading,
             taken,
@@ -311,5 +314,34 @@ impl Feed {
     fn lock(&self) -> MutexGuard<'_, Latest> {
         // Each field is replaced whole, so a panic elsewhere cannot have left it half changed.
         self.latest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_device_that_was_opened_before_the_time_of_day_was_known_learns_it() {
+        let device = Device {
+            path: "d".to_owned(),
+            activated: None,
+            sensor: None,
+            bps: None,
+        };
+        let feed = Arc::new(Feed::new(
+            device,
+            nmea::Settings::default(),
+            8,
+            Duration::MAX,
+        ));
+        let publisher = Publisher { feed: feed.clone() };
+        for time in [None, Some("2026-11-21T10:00:00.000Z"), Some("later")] {
+            let time = time.map(str::to_owned);
+            publisher.heading(Heading::default(), Instant::now(), time);
+        }
+        let device = feed.device();
+        let known = r#""activated":"2026-11-21T10:00:00.000Z""#;
+        assert!(device.contains(known), "{device}");
     }
 }

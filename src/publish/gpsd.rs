@@ -16,7 +16,7 @@ use crate::heading::{Heading, MagStatus};
 pub struct Device {
     /// Path of the source: `/dev/i2c-1`, `/dev/ttyUSB0`, the path of a log.
     pub path: String,
-    /// When it was opened, RFC 3339 in UTC, if the time of day is known.
+    /// When it was opened, RFC 3339 in UTC; if the time of day was not known then, when it gave the first heading with one.
     pub activated: Option<String>,
     /// The magnetometer, if it has a name.
     pub sensor: Option<String>,
@@ -27,6 +27,9 @@ pub struct Device {
 /// The release of gpsd whose dialect this is: its own clients warn of any other, and `cgps` with a line across its
 /// screen. `rev` says who really answers.
 const RELEASE: &str = "3.22";
+
+/// gpsd's cycle of a device of which it knows none.
+const CYCLE_S: f64 = 1.0;
 
 /// gpsd's own. Its Python client passes over every line that ends otherwise, without a word.
 pub(super) const LINE_END: &str = "\r\n";
@@ -174,6 +177,7 @@ pub fn device(device: &Device, cycle_s: Option<f64>) -> String {
     out.push_str(r#","flags":0,"native":0"#);
     push_integer(&mut out, "bps", device.bps.unwrap_or(0).into());
     out.push_str(r#","parity":"N","stopbits":1"#);
+    let cycle_s = Some(cycle_s.unwrap_or(CYCLE_S));
     push_number(&mut out, "cycle", cycle_s, 3);
     push_number(&mut out, "mincycle", cycle_s, 3);
     out.push('}');

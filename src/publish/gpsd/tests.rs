@@ -169,14 +169,16 @@ fn a_device_has_all_of_gpsds_keys() {
         sensor: Some("hmc5843".into()),
         bps: Some(57600),
     };
-    assert_eq!(
-        device(&board, Some(0.025)),
-        concat!(
+    for (cycle_s, cycle) in [
+        (Some(0.025), r#""cycle":0.025,"mincycle":0.025}"#),
+        (None, r#""cycle":1.000,"mincycle":1.000}"#),
+    ] {
+        let begin = concat!(
             r#"{"class":"DEVICE","path":"/dev/ttyUSB0","driver":"headingd","subtype":"hmc5843","#,
             r#""activated":"2026-11-21T10:00:00.000Z","flags":0,"native":0,"bps":57600,"parity":"N","stopbits":1,"#,
-            r#""cycle":0.025,"mincycle":0.025}"#
-        )
-    );
+        );
+        assert_eq!(device(&board, cycle_s), format!("{begin}{cycle}"));
+    }
 }
 
 proptest! {

@@ -122,7 +122,7 @@ async fn a_device_tells_how_often_its_headings_come() {
         (&device["subtype"], &device["bps"]),
         (&"hmc5843".into(), &0.into())
     );
-    assert!(device.get("cycle").is_none(), "{device}");
+    assert_eq!(device["cycle"], 1.0, "{device}");
     for seq in 1..=3 {
         rig.heading(seq);
     }
