@@ -266,9 +266,15 @@ mod tests {
         };
         for (text, gave) in [
             ("{\"class\":\"VERSION\"}\n", false),
-            ("{\"class\":\"TPV\",\"mode\":2,\"lat\":51.5,\"lon\":-0.1}\n", true),
+            (
+                "{\"class\":\"TPV\",\"mode\":2,\"lat\":51.5,\"lon\":-0.1}\n",
+                true,
+            ),
             // At the same place, by a receiver that does not know the time.
-            ("{\"class\":\"TPV\",\"mode\":2,\"lat\":51.5,\"lon\":-0.1}\n", true),
+            (
+                "{\"class\":\"TPV\",\"mode\":2,\"lat\":51.5,\"lon\":-0.1}\n",
+                true,
+            ),
             ("", false),
         ] {
             let (stream, mut other) = tokio::io::duplex(1024);

@@ -67,12 +67,10 @@ where
         }
         match accepted {
             None => {}
-            Some(Ok(stream)) => {
+            Some(Ok((stream, uid))) => {
                 pause = None;
-                let peer = stream.peer_cred().ok();
-                let uid = peer.map(|peer| peer.uid());
                 match admit(door.most, own, held.values().copied(), uid) {
-                    Ok(uid) => {
+                    Ok(()) => {
                         let served = clients.spawn(serve(stream, stopped.clone()));
                         held.insert(served.id(), uid);
                     }
@@ -104,12 +102,14 @@ where
     Ok(())
 }
 
-/// The next client, after a pause if the last attempt failed.
-async fn accept(listener: &UnixListener, pause: Option<Duration>) -> io::Result<UnixStream> {
+/// The next client and its user, after a pause if the last attempt failed.
+async fn accept(listener: &UnixListener, pause: Option<Duration>) -> io::Result<(UnixStream, u32)> {
     if let Some(pause) = pause {
         sleep(pause).await;
     }
-    listener.accept().await.map(|(stream, _)| stream)
+    let (stream, _) = listener.accept().await?;
+    let uid = stream.peer_cred()?.uid();
+    Ok((stream, uid))
 }
 
 /// Tells a client that there is no room. Its buffer is empty, so that this takes no time and no task.

@@ -6,40 +6,34 @@ const KEPT: usize = 4;
 /// The superuser.
 const ROOT: u32 = 0;
 
-/// Stands for a peer whose user id the system does not give.
-const UNKNOWN: u32 = u32::MAX;
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Full {
     #[error("headingd serves {0} clients already")]
     All(usize),
-    #[error("{0} clients of users that the system does not name are connected, which is the most")]
-    Unnamed(usize),
     #[error(
         "user {uid} has {most} clients connected, which is the most for one user; close some of them"
     )]
     User { uid: u32, most: usize },
 }
 
-/// The user of a client who may have one of `most` places, beside the users who hold some. Root and the daemon's own user
-/// may hold all: they could end the daemon as well.
+/// Whether a user may have one of `most` places, beside the users who hold some. Root and the daemon's own user may hold
+/// all: they could end the daemon as well.
 pub(super) fn admit(
     most: usize,
     own: u32,
     held: impl ExactSizeIterator<Item = u32>,
-    uid: Option<u32>,
-) -> Result<u32, Full> {
+    uid: u32,
+) -> Result<(), Full> {
     if held.len() >= most {
         return Err(Full::All(most));
     }
-    let uid = uid.unwrap_or(UNKNOWN);
     // The most for one user.
     let most = most - KEPT.min(most / 2);
     let count = held.filter(|holder| *holder == uid).count();
-    match uid {
-        _ if count < most || uid == ROOT || uid == own => Ok(uid),
-        UNKNOWN => Err(Full::Unnamed(most)),
-        uid => Err(Full::User { uid, most }),
+    if count < most || uid == ROOT || uid == own {
+        Ok(())
+    } else {
+        Err(Full::User { uid, most })
     }
 }
 
@@ -61,9 +55,10 @@ mod tests {
             Self { most, held }
         }
 
-        fn take(&mut self, uid: impl Into<Option<u32>>) -> Result<(), Full> {
+        fn take(&mut self, uid: u32) -> Result<(), Full> {
             let held = self.held.iter().copied();
-            self.held.push(admit(self.most, OWN, held, uid.into())?);
+            admit(self.most, OWN, held, uid)?;
+            self.held.push(uid);
             Ok(())
         }
 
@@ -94,7 +89,6 @@ mod tests {
         assert_eq!(places.take(ROOT), Err(Full::All(32)));
         places.held.pop();
         assert_eq!(places.take(1000), Err(full));
-        assert_eq!(places.take(None), Ok(()));
         places.held.retain(|uid| *uid != 1000);
         assert_eq!(places.fill(1000), 28);
     }
@@ -111,15 +105,5 @@ mod tests {
         for (most, of_one) in [(1, 1), (2, 1), (3, 2), (7, 4), (8, 4), (9, 5), (1024, 1020)] {
             assert_eq!(Places::new(most).fill(1000), of_one, "of {most}");
         }
-    }
-
-    #[test]
-    fn those_of_whom_nothing_is_known_count_as_one_user() {
-        let mut places = Places::new(8);
-        for _ in 0..4 {
-            assert_eq!(places.take(None), Ok(()));
-        }
-        assert_eq!(places.take(None), Err(Full::Unnamed(4)));
-        assert_eq!(places.take(1000), Ok(()));
     }
 }

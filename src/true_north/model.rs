@@ -171,8 +171,7 @@ mod tests {
             altitude_m: 0.0,
         };
         let now = moment("2026-11-21T00:00:00Z");
-        let holds =
-            "the World Magnetic Model of this headingd holds from 2020-01-01 to 2029-12-31, and the date is";
+        let holds = "the World Magnetic Model of this headingd holds from 2020-01-01 to 2029-12-31, and the date is";
         for (day, error) in [
             ("2019-12-31", format!("{holds} 2019-12-31")),
             (

@@ -32,11 +32,8 @@ pub(super) async fn serve(
     orders: mpsc::Sender<ControlCall>,
     mut stop: watch::Receiver<bool>,
 ) -> Result<(), ClientError> {
-    let peer = stream.peer_cred();
-    let (pid, uid, gid) = match &peer {
-        Ok(peer) => (peer.pid(), Some(peer.uid()), Some(peer.gid())),
-        Err(_) => (None, None, None),
-    };
+    let peer = stream.peer_cred()?;
+    let (pid, uid, gid) = (peer.pid(), peer.uid(), peer.gid());
     let (reader, mut writer) = stream.into_split();
     let mut reader = BufReader::new(reader);
     let mut line = Vec::new();
