@@ -1,5 +1,6 @@
 //! What is published for each magnetometer reading.
 
+use crate::check::words;
 use crate::condition::Condition;
 
 /// One published heading, the content of one `ATT` object. Unknown is `None`, never 0.
@@ -56,16 +57,18 @@ impl Heading {
     }
 }
 
-/// gpsd's status of the magnetometer (`mag_st`), of which we use four letters.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum MagStatus {
-    /// `N`: normal.
-    #[default]
-    Normal,
-    /// `C`: calibration alarm: uncalibrated, or the calibration no longer fits.
-    Calibration,
-    /// `P`: field strength above what the calibration expects.
-    HighField,
-    /// `L`: field strength below what the calibration expects.
-    LowField,
+words! {
+    /// gpsd's status of the magnetometer (`mag_st`), of which we use four letters.
+    #[derive(Default)]
+    pub enum MagStatus {
+        /// Normal.
+        #[default]
+        Normal = "N",
+        /// Calibration alarm: uncalibrated, or a fault.
+        Calibration = "C",
+        /// Field strength above what the calibration expects, or beyond the chip's range.
+        HighField = "P",
+        /// Field strength below what the calibration expects.
+        LowField = "L",
+    }
 }

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::json::{push_angle, push_integer, push_number, push_text};
 use crate::calibration::outcome::Outcome;
 use crate::condition::Report;
-use crate::heading::{Heading, MagStatus};
+use crate::heading::Heading;
 
 /// Where the headings come from, as `DEVICE` names it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -90,7 +90,7 @@ pub(super) fn att_begin(out: &mut String, device: &str, heading: &Heading, time:
         push_number(out, "heading_sd", heading.sd_deg, 2);
     }
     out.push_str(r#","mag_st":""#);
-    out.push(status_letter(heading.mag_status));
+    out.push_str(heading.mag_status.word());
     out.push('"');
     push_number(out, "pitch", heading.pitch_deg, 2);
     push_number(out, "roll", heading.roll_deg, 2);
@@ -225,15 +225,6 @@ pub fn error(message: &str) -> String {
     push_text(&mut out, message);
     out.push('}');
     out
-}
-
-fn status_letter(status: MagStatus) -> char {
-    match status {
-        MagStatus::Normal => 'N',
-        MagStatus::Calibration => 'C',
-        MagStatus::HighField => 'P',
-        MagStatus::LowField => 'L',
-    }
 }
 
 #[cfg(test)]
