@@ -84,8 +84,7 @@ impl Mounting {
         let mut rotation = Rotation3::from_matrix_unchecked(self.matrix);
         rotation.renormalize();
         Self {
-            // Adding 0 makes a −0 a 0.
-            matrix: rotation.into_inner().map(|n| (n * 1e6).round() / 1e6 + 0.0),
+            matrix: rotation.into_inner().map(|n| rounded(n, 6)),
         }
     }
 

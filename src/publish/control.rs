@@ -55,9 +55,9 @@ impl Settings {
 
     fn check_socket(&self, faults: &mut Vec<Fault>) {
         if !self.socket.as_os_str().is_empty() {
-            faults.extend(right_path("socket", &self.socket).err());
+            faults.extend(right_path(&self.socket).err());
         }
-        faults.extend(right_mode("mode", &self.mode, MOST_OPEN).err());
+        faults.extend(right_mode(&self.mode, MOST_OPEN).err());
     }
 }
 

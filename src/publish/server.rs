@@ -48,8 +48,8 @@ settings! {
 
 impl Settings {
     fn check_socket(&self, faults: &mut Vec<Fault>) {
-        faults.extend(right_path("socket", &self.socket).err());
-        faults.extend(right_mode("mode", &self.mode, MOST_OPEN).err());
+        faults.extend(right_path(&self.socket).err());
+        faults.extend(right_mode(&self.mode, MOST_OPEN).err());
     }
 }
 

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use serde_json::{Value, json};
 
 use super::gpsd::LINE_END;
+use crate::frame::rounded;
 use crate::heading::Heading;
 
 /// A heading as a line of Signal K: angles in radians, starboard, bow up and turns to starboard positive. Empty where there
@@ -42,18 +43,17 @@ pub fn delta(heading: &Heading, time: Option<&str>) -> String {
 
 /// To a microradian. `None` where a number is not finite.
 fn radians(degrees: f64) -> Option<Value> {
-    rounded(degrees.to_radians())
+    finite(degrees.to_radians())
 }
 
 /// The same within a turn.
 fn bearing(degrees: f64) -> Option<Value> {
     // Rounding makes no whole turn of it: 2π itself is rounded down.
-    rounded(degrees.to_radians().rem_euclid(TAU))
+    finite(degrees.to_radians().rem_euclid(TAU))
 }
 
-fn rounded(number: f64) -> Option<Value> {
-    // There is no -0.0.
-    let rounded = (1e6 * number).round() / 1e6 + 0.0;
+fn finite(number: f64) -> Option<Value> {
+    let rounded = rounded(number, 6);
     rounded.is_finite().then(|| rounded.into())
 }
 

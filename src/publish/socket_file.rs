@@ -119,8 +119,8 @@ impl OpenSocket {
                 })
                 .map_err(|source| BindFault::failed(path, attempt, source))
             }
-            None => right_path("socket", path)
-                .and_then(|()| right_mode("mode", mode, most_open))
+            None => right_path(path)
+                .and_then(|()| right_mode(mode, most_open))
                 .map_err(BindFault::Settings)
                 .and_then(|mode| claim(path, mode)),
         };
@@ -242,17 +242,21 @@ fn lock(path: &Path) -> Result<LockFile, BindFault> {
 }
 
 /// What is wrong with the path of a socket is the error.
-pub(super) fn right_path(key: &str, path: &Path) -> Result<(), Fault> {
+pub(super) fn right_path(path: &Path) -> Result<(), Fault> {
     let length = path.as_os_str().as_bytes().len();
     if path.is_absolute() && path.file_name().is_some() && length <= LONGEST_PATH {
         return Ok(());
     }
     let right = format!("an absolute path of up to {LONGEST_PATH} bytes");
-    Err(Fault::new(key, format!("{path:?} ({length} bytes)"), right))
+    Err(Fault::new(
+        "socket",
+        format!("{path:?} ({length} bytes)"),
+        right,
+    ))
 }
 
 /// Permissions as a number, if they are ones that a socket may have: at most `most`.
-pub(super) fn right_mode(key: &str, mode: &str, most: u32) -> Result<u32, Fault> {
+pub(super) fn right_mode(mode: &str, most: u32) -> Result<u32, Fault> {
     // A sign is no part of a mode, but would be of a number.
     let octal = mode.bytes().all(|b| matches!(b, b'0'..=b'7'));
     let bits = u32::from_str_radix(mode, 8).ok().filter(|_| octal);
@@ -261,6 +265,6 @@ pub(super) fn right_mode(key: &str, mode: &str, most: u32) -> Result<u32, Fault>
             let right = format!(
                 "octal permissions in quotes, from \"0600\" to \"{most:04o}\", without execution"
             );
-            Fault::new(key, format!("{mode:?}"), right)
+            Fault::new("mode", format!("{mode:?}"), right)
         })
 }

@@ -4,6 +4,7 @@ use std::fmt::{self, Write as _};
 use std::io::{self, Write};
 
 use super::{COLUMNS, Entry, Header, MAGIC, VERSION};
+use crate::frame::rounded;
 
 /// Writes a log in milligauss, rad/s and m/s², each number exactly and as short as can be.
 ///
@@ -83,7 +84,7 @@ fn row(line: &mut String, entry: &Entry) -> fmt::Result {
     // Nine decimals hide what the way through radians adds to a heading.
     let heading_deg = entry
         .heading_truth_rad
-        .map(|rad| (rad.to_degrees() * 1e9).round() / 1e9);
+        .map(|rad| rounded(rad.to_degrees(), 9));
     let cells = reading.cells().into_iter().flatten().chain([heading_deg]);
     for cell in cells {
         match cell.filter(|n| n.is_finite()) {

@@ -63,7 +63,7 @@ const ROOMS: &[Room] = &[
     // A live source reports its faults.
     room("sensor", 2, &["reading", "frame", "recording", "condition"]),
     // Raw readings go out with the header and in the columns of a log.
-    room("publish", 2, &["heading", "condition", "calibration", "reading", "recording", "lock_file"]),
+    room("publish", 2, &["heading", "condition", "frame", "calibration", "reading", "recording", "lock_file"]),
     // Reads where the compass is from a gpsd.
     room("position", 2, &["true_north", "date"]),
     // The mounting is kept with the calibration: the one holds only with the other.
