@@ -1,12 +1,14 @@
 //! `headingd report`: a page with figures, of a log or of a running daemon.
 
 use std::future::pending;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use rustix::fs::{Access, access};
+use tempfile::tempfile_in;
 
-use super::control::exchange;
+use super::control::{exchange, read};
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
 use super::runtime::runtime;
@@ -15,11 +17,13 @@ use super::{
     write_out,
 };
 use crate::calibration::model::Calibration;
+use crate::calibration::policy::Policy;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::frame::Mounting;
 use crate::position::{Follower, Gpsd};
 use crate::publish::control::ControlRequest;
+use crate::publish::control::status::DaemonStatus;
 use crate::publish::raw::{self, Object};
 use crate::recording::{Header, TimeOfDay};
 use crate::report::{About, Analysis, ReportError, page};
@@ -84,11 +88,18 @@ fn may_write(out: &Path) -> Result<(), Failure> {
         let message = format!("cannot write {}: it is a folder", out.display());
         return Err(Failure::new(Failure::CANNOT_CREATE, message));
     }
-    if out.exists() || out == Path::new("-") {
+    if out == Path::new("-") {
         return Ok(());
     }
-    let folder = out.parent().filter(|folder| *folder != Path::new(""));
-    access(folder.unwrap_or(Path::new(".")), Access::WRITE_OK).or_fail(
+    // A file is replaced, also behind a link; a device or a pipe is written to.
+    let found = out.canonicalize().unwrap_or_else(|_| out.to_owned());
+    let tried: io::Result<()> = if found.exists() && !found.is_file() {
+        access(&found, Access::WRITE_OK).map_err(Into::into)
+    } else {
+        let folder = found.parent().filter(|folder| *folder != Path::new(""));
+        tempfile_in(folder.unwrap_or(Path::new("."))).map(drop)
+    };
+    tried.or_fail(
         Failure::CANNOT_CREATE,
         format!("cannot write {}", out.display()),
     )
@@ -167,7 +178,11 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
                 let board = board(&sockets).unwrap_or_else(|| config.mounting.board());
                 let setup = config.setup(&header.mountings, &board);
                 let north = TrueNorth::new(&config.true_north);
-                found = Some((about, Analysis::new(setup, north, active(&sockets))));
+                let mut analysis = Analysis::new(setup, north, active(&sockets));
+                if let Some(mode) = mode(&sockets) {
+                    analysis.put_mode(mode);
+                }
+                found = Some((about, analysis));
             }
             Ok(Object::Reading(row)) => {
                 if let Some((_, analysis)) = &mut found {
@@ -223,6 +238,13 @@ fn board(sockets: &DaemonSockets) -> Option<Mounting> {
     };
     let answer = exchange(&sockets.control, &question).ok()?;
     answer["board_axes"].as_str()?.parse().ok()
+}
+
+/// Whether the daemon calibrates, where this user may ask for it.
+fn mode(sockets: &DaemonSockets) -> Option<Policy> {
+    let answer = exchange(&sockets.control, &ControlRequest::Status {}).ok()?;
+    let status: DaemonStatus = read(answer).ok()?;
+    Some(status.mode)
 }
 
 /// The daemon's calibration, where this user may ask for it.

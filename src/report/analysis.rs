@@ -7,6 +7,7 @@ use std::time::Duration;
 use super::thin::Thin;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
+use crate::calibration::policy::Policy;
 use crate::calibration::verdict::Limit;
 use crate::calibration::{Request, calibrate};
 use crate::condition::Report;
@@ -89,6 +90,11 @@ impl Analysis {
                 ..Findings::default()
             },
         }
+    }
+
+    /// Calibrates as a daemon in this mode would.
+    pub fn put_mode(&mut self, mode: Policy) {
+        self.handle(Event::Policy(mode));
     }
 
     /// The board is there from now on.

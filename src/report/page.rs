@@ -10,6 +10,7 @@ use super::turn::Turned;
 use super::{compass, field, timeline};
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
+use crate::calibration::outcome::Verdict;
 use crate::calibration::verdict::{Limit, measured};
 use crate::frame::to_tenths;
 
@@ -196,6 +197,10 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
         out += "<p>Nothing was fitted, so that there is nothing to draw.</p>\n";
         return Ok(out);
     };
+    let is_rejected = outcome.verdict == Verdict::Rejected;
+    if is_rejected {
+        out += "<p>Below, the field is corrected by the turn's own fit, which was rejected: no heading is.</p>\n";
+    }
     out += &figure(
         &field::circles(&turned)?,
         "Field of the turn: <b class=raw>raw</b>, and <b class=corrected>corrected</b>, on a circle about the origin of the corrected field's mean strength.",
@@ -228,7 +233,12 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
         &compass::deviation(&held)?,
         "Deviation by heading: <b class=raw>before</b>, and <b class=corrected>after</b>.",
     );
-    out += &card(&held);
+    let after = if is_rejected {
+        "after, by the rejected fit"
+    } else {
+        "after"
+    };
+    out += &card(&held, after);
     Ok(out)
 }
 
@@ -285,7 +295,7 @@ fn limits(limits: &[Limit]) -> String {
     out + "</table>\n"
 }
 
-fn card(held: &[compass::Held]) -> String {
+fn card(held: &[compass::Held], after_name: &str) -> String {
     let mut rows = [String::new(), String::new(), String::new()];
     for (heading_deg, deviations) in compass::card(held) {
         rows[0] += &format!("<th>{heading_deg:03.0}°</th>");
@@ -299,7 +309,7 @@ fn card(held: &[compass::Held]) -> String {
     let [head, before, after] = rows;
     format!(
         "<table class=card><caption>Deviation card, degrees</caption><tr><th>heading</th>{head}</tr>\n\
-         <tr><th>before</th>{before}</tr>\n<tr><th>after</th>{after}</tr></table>\n"
+         <tr><th>before</th>{before}</tr>\n<tr><th>{after_name}</th>{after}</tr></table>\n"
     )
 }
 

@@ -171,6 +171,7 @@ fn a_refused_turn_says_what_broke_which_limit_and_what_to_do() {
         "What to do: turn on the spot, away from iron",
         "<th>residual, of the field</th>",
         "<b class=bad>broken</b>",
+        "<th>after, by the rejected fit</th>",
     ] {
         assert!(page.contains(part), "{part} is missing");
     }

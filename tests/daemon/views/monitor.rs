@@ -14,7 +14,7 @@ use rustix::fs::{Mode, OFlags};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 
 use crate::control::link::Link;
-use crate::rig::{ENDLESS, FAST, PATIENCE, Process, Rig, headingd, program, pty, spawn_on};
+use crate::rig::{ENDLESS, FAST, LONG, PATIENCE, Process, Rig, headingd, program, pty, spawn_on};
 
 /// A screen that draws nothing for so long has drawn all: it is drawn five times a second.
 const SETTLED: Duration = Duration::from_millis(50);
@@ -202,6 +202,19 @@ fn a_report_on_a_daemon_that_ends_has_what_there_was() {
 }
 
 #[test]
+fn a_report_on_a_daemon_that_is_locked_calibrates_on_no_turn() {
+    let rig = Rig::new(FAST, LONG);
+    let (_process, mut client) = rig.watched();
+    client.accepted();
+    Link::new(&rig).told("lock");
+    let socket = rig.text("heading.sock");
+    let report = ["report", "--socket", &socket, "--out", "-"];
+    let (status, page, err) = headingd(&[&report[..], &["--duration", "3"]].concat());
+    assert_eq!(status, 0, "{err}");
+    assert!(page.contains("no full turn that was calibrated on"));
+}
+
+#[test]
 fn a_running_daemon_is_reported_on() {
     let rig = Rig::new(FAST, ENDLESS);
     let (_process, mut client) = rig.watched();
@@ -240,4 +253,9 @@ fn a_running_daemon_is_reported_on() {
     let folder = rig.text("");
     let (status, _, err) = headingd(&[&report[..], &[&folder, "--duration", "86400"]].concat());
     assert!(status == 73 && err.contains("it is a folder"), "{err}");
+    // Not even root can replace this one.
+    let file = ["/proc/version", "--duration", "86400"];
+    let (status, _, err) = headingd(&[&report[..], &file].concat());
+    let why = "cannot write /proc/version";
+    assert!(status == 73 && err.contains(why), "{err}");
 }
