@@ -111,7 +111,7 @@ impl Show {
             self.bar.say(said);
         } else if self.reason != status.reason || (share - self.share).abs() >= STEP {
             (self.reason, self.share) = (status.reason.clone(), share);
-            let percent = |share| format!("{:3.0} %  ", 100.0 * share);
+            let percent = |share| format!("{:3.0} % of a turn  ", 100.0 * share);
             let turned = status.progress.map_or(String::new(), percent);
             tell(format_args!("{turned}{said}"));
         }

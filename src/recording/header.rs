@@ -278,7 +278,22 @@ fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
             ));
         }
     }
+    if !has(MAG) && text.split(',').any(is_like_mag) {
+        return Err(format!(
+            "found {}, but the magnetometer's columns must be {}",
+            shown(text.as_bytes()),
+            COLUMNS[MAG..GYRO].join(", ")
+        ));
+    }
     Ok(columns)
+}
+
+/// Whether a column is likely an axis of the magnetometer by another name: `mag_x`, `MagX (uT)`, `m_x`, `Mx`. Not to use it would
+/// leave a log without a field. Other names are free.
+fn is_like_mag(name: &str) -> bool {
+    let name = name.trim().to_lowercase();
+    let short = name.starts_with('m') && name.len() <= 3;
+    (short || name.starts_with("mag")) && name.contains(['x', 'y', 'z'])
 }
 
 #[cfg(test)]
@@ -299,7 +314,7 @@ mod tests {
             "\u{feff}# headingd-log 1\r\n#sensor=hmc5843\r\n# a remark\r\n# mag_unit = counts\r\n\
              # counts_per_gauss = 1300\r\n# gyro_axes = -x +y -z\r\n# truth_scale = 1 2 3\r\n\
              # sensor_1 = bmp280\r\n# sensors = 3\r\n\
-             az,ax,ay,t_s,temperature\r\n",
+             az,ax,ay,t_s,magnitude\r\n",
         )
         .unwrap();
         assert_eq!(header.sensor.as_deref(), Some("hmc5843"));
@@ -353,6 +368,8 @@ mod tests {
             ("# headingd-log 1\n0.1,1,2,3\n", 2, "t_s among them"),
             ("# headingd-log 1\nt_s,t_s\n", 2, "more than once"),
             ("# headingd-log 1\nt_s,mx,my\n", 2, "mx, my, mz must"),
+            ("# headingd-log 1\nt_s,gx,gy,gz,mag_x\n", 2, "be mx, my, mz"),
+            ("# headingd-log 1\nt_s,Mx,My,Mz\n", 2, "be mx, my, mz"),
         ] {
             let message = rows(text).unwrap_err();
             assert!(message.contains(why), "{text:?}: {message}");

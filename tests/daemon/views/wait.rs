@@ -70,7 +70,7 @@ fn a_refusal_has_its_status_its_reason_and_what_to_do() {
         "{out}"
     );
     // It says how far the turn is.
-    assert!(err.contains(" %  "), "{err}");
+    assert!(err.contains(" % of a turn  "), "{err}");
 }
 
 #[test]
