@@ -19,7 +19,7 @@ pub struct Args {
     /// The board is level now: pitch and roll become 0, and ahead stays ahead
     #[arg(long)]
     pub level: bool,
-    /// The magnetic heading is this now, 0 to 360 degrees
+    /// The magnetic heading is this now, 0 to 360 degrees: a true one less the declination, east positive
     #[arg(long, value_name = "DEGREES", value_parser = number("a number of degrees", 0.0..=360.0))]
     pub heading: Option<f64>,
     /// The board is mounted as the configuration says
