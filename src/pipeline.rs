@@ -241,11 +241,6 @@ impl Pipeline {
         self.intake.dropped()
     }
 
-    /// What was reported last.
-    pub fn report(&self) -> Option<&Report> {
-        self.report.as_ref()
-    }
-
     fn read(&mut self, reading: &Reading, actions: &mut Vec<Action>) {
         // Within a stretch, sources give rising times. A reading that goes back is dropped; one that is merely older than a
         // reported silence is not.

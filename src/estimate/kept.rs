@@ -12,15 +12,6 @@ const PLACE: f64 = 0.02;
 /// A body axis with more of the normal of a planar calibration than this (sine of 30°) was not measured.
 const ACROSS: f64 = 0.5;
 
-/// A sample corrected, body axes, milligauss. Under a planar calibration it lies in the plane.
-pub(super) fn corrected(
-    calibration: &Calibration,
-    mounting: &Mounting,
-    field_mgauss: &Vector3<f64>,
-) -> Vector3<f64> {
-    mounting.to_body(calibration.parameters.correct(field_mgauss))
-}
-
 /// The heading from one corrected sample over a horizontal plane with this `down`; a board without one is taken for level.
 pub(super) fn fix(
     calibration: &Calibration,

@@ -38,6 +38,7 @@ fn play(readings: &[Reading], start: Option<Calibration>, late: usize) -> Played
     let mut pipeline = Pipeline::new(Setup::default(), start);
     let mut played = Played::default();
     let mut under_way: Option<(usize, Outcome)> = None;
+    let mut reason = None;
     for index in 0..readings.len() + 4 * late {
         let mut actions = Vec::new();
         if let Some(reading) = readings.get(index) {
@@ -47,7 +48,8 @@ fn play(readings: &[Reading], start: Option<Calibration>, late: usize) -> Played
             for action in std::mem::take(&mut actions) {
                 match action {
                     Action::Publish(heading) => played.headings.push(heading),
-                    Action::Report(_) | Action::Warn(_) => {}
+                    Action::Report(report) => reason = Some(report.reason),
+                    Action::Warn(_) => {}
                     Action::Turned(_) => played.turned.push(index),
                     Action::Calibrate(request) => {
                         assert!(under_way.is_none(), "two calibrations at a time");
@@ -64,8 +66,8 @@ fn play(readings: &[Reading], start: Option<Calibration>, late: usize) -> Played
                 None => break,
             }
         }
-        if let (Some(reading), Some(report)) = (readings.get(index), pipeline.report()) {
-            played.reasons.push((reading.t_s, report.reason));
+        if let (Some(reading), Some(reason)) = (readings.get(index), reason) {
+            played.reasons.push((reading.t_s, reason));
         }
     }
     played.calibration = pipeline.calibration();
@@ -546,6 +548,25 @@ fn a_level_board_without_an_accelerometer_gets_headings() {
         assert!(share > 0.8, "{share} at {horizontal_mgauss} mG");
         assert!(played.when("field_unit").is_empty());
     }
+}
+
+#[test]
+fn sensors_that_are_read_after_the_magnetometer_are_not_missing() {
+    let mut readings = readings(&Settings::default());
+    let first = readings
+        .iter()
+        .position(|reading| reading.rate_rad_s.is_none());
+    readings.drain(..first.unwrap());
+    let played = play(&readings, None, 0);
+    assert_eq!(played.reasons[0].1, "no_calibration");
+    assert!(played.when("no_gyro").is_empty());
+
+    // Those that never come are.
+    for reading in &mut readings {
+        reading.rate_rad_s = None;
+    }
+    let missing = play(&readings, None, 0).when("no_gyro")[0] - readings[0].t_s;
+    assert!((0.5..0.6).contains(&missing), "{missing}");
 }
 
 #[test]
