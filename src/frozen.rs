@@ -3,9 +3,12 @@
 //! At rest a coarse sensor, or a simulated one without noise, may well repeat its value for ever. So only values that come
 //! while the gyro shows motion count.
 
+mod rest;
+
 use nalgebra::Vector3;
 
-use crate::reading::{Field, Reading};
+use crate::reading::{Field, HELD_S, Reading};
+use rest::RestRate;
 
 /// So many times the same …
 const READINGS: u32 = 20;
@@ -13,7 +16,7 @@ const READINGS: u32 = 20;
 const LASTING_S: f64 = 0.5;
 /// … while the board turns by this much, radians (30°): no field looks the same then …
 const TURNED_RAD: f64 = 0.52;
-/// … at this rate or faster, rad/s (20 °/s): more than a gyro's bias.
+/// … at this rate or faster, rad/s (20 °/s): more than a gyro's bias; or slower, once the rate at rest is known.
 pub(crate) const MOVING_RAD_S: f64 = 0.35;
 /// A rotation that is the same again and again may be a turntable's. It is a frozen gyro's if over this angle, radians
 /// (90°), …
@@ -55,6 +58,11 @@ pub struct FrozenWatch {
     rate: Option<(f64, f64)>,
     field: Run<Field>,
     gyro: Run<Vector3<f64>>,
+    rest: RestRate,
+    /// Whether the last rate is a turn, even a slow one.
+    slow_turn: bool,
+    /// When the field last changed, seconds.
+    changed_s: f64,
     /// The field when the gyro's run began, and how far it has gone from there.
     seen: Option<(Vector3<f64>, f64)>,
     magnetometer_frozen: bool,
@@ -104,8 +112,11 @@ impl FrozenWatch {
         if let Some(field) = reading.field_mgauss {
             self.take_field(reading.t_s, field);
         }
-        if let (Some(field), Some((begun, far))) = (reading.whole_field_mgauss(), &mut self.seen) {
-            *far = far.max((field - *begun).norm());
+        if let Some(field) = reading.whole_field_mgauss() {
+            self.rest.take_field(reading.t_s, field);
+            if let Some((begun, far)) = &mut self.seen {
+                *far = far.max((field - *begun).norm());
+            }
         }
         if self.magnetometer_frozen {
             Some(Frozen::MAGNETOMETER)
@@ -120,13 +131,21 @@ impl FrozenWatch {
             && (0.0..=GAP_S).contains(&(t_s - last_s))
         {
             let mean = 0.5 * (last + speed);
-            self.field.turn(t_s - last_s, mean);
+            let turn = if mean < MOVING_RAD_S {
+                self.rest.turn_rad_s(rate)
+            } else {
+                mean
+            };
+            self.field.turn(t_s - last_s, turn);
             self.gyro.turn(t_s - last_s, mean);
         }
         self.rate = Some((t_s, speed));
         if !self.gyro.is(&rate) {
             self.gyro_frozen = false;
         }
+        let field_repeats = t_s - self.changed_s > HELD_S;
+        self.rest.take_rate(t_s, rate, field_repeats);
+        self.slow_turn = self.rest.turn_rad_s(rate) > 0.0;
         if self.gyro.is(&rate) && speed >= MOVING_RAD_S {
             self.gyro.readings += 1;
             let still = |(begun, far): &(Vector3<f64>, f64)| *far < BELIED_SHARE * begun.norm();
@@ -140,13 +159,14 @@ impl FrozenWatch {
 
     fn take_field(&mut self, t_s: f64, field: Field) {
         let moving = self.rate.is_some_and(|(last_s, speed)| {
-            (0.0..=GAP_S).contains(&(t_s - last_s)) && speed >= MOVING_RAD_S
+            (0.0..=GAP_S).contains(&(t_s - last_s)) && (speed >= MOVING_RAD_S || self.slow_turn)
         });
         // Whether the board moves is unknown until the gyro's next reading.
         let jumped_back = self.rate.is_some_and(|(last_s, _)| t_s < last_s);
         // An axis that overflows has no reading: where all do, nothing is repeated.
         if field == Field::default() || !self.field.is(&field) {
             self.magnetometer_frozen = false;
+            self.changed_s = t_s;
             self.field.begin(field);
         } else if moving {
             self.field.readings += 1;
@@ -236,14 +256,40 @@ mod tests {
         assert_eq!(frozen(9.05), None);
     }
 
+    /// A number from -1 to 1, another at each time.
+    fn noise(t_s: f64) -> f64 {
+        (t_s * 977.0).sin()
+    }
+
+    /// A turn that is slower than a bias may be, after 10 s of rest. The fastest is told sooner: with its bias it is fast.
+    #[test]
+    fn a_magnetometer_that_stands_still_in_a_slow_turn_is_frozen() {
+        let noisy = |t_s: f64, heading| right(t_s, heading).map(|axis| axis + 2.0 * noise(t_s));
+        let stuck = |t_s: f64, heading| noisy(t_s.min(8.0), if t_s > 8.0 { 0.0 } else { heading });
+        for deg_s in [2.0, 5.0, 15.0] {
+            let turns = |t_s: f64| if t_s > 10.0 { deg_s } else { 0.0 };
+            let rate = |t_s: f64, deg_s: f64| deg_s + 8.0 + 0.3 * noise(t_s);
+            let first =
+                |found: Vec<(f64, Option<Frozen>)>| found.into_iter().find(|row| row.1.is_some());
+            let (told_s, what) = first(board(40.0, turns, stuck, rate)).unwrap();
+            assert_eq!(what, Some(Frozen::MAGNETOMETER));
+            let turned_deg = (told_s - 10.0) * deg_s;
+            assert!((19.0..40.0).contains(&turned_deg), "{deg_s}: {turned_deg}");
+            assert_eq!(first(board(40.0, turns, noisy, rate)), None);
+        }
+    }
+
     #[test]
     fn coarse_and_noise_free_boards_are_well_at_rest_and_on_a_turntable() {
         let coarse =
             |t_s: f64, heading: f64| right(t_s, heading).map(|axis| (axis / 10.0).round() * 10.0);
-        for deg_s in [0.0, 0.5, 25.0, 51.4, 400.0] {
+        for deg_s in [0.0, 0.5, 1.0, 3.0, 10.0, 25.0, 51.4, 400.0] {
             for bias in [0.0, 9.0] {
-                let found = board(60.0, |_| deg_s, coarse, |_, deg_s| deg_s + bias);
-                assert!(found.iter().all(|row| row.1.is_none()), "{deg_s}, {bias}");
+                for until_s in [20.0, 99.0] {
+                    let turns = |t_s| if t_s < until_s { deg_s } else { 0.0 };
+                    let found = board(60.0, turns, coarse, |_, deg_s| deg_s + bias);
+                    assert!(found.iter().all(|row| row.1.is_none()), "{deg_s}, {bias}");
+                }
             }
         }
     }

@@ -1,0 +1,87 @@
+//! What the gyro says at rest, its bias: with that, a slow turn can be told from rest.
+
+use nalgebra::Vector3;
+
+/// The board is at rest if for this long, seconds, …
+const LASTING_S: f64 = 3.0;
+/// … the mean rate stays within this, rad/s (1 °/s), …
+const STEADY_RAD_S: f64 = 0.0175;
+/// … and the mean field within this share of it. A turn of 1.2 °/s moves it further at a dip of 70°.
+const STILL_SHARE: f64 = 0.02;
+/// Time constant of the means, seconds: less than a tenth of the noise at 100 Hz.
+const MEAN_S: f64 = 0.5;
+/// A rate that differs by more from that at rest is a turn, rad/s (1.5 °/s); by less, the bias may have drifted.
+const TURN_RAD_S: f64 = 0.026;
+
+/// Rates and fields in, the rate at rest out.
+#[derive(Clone, Debug, Default)]
+pub(super) struct RestRate {
+    rate: Mean,
+    field: Mean,
+    /// When the board seemed to come to rest, and the mean rate and field then.
+    begun: Option<(f64, Vector3<f64>, Vector3<f64>)>,
+    known: Option<Vector3<f64>>,
+}
+
+/// A mean of the last values, by time.
+#[derive(Clone, Debug, Default)]
+struct Mean {
+    /// Time of the last value.
+    last_s: f64,
+    value: Option<Vector3<f64>>,
+}
+
+impl Mean {
+    /// Begins anew after a gap of more than the time constant.
+    fn take(&mut self, t_s: f64, value: Vector3<f64>) -> Vector3<f64> {
+        let step_s = t_s - self.last_s;
+        let mean = match self.value {
+            Some(mean) if (0.0..=MEAN_S).contains(&step_s) => {
+                mean + (value - mean) * (step_s / (MEAN_S + step_s))
+            }
+            _ => value,
+        };
+        (self.last_s, self.value) = (t_s, Some(mean));
+        mean
+    }
+}
+
+impl RestRate {
+    /// Takes a whole field.
+    pub(super) fn take_field(&mut self, t_s: f64, field: Vector3<f64>) {
+        self.field.take(t_s, field);
+    }
+
+    /// Takes a rate. Where the `field_repeats`, it may be that of a frozen magnetometer, which is no sign of rest.
+    pub(super) fn take_rate(&mut self, t_s: f64, rate: Vector3<f64>, field_repeats: bool) {
+        let mean = self.rate.take(t_s, rate);
+        let Some(field) = self.field.value else {
+            return;
+        };
+        let begun = self.begun.filter(|(begun_s, begun_rate, begun_field)| {
+            t_s >= *begun_s
+                && (mean - begun_rate).norm() < STEADY_RAD_S
+                && (field - begun_field).norm() < STILL_SHARE * begun_field.norm()
+        });
+        if let Some((begun_s, ..)) = begun {
+            if t_s - begun_s < LASTING_S {
+                return;
+            }
+            let drifted = |known: Vector3<f64>| (mean - known).norm() < TURN_RAD_S;
+            if !field_repeats || self.known.is_none_or(drifted) {
+                self.known = Some(mean);
+            }
+        }
+        self.begun = Some((t_s, mean, field));
+    }
+
+    /// How fast the board turns at this rate, rad/s; 0 where that may be bias or noise.
+    pub(super) fn turn_rad_s(&self, rate: Vector3<f64>) -> f64 {
+        let (Some(known), Some(mean)) = (self.known, self.rate.value) else {
+            return 0.0;
+        };
+        // Noise is not in the mean, and a turn that has ended not in the rate.
+        let speed = (rate - known).norm().min((mean - known).norm());
+        if speed < TURN_RAD_S { 0.0 } else { speed }
+    }
+}
