@@ -32,9 +32,9 @@ impl DataSheet {
         slower.min(self.rates_hz.len() - 1) as u8
     }
 
-    /// The counts per gauss of this code; of the coarsest gain for a code that the chip does not have.
+    /// The counts per gauss of a code that the chip has.
     pub fn gain(&self, code: u8) -> f64 {
-        self.gains[usize::from(code).min(self.gains.len() - 1)]
+        self.gains[usize::from(code)]
     }
 }
 

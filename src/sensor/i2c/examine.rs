@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::{Chips, Settings};
 use crate::condition::SourceFault;
 use crate::frame::Mountings;
-use crate::reading::STANDARD_GRAVITY_M_S2;
+use crate::reading::{EARTH_MGAUSS, STANDARD_GRAVITY_M_S2};
 use crate::sensor::SourceEvent;
 use crate::sensor::bus::{Bus, BusError, Cause, read_byte};
 use crate::sensor::chip::magnetometer::AxisTest;
@@ -17,8 +17,6 @@ use crate::sensor::clock::Clock;
 /// The chips are read for this long, seconds, after a second for setting them up.
 const READING_S: f64 = 2.0;
 const SETTLING_S: f64 = 1.0;
-/// The Earth's field is 220 to 670 milligauss; hard iron of the board adds or takes away.
-const PLAUSIBLE_MGAUSS: (f64, f64) = (100.0, 1500.0);
 const GRAVITY_TOLERANCE: f64 = 0.15;
 /// More noise than this is a board that moves, degrees a second.
 const STILL_DEG_S: f64 = 2.0;
@@ -312,8 +310,7 @@ fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, observed: &Obs
     };
     let strength = field.norm();
     report.field_mgauss = Some(strength);
-    let (low, high) = PLAUSIBLE_MGAUSS;
-    if !(low..=high).contains(&strength) {
+    if !EARTH_MGAUSS.contains(&strength) {
         report.problem(
             "field_strength",
             format!(
