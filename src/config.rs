@@ -303,6 +303,26 @@ mod tests {
                 "2:11: more follows the number 40: write it alone, without a unit, or text in quotes",
             ),
             (
+                "[heading]\nstale_s = 10%\n",
+                "2:11: more follows the number 10: write it alone, without a unit, or text in quotes",
+            ),
+            (
+                "[heading]\nstale_s = 5°\n",
+                "2:11: more follows the number 5: write it alone, without a unit, or text in quotes",
+            ),
+            (
+                "[heading]\nstale_s = 0,5\n",
+                "2:12: 0,5: decimals need a point: 0.5",
+            ),
+            (
+                "[i2c]\nbus: 1\n",
+                "2:4: found a colon after the key: write bus = 1",
+            ),
+            (
+                "[i2c]\nbus : 1\n",
+                "2:5: found a colon after the key: write bus = 1",
+            ),
+            (
                 "[simulator]\nwith_gyro = True\n",
                 "2:13: True: write true and false in small letters",
             ),

@@ -8,7 +8,7 @@ use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 use super::fault::ConfigFault;
 use super::retired;
 use super::syntax::{self, LineIndex, column};
-use super::words::{beyond, explain, suggest};
+use super::words::{beyond, explain, quoted, suggest};
 use super::{Config, Table};
 use crate::check::{Check, Fault};
 
@@ -64,6 +64,8 @@ impl<'i> TableReader<'i> {
             })
             .collect();
         faults.sort_by_key(|fault| (fault.line, fault.column));
+        // The parser has two messages about one colon.
+        faults.dedup_by(|next, fault| (next.line, &next.sentence) == (fault.line, &fault.sentence));
         Err(faults)
     }
 
@@ -86,8 +88,11 @@ impl<'i> TableReader<'i> {
                 format!("this key is outside any table: {help}")
             };
             let at = Some(key.span().start);
-            self.faults
-                .push(fault(&self.places, at, format!("{name}: {sentence}")));
+            self.faults.push(fault(
+                &self.places,
+                at,
+                format!("{}: {sentence}", quoted(name)),
+            ));
         }
     }
 
@@ -212,7 +217,11 @@ impl<'i> TableReader<'i> {
         let name: &str = key.get_ref();
         let dotted = format!("{table}.{name}");
         if !keys.contains(&name) {
-            return Err(format!("{dotted}: unknown key; {}", suggest(name, keys)));
+            let key = quoted(name);
+            return Err(format!(
+                "{table}.{key}: unknown key; {}",
+                suggest(name, keys)
+            ));
         }
         let numbers = defaults.get(name).and_then(toml::Value::as_array);
         // The deserialiser ignores surplus numbers.

@@ -6,7 +6,8 @@ use std::ops::Range;
 pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
     let line_start = text[..span.start].rfind('\n').map_or(0, |end| end + 1);
     let before = text[line_start..span.start].trim();
-    let word = word(&text[span.start..]);
+    // A stray control character must not reach a terminal.
+    let word = &word(&text[span.start..]).replace(char::is_control, "?");
     if message == "duplicate key" {
         let name = text.get(span).unwrap_or(word);
         return match before.starts_with('[') {
@@ -23,9 +24,33 @@ pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
             _ => format!("{word} is a number with a leading zero: leave the zero out"),
         };
     }
+    let line = text[line_start..].lines().next().unwrap_or_default();
+    if let Some((key, value)) = line.split_once(':')
+        && (message.starts_with("invalid unquoted key") || message.starts_with("key with no value"))
+        && !key.contains(['=', '"'])
+    {
+        let right = format!("{} = {}", key.trim(), value.trim());
+        return format!(
+            "found a colon after the key: write {}",
+            right.replace(char::is_control, "?")
+        );
+    }
+    let whole = before.rsplit(['=', ' ']).next().unwrap_or_default();
+    let tail = text[span.start..].strip_prefix(',').map(self::word);
+    if let Some(tail) = tail
+        && let Ok(_) = format!("{whole}.{tail}").parse::<f64>()
+    {
+        return format!("{whole},{tail}: decimals need a point: {whole}.{tail}");
+    }
     let is_bare = message.starts_with("string values must be quoted")
         || (before.ends_with('=') && word.starts_with(char::is_alphabetic));
-    match (is_bare, word) {
+    let digits = word.trim_end_matches(|c: char| !c.is_ascii_digit());
+    let number = if digits.parse::<f64>().is_ok() {
+        digits
+    } else {
+        word
+    };
+    match (is_bare, number) {
         (true, "") => "there is no value after the =".to_owned(),
         (true, "True" | "False") => format!("{word}: write true and false in small letters"),
         (true, number) if number.parse::<f64>().is_ok() => {
@@ -74,4 +99,21 @@ pub(super) fn column(text: &str, at: usize) -> usize {
     let before = text.get(..at).unwrap_or(text);
     let start = before.rfind('\n').map_or(0, |end| end + 1);
     1 + before[start..].chars().count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_control_character_of_a_file_reaches_the_terminal() {
+        for (text, message, at) in [
+            ("bus = \u{1b}[2J", "string values must be quoted", 6),
+            ("bus: \u{1b}[2J", "invalid unquoted key", 3),
+        ] {
+            let sentence = explain(message, text, at..at + 1);
+            assert!(sentence.contains("?[2J"), "{sentence}");
+            assert!(!sentence.contains('\u{1b}'), "{sentence:?}");
+        }
+    }
 }

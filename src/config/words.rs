@@ -48,6 +48,15 @@ pub(super) fn beyond(message: &str) -> Option<&'static str> {
     }
 }
 
+/// A key as it must be written: in quotes, with escapes, unless it is bare.
+pub(super) fn quoted(key: &str) -> String {
+    let is_bare = |c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | '-');
+    match !key.is_empty() && key.chars().all(is_bare) {
+        true => key.to_owned(),
+        false => format!("{key:?}"),
+    }
+}
+
 /// What to write in place of an unknown word: the nearest known one, or all of them.
 pub(super) fn suggest(unknown: &str, known: &[&str]) -> String {
     let nearest = known
@@ -64,6 +73,17 @@ pub(super) fn suggest(unknown: &str, known: &[&str]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_key_that_would_control_a_terminal_is_quoted() {
+        for (key, right) in [
+            ("rate-hz_2", "rate-hz_2"),
+            ("", "\"\""),
+            ("\u{1b}[2J", "\"\\u{1b}[2J\""),
+        ] {
+            assert_eq!(quoted(key), right);
+        }
+    }
 
     #[test]
     fn a_far_word_gets_the_whole_list() {
