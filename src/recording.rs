@@ -51,7 +51,7 @@ use crate::frame::Mountings;
 use crate::reading::Reading;
 
 pub(crate) use checksum::check as check_row;
-pub(crate) use header::{HeaderLines, gives_key};
+pub(crate) use header::{HeaderLines, gives_key, names_columns};
 pub(crate) use read::Reader;
 pub(crate) use rows::Rows;
 pub(crate) use time_of_day::{RECORDED_FROM, TimeOfDay};
@@ -197,11 +197,6 @@ impl Skips {
         }
     }
 
-    /// How many rows were skipped.
-    pub fn count(&self) -> u64 {
-        self.count
-    }
-
     /// Whether more rows were skipped than kept.
     pub fn are_most(&self) -> bool {
         self.count > self.kept
@@ -228,5 +223,33 @@ pub(crate) fn shown(text: &[u8]) -> String {
         format!("{start:?}…")
     } else {
         format!("{text:?}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(text: &str) -> Vec<Result<Entry, LineError>> {
+        let reader = Reader::new("a.csv", text.as_bytes()).unwrap();
+        reader.map(Result::unwrap).collect()
+    }
+
+    #[test]
+    fn a_header_that_is_repeated_is_no_row_and_rows_after_another_are_refused() {
+        let head = "# headingd-log 1\n# mag_unit = uT\nt_s,mx,my,mz\n";
+        let text = format!("{head}0,1,2,3\n{head}# a remark\n0.1,1,2,3\n");
+        assert!(rows(&text).iter().all(Result::is_ok));
+        for other in ["# mag_unit = gauss", "t_s,my,mx,mz"] {
+            let found = rows(&format!("{text}{other}\n0.2,1,2,3\n"));
+            let [Ok(_), Ok(_), Err(line), Err(row)] = &found[..] else {
+                panic!("{found:?}");
+            };
+            assert!(
+                line.what.contains(other) && line.what.contains("split the log"),
+                "{line}"
+            );
+            assert!(row.what.contains("after another header"), "{row}");
+        }
     }
 }

@@ -248,9 +248,8 @@ fn replay_log(
     };
     let end = play(next, speed, clock, out);
     let skips = replay.skips();
-    if let Some(first) = skips.first() {
-        let count = skips.count();
-        tracing::warn!("skipped rows that cannot be used: {count} in all; the first: {first}");
+    if let Some(summary) = skips.summary() {
+        tracing::warn!("{summary}");
     }
     match end {
         Some(SourceEvent::End(_)) if skips.are_most() => Some(SourceEvent::End(skips.summary())),

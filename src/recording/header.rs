@@ -37,6 +37,8 @@ pub struct HeaderLines {
     counts_per_gauss: Option<f64>,
     gyro: Option<Unit>,
     accel: Option<Unit>,
+    /// The lines that say how to read the rows.
+    lines: Vec<String>,
 }
 
 impl HeaderLines {
@@ -52,6 +54,9 @@ impl HeaderLines {
     /// Takes the next line; the one with the column names completes the header.
     pub fn add(&mut self, text: &str) -> Result<Option<Rows>, String> {
         self.count += 1;
+        if gives_key(text) || names_columns(text.as_bytes()) {
+            self.lines.push(text.trim().to_owned());
+        }
         match text.strip_prefix('#') {
             Some(comment) if self.count <= MOST_LINES => self.add_key(comment).map(|()| None),
             Some(_) => Err(format!(
@@ -66,6 +71,7 @@ impl HeaderLines {
                     header,
                     columns,
                     rules,
+                    lines: std::mem::take(&mut self.lines),
                 }))
             }
         }
@@ -159,6 +165,7 @@ impl Rows {
             header: Header::default(),
             columns: (0..cells).map(Some).collect(),
             rules: HeaderLines::default().rules().ok()?,
+            lines: Vec::new(),
         };
         let known = [GYRO, ACCEL, HEADING, COLUMNS.len()].contains(&cells);
         known.then_some(rows)
@@ -250,6 +257,12 @@ pub(crate) fn gives_key(line: &str) -> bool {
     key.is_some_and(|(key, _)| KEYS.contains(&key.trim()))
 }
 
+/// Whether a line is one of column names.
+pub(crate) fn names_columns(line: &[u8]) -> bool {
+    line.split(|byte| *byte == b',')
+        .any(|cell| cell.trim_ascii() == b"t_s")
+}
+
 fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
     let columns: Vec<Option<usize>> = text
         .split(',')
@@ -310,6 +323,7 @@ mod tests {
             header,
             columns,
             rules,
+            ..
         } = rows(
             "\u{feff}# headingd-log 1\r\n#sensor=hmc5843\r\n# a remark\r\n# mag_unit = counts\r\n\
              # counts_per_gauss = 1300\r\n# gyro_axes = -x +y -z\r\n# truth_scale = 1 2 3\r\n\

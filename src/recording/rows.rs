@@ -2,7 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::{ACCEL, COLUMNS, Entry, GYRO, HEADING, Header, MAG, check_row, shown};
+use super::{
+    ACCEL, COLUMNS, Entry, GYRO, HEADING, Header, MAG, check_row, gives_key, names_columns, shown,
+};
 use crate::frame::wrap_360;
 use crate::reading::Reading;
 
@@ -26,6 +28,8 @@ pub struct Rows {
     pub(super) columns: Vec<Option<usize>>,
     /// For each of [`COLUMNS`].
     pub(super) rules: [Rule; COLUMNS.len()],
+    /// The header's lines that say how to read the rows.
+    pub(super) lines: Vec<String>,
 }
 
 /// What is wrong with a row: the column, if one cell is to blame, and what was found.
@@ -39,6 +43,24 @@ impl Rows {
     /// How many cells a row has.
     pub fn columns(&self) -> usize {
         self.columns.len()
+    }
+
+    /// Whether a line among the rows is no row: a remark, or a line of the same header, which some devices repeat. One of another header
+    /// is an error.
+    pub(super) fn is_known_header(&self, line: &[u8]) -> Result<bool, RowFault> {
+        let is_remark = line.starts_with(b"#");
+        if !is_remark && !names_columns(line) {
+            return Ok(false);
+        }
+        let text = String::from_utf8_lossy(line);
+        if is_remark && !gives_key(&text) || self.lines.iter().any(|known| known == text.trim()) {
+            return Ok(true);
+        }
+        let what = format!(
+            "found {}, another header than the first: split the log here",
+            shown(line)
+        );
+        Err((None, what))
     }
 
     /// One row, without its line's end. Its time may be anything.
@@ -112,8 +134,9 @@ impl Rows {
                 continue;
             }
             let rule = &self.rules[column];
-            // NaN fails the comparison too.
             match cell.parse::<f64>() {
+                // What Arduino and NumPy print where there is no number.
+                Ok(number) if number.is_nan() => {}
                 Ok(number) if number.abs() <= rule.limit => {
                     cells[column] = Some(number * rule.factor);
                 }
