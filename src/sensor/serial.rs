@@ -46,6 +46,8 @@ pub enum Item {
     OtherMode(&'static str),
     /// Bytes that cannot be used, and why.
     Bad(String),
+    /// What is wrong with the device's header, at its line and at each row after it.
+    BadHeader(String),
     /// A line that does not end.
     TooLong,
 }

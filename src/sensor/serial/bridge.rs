@@ -197,7 +197,7 @@ impl Bridge {
                         );
                         return waiting.push_back(SourceEvent::NewStretch);
                     };
-                    if trouble.take().is_some() {
+                    if reading.field_mgauss.is_some() && trouble.take().is_some() {
                         waiting.push_back(SourceEvent::Fault(None));
                     }
                     // Each port has a clock of its own.
@@ -220,6 +220,9 @@ impl Bridge {
             if let Ok(Err(error)) = timeout(WRITE_PATIENCE, stream.write_all(bytes)).await {
                 gone = Some(error.to_string());
             }
+        }
+        if let Some(refused) = orders.refused {
+            tracing::warn!("{}: {refused}", self.settings.port.display());
         }
         if gone.is_some() || orders.reopen {
             if session.lost() > 0 {

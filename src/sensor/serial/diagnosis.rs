@@ -1,4 +1,4 @@
-//! Why there are no readings, from what came in their place.
+//! Why there is no field, from what came in its place.
 
 use super::Item;
 use super::log_rows::HEADER_S;
@@ -7,8 +7,10 @@ use crate::condition::SourceFault;
 
 /// A text has hardly any byte that is no character; wrong speeds and binary numbers have many.
 const ODD_SHARE: f64 = 0.1;
+/// After so many good rows without a field, it is not the last refused line that had it.
+const MANY_ROWS: u32 = 100;
 
-/// What has come since the last reading.
+/// What has come since the last field.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Diagnosis {
     bytes: u64,
@@ -18,7 +20,13 @@ pub(super) struct Diagnosis {
     too_long: bool,
     /// Rows wait for their header.
     early: bool,
+    /// What is wrong with the device's header.
+    header: Option<String>,
     unread: bool,
+    /// The other sensors can be read.
+    others: bool,
+    /// Good rows without a field since the last line that cannot be used.
+    rows: u32,
     /// What has come since the last frame cannot be used.
     garbled: bool,
     bad: Option<String>,
@@ -31,7 +39,7 @@ impl Diagnosis {
         self.odd += bytes.iter().filter(|byte| !is_text(byte)).count() as u64;
     }
 
-    /// Takes what is no reading.
+    /// Takes what has no field.
     pub(super) fn item(&mut self, item: Item) {
         match item {
             Item::OtherMode(mode) => self.other_mode = Some(mode),
@@ -40,24 +48,38 @@ impl Diagnosis {
             Item::Bad(why) => {
                 self.bad = Some(why);
                 self.garbled = true;
+                self.rows = 0;
             }
+            Item::BadHeader(why) => self.header = Some(why),
             // Without lines that were not understood, it is the device that lacks the numbers.
-            Item::Frame(_) => self.unread |= !std::mem::take(&mut self.garbled),
+            Item::Frame(frame) => {
+                self.unread |= !std::mem::take(&mut self.garbled);
+                self.others |= frame.rate_rad_s.or(frame.specific_force_m_s2).is_some();
+            }
+            Item::Timed(row) => {
+                self.rows = self.rows.saturating_add(1);
+                self.others |= row.rate_rad_s.or(row.specific_force_m_s2).is_some();
+            }
             Item::Early => self.early = true,
-            Item::Timed(_) | Item::NewUnits | Item::Synch(_) => {}
+            Item::NewUnits | Item::Synch(_) => {}
         }
     }
 
     /// What is wrong, and what helps.
     pub(super) fn trouble(&self, settings: &Settings, protocol: Protocol) -> SourceFault {
         let baud = settings.baud;
-        let speaks = protocol.name();
+        let protocol_name = protocol.name();
         let odd = self.odd as f64 / self.bytes.max(1) as f64;
         let (code, what) = if self.bytes == 0 {
             (
                 "silent",
-                "the device says nothing; check its power, its wires and whether it runs"
+                "the device sends nothing; check its power, its wires and whether it runs"
                     .to_owned(),
+            )
+        } else if let Some(header) = &self.header {
+            (
+                "not_understood",
+                format!("the device's header is wrong: {header}"),
             )
         } else if self.early {
             (
@@ -68,9 +90,21 @@ impl Diagnosis {
                 ),
             )
         } else if self.unread {
+            let what = if self.others {
+                "magnetometer"
+            } else {
+                "sensors"
+            };
             (
                 "sensors",
-                "the device says that it cannot read its sensors; check the wires between them"
+                format!(
+                    "the device says that it cannot read its {what}; check the wires between them"
+                ),
+            )
+        } else if self.rows > 0 && (self.bad.is_none() || self.rows > MANY_ROWS) {
+            (
+                "sensors",
+                "the magnetometer's cells are empty: it cannot be read, or a magnet is near; check its wires"
                     .to_owned(),
             )
         } else if let Some(mode) = self.other_mode {
@@ -85,14 +119,14 @@ impl Diagnosis {
             (
                 "noise",
                 format!(
-                    "what comes is neither text nor {speaks}; check serial.baud, which is {baud}, and serial.protocol"
+                    "what comes is neither text nor {protocol_name}; check serial.baud, which is {baud}, and serial.protocol"
                 ),
             )
         } else if self.too_long {
             (
                 "long_line",
                 format!(
-                    "a line is longer than 4 KiB, so it is not {speaks}; check what the device sends"
+                    "a line is longer than 4 KiB, so it is not {protocol_name}; check what the device sends"
                 ),
             )
         } else {
@@ -103,13 +137,14 @@ impl Diagnosis {
             (
                 "not_understood",
                 format!(
-                    "{what}; expected {speaks}; check serial.protocol and what the device sends"
+                    "{what}; expected {protocol_name}; check serial.protocol and what the device sends"
                 ),
             )
         };
+        let readings = if self.others { "field" } else { "readings" };
         SourceFault {
             code,
-            message: format!("no readings from {}: {what}", settings.port.display()),
+            message: format!("no {readings} from {}: {what}", settings.port.display()),
         }
     }
 }

@@ -11,7 +11,7 @@ use super::lines::{SerialLine, SerialLines};
 use super::shown;
 use crate::frame::{Mounting, Mountings};
 use crate::reading::Field;
-use crate::recording::{HeaderLines, Rows, check_row, gives_key};
+use crate::recording::{HeaderLines, Rows, check_row, gives_key, names_columns};
 
 /// Rows count without a header after this time, seconds of their own clock: the sketch of docs/serial.md repeats its header
 /// every 500 rows, 11 s at its 45 Hz, and slower sketches need some more.
@@ -19,6 +19,8 @@ pub(super) const HEADER_S: f64 = 15.0;
 /// Least and most that a row adds to it, seconds: the clock may stand still, and a lost decimal point makes a time a thousand times
 /// as late.
 const STEP_S: (f64, f64) = (0.001, 1.0);
+/// A row that comes so many times more, its time included, is no reading.
+const SAME_ROWS: u32 = 20;
 
 /// Bytes in, readings out.
 #[derive(Debug)]
@@ -52,6 +54,9 @@ struct Wire {
     /// How long rows have come without a header, and the time of the last, seconds.
     waited_s: f64,
     last_s: f64,
+    /// The last row, and how often it has come again.
+    last: Vec<u8>,
+    repeats: u32,
 }
 
 impl LogRows {
@@ -113,14 +118,13 @@ impl Wire {
         if line.trim_ascii().is_empty() {
             return;
         }
-        let bad = |what: String| Item::Bad(format!("found {}: {what}", shown(line)));
         let text = str::from_utf8(line).ok();
         if let Some(begun) = text.and_then(|text| HeaderLines::begin(text).ok()) {
             self.header = Some(begun);
             self.heard_header();
             return;
         }
-        let is_header = line.starts_with(b"#") || names(line);
+        let is_header = line.starts_with(b"#") || names_columns(line);
         match (text, &mut self.header) {
             (Some(text), Some(header)) if is_header => match header.add(text) {
                 Ok(None) => {}
@@ -136,15 +140,14 @@ impl Wire {
                 }
                 Err(what) => {
                     self.header = None;
-                    let what = format!("found {}: {what}", shown(line));
                     self.header_fault = Some(what.clone());
-                    found(Item::Bad(what));
+                    found(Item::BadHeader(what));
                 }
             },
             // Its beginning was lost, or it is a remark. Rows wait for the next whole header; a device that sends it only at its
             // reset must be reset.
             _ if is_header => {
-                if names(line) || text.is_some_and(gives_key) {
+                if names_columns(line) || text.is_some_and(gives_key) {
                     self.heard_header();
                 }
             }
@@ -153,6 +156,7 @@ impl Wire {
                 self.header = None;
                 // The beginning of the first line was lost, and what is left may look whole.
                 if !first {
+                    let bad = |what| Item::Bad(format!("found {}: {what}", shown(line)));
                     found(self.row(line).unwrap_or_else(bad));
                 }
             }
@@ -190,6 +194,17 @@ impl Wire {
         if self.checked && !checked {
             return Err("a row without its checksum, but those before it had one".to_owned());
         }
+        // Noise changes each row of a device that measures.
+        if line == self.last {
+            self.repeats = self.repeats.saturating_add(1);
+            if self.repeats >= SAME_ROWS {
+                return Err("the same row again and again, with the same time".to_owned());
+            }
+        } else {
+            self.repeats = 0;
+            self.last.clear();
+            self.last.extend_from_slice(line);
+        }
         if !self.has_header {
             let cells = 1 + line.iter().filter(|byte| **byte == b',').count();
             let agree = cells == self.cells;
@@ -207,14 +222,16 @@ impl Wire {
             self.cells = cells;
         }
         let Some(rows) = &self.rows else {
-            return Err(match (&self.header_fault, self.has_header) {
-                (Some(fault), _) => format!("a row after a header that is wrong: {fault}"),
-                (None, true) => {
+            if let Some(fault) = &self.header_fault {
+                return Ok(Item::BadHeader(fault.clone()));
+            }
+            return Err(match self.has_header {
+                true => {
                     "a row, but its header was lost; waiting for the next one: reset the device"
-                        .to_owned()
                 }
-                (None, false) => "a first row; waiting for a second one like it".to_owned(),
-            });
+                false => "a first row; waiting for a second one like it",
+            }
+            .to_owned());
         };
         let mut reading = rows.row(line)?.reading;
         if !self.has_header {
@@ -230,12 +247,6 @@ impl Wire {
         reading.specific_force_m_s2 = reading.specific_force_m_s2.map(|force| accel * force);
         Ok(Item::Timed(reading))
     }
-}
-
-/// Whether a line is one of column names.
-fn names(line: &[u8]) -> bool {
-    line.split(|byte| *byte == b',')
-        .any(|cell| cell.trim_ascii() == b"t_s")
 }
 
 /// A field in other axes; an axis into which one that overflowed enters is unknown.

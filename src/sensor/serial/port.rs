@@ -9,6 +9,9 @@ use tokio_serial::{ClearBuffer, SerialPort, SerialPortBuilderExt, SerialStream};
 use super::settings::Settings;
 use crate::condition::SourceFault;
 
+/// How tokio_serial reports ENOTTY, for which it has no kind.
+const NO_TERMINAL: &str = "Not a typewriter";
+
 /// Opens the port for this process alone: 8 data bits, no parity, 1 stop bit, no flow control. Most boards
 /// take that as a reset, since the system raises DTR. Needs a runtime.
 pub(super) fn open(settings: &Settings) -> Result<SerialStream, SourceFault> {
@@ -32,10 +35,10 @@ pub(super) fn open(settings: &Settings) -> Result<SerialStream, SourceFault> {
         ),
         _ => fail("port", &error.to_string()),
     };
+    let no_terminal = || fail("port", "it is no terminal device; set serial.port to one");
     let found = fs::metadata(&settings.port).map_err(|error| by_system(&error))?;
     if !found.file_type().is_char_device() {
-        let what = "it is no terminal device; set serial.port to one";
-        return Err(fail("port", what));
+        return Err(no_terminal());
     }
     let stream = tokio_serial::new(settings.port.to_string_lossy(), settings.baud)
         .open_native_async()
@@ -45,6 +48,7 @@ pub(super) fn open(settings: &Settings) -> Result<SerialStream, SourceFault> {
             }
             // tokio_serial reports a locked port as NoDevice.
             tokio_serial::ErrorKind::NoDevice => by_system(&ErrorKind::ResourceBusy.into()),
+            _ if error.description == NO_TERMINAL => no_terminal(),
             _ => fail("port", &error.description),
         })?;
     // What was sent at another speed, before the port was set up.

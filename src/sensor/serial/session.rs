@@ -18,9 +18,9 @@ const LISTEN_S: f64 = 2.0;
 /// A device has this long to boot, to be asked and to send its first reading; more than the authors' client
 /// gives it.
 const FIRST_S: f64 = 6.0;
-/// Without a reading for this long something is wrong.
+/// Without a field for this long something is wrong.
 const NEXT_S: f64 = 2.0;
-/// And after this long the port is opened anew, which resets the device.
+/// And after this long without a reading the port is opened anew, which resets the device.
 const REOPEN_S: f64 = 12.0;
 
 #[derive(Debug, Default)]
@@ -28,6 +28,8 @@ pub(super) struct Orders {
     pub(super) send: Option<&'static [u8]>,
     /// To be told, once.
     pub(super) trouble: Option<SourceFault>,
+    /// How many lines were refused, to be told in the log.
+    pub(super) refused: Option<String>,
     /// The port is to be closed and opened again.
     pub(super) reopen: bool,
 }
@@ -43,6 +45,13 @@ pub(super) struct PortSession {
     heard_s: f64,
     /// When the last reading came; before the first, when the port was opened.
     good_s: f64,
+    /// When the last field came, or the port was opened: without one, the other readings are of no use.
+    field_s: f64,
+    /// Readings that came, lines among them that were refused, and at how many of these to tell the next time.
+    good: u64,
+    bad: u64,
+    tell_at: u64,
+    refused: Option<String>,
     /// When the last row came that waits for a header: there is nothing wrong with the port.
     early_s: f64,
     patience_s: f64,
@@ -64,6 +73,11 @@ impl PortSession {
             diagnosis: Diagnosis::default(),
             heard_s: now_s,
             good_s: now_s,
+            field_s: now_s,
+            good: 0,
+            bad: 0,
+            tell_at: 1,
+            refused: None,
             early_s: now_s,
             patience_s: FIRST_S,
             complained: false,
@@ -99,16 +113,16 @@ impl PortSession {
     ) {
         self.heard_s = now_s;
         self.diagnosis.bytes(bytes);
-        let mut good = false;
+        let (before, mut field) = (self.good, false);
         self.decoder.feed(bytes, |item| {
             let timed = match item {
-                Item::Frame(frame) => Reading {
+                Item::Frame(ref frame) => Reading {
                     t_s: self.frames.time(now_s),
-                    ..frame
+                    ..*frame
                 },
-                Item::Timed(row) => Reading {
+                Item::Timed(ref row) => Reading {
                     t_s: self.device.time(row.t_s, now_s),
-                    ..row
+                    ..*row
                 },
                 Item::NewUnits => return reading(None),
                 other => {
@@ -116,26 +130,39 @@ impl PortSession {
                         Item::Early => self.early_s = now_s,
                         Item::Synch(id) => self.start.answered(*id),
                         Item::OtherMode(_) => self.start.order_again(),
+                        // Before the first reading, half a line and a device that starts are no news.
+                        Item::Bad(why) if self.good > 0 => {
+                            self.bad += 1;
+                            if self.bad == self.tell_at {
+                                self.tell_at *= 10;
+                                let (bad, all) = (self.bad, self.good + self.bad);
+                                self.refused =
+                                    Some(format!("{bad} of {all} lines refused; the last: {why}"));
+                            }
+                        }
                         _ => {}
                     }
                     return self.diagnosis.item(other);
                 }
             };
-            let says_something = timed.field_mgauss.is_some()
-                || timed.rate_rad_s.is_some()
-                || timed.specific_force_m_s2.is_some();
-            if says_something {
-                good = true;
+            let has_field = timed.field_mgauss.is_some();
+            field |= has_field;
+            if !has_field {
+                self.diagnosis.item(item);
+            }
+            if has_field || timed.rate_rad_s.is_some() || timed.specific_force_m_s2.is_some() {
+                self.good += 1;
                 reading(Some(timed));
-            } else {
-                self.diagnosis.item(Item::Frame(timed));
             }
         });
         if self.decoder.is_lost() {
             self.start.order_again();
         }
-        if good {
+        if self.good > before {
             self.good_s = now_s;
+        }
+        if field {
+            self.field_s = now_s;
             self.patience_s = NEXT_S;
             self.complained = false;
             self.diagnosis = Diagnosis::default();
@@ -147,14 +174,117 @@ impl PortSession {
         if now_s - self.heard_s > NEXT_S {
             self.start.ask_again(now_s);
         }
-        let waited_s = now_s - self.good_s;
+        let waited_s = now_s - self.field_s;
         let complain = waited_s > self.patience_s && !self.complained;
         self.complained |= complain;
         let protocol = self.protocol();
         Orders {
             send: self.start.due(now_s, protocol),
+            refused: self.refused.take(),
             trouble: complain.then(|| self.diagnosis.trouble(&self.settings, protocol)),
             reopen: now_s - self.good_s.max(self.early_s) > REOPEN_S,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Mountings;
+
+    fn session(protocol: Protocol) -> PortSession {
+        let settings = Settings {
+            port: "/dev/ttyX".into(),
+            protocol,
+            ..Settings::default()
+        };
+        PortSession::new(&settings, LogRows::new(Mountings::default()), 0.0)
+    }
+
+    /// What is said in so many seconds of these lines, ten times a second; `{i}` in them is another digit each time.
+    fn said(session: &mut PortSession, from_s: u32, seconds: u32, lines: &str) -> Vec<Orders> {
+        let said = |i: u32| {
+            let now_s = f64::from(from_s) + f64::from(i) / 10.0;
+            let lines = lines
+                .replace("{t}", &now_s.to_string())
+                .replace("{i}", &(i % 10).to_string());
+            session.bytes(lines.as_bytes(), now_s, |_| ());
+            session.orders(now_s)
+        };
+        (1..=10 * seconds).map(said).collect()
+    }
+
+    fn only_trouble(said: Vec<Orders>) -> String {
+        assert!(said.iter().all(|orders| !orders.reopen));
+        let mut troubles = said.into_iter().filter_map(|orders| orders.trouble);
+        let trouble = troubles.next().expect("a trouble");
+        assert_eq!(troubles.next(), None);
+        format!("{}: {}", trouble.code, trouble.message)
+    }
+
+    const HEADER: &str = "# headingd-log 1\nt_s,mx,my,mz,gx,gy,gz\n";
+
+    #[test]
+    fn a_magnetometer_alone_that_fails_is_told_with_its_reason() {
+        let good = "#A-R=0,{i},256\n#M-R={i},0,99\n#G-R=0,0,{i}\n";
+        let failed = format!("!ERR: reading magnetometer\n{good}");
+        let mut razor = session(Protocol::Razor);
+        assert!(
+            said(&mut razor, 0, 3, good)
+                .iter()
+                .all(|orders| orders.trouble.is_none())
+        );
+        let trouble = only_trouble(said(&mut razor, 3, 20, &failed));
+        assert!(
+            trouble.starts_with("sensors: no field from /dev/ttyX: "),
+            "{trouble}"
+        );
+        assert!(trouble.contains("its magnetometer"), "{trouble}");
+
+        for (row, why) in [
+            ("{t},1,x,3,,,\n{t},,,,0,0,{i}\n", "found \"x\""),
+            ("{t},,,,0,0,{i}\n", "cells are empty"),
+        ] {
+            let mut rows = session(Protocol::LogRows);
+            said(&mut rows, 0, 1, HEADER);
+            let trouble = only_trouble(said(&mut rows, 1, 20, row));
+            assert!(trouble.contains(why), "{trouble}");
+        }
+    }
+
+    #[test]
+    fn a_wrong_header_is_told_as_one() {
+        let mut rows = session(Protocol::LogRows);
+        let header = HEADER.replace("\nt_s", "\n# mag_unit = gaus\nt_s");
+        said(&mut rows, 0, 1, &header);
+        rows.bytes(b"0,1,2,3,0,0,1\n", 1.0, |_| ());
+        let trouble = rows.orders(7.0).trouble.unwrap().message;
+        assert!(
+            trouble
+                .contains("the device's header is wrong: mag_unit is \"gaus\", but must be mgauss"),
+            "{trouble}"
+        );
+    }
+
+    #[test]
+    fn refused_lines_are_told_at_the_first_and_at_each_tenfold() {
+        let mut rows = session(Protocol::LogRows);
+        let good = "{t},1,{i},3,0,0,0\n";
+        let told = |said: Vec<Orders>| -> Vec<String> {
+            said.into_iter()
+                .filter_map(|orders| orders.refused)
+                .collect()
+        };
+        assert!(told(said(&mut rows, 0, 1, &format!("{HEADER}nonsense\n"))).is_empty());
+        assert!(told(said(&mut rows, 1, 1, good)).is_empty());
+        let told = told(said(&mut rows, 2, 12, &format!("{good}9,9*00\n")));
+        let begins = ["1 of 12 lines", "10 of 30 lines", "100 of 210 lines"];
+        assert_eq!(told.len(), begins.len(), "{told:?}");
+        for (told, begins) in told.iter().zip(begins) {
+            assert!(
+                told.starts_with(begins) && told.contains("checksum"),
+                "{told}"
+            );
         }
     }
 }

@@ -285,7 +285,7 @@ fn whatever_comes_instead_has_one_message() {
     }
     type Case = (&'static str, fn() -> Firmware, &'static str);
     let cases: [(Protocol, Case); 9] = [
-        (Protocol::Auto, ("silent", || line(""), "says nothing")),
+        (Protocol::Auto, ("silent", || line(""), "sends nothing")),
         (
             Protocol::Auto,
             ("noise", noise, "serial.baud, which is 57600"),
@@ -352,6 +352,10 @@ fn what_cannot_be_opened_says_why() {
             code == "port" && message.contains("no terminal device"),
             "{message}"
         );
+        let mut null = Rig::new(Protocol::Auto);
+        symlink("/dev/null", null.link()).unwrap();
+        let (_, message) = null.trouble();
+        assert!(message.contains("no terminal device"), "{message}");
     });
     at_once(&[(Protocol::Auto, ())], |first, ()| {
         let _device = first.plug(razor());
