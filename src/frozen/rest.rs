@@ -75,13 +75,17 @@ impl RestRate {
         self.begun = Some((t_s, mean, field));
     }
 
-    /// How fast the board turns at this rate, rad/s; 0 where that may be bias or noise.
-    pub(super) fn turn_rad_s(&self, rate: Vector3<f64>) -> f64 {
-        let (Some(known), Some(mean)) = (self.known, self.rate.value) else {
-            return 0.0;
-        };
-        // Noise is not in the mean, and a turn that has ended not in the rate.
-        let speed = (rate - known).norm().min((mean - known).norm());
-        if speed < TURN_RAD_S { 0.0 } else { speed }
+    /// How fast the board turns by the mean rate, rad/s; `None` where that may be bias.
+    pub(super) fn turn_rad_s(&self) -> Option<f64> {
+        let speed = (self.rate.value? - self.known?).norm();
+        (speed >= TURN_RAD_S).then_some(speed)
+    }
+
+    /// The same at this rate: noise is not in the mean, and a turn that has ended not in the rate.
+    pub(super) fn turn_at_rad_s(&self, rate: Vector3<f64>) -> f64 {
+        match (self.known, self.turn_rad_s()) {
+            (Some(known), Some(speed)) => speed.min((rate - known).norm()),
+            _ => 0.0,
+        }
     }
 }
