@@ -1,16 +1,66 @@
 //! Cross-validation: the parameters of fits that leave out one part of the samples each.
 
+use std::ops::Range;
+
 use nalgebra::{SMatrix, SVector};
 
 use super::curve::{Curve, Distance, ParameterVector};
 use super::refine::{BIWEIGHT, Refined, accumulate, biweight, refine};
 
+/// Parts in a cross-validation: each is judged by a fit to the other three.
+const PARTS: usize = 4;
+
 /// A step up to this long, in standard deviations of the noise, is taken as it is. White noise asks for
 /// less; more means that this part differs from the others, and then their noise and weights do too.
 const SHORT: f64 = 0.15;
 
-/// For each part of `part` samples, the parameters without it. `distances` are those of the points from the
-/// best fit.
+/// The samples of a cross-validation, cut into parts.
+pub struct Parts {
+    /// In order and without a gap: one of each part, then one of each part again.
+    ranges: Vec<Range<usize>>,
+}
+
+impl Parts {
+    /// Cuts so many samples at these `cuts`, in order, and each piece into quarters: a part is the same quarter of all pieces. Cut where
+    /// turns begin and end, a part never holds the whole of a turn, without which the others may not determine a fit.
+    pub fn new(samples: usize, cuts: impl IntoIterator<Item = usize>) -> Self {
+        let mut ranges = Vec::with_capacity(PARTS);
+        let mut start = 0;
+        for end in cuts.into_iter().chain([samples]) {
+            let quarter = end.saturating_sub(start).div_ceil(PARTS);
+            for _ in 0..PARTS {
+                let next = (start + quarter).min(end.max(start));
+                ranges.push(start..next);
+                start = next;
+            }
+        }
+        Self { ranges }
+    }
+
+    /// The part of each sample.
+    pub fn of_each_sample(&self) -> Vec<usize> {
+        let numbered = self.ranges.iter().zip((0..PARTS).cycle());
+        numbered
+            .flat_map(|(range, part)| std::iter::repeat_n(part, range.len()))
+            .collect()
+    }
+
+    fn ranges_of(&self, part: usize) -> impl Iterator<Item = Range<usize>> {
+        self.ranges.iter().skip(part).step_by(PARTS).cloned()
+    }
+
+    /// The items that are not in this part.
+    fn without<T: Copy>(&self, part: usize, items: &[T]) -> Vec<T> {
+        let numbered = self.ranges.iter().zip((0..PARTS).cycle());
+        numbered
+            .filter(|&(_, of)| of != part)
+            .flat_map(|(range, _)| &items[range.clone()])
+            .copied()
+            .collect()
+    }
+}
+
+/// For each part, the parameters without it. `distances` are those of the points from the best fit.
 ///
 /// At the best fit the whole gradient is 0, so that the others' gradient and information are the whole's
 /// less the part's: one pass over the samples gives the step of all refits. A part whose loss moves the fit
@@ -19,29 +69,33 @@ pub fn without_each_part<C: Curve<D, P>, const D: usize, const P: usize>(
     points: &[[f64; D]],
     distances: &[Distance<P>],
     best: &Refined<P>,
-    part: usize,
+    parts: &Parts,
 ) -> Vec<ParameterVector<P>> {
     let sigma = best.cutoff_mgauss / BIWEIGHT;
-    let parts: Vec<_> = distances
-        .chunks(part)
-        .map(|part| accumulate(part, sigma, biweight))
-        .collect();
-    let information: SMatrix<f64, P, P> = parts.iter().map(|part| part.information).sum();
-    let gradient: SVector<f64, P> = parts.iter().map(|part| part.gradient).sum();
+    let sums: [_; PARTS] = std::array::from_fn(|part| {
+        let mut information = SMatrix::<f64, P, P>::zeros();
+        let mut gradient = SVector::<f64, P>::zeros();
+        for range in parts.ranges_of(part) {
+            let sums = accumulate(&distances[range], sigma, biweight);
+            information += sums.information;
+            gradient += sums.gradient;
+        }
+        (information, gradient)
+    });
+    let information: SMatrix<f64, P, P> = sums.iter().map(|(information, _)| information).sum();
+    let gradient: SVector<f64, P> = sums.iter().map(|(_, gradient)| gradient).sum();
     let unit = |k: usize| if k < D { 1.0 } else { best.reference_mgauss };
-    parts
-        .iter()
+    sums.iter()
         .enumerate()
-        .map(|(index, sums)| {
-            let step = (information - sums.information)
+        .map(|(part, sums)| {
+            let step = (information - sums.0)
                 .cholesky()
-                .map(|others| others.solve(&(gradient - sums.gradient)))
+                .map(|others| others.solve(&(gradient - sums.1)))
                 .filter(|step| (0..P).all(|k| (step[k] * unit(k)).abs() <= SHORT * sigma));
             if let Some(step) = step {
                 return std::array::from_fn(|k| best.position[k] - step[k]);
             }
-            let (first, last) = (index * part, ((index + 1) * part).min(points.len()));
-            let others = [&points[..first], &points[last..]].concat();
+            let others = parts.without(part, points);
             refine::<C, D, P>(&others, &best.position, best.reference_mgauss)
                 .map_or(best.position, |refit| refit.position)
         })
@@ -70,17 +124,21 @@ mod tests {
             .collect()
     }
 
-    fn compare(points: &[[f64; 2]], part: usize) -> f64 {
+    fn compare(points: &[[f64; 2]], cuts: &[usize]) -> f64 {
         let start = [87.0, 54.0, 0.87, 1.0];
         let best = refine::<Diagonal<2>, 2, 4>(points, &start, 170.0).unwrap();
         let curve = <Diagonal<2> as Curve<2, 4>>::new(&best.position, 170.0).unwrap();
         let distances: Vec<Distance<4>> = points.iter().map(|p| curve.distance(p)).collect();
-        let found = without_each_part::<Diagonal<2>, 2, 4>(points, &distances, &best, part);
-        assert_eq!(found.len(), points.len().div_ceil(part));
+        let parts = Parts::new(points.len(), cuts.iter().copied());
+        let found = without_each_part::<Diagonal<2>, 2, 4>(points, &distances, &best, &parts);
+        let part_of = parts.of_each_sample();
+        assert_eq!(part_of.len(), points.len());
         let mut largest = 0.0f64;
-        for (index, found) in found.iter().enumerate() {
-            let last = ((index + 1) * part).min(points.len());
-            let others = [&points[..index * part], &points[last..]].concat();
+        for (part, found) in found.iter().enumerate() {
+            let others = points.iter().zip(&part_of);
+            let others: Vec<[f64; 2]> = others
+                .filter_map(|(point, of)| (*of != part).then_some(*point))
+                .collect();
             let refit = refine::<Diagonal<2>, 2, 4>(&others, &best.position, 170.0).unwrap();
             for k in 0..4 {
                 let unit = if k < 2 { 1.0 } else { 170.0 };
@@ -92,8 +150,10 @@ mod tests {
 
     #[test]
     fn a_step_comes_to_where_a_refit_comes() {
-        let off = compare(&circle(7.0), 140);
-        assert!(off < 0.02, "{off} milligauss");
+        for (cuts, most) in [(&[][..], 0.02), (&[280], 0.05), (&[20, 300, 300], 0.05)] {
+            let off = compare(&circle(7.0), cuts);
+            assert!(off < most, "{off} milligauss");
+        }
     }
 
     #[test]
@@ -101,7 +161,7 @@ mod tests {
         // A magnet comes in the last quarter: without it the fit is another one.
         let mut points = circle(7.0);
         points[420..].iter_mut().for_each(|point| point[0] += 8.0);
-        let off = compare(&points, 140);
+        let off = compare(&points, &[]);
         assert!(off < 0.02, "{off} milligauss");
     }
 }

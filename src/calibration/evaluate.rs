@@ -4,7 +4,7 @@ use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use super::Stopwatch;
 use super::coverage::{centre_inside, coverage_deg, direction_spread};
-use super::cross_validation::without_each_part;
+use super::cross_validation::{Parts, without_each_part};
 use super::curve::{Curve, Distance, symmetric};
 use super::fit::Fitted;
 use super::fit_turn::Work;
@@ -16,9 +16,6 @@ use super::plane::level_rest;
 use super::refine::Refined;
 use super::uncertainty::{correlation, heading_sd_deg};
 use super::verdict::{self, Measures, Refusal};
-
-/// Parts in a cross-validation: each is judged by a fit to the other three.
-const FOLDS: usize = 4;
 
 /// A rest before a turn is compared with this part of the turn, a quarter: over more of it the gyro drifts.
 const FIRST_PART: usize = 4;
@@ -251,12 +248,25 @@ impl<const D: usize> Work<'_, D> {
         best: &Refined<P>,
         fits: impl Fn(usize) -> bool,
     ) -> Option<GyroAgreement> {
-        let part = points.len().div_ceil(FOLDS);
-        let curves = without_each_part::<C, D, P>(points, distances, best, part)
+        let parts = Parts::new(points.len(), self.turn_ends());
+        let curves = without_each_part::<C, D, P>(points, distances, best, &parts)
             .iter()
             .map(|position| C::new(position, best.reference_mgauss))
             .collect::<Option<Vec<C>>>()?;
-        self.agreement(&self.sightings(points, |index| &curves[index / part], fits))
+        let part_of = parts.of_each_sample();
+        self.agreement(&self.sightings(points, |index| &curves[part_of[index]], fits))
+    }
+
+    /// Where turns begin and end among the plan's samples. In the plane nothing depends on it: each turn shows all of the curve.
+    fn turn_ends(&self) -> Vec<usize> {
+        let plan = &self.plan.samples;
+        let turns = match self.plan.mode {
+            Mode::Planar => &[],
+            Mode::Spatial => self.request.turns.as_slice(),
+        };
+        let ends = turns.iter().flat_map(|t| [t.samples.start, t.samples.end]);
+        ends.map(|end| end.clamp(plan.start, plan.end) - plan.start)
+            .collect()
     }
 }
 

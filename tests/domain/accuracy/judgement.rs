@@ -2,14 +2,17 @@
 
 use std::collections::BTreeMap;
 
-use headingd::calibration::calibrate;
 use headingd::calibration::model::{Calibration, Mode};
+use headingd::calibration::outcome::Verdict;
 use headingd::calibration::verdict::Limits;
+use headingd::calibration::{CompletedTurn, FieldSample, calibrate};
 use headingd::frame::{heading_deg, wrap_pi};
 use nalgebra::Vector3;
+use rand::SeedableRng;
+use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::bound::{HEADINGS, level_turn, raw};
-use super::cases::{Case, Log};
+use super::cases::{Case, Log, RATE_HZ};
 use super::disturbed::Trouble;
 use super::on_two_threads;
 use super::survey::CASES;
@@ -230,4 +233,43 @@ fn each_limit_alone_refuses_wrong_calibrations() {
         }
     }
     assert!(idle.is_empty(), "{idle:?} refuse nothing wrong");
+}
+
+#[test]
+fn a_pause_between_two_turns_costs_nothing() {
+    // A level turn and a roll: if a part of the cross-validation held the whole of one, the other parts would not determine a fit.
+    let case = Case::spatial(3.0);
+    for seed in 1..=logs() {
+        let mut log = case.log(seed);
+        let samples = &log.request.samples;
+        let turns = &log.request.turns;
+        let (level, roll) = (turns[0].clone(), turns[2].clone());
+        let last = level.samples.end - 1;
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let pause = (0..1800).map(|_| FieldSample {
+            field_mgauss: case.measured(&log.fields[last], &log.truth, &mut rng),
+            ..samples[last]
+        });
+        let turned = samples[level.samples.clone()].iter().copied().chain(pause);
+        let mut samples: Vec<FieldSample> = turned
+            .chain(samples[roll.samples.clone()].iter().copied())
+            .collect();
+        for (index, sample) in samples.iter_mut().enumerate() {
+            sample.t_s = index as f64 / RATE_HZ;
+        }
+        let second = samples.len() - roll.samples.len()..samples.len();
+        log.request.moving = 0..samples.len();
+        log.request.samples = samples;
+        log.request.turns = vec![
+            level,
+            CompletedTurn {
+                samples: second,
+                ..roll
+            },
+        ];
+        let outcome = calibrate(&log.request, &|| None);
+        assert_eq!(outcome.verdict, Verdict::Accepted, "{}", outcome.message);
+        let gyro_rms_deg = outcome.gyro_rms_deg.unwrap();
+        assert!(gyro_rms_deg < 5.0, "{seed}: {gyro_rms_deg}");
+    }
 }
