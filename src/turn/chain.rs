@@ -57,6 +57,13 @@ impl Open {
         })
     }
 
+    /// What was turned after half a link, where that is about another axis than the whole: the axis has changed within.
+    fn after_change(&self, cos_tolerance: f64) -> Option<Self> {
+        let second = self.second_half()?;
+        let (part, whole) = (second.turned.scaled_axis(), self.turned.scaled_axis());
+        (part.dot(&whole) < part.norm() * whole.norm() * cos_tolerance).then_some(second)
+    }
+
     fn begun(&self) -> bool {
         self.turned.angle() >= BEGUN_RAD
     }
@@ -161,13 +168,14 @@ impl Chain {
         }
         if turned.norm() >= LINK_RAD {
             self.open = Some(Open::at(tick.t_s));
-            if self.links.len() > 1 && !self.fits(&turned) {
-                // The axis has changed, most likely within this link: the new chain begins half-way.
-                self.links.clear();
-                self.measure();
-                self.open = open.second_half().or(self.open);
-            } else {
-                self.add(open.link());
+            // Where the axis has changed within this link, as after what was left of another turn, the new chain begins half-way.
+            match open.after_change(self.cos_tolerance) {
+                Some(second) if !self.fits(&turned) => {
+                    self.links.clear();
+                    self.measure();
+                    self.open = Some(second);
+                }
+                _ => self.add(open.link()),
             }
         }
         None

@@ -72,6 +72,22 @@ fn two_turns_are_two() {
 }
 
 #[test]
+fn what_is_left_of_one_turn_does_not_cost_the_next() {
+    for pause_s in [0.0, 2.0, 8.0] {
+        for left_deg in [5.0, 10.0, 12.0, 15.0, 19.0, 25.0, 30.0] {
+            for mut board in [rested(), blind()] {
+                board.turn(Vector3::z(), 345.0 + left_deg, 45.0);
+                board.rest(pause_s);
+                board.turn(Vector3::x(), 360.0, 45.0);
+                let found = turns(&board);
+                assert_eq!(found.len(), 2, "{left_deg} after {pause_s} s: {found:?}");
+                assert!(degrees_off(&found[1], Vector3::x()) < 5.0, "{found:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn going_back_takes_away() {
     for board in [rested, blind] {
         let mut back = board();
