@@ -24,7 +24,7 @@ const ADVICE: &[(&[&str], &str)] = &[
     (&["sensors"], "check the wires between the board and its sensors"),
     (&["too_few_samples"], "turn more slowly, or read the magnetometer more often"),
     (&["bad_samples"], "look into the log: a field is not a number, or absurdly large"),
-    (&["no_plane"], "turn while the gyro runs; for a log without a gyro, name the plane (calibrate --plane xy)"),
+    (&["no_plane"], "turn while the gyro runs; for a log without a gyro, or with an empty axis, name the plane (calibrate --plane xy)"),
     (&["no_motion"], "turn the board; if you did, the magnetometer is stuck, or its unit is wrong"),
     (&["no_fit"], "make a full turn, away from iron: the samples lie on no ellipse"),
     (&["coverage"], "turn further round, or about a second axis too"),
@@ -41,7 +41,7 @@ const ADVICE: &[(&[&str], &str)] = &[
     (&["jump"], "turn again, level: a magnet was attached or taken away in mid-turn, or the board tilted"),
     (&["rest"],
      "turn again where the board has rested, with motors and currents as they will be: the field came with the turn"),
-    (&["stuck_axis"], "check the chip and its range: an axis reads the same number over an arc of the turn"),
+    (&["stuck_axis"], "check the chip and its range: an axis reads the same number, or none, over an arc of the turn"),
     (&["bad_reference"], "give a reference field above 0, or none"),
 ];
 

@@ -39,7 +39,7 @@ use learn::Learning;
 use saturation::RunState;
 
 pub use settings::Settings;
-pub use survey::{Survey, Surveyed};
+pub use survey::{EmptyAxis, Survey, Surveyed};
 
 /// Everything that a pipeline is set up with.
 #[derive(Clone, Debug, Default)]

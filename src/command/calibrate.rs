@@ -13,9 +13,10 @@ use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::Reason;
 use crate::calibration::settings::{ModeChoice, ModelChoice, Profile, StopChoice, WindowChoice};
+use crate::calibration::verdict::Refusal;
 use crate::config::Config;
 use crate::frame::rounded;
-use crate::pipeline::{Survey, Surveyed};
+use crate::pipeline::{EmptyAxis, Survey, Surveyed};
 use crate::sensor::replay::Replay;
 use crate::store::{Contents, History, Identity, Made};
 use crate::wall_clock::unix_now_s;
@@ -163,10 +164,13 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
         Ok(())
     })?;
     tell_skips(&skips)?;
+    let empty_axis = survey.empty_axis();
     let thinned_to = survey.thinned_to();
     let request = match survey.conclude() {
         Surveyed::Request(request) => request,
-        Surveyed::Learnt(outcome) => return Ok((identity, *outcome)),
+        Surveyed::Learnt(outcome) => {
+            return Ok((identity, because_empty(*outcome, empty_axis, args.plane)));
+        }
         Surveyed::NoPlane => {
             let message = format!(
                 "{} has no gyro readings, so nothing tells the plane of a turn: add --mode spatial, or name the plane \
@@ -183,7 +187,40 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     }
     let origin = Instant::now();
     let outcome = calibrate(&request, &|| Some(origin.elapsed()));
-    Ok((identity, outcome))
+    Ok((identity, because_empty(outcome, empty_axis, args.plane)))
+}
+
+/// A refused outcome, refused for an axis that has no number in many samples: what else is wrong shows once that is mended.
+fn because_empty(outcome: Outcome, empty_axis: Option<EmptyAxis>, plane: Plane) -> Outcome {
+    let Some(empty) = empty_axis.filter(|_| outcome.verdict == Verdict::Rejected) else {
+        return outcome;
+    };
+    let EmptyAxis {
+        axis,
+        empty,
+        samples,
+    } = empty;
+    let name = ["X", "Y", "Z"][axis];
+    let (reason, why) = match plane {
+        _ if empty < samples => (
+            "stuck_axis",
+            ", or at the end of its range: choose a larger range, or move away from the magnet"
+                .to_owned(),
+        ),
+        Plane::Gyro => {
+            let others = ["yz", "xz", "xy"][axis];
+            (
+                "no_plane",
+                format!(": name the plane of the other two with --plane {others}"),
+            )
+        }
+        _ => (
+            "no_plane",
+            ": name a plane whose two axes have numbers".to_owned(),
+        ),
+    };
+    let message = format!("chip axis {name} is empty in {empty} of {samples} samples{why}");
+    outcome.refused(Refusal::new(reason, message))
 }
 
 /// What the motion did not show, in words.

@@ -18,6 +18,9 @@ use crate::turn::Turn;
 /// Faster than this is rotation, rad/s: a hand that holds still stays below 5 degrees a second.
 const ROTATING_RAD_S: f64 = 0.087;
 
+/// With fewer of its samples without a number, an axis is not worth a word.
+const WORTH_A_WORD: f64 = 0.05;
+
 /// Finds the samples, the turns and the rotation of a log.
 pub struct Survey {
     setup: Setup,
@@ -29,8 +32,22 @@ pub struct Survey {
     /// When the first rotation began and the last one ended, seconds.
     rotation_s: Option<(f64, f64)>,
     has_gyro: bool,
+    /// How many samples there were, and in how many each axis had no number.
+    fields: usize,
+    empty: [usize; 3],
     /// What the daemon would have made of the log, as long as no full turn is found, where motion may calibrate.
     motion: Option<Pipeline>,
+}
+
+/// An axis without a number in many samples: its cells are empty, or it was at the end of its range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EmptyAxis {
+    /// The chip axis: 0 is X.
+    pub axis: usize,
+    /// In how many samples.
+    pub empty: usize,
+    /// Of so many.
+    pub samples: usize,
 }
 
 /// What a log allows.
@@ -57,6 +74,8 @@ impl Survey {
             turns: Vec::new(),
             rotation_s: None,
             has_gyro: false,
+            fields: 0,
+            empty: [0; 3],
         }
     }
 
@@ -80,6 +99,12 @@ impl Survey {
         self.has_gyro |= reading.rate_rad_s.is_some();
         if self.turns.len() > turns_before && self.fits_turns() {
             self.motion = None;
+        }
+        if let Some(field) = &reading.field_mgauss {
+            self.fields += 1;
+            for (empty, value) in self.empty.iter_mut().zip(field) {
+                *empty += usize::from(value.is_none());
+            }
         }
         let field = reading
             .field_mgauss
@@ -117,6 +142,18 @@ impl Survey {
     /// How many samples are used, if the log is so long that these are not all.
     pub fn thinned_to(&self) -> Option<usize> {
         self.samples.is_thinned().then(|| self.samples.len())
+    }
+
+    /// The axis without a number in the most samples, if it is needed and these are many.
+    pub fn empty_axis(&self) -> Option<EmptyAxis> {
+        let needed = |axis: &usize| self.plane.is_none_or(|axes| axes.contains(axis));
+        let axis = (0..3).filter(needed).max_by_key(|&axis| self.empty[axis])?;
+        let (empty, samples) = (self.empty[axis], self.fields);
+        (empty as f64 > WORTH_A_WORD * samples as f64).then_some(EmptyAxis {
+            axis,
+            empty,
+            samples,
+        })
     }
 
     /// What the log allows.

@@ -206,10 +206,45 @@ fn a_named_plane_needs_its_own_two_axes_only() {
         &Settings::default(),
         0.5,
     );
+    let refused = |more: &[&str]| {
+        let ran = calibrate(&log, more);
+        assert_eq!(ran.status, 3, "{ran:?}");
+        let outcome = ran.json();
+        let text = |key: &str| outcome[key].as_str().unwrap().to_owned();
+        (text("reason"), text("message"))
+    };
+    for (more, instead) in [
+        (&[][..], "--plane xy"),
+        (&["--plane", "xz"], "name a plane"),
+    ] {
+        let (reason, message) = refused(more);
+        assert_eq!(reason, "no_plane");
+        assert!(message.contains("Z is empty in"), "{message}");
+        assert!(message.contains(instead), "{message}");
+    }
+}
+
+#[test]
+fn an_axis_at_the_end_of_its_range_is_named() {
+    let folder = Folder::new();
+    let (header, mut entries) = simulated(&Settings::default());
+    for entry in &mut entries {
+        if let Some([Some(x), ..]) = &mut entry.reading.field_mgauss {
+            *x = x.min(170.0);
+        }
+    }
+    let log = folder.file("a.csv", log(&(header, entries)));
     let ran = calibrate(&log, &[]);
+    let outcome = ran.json();
     assert_eq!(
-        (ran.status, &ran.json()["reason"]),
-        (3, &json!("too_few_samples"))
+        (ran.status, &outcome["reason"]),
+        (3, &json!("stuck_axis")),
+        "{outcome}"
+    );
+    let message = outcome["message"].as_str().unwrap();
+    assert!(
+        message.contains("axis X") && message.contains("range"),
+        "{message}"
     );
 }
 
