@@ -66,7 +66,7 @@ impl Pipeline {
             Refusal::new(
                 "heading_uncertainty",
                 format!(
-                    "no level full turn was made, and by motion headings are uncertain by {sd_deg:.1} degrees (at most {most_deg:.1}): move the board about, and {}",
+                    "no level full turn was recognised, and by motion headings are uncertain by {sd_deg:.1} degrees (at most {most_deg:.1}): move the board about, and {}",
                     self.estimate.motion_wanted()
                 ),
             )

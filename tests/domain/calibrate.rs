@@ -361,7 +361,7 @@ fn motion_must_teach_as_much_as_the_daemon_asks_for() {
         );
         let message = outcome["message"].as_str().unwrap();
         assert!(
-            message.contains("full turn was made") && message.contains(says),
+            message.contains("full turn was recognised") && message.contains(says),
             "{message}"
         );
         // The deviation it names is the one that it reports.
