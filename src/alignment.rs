@@ -2,7 +2,8 @@
 //!
 //! The gyro measures how the board turns. The earth's field and gravity stand still, so that what magnetometer and accelerometer
 //! read must turn the other way: that tells which of their axes is which of the gyro's, and the small rotation beside that.
-//! What all chips have in common it does not tell: the accelerometer shows where down was, and which way is ahead nobody can say.
+//! A motion does not tell how all chips are turned together: the accelerometer shows where down was, but nothing shows which way is
+//! ahead.
 
 mod carried;
 mod solve;
@@ -281,8 +282,8 @@ fn sign(
     }
 }
 
-/// From the gyro's axes to the body's, by where up was: as it is where that is not known, and never turned further than it
-/// takes, with its X ahead if that may be.
+/// The rotation from the gyro's axes to the body's that levels the board: of several, the smallest; of those, the one that leaves X most
+/// nearly ahead. The identity where up is not known.
 fn upright(up: &Vector3<f64>) -> Matrix3<f64> {
     let score = |body: &Matrix3<f64>| [-(body * up).z, body.trace(), body.m11];
     let better = |a: &Matrix3<f64>, b: &Matrix3<f64>| {

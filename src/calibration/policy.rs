@@ -29,7 +29,7 @@ impl Policy {
 words! {
     /// What started a calibration, or where it came from.
     pub enum Reason {
-        /// The board was turned or moved. Version 0.1 told apart turns that were to replace a calibration.
+        /// The board was turned or moved. Version 0.1 had another word, `stale`, for a turn that was to replace a calibration.
         #[serde(alias = "stale")]
         Turn = "turn",
         /// Somebody asked for it.
