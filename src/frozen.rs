@@ -278,6 +278,23 @@ mod tests {
     }
 
     #[test]
+    fn a_bias_that_changed_in_long_motion_is_no_turn() {
+        let moves = |t_s: f64| (10.0..130.0).contains(&t_s);
+        let turns = |t_s| {
+            if moves(t_s) {
+                30.0 * (0.5 * t_s).sin()
+            } else {
+                0.0
+            }
+        };
+        let coarse =
+            |t_s: f64, heading: f64| right(t_s, heading).map(|axis| (axis / 10.0).round() * 10.0);
+        let rate = |t_s: f64, deg_s| deg_s + if t_s < 70.0 { 1.0 } else { 3.5 };
+        let found = board(200.0, turns, coarse, rate);
+        assert!(found.iter().all(|row| row.1.is_none()));
+    }
+
+    #[test]
     fn coarse_and_noise_free_boards_are_well_at_rest_and_on_a_turntable() {
         let coarse =
             |t_s: f64, heading: f64| right(t_s, heading).map(|axis| (axis / 10.0).round() * 10.0);

@@ -134,7 +134,7 @@ struct Told {
     connected: bool,
     lost: bool,
     silent: bool,
-    /// The first position of this connection.
+    /// This connection has given a position.
     position: bool,
 }
 

@@ -205,7 +205,8 @@ impl Skips {
     /// For people: how many rows were skipped, and why the first; `None` if none was.
     pub fn summary(&self) -> Option<String> {
         let first = self.first.as_ref()?;
-        Some(format!("{} rows skipped; the first: {first}", self.count))
+        let rows = if self.count == 1 { "row" } else { "rows" };
+        Some(format!("{} {rows} skipped; the first: {first}", self.count))
     }
 
     /// The first skipped row's error.
@@ -240,13 +241,16 @@ mod tests {
         let head = "# headingd-log 1\n# mag_unit = uT\nt_s,mx,my,mz\n";
         let text = format!("{head}0,1,2,3\n{head}# a remark\n0.1,1,2,3\n");
         assert!(rows(&text).iter().all(Result::is_ok));
-        for other in ["# mag_unit = gauss", "t_s,my,mx,mz"] {
+        // A header without the unit has the default's.
+        let shorter = head.replace("# mag_unit = uT\n", "");
+        for other in ["# mag_unit = gauss", "t_s,my,mx,mz", shorter.trim_end()] {
             let found = rows(&format!("{text}{other}\n0.2,1,2,3\n"));
             let [Ok(_), Ok(_), Err(line), Err(row)] = &found[..] else {
                 panic!("{found:?}");
             };
             assert!(
-                line.what.contains(other) && line.what.contains("split the log"),
+                line.what.contains(other.lines().last().unwrap())
+                    && line.what.contains("split the log"),
                 "{line}"
             );
             assert!(row.what.contains("after another header"), "{row}");

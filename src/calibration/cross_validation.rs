@@ -51,11 +51,9 @@ impl Parts {
 
     /// The items that are not in this part.
     fn without<T: Copy>(&self, part: usize, items: &[T]) -> Vec<T> {
-        let numbered = self.ranges.iter().zip((0..PARTS).cycle());
+        let numbered = items.iter().zip(self.of_each_sample());
         numbered
-            .filter(|&(_, of)| of != part)
-            .flat_map(|(range, _)| &items[range.clone()])
-            .copied()
+            .filter_map(|(item, of)| (of != part).then_some(*item))
             .collect()
     }
 }

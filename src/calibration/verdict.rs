@@ -141,7 +141,7 @@ fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = (Limit, &'static str, &
     let rms_deg = m.gyro.map(|gyro| gyro.rms_deg);
     let jump = m.jump.filter(|jump| jump.share > LEAST_JUMP_SHARE).map(|jump| jump.times_usual);
     let rest = m.rest_share.map(percent);
-    // A plane's diagonal model leaves 2 % on a real board. More of it is what the fit is uncertain for, not too few samples.
+    // A plane's diagonal model leaves a residual of 2 % on a real board. A larger one, and not too few samples, makes the fit uncertain.
     let uncertain = match m.coverage_deg {
         Some(_) if m.residual_share > 0.5 * l.residual_share =>
             "soft iron is strong, or the field was disturbed: turn the board about all three axes",

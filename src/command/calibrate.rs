@@ -190,7 +190,7 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     Ok((identity, because_empty(outcome, empty_axis, args.plane)))
 }
 
-/// A refused outcome, refused for an axis that has no number in many samples: what else is wrong shows once that is mended.
+/// The outcome; one that was rejected names the empty axis as its reason, if there is one. Other faults show once that is mended.
 fn because_empty(outcome: Outcome, empty_axis: Option<EmptyAxis>, plane: Plane) -> Outcome {
     let Some(empty) = empty_axis.filter(|_| outcome.verdict == Verdict::Rejected) else {
         return outcome;
@@ -211,7 +211,9 @@ fn because_empty(outcome: Outcome, empty_axis: Option<EmptyAxis>, plane: Plane) 
             let others = ["yz", "xz", "xy"][axis];
             (
                 "no_plane",
-                format!(": name the plane of the other two with --plane {others}"),
+                format!(
+                    ": name the plane of the other two with --plane {others}, without --mode spatial"
+                ),
             )
         }
         _ => (

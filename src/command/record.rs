@@ -34,8 +34,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if config.source.kind == Some(Kind::Replay) {
         refuse_overwrite(&config.source.log, &args.out)?;
     }
-    Log::start(&config.log.filter);
-    runtime()?.block_on(async {
+    let log = Log::start(&config.log.filter);
+    runtime()?.block_on(log.tell_left_out(async {
         outlive_file_limits()?;
         let mut signals = Signals::catch(&ENDS)?;
         let over = async {
@@ -75,5 +75,5 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 Ok(ended?)
             }
         }
-    })
+    }))
 }

@@ -27,7 +27,7 @@ pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
     let line = text[line_start..].lines().next().unwrap_or_default();
     if let Some((key, value)) = line.split_once(':')
         && (message.starts_with("invalid unquoted key") || message.starts_with("key with no value"))
-        && !key.contains(['=', '"'])
+        && !key.contains(['=', '"', '#'])
     {
         let right = format!("{} = {}", key.trim(), value.trim());
         return format!(
@@ -38,6 +38,8 @@ pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
     let whole = before.rsplit(['=', ' ']).next().unwrap_or_default();
     let tail = text[span.start..].strip_prefix(',').map(self::word);
     if let Some(tail) = tail
+        && whole.ends_with(|c: char| c.is_ascii_digit())
+        && tail.starts_with(|c: char| c.is_ascii_digit())
         && let Ok(_) = format!("{whole}.{tail}").parse::<f64>()
     {
         return format!("{whole},{tail}: decimals need a point: {whole}.{tail}");
@@ -114,6 +116,14 @@ mod tests {
             let sentence = explain(message, text, at..at + 1);
             assert!(sentence.contains("?[2J"), "{sentence}");
             assert!(!sentence.contains('\u{1b}'), "{sentence:?}");
+        }
+    }
+
+    #[test]
+    fn a_trailing_comma_and_the_colon_of_a_remark_are_told_as_the_parser_tells_them() {
+        let message = "key with no value, expected `=`";
+        for (text, at) in [("rate_hz = 1,", 11), ("bus # note: 1", 4)] {
+            assert_eq!(explain(message, text, at..at + 1), message);
         }
     }
 }

@@ -10,6 +10,8 @@ const STEADY_RAD_S: f64 = 0.0175;
 const STILL_SHARE: f64 = 0.02;
 /// Time constant of the means, seconds: less than a tenth of the noise at 100 Hz.
 const MEAN_S: f64 = 0.5;
+/// What the rate was at rest is known for so long, seconds: a bias changes, and a slow turn is told sooner.
+const KNOWN_S: f64 = 60.0;
 /// A rate that differs by more from that at rest is a turn, rad/s (1.5 °/s); by less, the bias may have drifted.
 const TURN_RAD_S: f64 = 0.026;
 
@@ -20,7 +22,8 @@ pub(super) struct RestRate {
     field: Mean,
     /// When the board seemed to come to rest, and the mean rate and field then.
     begun: Option<(f64, Vector3<f64>, Vector3<f64>)>,
-    known: Option<Vector3<f64>>,
+    /// The mean rate at rest, and when it was measured last.
+    known: Option<(f64, Vector3<f64>)>,
 }
 
 /// A mean of the last values, by time.
@@ -68,22 +71,27 @@ impl RestRate {
                 return;
             }
             let drifted = |known: Vector3<f64>| (mean - known).norm() < TURN_RAD_S;
-            if !field_repeats || self.known.is_none_or(drifted) {
-                self.known = Some(mean);
+            if !field_repeats || self.known().is_none_or(drifted) {
+                self.known = Some((t_s, mean));
             }
         }
         self.begun = Some((t_s, mean, field));
     }
 
+    fn known(&self) -> Option<Vector3<f64>> {
+        let (measured_s, rate) = self.known?;
+        (self.rate.last_s - measured_s < KNOWN_S).then_some(rate)
+    }
+
     /// How fast the board turns by the mean rate, rad/s; `None` where that may be bias.
     pub(super) fn turn_rad_s(&self) -> Option<f64> {
-        let speed = (self.rate.value? - self.known?).norm();
+        let speed = (self.rate.value? - self.known()?).norm();
         (speed >= TURN_RAD_S).then_some(speed)
     }
 
     /// The same at this rate: noise is not in the mean, and a turn that has ended not in the rate.
     pub(super) fn turn_at_rad_s(&self, rate: Vector3<f64>) -> f64 {
-        match (self.known, self.turn_rad_s()) {
+        match (self.known(), self.turn_rad_s()) {
             (Some(known), Some(speed)) => speed.min((rate - known).norm()),
             _ => 0.0,
         }

@@ -87,7 +87,7 @@ impl Pipeline {
             let message = "the field is not what the motion predicts: something magnetic is near";
             return self.report_as(Condition::Disturbed, "field_changed", message);
         }
-        if !self.tilt_is_known() && !self.has_just_begun() {
+        if self.tilt_is_missing() {
             let message = if self.sd_deg <= self.setup.pipeline.publish_sd_deg {
                 "no accelerometer data: headings hold for a board that is level"
             } else {
@@ -95,7 +95,7 @@ impl Pipeline {
             };
             return self.report_as(Condition::Degraded, "no_accelerometer", message);
         }
-        if !self.gyro_is_live() && !self.has_just_begun() {
+        if self.gyro_is_missing() {
             let message = "no gyro data: headings are those of single samples";
             return self.report_as(Condition::Degraded, "no_gyro", message);
         }
@@ -135,11 +135,11 @@ impl Pipeline {
             let message = format!("the last attempt gave no calibration: {message}");
             return self.report_as(Condition::Uncalibrated, reason, message);
         }
-        if !self.gyro_is_live() && !self.has_just_begun() {
+        if self.gyro_is_missing() {
             let message = "no gyro data, so turns cannot be detected: connect the gyro or import a calibration";
             return self.report_as(Condition::Uncalibrated, "no_gyro", message);
         }
-        if !self.tilt_is_known() && !self.has_just_begun() {
+        if self.tilt_is_missing() {
             let message = "no accelerometer data, so headings hold for a board that stays level: keep it level, and turn it once all the way round";
             return self.report_as(Condition::Uncalibrated, "no_accelerometer", message);
         }
@@ -185,8 +185,12 @@ impl Pipeline {
             .is_some_and(|(first_s, _)| self.now_s - first_s <= self.setup.attitude.gap_s)
     }
 
-    fn tilt_is_known(&self) -> bool {
-        self.intake.attitude.accelerometer_live(self.now_s)
+    fn tilt_is_missing(&self) -> bool {
+        !self.intake.attitude.accelerometer_live(self.now_s) && !self.has_just_begun()
+    }
+
+    fn gyro_is_missing(&self) -> bool {
+        !self.gyro_is_live() && !self.has_just_begun()
     }
 
     fn gyro_is_live(&self) -> bool {

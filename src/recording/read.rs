@@ -29,6 +29,8 @@ pub struct Reader<R> {
     rows: Rows,
     /// A line of another header was found: the rows after it may be in other units.
     other_header: bool,
+    /// How many lines of a header have been repeated since its first.
+    repeated: Option<usize>,
     last_s: Option<f64>,
     begins_stretch: bool,
     /// A row whose time is doubtful until the next one is known, and that one.
@@ -52,6 +54,7 @@ impl<R: BufRead> Reader<R> {
             lines,
             rows,
             other_header: false,
+            repeated: None,
             last_s: None,
             begins_stretch: false,
             doubtful: None,
@@ -104,7 +107,10 @@ impl<R: BufRead> Reader<R> {
             let fault = match self.lines.advance() {
                 Ok(LogLine::End) => break,
                 Ok(_) if self.lines.text().trim_ascii().is_empty() => continue,
-                Ok(LogLine::Whole) => match self.rows.is_known_header(self.lines.text()) {
+                Ok(LogLine::Whole) => match self
+                    .rows
+                    .is_known_header(self.lines.text(), &mut self.repeated)
+                {
                     Ok(true) => continue,
                     Ok(false) if self.other_header => (None, AFTER_OTHER_HEADER.to_owned()),
                     Ok(false) => match self.rows.entry(self.lines.text()) {

@@ -46,15 +46,32 @@ impl Rows {
     }
 
     /// Whether a line among the rows is no row: a remark, or a line of the same header, which some devices repeat. One of another header
-    /// is an error.
-    pub(super) fn is_known_header(&self, line: &[u8]) -> Result<bool, RowFault> {
+    /// is an error. `repeated` counts the lines since the first of the header that is being repeated, if one is.
+    pub(super) fn is_known_header(
+        &self,
+        line: &[u8],
+        repeated: &mut Option<usize>,
+    ) -> Result<bool, RowFault> {
         let is_remark = line.starts_with(b"#");
         if !is_remark && !names_columns(line) {
             return Ok(false);
         }
         let text = String::from_utf8_lossy(line);
-        if is_remark && !gives_key(&text) || self.lines.iter().any(|known| known == text.trim()) {
+        if is_remark && !gives_key(&text) {
+            if text.contains("headingd-log") {
+                *repeated = Some(0);
+            }
             return Ok(true);
+        }
+        if self.lines.iter().any(|known| known == text.trim()) {
+            let count = repeated.as_mut().map(|count| {
+                *count += 1;
+                *count
+            });
+            // A header that lacks a line of the first has that key's default.
+            if is_remark || count.is_none_or(|count| count == self.lines.len()) {
+                return Ok(true);
+            }
         }
         let what = format!(
             "found {}, another header than the first: split the log here",

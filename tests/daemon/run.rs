@@ -117,7 +117,7 @@ fn a_calibration_at_the_very_end_of_a_log_is_published_and_kept() {
     let said = process.ends(0);
     assert!(rig.path("store/calibration.json").exists());
     assert!(said.contains("skipping rows that cannot be used; the first: log "));
-    assert!(said.contains("1 rows skipped; the first: log "), "{said}");
+    assert!(said.contains("1 row skipped; the first: log "), "{said}");
 }
 
 #[test]

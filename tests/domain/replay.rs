@@ -532,7 +532,7 @@ fn a_log_may_be_cut_at_any_byte() {
             .skip(1);
         let readings = readings.filter(|row| column(row)).count();
         assert_eq!(of_class(&ran.lines(), "ATT").len(), readings, "{cut}");
-        let skipped = ran.err.contains("1 rows skipped") && ran.err.contains("cut off");
+        let skipped = ran.err.contains("1 row skipped") && ran.err.contains("cut off");
         assert_eq!(skipped, whole.len() < cut, "{cut}: {}", ran.err);
         // `calibrate` reads the same rows, of which there are too few.
         let ran = headingd(&["calibrate", &path, "--json"]);
@@ -578,7 +578,8 @@ fn rows_that_are_no_rows_are_skipped_and_counted() {
         assert_eq!(ran.status, 0, "{what}");
         assert!(ran.out == right.out, "{what} changed the lines");
         let message = format!(
-            "{count} rows skipped; the first: log {path}, line {}",
+            "{count} {} skipped; the first: log {path}, line {}",
+            if count == 1 { "row" } else { "rows" },
             middle + 1
         );
         assert!(ran.err.contains(&message), "{what}: {}", ran.err);

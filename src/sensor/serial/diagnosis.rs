@@ -41,6 +41,9 @@ impl Diagnosis {
 
     /// Takes what has no field.
     pub(super) fn item(&mut self, item: Item) {
+        if let Item::Frame(reading) | Item::Timed(reading) = &item {
+            self.others |= reading.rate_rad_s.or(reading.specific_force_m_s2).is_some();
+        }
         match item {
             Item::OtherMode(mode) => self.other_mode = Some(mode),
             Item::TooLong => self.too_long = true,
@@ -52,14 +55,8 @@ impl Diagnosis {
             }
             Item::BadHeader(why) => self.header = Some(why),
             // Without lines that were not understood, it is the device that lacks the numbers.
-            Item::Frame(frame) => {
-                self.unread |= !std::mem::take(&mut self.garbled);
-                self.others |= frame.rate_rad_s.or(frame.specific_force_m_s2).is_some();
-            }
-            Item::Timed(row) => {
-                self.rows = self.rows.saturating_add(1);
-                self.others |= row.rate_rad_s.or(row.specific_force_m_s2).is_some();
-            }
+            Item::Frame(_) => self.unread |= !std::mem::take(&mut self.garbled),
+            Item::Timed(_) => self.rows = self.rows.saturating_add(1),
             Item::Early => self.early = true,
             Item::NewUnits | Item::Synch(_) => {}
         }

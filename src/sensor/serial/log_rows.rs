@@ -19,8 +19,6 @@ pub(super) const HEADER_S: f64 = 15.0;
 /// Least and most that a row adds to it, seconds: the clock may stand still, and a lost decimal point makes a time a thousand times
 /// as late.
 const STEP_S: (f64, f64) = (0.001, 1.0);
-/// A row that comes so many times more, its time included, is no reading.
-const SAME_ROWS: u32 = 20;
 
 /// Bytes in, readings out.
 #[derive(Debug)]
@@ -54,9 +52,6 @@ struct Wire {
     /// How long rows have come without a header, and the time of the last, seconds.
     waited_s: f64,
     last_s: f64,
-    /// The last row, and how often it has come again.
-    last: Vec<u8>,
-    repeats: u32,
 }
 
 impl LogRows {
@@ -193,17 +188,6 @@ impl Wire {
         self.checked |= checked;
         if self.checked && !checked {
             return Err("a row without its checksum, but those before it had one".to_owned());
-        }
-        // Noise changes each row of a device that measures.
-        if line == self.last {
-            self.repeats = self.repeats.saturating_add(1);
-            if self.repeats >= SAME_ROWS {
-                return Err("the same row again and again, with the same time".to_owned());
-            }
-        } else {
-            self.repeats = 0;
-            self.last.clear();
-            self.last.extend_from_slice(line);
         }
         if !self.has_header {
             let cells = 1 + line.iter().filter(|byte| **byte == b',').count();

@@ -135,9 +135,10 @@ impl PortSession {
                             self.bad += 1;
                             if self.bad == self.tell_at {
                                 self.tell_at *= 10;
-                                let (bad, all) = (self.bad, self.good + self.bad);
-                                self.refused =
-                                    Some(format!("{bad} of {all} lines refused; the last: {why}"));
+                                self.refused = Some(format!(
+                                    "{} lines refused beside {} readings; the last: {why}",
+                                    self.bad, self.good
+                                ));
                             }
                         }
                         _ => {}
@@ -278,7 +279,11 @@ mod tests {
         assert!(told(said(&mut rows, 0, 1, &format!("{HEADER}nonsense\n"))).is_empty());
         assert!(told(said(&mut rows, 1, 1, good)).is_empty());
         let told = told(said(&mut rows, 2, 12, &format!("{good}9,9*00\n")));
-        let begins = ["1 of 12 lines", "10 of 30 lines", "100 of 210 lines"];
+        let begins = [
+            "1 lines refused beside 11 readings",
+            "10 lines refused beside 20 readings",
+            "100 lines refused beside 110 readings",
+        ];
         assert_eq!(told.len(), begins.len(), "{told:?}");
         for (told, begins) in told.iter().zip(begins) {
             assert!(
