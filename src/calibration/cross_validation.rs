@@ -85,10 +85,10 @@ pub fn without_each_part<C: Curve<D, P>, const D: usize, const P: usize>(
     let unit = |k: usize| if k < D { 1.0 } else { best.reference_mgauss };
     sums.iter()
         .enumerate()
-        .map(|(part, sums)| {
-            let step = (information - sums.0)
+        .map(|(part, (its_information, its_gradient))| {
+            let step = (information - its_information)
                 .cholesky()
-                .map(|others| others.solve(&(gradient - sums.1)))
+                .map(|others| others.solve(&(gradient - its_gradient)))
                 .filter(|step| (0..P).all(|k| (step[k] * unit(k)).abs() <= SHORT * sigma));
             if let Some(step) = step {
                 return std::array::from_fn(|k| best.position[k] - step[k]);

@@ -49,6 +49,15 @@ fn fed(folder: &Path, service: Service) -> (Daemon, mpsc::Sender<Events>) {
     (daemon, sender)
 }
 
+/// A service manager whose watchdog waits for so long, and the service that reports to it.
+fn managed(folder: &Path, patience: Duration) -> (UnixDatagram, Service) {
+    let notify = folder.join("notify");
+    let manager = UnixDatagram::bind(&notify).unwrap();
+    manager.set_nonblocking(true).unwrap();
+    let service = Service::at(notify.to_str().unwrap(), Some(patience)).unwrap();
+    (manager, service)
+}
+
 /// Reloads to a session with another source, which sends nothing before the next wait.
 async fn reload(daemon: &mut Daemon) {
     let mut config = daemon.session.config.clone();
@@ -91,11 +100,7 @@ async fn the_status_counts_headings_without_a_gyro_and_has_what_was_reported_las
 #[tokio::test]
 async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
     let folder = tempfile::tempdir().unwrap();
-    let notify = folder.path().join("notify");
-    let manager = UnixDatagram::bind(&notify).unwrap();
-    manager.set_nonblocking(true).unwrap();
-    let patience = Duration::from_millis(100);
-    let service = Service::at(notify.to_str().unwrap(), Some(patience)).unwrap();
+    let (manager, service) = managed(folder.path(), Duration::from_millis(100));
     let (daemon, sender) = fed(folder.path(), service);
     let script = async {
         // Not ready before the device has said anything.
@@ -133,12 +138,8 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
 #[tokio::test]
 async fn after_a_reload_the_watchdog_begins_anew() {
     let folder = tempfile::tempdir().unwrap();
-    let notify = folder.path().join("notify");
-    let manager = UnixDatagram::bind(&notify).unwrap();
-    manager.set_nonblocking(true).unwrap();
     // No other sign of life is due in the time of the test.
-    let patience = Duration::from_secs(3600);
-    let service = Service::at(notify.to_str().unwrap(), Some(patience)).unwrap();
+    let (manager, service) = managed(folder.path(), Duration::from_secs(3600));
     let (mut daemon, _) = fed(folder.path(), service);
     let fresh = daemon.take(Some(vec![reading()]));
     daemon.tick(fresh);

@@ -1,4 +1,4 @@
-//! What the gyro says at rest, its bias: with that, a slow turn can be told from rest.
+//! The gyro's rate at rest, which is its bias: it distinguishes a slow turn from rest.
 
 use nalgebra::Vector3;
 

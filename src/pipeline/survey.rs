@@ -18,8 +18,8 @@ use crate::turn::Turn;
 /// Faster than this is rotation, rad/s: a hand that holds still stays below 5 degrees a second.
 const ROTATING_RAD_S: f64 = 0.087;
 
-/// With fewer of its samples without a number, an axis is not worth a word.
-const WORTH_A_WORD: f64 = 0.05;
+/// An axis is named as empty if more than this share of its samples have no number.
+const EMPTY_SHARE: f64 = 0.05;
 
 /// Finds the samples, the turns and the rotation of a log.
 pub struct Survey {
@@ -146,10 +146,11 @@ impl Survey {
 
     /// The axis without a number in the most samples, if it is needed and these are many.
     pub fn empty_axis(&self) -> Option<EmptyAxis> {
-        let needed = |axis: &usize| self.plane.is_none_or(|axes| axes.contains(axis));
-        let axis = (0..3).filter(needed).max_by_key(|&axis| self.empty[axis])?;
+        let axis = (0..3)
+            .filter(|&axis| is_needed(axis, self.plane))
+            .max_by_key(|&axis| self.empty[axis])?;
         let (empty, samples) = (self.empty[axis], self.fields);
-        (empty as f64 > WORTH_A_WORD * samples as f64).then_some(EmptyAxis {
+        (empty as f64 > EMPTY_SHARE * samples as f64).then_some(EmptyAxis {
             axis,
             empty,
             samples,
@@ -196,11 +197,16 @@ impl Survey {
     }
 }
 
+/// Whether an axis is needed: of a named plane only two are.
+fn is_needed(axis: usize, plane: Option<[usize; 2]>) -> bool {
+    plane.is_none_or(|axes| axes.contains(&axis))
+}
+
 /// The field, if the axes that are needed did not overflow. The third axis of a named plane is not looked at, and is 0.
 fn needed(field: &Field, plane: Option<[usize; 2]>) -> Option<Vector3<f64>> {
-    let needed = |axis: usize| {
-        let looked_at = plane.is_none_or(|axes| axes.contains(&axis));
-        if looked_at { field[axis] } else { Some(0.0) }
+    let needed = |axis: usize| match is_needed(axis, plane) {
+        true => field[axis],
+        false => Some(0.0),
     };
     Some(Vector3::new(needed(0)?, needed(1)?, needed(2)?))
 }

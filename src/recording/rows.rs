@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 
 use super::{
-    ACCEL, COLUMNS, Entry, GYRO, HEADING, Header, MAG, check_row, gives_key, names_columns, shown,
+    ACCEL, COLUMNS, Entry, GYRO, HEADING, Header, MAG, MAGIC, check_row, gives_key, names_columns,
+    shown,
 };
 use crate::frame::wrap_360;
 use crate::reading::Reading;
@@ -58,18 +59,17 @@ impl Rows {
         }
         let text = String::from_utf8_lossy(line);
         if is_remark && !gives_key(&text) {
-            if text.contains("headingd-log") {
+            if text.contains(MAGIC) {
                 *repeated = Some(0);
             }
             return Ok(true);
         }
         if self.lines.iter().any(|known| known == text.trim()) {
-            let count = repeated.as_mut().map(|count| {
+            if let Some(count) = repeated {
                 *count += 1;
-                *count
-            });
+            }
             // A header that lacks a line of the first has that key's default.
-            if is_remark || count.is_none_or(|count| count == self.lines.len()) {
+            if is_remark || repeated.is_none_or(|count| count == self.lines.len()) {
                 return Ok(true);
             }
         }
