@@ -25,26 +25,13 @@ pub fn read_byte(bus: &mut dyn Bus, address: u8, register: u8) -> Result<u8, Bus
 
 /// What was attempted on a bus, and what came of it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("cannot {attempt} on {bus}: {cause}")]
+#[error("cannot {attempt} the chip at 0x{address:02x} on {bus}: {cause}")]
 pub struct BusError {
     pub bus: String,
-    pub attempt: Attempt,
+    /// In words: "read register 0x09 of".
+    pub attempt: String,
+    pub address: u8,
     pub cause: Cause,
-}
-
-/// What was attempted on a bus and failed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Attempt {
-    #[error("talk to the chip at 0x{address:02x}")]
-    Open { address: u8 },
-    #[error("read {} of the chip at 0x{address:02x}", registers(*register, *count))]
-    Read {
-        address: u8,
-        register: u8,
-        count: u8,
-    },
-    #[error("write register 0x{register:02x} of the chip at 0x{address:02x}")]
-    Write { address: u8, register: u8 },
 }
 
 /// Why a transfer failed, after Linux's `fault-codes.rst`, and what helps.
@@ -59,8 +46,16 @@ pub enum Cause {
         "permission denied; let the user join the group i2c (usermod -aG i2c USER) and log in anew"
     )]
     Permission,
-    #[error("{}", claimed(driver.as_ref()))]
-    Claimed { driver: Option<Claim> },
+    /// A driver of the kernel is bound to the chip, which the kernel names like `1-001e`.
+    #[error(
+        "the kernel's driver {driver} has claimed the chip; free it with: echo {device} | sudo tee \
+         /sys/bus/i2c/drivers/{driver}/unbind"
+    )]
+    Claimed { driver: String, device: String },
+    #[error(
+        "the address is busy, but no driver of the kernel has claimed it; is the bus stuck? Switch the chips off and on"
+    )]
+    Busy,
     #[error(
         "no chip answers; check wiring, power and address (a magnetometer behind an MPU-6050 answers only when that \
          has its bypass on)"
@@ -80,41 +75,13 @@ pub enum Cause {
     Other(String),
 }
 
-fn registers(first: u8, count: u8) -> String {
-    match count {
-        1 => format!("register 0x{first:02x}"),
-        count => format!("{count} registers from 0x{first:02x} on"),
-    }
-}
-
-fn claimed(claim: Option<&Claim>) -> String {
-    match claim {
-        Some(Claim { driver, device }) => format!(
-            "the kernel's driver {driver} has claimed the chip; free it with: echo {device} | sudo tee \
-             /sys/bus/i2c/drivers/{driver}/unbind"
-        ),
-        None => "the address is busy, but no driver of the kernel has claimed it; is the bus stuck? Switch the chips \
-                 off and on"
-            .to_owned(),
-    }
-}
-
-/// A kernel driver that is bound to a chip.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Claim {
-    /// The driver: `hmc5843`.
-    pub driver: String,
-    /// The chip, as the kernel names it: `1-001e`.
-    pub device: String,
-}
-
 impl Cause {
     /// As a code that a program can read.
     pub fn code(&self) -> &'static str {
         match self {
             Self::NoBus => "no_bus",
             Self::Permission => "permission",
-            Self::Claimed { .. } => "claimed",
+            Self::Claimed { .. } | Self::Busy => "claimed",
             Self::NoAnswer => "no_answer",
             Self::Timeout => "timeout",
             Self::ArbitrationLost => "arbitration_lost",
@@ -128,7 +95,7 @@ impl Cause {
     pub fn is_passing(&self) -> bool {
         !matches!(
             self,
-            Self::NoBus | Self::Permission | Self::Claimed { .. } | Self::Unsupported
+            Self::NoBus | Self::Permission | Self::Claimed { .. } | Self::Busy | Self::Unsupported
         )
     }
 }

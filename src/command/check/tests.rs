@@ -212,11 +212,10 @@ fn a_dead_a_turned_and_a_constant_magnetometer_are_told() {
 #[test]
 fn a_claimed_chip_does_not_hide_the_others() {
     let bus = stick();
-    let claimed = Cause::Claimed { driver: None };
     bus.world
         .borrow_mut()
         .faults
-        .insert(0x68, vec![claimed; 20].into());
+        .insert(0x68, vec![Cause::Busy; 20].into());
     let report = examined(&bus, CONFIG);
     assert!(codes(&report).contains(&"claimed"));
     assert_eq!(report.self_test.len(), 3);
@@ -225,11 +224,10 @@ fn a_claimed_chip_does_not_hide_the_others() {
 #[test]
 fn a_claimed_address_that_is_not_configured_is_no_problem() {
     let bus = stick();
-    let claimed = Cause::Claimed { driver: None };
     bus.world
         .borrow_mut()
         .faults
-        .insert(0x69, vec![claimed; 20].into());
+        .insert(0x69, vec![Cause::Busy; 20].into());
     let report = examined(&bus, CONFIG);
     assert_eq!(codes(&report), [""; 0], "{:?}", report.problems);
     assert!(report.to_string().contains("0x69  claimed"));

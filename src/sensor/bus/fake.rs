@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
-use super::{Attempt, Bus, BusError, Cause};
+use super::{Bus, BusError, Cause};
 
 /// A transfer that was made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,12 +76,7 @@ impl Bus for FakeBus {
             .transfers
             .push(Transfer::Read(address, register, count));
         if let Some(cause) = world.fails(address) {
-            let attempt = Attempt::Read {
-                address,
-                register,
-                count,
-            };
-            return Err(error(attempt, cause));
+            return Err(error("read", address, cause));
         }
         let registers = &world.chips[&address][usize::from(register)..];
         into.copy_from_slice(&registers[..into.len()]);
@@ -101,16 +96,15 @@ impl Bus for FakeBus {
             }
         }
         let failed = world.fails(address);
-        failed.map_or(Ok(()), |cause| {
-            Err(error(Attempt::Write { address, register }, cause))
-        })
+        failed.map_or(Ok(()), |cause| Err(error("write", address, cause)))
     }
 }
 
-fn error(attempt: Attempt, cause: Cause) -> BusError {
+pub(crate) fn error(attempt: &str, address: u8, cause: Cause) -> BusError {
     BusError {
         bus: "/dev/i2c-1".to_owned(),
-        attempt,
+        attempt: attempt.to_owned(),
+        address,
         cause,
     }
 }

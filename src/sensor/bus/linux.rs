@@ -11,7 +11,7 @@ use i2cdev::core::I2CDevice;
 use i2cdev::linux::{LinuxI2CDevice, LinuxI2CError};
 use libc::{EACCES, EAGAIN, EBUSY, ENODEV, ENOENT, ENXIO, EOPNOTSUPP, EPERM, EREMOTEIO, ETIMEDOUT};
 
-use super::{Attempt, Bus, BusError, Cause, Claim};
+use super::{Bus, BusError, Cause};
 
 /// Where the kernel shows which driver has which chip.
 const DEVICES: &str = "/sys/bus/i2c/devices";
@@ -41,26 +41,24 @@ impl LinuxBus {
         match self.devices.entry(address) {
             Entry::Occupied(open) => Ok(open.into_mut()),
             Entry::Vacant(place) => {
-                let path = Self::path(self.number);
-                match LinuxI2CDevice::new(&path, address.into()) {
+                match LinuxI2CDevice::new(Self::path(self.number), address.into()) {
                     Ok(device) => Ok(place.insert(device)),
-                    Err(error) => Err(BusError {
-                        bus: path.display().to_string(),
-                        attempt: Attempt::Open { address },
-                        cause: opening(error, self.number, address),
-                    }),
+                    Err(error) => {
+                        let cause = opening(error, self.number, address);
+                        Err(failed(self.number, address, "talk to", cause))
+                    }
                 }
             }
         }
     }
+}
 
-    fn failed(&mut self, address: u8, attempt: Attempt, cause: Cause) -> BusError {
-        self.devices.remove(&address);
-        BusError {
-            bus: Self::path(self.number).display().to_string(),
-            attempt,
-            cause,
-        }
+fn failed(bus: u8, address: u8, attempt: impl Into<String>, cause: Cause) -> BusError {
+    BusError {
+        bus: LinuxBus::path(bus).display().to_string(),
+        attempt: attempt.into(),
+        address,
+        cause,
     }
 }
 
@@ -80,20 +78,21 @@ impl Bus for LinuxBus {
             },
             Err(error) => transfer(error),
         };
-        let attempt = Attempt::Read {
-            address,
-            register,
-            count,
+        let attempt = match count {
+            1 => format!("read register 0x{register:02x} of"),
+            _ => format!("read {count} registers from 0x{register:02x} on of"),
         };
-        Err(self.failed(address, attempt, cause))
+        self.devices.remove(&address);
+        Err(failed(self.number, address, attempt, cause))
     }
 
     fn write(&mut self, address: u8, register: u8, value: u8) -> Result<(), BusError> {
         self.device(address)?
             .smbus_write_byte_data(register, value)
             .map_err(|error| {
-                let attempt = Attempt::Write { address, register };
-                self.failed(address, attempt, transfer(error))
+                let attempt = format!("write register 0x{register:02x} of");
+                self.devices.remove(&address);
+                failed(self.number, address, attempt, transfer(error))
             })
     }
 }
@@ -104,9 +103,7 @@ fn opening(error: LinuxI2CError, number: u8, address: u8) -> Cause {
     match error.raw_os_error() {
         Some(ENOENT | ENODEV | ENXIO) => Cause::NoBus,
         Some(EACCES | EPERM) => Cause::Permission,
-        Some(EBUSY) => Cause::Claimed {
-            driver: claim(Path::new(DEVICES), number, address),
-        },
+        Some(EBUSY) => claimed(Path::new(DEVICES), number, address).unwrap_or(Cause::Busy),
         _ => Cause::Other(error.to_string()),
     }
 }
@@ -120,17 +117,17 @@ fn transfer(error: LinuxI2CError) -> Cause {
         Some(ETIMEDOUT) => Cause::Timeout,
         Some(EAGAIN) => Cause::ArbitrationLost,
         Some(EOPNOTSUPP) => Cause::Unsupported,
-        Some(EBUSY) => Cause::Claimed { driver: None },
+        Some(EBUSY) => Cause::Busy,
         Some(EACCES | EPERM) => Cause::Permission,
         _ => Cause::Other(error.to_string()),
     }
 }
 
-/// The driver that has claimed a chip.
-fn claim(devices: &Path, number: u8, address: u8) -> Option<Claim> {
+/// Which driver has claimed a chip, if one has.
+fn claimed(devices: &Path, number: u8, address: u8) -> Option<Cause> {
     let device = format!("{number}-{address:04x}");
     let driver = devices.join(&device).join("driver").canonicalize().ok()?;
-    Some(Claim {
+    Some(Cause::Claimed {
         driver: driver.file_name()?.to_str()?.to_owned(),
         device,
     })
@@ -188,12 +185,11 @@ mod tests {
         fs::create_dir_all(&device).unwrap();
         symlink(&driver, device.join("driver")).unwrap();
         let devices = folder.path().join("devices");
-        let driver = claim(&devices, 1, 0x1e);
-        let said = Cause::Claimed { driver }.to_string();
+        let said = claimed(&devices, 1, 0x1e).unwrap().to_string();
         assert!(
             said.contains("echo 1-001e | sudo tee /sys/bus/i2c/drivers/hmc5843/unbind"),
             "{said}"
         );
-        assert_eq!(claim(&devices, 1, 0x68), None);
+        assert_eq!(claimed(&devices, 1, 0x68), None);
     }
 }

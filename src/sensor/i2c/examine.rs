@@ -8,7 +8,7 @@ use crate::condition::SourceFault;
 use crate::frame::Mountings;
 use crate::reading::{EARTH_MGAUSS, STANDARD_GRAVITY_M_S2};
 use crate::sensor::SourceEvent;
-use crate::sensor::bus::{Bus, BusError, Cause, read_byte};
+use crate::sensor::bus::{Bus, Cause, read_byte};
 use crate::sensor::chip::magnetometer::AxisTest;
 use crate::sensor::chip::mpu6050::MPU6050;
 use crate::sensor::chip::{ChipError, drivers};
@@ -121,25 +121,19 @@ fn find_chips(report: &mut CheckReport, bus: &mut dyn Bus, clock: &mut dyn Clock
                 address,
                 chip: drivers::name(bus, address),
             }),
-            Err(BusError {
-                cause: Cause::NoAnswer,
-                ..
-            }) => {}
-            // If it is in use, reading it will tell who has claimed it.
-            Err(BusError {
-                cause: Cause::Claimed { .. },
-                ..
-            }) => report.chips.push(FoundChip {
-                address,
-                chip: "claimed",
-            }),
-            Err(error) => {
-                let for_all = matches!(error.cause, Cause::NoBus | Cause::Permission);
-                report.failed(&error.into());
-                if for_all {
+            Err(error) => match error.cause {
+                Cause::NoAnswer => {}
+                // If it is in use, reading it will tell who has claimed it.
+                Cause::Claimed { .. } | Cause::Busy => report.chips.push(FoundChip {
+                    address,
+                    chip: "claimed",
+                }),
+                Cause::NoBus | Cause::Permission => {
+                    report.failed(&error.into());
                     return false;
                 }
-            }
+                _ => report.failed(&error.into()),
+            },
         }
     }
     true

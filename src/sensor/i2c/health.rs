@@ -105,14 +105,10 @@ impl Health {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::bus::{Attempt, BusError, Cause};
+    use crate::sensor::bus::{Cause, fake};
 
     fn error(cause: Cause) -> ChipError {
-        ChipError::Bus(BusError {
-            bus: "/dev/i2c-1".to_owned(),
-            attempt: Attempt::Open { address: 0x1e },
-            cause,
-        })
+        fake::error("read", 0x68, cause).into()
     }
 
     #[test]
