@@ -4,7 +4,6 @@
 //! the device's clock has stood still for a moment. Only what follows tells which: delays pass.
 
 use super::envelope::Envelope;
-use super::lateness::LineLateness;
 
 /// How far the device's clock may be fast or slow, as a share: a ceramic resonator is off by up to 0.5 %.
 const TOLERANCE: f64 = 0.05;
@@ -27,18 +26,16 @@ pub struct DeviceClock {
     first_arrival_s: f64,
     last_device_s: f64,
     last_s: f64,
-    late: LineLateness,
 }
 
 impl Default for DeviceClock {
     fn default() -> Self {
         Self {
-            envelope: Envelope::new(TOLERANCE),
+            envelope: Envelope::new(TOLERANCE, LATE_STEP_S),
             sent_s: f64::NEG_INFINITY,
             first_arrival_s: f64::NEG_INFINITY,
             last_device_s: f64::NEG_INFINITY,
             last_s: f64::NEG_INFINITY,
-            late: LineLateness::new(LATE_STEP_S),
         }
     }
 }
@@ -49,28 +46,18 @@ impl DeviceClock {
     pub fn time(&mut self, sent_s: f64, arrival_s: f64) -> f64 {
         let restarted = sent_s < self.sent_s;
         let device_s = self.refined(sent_s, arrival_s);
-        let late_s = self
-            .envelope
-            .time(device_s)
-            .map_or(0.0, |line_s| arrival_s - line_s);
+        let late_s = self.envelope.late_s(device_s, arrival_s);
         if restarted || late_s < -EARLY_S {
             self.envelope.restart();
-            self.late.end();
         } else if late_s > LATE_FROM_S {
-            if self.late.take(late_s, arrival_s).lasts_s >= LATE_S {
+            if self.envelope.late(late_s, arrival_s).lasts_s >= LATE_S {
                 self.envelope.restart();
-                self.late.end();
             }
         } else {
-            self.late.end();
+            self.envelope.in_time();
         }
         self.last_device_s = device_s;
-        // Learns nothing until it is clear whether readings are late or the clock has changed.
-        if !self.late.is_open() {
-            self.envelope.take(device_s, arrival_s);
-        }
-        let line_s = self.envelope.time(device_s).unwrap_or(arrival_s);
-        self.last_s = line_s.min(arrival_s).max(self.last_s);
+        self.last_s = self.envelope.time(device_s, arrival_s).max(self.last_s);
         self.last_s
     }
 

@@ -3,6 +3,8 @@
 //! What is sent at even intervals arrives late by whatever the USB and the system take, never early. So the
 //! arrivals lie on or above the line that the device's clock draws, and the lower hull of a few seconds of
 //! them finds it: where it stands, and by how much the device's clock is fast or slow.
+//!
+//! Arrivals that are late may catch up, as buffered ones do, or stay late. The line learns nothing until that is clear.
 
 use std::collections::VecDeque;
 
@@ -27,6 +29,9 @@ pub(super) struct Envelope {
     /// The least delayed arrivals, oldest first: device's clock, ours.
     points: VecDeque<(f64, f64)>,
     block: Option<Block>,
+    /// Late arrivals that come nearer to the line than this, seconds, are catching up.
+    late_step_s: f64,
+    late: Option<LateRun>,
 }
 
 #[derive(Clone, Debug)]
@@ -35,10 +40,24 @@ struct Block {
     best: (f64, f64),
 }
 
+/// Late arrivals since they caught up last.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LateRun {
+    since_s: f64,
+    from_s: f64,
+    /// For how long they have been late, seconds.
+    pub(super) lasts_s: f64,
+    pub(super) arrivals: u32,
+    /// How late they are at least, seconds.
+    pub(super) least_s: f64,
+}
+
 impl Envelope {
-    pub(super) fn new(tolerance: f64) -> Self {
+    pub(super) fn new(tolerance: f64, late_step_s: f64) -> Self {
         Self {
             tolerance,
+            late_step_s,
+            late: None,
             slope: 1.0,
             learnt: false,
             anchor: None,
@@ -49,6 +68,7 @@ impl Envelope {
 
     /// Forgets where the line stood, but not its slope. The next arrival is on it.
     pub(super) fn restart(&mut self) {
+        self.late = None;
         self.anchor = None;
         self.points.clear();
         self.block = None;
@@ -58,14 +78,53 @@ impl Envelope {
         self.learnt
     }
 
+    /// How late an arrival is, seconds; the first is not.
+    pub(super) fn late_s(&self, device_s: f64, arrival_s: f64) -> f64 {
+        let line_s = self.line_s(device_s).unwrap_or(arrival_s);
+        arrival_s - line_s
+    }
+
+    /// An arrival came late by `late_s`.
+    pub(super) fn late(&mut self, late_s: f64, arrival_s: f64) -> LateRun {
+        let fresh = LateRun {
+            since_s: arrival_s,
+            from_s: late_s,
+            lasts_s: 0.0,
+            arrivals: 0,
+            least_s: late_s,
+        };
+        let run = self.late.get_or_insert(fresh);
+        if late_s < run.from_s - self.late_step_s {
+            *run = fresh;
+        }
+        run.least_s = run.least_s.min(late_s);
+        run.arrivals += 1;
+        run.lasts_s = arrival_s - run.since_s;
+        *run
+    }
+
+    /// An arrival came in time, or what the lateness means has been settled.
+    pub(super) fn in_time(&mut self) {
+        self.late = None;
+    }
+
+    /// When the arrival was sent, by our clock: never later than it came.
+    pub(super) fn time(&mut self, device_s: f64, arrival_s: f64) -> f64 {
+        if self.late.is_none() {
+            self.learn(device_s, arrival_s);
+        }
+        let line_s = self.line_s(device_s).unwrap_or(arrival_s);
+        line_s.min(arrival_s)
+    }
+
     /// Our time of a time of the device's clock; `None` before the first arrival.
-    pub(super) fn time(&self, device_s: f64) -> Option<f64> {
+    fn line_s(&self, device_s: f64) -> Option<f64> {
         let (at_s, ours_s) = self.anchor?;
         Some(ours_s + self.slope * (device_s - at_s))
     }
 
-    pub(super) fn take(&mut self, device_s: f64, arrival_s: f64) {
-        match self.time(device_s) {
+    fn learn(&mut self, device_s: f64, arrival_s: f64) {
+        match self.line_s(device_s) {
             // Nothing arrives before it was sent.
             Some(line_s) if line_s <= arrival_s => {}
             _ => self.anchor = Some((device_s, arrival_s)),

@@ -4,7 +4,6 @@
 //! frame was delayed; sustained lateness means that frames were lost, and the count goes on behind them.
 
 use super::envelope::Envelope;
-use super::lateness::LineLateness;
 
 /// How far the device's period may be off from what it is taken for, as a share.
 const TOLERANCE: f64 = 0.1;
@@ -30,7 +29,6 @@ pub struct SteadyClock {
     count: u64,
     lost: u64,
     last_s: f64,
-    late: LineLateness,
     /// Nobody listened for a while: what comes now may have waited.
     away: bool,
     rate: Option<Rate>,
@@ -49,11 +47,10 @@ impl SteadyClock {
     pub fn new(period_s: f64) -> Self {
         Self {
             period_s,
-            envelope: Envelope::new(TOLERANCE),
+            envelope: Envelope::new(TOLERANCE, LATE_STEP_SHARE * period_s),
             count: 0,
             lost: 0,
             last_s: f64::NEG_INFINITY,
-            late: LineLateness::new(LATE_STEP_SHARE * period_s),
             away: false,
             rate: None,
         }
@@ -69,33 +66,25 @@ impl SteadyClock {
             self.count_rate(arrival_s);
         }
         self.count += 1;
-        let late_s = match self.envelope.time(self.device_s()) {
-            Some(line_s) => arrival_s - line_s,
-            None => 0.0,
-        };
+        let late_s = self.envelope.late_s(self.device_s(), arrival_s);
         if late_s > LONGEST_DELAY_S && !self.away {
             self.lost += (late_s / self.period_s) as u64;
             self.envelope.restart();
-            self.late.end();
         } else if late_s > LATE_SHARE * self.period_s && (self.envelope.is_learnt() || self.away) {
-            let steady = self.late.take(late_s, arrival_s);
+            let steady = self.envelope.late(late_s, arrival_s);
             if steady.arrivals >= LATE_FRAMES && steady.lasts_s >= LATE_S {
                 let lost = (steady.least_s / self.period_s).round().max(1.0) as u64;
                 self.count += lost;
                 self.lost += lost;
-                self.late.end();
+                self.envelope.in_time();
                 self.away = false;
             }
         } else {
-            self.late.end();
+            self.envelope.in_time();
             self.away = false;
         }
-        // Learns nothing until it is clear whether frames are late or lost.
-        if !self.late.is_open() {
-            self.envelope.take(self.device_s(), arrival_s);
-        }
-        let line_s = self.envelope.time(self.device_s()).unwrap_or(arrival_s);
-        self.last_s = line_s.min(arrival_s).max(self.last_s);
+        let t_s = self.envelope.time(self.device_s(), arrival_s);
+        self.last_s = t_s.max(self.last_s);
         self.last_s
     }
 
@@ -132,8 +121,7 @@ impl SteadyClock {
                 && !off(before_s)
             {
                 self.period_s = period_s;
-                self.envelope = Envelope::new(TOLERANCE);
-                self.late = LineLateness::new(LATE_STEP_SHARE * period_s);
+                self.envelope = Envelope::new(TOLERANCE, LATE_STEP_SHARE * period_s);
             }
             self.rate = Some(Rate {
                 since_s: arrival_s,
