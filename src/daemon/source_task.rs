@@ -23,7 +23,7 @@ use crate::sensor::bus::LinuxBus;
 use crate::sensor::clock::{Clock, SystemClock};
 use crate::sensor::i2c::{self, Chips};
 use crate::sensor::replay::Replay;
-use crate::sensor::serial::{Bridge, KnownDevice};
+use crate::sensor::serial::Bridge;
 use crate::sensor::simulator::Simulator;
 use crate::wall_clock;
 
@@ -43,8 +43,8 @@ pub(super) struct SourceTask {
     pub(super) bps: Option<u32>,
     opened: Option<Source>,
     running: Option<RunningSource>,
-    /// What it knew of its device when it was stopped.
-    known: Option<KnownDevice>,
+    /// A serial one that was stopped: it knows its device.
+    last: Option<Box<Bridge>>,
 }
 
 enum Source {
@@ -58,8 +58,8 @@ struct RunningSource {
     events: mpsc::Receiver<Events>,
     stop: Arc<AtomicBool>,
     thread: Thread,
-    /// What it knows of its device, at its end.
-    known: oneshot::Receiver<Option<KnownDevice>>,
+    /// A serial one, at its end.
+    last: oneshot::Receiver<Option<Box<Bridge>>>,
 }
 
 impl SourceTask {
@@ -111,14 +111,14 @@ impl SourceTask {
             bps,
             opened: Some(source),
             running: None,
-            known: None,
+            last: None,
         })
     }
 
     /// Goes on with what the source before knows, which has been stopped.
-    pub(super) fn take_over(&mut self, last: &mut Self) {
-        if let (Some(Source::Serial(bridge)), Some(known)) = (&mut self.opened, last.known.take()) {
-            bridge.take_over(known);
+    pub(super) fn take_over(&mut self, before: &mut Self) {
+        if let (Some(Source::Serial(bridge)), Some(last)) = (&mut self.opened, before.last.take()) {
+            bridge.take_over(*last);
         }
     }
 
@@ -130,7 +130,7 @@ impl SourceTask {
         let (sender, events) = mpsc::channel(WAITING_MESSAGES);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
-        let (ended, known) = oneshot::channel();
+        let (ended, last) = oneshot::channel();
         let thread = Thread::start("source", move || {
             // Nobody asks for it at the end of the daemon.
             let _ = ended.send(run(source, speed, sender, stopped));
@@ -139,7 +139,7 @@ impl SourceTask {
             events,
             stop,
             thread,
-            known,
+            last,
         });
         Ok(())
     }
@@ -160,7 +160,7 @@ impl SourceTask {
             events,
             stop: Arc::default(),
             thread: Thread::start("test", || ()).unwrap(),
-            known: oneshot::channel().1,
+            last: oneshot::channel().1,
         };
         let task = Self {
             name: name.to_owned(),
@@ -168,7 +168,7 @@ impl SourceTask {
             bps: None,
             opened: None,
             running: Some(running),
-            known: None,
+            last: None,
         };
         (sender, task)
     }
@@ -180,19 +180,19 @@ impl SourceTask {
             // The thread may be waiting for room.
             drop(running.events);
             running.thread.end(PATIENCE).await;
-            let mut known = running.known;
-            self.known = known.try_recv().ok().flatten();
+            let mut last = running.last;
+            self.last = last.try_recv().ok().flatten();
         }
     }
 }
 
-/// Sends the source's events until it is stopped, or nobody listens. Returns what it knows of its device, if that outlives a reload.
+/// Sends the source's events until it is stopped, or nobody listens. Returns a serial one: what it knows of its device outlives a reload.
 fn run(
     source: Source,
     speed: f64,
     sender: mpsc::Sender<Events>,
     stop: Arc<AtomicBool>,
-) -> Option<KnownDevice> {
+) -> Option<Box<Bridge>> {
     let mut clock = SystemClock::new(stop.clone());
     let mut at_once = |event| send(&sender, vec![event]);
     let end = match source {
@@ -211,8 +211,9 @@ fn run(
             Chips::new(&settings).run(&mut bus, &mut clock, &mut in_batches);
             None
         }
-        Source::Serial(bridge) => {
-            return Some(bridge.run(&stop, &mut at_once));
+        Source::Serial(mut bridge) => {
+            bridge.run(&stop, &mut at_once);
+            return Some(bridge);
         }
     };
     if let Some(end) = end {

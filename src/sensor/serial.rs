@@ -19,7 +19,7 @@ pub mod settings;
 mod start;
 mod steady_clock;
 
-pub use bridge::{Bridge, KnownDevice};
+pub use bridge::Bridge;
 pub use log_rows::LogRows;
 pub use razor_binary::RazorBinary;
 pub use razor_text::RazorText;

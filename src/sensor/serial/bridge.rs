@@ -32,11 +32,15 @@ const WRITE_PATIENCE: Duration = Duration::from_millis(100);
 pub struct Bridge {
     settings: Settings,
     board: Mountings,
-    /// What is known of the device's log rows, while the port is closed.
+    /// What is known of the device's log rows.
     log_rows: LogRows,
     /// Origin of the readings' times.
     origin: Instant,
-    state: BridgeState,
+    /// The port, while it is open.
+    port: Option<(SerialStream, PortSession)>,
+    /// When to try to open it, and the pause after that.
+    retry: Instant,
+    pause: Duration,
     waiting: VecDeque<SourceEvent>,
     /// What was said last to be wrong.
     trouble: Option<&'static str>,
@@ -45,25 +49,6 @@ pub struct Bridge {
     /// When the port was looked at last.
     looked_s: f64,
     bytes: Box<[u8; 4096]>,
-}
-
-/// A device as a bridge knows it: what its rows mean.
-#[derive(Debug)]
-pub struct KnownDevice {
-    settings: Settings,
-    log_rows: LogRows,
-}
-
-#[derive(Debug)]
-enum BridgeState {
-    Closed {
-        retry: Instant,
-        pause: Duration,
-    },
-    Open {
-        stream: SerialStream,
-        session: Box<PortSession>,
-    },
 }
 
 impl Bridge {
@@ -75,10 +60,9 @@ impl Bridge {
             board,
             log_rows: LogRows::new(board),
             origin,
-            state: BridgeState::Closed {
-                retry: origin,
-                pause: PAUSES.0,
-            },
+            port: None,
+            retry: origin,
+            pause: PAUSES.0,
             waiting: VecDeque::new(),
             trouble: None,
             found: Protocol::Auto,
@@ -88,19 +72,17 @@ impl Bridge {
         }
     }
 
-    /// Goes on with what another one knows, if that had the same device.
-    pub fn take_over(&mut self, known: KnownDevice) {
-        if known.settings == self.settings {
-            self.log_rows = known.log_rows.reopened(true).mounted(self.board);
+    /// Goes on with what the last one knows, if that had the same device.
+    pub fn take_over(&mut self, last: Self) {
+        if last.settings == self.settings {
+            self.log_rows = last.log_rows;
+            self.log_rows.reopen(true);
+            self.log_rows.mount(self.board);
         }
     }
 
-    /// Sends events until it is told to stop, or `out` gives false. Returns what it knows of the device.
-    pub fn run(
-        mut self,
-        stop: &AtomicBool,
-        out: &mut dyn FnMut(SourceEvent) -> bool,
-    ) -> KnownDevice {
+    /// Sends events until it is told to stop, or `out` gives false, and closes the port.
+    pub fn run(&mut self, stop: &AtomicBool, out: &mut dyn FnMut(SourceEvent) -> bool) {
         match Builder::new_current_thread().enable_all().build() {
             Ok(runtime) => {
                 while let Some(event) = runtime.block_on(self.next(stop))
@@ -113,13 +95,7 @@ impl Bridge {
                 out(SourceEvent::Broken(SourceFault { code, message }));
             }
         }
-        KnownDevice {
-            settings: self.settings,
-            log_rows: match self.state {
-                BridgeState::Open { session, .. } => session.into_log_rows(),
-                BridgeState::Closed { .. } => self.log_rows,
-            },
-        }
+        self.port = None;
     }
 
     /// Waits for the next event; `None` when it was told to stop. Needs a runtime.
@@ -131,19 +107,14 @@ impl Bridge {
             if let Some(event) = self.waiting.pop_front() {
                 return Some(event);
             }
-            match &mut self.state {
-                BridgeState::Closed { retry, .. } => {
-                    let left = retry.saturating_duration_since(Instant::now());
-                    if left.is_zero() {
-                        self.open();
-                    } else {
-                        sleep(left.min(LOOK)).await;
-                    }
-                }
-                BridgeState::Open { stream, .. } => {
-                    let read = timeout(LOOK, stream.read(&mut self.bytes[..])).await;
-                    self.take(read.ok()).await;
-                }
+            let left = self.retry.saturating_duration_since(Instant::now());
+            if let Some((stream, _)) = &mut self.port {
+                let read = timeout(LOOK, stream.read(&mut self.bytes[..])).await;
+                self.take(read.ok()).await;
+            } else if left.is_zero() {
+                self.open();
+            } else {
+                sleep(left.min(LOOK)).await;
             }
         }
     }
@@ -152,22 +123,16 @@ impl Bridge {
         match port::open(&self.settings) {
             Ok(stream) => {
                 self.looked_s = self.now_s();
-                let log_rows = std::mem::replace(&mut self.log_rows, LogRows::new(self.board));
-                let session = PortSession::new(&self.settings, log_rows, self.looked_s);
-                self.state = BridgeState::Open {
-                    stream,
-                    session: Box::new(session),
-                };
+                let session = PortSession::new(&self.settings, self.looked_s);
+                self.port = Some((stream, session));
             }
             Err(trouble) => {
                 // That it is not there is no news after it was unplugged.
                 if !(trouble.code == "no_device" && self.trouble == Some("unplugged")) {
                     self.complain(trouble);
                 }
-                if let BridgeState::Closed { retry, pause } = &mut self.state {
-                    *retry = Instant::now() + *pause;
-                    *pause = (*pause * 2).min(PAUSES.1);
-                }
+                self.retry = Instant::now() + self.pause;
+                self.pause = (self.pause * 2).min(PAUSES.1);
             }
         }
     }
@@ -175,7 +140,7 @@ impl Bridge {
     /// What a read came to, and what the time asks for; `None`: nothing came.
     async fn take(&mut self, read: Option<io::Result<usize>>) {
         let now_s = self.now_s();
-        let BridgeState::Open { stream, session } = &mut self.state else {
+        let Some((stream, session)) = &mut self.port else {
             return;
         };
         let away_s = now_s - self.looked_s;
@@ -190,7 +155,8 @@ impl Bridge {
             Some(Ok(count)) => {
                 let (waiting, origin) = (&mut self.waiting, self.origin);
                 let (trouble, last_s) = (&mut self.trouble, &mut self.last_s);
-                session.bytes(&self.bytes[..count], now_s, |reading| {
+                let bytes = &self.bytes[..count];
+                session.bytes(bytes, &mut self.log_rows, now_s, |reading| {
                     let Some(mut reading) = reading else {
                         tracing::warn!(
                             "the device has sent a header: its rows before were read in other units"
@@ -232,13 +198,10 @@ impl Bridge {
                     self.settings.port.display()
                 );
             }
-            let closed = BridgeState::Closed {
-                retry: Instant::now() + PAUSES.0,
-                pause: PAUSES.0,
-            };
-            if let BridgeState::Open { session, .. } = std::mem::replace(&mut self.state, closed) {
-                self.log_rows = session.into_log_rows().reopened(gone.is_none());
-            }
+            self.log_rows.reopen(gone.is_none());
+            self.port = None;
+            self.pause = PAUSES.0;
+            self.retry = Instant::now() + self.pause;
         }
         let unplugged = gone.map(|why| SourceFault {
             code: "unplugged",

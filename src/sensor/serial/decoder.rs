@@ -8,40 +8,33 @@ use super::settings::{Protocol, Settings};
 
 #[derive(Debug)]
 pub(super) struct Decoder {
-    protocol: Protocol,
+    /// The device's protocol; [`Protocol::Auto`] while that is not known.
+    pub(super) protocol: Protocol,
     razor_text: RazorText,
     razor_binary: RazorBinary,
-    log_rows: LogRows,
 }
 
 impl Decoder {
-    /// With what is known of the device's log rows.
-    pub(super) fn new(settings: &Settings, log_rows: LogRows) -> Self {
+    pub(super) fn new(settings: &Settings) -> Self {
         let gain = settings.chip.counts_per_gauss();
         Self {
             protocol: settings.protocol,
             razor_text: RazorText::new(gain),
             razor_binary: RazorBinary::new(gain),
-            log_rows,
         }
     }
 
-    /// The device's protocol; [`Protocol::Auto`] while that is not known.
-    pub(super) fn protocol(&self) -> Protocol {
-        self.protocol
-    }
-
-    /// Hands over what `bytes` complete, in order.
-    pub(super) fn feed(&mut self, bytes: &[u8], found: impl FnMut(Item)) {
+    /// Hands over what `bytes` complete, in order. What is known of the device's log rows outlives the decoder.
+    pub(super) fn feed(&mut self, bytes: &[u8], log_rows: &mut LogRows, found: impl FnMut(Item)) {
         match self.protocol {
             Protocol::Razor => self.razor_text.feed(bytes, found),
             Protocol::RazorBinary => self.razor_binary.feed(bytes, found),
-            Protocol::LogRows => self.log_rows.feed(bytes, found),
-            Protocol::Auto => self.listen(bytes, found),
+            Protocol::LogRows => log_rows.feed(bytes, found),
+            Protocol::Auto => self.listen(bytes, log_rows, found),
         }
     }
 
-    fn listen(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
+    fn listen(&mut self, bytes: &[u8], log_rows: &mut LogRows, mut found: impl FnMut(Item)) {
         self.razor_text.feed(bytes, |item| {
             if matches!(item, Item::Frame(_) | Item::OtherMode(_) | Item::Synch(_)) {
                 self.protocol = Protocol::Razor;
@@ -52,17 +45,12 @@ impl Decoder {
             return;
         }
         // A line that the one understands is a remark or a fault to the other.
-        self.log_rows.feed(bytes, |item| {
+        log_rows.feed(bytes, |item| {
             if matches!(item, Item::Timed(_) | Item::Early) {
                 self.protocol = Protocol::LogRows;
             }
             found(item);
         });
-    }
-
-    /// What is known of the device's log rows.
-    pub(super) fn into_log_rows(self) -> LogRows {
-        self.log_rows
     }
 
     /// Whether it has lost its place, and only the device can help.

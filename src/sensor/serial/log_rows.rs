@@ -59,43 +59,30 @@ impl LogRows {
     pub fn new(board: Mountings) -> Self {
         Self {
             lines: SerialLines::default(),
-            rows: Wire {
-                board,
-                turns: [Matrix3::identity(); 3],
-                first: true,
-                last_s: f64::INFINITY,
-                ..Wire::default()
-            },
+            rows: Wire::new(board),
         }
     }
 
     /// The port has been opened anew. Rows of the `same_device` mean what they meant before; another one must send a header if the last one
     /// did: rows in other units or axes would give wrong headings.
-    pub fn reopened(self, same_device: bool) -> Self {
-        let before = self.rows;
-        let rows = match same_device {
-            true => Wire {
-                header: None,
-                first: true,
-                ..before
-            },
-            false => Wire {
-                has_header: before.has_header,
-                header_fault: before.header_fault,
-                ..Self::new(before.board).rows
-            },
-        };
-        Self {
-            lines: SerialLines::default(),
-            rows,
+    pub fn reopen(&mut self, same_device: bool) {
+        self.lines = SerialLines::default();
+        let rows = &mut self.rows;
+        if same_device {
+            (rows.header, rows.first) = (None, true);
+        } else {
+            *rows = Wire {
+                has_header: rows.has_header,
+                header_fault: rows.header_fault.take(),
+                ..Wire::new(rows.board)
+            };
         }
     }
 
-    /// The same, but readings come out in the axes of chips that are mounted like this.
-    pub fn mounted(mut self, board: Mountings) -> Self {
+    /// From now on readings come out in the axes of chips that are mounted like this.
+    pub fn mount(&mut self, board: Mountings) {
         self.rows.board = board;
         self.rows.turn();
-        self
     }
 
     /// Hands over what `bytes` complete, in order.
@@ -108,6 +95,16 @@ impl LogRows {
 }
 
 impl Wire {
+    fn new(board: Mountings) -> Self {
+        Self {
+            board,
+            turns: [Matrix3::identity(); 3],
+            first: true,
+            last_s: f64::INFINITY,
+            ..Self::default()
+        }
+    }
+
     fn line(&mut self, line: &[u8], found: &mut impl FnMut(Item)) {
         let first = std::mem::take(&mut self.first);
         if line.trim_ascii().is_empty() {

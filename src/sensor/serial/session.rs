@@ -54,19 +54,19 @@ pub(super) struct PortSession {
     refused: Option<String>,
     /// When the last row came that waits for a header: there is nothing wrong with the port.
     early_s: f64,
+    /// How long to wait for a field; no longer once its lack was told.
     patience_s: f64,
-    complained: bool,
 }
 
 impl PortSession {
-    pub(super) fn new(settings: &Settings, log_rows: LogRows, now_s: f64) -> Self {
+    pub(super) fn new(settings: &Settings, now_s: f64) -> Self {
         let listen_s = match settings.protocol {
             Protocol::Auto => LISTEN_S,
             _ => 0.0,
         };
         Self {
             settings: settings.clone(),
-            decoder: Decoder::new(settings, log_rows),
+            decoder: Decoder::new(settings),
             start: Start::at(now_s + listen_s),
             frames: SteadyClock::new(RAZOR_PERIOD_S),
             device: DeviceClock::default(),
@@ -80,17 +80,11 @@ impl PortSession {
             refused: None,
             early_s: now_s,
             patience_s: FIRST_S,
-            complained: false,
         }
     }
 
-    /// What is known of the device's log rows.
-    pub(super) fn into_log_rows(self) -> LogRows {
-        self.decoder.into_log_rows()
-    }
-
     pub(super) fn protocol(&self) -> Protocol {
-        self.decoder.protocol()
+        self.decoder.protocol
     }
 
     /// How many frames were lost on the way.
@@ -108,13 +102,14 @@ impl PortSession {
     pub(super) fn bytes(
         &mut self,
         bytes: &[u8],
+        log_rows: &mut LogRows,
         now_s: f64,
         mut reading: impl FnMut(Option<Reading>),
     ) {
         self.heard_s = now_s;
         self.diagnosis.bytes(bytes);
         let (before, mut field) = (self.good, false);
-        self.decoder.feed(bytes, |item| {
+        self.decoder.feed(bytes, log_rows, |item| {
             let timed = match item {
                 Item::Frame(ref frame) => Reading {
                     t_s: self.frames.time(now_s),
@@ -165,7 +160,6 @@ impl PortSession {
         if field {
             self.field_s = now_s;
             self.patience_s = NEXT_S;
-            self.complained = false;
             self.diagnosis = Diagnosis::default();
         }
     }
@@ -175,10 +169,11 @@ impl PortSession {
         if now_s - self.heard_s > NEXT_S {
             self.start.ask_again(now_s);
         }
-        let waited_s = now_s - self.field_s;
-        let complain = waited_s > self.patience_s && !self.complained;
-        self.complained |= complain;
         let protocol = self.protocol();
+        let complain = now_s - self.field_s > self.patience_s;
+        if complain {
+            self.patience_s = f64::INFINITY;
+        }
         Orders {
             send: self.start.due(now_s, protocol),
             refused: self.refused.take(),
@@ -193,23 +188,26 @@ mod tests {
     use super::*;
     use crate::frame::Mountings;
 
-    fn session(protocol: Protocol) -> PortSession {
+    type Rig = (PortSession, LogRows);
+
+    fn session(protocol: Protocol) -> Rig {
         let settings = Settings {
             port: "/dev/ttyX".into(),
             protocol,
             ..Settings::default()
         };
-        PortSession::new(&settings, LogRows::new(Mountings::default()), 0.0)
+        let log_rows = LogRows::new(Mountings::default());
+        (PortSession::new(&settings, 0.0), log_rows)
     }
 
     /// What is said in so many seconds of these lines, ten times a second; `{i}` in them is another digit each time.
-    fn said(session: &mut PortSession, from_s: u32, seconds: u32, lines: &str) -> Vec<Orders> {
+    fn said((session, rows): &mut Rig, from_s: u32, seconds: u32, lines: &str) -> Vec<Orders> {
         let said = |i: u32| {
             let now_s = f64::from(from_s) + f64::from(i) / 10.0;
             let lines = lines
                 .replace("{t}", &now_s.to_string())
                 .replace("{i}", &(i % 10).to_string());
-            session.bytes(lines.as_bytes(), now_s, |_| ());
+            session.bytes(lines.as_bytes(), rows, now_s, |_| ());
             session.orders(now_s)
         };
         (1..=10 * seconds).map(said).collect()
@@ -255,11 +253,12 @@ mod tests {
 
     #[test]
     fn a_wrong_header_is_told_as_one() {
-        let mut rows = session(Protocol::LogRows);
+        let (mut session, mut rows) = session(Protocol::LogRows);
         let header = HEADER.replace("\nt_s", "\n# mag_unit = gaus\nt_s");
-        said(&mut rows, 0, 1, &header);
-        rows.bytes(b"0,1,2,3,0,0,1\n", 1.0, |_| ());
-        let trouble = rows.orders(7.0).trouble.unwrap().message;
+        for lines in [&header, "0,1,2,3,0,0,1\n"] {
+            session.bytes(lines.as_bytes(), &mut rows, 1.0, |_| ());
+        }
+        let trouble = session.orders(7.0).trouble.unwrap().message;
         assert!(
             trouble
                 .contains("the device's header is wrong: mag_unit is \"gaus\", but must be mgauss"),
