@@ -31,7 +31,6 @@ const WRITE_PATIENCE: Duration = Duration::from_millis(100);
 #[derive(Debug)]
 pub struct Bridge {
     settings: Settings,
-    board: Mountings,
     /// What is known of the device's log rows.
     log_rows: LogRows,
     /// Origin of the readings' times.
@@ -57,7 +56,6 @@ impl Bridge {
         let origin = Instant::now();
         Self {
             settings: settings.clone(),
-            board,
             log_rows: LogRows::new(board),
             origin,
             port: None,
@@ -75,9 +73,7 @@ impl Bridge {
     /// Goes on with what the last one knows, if that had the same device.
     pub fn take_over(&mut self, last: Self) {
         if last.settings == self.settings {
-            self.log_rows = last.log_rows;
-            self.log_rows.reopen(true);
-            self.log_rows.mount(self.board);
+            self.log_rows.take_over(last.log_rows);
         }
     }
 

@@ -79,8 +79,11 @@ impl LogRows {
         }
     }
 
-    /// From now on readings come out in the axes of chips that are mounted like this.
-    pub fn mount(&mut self, board: Mountings) {
+    /// Goes on with what another one knows of the same device, whose port was opened anew.
+    pub fn take_over(&mut self, last: Self) {
+        let board = self.rows.board;
+        *self = last;
+        self.reopen(true);
         self.rows.board = board;
         self.rows.turn();
     }

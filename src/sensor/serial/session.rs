@@ -43,7 +43,7 @@ pub(super) struct PortSession {
     device: DeviceClock,
     diagnosis: Diagnosis,
     heard_s: f64,
-    /// When the last reading came; before the first, when the port was opened.
+    /// When the last reading came, or row that waits for a header; before the first, when the port was opened.
     good_s: f64,
     /// When the last field came, or the port was opened: without one, the other readings are of no use.
     field_s: f64,
@@ -52,8 +52,6 @@ pub(super) struct PortSession {
     bad: u64,
     tell_at: u64,
     refused: Option<String>,
-    /// When the last row came that waits for a header: there is nothing wrong with the port.
-    early_s: f64,
     /// How long to wait for a field; no longer once its lack was told.
     patience_s: f64,
 }
@@ -78,7 +76,6 @@ impl PortSession {
             bad: 0,
             tell_at: 1,
             refused: None,
-            early_s: now_s,
             patience_s: FIRST_S,
         }
     }
@@ -122,7 +119,7 @@ impl PortSession {
                 Item::NewUnits => return reading(None),
                 other => {
                     match &other {
-                        Item::Early => self.early_s = now_s,
+                        Item::Early => self.good_s = now_s,
                         Item::Synch(id) => self.start.answered(*id),
                         Item::OtherMode(_) => self.start.order_again(),
                         // Before the first reading, half a line and a device that starts are no news.
@@ -178,7 +175,7 @@ impl PortSession {
             send: self.start.due(now_s, protocol),
             refused: self.refused.take(),
             trouble: complain.then(|| self.diagnosis.trouble(&self.settings, protocol)),
-            reopen: now_s - self.good_s.max(self.early_s) > REOPEN_S,
+            reopen: now_s - self.good_s > REOPEN_S,
         }
     }
 }
