@@ -51,17 +51,17 @@ impl RazorBinary {
 
     /// Hands over what `bytes` complete, in order.
     pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
-        self.take(bytes, &mut found);
+        for &byte in bytes {
+            self.take(byte, &mut found);
+        }
     }
 
-    fn take(&mut self, bytes: &[u8], found: &mut impl FnMut(Item)) {
-        for &byte in bytes {
-            self.pending.push(byte);
-            if self.aligned {
-                self.step(found);
-            } else {
-                self.hunt(found);
-            }
+    fn take(&mut self, byte: u8, found: &mut impl FnMut(Item)) {
+        self.pending.push(byte);
+        if self.aligned {
+            self.step(found);
+        } else {
+            self.hunt(found);
         }
     }
 
@@ -86,8 +86,9 @@ impl RazorBinary {
                 ));
                 self.aligned = false;
                 // The mark may begin in them.
-                let bytes = std::mem::take(&mut self.pending);
-                self.take(&bytes, found);
+                for byte in std::mem::take(&mut self.pending) {
+                    self.take(byte, found);
+                }
             }
         }
     }
@@ -139,12 +140,9 @@ impl RazorBinary {
 /// The frame's numbers, by sensor.
 fn numbers(frame: &[u8]) -> [[f32; 3]; 3] {
     let mut numbers = [[0.0; 3]; 3];
-    for (number, bytes) in numbers
-        .as_flattened_mut()
-        .iter_mut()
-        .zip(frame.chunks_exact(4))
-    {
-        *number = f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+    let (all, _) = frame.as_chunks();
+    for (number, bytes) in numbers.as_flattened_mut().iter_mut().zip(all) {
+        *number = f32::from_le_bytes(*bytes);
     }
     numbers
 }
