@@ -1,46 +1,42 @@
 //! Boards by name: which chips they carry, and how those are mounted.
 
-use serde::{Deserialize, Serialize};
-
+use crate::check::words;
 use crate::frame::Mountings;
 
-/// The boards that are known, and the one that the configuration describes itself.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Board {
-    /// SparkFun's 9DOF Sensor Stick, SEN-10183, SEN-10321 and SEN-10724.
-    #[serde(rename = "sparkfun-9dof-stick")]
-    Sparkfun9dofStick,
-    /// GY-85.
-    #[serde(rename = "gy-85")]
-    Gy85,
-    /// GY-86.
-    #[serde(rename = "gy-86")]
-    Gy86,
-    /// GY-271: a magnetometer alone. The keys of `custom` are for a gyro beside it.
-    #[serde(rename = "gy-271")]
-    Gy271,
-    /// Any other: table `[mounting]` has the mounting of its chips.
-    #[default]
-    Custom,
+words! {
+    /// The boards that are known, and the one that the configuration describes itself.
+    #[derive(Default)]
+    pub enum Board {
+        /// SparkFun's 9DOF Sensor Stick, SEN-10183, SEN-10321 and SEN-10724.
+        Sparkfun9dofStick = "sparkfun-9dof-stick",
+        /// GY-85.
+        Gy85 = "gy-85",
+        /// GY-86.
+        Gy86 = "gy-86",
+        /// GY-271: a magnetometer alone. The keys of `custom` are for a gyro beside it.
+        Gy271 = "gy-271",
+        /// Any other: table `[mounting]` has the mounting of its chips.
+        #[default]
+        Custom = "custom",
+    }
 }
 
-/// The chips beside the magnetometer.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Companions {
-    /// Those of the board; where it does not say, those that answer.
-    #[default]
-    Auto,
-    /// None: no turn can be seen.
-    None,
-    /// A gyro ITG-3200 or ITG-3205 alone.
-    Itg3200,
-    /// The same and an accelerometer ADXL345.
-    #[serde(rename = "itg3200+adxl345")]
-    Itg3200Adxl345,
-    /// An MPU-6050.
-    Mpu6050,
+words! {
+    /// The chips beside the magnetometer.
+    #[derive(Default)]
+    pub enum Companions {
+        /// Those of the board; where it does not say, those that answer.
+        #[default]
+        Auto = "auto",
+        /// None: no turn can be seen.
+        None = "none",
+        /// A gyro ITG-3200 or ITG-3205 alone.
+        Itg3200 = "itg3200",
+        /// The same and an accelerometer ADXL345.
+        Itg3200Adxl345 = "itg3200+adxl345",
+        /// An MPU-6050.
+        Mpu6050 = "mpu6050",
+    }
 }
 
 impl Board {
