@@ -10,6 +10,7 @@ use super::magnetometer::{AxisTest, ChipSetup, DataSheet, Driver, Magnetometer, 
 use crate::sensor::bus::{Bus, read_byte};
 use crate::sensor::clock::Clock;
 use registers::*;
+use variants::{HMC5843, HMC5883, HMC5883L, HMC5983};
 
 pub use variants::Variant;
 
@@ -26,7 +27,12 @@ pub static DRIVER: Driver = Driver {
 
 impl Magnetometer for Variant {
     fn sheet(&self) -> &'static DataSheet {
-        self.data_sheet()
+        match self {
+            Self::Hmc5843 => &HMC5843,
+            Self::Hmc5883 => &HMC5883,
+            Self::Hmc5883l => &HMC5883L,
+            Self::Hmc5983 => &HMC5983,
+        }
     }
 
     /// Single measurements have the fastest rate, which is not the power-on default: a brown-out shows.
@@ -51,7 +57,12 @@ impl Magnetometer for Variant {
         }
         let mut bytes = [0; 6];
         bus.read(ADDRESS, DATA, &mut bytes)?;
-        Ok(Some(self.ordered(super::big_endian(&bytes))))
+        let [first, second, third] = super::big_endian(&bytes);
+        Ok(Some(match self {
+            Self::Hmc5843 => [first, second, third],
+            // X, Z, Y.
+            Self::Hmc5883 | Self::Hmc5883l | Self::Hmc5983 => [first, third, second],
+        }))
     }
 
     fn self_test(
@@ -69,7 +80,7 @@ impl Magnetometer for Variant {
 
 #[cfg(test)]
 mod tests {
-    use super::super::magnetometer::{Measurement, change, start, verify};
+    use super::super::magnetometer::Measurement;
     use super::*;
     use crate::sensor::bus::fake::{FakeBus, Transfer::*};
 
@@ -90,9 +101,9 @@ mod tests {
     fn single_measurements_are_set_up_triggered_and_verified() {
         let mut bus = ready(&X_Y_Z);
         let chip = Variant::Hmc5843;
-        start(&mut bus, &chip, SINGLE_AT_1).unwrap();
+        chip.start(&mut bus, SINGLE_AT_1).unwrap();
         chip.trigger(&mut bus).unwrap();
-        verify(&mut bus, &chip, SINGLE_AT_1).unwrap();
+        chip.verify(&mut bus, SINGLE_AT_1).unwrap();
         let right = [
             Write(0x1E, 0x00, 0x18),
             Write(0x1E, 0x01, 0x20),
@@ -102,7 +113,7 @@ mod tests {
         assert_eq!(bus.transfers(), right);
         // The power-on defaults.
         bus.set(ADDRESS, CRA, &[0x10, 0x20]);
-        let lost = verify(&mut bus, &chip, SINGLE_AT_1).unwrap_err();
+        let lost = chip.verify(&mut bus, SINGLE_AT_1).unwrap_err();
         assert_eq!(lost.code(), "configuration_lost");
     }
 
@@ -114,8 +125,8 @@ mod tests {
                 mode: MeasuringMode::Continuous(code),
                 gain: code + 1,
             };
-            start(&mut bus, &Variant::Hmc5843, setup).unwrap();
-            verify(&mut bus, &Variant::Hmc5843, setup).unwrap();
+            Variant::Hmc5843.start(&mut bus, setup).unwrap();
+            Variant::Hmc5843.verify(&mut bus, setup).unwrap();
             let right = [
                 Write(0x1E, 0x00, code << 2),
                 Write(0x1E, 0x01, (code + 1) << 5),
@@ -158,7 +169,7 @@ mod tests {
             gain: 4,
             ..SINGLE_AT_1
         };
-        change(&mut bus, &Variant::Hmc5843, SINGLE_AT_1, to).unwrap();
+        Variant::Hmc5843.change(&mut bus, SINGLE_AT_1, to).unwrap();
         assert_eq!(bus.transfers(), [Write(0x1E, 0x01, 0x80)]);
     }
 

@@ -106,44 +106,31 @@ pub trait Magnetometer: Sync {
         Ok(None)
     }
 
+    /// Sets the chip up, whatever state it was in: the kernel's drivers leave some asleep.
+    fn start(&self, bus: &mut dyn Bus, setup: ChipSetup) -> Result<(), ChipError> {
+        write_all(bus, self.sheet().address, &self.registers(setup))
+    }
+
+    /// Writes the registers that differ between two setups: a chip goes on measuring while its gain changes. The next
+    /// measurement still has the old gain.
+    fn change(&self, bus: &mut dyn Bus, from: ChipSetup, to: ChipSetup) -> Result<(), ChipError> {
+        let held = self.registers(from);
+        let mut changed = self.registers(to);
+        changed.retain(|register| !held.contains(register));
+        write_all(bus, self.sheet().address, &changed)
+    }
+
+    fn verify(&self, bus: &mut dyn Bus, setup: ChipSetup) -> Result<(), ChipError> {
+        let mut registers = self.registers(setup);
+        registers.sort_unstable();
+        compare(bus, self.sheet().name, self.sheet().address, &registers)
+    }
+
     /// What a chip is that identifies itself as this one and has never delivered a new measurement, if imitations are
     /// known to do that.
     fn imitation(&self) -> Option<ChipError> {
         None
     }
-}
-
-/// Sets a chip up, whatever state it was in: the kernel's drivers leave some asleep.
-pub fn start(
-    bus: &mut dyn Bus,
-    chip: &dyn Magnetometer,
-    setup: ChipSetup,
-) -> Result<(), ChipError> {
-    write_all(bus, chip.sheet().address, &chip.registers(setup))
-}
-
-/// Writes the registers that differ between two setups: a chip goes on measuring while its gain changes. The next
-/// measurement still has the old gain.
-pub fn change(
-    bus: &mut dyn Bus,
-    chip: &dyn Magnetometer,
-    from: ChipSetup,
-    to: ChipSetup,
-) -> Result<(), ChipError> {
-    let held = chip.registers(from);
-    let mut changed = chip.registers(to);
-    changed.retain(|register| !held.contains(register));
-    write_all(bus, chip.sheet().address, &changed)
-}
-
-pub fn verify(
-    bus: &mut dyn Bus,
-    chip: &dyn Magnetometer,
-    setup: ChipSetup,
-) -> Result<(), ChipError> {
-    let mut registers = chip.registers(setup);
-    registers.sort_unstable();
-    compare(bus, chip.sheet().name, chip.sheet().address, &registers)
 }
 
 /// One axis of a self-test: what the chip measured of its own field.
@@ -197,7 +184,7 @@ impl Driver {
     }
 
     pub fn chip(&self, word: &str) -> Option<&'static dyn Magnetometer> {
-        let chips = self.chips.iter().copied();
-        chips.into_iter().find(|chip| chip.sheet().word == word)
+        let mut chips = self.chips.iter().copied();
+        chips.find(|chip| chip.sheet().word == word)
     }
 }

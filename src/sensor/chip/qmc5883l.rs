@@ -100,7 +100,7 @@ fn identify(
 
 #[cfg(test)]
 mod tests {
-    use super::super::magnetometer::{Measurement, start, verify};
+    use super::super::magnetometer::Measurement;
     use super::super::tests::JumpingClock;
     use super::*;
     use crate::sensor::bus::fake::{FakeBus, Transfer::*};
@@ -127,8 +127,8 @@ mod tests {
         for (rate, gain, control) in [(0, 0, 0x01), (1, 0, 0x05), (2, 1, 0x19), (3, 1, 0x1D)] {
             let mut bus = FakeBus::default();
             bus.set(0x0D, 0x0D, &[0xFF]);
-            start(&mut bus, &Qmc5883l, setup(rate, gain)).unwrap();
-            verify(&mut bus, &Qmc5883l, setup(rate, gain)).unwrap();
+            Qmc5883l.start(&mut bus, setup(rate, gain)).unwrap();
+            Qmc5883l.verify(&mut bus, setup(rate, gain)).unwrap();
             let right = [
                 Write(0x0D, 0x0B, 0x01),
                 Write(0x0D, 0x0A, 0x01),
@@ -138,7 +138,7 @@ mod tests {
             assert_eq!(bus.transfers(), right);
             // Standby: what it is in after power-on.
             bus.set(0x0D, 0x09, &[0, 0, 0]);
-            let lost = verify(&mut bus, &Qmc5883l, setup(rate, gain)).unwrap_err();
+            let lost = Qmc5883l.verify(&mut bus, setup(rate, gain)).unwrap_err();
             assert_eq!(lost.code(), "configuration_lost");
         }
         let codes = [0.5, 10.0, 40.0, 100.0, 220.0].map(|hz| SHEET.rate_code(hz));

@@ -7,9 +7,7 @@ use super::settings::{STEADY_HZ, Settings};
 use super::timetable::Timetable;
 use crate::sensor::bus::Bus;
 use crate::sensor::chip::drivers::identify;
-use crate::sensor::chip::magnetometer::{
-    ChipSetup, Magnetometer, Measurement, MeasuringMode, change, start, verify,
-};
+use crate::sensor::chip::magnetometer::{ChipSetup, Magnetometer, Measurement, MeasuringMode};
 use crate::sensor::chip::{ChipError, FROZEN_AFTER, RepeatWatch};
 use crate::sensor::clock::Clock;
 
@@ -63,9 +61,9 @@ impl MagnetometerPoller {
 
     /// When the next thing is to be done.
     pub(super) fn due_s(&self) -> f64 {
-        let at_work = self.at_work.as_ref();
-        let due_s = || at_work.map_or(f64::INFINITY, |at_work| at_work.times.due_s);
-        self.health.set_up_at_s().unwrap_or_else(due_s)
+        let measuring_s = self.at_work.as_ref().map(|at_work| at_work.times.due_s);
+        let due_s = self.health.set_up_at_s().or(measuring_s);
+        due_s.unwrap_or(f64::INFINITY)
     }
 
     /// Sets the chip up or reads it, if that is due; a measurement with its time if there is one to publish.
@@ -82,10 +80,22 @@ impl MagnetometerPoller {
             self.health.set_up();
         }
         let now_s = clock.now_s();
-        if self.due_s() > now_s {
+        let at_work = self.at_work.as_mut();
+        let Some(at_work) = at_work.filter(|at_work| at_work.times.due_s <= now_s) else {
             return Ok(None);
+        };
+        let stepped = at_work.step(bus, now_s, &mut self.memory);
+        if stepped.is_err() && at_work.times.due_s <= now_s {
+            at_work.times.failed(now_s);
         }
-        let measured = self.step(bus, now_s)?;
+        let measured = stepped.map_err(|error| match error {
+            ChipError::NotReady { .. } | ChipError::Frozen { .. }
+                if self.memory.known.is_none() =>
+            {
+                at_work.chip.imitation().unwrap_or(error)
+            }
+            error => error,
+        })?;
         if let Some((t_s, _)) = measured {
             self.health.worked(t_s);
         }
@@ -120,7 +130,7 @@ impl MagnetometerPoller {
             mode,
             gain: gain.min(coarsest),
         };
-        start(bus, chip, setup)?;
+        chip.start(bus, setup)?;
         if self.told != Some(sheet.name) {
             self.told = Some(sheet.name);
             let probably = if found.sure { "" } else { "probably " };
@@ -142,32 +152,10 @@ impl MagnetometerPoller {
         });
         Ok(())
     }
-
-    /// Does what is due, and gives a measurement with its time if there is one to publish.
-    fn step(
-        &mut self,
-        bus: &mut dyn Bus,
-        now_s: f64,
-    ) -> Result<Option<(f64, Measurement)>, ChipError> {
-        let Some(at_work) = &mut self.at_work else {
-            return Ok(None);
-        };
-        let stepped = at_work.step(bus, now_s, &mut self.memory);
-        if stepped.is_err() && at_work.times.due_s <= now_s {
-            at_work.times.failed(now_s);
-        }
-        stepped.map_err(|error| match error {
-            ChipError::NotReady { .. } | ChipError::Frozen { .. }
-                if self.memory.known.is_none() =>
-            {
-                at_work.chip.imitation().unwrap_or(error)
-            }
-            error => error,
-        })
-    }
 }
 
 impl AtWork {
+    /// Does what is due, and gives a measurement with its time if there is one to publish.
     fn step(
         &mut self,
         bus: &mut dyn Bus,
@@ -180,36 +168,30 @@ impl AtWork {
             self.times.started(now_s);
             return Ok(None);
         };
+        let waited_s = now_s - since_s;
         let raw = self.chip.poll(bus)?;
         self.was_ready |= raw.is_some();
-        let sheet = self.chip.sheet();
-        match raw.map(|raw| Measurement::new(sheet, self.setup.gain, raw)) {
-            Some(sample) if self.is_new(&sample, memory, now_s - since_s) => {
-                if memory
-                    .last
-                    .replace(sample.raw)
-                    .is_some_and(|last| last != sample.raw)
-                {
-                    memory.known = Some(self.chip);
-                }
-                self.times.measured(now_s);
-                self.was_ready = false;
-                let sample = self.take(bus, now_s, sample, memory)?;
-                if self.times.single_s.is_none() {
-                    self.verify(bus, now_s)?;
-                }
-                Ok(sample.map(|sample| (now_s, sample)))
+        let sample = raw.map(|raw| Measurement::new(self.chip.sheet(), self.setup.gain, raw));
+        let Some(sample) = sample.filter(|sample| self.is_new(sample, memory, waited_s)) else {
+            self.times.looked_in_vain(now_s);
+            let late = self.late(waited_s);
+            if late.is_err() {
+                // A chip that has lost its configuration does not measure, either.
+                self.chip.verify(bus, self.setup)?;
             }
-            _ => {
-                self.times.looked_in_vain(now_s);
-                let late = self.late(now_s - since_s);
-                if late.is_err() {
-                    // A chip that has lost its configuration does not measure, either.
-                    verify(bus, self.chip, self.setup)?;
-                }
-                late.map(|()| None)
-            }
+            return late.map(|()| None);
+        };
+        let last = memory.last.replace(sample.raw);
+        if last.is_some_and(|last| last != sample.raw) {
+            memory.known = Some(self.chip);
         }
+        self.times.measured(now_s);
+        self.was_ready = false;
+        let sample = self.take(bus, now_s, sample, memory)?;
+        if self.times.single_s.is_none() {
+            self.verify(bus, now_s)?;
+        }
+        Ok(sample.map(|sample| (now_s, sample)))
     }
 
     /// RDY need not fall when the data are read or a measurement begins (the data sheet has it low for 250 µs
@@ -244,7 +226,7 @@ impl AtWork {
         let setup = ChipSetup { gain, ..self.setup };
         // If this fails, only the registers tell which gain the chip has.
         (self.discard_next, self.verify_s) = (true, now_s);
-        change(bus, self.chip, self.setup, setup)?;
+        self.chip.change(bus, self.setup, setup)?;
         self.setup = setup;
         let range_gauss = f64::from(sheet.counts.1) / sheet.gain(gain);
         tracing::info!("the magnetometer's range is now {range_gauss:.1} gauss either way");
@@ -269,7 +251,7 @@ impl AtWork {
         if now_s < self.verify_s {
             return Ok(());
         }
-        verify(bus, self.chip, self.setup)?;
+        self.chip.verify(bus, self.setup)?;
         self.verify_s = now_s + VERIFY_S;
         Ok(())
     }

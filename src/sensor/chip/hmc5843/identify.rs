@@ -222,7 +222,7 @@ mod tests {
             let found = identify(&mut bus, &mut clock, None).unwrap();
             assert_eq!(
                 (found.chip.sheet().word, found.sure),
-                (variant.data_sheet().word, sure),
+                (variant.sheet().word, sure),
                 "{averages} {period_s}"
             );
             assert_eq!(found.why.contains("set i2c.magnetometer"), !sure);
@@ -254,7 +254,7 @@ mod tests {
                 let (mut bus, clock) = chip(false, period_s);
                 let mut clock = Measuring { late_s, ..clock };
                 let found = identify(&mut bus, &mut clock, None).unwrap();
-                let wrong = found.chip.sheet().word == other.data_sheet().word;
+                let wrong = found.chip.sheet().word == other.sheet().word;
                 assert!(!(wrong && found.sure), "{period_s} {late_s:?}");
                 assert!(!wrong || period_s < 0.015, "{late_s:?}");
             }

@@ -8,7 +8,7 @@ use super::registers::*;
 use super::variants::Variant;
 use crate::sensor::bus::Bus;
 use crate::sensor::chip::magnetometer::{
-    AxisTest, ChipSetup, Magnetometer, Measurement, MeasuringMode, start,
+    AxisTest, ChipSetup, Magnetometer, Measurement, MeasuringMode,
 };
 use crate::sensor::chip::{ChipError, pause};
 use crate::sensor::clock::Clock;
@@ -30,7 +30,7 @@ pub(super) fn self_test(
         mode: MeasuringMode::Single,
         gain: straps.gain,
     };
-    start(bus, &chip, setup)?;
+    chip.start(bus, setup)?;
     let positive = mean_counts(chip, bus, clock, POSITIVE_BIAS)?;
     let negative = mean_counts(chip, bus, clock, NEGATIVE_BIAS)?;
     bus.write(ADDRESS, CRA, cra(FASTEST, NO_BIAS))?;
@@ -61,30 +61,22 @@ fn mean_counts(
     bus.write(ADDRESS, CRA, cra(FASTEST, bias))?;
     let mut sums = [Some(0.0); 3];
     for round in 0..DISCARDED + USED {
-        let sample = measure(chip, bus, clock)?;
+        chip.trigger(bus)?;
+        pause(clock, MEASUREMENT_S)?;
+        let raw = chip.poll(bus)?.ok_or(ChipError::NotReady {
+            chip: chip.sheet().name,
+            waited_s: MEASUREMENT_S,
+        })?;
         if round < DISCARDED {
             continue;
         }
+        let sample = Measurement::new(chip.sheet(), chip.straps().gain, raw);
         for (axis, sum) in sums.iter_mut().enumerate() {
             let count = sample.field_mgauss[axis].map(|_| f64::from(sample.raw[axis]));
             *sum = sum.zip(count).map(|(sum, count)| sum + count);
         }
     }
     Ok(sums.map(|sum| Some(sum? / USED as f64)))
-}
-
-fn measure(
-    chip: Variant,
-    bus: &mut dyn Bus,
-    clock: &mut dyn Clock,
-) -> Result<Measurement, ChipError> {
-    chip.trigger(bus)?;
-    pause(clock, MEASUREMENT_S)?;
-    let raw = chip.poll(bus)?.ok_or(ChipError::NotReady {
-        chip: chip.sheet().name,
-        waited_s: MEASUREMENT_S,
-    })?;
-    Ok(Measurement::new(chip.sheet(), chip.straps().gain, raw))
 }
 
 #[cfg(test)]

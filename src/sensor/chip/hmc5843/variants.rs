@@ -23,7 +23,7 @@ pub(super) struct Straps {
     pub(super) share: (f64, f64),
 }
 
-const HMC5843: DataSheet = DataSheet {
+pub(super) const HMC5843: DataSheet = DataSheet {
     name: "HMC5843",
     word: "hmc5843",
     address: ADDRESS,
@@ -36,7 +36,7 @@ const HMC5843: DataSheet = DataSheet {
     // It does 50 Hz; nothing else is known.
     single_s: Some(0.020),
 };
-const HMC5883: DataSheet = DataSheet {
+pub(super) const HMC5883: DataSheet = DataSheet {
     name: "HMC5883",
     word: "hmc5883",
     rates_hz: &[0.75, 1.5, 3.0, 7.5, 15.0, 30.0, 75.0],
@@ -46,13 +46,13 @@ const HMC5883: DataSheet = DataSheet {
     single_s: Some(0.009),
     ..HMC5843
 };
-const HMC5883L: DataSheet = DataSheet {
+pub(super) const HMC5883L: DataSheet = DataSheet {
     name: "HMC5883L",
     word: "hmc5883l",
     gains: &[1370.0, 1090.0, 820.0, 660.0, 440.0, 390.0, 330.0, 230.0],
     ..HMC5883
 };
-const HMC5983: DataSheet = DataSheet {
+pub(super) const HMC5983: DataSheet = DataSheet {
     name: "HMC5983",
     word: "hmc5983",
     rates_hz: &[0.75, 1.5, 3.0, 7.5, 15.0, 30.0, 75.0, 220.0],
@@ -60,24 +60,6 @@ const HMC5983: DataSheet = DataSheet {
 };
 
 impl Variant {
-    pub(super) fn data_sheet(self) -> &'static DataSheet {
-        match self {
-            Self::Hmc5843 => &HMC5843,
-            Self::Hmc5883 => &HMC5883,
-            Self::Hmc5883l => &HMC5883L,
-            Self::Hmc5983 => &HMC5983,
-        }
-    }
-
-    /// Brings the numbers of the data registers into the order X, Y, Z.
-    pub(super) fn ordered(self, [first, second, third]: [i16; 3]) -> [i16; 3] {
-        match self {
-            Self::Hmc5843 => [first, second, third],
-            // X, Z, Y.
-            Self::Hmc5883 | Self::Hmc5883l | Self::Hmc5983 => [first, third, second],
-        }
-    }
-
     /// Its measurement bias. The data sheet of the HMC5883L has limits (243 to 575 counts at gain code 5, on every axis); the others
     /// have those that FreeIMU found good.
     pub(super) fn straps(self) -> Straps {
@@ -108,12 +90,10 @@ mod tests {
 
     #[test]
     fn each_has_the_rates_of_its_data_sheet() {
-        let codes = |variant: Variant| {
-            let sheet = variant.data_sheet();
-            [0.1, 0.75, 10.0, 50.0, 75.0, 220.0].map(|hz| sheet.rate_code(hz))
-        };
-        assert_eq!(codes(Variant::Hmc5843), [0, 1, 4, 6, 6, 6]);
-        assert_eq!(codes(Variant::Hmc5883l), [0, 0, 4, 6, 6, 6]);
-        assert_eq!(codes(Variant::Hmc5983), [0, 0, 4, 6, 6, 7]);
+        let codes =
+            |sheet: DataSheet| [0.1, 0.75, 10.0, 50.0, 75.0, 220.0].map(|hz| sheet.rate_code(hz));
+        assert_eq!(codes(HMC5843), [0, 1, 4, 6, 6, 6]);
+        assert_eq!(codes(HMC5883L), [0, 0, 4, 6, 6, 6]);
+        assert_eq!(codes(HMC5983), [0, 0, 4, 6, 6, 7]);
     }
 }
