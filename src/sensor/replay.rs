@@ -136,23 +136,4 @@ mod tests {
         let first = replay.skips().first().unwrap().to_string();
         assert!(first.contains("a.csv, line 5, column 1 (t_s)"), "{first}");
     }
-
-    #[test]
-    fn what_cannot_be_opened_says_why() {
-        let folder = tempfile::tempdir().unwrap();
-        let missing = Replay::open(&folder.path().join("none.csv")).unwrap_err();
-        let missing = missing.to_string();
-        assert!(
-            missing.ends_with("none.csv: there is no such file"),
-            "{missing}"
-        );
-        let directory = Replay::open(folder.path()).unwrap_err();
-        let directory = directory.to_string();
-        assert!(directory.ends_with(": is a directory"), "{directory}");
-        let path = folder.path().join("bad.csv");
-        std::fs::write(&path, "hello\n").unwrap();
-        let bad = Replay::open(&path).unwrap_err();
-        assert!(matches!(bad, RecordingError::Header { .. }));
-        assert!(bad.to_string().contains("bad.csv, line 1"), "{bad}");
-    }
 }

@@ -166,17 +166,6 @@ mod tests {
     }
 
     #[test]
-    fn a_bus_that_is_not_there_says_how_to_get_it() {
-        let mut byte = [0];
-        let error = LinuxBus::new(250).read(0x1e, 10, &mut byte).unwrap_err();
-        assert_eq!(error.cause, Cause::NoBus);
-        let said = error.to_string();
-        for part in ["0x1e", "/dev/i2c-250", "modprobe i2c-dev"] {
-            assert!(said.contains(part), "{said}");
-        }
-    }
-
-    #[test]
     fn the_driver_that_has_the_chip_is_named_with_the_line_that_frees_it() {
         let folder = tempfile::tempdir().unwrap();
         let driver = folder.path().join("drivers/hmc5843");

@@ -117,9 +117,6 @@ mod tests {
         let found = identify(&mut bus, &mut JumpingClock::default(), None).unwrap();
         assert!(found.sure && found.chip.sheet().word == "qmc5883l");
         assert_eq!(bus.transfers(), [Read(0x0D, 0x00, 1), Read(0x0D, 0x0D, 1)]);
-        bus.set(0x0D, 0x0D, &[0x00]);
-        let error = identify(&mut bus, &mut JumpingClock::default(), None).err();
-        assert_eq!(error.unwrap().code(), "wrong_identity");
     }
 
     #[test]

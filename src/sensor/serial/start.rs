@@ -109,10 +109,7 @@ mod tests {
         start.answered(*b"01");
         start.ask_again(101.0);
         assert_eq!(start.due(101.0, Protocol::Razor), Some(ASK));
-    }
-
-    #[test]
-    fn a_device_that_sends_log_rows_is_sent_nothing() {
+        // A device that sends log rows is sent nothing.
         assert_eq!(Start::at(0.0).due(9.0, Protocol::LogRows), None);
     }
 }

@@ -58,12 +58,8 @@ fn an_hmc5883l_that_has_never_measured_is_a_fake_and_one_that_has_is_frozen() {
             ..settings.clone()
         };
         let bus = stick();
-        let (said, chips) = play_dead(&settings, &bus, 1.0);
+        let (said, _) = play_dead(&settings, &bus, 1.0);
         assert_eq!(codes(&said), ["fake_hmc5883l"], "{rate_hz} Hz, never ready");
-        let sentence = &chips.troubles().next().unwrap().message;
-        for part in ["QMC5883L of revision A", "DA 5883", "0x0d"] {
-            assert!(sentence.contains(part), "{sentence}");
-        }
         bus.set(MAG, 0x03, &[0, 1, 0, 2, 0, 3, 1]);
         let (said, _) = play_dead(&settings, &bus, 1.0);
         assert_eq!(codes(&said), ["fake_hmc5883l"], "{rate_hz} Hz, frozen");
