@@ -9,13 +9,8 @@ mod collector;
 mod intake;
 mod judge;
 mod learn;
-mod motion;
-mod mounting;
-mod play;
 mod publish;
-mod sample;
 mod saturation;
-mod settings;
 mod stretch;
 mod survey;
 
@@ -26,6 +21,7 @@ use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::{self, FieldSample, Request, verdict};
+use crate::check::{Fault, settings};
 use crate::condition::{Condition, Report, SourceFault};
 use crate::estimate::{Estimate, Sample, UNKNOWN_SD_DEG};
 use crate::frame::Mountings;
@@ -38,8 +34,37 @@ use intake::Intake;
 use learn::Learning;
 use saturation::RunState;
 
-pub use settings::Settings;
 pub use survey::{EmptyAxis, Survey, Surveyed};
+
+settings! {
+    /// Settings of the pipeline itself; those of its rooms stand with them.
+    #[derive(Copy)]
+    pub struct Settings {
+        /// A magnetometer sample older than this is stale, and no heading is published.
+        stale_s: f64 = 0.5, 0.1..=10.0, "seconds";
+        /// Samples are kept this long for a calibration, and so the first of two turns may be this old.
+        buffer_s: f64 = 120.0, 10.0..=600.0, "seconds";
+        /// A heading is published once its deviation is below this.
+        publish_sd_deg: f64 = 10.0, 1.0..=45.0, "degrees";
+        /// The state is `good` once the deviation is below this, and `degraded` with reason `learning` before.
+        good_sd_deg: f64 = 3.0, 0.5..=20.0, "degrees";
+    }
+    also Settings::check_order;
+}
+
+impl Settings {
+    /// Else a state could be good without a heading.
+    fn check_order(&self, faults: &mut Vec<Fault>) {
+        if self.good_sd_deg > self.publish_sd_deg {
+            let right = format!("at most publish_sd_deg, which is {}", self.publish_sd_deg);
+            faults.push(Fault::new(
+                "good_sd_deg",
+                self.good_sd_deg.to_string(),
+                right,
+            ));
+        }
+    }
+}
 
 /// Everything that a pipeline is set up with.
 #[derive(Clone, Debug, Default)]
@@ -214,6 +239,31 @@ impl Pipeline {
             Event::Mounted(mountings) => self.mount(*mountings),
             Event::Place(field) => self.estimate.put_place(field.as_ref()),
         }
+    }
+
+    /// Takes an event of a log. `carry_out` carries an action out; what comes of it, such as the outcome of a calibration, is
+    /// the next event. A calibration that ends asks for another now and then, so this goes on until nothing is asked for.
+    ///
+    /// # Errors
+    ///
+    /// Those of `carry_out`, which end it.
+    pub(crate) fn play<E>(
+        &mut self,
+        event: Event,
+        mut carry_out: impl FnMut(Action) -> Result<Option<Event>, E>,
+    ) -> Result<(), E> {
+        let mut actions = Vec::new();
+        self.handle(event, &mut actions);
+        while !actions.is_empty() {
+            let mut events = Vec::new();
+            for action in actions.drain(..) {
+                events.extend(carry_out(action)?);
+            }
+            for event in events {
+                self.handle(event, &mut actions);
+            }
+        }
+        Ok(())
     }
 
     /// The calibration that is active: what the estimate knows, once that is worth a heading.

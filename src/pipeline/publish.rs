@@ -3,8 +3,9 @@
 use nalgebra::Vector3;
 
 use super::{Action, Pipeline};
+use crate::attitude::Pose;
 use crate::condition::Condition;
-use crate::estimate::Fix;
+use crate::estimate::{Fix, Sample};
 use crate::frame::{dip_deg, heading_deg, pitch_and_roll_deg};
 use crate::heading::{Heading, MagStatus};
 use crate::reading::HELD_S;
@@ -86,6 +87,57 @@ impl Pipeline {
         actions.push(Action::Publish(heading));
     }
 
+    /// Gives the estimate a sample that was measured at `measured_s`, if it is new and the gyro knows the pose then. Returns the pose at
+    /// `t_s`.
+    fn estimate_from(
+        &mut self,
+        t_s: f64,
+        raw: &Vector3<f64>,
+        measured_s: Option<f64>,
+    ) -> Option<Pose> {
+        let pose = self.intake.attitude.pose_at(t_s)?;
+        // An accelerometer that has just come has not levelled the frame yet.
+        let levelled =
+            |pose: &Pose| pose.vertical_known || !self.intake.attitude.accelerometer_live(t_s);
+        if !levelled(&pose) || self.intake.attitude.clipping() || self.frozen.is_some() {
+            return None;
+        }
+        let Some(measured_s) = measured_s else {
+            return Some(pose);
+        };
+        let lag_s = self.estimate.lag_s();
+        let motion = self
+            .intake
+            .attitude
+            .motion_at(measured_s - lag_s)
+            .filter(|motion| levelled(&motion.pose))?;
+        let sample = Sample {
+            t_s: measured_s,
+            field_mgauss: *raw,
+            lag_s,
+            motion,
+            board: self.intake.attitude.state(t_s),
+        };
+        self.estimate
+            .freeze(self.wanted().is_none() && self.learning.calibrated);
+        self.estimate.take(&sample);
+        if self.estimate.take_gyro_recovered() {
+            // The attitude has followed the dead gyro, and learnt a wrong bias of it.
+            let calibration = self.calibration();
+            self.intake
+                .renew_attitude(&self.setup, calibration.as_ref());
+            self.completed.clear();
+            self.forget_waiting_turns();
+            return None;
+        }
+        if self.learning.calibrated && !self.estimate.knows() {
+            // All of it was learnt by a gyro that is wrong.
+            self.forget_learning(None);
+        }
+        self.sample = Some(sample);
+        Some(pose)
+    }
+
     /// Smooths the strength of the corrected field. Rows that repeat a sample count, so that the mean settles on a field that does not
     /// change. After a pause the first row counts for `HELD_S` at most.
     fn follow_strength(&mut self, t_s: f64, strength_mgauss: f64) {
@@ -107,8 +159,15 @@ impl Pipeline {
         actions.push(Action::Publish(heading));
     }
 
+    /// Where down is now, a unit vector of body axes, and how fast the board turns, rad/s; `None` while nothing feels it.
+    pub fn down(&self) -> Option<(Vector3<f64>, f64)> {
+        let down = self.intake.attitude.down(self.now_s)?;
+        let rate_rad_s = self.rate_rad_s(self.now_s);
+        Some((down, rate_rad_s.map_or(0.0, |rate| rate.norm())))
+    }
+
     /// Rate of the board, body axes, rad/s; `None` while the gyro is silent.
-    pub(super) fn rate_rad_s(&self, t_s: f64) -> Option<Vector3<f64>> {
+    fn rate_rad_s(&self, t_s: f64) -> Option<Vector3<f64>> {
         let attitude = &self.intake.attitude;
         attitude.pose_at(t_s).map(|_| attitude.rate_rad_s())
     }

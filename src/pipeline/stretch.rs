@@ -1,7 +1,10 @@
-//! A new stretch of readings, whose times have nothing to do with those before.
+//! A new stretch of readings, whose times have nothing to do with those before, and a board that is mounted otherwise.
 
 use super::Pipeline;
+use super::saturation::Saturation;
 use crate::calibration::model::Calibration;
+use crate::frame::Mountings;
+use crate::reading::Reading;
 
 impl Pipeline {
     /// Forgets all motion, and whatever is remembered by its time. Calibration, policy and the verdict on the last turn
@@ -31,5 +34,24 @@ impl Pipeline {
             *time_s = f64::NEG_INFINITY;
         }
         self.strength_deviation = 0.0;
+    }
+
+    /// The chips are mounted otherwise. What is known of them is in their own axes and stays, as over a restart; what was
+    /// carried along in body axes is forgotten.
+    pub(super) fn mount(&mut self, mountings: Mountings) {
+        let calibration = self.calibration();
+        let force = self.intake.attitude.specific_force_m_s2(self.now_s);
+        let last_force = Reading {
+            t_s: self.now_s,
+            specific_force_m_s2: force.map(|body| self.setup.mountings.accel.to_chip(body)),
+            ..Reading::default()
+        };
+        self.setup.mountings = mountings;
+        self.intake.saturation = Saturation::new(&mountings);
+        self.discard_outcome();
+        self.forget_estimate(calibration);
+        self.begin_stretch(calibration.as_ref());
+        // Otherwise the accelerometer would count as silent until its next reading.
+        self.intake.attitude.take(&last_force, |_| {});
     }
 }
