@@ -217,10 +217,7 @@ impl Pipeline {
     pub fn handle(&mut self, event: Event, actions: &mut Vec<Action>) {
         match event {
             Event::Reading(reading) => self.read(&reading, actions),
-            Event::NewStretch => {
-                let calibration = self.calibration();
-                self.begin_stretch(calibration.as_ref());
-            }
+            Event::NewStretch => self.begin_stretch(),
             Event::Silence(t_s) => {
                 if t_s > self.now_s {
                     self.now_s = t_s;
@@ -288,7 +285,7 @@ impl Pipeline {
 
     /// How many values were dropped since no sensor can have taken them.
     pub fn dropped(&self) -> u64 {
-        self.intake.dropped()
+        self.intake.outliers.dropped()
     }
 
     fn read(&mut self, reading: &Reading, actions: &mut Vec<Action>) {
@@ -323,19 +320,14 @@ impl Pipeline {
         if let Some(turn) = turn {
             self.turned(turn, actions);
         }
-        if reading.field_mgauss.is_none() {
+        if let Some(field) = field {
+            self.whole_field_s = reading.t_s;
+            self.publish(reading.t_s, &field, measured_s, actions);
+        } else if reading.field_mgauss.is_some() {
+            self.overflow_s = reading.t_s;
+            self.publish_without_field(reading.t_s, actions);
+        } else {
             self.update_condition(actions);
-            return;
-        }
-        match field {
-            Some(field) => {
-                self.whole_field_s = reading.t_s;
-                self.publish(reading.t_s, &field, measured_s, actions);
-            }
-            None => {
-                self.overflow_s = reading.t_s;
-                self.publish_without_field(reading.t_s, actions);
-            }
         }
     }
 }

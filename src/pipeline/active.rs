@@ -5,6 +5,7 @@ use super::{Action, Pipeline};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::policy::{Policy, Reason};
+use crate::calibration::verdict::Refusal;
 use crate::estimate::UNKNOWN_SD_DEG;
 use crate::frame::hypot;
 
@@ -106,7 +107,12 @@ impl Pipeline {
             return;
         };
         if job.unwanted {
-            give_up(&mut outcome, self.learning.calibrated);
+            let message =
+                "given up: it was cancelled, or something else was ordered while it was computed";
+            *outcome = outcome.refused(Refusal::new("cancelled", message));
+            if self.learning.calibrated {
+                outcome.verdict = Verdict::Kept;
+            }
         } else {
             let accepted = outcome.verdict == Verdict::Accepted;
             if let Some(refusal) = self.objection_to_gyro().filter(|_| accepted) {
@@ -138,10 +144,8 @@ impl Pipeline {
     fn adopt(&mut self, outcome: &mut Outcome, calibration: &Calibration) {
         // A fit that the gyro contradicts is off by as much, however small its residuals are.
         let gyro_deg = GYRO_SHARE * outcome.gyro_rms_deg.unwrap_or(0.0);
-        let rest = outcome
-            .measures
-            .as_ref()
-            .and_then(|measures| measures.rest_share);
+        let measures = outcome.measures.as_ref();
+        let rest = measures.and_then(|measures| measures.rest_share);
         let rest_deg = REST_SHARE * rest.unwrap_or(0.0).to_degrees();
         let doubted = Calibration {
             heading_sd_deg: hypot(calibration.heading_sd_deg, hypot(gyro_deg, rest_deg)),
@@ -172,18 +176,4 @@ impl Pipeline {
             self.update_condition(actions);
         }
     }
-}
-
-/// What became of a calibration that nobody wants any more.
-fn give_up(outcome: &mut Outcome, calibrated: bool) {
-    outcome.verdict = if calibrated {
-        Verdict::Kept
-    } else {
-        Verdict::Rejected
-    };
-    outcome.reason = "cancelled";
-    outcome.message =
-        "given up: it was cancelled, or something else was ordered while it was computed"
-            .to_owned();
-    outcome.calibration = None;
 }

@@ -12,12 +12,9 @@ use crate::turn::Turn;
 /// keeps less than `buffer_s`.
 const FASTEST_MAG_HZ: f64 = 220.0;
 
-/// Turns that follow each other within this time and about the same axis calibrate together, seconds.
+/// Two turns that follow each other within this time and about the same axis calibrate together, seconds: as in the paper's tests. More
+/// would make every further turn of a board that keeps turning dearer than the one before.
 const TURNS_FOLLOW_S: f64 = 3.0;
-
-/// The most turns that calibrate together: as in the paper's tests. More would make every further turn of
-/// a board that keeps turning dearer than the one before.
-const TURNS_TOGETHER: usize = 2;
 
 /// A planar calibration is of use for headings only if its turn was about the vertical, within this angle.
 const LEVEL_TURN_DEG: f64 = 30.0;
@@ -114,14 +111,14 @@ impl Pipeline {
 
     /// How many of the newest turns calibrate together.
     fn turns_together(&self) -> usize {
-        let tolerance = self.setup.turn.axis_tolerance_deg.to_radians().cos();
-        let follows = |(later, earlier): &(&Turn, &Turn)| {
-            later.start_s - earlier.end_s < TURNS_FOLLOW_S
-                && earlier.end_s > self.bad_turn_s
-                && earlier.axis_body.dot(&later.axis_body).abs() > tolerance
+        let mut newest_first = self.completed.iter().rev();
+        let (Some(later), Some(earlier)) = (newest_first.next(), newest_first.next()) else {
+            return 1;
         };
-        let newest_first = || self.completed.iter().rev();
-        let pairs = newest_first().zip(newest_first().skip(1));
-        1 + pairs.take(TURNS_TOGETHER - 1).take_while(follows).count()
+        let tolerance = self.setup.turn.axis_tolerance_deg.to_radians().cos();
+        let follows = later.start_s - earlier.end_s < TURNS_FOLLOW_S
+            && earlier.end_s > self.bad_turn_s
+            && earlier.axis_body.dot(&later.axis_body).abs() > tolerance;
+        if follows { 2 } else { 1 }
     }
 }

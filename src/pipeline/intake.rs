@@ -12,7 +12,7 @@ use crate::turn::{Turn, TurnDetector};
 
 /// Takes readings in.
 pub(super) struct Intake {
-    outliers: Outliers,
+    pub(super) outliers: Outliers,
     pub(super) saturation: Saturation,
     pub(super) attitude: Attitude,
     pub(super) turns: TurnDetector,
@@ -75,11 +75,6 @@ impl Intake {
     pub(super) fn renew_attitude(&mut self, setup: &Setup, calibration: Option<&Calibration>) {
         self.attitude = new_attitude(setup, calibration);
         self.turns = TurnDetector::new(&setup.turn);
-    }
-
-    /// How many values were dropped since no sensor can have measured them.
-    pub(super) fn dropped(&self) -> u64 {
-        self.outliers.dropped()
     }
 }
 

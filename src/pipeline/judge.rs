@@ -28,12 +28,9 @@ impl Pipeline {
         let report = self.judge();
         let condition = report.condition;
         let news = self.report.as_ref().is_none_or(|last| {
-            let progressed = match (last.progress, report.progress) {
-                (Some(old), Some(new)) => {
-                    (new - old).abs() >= PROGRESS_STEP && report.t_s - last.t_s >= PROGRESS_EVERY_S
-                }
-                _ => false,
-            };
+            let step = last.progress.zip(report.progress);
+            let progressed = step.is_some_and(|(old, new)| (new - old).abs() >= PROGRESS_STEP)
+                && report.t_s - last.t_s >= PROGRESS_EVERY_S;
             (last.condition, last.reason) != (condition, report.reason) || progressed
         });
         if news {

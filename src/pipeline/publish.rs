@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::{Action, Pipeline};
 use crate::attitude::Pose;
 use crate::condition::Condition;
-use crate::estimate::{Fix, Sample};
+use crate::estimate::Sample;
 use crate::frame::{dip_deg, heading_deg, pitch_and_roll_deg};
 use crate::heading::{Heading, MagStatus};
 use crate::reading::HELD_S;
@@ -24,23 +24,18 @@ impl Pipeline {
     ) {
         let pose = self.estimate_from(t_s, raw, measured_s);
         actions.extend(self.estimate.take_news().map(Action::Warn));
-        let trusted = pose.is_some() && self.gyro_is_right();
+        let right = self.gyro_is_right();
+        let trusted = pose.is_some() && right;
         let level = self.intake.attitude.down_and_sd(t_s, trusted);
         let down = level.map(|(down, _)| down);
-        let corrected = self
-            .learning
-            .calibrated
-            .then(|| self.estimate.corrected(raw))
-            .flatten();
+        let calibrated = self.learning.calibrated;
+        let corrected = self.estimate.corrected(raw).filter(|_| calibrated);
         if let Some(corrected) = &corrected {
             self.follow_strength(t_s, corrected.norm());
         }
-        let publish_sd_deg = self.setup.pipeline.publish_sd_deg;
-        let certain = |fix: &Fix| fix.sd_deg <= publish_sd_deg;
-        let fused = pose.filter(|_| trusted).and_then(|pose| {
-            self.estimate
-                .fix(&pose, self.intake.attitude.missed_turn_rad(t_s))
-        });
+        let missed_rad = self.intake.attitude.missed_turn_rad(t_s);
+        let fused =
+            (pose.filter(|_| trusted)).and_then(|pose| self.estimate.fix(&pose, missed_rad));
         let rate_rad_s = self.rate_rad_s(t_s).map_or(0.0, |rate| rate.norm());
         let instantaneous = self.estimate.instantaneous(raw, level, rate_rad_s);
         let best = if trusted { fused } else { instantaneous };
@@ -48,14 +43,15 @@ impl Pipeline {
             self.sd_deg = best.sd_deg;
         }
         let possible = self.estimate.impossible_mgauss().is_none();
-        let published = best.filter(|fix| certain(fix) && possible);
+        let most_sd_deg = self.setup.pipeline.publish_sd_deg;
+        let published = best.filter(|fix| possible && fix.sd_deg <= most_sd_deg);
         if published.is_some() && self.wanted().is_some() {
             self.learning.calibrated = true;
         }
-        if !self.gyro_is_right() {
+        if !right {
             self.intake.saturation.forget();
         }
-        if self.estimate.disturbed() || !self.gyro_is_right() {
+        if self.estimate.disturbed() || !right {
             self.disturbed_s = t_s;
         }
         self.conclude_motion(actions);
@@ -73,7 +69,7 @@ impl Pipeline {
             heading.field_mgauss = Some(std::array::from_fn(|axis| {
                 measured[axis].then_some(corrected[axis])
             }));
-            if measured.iter().all(|&measured| measured) {
+            if measured == [true; 3] {
                 heading.strength_mgauss = Some(corrected.norm());
                 heading.dip_deg = down.map(|down| dip_deg(&corrected, &down));
             }
@@ -177,6 +173,7 @@ impl Pipeline {
         self.seq += 1;
         let tilt = down.map(pitch_and_roll_deg);
         let rate_rad_s = self.rate_rad_s(t_s);
+        let force = self.intake.attitude.specific_force_m_s2(t_s);
         // Without an accelerometer the board is taken to be level, as for its heading.
         let down = down.copied().unwrap_or_else(Vector3::z);
         Heading {
@@ -187,11 +184,7 @@ impl Pipeline {
             roll_deg: tilt.map(|(_, roll_deg)| roll_deg),
             turn_deg_min: rate_rad_s.map(|rate| 60.0 * rate.dot(&down).to_degrees()),
             rate_deg_s: rate_rad_s.map(|rate| rate.map(f64::to_degrees).into()),
-            specific_force_m_s2: self
-                .intake
-                .attitude
-                .specific_force_m_s2(t_s)
-                .map(Into::into),
+            specific_force_m_s2: force.map(Into::into),
             mag_status: MagStatus::Calibration,
             ..Heading::default()
         }

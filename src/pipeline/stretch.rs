@@ -2,15 +2,15 @@
 
 use super::Pipeline;
 use super::saturation::Saturation;
-use crate::calibration::model::Calibration;
 use crate::frame::Mountings;
 use crate::reading::Reading;
 
 impl Pipeline {
     /// Forgets all motion, and whatever is remembered by its time. Calibration, policy and the verdict on the last turn
     /// stay, and so do a calibration that is under way and the gyro's bias, which goes with the active calibration.
-    pub(super) fn begin_stretch(&mut self, calibration: Option<&Calibration>) {
-        self.intake.begin_stretch(&self.setup, calibration);
+    pub(super) fn begin_stretch(&mut self) {
+        let calibration = self.calibration();
+        self.intake.begin_stretch(&self.setup, calibration.as_ref());
         self.buffer.clear();
         self.completed.clear();
         self.forget_waiting_turns();
@@ -50,7 +50,7 @@ impl Pipeline {
         self.intake.saturation = Saturation::new(&mountings);
         self.discard_outcome();
         self.forget_estimate(calibration);
-        self.begin_stretch(calibration.as_ref());
+        self.begin_stretch();
         // Otherwise the accelerometer would count as silent until its next reading.
         self.intake.attitude.take(&last_force, |_| {});
     }

@@ -1,7 +1,5 @@
 //! A whole log looked through once, for one calibration of all that is in it.
 
-use std::convert::Infallible;
-
 use nalgebra::Vector3;
 
 use super::collector::is_level;
@@ -135,7 +133,7 @@ impl Survey {
     /// Takes no actions: only a full turn asks for a calibration, and then this result is not used.
     fn learn(&mut self, event: Event) {
         if let Some(pipeline) = &mut self.motion {
-            let Ok(()) = pipeline.play(event, |_| Ok::<_, Infallible>(None));
+            pipeline.handle(event, &mut Vec::new());
         }
     }
 
@@ -171,12 +169,8 @@ impl Survey {
             return Surveyed::Learnt(Box::new(outcome));
         }
         let samples = self.samples.into_samples();
-        let turns = match self.plane {
-            Some(_) => &[],
-            None => self.turns.as_slice(),
-        };
-        let turns = turns
-            .iter()
+        let turns = (self.turns.iter())
+            .filter(|_| self.plane.is_none())
             .map(|turn| CompletedTurn::among(&samples, turn))
             .collect();
         let mut request = Request::new(
