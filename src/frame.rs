@@ -110,16 +110,12 @@ impl FromStr for Mounting {
             3 => {
                 let mut matrix = Matrix3::zeros();
                 for (row, word) in words.iter().enumerate() {
-                    let (sign, axis) = match word.split_at_checked(1) {
-                        Some(("+", axis)) => (1.0, axis),
-                        Some(("-", axis)) => (-1.0, axis),
-                        _ => (1.0, *word),
-                    };
+                    let axis = word.strip_prefix(['+', '-']).unwrap_or(word);
                     let column = ["x", "y", "z"]
                         .iter()
                         .position(|name| name.eq_ignore_ascii_case(axis))
                         .ok_or_else(|| fail(&format!("{word:?} is no axis")))?;
-                    matrix[(row, column)] = sign;
+                    matrix[(row, column)] = if word.starts_with('-') { -1.0 } else { 1.0 };
                 }
                 matrix
             }

@@ -30,22 +30,10 @@ const LATELY_S: f64 = 0.5;
 /// So many in a row may be dropped; then the sensor measures that, and it is no fault on the way.
 const IN_A_ROW: u32 = 2;
 
-/// A change that is no leap whatever went before: so much, and so much a second.
-#[derive(Clone, Copy, Debug)]
-struct Usual {
-    at_once: f64,
-    a_second: f64,
-}
-
-/// 90 °/s, and 3000 °/s².
-const USUAL_RATE: Usual = Usual {
-    at_once: 1.57,
-    a_second: 52.0,
-};
-const USUAL_FORCE_M_S2: Usual = Usual {
-    at_once: 10.0,
-    a_second: 500.0,
-};
+/// A change that is no leap whatever went before: so much, and so much a second. 90 °/s, and 3000 °/s².
+const USUAL_RATE: (f64, f64) = (1.57, 52.0);
+/// The same for a force, m/s² and m/s³.
+const USUAL_FORCE: (f64, f64) = (10.0, 500.0);
 
 /// Drops outliers, and counts them.
 #[derive(Clone, Debug)]
@@ -64,7 +52,7 @@ impl Outliers {
             largest_rate_rad_s: largest.to_radians(),
             // Where nothing is known, the board rests; where gravity is, only the first reading tells.
             rate: Neighbours::new(USUAL_RATE, Some(Vector3::zeros())),
-            force: Neighbours::new(USUAL_FORCE_M_S2, None),
+            force: Neighbours::new(USUAL_FORCE, None),
             dropped: 0,
         }
     }
@@ -103,7 +91,7 @@ impl Outliers {
 /// One sensor's values, each held against those before it.
 #[derive(Clone, Debug)]
 struct Neighbours {
-    usual: Usual,
+    usual: (f64, f64),
     /// What is taken for the last value where there is none.
     rest: Option<Vector3<f64>>,
     last: Option<(f64, Vector3<f64>)>,
@@ -115,7 +103,7 @@ struct Neighbours {
 }
 
 impl Neighbours {
-    fn new(usual: Usual, rest: Option<Vector3<f64>>) -> Self {
+    fn new(usual: (f64, f64), rest: Option<Vector3<f64>>) -> Self {
         Self {
             usual,
             rest,
@@ -128,17 +116,18 @@ impl Neighbours {
 
     fn accepts(&mut self, t_s: f64, value: Vector3<f64>) -> bool {
         let near = |last: &(f64, Vector3<f64>)| (0.0..=GAP_S).contains(&(t_s - last.0));
-        let last = self.last.filter(near);
-        if last.is_none() && self.last.is_some() {
-            (self.last, self.steepest) = (None, 0.0);
+        self.last = self.last.filter(near);
+        if self.last.is_none() {
+            self.steepest = 0.0;
         }
-        let Some((last_s, from)) = last.or(self.rest.map(|rest| (t_s, rest))) else {
+        let Some((last_s, from)) = self.last.or(self.rest.map(|rest| (t_s, rest))) else {
             return self.accept(t_s, value, 0.0);
         };
         let span_s = (t_s - last_s).max(SHORTEST_S);
         let change = value - from;
         let steepness = change.norm() / span_s;
-        let usual = self.usual.at_once + self.usual.a_second * span_s;
+        let (at_once, a_second) = self.usual;
+        let usual = at_once + a_second * span_s;
         let goes_on = |doubted: Vector3<f64>| {
             let before = doubted - from;
             change.dot(&before) >= 0.5 * before.norm_squared()
@@ -148,7 +137,7 @@ impl Neighbours {
             || self.doubted.is_some_and(goes_on)
             || self.in_a_row >= IN_A_ROW
         {
-            let steepness = if last.is_some() { steepness } else { 0.0 };
+            let steepness = self.last.map_or(0.0, |_| steepness);
             self.steepest *= (-span_s / LATELY_S).exp();
             return self.accept(t_s, value, steepness);
         }
