@@ -162,17 +162,11 @@ impl Attitude {
             .expect_bias(self.mountings.gyro.to_body(chip_rad_s));
     }
 
-    /// Takes a reading, raw field and all, and calls `on_tick` with each tick that it completes.
-    ///
-    /// Ticks come with the gyro. A field or a rate that is not finite is passed over.
+    /// Takes a reading whose numbers are possible (`outliers` drops the others), raw field and all, and calls `on_tick` with each tick
+    /// that it completes. Ticks come with the gyro.
     pub fn take(&mut self, reading: &Reading, mut on_tick: impl FnMut(&Tick)) {
         let t_s = reading.t_s;
-        if !t_s.is_finite() {
-            return;
-        }
-        if let Some(field) = reading.whole_field_mgauss()
-            && field.norm().is_finite()
-        {
+        if let Some(field) = reading.whole_field_mgauss() {
             self.filter.field_motion.take(t_s, field);
         }
         if let Some(force) = reading.specific_force_m_s2 {
@@ -180,9 +174,7 @@ impl Attitude {
             let force = self.mountings.accel.to_body(force);
             self.filter.gravity.take(t_s, force);
         }
-        if let Some(chip) = reading.rate_rad_s
-            && chip.norm().is_finite()
-        {
+        if let Some(chip) = reading.rate_rad_s {
             let t_s = t_s - self.rate_late.take(t_s);
             if let Some((since_s, last)) = self.repetition.take(t_s, chip) {
                 self.jumps.take(since_s, t_s, (chip - last).norm());

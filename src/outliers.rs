@@ -202,10 +202,22 @@ mod tests {
 
     #[test]
     fn what_is_no_number_is_dropped_however_often_it_comes() {
-        let mut outliers = Outliers::new(None);
-        let broken = |i: usize| if i < 50 { 1.0 } else { f64::NAN };
-        let found = dropped(&mut outliers, (0..100).map(broken));
-        assert_eq!(found, (50..100).collect::<Vec<_>>());
+        for broken in [f64::NAN, f64::INFINITY, -1e300] {
+            let mut outliers = Outliers::new(None);
+            for i in 0..50 {
+                let kept = outliers.filter(&Reading {
+                    t_s: f64::from(i) * PERIOD_S,
+                    field_mgauss: Some([None, Some(1.0), Some(broken)]),
+                    rate_rad_s: Some(Vector3::new(0.0, broken, 0.0)),
+                    specific_force_m_s2: Some(Vector3::new(broken, 0.0, 9.8)),
+                });
+                let nothing = Reading {
+                    t_s: kept.t_s,
+                    ..Reading::default()
+                };
+                assert_eq!(kept, nothing);
+            }
+        }
     }
 
     #[test]

@@ -277,37 +277,3 @@ fn clipped_rates_begin_a_new_stretch_when_they_end() {
     };
     assert_eq!(stretches(&run_with(&board, &settings).1), 0);
 }
-
-#[test]
-fn nonsense_is_passed_over() {
-    let mut board = TestBoard::default();
-    board.rest(3.0);
-    let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
-    let mut finite = true;
-    for (i, reading) in board.readings.iter().enumerate() {
-        for bad in [f64::NAN, f64::INFINITY, -1e300, 0.0] {
-            let vector = Vector3::new(bad, -bad, bad);
-            let t_s = if i % 2 == 0 { bad } else { reading.t_s };
-            if bad == 0.0 && i % 2 == 0 {
-                continue;
-            }
-            attitude.take(
-                &Reading {
-                    t_s,
-                    field_mgauss: Some([Some(bad); 3]),
-                    rate_rad_s: Some(vector),
-                    specific_force_m_s2: Some(vector),
-                },
-                |_| {},
-            );
-        }
-        attitude.take(reading, |tick| {
-            finite &= tick.rate_rad_s.norm().is_finite()
-                && tick.pose.orientation.coords.norm().is_finite();
-        });
-    }
-    assert!(finite);
-    assert!(attitude.pose_at(board.t_s).is_some());
-    assert_eq!(attitude.pose_at(f64::NAN), None);
-    assert!(tilt(&attitude, board.t_s).unwrap().0.is_finite());
-}
