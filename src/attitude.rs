@@ -200,15 +200,13 @@ impl Attitude {
     /// The pose at `t_s`, up to a quarter of a second ago, or carried on from the last tick with the current rate; `None` if the
     /// gyro has been silent for longer than a gap, or has not been read yet.
     pub fn pose_at(&self, t_s: f64) -> Option<Pose> {
-        let beyond = self.clock.beyond_tick_rad(t_s, self.filter.bias())?;
+        let beyond = self.clock.beyond_tick_rad(t_s, self.filter.errors.bias)?;
         if self.past.reaches(t_s) {
             return self.motion_at(t_s).map(|motion| motion.pose);
         }
-        Some(Pose {
-            orientation: self.filter.orientation() * UnitQuaternion::from_scaled_axis(beyond),
-            vertical_known: self.filter.vertical_known,
-            stretch: self.filter.stretch,
-        })
+        let mut pose = self.filter.pose();
+        pose.orientation *= UnitQuaternion::from_scaled_axis(beyond);
+        Some(pose)
     }
 
     /// Pose and rate at `t_s`, up to a quarter of a second ago; outside that time the nearest rate is held. `None` before the first tick
@@ -256,7 +254,7 @@ impl Attitude {
             still: self.still(),
             hidden_rate_sd_rad_s: self.filter.field_motion.hidden_rate_sd_rad_s(t_s),
             gyro_bias: GyroBias {
-                rad_s: self.filter.bias(),
+                rad_s: self.filter.errors.bias,
                 covariance: self.filter.errors.bias_covariance(),
             },
             tilt_error: self.filter.tilt_error(),
@@ -287,7 +285,7 @@ impl Attitude {
 
     /// Whether the gyro's newest reading is at its full scale: the board turns faster than it reads.
     pub fn clipping(&self) -> bool {
-        self.clip.clipping()
+        self.clip.clipped
     }
 }
 

@@ -18,7 +18,8 @@ pub(super) struct ClipWatch {
     newest: Vector3<f64>,
     /// How often in a row each axis has read the same.
     same: [u32; 3],
-    clipped: bool,
+    /// Whether the newest reading is at the full scale.
+    pub(super) clipped: bool,
 }
 
 impl ClipWatch {
@@ -65,11 +66,6 @@ impl ClipWatch {
         if !constant && self.largest.to_degrees() > LEAST_RANGE_DEG_S && (0..3).any(at_largest) {
             self.range_deg_s = Some(self.largest.to_degrees());
         }
-    }
-
-    /// Whether the newest reading is at the full scale.
-    pub(super) fn clipping(&self) -> bool {
-        self.clipped
     }
 }
 

@@ -92,12 +92,9 @@ impl EvenClock {
     pub(super) fn beyond_tick_rad(&self, t_s: f64, bias: Vector3<f64>) -> Option<Vector3<f64>> {
         let (newest_s, rate) = self.newest?;
         // Also false for a time that is no number.
-        if (t_s - newest_s).abs() <= self.gap_s {
-            let since_tick_s = t_s - (self.base_s + self.ticks as f64 * TICK_S);
-            Some(self.open_rad + rate * (t_s - newest_s) - bias * since_tick_s)
-        } else {
-            None
-        }
+        let near = (t_s - newest_s).abs() <= self.gap_s;
+        let since_tick_s = t_s - (self.base_s + self.ticks as f64 * TICK_S);
+        near.then(|| self.open_rad + rate * (t_s - newest_s) - bias * since_tick_s)
     }
 }
 

@@ -42,12 +42,13 @@ pub(super) struct AttitudeFilter {
     pub(super) gravity: Gravity,
     pub(super) field_motion: FieldMotion,
     pub(super) stillness: Stillness,
-    trim: Trim,
+    /// `None` until a force has been felt in a level frame.
+    trim: Option<Trim>,
     pub(super) stretch: u32,
     ticked: bool,
     /// Since when the accelerometer has levelled the frame without a break.
     levelled_since_s: Option<f64>,
-    pub(super) vertical_known: bool,
+    vertical_known: bool,
     /// Horizontal specific force in the frame over the time constant of the tilt, m/s².
     pull: Vector2<f64>,
     /// Rotation of the levelled frame for each rad/s of the gyro's bias, body axes, seconds: the rotation matrix from body to that frame,
@@ -74,7 +75,7 @@ impl AttitudeFilter {
             gravity: Gravity::default(),
             field_motion: FieldMotion::default(),
             stillness: Stillness::default(),
-            trim: Trim::default(),
+            trim: None,
             stretch: 0,
             ticked: false,
             levelled_since_s: None,
@@ -100,7 +101,7 @@ impl AttitudeFilter {
 
         let before = unit(self.vqf.state().gyr_quat);
         // Rest shows in the rate as it is read: a bias that is being learnt would look like motion.
-        let bias = self.bias();
+        let bias = self.errors.bias;
         self.vqf.state_mut().bias = bias.into();
         self.vqf.update_gyr((rate + bias).into());
         // So near to each other, and normalised, a chord is as good as an arc.
@@ -108,7 +109,9 @@ impl AttitudeFilter {
         let middle = UnitQuaternion::new_normalize(before.lerp(&after, 0.5));
         let to_frame = middle.to_rotation_matrix().into_inner();
         self.follow_drift(middle);
-        self.trim.turn(&rate);
+        if let Some(trim) = &mut self.trim {
+            trim.turn(&rate);
+        }
         let at_rest = self.at_rest();
         let force = force.map(|force| self.levelled(force, at_rest));
         self.errors.take(&to_frame, &rate, force.as_ref(), at_rest);
@@ -125,11 +128,7 @@ impl AttitudeFilter {
         self.ticked = true;
         Tick {
             t_s: end_s,
-            pose: Pose {
-                orientation: self.orientation(),
-                vertical_known: self.vertical_known,
-                stretch: self.stretch,
-            },
+            pose: self.pose(),
             rate_rad_s: rate,
             at_rest: self.at_rest(),
         }
@@ -141,7 +140,10 @@ impl AttitudeFilter {
             return force;
         }
         let to_frame = self.orientation().to_rotation_matrix().into_inner();
-        self.trim.levelled(&to_frame, &force, at_rest)
+        let trim = self
+            .trim
+            .get_or_insert_with(|| Trim::new(to_frame.transpose() * Vector3::z()));
+        trim.levelled(&to_frame, &force, at_rest)
     }
 
     /// Chooses the accelerometer's time constant.
@@ -185,7 +187,8 @@ impl AttitudeFilter {
         } else {
             0.0
         };
-        let by_accelerometer = hypot(TILT_RAD, self.trim.tilt_sd_rad());
+        let by_trim = self.trim.as_ref().map_or(0.0, |trim| trim.tilt_sd_rad);
+        let by_accelerometer = hypot(TILT_RAD, by_trim);
         let level = self.tilt_by_bias_s.fixed_rows::<2>(0);
         let drift = level * self.errors.bias_covariance() * level.transpose();
         let by_gyro = (drift.trace() / 2.0).max(0.0).sqrt();
@@ -220,7 +223,7 @@ impl AttitudeFilter {
     }
 
     fn forget_force(&mut self) {
-        self.trim = Trim::default();
+        self.trim = None;
         self.tilt_by_bias_s.fill(0.0);
         let state = self.vqf.state_mut();
         state.acc_lp_state = [[f64::NAN; 2]; 3];
@@ -235,7 +238,7 @@ impl AttitudeFilter {
             .field_motion
             .moving(end_s)
             // Without a magnetometer the rate alone tells.
-            .unwrap_or_else(|| (mean_rate - self.bias()).norm() > MOVING_RAD_S);
+            .unwrap_or_else(|| (mean_rate - self.errors.bias).norm() > MOVING_RAD_S);
         self.vqf.set_rest_bias_est_enabled(!moving);
     }
 
@@ -251,13 +254,18 @@ impl AttitudeFilter {
         state.rest_gyr_lp_state = [[f64::NAN; 2]; 3];
     }
 
-    /// Body to earth with an arbitrary north.
-    pub(super) fn orientation(&self) -> UnitQuaternion<f64> {
-        unit(self.vqf.quat_6d())
+    /// The pose at the end of the last tick.
+    pub(super) fn pose(&self) -> Pose {
+        Pose {
+            orientation: self.orientation(),
+            vertical_known: self.vertical_known,
+            stretch: self.stretch,
+        }
     }
 
-    pub(super) fn bias(&self) -> Vector3<f64> {
-        self.errors.bias()
+    /// Body to earth with an arbitrary north.
+    fn orientation(&self) -> UnitQuaternion<f64> {
+        unit(self.vqf.quat_6d())
     }
 
     pub(super) fn at_rest(&self) -> bool {

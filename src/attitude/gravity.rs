@@ -103,8 +103,8 @@ impl Gravity {
 
     /// The newest reading; `None` while the accelerometer is silent.
     pub(super) fn newest(&self, t_s: f64) -> Option<Vector3<f64>> {
-        let (_, force) = self.newest.filter(|_| self.live(t_s))?;
-        Some(force)
+        let (_, force) = self.newest?;
+        self.live(t_s).then_some(force)
     }
 
     /// Whether there is recent accelerometer data.

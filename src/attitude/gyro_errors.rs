@@ -21,6 +21,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::follow;
 use super::gravity::GRAVITY_M_S2;
+use crate::frame::rows;
 use window::Window;
 
 #[cfg(test)]
@@ -100,7 +101,8 @@ fn across(upright: &Vector3<f64>) -> Matrix3<f64> {
 
 /// The filter, and the errors that it takes out of the gyro's rates.
 pub(super) struct GyroErrors {
-    bias: Vector3<f64>,
+    /// Body axes, rad/s.
+    pub(super) bias: Vector3<f64>,
     matrix: Matrix3<f64>,
     largest_bias_rad_s: f64,
     force_bias: Vector3<f64>,
@@ -163,10 +165,6 @@ impl GyroErrors {
     pub(super) fn corrected(&self, rate: &Vector3<f64>) -> Vector3<f64> {
         let free = rate - self.bias;
         free - self.matrix * free
-    }
-
-    pub(super) fn bias(&self) -> Vector3<f64> {
-        self.bias
     }
 
     /// Deviation of the bias across the vertical, rad/s: what tilts the frame.
@@ -369,11 +367,9 @@ impl GyroErrors {
     fn hold_unseen(&self, gain: &mut SMatrix<f64, N, 3>) {
         let seen = across(&self.long_upright);
         for innovation in 0..3 {
-            let rows = gain.fixed_view::<9, 1>(M, innovation);
-            let rows = seen * Matrix3::from_row_slice(rows.as_slice());
-            for entry in 0..9 {
-                gain[(M + entry, innovation)] = rows[(entry / 3, entry % 3)];
-            }
+            let mut column = gain.fixed_view_mut::<9, 1>(M, innovation);
+            let left = seen * Matrix3::from_row_slice(column.as_slice());
+            column.copy_from(&rows(&left));
         }
     }
 

@@ -34,13 +34,7 @@ const HEEL_S: f64 = 30.0;
 const LEAST2: f64 = 1e-6;
 
 /// Learns the attitude that the board keeps. All vectors are shares of gravity.
-#[derive(Default)]
 pub(super) struct Trim {
-    learnt: Option<Learnt>,
-    tilt_sd_rad: f64,
-}
-
-struct Learnt {
     /// Mean up in body axes, a unit vector, and its variance, rad².
     up: Vector3<f64>,
     variance: f64,
@@ -54,14 +48,34 @@ struct Learnt {
     acceleration: Vector3<f64>,
     heel: Vector3<f64>,
     acceleration2: f64,
+    /// Deviation of the tilt that the trim adds, radians.
+    pub(super) tilt_sd_rad: f64,
 }
 
 impl Trim {
+    /// The trim of a board whose up is this in body axes.
+    pub(super) fn new(up: Vector3<f64>) -> Self {
+        Self {
+            up,
+            variance: FIRST_RAD.powi(2),
+            felt: Vector3::z(),
+            carried: up,
+            swing2: NO_TRIM_RAD.powi(2),
+            acceleration: Vector3::zeros(),
+            heel: Vector3::zeros(),
+            acceleration2: 0.0,
+            tilt_sd_rad: 0.0,
+        }
+    }
+
     /// Takes the rate of a tick, rad/s.
     pub(super) fn turn(&mut self, rate: &Vector3<f64>) {
-        if let Some(learnt) = &mut self.learnt {
-            learnt.turn(rate);
-        }
+        // A vector that stands still in the world turns against the board.
+        let turn = UnitQuaternion::from_scaled_axis(rate * TICK_S);
+        self.carried = turn.inverse_transform_vector(&self.carried);
+        self.carried += (self.up - self.carried) * (TICK_S / SWING_S);
+        let swing2 = 0.5 * (self.carried - self.up).norm_squared();
+        follow(&mut self.swing2, swing2, TICK_S, SWING_MEAN_S);
     }
 
     /// Takes the tick's specific force, m/s², and the rotation into the levelled frame. Returns the force that the board would most
@@ -73,44 +87,12 @@ impl Trim {
         at_rest: bool,
     ) -> Vector3<f64> {
         let felt = to_frame * force / GRAVITY_M_S2;
-        let learnt = self
-            .learnt
-            .get_or_insert_with(|| Learnt::new(to_frame.transpose() * Vector3::z()));
-        learnt.feel(to_frame, &felt, at_rest);
-        let kept2 = learnt.swing2 + learnt.variance;
-        let share = learnt.acceleration2 / (learnt.acceleration2 + kept2 + LEAST2)
+        self.feel(to_frame, &felt, at_rest);
+        let kept2 = self.swing2 + self.variance;
+        let share = self.acceleration2 / (self.acceleration2 + kept2 + LEAST2)
             * (1.0 - kept2 / NO_TRIM_RAD.powi(2)).max(0.0);
         self.tilt_sd_rad = share * kept2.sqrt();
-        force * (1.0 - share) + learnt.up * (GRAVITY_M_S2 * share)
-    }
-
-    /// Deviation of the tilt that the trim adds, radians.
-    pub(super) fn tilt_sd_rad(&self) -> f64 {
-        self.tilt_sd_rad
-    }
-}
-
-impl Learnt {
-    fn new(up: Vector3<f64>) -> Self {
-        Self {
-            up,
-            variance: FIRST_RAD.powi(2),
-            felt: Vector3::z(),
-            carried: up,
-            swing2: NO_TRIM_RAD.powi(2),
-            acceleration: Vector3::zeros(),
-            heel: Vector3::zeros(),
-            acceleration2: 0.0,
-        }
-    }
-
-    fn turn(&mut self, rate: &Vector3<f64>) {
-        // A vector that stands still in the world turns against the board.
-        let turn = UnitQuaternion::from_scaled_axis(rate * TICK_S);
-        self.carried = turn.inverse_transform_vector(&self.carried);
-        self.carried += (self.up - self.carried) * (TICK_S / SWING_S);
-        let swing2 = 0.5 * (self.carried - self.up).norm_squared();
-        follow(&mut self.swing2, swing2, TICK_S, SWING_MEAN_S);
+        force * (1.0 - share) + self.up * (GRAVITY_M_S2 * share)
     }
 
     fn feel(&mut self, to_frame: &Matrix3<f64>, felt: &Vector3<f64>, at_rest: bool) {
@@ -157,10 +139,11 @@ mod tests {
 
     impl Ride {
         fn new(roll_deg: f64) -> Self {
+            let attitude = UnitQuaternion::from_euler_angles(roll_deg.to_radians(), 0.0, 0.0);
             Self {
-                trim: Trim::default(),
+                trim: Trim::new(attitude.inverse_transform_vector(&Vector3::z())),
                 t_s: 0.0,
-                attitude: UnitQuaternion::from_euler_angles(roll_deg.to_radians(), 0.0, 0.0),
+                attitude,
             }
         }
 
@@ -209,7 +192,7 @@ mod tests {
         let mut car = Ride::new(7.0);
         let off_deg = car.brakes();
         assert!(off_deg < 3.0, "{off_deg}");
-        assert!(car.trim.tilt_sd_rad().to_degrees() > 0.3);
+        assert!(car.trim.tilt_sd_rad.to_degrees() > 0.3);
     }
 
     #[test]
@@ -220,7 +203,7 @@ mod tests {
         hand.go(60.0, tumbling, Vector3::zeros());
         let off_deg = hand.go(3.0, tumbling, BRAKING);
         assert!((off_deg - felt).abs() < 0.01, "{off_deg}");
-        assert_eq!(hand.trim.tilt_sd_rad(), 0.0);
+        assert_eq!(hand.trim.tilt_sd_rad, 0.0);
     }
 
     /// Mounted anew, 5° further over, on the road.
