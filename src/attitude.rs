@@ -24,8 +24,7 @@ mod lateness;
 #[cfg(test)]
 pub(crate) mod motion;
 mod past;
-mod rate_jump;
-mod repetition;
+mod rate_changes;
 mod stillness;
 #[cfg(test)]
 mod tests;
@@ -40,8 +39,7 @@ pub use gyro_errors::GYRO_BIAS_WALK_RAD_S;
 pub use lateness::Lateness;
 pub use past::BoardMotion;
 use past::Past;
-use rate_jump::RateJumps;
-use repetition::Repetition;
+use rate_changes::RateChanges;
 
 /// Where the board points at one instant, by gyro and accelerometer alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -131,8 +129,7 @@ pub struct Attitude {
     mountings: Mountings,
     clock: EvenClock,
     clip: ClipWatch,
-    repetition: Repetition,
-    jumps: RateJumps,
+    rate_changes: RateChanges,
     rate_late: Lateness,
     force_late: Lateness,
     filter: AttitudeFilter,
@@ -146,8 +143,7 @@ impl Attitude {
             mountings: *mountings,
             clock: EvenClock::new(settings.gap_s),
             clip: ClipWatch::new(settings.gyro_range_deg_s),
-            repetition: Repetition::default(),
-            jumps: RateJumps::default(),
+            rate_changes: RateChanges::default(),
             rate_late: Lateness::default(),
             force_late: Lateness::default(),
             filter: AttitudeFilter::new(settings.gyro_bias_limit_deg_s),
@@ -176,9 +172,7 @@ impl Attitude {
         }
         if let Some(chip) = reading.rate_rad_s {
             let t_s = t_s - self.rate_late.take(t_s);
-            if let Some((since_s, last)) = self.repetition.take(t_s, chip) {
-                self.jumps.take(since_s, t_s, (chip - last).norm());
-            }
+            self.rate_changes.take(t_s, chip);
             self.filter.errors.timing_walk_s2 = self.rate_late.walk_s2();
             let rate = self.mountings.gyro.to_body(chip);
             let (filter, past) = (&mut self.filter, &mut self.past);
@@ -258,7 +252,7 @@ impl Attitude {
                 covariance: self.filter.errors.bias_covariance(),
             },
             tilt_error: self.filter.tilt_error(),
-            gyro_constant_s: self.repetition.unusual_s(),
+            gyro_constant_s: self.rate_changes.constant_s(),
             force_m_s2: self.filter.gravity.low_passed(t_s),
         }
     }
@@ -278,8 +272,8 @@ impl Attitude {
     pub fn missed_turn_rad(&self, t_s: f64) -> f64 {
         let held_s = self.clock.newest_s().map_or(0.0, |newest_s| t_s - newest_s);
         hypot(
-            self.jumps.missed_turn_rad(t_s),
-            self.jumps.held_turn_rad(held_s),
+            self.rate_changes.missed_turn_rad(t_s),
+            self.rate_changes.held_turn_rad(held_s),
         )
     }
 

@@ -1,10 +1,16 @@
-//! How the gyro's rate changes: as usual, and in jumps. A board changes its rate smoothly, but for a knock; a gyro that fails changes
+//! How the gyro's readings change: as usual, in jumps, or not at all. A board changes its rate smoothly, but for a knock; a gyro that fails changes
 //! its reading at once.
 //!
 //! The field tells the two apart only later: the magnetometer lags behind the gyro, and the board must have turned by a few degrees.
 
+use nalgebra::Vector3;
+
 use super::follow;
 use crate::frame::hypot;
+use crate::reading::HELD_S;
+
+/// The usual repetition grows with one reading and shrinks over ten: one reading of ten may be the same by chance.
+const HOLD_READINGS: (f64, f64) = (1.0, 10.0);
 
 /// A step from one reading to the next is a jump if it exceeds the usual step, a root mean square, by this factor. The largest steps of a
 /// swinging hand are 1.4 times their root mean square, and those of noise 4 times.
@@ -22,19 +28,24 @@ const GROWS_S: f64 = 0.5;
 /// After `GROWS_S` the doubt fades with this time constant, seconds.
 const FADES_S: f64 = 0.2;
 
-/// Watches for jumps of the rate.
-#[derive(Clone, Debug, Default)]
-pub(super) struct RateJumps {
+/// Follows the gyro's readings, chip axes.
+#[derive(Default)]
+pub(super) struct RateChanges {
+    /// The newest reading, and since when it has been repeated.
+    newest: Option<(Vector3<f64>, f64)>,
+    newest_s: f64,
+    /// How long the source usually repeats a reading before the next one, seconds.
+    usual_hold_s: f64,
     /// Mean square of the steps, (rad/s)².
     usual2: f64,
     /// Mean time between readings that differ, seconds.
     usual_s: f64,
     /// For how long steps have been taken, seconds.
     watched_s: f64,
-    newest: Option<RateJump>,
+    jump: Option<RateJump>,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 struct RateJump {
     since_s: f64,
     by_rad_s: f64,
@@ -42,9 +53,32 @@ struct RateJump {
     before_rad: f64,
 }
 
-impl RateJumps {
+impl RateChanges {
+    /// Takes a reading.
+    pub(super) fn take(&mut self, t_s: f64, rate_rad_s: Vector3<f64>) {
+        match self.newest {
+            Some((last, _)) if last == rate_rad_s => {}
+            Some((last, since_s)) => {
+                let held_s = self.newest_s - since_s;
+                if held_s <= HELD_S {
+                    follow(&mut self.usual_hold_s, held_s, 1.0, HOLD_READINGS);
+                }
+                self.step(since_s, t_s, (rate_rad_s - last).norm());
+                self.newest = Some((rate_rad_s, t_s));
+            }
+            None => self.newest = Some((rate_rad_s, t_s)),
+        }
+        self.newest_s = t_s;
+    }
+
+    /// How long the newest reading has been repeated, beyond what is usual, seconds.
+    pub(super) fn constant_s(&self) -> f64 {
+        let repeated_s = |(_, since_s)| self.newest_s - since_s - self.usual_hold_s;
+        self.newest.map_or(0.0, repeated_s).max(0.0)
+    }
+
     /// Takes the step, rad/s, from the reading at `last_s` to the next one that differs.
-    pub(super) fn take(&mut self, last_s: f64, t_s: f64, by_rad_s: f64) {
+    fn step(&mut self, last_s: f64, t_s: f64, by_rad_s: f64) {
         let period_s = t_s - last_s;
         if !(0.0..GAP_S).contains(&period_s) {
             return;
@@ -54,8 +88,8 @@ impl RateJumps {
         let usual_rad_s = self.usual2.sqrt().max(LEAST_STEP_RAD_S);
         let most_rad_s = (JUMP_FACTOR * usual_rad_s * longer).max(START_RAD_S2 * period_s);
         let larger = |jump: RateJump| last_s - jump.since_s > GROWS_S || by_rad_s > jump.by_rad_s;
-        if self.watched_s > USUAL_S && by_rad_s > most_rad_s && self.newest.is_none_or(larger) {
-            self.newest = Some(RateJump {
+        if self.watched_s > USUAL_S && by_rad_s > most_rad_s && self.jump.is_none_or(larger) {
+            self.jump = Some(RateJump {
                 since_s: last_s,
                 by_rad_s,
                 before_rad: self.missed_turn_rad(last_s),
@@ -69,7 +103,7 @@ impl RateJumps {
 
     /// Rotation that the gyro may have missed by `t_s` since its rate jumped, radians.
     pub(super) fn missed_turn_rad(&self, t_s: f64) -> f64 {
-        self.newest.map_or(0.0, |jump| {
+        self.jump.map_or(0.0, |jump| {
             let age_s = (t_s - jump.since_s).max(0.0);
             let fading_s = (age_s - GROWS_S).max(0.0);
             let grown = hypot(jump.before_rad, jump.by_rad_s * age_s.min(GROWS_S));
@@ -93,15 +127,12 @@ mod tests {
     /// What is in doubt after each reading of 10 s at this period, with noise of 0.1°/s to either side.
     fn missed_rad(period_s: f64, rate_rad_s: impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
-        let mut jumps = RateJumps::default();
-        let mut last: Option<(f64, f64)> = None;
+        let mut changes = RateChanges::default();
         let missed = |count: u32| {
             let t_s = f64::from(count) * period_s;
             let rate = rate_rad_s(t_s) + rng.random_range(-0.0017..0.0017);
-            if let Some((last_s, before)) = last.replace((t_s, rate)) {
-                jumps.take(last_s, t_s, (rate - before).abs());
-            }
-            (t_s, jumps.missed_turn_rad(t_s))
+            changes.take(t_s, Vector3::z() * rate);
+            (t_s, changes.missed_turn_rad(t_s))
         };
         (0..(10.0 / period_s) as u32).map(missed).collect()
     }
@@ -155,15 +186,11 @@ mod tests {
 
     #[test]
     fn lost_readings_are_no_jump() {
-        let mut jumps = RateJumps::default();
-        let mut last = None;
+        let mut changes = RateChanges::default();
         for count in (0..1000).filter(|count| !(600..612).contains(count)) {
             let t_s = f64::from(count) * 0.01;
-            if let Some((last_s, before)) = last.replace((t_s, swinging(t_s))) {
-                let step: f64 = swinging(t_s) - before;
-                jumps.take(last_s, t_s, step.abs());
-            }
-            assert_eq!(jumps.missed_turn_rad(t_s), 0.0, "{t_s}");
+            changes.take(t_s, Vector3::z() * swinging(t_s));
+            assert_eq!(changes.missed_turn_rad(t_s), 0.0, "{t_s}");
         }
     }
 }
