@@ -184,6 +184,21 @@ impl FrozenWatch {
 mod tests {
     use super::*;
 
+    /// What is frozen after a row with this field and this rate.
+    fn take(
+        watch: &mut FrozenWatch,
+        t_s: f64,
+        field: [f64; 3],
+        rate_rad_s: Vector3<f64>,
+    ) -> Option<Frozen> {
+        watch.take(&Reading {
+            t_s,
+            field_mgauss: Some(field.map(Some)),
+            rate_rad_s: Some(rate_rad_s),
+            specific_force_m_s2: None,
+        })
+    }
+
     /// Rows at 50 Hz of a board that turns about Z at this rate while `turns` says so, as it is read out.
     fn board(
         seconds: f64,
@@ -196,19 +211,24 @@ mod tests {
             .map(|i| {
                 let t_s = f64::from(i) * 0.02;
                 heading += deg_s(t_s).to_radians() * 0.02;
-                let found = watch.take(&Reading {
-                    t_s,
-                    field_mgauss: Some(field(t_s, heading).map(Some)),
-                    rate_rad_s: Some(Vector3::new(0.01, 0.02, rate(t_s, deg_s(t_s)).to_radians())),
-                    specific_force_m_s2: None,
-                });
-                (t_s, found)
+                let rate = Vector3::new(0.01, 0.02, rate(t_s, deg_s(t_s)).to_radians());
+                (t_s, take(&mut watch, t_s, field(t_s, heading), rate))
             })
             .collect()
     }
 
+    /// What is frozen at this time.
+    fn at(found: &[(f64, Option<Frozen>)], t_s: f64) -> Option<Frozen> {
+        found.iter().find(|row| row.0 >= t_s).unwrap().1
+    }
+
     fn right(_: f64, heading: f64) -> [f64; 3] {
         [160.0 * heading.cos() + 90.0, -160.0 * heading.sin(), 520.0]
+    }
+
+    /// In steps of 10 mG.
+    fn coarse(t_s: f64, heading: f64) -> [f64; 3] {
+        right(t_s, heading).map(|axis| (axis / 10.0).round() * 10.0)
     }
 
     fn told(_: f64, deg_s: f64) -> f64 {
@@ -219,28 +239,17 @@ mod tests {
     fn a_magnetometer_that_stands_still_in_a_turn_is_frozen_until_it_moves() {
         let turns = |t_s: f64| if t_s > 5.0 { 60.0 } else { 0.0 };
         let stuck = |t_s, heading| {
-            right(
-                t_s,
-                if (6.0..9.0).contains(&t_s) {
-                    1.0
-                } else {
-                    heading
-                },
-            )
+            let stuck = (6.0..9.0).contains(&t_s);
+            right(t_s, if stuck { 1.0 } else { heading })
         };
         let found = board(12.0, turns, stuck, told);
-        let frozen = |t_s: f64| found.iter().find(|row| row.0 >= t_s).unwrap().1;
-        assert_eq!(frozen(6.3), None);
-        assert_eq!(frozen(6.7), Some(Frozen::MAGNETOMETER));
-        assert_eq!(frozen(8.9), Some(Frozen::MAGNETOMETER));
-        assert_eq!(frozen(9.05), None);
+        let frozen = [6.3, 6.7, 8.9, 9.05].map(|t_s| at(&found, t_s));
+        let magnetometer = Some(Frozen::MAGNETOMETER);
+        assert_eq!(frozen, [None, magnetometer, magnetometer, None]);
         // At rest it is still frozen.
         let halts = |t_s: f64| if (5.0..7.0).contains(&t_s) { 60.0 } else { 0.0 };
         let stuck = |t_s: f64, heading| right(t_s, if t_s > 6.0 { 1.0 } else { heading });
-        assert_eq!(
-            board(9.0, halts, stuck, told)[440].1,
-            Some(Frozen::MAGNETOMETER)
-        );
+        assert_eq!(board(9.0, halts, stuck, told)[440].1, magnetometer);
     }
 
     #[test]
@@ -248,10 +257,8 @@ mod tests {
         let stuck = |t_s: f64, _| if (4.0..9.0).contains(&t_s) { 45.0 } else { 0.0 };
         let wavers = |t_s: f64, _| [100.0 + (50.0 * t_s).sin(), 0.0, 500.0];
         let found = board(12.0, |_| 0.0, wavers, stuck);
-        let frozen = |t_s: f64| found.iter().find(|row| row.0 >= t_s).unwrap().1;
-        assert_eq!(frozen(5.0), None);
-        assert_eq!(frozen(8.9), Some(Frozen::GYRO));
-        assert_eq!(frozen(9.05), None);
+        let frozen = [5.0, 8.9, 9.05].map(|t_s| at(&found, t_s));
+        assert_eq!(frozen, [None, Some(Frozen::GYRO), None]);
     }
 
     /// A number from -1 to 1, another at each time.
@@ -279,16 +286,10 @@ mod tests {
 
     #[test]
     fn a_bias_that_changed_in_long_motion_is_no_turn() {
-        let moves = |t_s: f64| (10.0..130.0).contains(&t_s);
-        let turns = |t_s| {
-            if moves(t_s) {
-                30.0 * (0.5 * t_s).sin()
-            } else {
-                0.0
-            }
+        let turns = |t_s: f64| {
+            let moves = (10.0..130.0).contains(&t_s);
+            if moves { 30.0 * (0.5 * t_s).sin() } else { 0.0 }
         };
-        let coarse =
-            |t_s: f64, heading: f64| right(t_s, heading).map(|axis| (axis / 10.0).round() * 10.0);
         let rate = |t_s: f64, deg_s| deg_s + if t_s < 70.0 { 1.0 } else { 3.5 };
         let found = board(200.0, turns, coarse, rate);
         assert!(found.iter().all(|row| row.1.is_none()));
@@ -296,8 +297,6 @@ mod tests {
 
     #[test]
     fn coarse_and_noise_free_boards_are_well_at_rest_and_on_a_turntable() {
-        let coarse =
-            |t_s: f64, heading: f64| right(t_s, heading).map(|axis| (axis / 10.0).round() * 10.0);
         for deg_s in [0.0, 0.5, 1.0, 3.0, 10.0, 25.0, 51.4, 400.0] {
             for bias in [0.0, 9.0] {
                 for until_s in [20.0, 99.0] {
@@ -315,13 +314,9 @@ mod tests {
         let mut watch = FrozenWatch::default();
         for i in 0..5000u32 {
             let t_s = f64::from(i) * 0.002;
-            let found = watch.take(&Reading {
-                t_s,
-                field_mgauss: Some(right(t_s, f64::from(i / 50) * 0.3).map(Some)),
-                rate_rad_s: Some(Vector3::new(0.0, 0.0, 3.0 + 0.01 * f64::from(i % 3))),
-                specific_force_m_s2: None,
-            });
-            assert_eq!(found, None);
+            let field = right(t_s, f64::from(i / 50) * 0.3);
+            let rate = Vector3::z() * (3.0 + 0.01 * f64::from(i % 3));
+            assert_eq!(take(&mut watch, t_s, field, rate), None);
         }
     }
 
@@ -349,15 +344,17 @@ mod tests {
             (1.0, 0.0, 70, Frozen::GYRO),
         ] {
             let mut watch = FrozenWatch::default();
-            let mut take = |i| {
-                watch.take(&Reading {
-                    t_s: f64::from(i) * 0.02 + if i < jump { 1000.0 } else { 0.0 },
-                    field_mgauss: Some([100.0 + field * differs(i), 0.0, 500.0].map(Some)),
-                    rate_rad_s: Some(Vector3::new(0.0, 0.0, 1.0 + rate * differs(i))),
-                    specific_force_m_s2: None,
-                })
+            let row = |i| {
+                let t_s = f64::from(i) * 0.02 + if i < jump { 1000.0 } else { 0.0 };
+                let field = [100.0 + field * differs(i), 0.0, 500.0];
+                take(
+                    &mut watch,
+                    t_s,
+                    field,
+                    Vector3::z() * (1.0 + rate * differs(i)),
+                )
             };
-            let found: Vec<_> = (0..100).map(&mut take).collect();
+            let found: Vec<_> = (0..100).map(row).collect();
             assert_eq!(found[jump as usize], None);
             assert_eq!(found[99], Some(right));
         }

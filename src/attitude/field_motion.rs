@@ -162,20 +162,20 @@ mod tests {
         let mut moving = 0;
         for i in 0..1000 {
             let t = i as f64 * 0.02;
-            let angle = (rate_deg_s * t).to_radians();
             // Three incommensurable sines stand in for noise of this standard deviation.
             let wobble = |k: f64| noise_mgauss * 2f64.sqrt() * (k * i as f64).sin();
-            let field = Vector3::new(
-                180.0 * angle.cos() + wobble(2.1),
-                80.0 - 180.0 * angle.sin() + wobble(1.3),
-                420.0 + wobble(1.7),
-            );
-            motion.take(t, field);
+            let noise = Vector3::new(wobble(2.1), wobble(1.3), wobble(1.7));
+            motion.take(t, turned((rate_deg_s * t).to_radians()) + noise);
             if t >= 5.0 && motion.moving(t) == Some(true) {
                 moving += 1;
             }
         }
         f64::from(moving) / 750.0
+    }
+
+    /// The field of a board that has turned by this angle, radians.
+    fn turned(angle: f64) -> Vector3<f64> {
+        Vector3::new(180.0 * angle.cos(), -180.0 * angle.sin(), 420.0)
     }
 
     /// A chip at 10 Hz, and rows at 100 Hz that repeat its last sample.
@@ -209,11 +209,7 @@ mod tests {
         let mut steady_s = None;
         for i in 0..2000 {
             let t = i as f64 * 0.02;
-            let angle = t.min(5.0);
-            motion.take(
-                t,
-                Vector3::new(180.0 * angle.cos(), -180.0 * angle.sin(), 420.0),
-            );
+            motion.take(t, turned(t.min(5.0)));
             if t > 5.0 && motion.moving(t) == Some(false) {
                 steady_s.get_or_insert(t - 5.0);
             }
@@ -230,8 +226,7 @@ mod tests {
         for i in 1..=rates.len() * 500 {
             let t = i as f64 * 0.02;
             angle += (rates[(i - 1) / 500] * 0.02).to_radians();
-            let field = Vector3::new(180.0 * angle.cos(), -180.0 * angle.sin(), 420.0);
-            motion.take(t, field);
+            motion.take(t, turned(angle));
             if i % 50 == 0 {
                 hidden.push(motion.hidden_rate_sd_rad_s(t).to_degrees());
             }

@@ -1,6 +1,8 @@
 //! A simulated board for tests: it is told how to move and writes down what its sensors say.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::reading::Reading;
 
@@ -17,12 +19,11 @@ pub(crate) struct TestBoard {
     pub(crate) gyro_bias_deg_s: Vector3<f64>,
     pub(crate) gyro: bool,
     pub(crate) accel: bool,
-    pub(crate) mag: bool,
     /// Times between readings, taken in turn.
     pub(crate) steps_s: Vec<f64>,
     pub(crate) readings: Vec<Reading>,
     pub(crate) next: usize,
-    pub(crate) seed: u64,
+    pub(crate) random: Xoshiro256PlusPlus,
 }
 
 impl Default for TestBoard {
@@ -36,11 +37,10 @@ impl Default for TestBoard {
             gyro_bias_deg_s: Vector3::new(0.3, -0.2, 0.4),
             gyro: true,
             accel: true,
-            mag: true,
             steps_s: vec![0.005],
             readings: Vec::new(),
             next: 0,
-            seed: 1,
+            random: Xoshiro256PlusPlus::seed_from_u64(1),
         }
     }
 }
@@ -73,9 +73,7 @@ impl TestBoard {
         let rate = rate + bias + self.noise(0.002);
         self.readings.push(Reading {
             t_s: self.t_s,
-            field_mgauss: self
-                .mag
-                .then(|| [Some(field.x), Some(field.y), Some(field.z)]),
+            field_mgauss: Some(field.map(Some).into()),
             rate_rad_s: self.gyro.then_some(rate),
             specific_force_m_s2: self.accel.then_some(force),
         });
@@ -83,14 +81,7 @@ impl TestBoard {
 
     /// Even noise of this amplitude, the same in every run.
     fn noise(&mut self, amplitude: f64) -> Vector3<f64> {
-        let mut next = || {
-            self.seed = self
-                .seed
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            (self.seed >> 33) as f64 / f64::from(1u32 << 30) - 1.0
-        };
-        Vector3::new(next(), next(), next()) * amplitude
+        Vector3::from_fn(|_, _| self.random.random_range(-amplitude..amplitude))
     }
 
     pub(crate) fn rest(&mut self, seconds: f64) {

@@ -15,6 +15,30 @@ fn run_with(board: &TestBoard, settings: &Settings) -> (Attitude, Vec<Tick>) {
     (attitude, ticks)
 }
 
+fn new() -> Attitude {
+    Attitude::new(&Settings::default(), &Mountings::default())
+}
+
+/// Takes what the board has read since the last time. Returns its pose now.
+fn play(attitude: &mut Attitude, board: &mut TestBoard) -> Pose {
+    for reading in board.readings.drain(..) {
+        attitude.take(&reading, |_| {});
+    }
+    attitude.pose_at(board.t_s).unwrap()
+}
+
+/// By how much the bias learnt is off, degrees per second.
+fn bias_error(state: &BoardState, board: &TestBoard) -> f64 {
+    let learnt = state.gyro_bias.rad_s.map(f64::to_degrees);
+    (learnt - board.gyro_bias_deg_s).norm()
+}
+
+/// How far up in this pose is from the board's, radians.
+fn tilt_error_rad(pose: &Pose, board: &TestBoard) -> f64 {
+    let up = board.attitude.inverse() * Vector3::z();
+    (pose.orientation.inverse() * Vector3::z()).angle(&up)
+}
+
 /// Pitch and roll, degrees.
 fn tilt(attitude: &Attitude, t_s: f64) -> Option<(f64, f64)> {
     attitude.down(t_s).as_ref().map(pitch_and_roll_deg)
@@ -36,8 +60,7 @@ fn a_bias_of_5_deg_s_is_learnt_at_rest_within_seconds() {
         let (attitude, _) = run(&board);
         let state = attitude.state(board.t_s);
         assert!(state.at_rest);
-        let learnt = state.gyro_bias.rad_s.map(f64::to_degrees);
-        let error = (learnt - board.gyro_bias_deg_s).norm();
+        let error = bias_error(&state, &board);
         assert!(error < 0.15, "accel {accel}: {error}");
     }
 }
@@ -62,8 +85,7 @@ fn a_slow_steady_turn_is_motion_not_bias() {
             let (attitude, _) = run(&board);
             let state = attitude.state(board.t_s);
             assert!(!state.at_rest);
-            let learnt = state.gyro_bias.rad_s.map(f64::to_degrees);
-            let error = (learnt - board.gyro_bias_deg_s).norm();
+            let error = bias_error(&state, &board);
             // At power-on nothing has told the bias yet; it must only not become the turn's rate.
             let limit = if start == "power-on" { 0.6 } else { 0.2 };
             assert!(error < limit, "{accel} {deg_s} {start}: {error}");
@@ -73,34 +95,24 @@ fn a_slow_steady_turn_is_motion_not_bias() {
 
 #[test]
 fn pose_and_tilt_follow_the_truth() {
-    let mut board = TestBoard::default();
-    let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
-    let level = Vector3::z();
+    let (mut board, mut attitude) = (TestBoard::default(), new());
     board.rest(5.0);
     board.turn(Vector3::x(), 20.0, 30.0);
     board.turn(Vector3::y(), -15.0, 30.0);
     board.rest(8.0);
-    let stop = board.readings.len();
+    play(&mut attitude, &mut board);
+    let (pitch, roll) = tilt(&attitude, board.t_s).unwrap();
+    assert!((roll - 20.7).abs() < 1.0, "{roll}");
+    assert!((pitch + 14.1).abs() < 1.0, "{pitch}");
     board.turn_up(-200.0, 45.0);
-    for (i, reading) in board.readings.iter().enumerate() {
-        attitude.take(reading, |_| {});
-        if i + 1 == stop {
-            let (pitch, roll) = tilt(&attitude, reading.t_s).unwrap();
-            assert!((roll - 20.7).abs() < 1.0, "{roll}");
-            assert!((pitch + 14.1).abs() < 1.0, "{pitch}");
-        }
-    }
-    let t_s = board.t_s;
-    let up = board.attitude.inverse() * level;
-    let pose = attitude.pose_at(t_s).unwrap();
+    let pose = play(&mut attitude, &mut board);
     assert!(pose.vertical_known);
-    let seen = pose.orientation.inverse() * level;
-    assert!(seen.angle(&up).to_degrees() < 0.7);
+    assert!(tilt_error_rad(&pose, &board).to_degrees() < 0.7);
     // Carried on with the current rate, and not further than a gap.
-    let later = attitude.pose_at(t_s + 0.1).unwrap();
+    let later = attitude.pose_at(board.t_s + 0.1).unwrap();
     let moved = pose.orientation.angle_to(&later.orientation).to_degrees();
     assert!((moved - 4.5).abs() < 0.4, "{moved}");
-    assert_eq!(attitude.pose_at(t_s + 0.6), None);
+    assert_eq!(attitude.pose_at(board.t_s + 0.6), None);
 }
 
 #[test]
@@ -117,23 +129,16 @@ fn tilt_by_an_unknown_bias_is_small_and_part_of_its_deviation() {
             ..TestBoard::default()
         };
         board.attitude *= UnitQuaternion::from_scaled_axis(start_deg.map(f64::to_radians));
-        let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
-        let mut done = 0;
-        let mut compared = 0;
+        let (mut attitude, mut compared) = (new(), 0);
         for _ in 0..20 {
             // From power-on, without a rest that would tell the bias.
             board.turn_up(10.0, 45.0);
-            for reading in &board.readings[done..] {
-                attitude.take(reading, |_| {});
-            }
-            done = board.readings.len();
-            let pose = attitude.pose_at(board.t_s).unwrap();
+            let pose = play(&mut attitude, &mut board);
             if !pose.vertical_known {
                 continue;
             }
             compared += 1;
-            let up = board.attitude.inverse() * Vector3::z();
-            let off_rad = (pose.orientation.inverse() * Vector3::z()).angle(&up);
+            let off_rad = tilt_error_rad(&pose, &board);
             assert!(off_rad.to_degrees() < 3.5, "{start_deg} {off_rad}");
             let share = off_rad / (attitude.state(board.t_s).tilt_error.whole_sd_rad * 2f64.sqrt());
             assert!((0.65..1.3).contains(&share), "{start_deg} {share}");
@@ -168,22 +173,14 @@ fn the_accelerometer_may_come_late_and_go() {
         ..TestBoard::default()
     };
     board.turn(Vector3::x(), 50.0, 25.0);
-    let mut attitude = Attitude::new(&Settings::default(), &Mountings::default());
-    let mut done = 0;
-    let mut play = |attitude: &mut Attitude, board: &TestBoard| {
-        for reading in &board.readings[done..] {
-            attitude.take(reading, |_| {});
-        }
-        done = board.readings.len();
-        attitude.pose_at(board.t_s).unwrap()
-    };
-    let without = play(&mut attitude, &board);
+    let mut attitude = new();
+    let without = play(&mut attitude, &mut board);
     assert!(!without.vertical_known);
     assert_eq!(tilt(&attitude, board.t_s), None);
 
     board.accel = true;
     board.rest(0.5);
-    let early = play(&mut attitude, &board);
+    let early = play(&mut attitude, &mut board);
     assert!(!early.vertical_known);
     assert_ne!(early.stretch, without.stretch, "levelling turns the frame");
     assert!(
@@ -191,20 +188,18 @@ fn the_accelerometer_may_come_late_and_go() {
         "the accelerometer alone"
     );
     board.rest(2.0);
-    let levelled = play(&mut attitude, &board);
+    let levelled = play(&mut attitude, &mut board);
     assert!(levelled.vertical_known);
     assert_eq!(levelled.stretch, early.stretch);
-    let up = board.attitude.inverse() * Vector3::z();
-    assert!((levelled.orientation.inverse() * Vector3::z()).angle(&up) < 0.02);
+    assert!(tilt_error_rad(&levelled, &board) < 0.02);
 
     board.accel = false;
     board.turn(Vector3::x(), -50.0, 25.0);
-    let gone = play(&mut attitude, &board);
+    let gone = play(&mut attitude, &mut board);
     assert!(!gone.vertical_known);
     assert_eq!(tilt(&attitude, board.t_s), None);
     assert_eq!(gone.stretch, levelled.stretch);
-    let up = board.attitude.inverse() * Vector3::z();
-    assert!((gone.orientation.inverse() * Vector3::z()).angle(&up) < 0.05);
+    assert!(tilt_error_rad(&gone, &board) < 0.05);
 }
 
 #[test]
@@ -244,17 +239,16 @@ fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
 
 #[test]
 fn the_motion_before_a_gap_is_not_carried_over_it() {
-    let mut board = TestBoard::default();
+    let (mut board, mut attitude) = (TestBoard::default(), new());
     board.turn(Vector3::z(), 60.0, 30.0);
-    let (before, _) = run(&board);
-    assert!(before.motion_at(board.t_s - 0.05).is_some());
+    play(&mut attitude, &mut board);
+    assert!(attitude.motion_at(board.t_s - 0.05).is_some());
     board.gyro = false;
     board.turn(Vector3::z(), 24.0, 30.0);
     board.gyro = true;
     // One reading, in the first tick after the gap.
     board.turn(Vector3::z(), 0.15, 30.0);
-    let (attitude, _) = run(&board);
-    assert!(attitude.pose_at(board.t_s).is_some());
+    play(&mut attitude, &mut board);
     assert!(attitude.motion_at(board.t_s).is_none());
 }
 
