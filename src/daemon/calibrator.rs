@@ -3,8 +3,6 @@
 use std::future::pending;
 use std::time::Instant;
 
-use tokio::sync::oneshot;
-
 use super::thread::Thread;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::{Request, calibrate};
@@ -15,7 +13,8 @@ pub(super) struct Calibrator {
 }
 
 struct RunningCalibration {
-    outcome: oneshot::Receiver<Outcome>,
+    /// None if it could not be started.
+    thread: Option<Thread<Outcome>>,
     /// The outcome if the thread fails: the pipeline waits for one.
     failed: Outcome,
 }
@@ -23,7 +22,6 @@ struct RunningCalibration {
 impl Calibrator {
     /// Starts a calibration. The pipeline asks for none while one is under way.
     pub(super) fn start(&mut self, request: Request) {
-        let (sender, outcome) = oneshot::channel();
         let failed = Outcome {
             reason: "internal",
             message: "internal error during calibration: please report it with a log of the turn"
@@ -32,14 +30,12 @@ impl Calibrator {
         };
         let work = move || {
             let begun = Instant::now();
-            let outcome = calibrate(&request, &|| Some(begun.elapsed()));
-            // An error means that the daemon is about to end.
-            let _ = sender.send(outcome);
+            calibrate(&request, &|| Some(begun.elapsed()))
         };
-        if let Err(error) = Thread::start("calibration", work) {
-            tracing::error!("{error}");
-        }
-        self.running = Some(RunningCalibration { outcome, failed });
+        let thread = Thread::start("calibration", work)
+            .inspect_err(|error| tracing::error!("{error}"))
+            .ok();
+        self.running = Some(RunningCalibration { thread, failed });
     }
 
     pub(super) fn is_busy(&self) -> bool {
@@ -52,10 +48,11 @@ impl Calibrator {
         let Some(running) = &mut self.running else {
             return pending().await;
         };
-        // A thread that panicked, or never began, has dropped its end.
-        let outcome = (&mut running.outcome)
-            .await
-            .unwrap_or_else(|_| running.failed.clone());
+        let outcome = match &mut running.thread {
+            Some(thread) => thread.outcome().await,
+            None => None,
+        };
+        let outcome = outcome.unwrap_or_else(|| running.failed.clone());
         self.running = None;
         outcome
     }

@@ -123,7 +123,7 @@ impl Disk {
     /// Waits until everything is written, unless that takes longer than `patience`.
     pub(super) async fn close(self, patience: Duration) {
         drop(self.queue);
-        if !self.thread.end(patience).await {
+        if self.thread.end(patience).await.is_none() {
             tracing::error!("{UNANSWERED}");
         }
     }

@@ -3,8 +3,6 @@
 
 use std::time::{Duration, Instant};
 
-use tokio::sync::oneshot;
-
 use super::north::North;
 use super::sensor_store::Running;
 use super::session::Session;
@@ -26,9 +24,8 @@ pub struct NewConfig {
 /// The reload under way, and what follows it.
 #[derive(Default)]
 pub(super) struct Reload {
-    prepared: Option<oneshot::Receiver<Result<Prepared, String>>>,
     /// It may hold the store.
-    thread: Option<Thread>,
+    thread: Option<Thread<Result<Prepared, String>>>,
     next: Option<NewConfig>,
 }
 
@@ -42,25 +39,23 @@ pub(super) struct Prepared {
 
 impl Reload {
     pub(super) fn is_busy(&self) -> bool {
-        self.prepared.is_some()
+        self.thread.is_some()
     }
 
     /// Waits for the next session; for ever, if no reload is under way. Nothing is lost when the wait is given up.
     pub(super) async fn prepared(&mut self) -> Result<Prepared, String> {
-        let Some(prepared) = &mut self.prepared else {
+        let Some(thread) = &mut self.thread else {
             return std::future::pending().await;
         };
-        let failed = |_| Err("the thread of the reload panicked".to_owned());
-        let prepared = prepared.await.unwrap_or_else(failed);
-        (self.prepared, self.thread) = (None, None);
-        prepared
+        let prepared = thread.outcome().await;
+        self.thread = None;
+        prepared.unwrap_or_else(|| Err("the thread of the reload panicked".to_owned()))
     }
 
     /// Waits up to `patience` for the session that will not begin to let go of the store, and returns whether it did.
     pub(super) async fn close(self, patience: Duration) -> bool {
-        drop(self.prepared);
         match self.thread {
-            Some(thread) => thread.end(patience).await,
+            Some(thread) => thread.end(patience).await.is_some(),
             None => true,
         }
     }
@@ -76,15 +71,15 @@ impl Daemon {
         self.service.reloading();
         let session = &self.session;
         let (config, running) = (session.config.clone(), session.store.running());
-        let (sender, prepared) = oneshot::channel();
-        let work = move || {
-            // If nobody waits any more, the daemon is about to end.
-            let _ = sender.send(prepare(new, &config, &running));
-        };
-        self.reload.prepared = Some(prepared);
-        self.reload.thread = Thread::start("reload", work)
-            .inspect_err(|error| tracing::error!("{error}"))
-            .ok();
+        match Thread::start("reload", move || prepare(new, &config, &running)) {
+            Ok(thread) => self.reload.thread = Some(thread),
+            Err(error) => self.not_reloaded(&error.to_string()),
+        }
+    }
+
+    fn not_reloaded(&mut self, why: &str) {
+        tracing::error!("not reloaded, all goes on as before: {why}");
+        self.service.ready();
     }
 
     /// Goes on with the next session, or as before if it cannot be had. What stands in the way is logged.
@@ -93,10 +88,7 @@ impl Daemon {
         prepared: Result<Prepared, String>,
     ) -> Result<(), DaemonError> {
         match prepared {
-            Err(message) => {
-                tracing::error!("not reloaded, all goes on as before: {message}");
-                self.service.ready();
-            }
+            Err(message) => self.not_reloaded(&message),
             Ok(Prepared {
                 config,
                 keys,

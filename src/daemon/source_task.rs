@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TrySendError;
-use tokio::sync::{mpsc, oneshot};
 
 use super::DaemonError;
 use super::batch::{Batch, Events};
@@ -57,9 +57,8 @@ enum Source {
 struct RunningSource {
     events: mpsc::Receiver<Events>,
     stop: Arc<AtomicBool>,
-    thread: Thread,
-    /// A serial one, at its end.
-    last: oneshot::Receiver<Option<Box<Bridge>>>,
+    /// Its outcome is a serial bridge, at its end.
+    thread: Thread<Option<Box<Bridge>>>,
 }
 
 impl SourceTask {
@@ -130,16 +129,11 @@ impl SourceTask {
         let (sender, events) = mpsc::channel(WAITING_MESSAGES);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
-        let (ended, last) = oneshot::channel();
-        let thread = Thread::start("source", move || {
-            // Nobody asks for it at the end of the daemon.
-            let _ = ended.send(run(source, speed, sender, stopped));
-        })?;
+        let thread = Thread::start("source", move || run(source, speed, sender, stopped))?;
         self.running = Some(RunningSource {
             events,
             stop,
             thread,
-            last,
         });
         Ok(())
     }
@@ -159,8 +153,7 @@ impl SourceTask {
         let running = RunningSource {
             events,
             stop: Arc::default(),
-            thread: Thread::start("test", || ()).unwrap(),
-            last: oneshot::channel().1,
+            thread: Thread::start("test", || None).unwrap(),
         };
         let task = Self {
             name: name.to_owned(),
@@ -179,9 +172,7 @@ impl SourceTask {
             running.stop.store(true, Ordering::Relaxed);
             // The thread may be waiting for room.
             drop(running.events);
-            running.thread.end(PATIENCE).await;
-            let mut last = running.last;
-            self.last = last.try_recv().ok().flatten();
+            self.last = running.thread.end(PATIENCE).await.flatten();
         }
     }
 }

@@ -1,6 +1,6 @@
-//! Threads whose end the runtime can wait for.
+//! Threads for whose outcome the runtime can wait.
 
-use std::thread::{Builder, JoinHandle};
+use std::thread::Builder;
 use std::time::Duration;
 
 use tokio::sync::oneshot;
@@ -8,43 +8,42 @@ use tokio::time::timeout;
 
 use super::DaemonError;
 
-pub(super) struct Thread {
+pub(super) struct Thread<T = ()> {
     name: &'static str,
-    handle: JoinHandle<()>,
-    /// Its other end is dropped when the work is done.
-    ended: oneshot::Receiver<()>,
+    /// Its other end is dropped without an outcome when the work panics.
+    outcome: oneshot::Receiver<T>,
 }
 
-impl Thread {
+impl<T: Send + 'static> Thread<T> {
     pub(super) fn start(
         name: &'static str,
-        work: impl FnOnce() + Send + 'static,
+        work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<Self, DaemonError> {
-        let (running, ended) = oneshot::channel();
-        let spawned = Builder::new().name(name.to_owned()).spawn(move || {
-            let _running = running;
-            work();
-        });
+        let (sender, outcome) = oneshot::channel();
+        // An outcome that nobody waits for is dropped here.
+        let spawned = Builder::new()
+            .name(name.to_owned())
+            .spawn(move || drop(sender.send(work())));
         spawned
-            .map(|handle| Self {
-                name,
-                handle,
-                ended,
-            })
+            .map(|_| Self { name, outcome })
             .map_err(|source| DaemonError::Thread { name, source })
     }
 
-    /// Waits up to `patience` for the work to end, and returns whether it did.
-    pub(super) async fn end(self, patience: Duration) -> bool {
+    /// Waits for the outcome; `None` if the work panicked. Nothing is lost when the wait is given up.
+    pub(super) async fn outcome(&mut self) -> Option<T> {
+        (&mut self.outcome).await.ok()
+    }
+
+    /// Waits up to `patience` for the outcome. `None` if the work hangs or panicked, which is logged.
+    pub(super) async fn end(mut self, patience: Duration) -> Option<T> {
         let name = self.name;
-        if timeout(patience, self.ended).await.is_err() {
+        let Ok(outcome) = timeout(patience, self.outcome()).await else {
             tracing::warn!("the thread of the {name} hangs; ending without it");
-            return false;
-        }
-        // Its work is done, so this takes no time.
-        if self.handle.join().is_err() {
+            return None;
+        };
+        if outcome.is_none() {
             tracing::error!("the thread of the {name} panicked");
         }
-        true
+        outcome
     }
 }
