@@ -51,7 +51,7 @@ pub use recorder::RecordError;
 pub use reload::NewConfig;
 use reload::Reload;
 use sensor_store::Running;
-use session::{DISK_PATIENCE, Session};
+use session::{DISK_PATIENCE, Session, SourceState};
 use source_task::SourceTask;
 
 /// How many control requests wait for the pipeline; then their clients wait.
@@ -212,7 +212,7 @@ impl Daemon {
     pub async fn run(mut self, notice: impl AsyncFnMut() -> Notice) -> Result<(), DaemonError> {
         let ended = self.serve(notice).await;
         self.service.stopping();
-        let unusable = self.session.unusable.take();
+        let source = self.session.state.clone();
         // Clients that still wait for an answer are told that none will come.
         drop(self.orders);
         let served = async {
@@ -244,9 +244,9 @@ impl Daemon {
             path: self.socket,
             source,
         })?;
-        match unusable {
-            Some(summary) => Err(DaemonError::Unusable(summary)),
-            None => Ok(()),
+        match source {
+            SourceState::Over(Some(summary)) => Err(DaemonError::Unusable(summary)),
+            _ => Ok(()),
         }
     }
 

@@ -17,10 +17,10 @@ use crate::store::Made;
 use crate::wall_clock;
 
 impl Daemon {
-    /// Takes the source's events; `None` means that its thread failed. Returns whether they contain a reading.
-    pub(super) fn take(&mut self, events: Option<Events>) -> bool {
+    /// Takes the source's events. Returns whether they contain a reading.
+    pub(super) fn take(&mut self, events: Events) -> bool {
         let mut fresh = false;
-        for event in events.unwrap_or_else(|| vec![SourceEvent::Broken(panicked())]) {
+        for event in events {
             fresh |= matches!(event, SourceEvent::Reading(..));
             self.take_event(event);
         }
@@ -57,10 +57,7 @@ impl Daemon {
                 };
                 self.fault(fault);
             }
-            SourceEvent::End(unusable) => {
-                self.session.state = SourceState::Over;
-                self.session.unusable = unusable;
-            }
+            SourceEvent::End(unusable) => self.session.state = SourceState::Over(unusable),
             SourceEvent::Broken(fault) => {
                 self.session.state = SourceState::Broken;
                 tracing::error!(
@@ -220,13 +217,6 @@ impl Daemon {
             uptime_s = self.begun.elapsed().as_secs(),
             "summary: {word}"
         );
-    }
-}
-
-fn panicked() -> SourceFault {
-    SourceFault {
-        code: "internal",
-        message: "the thread of the source panicked".to_owned(),
     }
 }
 

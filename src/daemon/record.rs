@@ -154,8 +154,8 @@ async fn alone(
 ) -> Result<(), DaemonError> {
     source.start(speed)?;
     let listen = async {
-        while let Some(events) = source.next().await {
-            for event in events {
+        loop {
+            for event in source.next().await {
                 match event {
                     SourceEvent::Reading(reading, _) => recorder.take(reading),
                     // The log that is written has the times of the one that is read.
@@ -171,7 +171,6 @@ async fn alone(
                 }
             }
         }
-        Ok(())
     };
     let heard = tokio::select! {
         () = shutdown => Ok(()),

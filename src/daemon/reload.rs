@@ -118,7 +118,6 @@ impl Daemon {
                 // Both may have the same device.
                 self.session.source.stop().await;
                 session.take_over(&mut self.session);
-                session.north.take_over(&mut self.session.north);
                 let started = self.session.pipeline.wanted() == Some(Reason::Start);
                 self.counts.values_dropped = self.counts().values_dropped;
                 let last = std::mem::replace(&mut self.session, session);

@@ -34,17 +34,16 @@ pub(super) struct Session {
     /// The magnetic heading published last with the board mounted as it is now, degrees.
     pub(super) heading_deg: Option<f64>,
     pub(super) state: SourceState,
-    /// Why most of the source could not be used, if so.
-    pub(super) unusable: Option<String>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum SourceState {
     Good,
     /// It has a fault, and keeps trying.
     Faulty,
     Broken,
-    Over,
+    /// At its end; and why most of it could not be used, if so.
+    Over(Option<String>),
 }
 
 impl Session {
@@ -78,7 +77,6 @@ impl Session {
             last: (0.0, Instant::now()),
             heading_deg: None,
             state: SourceState::Good,
-            unusable: None,
             config,
             source,
             store,
@@ -86,10 +84,11 @@ impl Session {
         }))
     }
 
-    /// Goes on from the calibrations of the session before, and from what its source knows of its device.
+    /// Goes on from the calibrations and the position of the session before, and from what its source knows of its device.
     pub(super) fn take_over(&mut self, last: &mut Self) {
         self.source.take_over(&mut last.source);
         self.store.take_over(&last.store);
+        self.north.take_over(&mut last.north);
         self.pipeline = pipeline(&self.config, &self.source, &self.store);
     }
 
@@ -122,7 +121,7 @@ impl Session {
     /// Whether the source is at its end, and the last calibration on it has come back. A source that breaks is no end:
     /// clients shall see what is wrong.
     pub(super) fn is_over(&self) -> bool {
-        self.state == SourceState::Over && !self.calibrator.is_busy()
+        matches!(self.state, SourceState::Over(_)) && !self.calibrator.is_busy()
     }
 
     /// Stops the session, flushing pending writes up to a deadline.

@@ -138,12 +138,18 @@ impl SourceTask {
         Ok(())
     }
 
-    /// Waits for the next events; `None` if the source has failed. Nothing is lost when the wait is given up.
-    pub(super) async fn next(&mut self) -> Option<Events> {
-        match &mut self.running {
-            Some(running) => running.events.recv().await,
-            None => pending().await,
-        }
+    /// Waits for the next events. Nothing is lost when the wait is given up.
+    pub(super) async fn next(&mut self) -> Events {
+        let Some(running) = &mut self.running else {
+            return pending().await;
+        };
+        let panicked = || {
+            vec![SourceEvent::Broken(SourceFault {
+                code: "internal",
+                message: "the thread of the source panicked".to_owned(),
+            })]
+        };
+        running.events.recv().await.unwrap_or_else(panicked)
     }
 
     /// One that sends what the test does, and has no thread.

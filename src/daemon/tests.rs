@@ -83,7 +83,7 @@ fn reading() -> SourceEvent {
 async fn the_status_counts_headings_without_a_gyro_and_has_what_was_reported_last() {
     let folder = tempfile::tempdir().unwrap();
     let (mut daemon, _) = fed(folder.path(), Service::default());
-    daemon.take(Some(vec![reading(), SourceEvent::NewStretch]));
+    daemon.take(vec![reading(), SourceEvent::NewStretch]);
     daemon.carry_out(Action::Publish(Heading {
         condition: Condition::Good,
         instantaneous_deg: Some(90.0),
@@ -141,7 +141,7 @@ async fn after_a_reload_the_watchdog_begins_anew() {
     // No other sign of life is due in the time of the test.
     let (manager, service) = managed(folder.path(), Duration::from_secs(3600));
     let (mut daemon, _) = fed(folder.path(), service);
-    let fresh = daemon.take(Some(vec![reading()]));
+    let fresh = daemon.take(vec![reading()]);
     daemon.tick(fresh);
     assert!(heard(&manager).contains(&"WATCHDOG=1".to_owned()));
     reload(&mut daemon).await;
