@@ -61,7 +61,15 @@ impl Listener {
             Err(error) if error.kind() == ErrorKind::BrokenPipe => {}
             written => written.map_err(broken)?,
         }
-        let mut listener = Self {
+        let mut listener = Self::on(socket, stream);
+        let answer = timeout(PATIENCE, listener.listen_for_header());
+        let late = |_| failed(format!("it has not answered within {PATIENCE:?}"));
+        listener.header = answer.await.map_err(late)??;
+        Ok(listener)
+    }
+
+    fn on(socket: &Path, stream: UnixStream) -> Self {
+        Self {
             socket: socket.to_owned(),
             stream: BufReader::new(stream),
             header: Header::default(),
@@ -69,13 +77,7 @@ impl Listener {
             seq: None,
             lost: 0,
             told: None,
-        };
-        let answer = timeout(PATIENCE, listener.listen_for_header());
-        let header = answer
-            .await
-            .map_err(|_| failed(format!("it has not answered within {PATIENCE:?}")))?;
-        listener.header = header?;
-        Ok(listener)
+        }
     }
 
     /// Records readings until the service hangs up, at the end of its source or its own, or reads another board.
@@ -192,15 +194,7 @@ mod tests {
     #[tokio::test]
     async fn no_numbers_of_a_service_make_the_count_overflow() {
         let (stream, _service) = UnixStream::pair().unwrap();
-        let mut listener = Listener {
-            socket: "s".into(),
-            stream: BufReader::new(stream),
-            header: Header::default(),
-            line: Vec::new(),
-            seq: None,
-            lost: 0,
-            told: None,
-        };
+        let mut listener = Listener::on(Path::new("s"), stream);
         for (seq, lost) in [
             (u64::MAX, 0),
             (0, 0),

@@ -45,37 +45,16 @@ impl RecordError {
     }
 }
 
+/// Where the readings go.
 enum Destination {
     /// Into one file; `-` is standard output.
     File(PathBuf),
     /// Into a ring of files.
-    Ring(Ring),
-}
-
-struct Ring {
-    settings: Settings,
-    /// Recording has failed, and has been complained of.
-    failing: Cell<bool>,
-}
-
-impl Ring {
-    /// Whether a full disk has more room now, at the cost of the ring's oldest file.
-    fn makes_room(&self) -> bool {
-        match ring::remove_oldest(&self.settings.directory) {
-            Ok(Some(oldest)) => {
-                tracing::info!(
-                    "the disk is full: removed the oldest log {}",
-                    oldest.display()
-                );
-                true
-            }
-            Ok(None) | Err(_) => false,
-        }
-    }
+    Ring(Settings),
 }
 
 pub(super) struct Recorder {
-    queue: Option<SyncSender<Reading>>,
+    queue: SyncSender<Reading>,
     thread: Thread,
     dropped: u64,
 }
@@ -86,30 +65,7 @@ pub(super) type Ending = oneshot::Receiver<(u64, Result<(), RecordError>)>;
 impl Recorder {
     /// Starts to record into one file. What becomes of it comes out of the second value.
     pub(super) fn file(path: &Path, header: Header) -> Result<(Self, Ending), DaemonError> {
-        let (sender, ending) = oneshot::channel();
-        let file = Destination::File(path.to_owned());
-        let work = move |readings: &Receiver<Reading>| {
-            let mut written = 0;
-            let end = match record(&file, &header, readings, &mut written) {
-                // The reader has closed the pipe: `| head`.
-                Err(error) if error.source.kind() == ErrorKind::BrokenPipe => Ok(()),
-                end => end,
-            };
-            // Nobody may want to know.
-            let _ = sender.send((written, end));
-        };
-        Ok((Self::start(work)?, ending))
-    }
-
-    /// Starts a thread that does this with the readings.
-    fn start(work: impl FnOnce(&Receiver<Reading>) + Send + 'static) -> Result<Self, DaemonError> {
-        let (queue, readings) = sync_channel(QUEUE);
-        let thread = Thread::start("recorder", move || work(&readings))?;
-        Ok(Self {
-            queue: Some(queue),
-            thread,
-            dropped: 0,
-        })
+        Self::start(Destination::File(path.to_owned()), header)
     }
 
     /// Starts to record into a ring of files, if the settings say so.
@@ -117,32 +73,48 @@ impl Recorder {
         if settings.directory.as_os_str().is_empty() {
             return Ok(None);
         }
-        let ring = Destination::Ring(Ring {
-            settings: settings.clone(),
+        // A failure has been logged: a ring goes on after it.
+        let (recorder, _) = Self::start(Destination::Ring(settings.clone()), header)?;
+        Ok(Some(recorder))
+    }
+
+    fn start(destination: Destination, header: Header) -> Result<(Self, Ending), DaemonError> {
+        let (queue, readings) = sync_channel(QUEUE);
+        let (sender, ending) = oneshot::channel();
+        let mut work = RecorderThread {
+            destination,
+            header,
+            readings,
+            written: 0,
             failing: Cell::new(false),
-        });
-        let work = move |readings: &Receiver<Reading>| {
-            // A failure has been logged: a ring goes on after it.
-            let _ = record(&ring, &header, readings, &mut 0);
         };
-        Self::start(work).map(Some)
+        let thread = Thread::start("recorder", move || {
+            let end = match work.record() {
+                // The reader has closed the pipe: `| head`.
+                Err(error) if error.source.kind() == ErrorKind::BrokenPipe => Ok(()),
+                end => end,
+            };
+            // Nobody may want to know.
+            let _ = sender.send((work.written, end));
+        })?;
+        let recorder = Self {
+            queue,
+            thread,
+            dropped: 0,
+        };
+        Ok((recorder, ending))
     }
 
     /// Records a reading, if there is room for it. Never waits.
     pub(super) fn take(&mut self, reading: Reading) {
-        let Some(queue) = &self.queue else { return };
-        match queue.try_send(reading) {
-            Ok(()) => {}
-            Err(TrySendError::Full(_)) => {
-                if self.dropped == 0 {
-                    tracing::warn!(
-                        "the disk is too slow for the recording: readings are left out of it"
-                    );
-                }
-                self.dropped += 1;
+        // A recording that has ended has said why.
+        if let Err(TrySendError::Full(_)) = self.queue.try_send(reading) {
+            if self.dropped == 0 {
+                tracing::warn!(
+                    "the disk is too slow for the recording: readings are left out of it"
+                );
             }
-            // It has ended, and has said why.
-            Err(TrySendError::Disconnected(_)) => self.queue = None,
+            self.dropped += 1;
         }
     }
 
@@ -159,21 +131,58 @@ impl Recorder {
     }
 }
 
-struct OpenLog {
-    path: PathBuf,
-    writer: Writer<BufWriter<File>>,
+/// Writes the readings.
+struct RecorderThread {
+    destination: Destination,
+    header: Header,
+    readings: Receiver<Reading>,
+    /// How many readings are in the log.
+    written: u64,
+    /// Recording has failed, and has been complained of.
+    failing: Cell<bool>,
 }
 
-impl Destination {
+impl RecorderThread {
+    fn record(&mut self) -> Result<(), RecordError> {
+        // A named file is opened at once, so that an error is reported at once. A ring opens its next file, and removes the
+        // oldest, only when there is a reading to write: a daemon that restarts again and again without one must not remove the
+        // logs that show why.
+        let mut opened = match self.destination {
+            Destination::File(_) => Some(self.open()?),
+            Destination::Ring(_) => None,
+        };
+        loop {
+            // The header contains the time of the first reading, so it is written only when that has come.
+            let first = self.readings.recv();
+            let (path, file) = match opened.take() {
+                Some(opened) => opened,
+                None if first.is_err() => return Ok(()),
+                None => self.retrying(|| self.open())?,
+            };
+            if self.written == 0 && matches!(self.destination, Destination::Ring(_)) {
+                tracing::info!("recording into {}", path.display());
+            }
+            let mut log = OpenLog::begin(path, file, &self.header)?;
+            let full = match first {
+                Ok(first) => self.fill(&mut log, first)?,
+                Err(_) => false,
+            };
+            self.flush(&mut log)?;
+            if !full {
+                return Ok(());
+            }
+        }
+    }
+
     fn open(&self) -> Result<(PathBuf, File), RecordError> {
-        Ok(match self {
-            Self::File(path) if path == Path::new("-") => {
+        Ok(match &self.destination {
+            Destination::File(path) if path == Path::new("-") => {
                 let path = PathBuf::from("standard output");
                 let descriptor = io::stdout().as_fd().try_clone_to_owned();
                 let file = descriptor.map_err(RecordError::of(true, &path))?.into();
                 (path, file)
             }
-            Self::File(path) => {
+            Destination::File(path) => {
                 // Whoever reads the log that was there, as a daemon that replays it, reads on.
                 if fs::symlink_metadata(path).is_ok_and(|found| found.is_file()) {
                     let _ = fs::remove_file(path);
@@ -181,52 +190,83 @@ impl Destination {
                 let file = File::create(path).map_err(RecordError::of(true, path))?;
                 (path.clone(), file)
             }
-            Self::Ring(Ring { settings, .. }) => ring::next(&settings.directory, settings.files)
+            Destination::Ring(settings) => ring::next(&settings.directory, settings.files)
                 .map_err(RecordError::of(true, &settings.directory))?,
         })
     }
 
-    fn most_bytes(&self) -> u64 {
-        match self {
-            Self::File(_) => u64::MAX,
-            Self::Ring(ring) => ring.settings.file_mib << 20,
+    /// Writes readings until there are no more, or the file has its full size; whether it has.
+    fn fill(&mut self, log: &mut OpenLog, first: Reading) -> Result<bool, RecordError> {
+        let most_bytes = match &self.destination {
+            Destination::File(_) => u64::MAX,
+            Destination::Ring(settings) => settings.file_mib << 20,
+        };
+        let mut bytes = 0;
+        let mut next = Ok(first);
+        let mut flushed = Instant::now();
+        loop {
+            match next {
+                Ok(reading) => {
+                    let entry = Entry {
+                        reading,
+                        heading_truth_rad: None,
+                    };
+                    // A row that cannot be written is not buffered either, so that it can be written again.
+                    bytes += self.retrying(|| log.write(&entry))?;
+                    self.written += 1;
+                }
+                Err(RecvTimeoutError::Timeout) => {
+                    self.flush(log)?;
+                    flushed = Instant::now();
+                }
+                Err(RecvTimeoutError::Disconnected) => return Ok(false),
+            }
+            if bytes >= most_bytes {
+                return Ok(true);
+            }
+            let pause = FLUSH.saturating_sub(flushed.elapsed());
+            next = self.readings.recv_timeout(pause);
         }
+    }
+
+    fn flush(&self, log: &mut OpenLog) -> Result<(), RecordError> {
+        self.retrying(|| log.flush())?;
+        if self.failing.take() {
+            tracing::info!("recording again");
+        }
+        Ok(())
     }
 
     /// Attempts this; for a ring, retries until it succeeds. A full disk costs the ring's oldest files; where that does not help, readings
     /// are discarded meanwhile.
     fn retrying<T>(
         &self,
-        readings: &Receiver<Reading>,
         mut attempt: impl FnMut() -> Result<T, RecordError>,
     ) -> Result<T, RecordError> {
         loop {
-            let (error, ring) = match (attempt(), self) {
-                (Err(error), Self::Ring(ring)) => (error, ring),
+            let (error, ring) = match (attempt(), &self.destination) {
+                (Err(error), Destination::Ring(settings)) => (error, &settings.directory),
                 (done, _) => return done,
             };
             let full = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded];
-            if full.contains(&error.source.kind()) && ring.makes_room() {
+            if full.contains(&error.source.kind())
+                && let Ok(Some(oldest)) = ring::remove_oldest(ring)
+            {
+                tracing::info!(
+                    "the disk is full: removed the oldest log {}",
+                    oldest.display()
+                );
                 continue;
             }
-            if !ring.failing.replace(true) {
+            if !self.failing.replace(true) {
                 tracing::error!(
                     "{error}; until then nothing is recorded, and headings go on: make room on the disk, or see \
                      to record.directory"
                 );
             }
-            if !discard(readings, RETRY) {
+            if !discard(&self.readings, RETRY) {
                 return Err(error);
             }
-        }
-    }
-
-    /// What was recorded is on the disk.
-    fn recorded(&self) {
-        if let Self::Ring(ring) = self
-            && ring.failing.take()
-        {
-            tracing::info!("recording again");
         }
     }
 }
@@ -243,6 +283,11 @@ fn discard(readings: &Receiver<Reading>, time: Duration) -> bool {
     }
 }
 
+struct OpenLog {
+    path: PathBuf,
+    writer: Writer<BufWriter<File>>,
+}
+
 impl OpenLog {
     /// Writes the header, with the present time unless it has that of a replayed log.
     fn begin(path: PathBuf, file: File, header: &Header) -> Result<Self, RecordError> {
@@ -257,42 +302,6 @@ impl OpenLog {
         Ok(Self { path, writer })
     }
 
-    /// Writes readings until there are no more, or the file has its full size; whether it has.
-    fn fill(
-        &mut self,
-        target: &Destination,
-        first: Reading,
-        readings: &Receiver<Reading>,
-        written: &mut u64,
-    ) -> Result<bool, RecordError> {
-        let mut bytes = 0;
-        let mut next = Ok(first);
-        let mut flushed = Instant::now();
-        loop {
-            match next {
-                Ok(reading) => {
-                    let entry = Entry {
-                        reading,
-                        heading_truth_rad: None,
-                    };
-                    // A row that cannot be written is not buffered either, so that it can be written again.
-                    bytes += target.retrying(readings, || self.write(&entry))?;
-                    *written += 1;
-                }
-                Err(RecvTimeoutError::Timeout) => {
-                    target.retrying(readings, || self.flush())?;
-                    target.recorded();
-                    flushed = Instant::now();
-                }
-                Err(RecvTimeoutError::Disconnected) => return Ok(false),
-            }
-            if bytes >= target.most_bytes() {
-                return Ok(true);
-            }
-            next = readings.recv_timeout(FLUSH.saturating_sub(flushed.elapsed()));
-        }
-    }
-
     fn write(&mut self, entry: &Entry) -> Result<u64, RecordError> {
         let length = self.writer.write(entry);
         Ok(length.map_err(RecordError::of(false, &self.path))? as u64)
@@ -304,45 +313,20 @@ impl OpenLog {
     }
 }
 
-fn record(
-    target: &Destination,
-    header: &Header,
-    readings: &Receiver<Reading>,
-    written: &mut u64,
-) -> Result<(), RecordError> {
-    // A named file is opened at once, so that an error is reported at once. A ring opens its next file, and removes the oldest, only
-    // when there is a reading to write: a daemon that restarts again and again without one must not remove the logs that show why.
-    let mut opened = match target {
-        Destination::File(_) => Some(target.open()?),
-        Destination::Ring(_) => None,
-    };
-    loop {
-        // The header contains the time of the first reading, so it is written only when that has come.
-        let first = readings.recv();
-        let (path, file) = match opened.take() {
-            Some(opened) => opened,
-            None if first.is_err() => return Ok(()),
-            None => target.retrying(readings, || target.open())?,
-        };
-        if *written == 0 && matches!(target, Destination::Ring(_)) {
-            tracing::info!("recording into {}", path.display());
-        }
-        let mut log = OpenLog::begin(path, file, header)?;
-        let full = match first {
-            Ok(first) => log.fill(target, first, readings, written)?,
-            Err(_) => false,
-        };
-        target.retrying(readings, || log.flush())?;
-        target.recorded();
-        if !full {
-            return Ok(());
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// One whose daemon ends: no pause is waited for.
+    fn recorder(destination: Destination) -> RecorderThread {
+        RecorderThread {
+            destination,
+            header: Header::default(),
+            readings: sync_channel(1).1,
+            written: 0,
+            failing: Cell::new(false),
+        }
+    }
 
     #[test]
     fn a_full_disk_costs_the_oldest_logs_of_a_ring_but_not_the_newest() {
@@ -350,25 +334,19 @@ mod tests {
         for _ in 0..3 {
             ring::next(folder.path(), 3).unwrap();
         }
-        let target = Destination::Ring(Ring {
-            settings: Settings {
-                directory: folder.path().to_owned(),
-                ..Settings::default()
-            },
-            failing: Cell::new(false),
-        });
+        let recorder = recorder(Destination::Ring(Settings {
+            directory: folder.path().to_owned(),
+            ..Settings::default()
+        }));
         let attempt = |left: usize| {
-            let (sender, readings) = sync_channel(1);
-            // The daemon ends: a pause is not waited for.
-            drop(sender);
-            target.retrying(&readings, || {
-                match fs::read_dir(folder.path()).unwrap().count() > left {
+            recorder.retrying(
+                || match fs::read_dir(folder.path()).unwrap().count() > left {
                     true => Err(RecordError::of(false, folder.path())(
                         ErrorKind::StorageFull.into(),
                     )),
                     false => Ok(()),
-                }
-            })
+                },
+            )
         };
         assert!(attempt(2).is_ok() && attempt(1).is_ok());
         assert!(folder.path().join("record-000003.csv").exists());
@@ -382,7 +360,7 @@ mod tests {
         let path = folder.path().join("log.csv");
         fs::write(&path, "old").unwrap();
         let reader = File::open(&path).unwrap();
-        Destination::File(path.clone()).open().unwrap();
+        recorder(Destination::File(path.clone())).open().unwrap();
         assert_eq!(io::read_to_string(reader).unwrap(), "old");
         assert_eq!(fs::read(path).unwrap(), b"");
     }
