@@ -39,24 +39,24 @@ impl<L> Repeats<L> {
     }
 }
 
-/// What was left out and has not been told yet.
+/// What each place in the program has said of late, and what of it was left out and has not been told yet. There are no
+/// more entries than such places.
 #[derive(Clone, Debug, Default)]
-pub(super) struct LeftOut(Arc<Mutex<RepeatCounts>>);
+pub(super) struct LeftOut(Arc<Mutex<HashMap<Identifier, CallSite>>>);
 
 impl LeftOut {
-    fn counts(&self) -> MutexGuard<'_, RepeatCounts> {
+    fn places(&self) -> MutexGuard<'_, HashMap<Identifier, CallSite>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Tells what is due at this time.
     pub(super) fn tell(&self, now: Instant) {
         // Without the lock: these come back to the layer.
-        let over = self.counts().over(now);
         for Said {
             level,
             count,
             words,
-        } in over
+        } in self.over(now)
         {
             if level <= Level::WARN {
                 tracing::warn!("{count} more such lines were left out, the last: {words}");
@@ -69,6 +69,37 @@ impl LeftOut {
     /// Tells all, as at the end.
     pub(super) fn tell_all(&self) {
         self.tell(Instant::now() + WINDOW);
+    }
+
+    /// Whether this is to be heard.
+    fn hear(&self, place: Identifier, level: Level, words: &str, now: Instant) -> bool {
+        let mut places = self.places();
+        let place = places.entry(place).or_insert_with(|| CallSite {
+            since: now,
+            heard: 0,
+            left_out: Said {
+                level,
+                count: 0,
+                words: String::new(),
+            },
+        });
+        if place.heard == MOST {
+            place.left_out.count += 1;
+            place.left_out.words.clear();
+            place.left_out.words.push_str(words);
+            return false;
+        }
+        place.heard += 1;
+        true
+    }
+
+    /// Forgets the places whose time is over, and gives what they left out.
+    fn over(&self, now: Instant) -> Vec<Said> {
+        self.places()
+            .extract_if(|_, place| now >= place.since + WINDOW)
+            .map(|(_, place)| place.left_out)
+            .filter(|said| said.count > 0)
+            .collect()
     }
 }
 
@@ -83,8 +114,7 @@ impl<S: Subscriber, L: Layer<S>> Layer<S> for Repeats<L> {
         let now = Instant::now();
         self.left_out.tell(now);
         let (place, level) = (metadata.callsite(), *metadata.level());
-        let heard = self.left_out.counts().hear(place, level, &words.0, now);
-        if heard {
+        if self.left_out.hear(place, level, &words.0, now) {
             self.inner.on_event(event, context);
         }
     }
@@ -109,50 +139,11 @@ struct Said {
     words: String,
 }
 
-/// What each place in the program has said of late. There are no more entries than such places.
-#[derive(Debug, Default)]
-struct RepeatCounts {
-    places: HashMap<Identifier, CallSite>,
-}
-
 #[derive(Debug)]
 struct CallSite {
     since: Instant,
     heard: u32,
     left_out: Said,
-}
-
-impl RepeatCounts {
-    /// Whether this is to be heard.
-    fn hear(&mut self, place: Identifier, level: Level, words: &str, now: Instant) -> bool {
-        let place = self.places.entry(place).or_insert_with(|| CallSite {
-            since: now,
-            heard: 0,
-            left_out: Said {
-                level,
-                count: 0,
-                words: String::new(),
-            },
-        });
-        if place.heard == MOST {
-            place.left_out.count += 1;
-            place.left_out.words.clear();
-            place.left_out.words.push_str(words);
-            return false;
-        }
-        place.heard += 1;
-        true
-    }
-
-    /// Forgets the places whose time is over, and gives what they left out.
-    fn over(&mut self, now: Instant) -> Vec<Said> {
-        let is_over = |_: &Identifier, place: &mut CallSite| now >= place.since + WINDOW;
-        self.places
-            .extract_if(is_over)
-            .map(|(_, place)| place.left_out)
-            .filter(|said| said.count > 0)
-            .collect()
-    }
 }
 
 #[cfg(test)]
@@ -177,14 +168,14 @@ mod tests {
 
     #[test]
     fn a_flood_is_heard_five_times_in_its_time_and_counted() {
-        let mut counts = RepeatCounts::default();
+        let left_out = LeftOut::default();
         let begun = Instant::now();
         let mut heard = Vec::new();
         let mut over = Vec::new();
         for s in 0..24 {
             let now = begun + Duration::from_secs(s);
-            over.extend(counts.over(now));
-            if counts.hear(here(), Level::WARN, &format!("gone {s}"), now) {
+            over.extend(left_out.over(now));
+            if left_out.hear(here(), Level::WARN, &format!("gone {s}"), now) {
                 heard.push(s);
             }
         }
