@@ -105,7 +105,7 @@ impl Daemon {
             self.carry_out(action);
         }
         self.actions = actions;
-        if let Some(field) = self.session.north.take_field() {
+        if let Some(field) = self.session.north.true_north.take_field() {
             self.handle(Event::Place(field));
         }
     }
@@ -129,7 +129,12 @@ impl Daemon {
             Action::Report(report) => {
                 self.service.state(&report);
                 self.publisher.state(&report);
-                self.log_report(report);
+                // The progress of a turn is no change.
+                let state = |report: &Report| (report.condition, report.reason);
+                if self.reported.as_ref().map(state) != Some(state(&report)) {
+                    log_report(&report);
+                }
+                self.reported = Some(report);
             }
             Action::Warn(news) => tracing::warn!("{news}"),
             Action::Turned(turn) => {
@@ -159,31 +164,6 @@ impl Daemon {
                     self.session.store.save(Box::new(|_| ()));
                 }
             }
-        }
-    }
-
-    /// One line a change; the progress of a turn is none.
-    fn log_report(&mut self, report: Report) {
-        let last = self.reported.replace(report);
-        let Some(report) = &self.reported else {
-            return;
-        };
-        if last
-            .is_some_and(|last| (last.condition, last.reason) == (report.condition, report.reason))
-        {
-            return;
-        }
-        let (word, reason) = (report.condition.word(), report.reason);
-        // Before the first reading the source has no time.
-        let t_s = Some(brief(report.t_s)).filter(|t_s| t_s.is_finite());
-        let worth_a_look = matches!(
-            report.condition,
-            Condition::Stale | Condition::Fault | Condition::Disturbed
-        ) || reason.starts_with("gyro_");
-        if worth_a_look {
-            tracing::warn!(reason, t_s, "{word}: {}", report.message);
-        } else {
-            tracing::info!(reason, t_s, "{word}: {}", report.message);
         }
     }
 
@@ -223,6 +203,21 @@ impl Daemon {
 /// To three decimal places: no line in the log needs more.
 fn brief(value: f64) -> f64 {
     rounded(value, 3)
+}
+
+fn log_report(report: &Report) {
+    let (word, reason) = (report.condition.word(), report.reason);
+    // Before the first reading the source has no time.
+    let t_s = Some(brief(report.t_s)).filter(|t_s| t_s.is_finite());
+    let worth_a_look = matches!(
+        report.condition,
+        Condition::Stale | Condition::Fault | Condition::Disturbed
+    ) || reason.starts_with("gyro_");
+    if worth_a_look {
+        tracing::warn!(reason, t_s, "{word}: {}", report.message);
+    } else {
+        tracing::info!(reason, t_s, "{word}: {}", report.message);
+    }
 }
 
 fn log_outcome(outcome: &Outcome) {

@@ -26,7 +26,7 @@ impl Daemon {
             session.config.mounting.board(),
             session.source.header.mountings,
         );
-        let before = session.store.history().board(&configured);
+        let before = self.history().board(&configured);
         let board = if reset {
             configured
         } else {
@@ -88,7 +88,7 @@ impl Daemon {
 
     fn mounted(&self) -> Answer {
         let configured = self.session.config.mounting.board();
-        let board = self.session.store.history().board(&configured);
+        let board = self.history().board(&configured);
         let (from, rest) = if board == configured {
             ("configuration", String::new())
         } else {

@@ -5,10 +5,10 @@ use std::time::Duration;
 use crate::config::Config;
 use crate::config::source::Kind;
 use crate::position::{Follower, Gpsd};
-use crate::true_north::{EarthField, TrueNorth};
+use crate::true_north::TrueNorth;
 
 pub(super) struct North {
-    true_north: TrueNorth,
+    pub(super) true_north: TrueNorth,
     gpsd: Option<Gpsd>,
     follower: Option<Follower>,
 }
@@ -56,15 +56,5 @@ impl North {
             }
         }
         declination_deg
-    }
-
-    /// The earth's field where the compass is, if that is known.
-    pub(super) fn field(&self) -> Option<&EarthField> {
-        self.true_north.field()
-    }
-
-    /// The same for the pipeline, once whenever it has been computed; `Some(None)` where it is not known.
-    pub(super) fn take_field(&mut self) -> Option<Option<EarthField>> {
-        self.true_north.take_field()
     }
 }

@@ -17,6 +17,7 @@ use crate::publish::control::status::{
 use crate::publish::control::{Answer, ControlCall, ControlRequest};
 use crate::store::history::{Forget, HistoryError};
 use crate::store::{Contents, FormatError, History, KeptCalibration, Made};
+use crate::true_north::EarthField;
 use crate::wall_clock;
 
 impl From<HistoryError> for Answer {
@@ -26,6 +27,11 @@ impl From<HistoryError> for Answer {
 }
 
 impl Daemon {
+    /// What is kept of the sensor.
+    pub(super) fn history(&self) -> &History {
+        self.session.store.history()
+    }
+
     /// Carries out a request. A change is answered once it is on disk.
     pub(super) fn order(&mut self, order: ControlCall) {
         let ControlCall { request, answer } = order;
@@ -59,7 +65,7 @@ impl Daemon {
             ControlRequest::Status {} => Ok(self.status()),
             ControlRequest::List {} => Ok(self.list()),
             ControlRequest::Show { number } => {
-                let history = self.session.store.history();
+                let history = self.history();
                 let entry = history.find(number)?;
                 let shown = serde_json::to_value(entry.made.calibration).map_err(failed)?;
                 Ok(Answer::done(sentence(entry))
@@ -78,19 +84,16 @@ impl Daemon {
                 None => Forget::Active,
             }),
             ControlRequest::Lock {} => self.set_mode(Policy::Locked),
-            ControlRequest::Unlock {} if self.session.store.history().mode != Policy::Locked => {
-                let mode = self.session.store.history().mode.word();
+            ControlRequest::Unlock {} if self.history().mode != Policy::Locked => {
+                let mode = self.history().mode.word();
                 let message = format!("nothing was locked: mode {mode} stays");
                 Ok(Answer::done(message).with("mode", mode))
             }
             ControlRequest::Unlock {} => self.set_mode(Policy::On),
             ControlRequest::Mode { mode: Some(mode) } => self.set_mode(mode),
-            ControlRequest::Mode { mode: None } => {
-                let mode = self.session.store.history().mode;
-                Ok(mode_answer(mode))
-            }
+            ControlRequest::Mode { mode: None } => Ok(mode_answer(self.history().mode)),
             ControlRequest::Start {} => {
-                if self.session.store.history().is_locked() {
+                if self.history().is_locked() {
                     return Err(HistoryError::Locked.into());
                 }
                 self.handle(Event::Start);
@@ -144,7 +147,7 @@ impl Daemon {
     }
 
     fn export(&self, number: Option<u64>) -> Result<Answer, Answer> {
-        let history = self.session.store.history();
+        let history = self.history();
         let entry = history.find(number)?;
         let contents = Contents::of(History::of(history.identity.clone(), entry.made));
         let file = contents.to_value().map_err(failed)?;
@@ -159,7 +162,7 @@ impl Daemon {
             };
             Answer::refused(code, format!("this is no usable calibration file: {error}"))
         })?;
-        let history = self.session.store.history();
+        let history = self.history();
         let found = contents.find(&history.identity);
         let found = found.ok_or_else(|| other_sensor(&contents, history))?;
         let entry = found.active().ok_or_else(|| {
@@ -189,7 +192,7 @@ impl Daemon {
     }
 
     fn list(&self) -> Answer {
-        let history = self.session.store.history();
+        let history = self.history();
         let described = |entry| described(entry, history);
         let entries: Vec<_> = history.entries.iter().map(described).collect();
         let message = match (entries.len(), history.active) {
@@ -207,15 +210,22 @@ impl Daemon {
 
     /// The daemon's status, with word, reason and sentence of the `STATE` published last.
     fn status(&self) -> Answer {
-        let history = self.session.store.history();
+        let history = self.history();
         let report = self.reported.as_ref();
         let starting = || "the daemon has just started: no reading has come yet".to_owned();
         let message = report.map_or_else(starting, |report| report.message.to_string());
         let session = &self.session;
         let latest = self.publisher.latest();
-        let latest = latest
-            .as_ref()
-            .filter(|heading| heading.magnetic_deg().is_some());
+        let latest = latest.filter(|heading| heading.magnetic_deg().is_some());
+        let latest = latest.as_ref();
+        let reference = |field: &EarthField| ReferenceSummary {
+            strength_mgauss: brief(field.strength_mgauss.value),
+            dip_deg: brief(field.dip_deg.value),
+        };
+        let active = |calibration: Calibration| ActiveSummary {
+            mode: Some(calibration.parameters.mode()),
+            strength_mgauss: brief(calibration.strength_mgauss),
+        };
         let board = history.board(&session.config.mounting.board());
         let degrees = |angle: Option<f64>| angle.map(|angle| brief(angle).rem_euclid(360.0));
         Answer::done(message).with_all(&DaemonStatus {
@@ -229,8 +239,8 @@ impl Daemon {
             calibrating: session.pipeline.is_calibrating(),
             progress: session.pipeline.progress().map(brief),
             calibration: history.active().map(|entry| described(entry, history)),
-            reference: self.reference(),
-            active: self.active(),
+            reference: session.north.true_north.field().map(reference),
+            active: session.pipeline.calibration().map(active),
             heading_socket: Some(self.socket.display().to_string()),
             source: session.source.name.clone(),
             sensor: history.identity.sensor.clone(),
@@ -243,22 +253,6 @@ impl Daemon {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             // In the answer already.
             message: String::new(),
-        })
-    }
-
-    fn active(&self) -> Option<ActiveSummary> {
-        let calibration = self.session.pipeline.calibration()?;
-        Some(ActiveSummary {
-            mode: Some(calibration.parameters.mode()),
-            strength_mgauss: brief(calibration.strength_mgauss),
-        })
-    }
-
-    fn reference(&self) -> Option<ReferenceSummary> {
-        let field = self.session.north.field()?;
-        Some(ReferenceSummary {
-            strength_mgauss: brief(field.strength_mgauss.value),
-            dip_deg: brief(field.dip_deg.value),
         })
     }
 }
