@@ -73,7 +73,7 @@ impl Service {
 
     /// A manager on this socket, a path or (after `@`) an abstract name, that wants a sign of life within
     /// every `watchdog`.
-    pub(crate) fn at(name: &str, watchdog: Option<Duration>) -> io::Result<Self> {
+    fn at(name: &str, watchdog: Option<Duration>) -> io::Result<Self> {
         let address = match name.strip_prefix('@') {
             Some(name) => SocketAddr::from_abstract_name(name)?,
             None => SocketAddr::from_pathname(name)?,
@@ -196,12 +196,14 @@ impl ManagerSocket {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::condition::Condition;
 
-    /// A manager, and the daemon's end of the line to it.
-    fn manager(watchdog: Option<Duration>) -> (tempfile::TempDir, UnixDatagram, Service) {
+    /// A manager whose watchdog waits for so long, and the daemon's end of the line to it.
+    pub(crate) fn manager(
+        watchdog: Option<Duration>,
+    ) -> (tempfile::TempDir, UnixDatagram, Service) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("notify");
         let manager = UnixDatagram::bind(&path).unwrap();
@@ -210,7 +212,8 @@ mod tests {
         (folder, manager, service)
     }
 
-    fn heard(manager: &UnixDatagram) -> Option<String> {
+    /// What the manager hears next.
+    pub(crate) fn heard(manager: &UnixDatagram) -> Option<String> {
         let mut bytes = [0; 4096];
         let count = manager.recv(&mut bytes).ok()?;
         Some(String::from_utf8(bytes[..count].to_vec()).unwrap())

@@ -14,15 +14,11 @@ use crate::heading::Heading;
 use crate::publish::control::ControlRequest;
 use crate::reading::Reading;
 use crate::sensor::SourceEvent;
+use crate::service::tests::{heard, manager};
 
-/// What the manager hears, in order.
-fn heard(manager: &UnixDatagram) -> Vec<String> {
-    let mut words = Vec::new();
-    let mut bytes = [0; 4096];
-    while let Ok(count) = manager.recv(&mut bytes) {
-        words.push(String::from_utf8(bytes[..count].to_vec()).unwrap());
-    }
-    words
+/// All that the manager hears, in order.
+fn all_heard(manager: &UnixDatagram) -> Vec<String> {
+    std::iter::from_fn(|| heard(manager)).collect()
 }
 
 /// Waits until the manager has heard this; gives all that it has heard on the way.
@@ -32,7 +28,7 @@ async fn until(manager: &UnixDatagram, start: &str) -> Vec<String> {
     while !words.iter().any(|word: &String| word.starts_with(start)) {
         assert!(begun.elapsed() < Duration::from_secs(30), "{words:?}");
         tokio::time::sleep(Duration::from_millis(2)).await;
-        words.extend(heard(manager));
+        words.extend(all_heard(manager));
     }
     words
 }
@@ -47,15 +43,6 @@ fn fed(folder: &Path, service: Service) -> (Daemon, mpsc::Sender<Events>) {
     let (sender, source) = SourceTask::fed("test");
     daemon.session.source = source;
     (daemon, sender)
-}
-
-/// A service manager whose watchdog waits for so long, and the service that reports to it.
-fn managed(folder: &Path, patience: Duration) -> (UnixDatagram, Service) {
-    let notify = folder.join("notify");
-    let manager = UnixDatagram::bind(&notify).unwrap();
-    manager.set_nonblocking(true).unwrap();
-    let service = Service::at(notify.to_str().unwrap(), Some(patience)).unwrap();
-    (manager, service)
 }
 
 /// Reloads to a session with another source, which sends nothing before the next wait.
@@ -100,14 +87,14 @@ async fn the_status_counts_headings_without_a_gyro_and_has_what_was_reported_las
 #[tokio::test]
 async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
     let folder = tempfile::tempdir().unwrap();
-    let (manager, service) = managed(folder.path(), Duration::from_millis(100));
+    let (_notify, manager, service) = manager(Some(Duration::from_millis(100)));
     let (daemon, sender) = fed(folder.path(), service);
     let script = async {
         // Not ready before the device has said anything.
         for _ in 0..3 {
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
-        assert_eq!(heard(&manager), Vec::<String>::new());
+        assert_eq!(heard(&manager), None);
 
         sender.send(vec![reading()]).await.unwrap();
         until(&manager, "READY=1").await;
@@ -139,13 +126,13 @@ async fn a_hung_device_is_left_to_the_watchdog_and_an_absent_one_is_not() {
 async fn after_a_reload_the_watchdog_begins_anew() {
     let folder = tempfile::tempdir().unwrap();
     // No other sign of life is due in the time of the test.
-    let (manager, service) = managed(folder.path(), Duration::from_secs(3600));
+    let (_notify, manager, service) = manager(Some(Duration::from_secs(3600)));
     let (mut daemon, _) = fed(folder.path(), service);
     let fresh = daemon.take(vec![reading()]);
     daemon.tick(fresh);
-    assert!(heard(&manager).contains(&"WATCHDOG=1".to_owned()));
+    assert!(all_heard(&manager).contains(&"WATCHDOG=1".to_owned()));
     reload(&mut daemon).await;
-    let words = heard(&manager);
+    let words = all_heard(&manager);
     assert!(words[0].starts_with("RELOADING=1"), "{words:?}");
     assert_eq!(words[1..], ["WATCHDOG=1"]);
 }
