@@ -125,11 +125,15 @@ impl Store {
     ///
     /// When the folder cannot be made, or when another process has it.
     pub fn claim(directory: &Path) -> Result<Self, StoreError> {
-        fs::create_dir_all(directory)
-            .map_err(|error| StoreError::Directory(directory.to_owned(), error))?;
+        let fail = |error| StoreError::Directory(directory.to_owned(), error);
+        fs::create_dir_all(directory).map_err(fail)?;
+        let lock = LockFile::share(&directory.join(LOCK_NAME)).map_err(|error| match error {
+            LockError::Held(pid) => StoreError::InUse(directory.to_owned(), pid),
+            LockError::System(error) => fail(error),
+        })?;
         Ok(Self {
             directory: directory.to_owned(),
-            _lock: Some(Self::lock(directory)?),
+            _lock: Some(lock),
         })
     }
 
@@ -143,14 +147,6 @@ impl Store {
         disk::remove_leftovers(&self.directory, FILE_NAME).map_err(fail)?;
         let probe = disk::written(&self.directory, FILE_NAME, b"probe").map_err(fail)?;
         probe.close().map_err(fail)
-    }
-
-    fn lock(directory: &Path) -> Result<Arc<LockFile>, StoreError> {
-        let directory = directory.to_owned();
-        LockFile::share(&directory.join(LOCK_NAME)).map_err(|error| match error {
-            LockError::Held(pid) => StoreError::InUse(directory, pid),
-            LockError::System(error) => StoreError::Directory(directory, error),
-        })
     }
 
     /// The folder as it is, without a look at it: for reading, where nothing can be written.
@@ -215,16 +211,14 @@ impl Store {
     /// All that the store's file holds; nothing, if there is none yet.
     fn contents(&self) -> Result<Contents, StoreError> {
         let path = self.path();
-        // A pipe would be waited for, and a device has no end.
-        if fs::metadata(&path).is_ok_and(|found| !found.is_file()) {
-            let why = "it is no regular file".to_owned();
-            return Err(StoreError::Unreadable(path, why));
-        }
-        match Self::read_file(&path) {
-            Err(StoreError::Read(_, error)) if error.kind() == io::ErrorKind::NotFound => {
-                Ok(Contents::default())
+        match fs::metadata(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Contents::default()),
+            // A pipe would be waited for, and a device has no end.
+            Ok(found) if !found.is_file() => {
+                let why = "it is no regular file".to_owned();
+                Err(StoreError::Unreadable(path, why))
             }
-            read => read,
+            _ => Self::read_file(&path),
         }
     }
 
@@ -267,10 +261,11 @@ impl Store {
 }
 
 fn text(path: &Path, contents: &Contents) -> Result<String, StoreError> {
-    let text = contents.to_json().and_then(|text| {
-        let fits = text.len() as u64 <= LONGEST;
-        fits.then_some(text)
-            .ok_or_else(|| format!("it would be longer than {LONGEST} bytes"))
-    });
-    text.map_err(|why| StoreError::Unsavable(path.to_owned(), why))
+    let unsavable = |why| StoreError::Unsavable(path.to_owned(), why);
+    let text = contents.to_json().map_err(unsavable)?;
+    if text.len() as u64 > LONGEST {
+        let why = format!("it would be longer than {LONGEST} bytes");
+        return Err(unsavable(why));
+    }
+    Ok(text)
 }
