@@ -36,14 +36,8 @@ fn the_check_says_it_too() {
     assert_eq!(report["problems"].as_array().unwrap().len(), 1);
 }
 
-/// The program on the bus of tests/board/bus.c, with this magnetometer.
-fn on_bus(rig: &Rig, magnetometer: &str, verb: &[&str]) -> Process {
-    let magnetometer = [("BUS_MAGNETOMETER", magnetometer)];
-    on_bus_with(rig, &magnetometer, verb)
-}
-
-/// The same with these variables of the environment.
-fn on_bus_with(rig: &Rig, variables: &[(&str, &str)], verb: &[&str]) -> Process {
+/// The program on the bus of tests/board/bus.c, with these variables of the environment.
+fn on_bus(rig: &Rig, variables: &[(&str, &str)], verb: &[&str]) -> Process {
     // Not with the rig's files: in a container, nothing in /dev/shm may be run.
     static LIBRARY: LazyLock<PathBuf> = LazyLock::new(|| {
         let library = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bus.so");
@@ -61,10 +55,18 @@ fn on_bus_with(rig: &Rig, variables: &[(&str, &str)], verb: &[&str]) -> Process 
     rig.spawn(&mut command)
 }
 
+/// What the check reports on such a bus.
+fn checked(rig: &Rig, variables: &[(&str, &str)]) -> serde_json::Value {
+    on_bus(rig, variables, &["check", "--json"]).wait();
+    let shown = std::fs::read_to_string(rig.path("stdout")).unwrap();
+    serde_json::from_str(&shown).unwrap()
+}
+
 #[test]
 fn a_qmc5883l_is_found_and_read() {
     let rig = Rig::new(1.0, "kind = \"i2c\"\n[i2c]\nbus = 9\nboard = \"gy-271\"\n");
-    let process = on_bus(&rig, "qmc5883l", &["run"]);
+    let chip = [("BUS_MAGNETOMETER", "qmc5883l")];
+    let process = on_bus(&rig, &chip, &["run"]);
     let mut client = rig.client();
     client.find("STATE", |state| state["reason"] == "no_calibration");
     let heading = client.find("ATT", |att| att["raw_heading"].is_number());
@@ -73,10 +75,7 @@ fn a_qmc5883l_is_found_and_read() {
     let found_deg = heading["raw_heading"].as_f64().unwrap();
     assert!((found_deg - right_deg).abs() < 0.5, "{heading}");
     assert!(process.said().contains("magnetometer: QMC5883L"));
-    let mut check = on_bus(&rig, "qmc5883l", &["check", "--json"]);
-    check.wait();
-    let shown = std::fs::read_to_string(rig.path("stdout")).unwrap();
-    let report: serde_json::Value = serde_json::from_str(&shown).unwrap();
+    let report = checked(&rig, &chip);
     assert_eq!(report["magnetometer"]["kind"], "QMC5883L");
     assert_eq!(report["self_test"], serde_json::json!([]));
 }
@@ -86,7 +85,7 @@ fn a_chip_that_answers_h43_and_never_measures_is_a_fault_of_its_own() {
     for named in ["auto", "hmc5883l"] {
         let i2c = format!("[i2c]\nbus = 9\nmagnetometer = \"{named}\"\n");
         let rig = Rig::new(1.0, &format!("kind = \"i2c\"\n{i2c}"));
-        let _process = on_bus(&rig, "fake", &["run"]);
+        let _process = on_bus(&rig, &[("BUS_MAGNETOMETER", "fake")], &["run"]);
         let mut client = rig.client();
         let state = client.find("STATE", |state| state["cal_state"] == "fault");
         assert_eq!(state["reason"], "fake_hmc5883l");
@@ -101,13 +100,10 @@ fn a_stick_is_checked_and_turned_as_a_new_user_would() {
         1.0,
         "kind = \"i2c\"\n[i2c]\nbus = 9\nboard = \"sparkfun-9dof-stick\"\n",
     );
-    let mut check = on_bus_with(&rig, &[("BUS_BOARD", "stick")], &["check", "--json"]);
-    check.wait();
-    let shown = std::fs::read_to_string(rig.path("stdout")).unwrap();
-    let report: serde_json::Value = serde_json::from_str(&shown).unwrap();
+    let report = checked(&rig, &[("BUS_BOARD", "stick")]);
     // A busy machine may read too slowly, and then the chip is the likely one.
     let problems = report["problems"].as_array().unwrap();
-    assert!(problems.iter().all(|it| it["code"] == "rate"), "{shown}");
+    assert!(problems.iter().all(|it| it["code"] == "rate"), "{report}");
     assert_eq!(report["magnetometer"]["kind"], "HMC5843", "{report}");
     let tests = report["self_test"].as_array().unwrap();
     assert_eq!(tests.len(), 3);
@@ -122,7 +118,7 @@ fn a_stick_is_checked_and_turned_as_a_new_user_would() {
     let force = &report["accel_m_s2"];
     assert!((force[2].as_f64().unwrap() + 9.81).abs() < 0.1, "{force}");
     let variables = [("BUS_BOARD", "stick"), ("BUS_MOTION", "turn")];
-    let process = on_bus_with(&rig, &variables, &["run"]);
+    let process = on_bus(&rig, &variables, &["run"]);
     let mut client = rig.client();
     client.find("STATE", |state| {
         state["cal_state"] == "turning" || state["reason"] == "learning"

@@ -16,18 +16,11 @@ use rustix::process::{Pid, Resource, Rlimit, prlimit};
 
 fn recorded(log: &Path) -> Vec<Reading> {
     let mut replay = Replay::open(log).unwrap();
-    assert_eq!(replay.header().sensor.as_deref(), Some("hmc5843"));
-    assert!(
-        replay
-            .header()
-            .truth
-            .iter()
-            .any(|(key, _)| key == "recorded_from")
-    );
-    let readings = replay
-        .by_ref()
-        .map(|entry| entry.unwrap().reading)
-        .collect();
+    let header = replay.header();
+    assert_eq!(header.sensor.as_deref(), Some("hmc5843"));
+    assert!(header.truth.iter().any(|(key, _)| key == "recorded_from"));
+    let entries = replay.by_ref();
+    let readings = entries.map(|entry| entry.unwrap().reading).collect();
     assert_eq!(replay.skips().summary(), None);
     readings
 }
@@ -39,6 +32,15 @@ fn simulated(settings: Settings) -> impl Iterator<Item = Reading> {
 fn record(rig: &Rig, out: &Path, more: &[&str]) -> Process {
     let mut command = rig.command(&["record"]);
     rig.spawn(command.arg("--out").arg(out).args(more))
+}
+
+/// One whose log is so long by now, bytes.
+fn recording(rig: &Rig, out: &Path, bytes: u64) -> Process {
+    let process = record(rig, out, &[]);
+    until("a recording", || {
+        fs::metadata(out).is_ok_and(|log| log.len() > bytes)
+    });
+    process
 }
 
 #[test]
@@ -55,17 +57,30 @@ fn a_source_is_recorded_to_its_end_while_the_socket_is_served() {
     );
 }
 
+/// Has a daemon record by itself, too, with this board and more settings; the folder of its logs.
+fn into_ring(rig: &Rig, speed: f64, board: &str, more: &str) -> PathBuf {
+    let ring = rig.path("ring");
+    let more = format!("{board}[record]\ndirectory = {ring:?}\n{more}");
+    rig.configure(speed, &rig.path("store"), &more);
+    ring
+}
+
 /// A service that records by itself, too, with a simulated board that goes on for long.
 fn service(rig: &Rig, speed: f64) -> Process {
-    let ring = rig.path("ring");
-    let more = format!("{LONG}[record]\ndirectory = {ring:?}\n");
-    rig.configure(speed, &rig.path("store"), &more);
+    into_ring(rig, speed, LONG, "");
     rig.start()
 }
 
 /// The log that such a service wrote.
 fn by_itself(rig: &Rig) -> PathBuf {
     rig.path("ring/record-000001.csv")
+}
+
+/// What it holds from this reading on.
+fn by_itself_from(rig: &Rig, first: &Reading) -> Vec<Reading> {
+    let mut readings = recorded(&by_itself(rig));
+    let from = readings.iter().position(|reading| reading == first);
+    readings.split_off(from.unwrap())
 }
 
 /// The header of a log, but for when it was begun.
@@ -81,10 +96,7 @@ fn what_is_recorded_from_a_service_is_what_it_records_by_itself() {
     let mut service = service(&rig, 4.0);
     let mut client = rig.client();
     let out = rig.path("a.csv");
-    let mut process = record(&rig, &out, &[]);
-    until("a recording", || {
-        fs::metadata(&out).is_ok_and(|log| log.len() > 20_000)
-    });
+    let mut process = recording(&rig, &out, 20_000);
     // One that ends before the service does.
     let early = rig.path("b.csv");
     let mut second = record(&rig, &early, &["--duration", "0.5"]);
@@ -103,12 +115,10 @@ fn what_is_recorded_from_a_service_is_what_it_records_by_itself() {
     let said = process.ends(0);
     assert!(said.contains("has hung up"), "{said}");
 
-    let right = recorded(&by_itself(&rig));
     for (log, whole) in [(&out, true), (&early, false)] {
         assert_eq!(header(log), header(&by_itself(&rig)));
         let readings = recorded(log);
-        let from = right.iter().position(|right| *right == readings[0]);
-        let rest = &right[from.unwrap()..];
+        let rest = by_itself_from(&rig, &readings[0]);
         assert!(rest.starts_with(&readings));
         assert!(!whole || rest.len() == readings.len());
     }
@@ -134,10 +144,7 @@ fn a_recording_ends_where_a_reload_has_brought_another_board() {
     let service = rig.start();
     rig.client();
     let out = rig.path("a.csv");
-    let mut process = record(&rig, &out, &[]);
-    until("a recording", || {
-        fs::metadata(&out).is_ok_and(|log| log.len() > 2000)
-    });
+    let mut process = recording(&rig, &out, 2000);
     let before = header(&out);
     rig.edit("turns = 100", "turns = 100\nbias_mgauss = [1, 2, 3]");
     service.signal("HUP");
@@ -152,10 +159,7 @@ fn a_recording_that_is_too_slow_says_how_much_it_lost() {
     let mut service = service(&rig, 50.0);
     let mut client = rig.client();
     let out = rig.path("a.csv");
-    let mut process = record(&rig, &out, &[]);
-    until("a recording", || {
-        fs::metadata(&out).is_ok_and(|log| log.len() > 20_000)
-    });
+    let mut process = recording(&rig, &out, 20_000);
     process.signal("STOP");
     let seq = client.find("ATT", |_| true)["seq"].as_u64().unwrap();
     client.find("ATT", |att| att["seq"].as_u64() > Some(seq + 3000));
@@ -169,9 +173,7 @@ fn a_recording_that_is_too_slow_says_how_much_it_lost() {
         .unwrap_or_else(|| panic!("{said}"));
     assert_eq!(said.matches("too slow").count(), 1, "{said}");
     let readings = recorded(&out);
-    let right = recorded(&by_itself(&rig));
-    let from = right.iter().position(|right| *right == readings[0]);
-    let rest = &right[from.unwrap()..];
+    let rest = by_itself_from(&rig, &readings[0]);
     assert_eq!(readings.len() + lost, rest.len(), "{said}");
     let mut rest = rest.iter();
     assert!(
@@ -300,9 +302,7 @@ fn files(ring: &Path) -> Vec<PathBuf> {
 #[test]
 fn the_daemon_keeps_a_ring_of_logs() {
     let rig = Rig::new(1.0, "");
-    let ring = rig.path("ring");
-    let more = format!("{LONG}[record]\ndirectory = {ring:?}\nfiles = 2\nfile_mib = 1\n");
-    rig.configure(100.0, &rig.path("store"), &more);
+    let ring = into_ring(&rig, 100.0, LONG, "files = 2\nfile_mib = 1\n");
     let mut process = rig.start();
     until("a fourth file", || ring.join("record-000004.csv").exists());
     let said = process.stop();
@@ -324,15 +324,13 @@ fn the_daemon_keeps_a_ring_of_logs() {
 #[test]
 fn a_daemon_that_reads_nothing_removes_no_log_of_its_ring() {
     let rig = Rig::new(1.0, "");
-    let ring = rig.path("ring");
+    let no_bus = "kind = \"i2c\"\n[i2c]\nbus = 255\n";
+    let ring = into_ring(&rig, 1.0, no_bus, "files = 2\n");
     fs::create_dir(&ring).unwrap();
     let before = [1, 2].map(|number| ring.join(format!("record-00000{number}.csv")));
     for log in &before {
         fs::write(log, "a log").unwrap();
     }
-    let no_bus =
-        format!("kind = \"i2c\"\n[i2c]\nbus = 255\n[record]\ndirectory = {ring:?}\nfiles = 2\n");
-    rig.configure(1.0, &rig.path("store"), &no_bus);
     let (mut process, mut client) = rig.watched();
     client.find("STATE", |state| state["cal_state"] == "fault");
     process.stop();
@@ -342,9 +340,7 @@ fn a_daemon_that_reads_nothing_removes_no_log_of_its_ring() {
 #[test]
 fn a_full_disk_interrupts_the_recording_and_not_the_headings() {
     let rig = Rig::new(1.0, "");
-    let ring = rig.path("ring");
-    let more = format!("{LONG}[record]\ndirectory = {ring:?}\n");
-    rig.configure(50.0, &rig.path("store"), &more);
+    let ring = into_ring(&rig, 50.0, LONG, "");
     // No file may become longer than 64 KiB: what a full disk is, without filling one.
     let script = "ulimit -S -f 64; exec \"$0\" run --config \"$1\"";
     let process = rig.spawn(

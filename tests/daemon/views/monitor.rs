@@ -187,12 +187,19 @@ fn without_a_terminal_or_a_daemon_it_says_so() {
     assert!(err.contains("headingd watch"), "{err}");
 }
 
+/// A report on the rig's daemon: exit status, standard output and standard error.
+fn report(rig: &Rig, out: &str, more: &[&str]) -> (i32, String, String) {
+    let socket = rig.text("heading.sock");
+    let report = ["report", "--socket", &socket, "--out", out];
+    headingd(&[&report[..], more].concat())
+}
+
 #[test]
 fn a_report_on_a_daemon_that_ends_has_what_there_was() {
     let rig = Rig::new(5.0, "");
     let (_process, _client) = rig.watched();
-    let (socket, out) = (rig.text("heading.sock"), rig.text("report.html"));
-    let (status, _, err) = headingd(&["report", "--socket", &socket, "--out", &out]);
+    let out = rig.text("report.html");
+    let (status, _, err) = report(&rig, &out, &[]);
     assert_eq!(status, 0, "{err}");
     assert!(
         err.contains("the page ends early: headingd has closed"),
@@ -207,9 +214,7 @@ fn a_report_on_a_daemon_that_is_locked_calibrates_on_no_turn() {
     let (_process, mut client) = rig.watched();
     client.accepted();
     Link::new(&rig).told("lock");
-    let socket = rig.text("heading.sock");
-    let report = ["report", "--socket", &socket, "--out", "-"];
-    let (status, page, err) = headingd(&[&report[..], &["--duration", "3"]].concat());
+    let (status, page, err) = report(&rig, "-", &["--duration", "3"]);
     assert_eq!(status, 0, "{err}");
     assert!(page.contains("no full turn that was calibrated on"));
 }
@@ -219,9 +224,8 @@ fn a_running_daemon_is_reported_on() {
     let rig = Rig::new(FAST, ENDLESS);
     let (_process, mut client) = rig.watched();
     client.accepted();
-    let (socket, out) = (rig.text("heading.sock"), rig.text("report.html"));
-    let report = ["report", "--socket", &socket, "--out"];
-    let (status, _, err) = headingd(&[&report[..], &[&out, "--duration", "3"]].concat());
+    let out = rig.text("report.html");
+    let (status, _, err) = report(&rig, &out, &["--duration", "3"]);
     assert_eq!(status, 0, "{err}");
     let page = std::fs::read_to_string(&out).unwrap();
     assert!(page.contains("hmc5843") && page.contains("<figure>"));
@@ -238,8 +242,8 @@ fn a_running_daemon_is_reported_on() {
         // Until the report ends.
         let _ = stream.read_to_end(&mut Vec::new());
     });
-    let north = ["-", "--duration", "10", "--config", &config];
-    let (status, page, err) = headingd(&[&report[..], &north].concat());
+    let north = ["--duration", "10", "--config", &config];
+    let (status, page, err) = report(&rig, "-", &north);
     assert_eq!(status, 0, "{err}");
     for part in [
         "°, magnetic north is east of true north",
@@ -250,12 +254,11 @@ fn a_running_daemon_is_reported_on() {
     let (status, _, err) = headingd(&["report", "--socket", "/none.sock", "--out", "-"]);
     assert_eq!(status, 69, "{err}");
     // What cannot be written is refused before a day of listening.
-    let folder = rig.text("");
-    let (status, _, err) = headingd(&[&report[..], &[&folder, "--duration", "86400"]].concat());
+    let day = ["--duration", "86400"];
+    let (status, _, err) = report(&rig, &rig.text(""), &day);
     assert!(status == 73 && err.contains("it is a folder"), "{err}");
     // Not even root can replace this one.
-    let file = ["/proc/version", "--duration", "86400"];
-    let (status, _, err) = headingd(&[&report[..], &file].concat());
+    let (status, _, err) = report(&rig, "/proc/version", &day);
     let why = "cannot write /proc/version";
     assert!(status == 73 && err.contains(why), "{err}");
 }
