@@ -15,6 +15,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::PATIENT;
 use crate::health::{resident_bytes, running_time};
+use crate::lateness::{at_most, earliest_s, sorted};
 use crate::rig::{LONG, PATIENCE, Rig};
 
 const FEW: usize = 3;
@@ -48,7 +49,7 @@ pub fn soak(length: Duration) {
     process.signal("TERM");
     assert!(process.wait().success(), "{}", process.said());
 
-    let earliest_s = few.earliest_s().min(many.earliest_s());
+    let earliest_s = earliest_s(&few.after_s).min(earliest_s(&many.after_s));
     few.print(FEW, earliest_s);
     many.print(MANY, earliest_s);
     println!(
@@ -196,18 +197,9 @@ fn number(line: &[u8], key: &[u8]) -> f64 {
 }
 
 impl Seen {
-    fn earliest_s(&self) -> f64 {
-        self.after_s.iter().copied().fold(f64::INFINITY, f64::min)
-    }
-
     fn print(&self, clients: usize, earliest_s: f64) {
-        let mut late_s: Vec<f64> = self
-            .after_s
-            .iter()
-            .map(|after_s| after_s - earliest_s)
-            .collect();
-        late_s.sort_by(f64::total_cmp);
-        let at_ms = |share: f64| 1000.0 * late_s[(share * (late_s.len() - 1) as f64) as usize];
+        let late_s = sorted(&self.after_s, earliest_s);
+        let at_ms = |share: f64| 1000.0 * at_most(share, &late_s);
         let came = late_s.len() as f64;
         println!(
             "soak: {clients} clients at {RATE_HZ} Hz: {came} headings, {:.3} % of all; late by {:.1} ms (median), \

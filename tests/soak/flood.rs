@@ -6,6 +6,7 @@ use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use crate::PATIENT;
+use crate::lateness::{at_most, earliest_s, sorted};
 use crate::rig::{LONG, Rig};
 
 const FLOODERS: usize = 31;
@@ -20,13 +21,6 @@ const ATTEMPTS: usize = 4;
 /// Until then it is seen how early a heading can be.
 const SETTLED: Duration = Duration::from_secs(2);
 
-/// One heading: when it was taken, and when it came.
-struct Seen {
-    seq: u64,
-    t_s: f64,
-    at: Instant,
-}
-
 pub fn soak(length: Duration) {
     let mut attempts = (0..ATTEMPTS).map(|_| flood(length / 2));
     let late = attempts.find(|late| *late < LATE);
@@ -39,15 +33,17 @@ fn flood(length: Duration) -> Duration {
     let (mut process, mut client) = rig.watched();
     let begun = Instant::now();
     let mut flooders = Vec::new();
-    let mut seen = Vec::new();
+    let mut last_seq = None;
+    let mut after_s = Vec::new();
     while begun.elapsed() < SETTLED + length {
         let message = client.next().expect("the daemon has hung up");
         if message["class"] == "ATT" {
-            seen.push(Seen {
-                seq: message["seq"].as_u64().unwrap(),
-                t_s: message["t_s"].as_f64().unwrap(),
-                at: Instant::now(),
-            });
+            let seq = message["seq"].as_u64().unwrap();
+            if let Some(last) = last_seq.replace(seq) {
+                assert_eq!(seq, last + 1, "headings were lost");
+            }
+            let t_s = message["t_s"].as_f64().unwrap();
+            after_s.push(begun.elapsed().as_secs_f64() - t_s);
         }
         if flooders.is_empty() && begun.elapsed() > SETTLED {
             flooders = (0..FLOODERS).map(|_| Flooder::start(&rig)).collect();
@@ -58,33 +54,14 @@ fn flood(length: Duration) -> Duration {
     process.signal("TERM");
     assert!(process.wait().success(), "{}", process.said());
 
-    for pair in seen.windows(2) {
-        assert_eq!(pair[1].seq, pair[0].seq + 1, "headings were lost");
-    }
-    let lateness = lateness(&seen);
-    let at = |share: f64| lateness[(share * (lateness.len() - 1) as f64) as usize];
+    let late_s = sorted(&after_s, earliest_s(&after_s));
+    let at = |share: f64| Duration::from_secs_f64(at_most(share, &late_s));
     let (median, late, latest) = (at(0.5), at(0.99), at(1.0));
     println!(
         "soak: {} headings among {answers} answers to nonsense, late by {median:.1?}, at the 99th percentile by \
          {late:.1?}, at most by {latest:.1?}",
-        seen.len()
+        late_s.len()
     );
-    late
-}
-
-/// How much later than the earliest each heading came, sorted.
-fn lateness(seen: &[Seen]) -> Vec<Duration> {
-    let first = &seen[0];
-    let after_s = |heading: &Seen| {
-        let came_s = heading.at.duration_since(first.at).as_secs_f64();
-        came_s - (heading.t_s - first.t_s)
-    };
-    let earliest_s = seen.iter().map(after_s).fold(f64::INFINITY, f64::min);
-    let mut late: Vec<_> = seen
-        .iter()
-        .map(|heading| Duration::from_secs_f64(after_s(heading) - earliest_s))
-        .collect();
-    late.sort();
     late
 }
 

@@ -15,6 +15,7 @@ mod crowd;
 mod device;
 mod flood;
 mod health;
+mod lateness;
 mod line;
 mod log;
 #[path = "../daemon/rig.rs"]
