@@ -1,39 +1,8 @@
 //! The log format: raw readings as CSV, read and written.
 //!
-//! ```text
-//! # headingd-log 1
-//! # sensor = hmc5843
-//! # mag_unit = mgauss
-//! t_s,mx,my,mz,gx,gy,gz,ax,ay,az,heading_deg
-//! 0,,,,0.001,0.002,0.401,0.02,-0.05,-9.79,
-//! 0.003,87.69,53.85,401.54,,,,,,,
-//! ```
+//! docs/logs.md describes it; `stretch.rs` has the rules for times.
 //!
-//! `#` lines first, then one line of column names, then one row an event, in chip axes. Columns may
-//! stand in any order; only `t_s` is required, and the three of one sensor come together. Unknown
-//! columns and unknown `#` keys do not matter.
-//!
-//! A row may end in `*hh`, the XOR of all bytes before the asterisk in hexadecimal, and is then checked.
-//!
-//! | key | values | without it |
-//! |---|---|---|
-//! | `sensor` | name of the magnetometer | unknown |
-//! | `mag_unit` | `mgauss`, `gauss`, `uT`, `nT`, `counts` (with `counts_per_gauss`) | `mgauss` |
-//! | `gyro_unit` | `rad/s`, `deg/s` | `rad/s` |
-//! | `accel_unit` | `m/s2`, `g` | `m/s2` |
-//! | `recorded_from` | the time of day of the first reading, RFC 3339 | not known |
-//! | `mag_axes`, `gyro_axes`, `accel_axes` | a [mounting](crate::frame::Mounting) | `+x +y +z` |
-//!
-//! Times are in seconds. A log file is refused if the median step between the gyro's readings in its first 1000 rows is 2 s
-//! or more (at least 20 steps): its times are then in milliseconds or smaller units. The times of a named pipe are not
-//! checked.
-//!
-//! Times do not decrease. A row whose time is far from that of its neighbours is dropped, as one that cannot be
-//! understood; where the time really jumps, back or by more than a minute, a new stretch begins. `stretch.rs` has the
-//! rules. What is known of the board's motion ends with its stretch, and nobody waits for the next one.
-//!
-//! An empty cell means no reading from that sensor, or an overflowed magnetometer axis. A row whose
-//! three magnetometer cells are all empty says nothing of the magnetometer: the format cannot tell an
+//! A row whose three magnetometer cells are all empty says nothing of the magnetometer: the format cannot tell an
 //! overflow of all three axes from silence.
 
 mod checksum;
