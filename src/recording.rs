@@ -92,21 +92,12 @@ pub enum RecordingError {
     #[error("cannot read the header of {0}")]
     Header(LineError),
     /// The times are not in seconds.
-    #[error(
-        "cannot use log {log}: the gyro's readings are {step:.0} apart in column {column} (t_s), as in {unit}, but times must be \
-         in seconds: divide them by {divisor}"
-    )]
+    #[error("cannot use log {log}: {what}")]
     Times {
         /// The log's name.
         log: String,
-        /// Number of the column of the times, from 1.
-        column: usize,
-        /// The usual step of the times from one reading of the gyro to the next.
-        step: f64,
-        /// What they look like: `milliseconds`.
-        unit: &'static str,
-        /// How many of these are a second.
-        divisor: u32,
+        /// What they look like, and what would be right.
+        what: String,
     },
     /// The file cannot be opened.
     #[error("cannot open log {log}: {source}")]

@@ -86,12 +86,14 @@ impl<R: BufRead> Reader<R> {
             ..1e6 => ("microseconds", 1_000_000),
             _ => ("nanoseconds", 1_000_000_000),
         };
+        let column = self.rows.place(0).0;
+        let what = format!(
+            "the gyro's readings are {step:.0} apart in column {column} (t_s), as in {unit}, but times must be in seconds: \
+             divide them by {divisor}"
+        );
         Err(RecordingError::Times {
             log: self.log,
-            column: self.rows.place(0).0,
-            step,
-            unit,
-            divisor,
+            what,
         })
     }
 
