@@ -15,9 +15,6 @@ const FEWEST_STEPS: usize = 20;
 /// … and the median step is shorter than this: one of 500 Hz has it in milliseconds.
 const LONG_STEP_S: f64 = 2.0;
 
-const AFTER_OTHER_HEADER: &str =
-    "found a row after another header than the first: split the log there";
-
 /// Reads a log: the header at once, then an iterator of its rows, in milligauss, rad/s and m/s².
 ///
 /// A row that cannot be used is an inner error, and the next row follows it; an outer error means
@@ -104,35 +101,18 @@ impl<R: BufRead> Reader<R> {
 
     /// The next row that can be understood, or why one cannot; `None` at the end.
     fn row(&mut self) -> Option<Result<Numbered, LineError>> {
+        let broken = |what: &str| Err((None, what.to_owned()));
         while !self.done {
             let before = self.lines.number();
-            let fault = match self.lines.advance() {
+            let found = match self.lines.advance() {
                 Ok(LogLine::End) => break,
                 Ok(_) if self.lines.text().trim_ascii().is_empty() => continue,
-                Ok(LogLine::Whole) => match self
-                    .rows
-                    .is_known_header(self.lines.text(), &mut self.repeated)
-                {
-                    Ok(true) => continue,
-                    Ok(false) if self.other_header => (None, AFTER_OTHER_HEADER.to_owned()),
-                    Ok(false) => match self.rows.entry(self.lines.text()) {
-                        Ok(entry) => return Some(Ok((entry, self.lines.number()))),
-                        Err(fault) => fault,
-                    },
-                    Err(fault) => {
-                        self.other_header = true;
-                        fault
-                    }
-                },
-                Ok(LogLine::TooLong) => (
-                    None,
-                    "the line is longer than 4 KiB, so it is no row".to_owned(),
-                ),
+                Ok(LogLine::Whole) => self.whole_line(),
+                Ok(LogLine::TooLong) => broken("the line is longer than 4 KiB, so it is no row"),
                 // Its last number may have lost digits and still look like a number.
-                Ok(LogLine::CutOff) => (
-                    None,
-                    "the log ends here without the end of the line: the row was cut off".to_owned(),
-                ),
+                Ok(LogLine::CutOff) => {
+                    broken("the log ends here without the end of the line: the row was cut off")
+                }
                 Err(source) => {
                     self.failure = Some(RecordingError::Read {
                         log: self.log.clone(),
@@ -142,10 +122,30 @@ impl<R: BufRead> Reader<R> {
                     break;
                 }
             };
-            return Some(Err(self.line_error(self.lines.number(), fault)));
+            let line = self.lines.number();
+            match found {
+                Ok(Some(entry)) => return Some(Ok((entry, line))),
+                Ok(None) => {}
+                Err(fault) => return Some(Err(self.line_error(line, fault))),
+            }
         }
         self.done = true;
         None
+    }
+
+    /// The entry in the line; `None` where it is a remark, or belongs to the header, repeated.
+    fn whole_line(&mut self) -> Result<Option<Entry>, RowFault> {
+        let line = self.lines.text();
+        let known = self.rows.is_known_header(line, &mut self.repeated);
+        self.other_header |= known.is_err();
+        if known.map_err(|what| (None, what))? {
+            return Ok(None);
+        }
+        if self.other_header {
+            let what = "found a row after another header than the first: split the log there";
+            return Err((None, what.to_owned()));
+        }
+        self.rows.entry(line).map(Some)
     }
 
     /// The entry, unless its time cannot be right.

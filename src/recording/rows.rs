@@ -52,7 +52,7 @@ impl Rows {
         &self,
         line: &[u8],
         repeated: &mut Option<usize>,
-    ) -> Result<bool, RowFault> {
+    ) -> Result<bool, String> {
         let is_remark = line.starts_with(b"#");
         if !is_remark && !names_columns(line) {
             return Ok(false);
@@ -73,11 +73,10 @@ impl Rows {
                 return Ok(true);
             }
         }
-        let what = format!(
+        Err(format!(
             "found {}, another header than the first: split the log here",
             shown(line)
-        );
-        Err((None, what))
+        ))
     }
 
     /// One row, without its line's end. Its time may be anything.
@@ -121,11 +120,8 @@ impl Rows {
     /// The row's numbers in our units, in the order of [`COLUMNS`].
     fn cells(&self, line: &[u8]) -> Result<[Option<f64>; COLUMNS.len()], RowFault> {
         let text = str::from_utf8(line).map_err(|error| {
-            let rest = &line[error.valid_up_to()..];
-            (
-                None,
-                format!("found bytes that are no text: {}", shown(rest)),
-            )
+            let rest = shown(&line[error.valid_up_to()..]);
+            (None, format!("found bytes that are no text: {rest}"))
         })?;
         let count = 1 + line.iter().filter(|byte| **byte == b',').count();
         let expected = self.columns.len();
@@ -135,13 +131,11 @@ impl Rows {
                 true => "; decimals need a point, columns a comma",
                 false => "",
             };
-            return Err((
-                None,
-                format!(
-                    "found {count} cells in {}, but must be {expected}, one a column{hint}",
-                    shown(line)
-                ),
-            ));
+            let what = format!(
+                "found {count} cells in {}, but must be {expected}, one a column{hint}",
+                shown(line)
+            );
+            return Err((None, what));
         }
         let mut cells = [None; COLUMNS.len()];
         for (column, cell) in self.columns.iter().zip(text.split(',')) {
@@ -186,12 +180,10 @@ fn vector(
         [Some(x), Some(y), Some(z)] => Ok(Some(Vector3::new(x, y, z))),
         [None, None, None] => Ok(None),
         some => {
-            let empty = first + some.iter().position(Option::is_none).unwrap_or(0);
+            let empty = some.iter().position(Option::is_none);
             let names = COLUMNS[first..first + 3].join(", ");
-            Err((
-                Some(empty),
-                format!("found an empty cell, but {names} must be filled or empty together"),
-            ))
+            let what = format!("found an empty cell, but {names} must be filled or empty together");
+            Err((empty.map(|empty| first + empty), what))
         }
     }
 }
