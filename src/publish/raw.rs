@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::reading::Reading;
-use crate::recording::{Header, Reader, RecordingError, Writer};
+use crate::recording::{Header, Reader, RecordingError};
 
 /// What a client that wants raw readings hears.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,32 +39,30 @@ pub struct Row {
     /// Counts the source's readings from 1: a gap is what was lost on the way to this client.
     pub seq: u64,
     t_s: f64,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     mx: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     my: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     mz: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     gx: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     gy: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     gz: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     ax: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     ay: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     az: Option<f64>,
 }
 
 /// The object that tells whose readings these are.
 pub(super) fn board(header: &Header) -> String {
-    let text = Writer::new(Vec::new(), header).and_then(Writer::into_inner);
-    let text = text.expect("there is room in memory");
     written(&Object::Board {
-        header: String::from_utf8_lossy(&text).into_owned(),
+        header: header.text(),
     })
 }
 

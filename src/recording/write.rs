@@ -6,6 +6,27 @@ use std::io::{self, Write};
 use super::{COLUMNS, Entry, Header, MAGIC, VERSION};
 use crate::frame::rounded;
 
+impl Header {
+    /// All its lines, and the column names.
+    pub(crate) fn text(&self) -> String {
+        let mut text = format!("# {MAGIC} {VERSION}\n");
+        let mut add = |key: &str, value: &str| text += &format!("# {key} = {value}\n");
+        if let Some(sensor) = &self.sensor {
+            add("sensor", sensor);
+        }
+        add("mag_unit", "mgauss");
+        add("gyro_unit", "rad/s");
+        add("accel_unit", "m/s2");
+        add("mag_axes", &self.mountings.mag.to_string());
+        add("gyro_axes", &self.mountings.gyro.to_string());
+        add("accel_axes", &self.mountings.accel.to_string());
+        for (key, value) in &self.truth {
+            add(key, value);
+        }
+        text + &COLUMNS.join(",") + "\n"
+    }
+}
+
 /// Writes a log in milligauss, rad/s and m/s², each number exactly and as short as can be.
 ///
 /// Each row goes out as one write, so the output should be buffered if rows may be lost in a crash,
@@ -23,23 +44,7 @@ impl<W: Write> Writer<W> {
     ///
     /// When writing fails.
     pub fn new(mut output: W, header: &Header) -> io::Result<Self> {
-        let mut text = format!("# {MAGIC} {VERSION}\n");
-        let mut add = |key: &str, value: &str| text += &format!("# {key} = {value}\n");
-        if let Some(sensor) = &header.sensor {
-            add("sensor", sensor);
-        }
-        add("mag_unit", "mgauss");
-        add("gyro_unit", "rad/s");
-        add("accel_unit", "m/s2");
-        add("mag_axes", &header.mountings.mag.to_string());
-        add("gyro_axes", &header.mountings.gyro.to_string());
-        add("accel_axes", &header.mountings.accel.to_string());
-        for (key, value) in &header.truth {
-            add(key, value);
-        }
-        text += &COLUMNS.join(",");
-        text.push('\n');
-        output.write_all(text.as_bytes())?;
+        output.write_all(header.text().as_bytes())?;
         Ok(Self {
             output,
             line: String::new(),
