@@ -111,21 +111,6 @@ mod tests {
     use crate::check::Check;
 
     #[test]
-    fn the_socket_is_beside_that_for_headings_unless_it_is_named() {
-        let settings = Settings::default();
-        assert_eq!(settings.check(), []);
-        assert_eq!(
-            settings.path(Path::new("/run/headingd/heading.sock")),
-            Path::new("/run/headingd/control.sock")
-        );
-        let named = Settings {
-            socket: "/tmp/c".into(),
-            ..settings
-        };
-        assert_eq!(named.path(Path::new("/run/a")), Path::new("/tmp/c"));
-    }
-
-    #[test]
     fn nobody_but_user_and_group_may_be_let_in() {
         for mode in ["0666", "0661", "660x", "0060"] {
             let settings = Settings {

@@ -118,20 +118,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_reading_is_flat_with_its_class_first_and_leaves_out_what_is_unknown() {
-        let some = Reading {
-            t_s: 0.5,
-            field_mgauss: Some([Some(87.69), None, Some(f64::NAN)]),
-            rate_rad_s: Some(Vector3::new(0.001, f64::INFINITY, 0.4)),
-            specific_force_m_s2: Some(Vector3::new(0.0, -0.05, -9.79)),
-        };
-        assert_eq!(
-            reading(7, &some),
-            r#"{"class":"READING","seq":7,"t_s":0.5,"mx":87.69,"ax":0.0,"ay":-0.05,"az":-9.79}"#
-        );
-    }
-
-    #[test]
     fn a_board_is_the_header_of_a_log() {
         let right = Header {
             sensor: Some("hmc5843".into()),

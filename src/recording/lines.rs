@@ -92,22 +92,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_end_with_lf_or_crlf_and_the_last_may_be_cut_off() {
-        let mut lines = LogLines::new(&b"a\nb\r\n\nc"[..]);
-        for (text, kind) in [
-            (&b"a"[..], LogLine::Whole),
-            (b"b", LogLine::Whole),
-            (b"", LogLine::Whole),
-            (b"c", LogLine::CutOff),
-        ] {
-            assert_eq!(lines.advance().unwrap(), kind);
-            assert_eq!(lines.text(), text);
-        }
-        assert_eq!(lines.number(), 4);
-        assert_eq!(lines.advance().unwrap(), LogLine::End);
-    }
-
-    #[test]
     fn a_line_without_end_takes_no_memory() {
         let endless = io::repeat(b'1').take(50_000_000).chain(&b"\nnext\n"[..]);
         let mut lines = LogLines::new(io::BufReader::new(endless));
