@@ -44,8 +44,10 @@ impl Answer {
 
     /// With all that is known of this.
     pub(crate) fn with_all(mut self, what: &impl Serialize) -> Self {
-        if let Ok(Value::Object(mut keys)) = serde_json::to_value(what) {
-            leave_out_null(&mut keys);
+        // What a command reads can always be written.
+        let mut value = serde_json::to_value(what).unwrap_or_default();
+        leave_out_null(&mut value);
+        if let Value::Object(mut keys) = value {
             self.more.append(&mut keys);
         }
         self
@@ -59,17 +61,13 @@ impl Answer {
     }
 }
 
-fn leave_out_null(keys: &mut Map<String, Value>) {
-    keys.retain(|_, value| !value.is_null());
-    for value in keys.values_mut() {
-        match value {
-            Value::Object(inner) => leave_out_null(inner),
-            Value::Array(all) => {
-                for inner in all.iter_mut().filter_map(Value::as_object_mut) {
-                    leave_out_null(inner);
-                }
-            }
-            _ => {}
+fn leave_out_null(value: &mut Value) {
+    match value {
+        Value::Object(keys) => {
+            keys.retain(|_, value| !value.is_null());
+            keys.values_mut().for_each(leave_out_null);
         }
+        Value::Array(all) => all.iter_mut().for_each(leave_out_null),
+        _ => {}
     }
 }
