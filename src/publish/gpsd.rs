@@ -6,7 +6,7 @@
 
 use serde::Serialize;
 
-use super::json::{push_angle, push_integer, push_number, push_text};
+use super::json::{push_angle, push_integer, push_number, push_string};
 use crate::calibration::outcome::Outcome;
 use crate::condition::Report;
 use crate::heading::Heading;
@@ -71,11 +71,10 @@ pub fn att_into(
 
 /// Appends an `ATT` object up to its age, which only the moment of sending tells: [`att_end`] completes it.
 pub(super) fn att_begin(out: &mut String, device: &str, heading: &Heading, time: Option<&str>) {
-    out.push_str(r#"{"class":"ATT","device":"#);
-    push_text(out, device);
+    out.push_str(r#"{"class":"ATT""#);
+    push_string(out, "device", device);
     if let Some(time) = time {
-        out.push_str(r#","time":"#);
-        push_text(out, time);
+        push_string(out, "time", time);
     }
     push_number(out, "t_s", Some(heading.t_s), 6);
     push_integer(out, "seq", heading.seq);
@@ -89,9 +88,7 @@ pub(super) fn att_begin(out: &mut String, device: &str, heading: &Heading, time:
     if heading.condition.may_steer() {
         push_number(out, "heading_sd", heading.sd_deg, 2);
     }
-    out.push_str(r#","mag_st":""#);
-    out.push_str(heading.mag_status.word());
-    out.push('"');
+    push_string(out, "mag_st", heading.mag_status.word());
     push_number(out, "pitch", heading.pitch_deg, 2);
     push_number(out, "roll", heading.roll_deg, 2);
     push_number(out, "rot", heading.turn_deg_min, 1);
@@ -113,9 +110,7 @@ pub(super) fn att_begin(out: &mut String, device: &str, heading: &Heading, time:
         push_number(out, "gyro_y", Some(y), 3);
         push_number(out, "gyro_z", Some(z), 3);
     }
-    out.push_str(r#","cal_state":""#);
-    out.push_str(heading.condition.word());
-    out.push('"');
+    push_string(out, "cal_state", heading.condition.word());
 }
 
 /// Completes what [`att_begin`] began.
@@ -126,12 +121,10 @@ pub(super) fn att_end(out: &mut String, age_ms: u64) {
 
 /// The condition as a `STATE` object.
 pub fn state(report: &Report) -> String {
-    let mut out = String::from(r#"{"class":"STATE","cal_state":""#);
-    out.push_str(report.condition.word());
-    out.push_str(r#"","reason":"#);
-    push_text(&mut out, report.reason);
-    out.push_str(r#","message":"#);
-    push_text(&mut out, &report.message);
+    let mut out = String::from(r#"{"class":"STATE""#);
+    push_string(&mut out, "cal_state", report.condition.word());
+    push_string(&mut out, "reason", report.reason);
+    push_string(&mut out, "message", &report.message);
     push_number(&mut out, "progress", report.progress, 3);
     push_number(&mut out, "t_s", Some(report.t_s), 6);
     out.push('}');
@@ -166,13 +159,16 @@ pub fn version() -> String {
 /// Some clients fail unless they find all of gpsd's keys: a device without a serial line has 0 bits a second, and one
 /// that is no receiver of satellites has no flag.
 pub fn device(device: &Device, cycle_s: Option<f64>) -> String {
-    let mut out = String::from(r#"{"class":"DEVICE","path":"#);
-    push_text(&mut out, &device.path);
-    out.push_str(r#","driver":"headingd","subtype":"#);
-    push_text(&mut out, device.sensor.as_deref().unwrap_or_default());
+    let mut out = String::from(r#"{"class":"DEVICE""#);
+    push_string(&mut out, "path", &device.path);
+    push_string(&mut out, "driver", "headingd");
+    push_string(
+        &mut out,
+        "subtype",
+        device.sensor.as_deref().unwrap_or_default(),
+    );
     if let Some(activated) = &device.activated {
-        out.push_str(r#","activated":"#);
-        push_text(&mut out, activated);
+        push_string(&mut out, "activated", activated);
     }
     out.push_str(r#","flags":0,"native":0"#);
     push_integer(&mut out, "bps", device.bps.unwrap_or(0).into());
@@ -209,8 +205,7 @@ pub fn watch(policy: &WatchPolicy) -> String {
 pub fn poll(att: Option<&str>, time: Option<&str>) -> String {
     let mut out = String::from(r#"{"class":"POLL""#);
     if let Some(time) = time {
-        out.push_str(r#","time":"#);
-        push_text(&mut out, time);
+        push_string(&mut out, "time", time);
     }
     push_integer(&mut out, "active", u64::from(att.is_some()));
     out.push_str(r#","att":["#);
@@ -221,8 +216,8 @@ pub fn poll(att: Option<&str>, time: Option<&str>) -> String {
 
 /// The `ERROR` object.
 pub fn error(message: &str) -> String {
-    let mut out = String::from(r#"{"class":"ERROR","message":"#);
-    push_text(&mut out, message);
+    let mut out = String::from(r#"{"class":"ERROR""#);
+    push_string(&mut out, "message", message);
     out.push('}');
     out
 }

@@ -1,23 +1,22 @@
 //! JSON members appended to a line. What is not known, or not finite, is left out.
 
-/// Appends `text` as a JSON string. Text that needs no escape, as a path hardly ever does, is copied.
-pub(super) fn push_text(out: &mut String, text: &str) {
-    if text
-        .bytes()
-        .all(|b| (b' '..0x7f).contains(&b) && b != b'"' && b != b'\\')
-    {
+fn push_key(out: &mut String, key: &str) {
+    out.push_str(",\"");
+    out.push_str(key);
+    out.push_str("\":");
+}
+
+/// Appends `,"key":"text"`. Text that needs no escape, as a path hardly ever does, is copied.
+pub(super) fn push_string(out: &mut String, key: &str, text: &str) {
+    push_key(out, key);
+    let is_plain = |byte| (b' '..0x7f).contains(&byte) && byte != b'"' && byte != b'\\';
+    if text.bytes().all(is_plain) {
         out.push('"');
         out.push_str(text);
         out.push('"');
     } else {
         out.push_str(&serde_json::Value::from(text).to_string());
     }
-}
-
-fn push_key(out: &mut String, key: &str) {
-    out.push_str(",\"");
-    out.push_str(key);
-    out.push_str("\":");
 }
 
 /// Appends `,"key":value`.
@@ -42,11 +41,6 @@ pub(super) fn push_number(out: &mut String, key: &str, value: Option<f64>, decim
     if let Some((units, decimals)) = (0..=decimals).rev().find_map(form) {
         push_decimal(out, key, units, decimals);
     }
-}
-
-/// `value` in tenths, or `None` where it has no honest decimal form.
-pub(super) fn tenths(value: f64) -> Option<i64> {
-    scaled(value, 1)
 }
 
 /// `value` in units of its last decimal place, or `None` where it has no honest decimal form: not finite, or

