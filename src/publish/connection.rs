@@ -27,17 +27,16 @@ impl Connection {
         Ok(Self { stream })
     }
 
-    /// Waits for bytes; none means that the client has left.
-    pub(super) async fn read<'a>(&self, bytes: &'a mut [u8]) -> io::Result<&'a [u8]> {
+    /// Waits for bytes; how many there are. None means that the client has left.
+    pub(super) async fn read(&self, bytes: &mut [u8]) -> io::Result<usize> {
         let read = self
             .stream
             .async_io(Interest::READABLE, |mut stream| stream.read(bytes))
             .await;
         match read {
-            Ok(count) => Ok(&bytes[..count]),
             // It died instead of leaving.
-            Err(error) if error.kind() == ErrorKind::ConnectionReset => Ok(&[]),
-            Err(error) => Err(error),
+            Err(error) if error.kind() == ErrorKind::ConnectionReset => Ok(0),
+            read => read,
         }
     }
 

@@ -44,7 +44,7 @@ impl Inbox {
             sleep(pause).await;
         }
         if self.from == self.to {
-            let count = link.read(&mut self.bytes).await?.len();
+            let count = link.read(&mut self.bytes).await?;
             (self.from, self.to) = (0, count);
             self.ended = count == 0;
             self.allowance.bytes(Instant::now(), count);

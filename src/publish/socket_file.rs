@@ -156,11 +156,10 @@ fn claim(path: &Path, mode: u32) -> Result<OpenSocket, BindFault> {
     // So it is made under another name, given its permissions, and renamed: at its own name there is always
     // either the old socket or the finished new one.
     let temporary = directory.join(format!(".h{:x}", process::id()));
-    match fs::remove_file(&temporary) {
-        Err(error) if error.kind() != ErrorKind::NotFound => {
-            return Err(failed("cannot remove what an earlier start left")(error));
-        }
-        _ => {}
+    if let Err(error) = fs::remove_file(&temporary)
+        && error.kind() != ErrorKind::NotFound
+    {
+        return Err(failed("cannot remove what an earlier start left")(error));
     }
     let listener =
         UnixListener::bind(&temporary).map_err(failed("cannot make a socket in its directory"))?;
@@ -193,29 +192,23 @@ fn claim(path: &Path, mode: u32) -> Result<OpenSocket, BindFault> {
 
 /// An error unless `path` is free, or is a socket at which nobody listens.
 fn refuse_if_taken(path: &Path) -> Result<(), BindFault> {
-    let failed = |attempt, source| BindFault::failed(path, attempt, source);
     // Not following links: a link is no socket of ours.
-    match fs::symlink_metadata(path) {
+    let found = match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
-        Err(error) => return Err(failed("cannot look at what is there", error)),
-        Ok(found) if !found.file_type().is_socket() => {
-            return Err(BindFault::NotASocket);
-        }
-        Ok(_) => {}
+        found => found
+            .map_err(|source| BindFault::failed(path, "cannot look at what is there", source))?,
+    };
+    if !found.file_type().is_socket() {
+        return Err(BindFault::NotASocket);
     }
     match connect(path) {
         Ok(pid) => Err(BindFault::Busy(pid)),
-        // It has clients waiting, and takes none of them just now.
-        Err(error) if error.kind() == ErrorKind::WouldBlock => Err(BindFault::Busy(None)),
-        Err(error)
-            if matches!(
-                error.kind(),
-                ErrorKind::ConnectionRefused | ErrorKind::NotFound
-            ) =>
-        {
-            Ok(())
-        }
-        Err(source) => Err(BindFault::Unsure(source)),
+        Err(error) => match error.kind() {
+            // It has clients waiting, and takes none of them just now.
+            ErrorKind::WouldBlock => Err(BindFault::Busy(None)),
+            ErrorKind::ConnectionRefused | ErrorKind::NotFound => Ok(()),
+            _ => Err(BindFault::Unsure(error)),
+        },
     }
 }
 

@@ -90,11 +90,8 @@ pub(super) async fn run(
     let mut clients = JoinSet::new();
     let mut failing = false;
     loop {
-        let accepted = tokio::select! {
-            Some(_) = clients.join_next() => continue,
-            accepted = listener.accept() => accepted,
-        };
-        // Clients that have left free their places before the next one is counted.
+        let accepted = listener.accept().await;
+        // Clients that have left free their places.
         while clients.try_join_next().is_some() {}
         let told = std::mem::replace(&mut failing, accepted.is_err());
         match accepted {
