@@ -226,7 +226,7 @@ impl Client<'_> {
             self.lines.push_str(LINE_END);
         }
         if self.policy.nmea && self.nmea_pace.admits(taken) {
-            self.feed.put_nmea(&mut self.lines, heading);
+            self.lines.push_str(self.feed.nmea(heading));
         }
     }
 

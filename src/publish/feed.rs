@@ -157,6 +157,14 @@ pub(super) struct PublishedHeading {
     signalk: OnceLock<String>,
 }
 
+impl PublishedHeading {
+    /// As a Signal K delta.
+    pub(super) fn signalk(&self) -> &str {
+        let encoded = || signalk::delta(&self.heading, self.time.as_deref());
+        self.signalk.get_or_init(encoded)
+    }
+}
+
 /// One entry of the ring.
 #[derive(Clone, Debug)]
 pub(super) enum Broadcast {
@@ -264,22 +272,10 @@ impl Feed {
         gpsd::att_end(out, u64::try_from(age_ms).unwrap_or(u64::MAX));
     }
 
-    /// Appends a heading as NMEA 0183.
-    pub(super) fn put_nmea(&self, out: &mut String, published: &PublishedHeading) {
-        out.push_str(
-            published
-                .nmea
-                .get_or_init(|| nmea::sentences(&self.nmea.talker, &published.heading)),
-        );
-    }
-
-    /// Appends a heading as a Signal K delta.
-    pub(super) fn put_signalk(&self, out: &mut String, published: &PublishedHeading) {
-        out.push_str(
-            published
-                .signalk
-                .get_or_init(|| signalk::delta(&published.heading, published.time.as_deref())),
-        );
+    /// A heading as NMEA 0183.
+    pub(super) fn nmea<'a>(&self, published: &'a PublishedHeading) -> &'a str {
+        let encoded = || nmea::sentences(&self.nmea.talker, &published.heading);
+        published.nmea.get_or_init(encoded)
     }
 
     /// How often headings go out as NMEA 0183, unless a client asks for another rate.

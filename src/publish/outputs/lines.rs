@@ -34,15 +34,15 @@ impl HeadingLines {
             match self.ring.recv().await {
                 Ok(Broadcast::Heading(heading)) => {
                     let taken = heading.taken;
-                    let mut text = String::new();
-                    if !self.feed.is_stale(taken) && self.pace.admits(taken) {
-                        match self.format {
-                            Format::Nmea => self.feed.put_nmea(&mut text, &heading),
-                            Format::SignalK => self.feed.put_signalk(&mut text, &heading),
-                        }
+                    if self.feed.is_stale(taken) || !self.pace.admits(taken) {
+                        continue;
                     }
+                    let text = match self.format {
+                        Format::Nmea => self.feed.nmea(&heading),
+                        Format::SignalK => heading.signalk(),
+                    };
                     if !text.is_empty() {
-                        return Some(text);
+                        return Some(text.to_owned());
                     }
                 }
                 Ok(_) => {}
