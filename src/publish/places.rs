@@ -43,67 +43,54 @@ mod tests {
 
     const OWN: u32 = 990;
 
-    /// The places, and who holds them.
-    struct Places {
-        most: usize,
-        held: Vec<u32>,
+    fn ask(most: usize, held: &[u32], uid: u32) -> Result<(), Full> {
+        admit(most, OWN, held.iter().copied(), uid)
     }
 
-    impl Places {
-        fn new(most: usize) -> Self {
-            let held = Vec::new();
-            Self { most, held }
+    /// Takes all places that this user gets; how many these are.
+    fn fill(most: usize, held: &mut Vec<u32>, uid: u32) -> usize {
+        let before = held.len();
+        while ask(most, held, uid).is_ok() {
+            held.push(uid);
         }
-
-        fn take(&mut self, uid: u32) -> Result<(), Full> {
-            let held = self.held.iter().copied();
-            admit(self.most, OWN, held, uid)?;
-            self.held.push(uid);
-            Ok(())
-        }
-
-        /// How many this user gets.
-        fn fill(&mut self, uid: u32) -> usize {
-            let before = self.held.len();
-            while self.take(uid).is_ok() {}
-            self.held.len() - before
-        }
+        held.len() - before
     }
 
     #[test]
     fn one_user_leaves_four_places_to_others() {
-        let mut places = Places::new(32);
-        assert_eq!(places.fill(1000), 28);
+        let mut held = Vec::new();
+        assert_eq!(fill(32, &mut held, 1000), 28);
         let full = Full::User {
             uid: 1000,
             most: 28,
         };
-        assert_eq!(places.take(1000), Err(full));
+        assert_eq!(ask(32, &held, 1000), Err(full));
         assert_eq!(
             full.to_string(),
             "user 1000 has 28 clients connected, which is the most for one user; close some of them"
         );
         for uid in [1001, ROOT, OWN, 1002] {
-            assert_eq!(places.take(uid), Ok(()));
+            assert_eq!(ask(32, &held, uid), Ok(()));
+            held.push(uid);
         }
-        assert_eq!(places.take(ROOT), Err(Full::All(32)));
-        places.held.pop();
-        assert_eq!(places.take(1000), Err(full));
-        places.held.retain(|uid| *uid != 1000);
-        assert_eq!(places.fill(1000), 28);
+        assert_eq!(ask(32, &held, ROOT), Err(Full::All(32)));
+        held.pop();
+        assert_eq!(ask(32, &held, 1000), Err(full));
+        held.retain(|uid| *uid != 1000);
+        assert_eq!(fill(32, &mut held, 1000), 28);
     }
 
     #[test]
     fn root_and_the_daemons_own_user_may_hold_all() {
         for uid in [ROOT, OWN] {
-            assert_eq!(Places::new(32).fill(uid), 32);
+            assert_eq!(fill(32, &mut Vec::new(), uid), 32);
         }
     }
 
     #[test]
     fn of_few_places_half_are_kept_and_one_is_there_for_anybody() {
         for (most, of_one) in [(1, 1), (2, 1), (3, 2), (7, 4), (8, 4), (9, 5), (1024, 1020)] {
-            assert_eq!(Places::new(most).fill(1000), of_one, "of {most}");
+            assert_eq!(fill(most, &mut Vec::new(), 1000), of_one, "of {most}");
         }
     }
 }
