@@ -27,30 +27,26 @@ pub(super) fn held(turned: &Turned) -> Vec<Held> {
     let known: Vec<(f64, Headings3)> = samples
         .filter_map(|seen| Some((seen.t_s, seen.headings?)))
         .collect();
-    known
-        .chunk_by(|a, b| a.1.stretch == b.1.stretch)
-        .flat_map(|stretch| {
-            let off = |of: fn(&Headings3) -> f64| {
-                stretch
-                    .iter()
-                    .map(move |(_, it)| (of(it) - it.gyro).to_radians())
-            };
-            let offset_rad = off(|it| it.corrected)
-                .map(f64::sin)
-                .sum::<f64>()
-                .atan2(off(|it| it.corrected).map(f64::cos).sum());
-            stretch.iter().map(move |(t_s, it)| {
-                let reference = it.gyro.to_radians() + offset_rad;
-                let from = |degrees: f64| wrap_pi(degrees.to_radians() - reference).to_degrees();
-                Held {
-                    t_s: *t_s,
-                    heading_deg: wrap_360(reference.to_degrees()),
-                    before_deg: from(it.raw),
-                    after_deg: from(it.corrected),
-                }
-            })
-        })
-        .collect()
+    let mut held = Vec::with_capacity(known.len());
+    for stretch in known.chunk_by(|a, b| a.1.stretch == b.1.stretch) {
+        let off_rad = stretch
+            .iter()
+            .map(|(_, it)| (it.corrected - it.gyro).to_radians());
+        let east: f64 = off_rad.clone().map(f64::sin).sum();
+        let north: f64 = off_rad.map(f64::cos).sum();
+        let offset_rad = east.atan2(north);
+        for (t_s, it) in stretch {
+            let reference = it.gyro.to_radians() + offset_rad;
+            let from = |degrees: f64| wrap_pi(degrees.to_radians() - reference).to_degrees();
+            held.push(Held {
+                t_s: *t_s,
+                heading_deg: wrap_360(reference.to_degrees()),
+                before_deg: from(it.raw),
+                after_deg: from(it.corrected),
+            });
+        }
+    }
+    held
 }
 
 /// The corrected field against the gyro, over time.
@@ -88,11 +84,10 @@ pub(super) fn card(held: &[Held]) -> Vec<(f64, Option<(f64, f64)>)> {
             let heading_deg = index as f64 * width;
             let off_rad = |it: &Held| wrap_pi((it.heading_deg - heading_deg).to_radians()).abs();
             let half_rad = (0.5 * width).to_radians();
-            let near = || held.iter().filter(|it| off_rad(it) < half_rad);
-            let mean_of = |of: fn(&Held) -> f64| mean(near().map(of));
-            let seen = near().next().is_some();
-            let deviations =
-                seen.then(|| (mean_of(|it| it.before_deg), mean_of(|it| it.after_deg)));
+            let near: Vec<&Held> = held.iter().filter(|it| off_rad(it) < half_rad).collect();
+            let mean_of = |of: fn(&Held) -> f64| mean(near.iter().map(|it| of(it)));
+            let deviations = (!near.is_empty())
+                .then(|| (mean_of(|it| it.before_deg), mean_of(|it| it.after_deg)));
             (heading_deg, deviations)
         })
         .collect()

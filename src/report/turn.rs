@@ -41,17 +41,15 @@ impl Turned {
     /// Corrects the samples with what was found; `None` if nothing was.
     pub(super) fn of(judged: &Judged) -> Option<Self> {
         let outcome = &judged.outcome;
-        let bias = outcome.bias_mgauss.as_ref()?;
-        let scale = outcome.scale.as_ref()?;
+        let bias = padded(outcome.bias_mgauss.as_ref()?, 0.0);
+        let scale = padded(outcome.scale.as_ref()?, 1.0);
         let basis: Vec<Vector3<f64>> = match (outcome.mode?, outcome.basis) {
             (Mode::Planar, Some(basis)) => basis.map(Vector3::from).into(),
             _ => vec![Vector3::x(), Vector3::y(), Vector3::z()],
         };
         let inverse = match outcome.matrix {
             Some(rows) => Matrix3::from_row_slice(&rows).try_inverse()?,
-            None => Matrix3::from_diagonal(&Vector3::from_fn(|axis, _| {
-                scale.get(axis).map_or(1.0, |scale| 1.0 / scale)
-            })),
+            None => Matrix3::from_diagonal(&scale.map(f64::recip)),
         };
         let axes = basis.iter().enumerate().map(|(index, axis)| {
             match axis.iter().position(|part| part.abs() > 0.999) {
@@ -68,11 +66,8 @@ impl Turned {
                 .iter()
                 .map(|axis| axis.dot(&sample.field_mgauss))
                 .collect();
-            let away = Vector3::from_fn(|axis, _| {
-                raw.get(axis)
-                    .map_or(0.0, |raw| raw - bias.get(axis).unwrap_or(&0.0))
-            });
-            let corrected: Vec<f64> = (inverse * away).iter().copied().take(basis.len()).collect();
+            let corrected = inverse * (padded(&raw, 0.0) - bias);
+            let corrected = corrected.as_slice()[..basis.len()].to_vec();
             let parts = basis.iter().zip(&corrected);
             let field: Vector3<f64> = parts.map(|(axis, part)| axis * *part).sum();
             Seen {
@@ -87,6 +82,11 @@ impl Turned {
             axes: axes.collect(),
         })
     }
+}
+
+/// Parts along the axes that were calibrated, and `rest` along the others.
+fn padded(parts: &[f64], rest: f64) -> Vector3<f64> {
+    Vector3::from_fn(|axis, _| parts.get(axis).copied().unwrap_or(rest))
 }
 
 fn headings(judged: &Judged, sample: &FieldSample, corrected: Vector3<f64>) -> Option<Headings3> {
