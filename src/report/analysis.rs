@@ -1,6 +1,5 @@
 //! A log taken through the pipeline, and what a report needs of it.
 
-use std::borrow::Cow;
 use std::convert::Infallible;
 use std::time::Duration;
 
@@ -32,15 +31,6 @@ pub(super) struct Point {
     pub(super) raw_deg: Option<f64>,
 }
 
-/// A condition, from when on.
-#[derive(Clone, Debug)]
-pub(super) struct Span {
-    pub(super) from_s: f64,
-    pub(super) word: &'static str,
-    pub(super) reason: &'static str,
-    pub(super) message: Cow<'static, str>,
-}
-
 #[derive(Debug)]
 pub(super) struct Judged {
     pub(super) request: Request,
@@ -64,7 +54,8 @@ pub(super) struct Findings {
     /// The newest heading that was published.
     pub(super) newest: Option<Point>,
     pub(super) points: Thin<Point>,
-    pub(super) spans: Vec<Span>,
+    /// The first report of each condition and reason.
+    pub(super) changes: Vec<Report>,
     /// Verdicts with their times, of turns and of motion.
     pub(super) verdicts: Vec<(f64, &'static str, &'static str, String, &'static str)>,
     /// The turn that the figures show: the last that was not refused, or else the last.
@@ -188,20 +179,15 @@ impl Findings {
                 return self.north.take_field().map(Event::Place);
             }
             Action::Report(report) => {
-                let same = |span: &Span| {
-                    (span.word, span.reason) == (report.condition.word(), report.reason)
+                let same = |last: &Report| {
+                    (last.condition, last.reason) == (report.condition, report.reason)
                 };
-                if !self.spans.last().is_some_and(same) {
+                if !self.changes.last().is_some_and(same) {
                     // More cannot be told apart in a chart: the oldest is left out.
-                    if self.spans.len() == MOST_EVENTS {
-                        self.spans.remove(0);
+                    if self.changes.len() == MOST_EVENTS {
+                        self.changes.remove(0);
                     }
-                    self.spans.push(Span {
-                        from_s: report.t_s,
-                        word: report.condition.word(),
-                        reason: report.reason,
-                        message: report.message.clone(),
-                    });
+                    self.changes.push(report.clone());
                 }
                 self.last = Some(report);
             }

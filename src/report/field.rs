@@ -20,13 +20,9 @@ pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
     } else {
         &[[0, 1], [0, 2], [1, 2]]
     };
-    let samples = seen(turned);
-    let strength = mean(
-        turned
-            .samples
-            .iter()
-            .map(|seen| norm(&seen.corrected_mgauss)),
-    );
+    let samples = some(&turned.samples, MOST);
+    let strengths = turned.samples.iter();
+    let strength = mean(strengths.map(|seen| norm(&seen.corrected_mgauss)));
     let mut svg = String::new();
     for [a, b] in pairs {
         let dots = |hue, of: fn(&Seen) -> &[f64]| {
@@ -50,7 +46,7 @@ pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
 
 /// Strength of the field before and after (Figure 6b).
 pub(super) fn strength(turned: &Turned) -> Result<String, ReportError> {
-    let samples = seen(turned);
+    let samples = some(&turned.samples, MOST);
     let line = |hue, of: fn(&Seen) -> &[f64]| {
         Series::line(hue, samples.iter().map(|seen| (seen.t_s, norm(of(seen)))))
     };
@@ -66,15 +62,16 @@ pub(super) fn strength(turned: &Turned) -> Result<String, ReportError> {
 /// The raw signals, and the window in them that RIST chose (Figure 3).
 pub(super) fn window(judged: &Judged) -> Result<String, ReportError> {
     let samples = some(&judged.request.samples, MOST);
-    let line = |(axis, hue)| {
+    let line = |axis: usize, hue| {
         let points = samples.iter();
-        Series::line(
-            hue,
-            points.map(|sample| (sample.t_s, sample.field_mgauss[axis])),
-        )
+        let points = points.map(|sample| (sample.t_s, sample.field_mgauss[axis]));
+        Series::line(hue, points)
     };
-    let axes = [Hue::Raw, Hue::Corrected, Hue::Other];
-    let series: Vec<Series> = axes.into_iter().enumerate().map(line).collect();
+    let series = vec![
+        line(0, Hue::Raw),
+        line(1, Hue::Corrected),
+        line(2, Hue::Other),
+    ];
     let y = AxisScale::over_y("raw field, milligauss", &series);
     let x = AxisScale::over("time, seconds", samples.iter().map(|sample| sample.t_s));
     let mut chart = Chart::wide(x, y, series);
@@ -90,11 +87,6 @@ pub(super) fn window(judged: &Judged) -> Result<String, ReportError> {
         }
     }
     chart.svg()
-}
-
-/// As many samples as a figure shows.
-fn seen(turned: &Turned) -> Vec<&Seen> {
-    some(&turned.samples.iter().collect::<Vec<_>>(), MOST)
 }
 
 fn norm(field: &[f64]) -> f64 {

@@ -1,4 +1,4 @@
-//! Pieces of HTML: text, a verdict with the word, the reason and what helps, and whether a limit was kept.
+//! Pieces of HTML: text, and a verdict with the word, the reason and what helps.
 
 use crate::advice::next_step;
 use crate::calibration::outcome::{Outcome, Verdict};
@@ -36,12 +36,4 @@ pub(super) fn verdict(title: &str, outcome: &Outcome) -> String {
         out += &format!("<p>What to do: {}.</p>\n", escaped(advice));
     }
     out
-}
-
-pub(super) fn badge(kept: bool) -> &'static str {
-    if kept {
-        "<b class=good>kept</b>"
-    } else {
-        "<b class=bad>broken</b>"
-    }
 }

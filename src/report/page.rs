@@ -3,14 +3,14 @@
 use std::fmt::Write;
 
 use super::analysis::{Analysis, Findings, Judged, Point};
-use super::html::{badge, escaped, verdict};
+use super::html::{escaped, verdict};
 use super::plot::{Hue, ReportError};
-use super::search::Search;
 use super::turn::Turned;
-use super::{compass, field, timeline};
+use super::{compass, field, search, timeline};
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
-use crate::calibration::outcome::Verdict;
+use crate::calibration::outcome::{SwarmReport, Verdict};
+use crate::calibration::settings::StopChoice;
 use crate::calibration::verdict::{Limit, measured};
 use crate::frame::to_tenths;
 
@@ -172,15 +172,15 @@ fn conditions(found: &Findings) -> String {
     let mut out = String::from(
         "<details><summary>Conditions</summary><table>\n<tr><th>from, s</th><th>condition</th><th>reason</th><th>message</th></tr>\n",
     );
-    for span in &found.spans {
+    for report in &found.changes {
         // Writing to a String never fails.
         let _ = writeln!(
             out,
             "<tr><td>{:.1}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            span.from_s.max(found.first_s.unwrap_or(0.0)),
-            span.word,
-            span.reason,
-            escaped(&span.message)
+            report.t_s.max(found.first_s.unwrap_or(0.0)),
+            report.condition.word(),
+            report.reason,
+            escaped(&report.message)
         );
     }
     out + "</table></details>\n"
@@ -219,7 +219,7 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
         &field::window(judged)?,
         "Raw field along the chip's axes <b class=raw>X</b>, <b class=corrected>Y</b> and <b class=other>Z</b>, and the <b class=good>windows</b> that RIST chose for the swarm.",
     );
-    out += &search(judged)?;
+    out += &swarms(judged)?;
     let held = compass::held(&turned);
     if held.is_empty() {
         out += "<p>The gyro did not follow the turn, so that there is nothing to hold the field against.</p>\n";
@@ -254,15 +254,20 @@ fn motion(analysis: &Analysis) -> String {
     out
 }
 
-fn search(judged: &Judged) -> Result<String, ReportError> {
+fn swarms(judged: &Judged) -> Result<String, ReportError> {
     let samples = &judged.outcome.samples;
-    let search = Search::on(judged);
-    let number = |count: Option<usize>| count.map_or("none".to_owned(), |count| count.to_string());
-    let [basic, mpsot] = search.iterations().map(number);
+    let [basic, mpsot] =
+        [StopChoice::Basic, StopChoice::Mpsot].map(|stop| search::swarm(judged, stop));
+    let iterations = |swarm: &Option<SwarmReport>| match swarm {
+        Some(swarm) => swarm.iterations.to_string(),
+        None => "none".to_owned(),
+    };
     let mut out = figure(
-        &search.fitness()?,
+        &search::fitness(basic.as_ref(), mpsot.as_ref())?,
         &format!(
-            "Fitness of the global best of the paper's swarm by iteration: <b class=raw>basic</b>, {basic} iterations, and stopped by <b class=corrected>MPSOT</b>, {mpsot}."
+            "Fitness of the global best of the paper's swarm by iteration: <b class=raw>basic</b>, {} iterations, and stopped by <b class=corrected>MPSOT</b>, {}.",
+            iterations(&basic),
+            iterations(&mpsot)
         ),
     );
     let most = samples.total.max(1) as f64;
@@ -286,10 +291,14 @@ fn limits(limits: &[Limit]) -> String {
     );
     for limit in limits {
         let [measured, relation, bound] = limit.as_text();
+        let (class, word) = if limit.is_kept() {
+            ("good", "kept")
+        } else {
+            ("bad", "broken")
+        };
         out += &format!(
-            "<tr><th>{}</th><td>{measured}</td><td>{relation}</td><td>{bound}</td><td>{}</td></tr>\n",
-            limit.name,
-            badge(limit.is_kept())
+            "<tr><th>{}</th><td>{measured}</td><td>{relation}</td><td>{bound}</td><td><b class={class}>{word}</b></td></tr>\n",
+            limit.name
         );
     }
     out + "</table>\n"

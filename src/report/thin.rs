@@ -42,9 +42,9 @@ impl<T> Thin<T> {
 }
 
 /// At most so many of these, evenly.
-pub(super) fn some<T: Copy>(items: &[T], most: usize) -> Vec<T> {
-    let step = items.len().div_ceil(most.max(1)).max(1);
-    items.iter().copied().step_by(step).collect()
+pub(super) fn some<T>(items: &[T], most: usize) -> Vec<&T> {
+    let step = items.len().div_ceil(most).max(1);
+    items.iter().step_by(step).collect()
 }
 
 #[cfg(test)]
@@ -63,7 +63,7 @@ mod tests {
             thin.items()[0] == 0 && steps.iter().all(|step| *step == 16),
             "{thin:?}"
         );
-        assert_eq!(some(&[1, 2, 3, 4, 5], 3), [1, 3, 5]);
+        assert_eq!(some(&[1, 2, 3, 4, 5], 3), [&1, &3, &5]);
         assert!(some::<i32>(&[], 3).is_empty());
     }
 }

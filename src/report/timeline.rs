@@ -3,6 +3,7 @@
 use super::analysis::{Findings, Point};
 use super::plot::{AxisScale, Band, Chart, Hue, ReportError, Series};
 use super::thin::some;
+use crate::condition::Condition;
 
 /// Points of a line.
 const MOST: usize = 1500;
@@ -11,11 +12,11 @@ const MOST: usize = 1500;
 const OVER_NORTH_DEG: f64 = 180.0;
 
 /// The band of a condition.
-fn hue(word: &str) -> Hue {
-    match word {
-        "good" => Hue::Good,
-        "degraded" | "disturbed" => Hue::Middling,
-        "stale" | "fault" => Hue::Bad,
+fn hue(condition: Condition) -> Hue {
+    match condition {
+        Condition::Good => Hue::Good,
+        Condition::Degraded | Condition::Disturbed => Hue::Middling,
+        Condition::Stale | Condition::Fault => Hue::Bad,
         _ => Hue::Quiet,
     }
 }
@@ -47,24 +48,24 @@ pub(super) fn uncertainty(found: &Findings) -> Result<String, ReportError> {
     chart.svg()
 }
 
-fn times(points: &[Point]) -> AxisScale {
+fn times(points: &[&Point]) -> AxisScale {
     AxisScale::over("time, seconds", points.iter().map(|point| point.t_s))
 }
 
 fn bands(found: &Findings) -> Vec<Band> {
     let first_s = found.first_s.unwrap_or(0.0);
-    let ends = found.spans.iter().skip(1).map(|span| span.from_s);
+    let ends = found.changes.iter().skip(1).map(|report| report.t_s);
     let ends = ends.chain([found.now_s]);
-    let bands = found.spans.iter().zip(ends).map(|(span, to)| Band {
-        from: span.from_s.max(first_s),
+    let bands = found.changes.iter().zip(ends).map(|(report, to)| Band {
+        from: report.t_s.max(first_s),
         to: to.max(first_s),
-        hue: hue(span.word),
+        hue: hue(report.condition),
     });
     bands.collect()
 }
 
 /// Lines through what is known; they break where it is not, and over north.
-fn lines(points: &[Point], hue: Hue, of: fn(&Point) -> Option<f64>) -> Vec<Series> {
+fn lines(points: &[&Point], hue: Hue, of: fn(&Point) -> Option<f64>) -> Vec<Series> {
     let mut lines: Vec<Series> = Vec::new();
     let mut last: Option<f64> = None;
     for point in points {
