@@ -45,16 +45,13 @@ impl Settings {
     }
 
     fn check_position(&self, faults: &mut Vec<Fault>) {
-        let (latitude, longitude) = (self.latitude_deg, self.longitude_deg);
-        if latitude.is_some() != longitude.is_some() {
-            let (has, lacks) = if latitude.is_some() {
-                ("latitude_deg", "longitude_deg")
-            } else {
-                ("longitude_deg", "latitude_deg")
-            };
-            let right = format!("set together with {lacks}");
-            faults.push(Fault::new(has, "set alone", right));
-        }
+        let (has, lacks) = match (self.latitude_deg, self.longitude_deg) {
+            (Some(_), None) => ("latitude_deg", "longitude_deg"),
+            (None, Some(_)) => ("longitude_deg", "latitude_deg"),
+            _ => return,
+        };
+        let right = format!("set together with {lacks}");
+        faults.push(Fault::new(has, "set alone", right));
     }
 }
 

@@ -25,14 +25,9 @@ settings! {
 
 impl Settings {
     fn check_talker(&self, faults: &mut Vec<Fault>) {
-        let letters = self.talker.bytes().all(|byte| byte.is_ascii_uppercase());
-        if self.talker.len() != 2 || !letters {
-            let found = format!("{:?}", self.talker);
-            faults.push(Fault::new(
-                "talker",
-                found,
-                "two capital letters, as \"HC\"",
-            ));
+        if !matches!(self.talker.as_bytes(), [b'A'..=b'Z', b'A'..=b'Z']) {
+            let right = "two capital letters, as \"HC\"";
+            faults.push(Fault::new("talker", format!("{:?}", self.talker), right));
         }
     }
 }
