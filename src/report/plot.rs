@@ -49,31 +49,26 @@ impl Hue {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Mark {
-    Line,
-    Dots,
-}
-
 #[derive(Clone, Debug)]
 pub(super) struct Series {
-    pub(super) hue: Hue,
-    pub(super) mark: Mark,
     pub(super) points: Vec<(f64, f64)>,
+    hue: Hue,
+    /// Else a line through the points.
+    is_dots: bool,
 }
 
 impl Series {
     pub(super) fn line(hue: Hue, points: impl Iterator<Item = (f64, f64)>) -> Self {
         Self {
-            hue,
-            mark: Mark::Line,
             points: points.collect(),
+            hue,
+            is_dots: false,
         }
     }
 
     pub(super) fn dots(hue: Hue, points: impl Iterator<Item = (f64, f64)>) -> Self {
         Self {
-            mark: Mark::Dots,
+            is_dots: true,
             ..Self::line(hue, points)
         }
     }
@@ -198,17 +193,11 @@ fn draw(chart: &Chart, svg: &mut String) -> Result<(), Box<dyn std::error::Error
         .draw()?;
     for series in &chart.series {
         let hue = series.hue.rgb();
-        match series.mark {
-            Mark::Line => {
-                on.draw_series(LineSeries::new(
-                    series.points.iter().copied(),
-                    hue.stroke_width(2),
-                ))?;
-            }
-            Mark::Dots => {
-                let dots = series.points.iter();
-                on.draw_series(dots.map(|point| Circle::new(*point, 2, hue.mix(0.8).filled())))?;
-            }
+        let points = series.points.iter().copied();
+        if series.is_dots {
+            on.draw_series(points.map(|point| Circle::new(point, 2, hue.mix(0.8).filled())))?;
+        } else {
+            on.draw_series(LineSeries::new(points, hue.stroke_width(2)))?;
         }
     }
     root.present()?;
