@@ -14,5 +14,5 @@ mod timeline;
 mod turn;
 
 pub use analysis::Analysis;
-pub use page::{About, page};
+pub use page::page;
 pub use plot::ReportError;

@@ -25,8 +25,8 @@ use crate::position::{Follower, Gpsd};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 use crate::publish::raw::{self, Object};
-use crate::recording::{Header, TimeOfDay};
-use crate::report::{About, Analysis, ReportError, page};
+use crate::recording::TimeOfDay;
+use crate::report::{Analysis, ReportError, page};
 use crate::sensor::replay::Replay;
 use crate::store::Contents;
 use crate::true_north::TrueNorth;
@@ -72,14 +72,14 @@ impl From<ReportError> for Failure {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
     may_write(&args.out)?;
-    let (about, analysis) = match &args.log {
+    let analysis = match &args.log {
         Some(log) => {
             refuse_overwrite(log, &args.out)?;
             of_log(log, &config)?
         }
         None => of_daemon(args, &config)?,
     };
-    write_out(&args.out, page(&about, &analysis)?.as_bytes())
+    write_out(&args.out, page(&analysis)?.as_bytes())
 }
 
 /// Refuses a page that could not be written in the end, after a day of listening perhaps.
@@ -105,12 +105,13 @@ fn may_write(out: &Path) -> Result<(), Failure> {
     )
 }
 
-fn of_log(log: &Path, config: &Config) -> Result<(About, Analysis), Failure> {
+fn of_log(log: &Path, config: &Config) -> Result<Analysis, Failure> {
     let replay = Replay::open(log)?;
-    let about = about(&log.display().to_string(), replay.header());
-    let mut time = TimeOfDay::new(replay.header());
-    let setup = config.setup(&replay.header().mountings, &config.mounting.board());
-    let mut analysis = Analysis::new(setup, TrueNorth::new(&config.true_north), None);
+    let header = replay.header().clone();
+    let mut time = TimeOfDay::new(&header);
+    let setup = config.setup(&header.mountings, &config.mounting.board());
+    let north = TrueNorth::new(&config.true_north);
+    let mut analysis = Analysis::new(log, header, setup, north, None);
     let skips = read_log_on(replay, |entry, begins_stretch| {
         if begins_stretch {
             analysis.begin_stretch();
@@ -120,18 +121,10 @@ fn of_log(log: &Path, config: &Config) -> Result<(About, Analysis), Failure> {
         Ok(())
     })?;
     tell_skips(&skips)?;
-    Ok((about, analysis))
+    Ok(analysis)
 }
 
-fn about(source: &str, header: &Header) -> About {
-    About {
-        source: source.to_owned(),
-        sensor: header.sensor.clone(),
-        recorded_from: header.recorded_from().map(str::to_owned),
-    }
-}
-
-fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure> {
+fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
     let sockets = match &args.socket {
         // Another daemon than that of the configuration has another control socket.
         Some(socket) if *socket != config.socket.socket => {
@@ -150,7 +143,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
         args.duration
     ));
     let begun = Instant::now();
-    let mut found: Option<(About, Analysis)> = None;
+    let mut found: Option<Analysis> = None;
     let mut early = None;
     loop {
         let passed_s = begun.elapsed().as_secs_f64();
@@ -174,18 +167,18 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
             }
             Ok(Object::Board { header }) => {
                 let header = raw::header(&header)?;
-                let about = about(&sockets.headings.display().to_string(), &header);
                 let board = board(&sockets).unwrap_or_else(|| config.mounting.board());
                 let setup = config.setup(&header.mountings, &board);
                 let north = TrueNorth::new(&config.true_north);
-                let mut analysis = Analysis::new(setup, north, active(&sockets));
+                let active = active(&sockets);
+                let mut analysis = Analysis::new(&sockets.headings, header, setup, north, active);
                 if let Some(mode) = mode(&sockets) {
                     analysis.put_mode(mode);
                 }
-                found = Some((about, analysis));
+                found = Some(analysis);
             }
             Ok(Object::Reading(row)) => {
-                if let Some((_, analysis)) = &mut found {
+                if let Some(analysis) = &mut found {
                     if let Some(position) = gpsd.as_mut().and_then(Follower::news) {
                         analysis.put_position(position);
                     }
@@ -207,12 +200,10 @@ fn of_daemon(args: &Args, config: &Config) -> Result<(About, Analysis), Failure>
             config.true_north.gpsd
         ));
     }
-    found
-        .filter(|(_, analysis)| analysis.has_readings())
-        .ok_or_else(|| {
-            let why = "the daemon has handed out no readings: headingd status says why";
-            Failure::new(Failure::UNAVAILABLE, why)
-        })
+    found.filter(Analysis::has_readings).ok_or_else(|| {
+        let why = "the daemon has handed out no readings: headingd status says why";
+        Failure::new(Failure::UNAVAILABLE, why)
+    })
 }
 
 /// Follows the gpsd of the configuration, if it has one, until the command ends.

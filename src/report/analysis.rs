@@ -1,6 +1,7 @@
 //! A log taken through the pipeline, and what a report needs of it.
 
 use std::convert::Infallible;
+use std::path::Path;
 use std::time::Duration;
 
 use super::thin::Thin;
@@ -12,6 +13,7 @@ use crate::calibration::{Request, calibrate};
 use crate::condition::Report;
 use crate::pipeline::{Action, Event, Pipeline, Setup};
 use crate::reading::Reading;
+use crate::recording::Header;
 use crate::true_north::{Position, TrueNorth};
 
 /// How many headings are kept for the figures.
@@ -39,6 +41,9 @@ pub(super) struct Judged {
 
 /// A log's way through the pipeline.
 pub struct Analysis {
+    /// The log, or the socket.
+    pub(super) source: String,
+    pub(super) header: Header,
     pipeline: Pipeline,
     pub(super) found: Findings,
 }
@@ -72,8 +77,16 @@ pub(super) struct Findings {
 
 impl Analysis {
     /// Begins as a daemon with this setup would, with a calibration or without.
-    pub fn new(setup: Setup, north: TrueNorth, calibration: Option<Calibration>) -> Self {
+    pub fn new(
+        source: &Path,
+        header: Header,
+        setup: Setup,
+        north: TrueNorth,
+        calibration: Option<Calibration>,
+    ) -> Self {
         Self {
+            source: source.display().to_string(),
+            header,
             pipeline: Pipeline::new(setup, calibration),
             found: Findings {
                 north,
@@ -131,7 +144,9 @@ impl Analysis {
     }
 
     fn handle(&mut self, event: Event) {
-        let Self { pipeline, found } = self;
+        let Self {
+            pipeline, found, ..
+        } = self;
         let Ok(()) = pipeline.play(event, |action| Ok::<_, Infallible>(found.note(action)));
     }
 }

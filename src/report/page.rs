@@ -14,25 +14,15 @@ use crate::calibration::settings::StopChoice;
 use crate::calibration::verdict::{Limit, measured};
 use crate::frame::to_tenths;
 
-#[derive(Clone, Debug)]
-pub struct About {
-    /// The log, or the socket.
-    pub source: String,
-    /// The magnetometer, where it has a name.
-    pub sensor: Option<String>,
-    /// When the first reading was taken, if that is known.
-    pub recorded_from: Option<String>,
-}
-
 /// Verdicts listed on the page, the newest first, and warnings, the oldest first.
 const LISTED: usize = 50;
 
 const STYLE: &str = include_str!("style.css");
 
-pub fn page(about: &About, analysis: &Analysis) -> Result<String, ReportError> {
+pub fn page(analysis: &Analysis) -> Result<String, ReportError> {
     let found = &analysis.found;
     let mut out = String::with_capacity(1 << 18);
-    let title = format!("headingd: {}", escaped(&about.source));
+    let title = format!("headingd: {}", escaped(&analysis.source));
     out += "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">";
     out += "<meta name=\"viewport\" content=\"width=device-width\">";
     out += &format!(
@@ -40,7 +30,7 @@ pub fn page(about: &About, analysis: &Analysis) -> Result<String, ReportError> {
         hues()
     );
     out += &format!("<h1>{title}</h1>\n");
-    out += &summary(about, analysis);
+    out += &summary(analysis);
     out += "<h2>Headings</h2>\n";
     let bands = "Bands: <b class=good>good</b>, <b class=middling>degraded or disturbed</b>, \
                  <b class=quiet>not calibrated yet</b>, <b class=bad>stale or fault</b>.";
@@ -72,14 +62,11 @@ pub fn page(about: &About, analysis: &Analysis) -> Result<String, ReportError> {
 }
 
 /// What comes first: how it ended.
-fn summary(about: &About, analysis: &Analysis) -> String {
+fn summary(analysis: &Analysis) -> String {
     let found = &analysis.found;
     let first_s = found.first_s.unwrap_or(0.0);
     let mut rows = vec![
-        (
-            "magnetometer",
-            about.sensor.clone().unwrap_or_else(|| "unknown".to_owned()),
-        ),
+        ("magnetometer", analysis.header.sensor_name().to_owned()),
         (
             "length",
             format!(
@@ -91,8 +78,8 @@ fn summary(about: &About, analysis: &Analysis) -> String {
         ),
         ("full turns", found.turns.to_string()),
     ];
-    if let Some(from) = &about.recorded_from {
-        rows.insert(1, ("recorded from", from.clone()));
+    if let Some(from) = analysis.header.recorded_from() {
+        rows.insert(1, ("recorded from", from.to_owned()));
     }
     if analysis.dropped() > 0 {
         rows.push((

@@ -69,7 +69,9 @@ const ROOMS: &[Room] = &[
     // The mounting is kept with the calibration: the one holds only with the other.
     room("store", 2, &["calibration", "frame", "lock_file"]),
     // The daemon's own pipeline, and pictures of what comes of it.
-    room("report", 2, &["advice", "reading", "frame", "calibration", "condition", "pipeline", "true_north"]),
+    room("report", 2, &[
+        "advice", "reading", "frame", "calibration", "condition", "pipeline", "recording", "true_north",
+    ]),
     // Sockets and stores are one process's at a time.
     room("lock_file", 2, &[]),
     room("logging", 2, &[]),
