@@ -101,11 +101,8 @@ pub fn without_spikes<const D: usize>(points: &[[f64; D]]) -> Vec<[f64; D]> {
             *keep &= *deviation <= limit;
         }
     }
-    points
-        .iter()
-        .zip(keep)
-        .filter_map(|(point, keep)| keep.then_some(*point))
-        .collect()
+    let kept = points.iter().zip(keep).filter(|(_, keep)| *keep);
+    kept.map(|(point, _)| *point).collect()
 }
 
 /// Runs the swarm over points in their box with these settings. `None` if nothing in it has a fit value. F = 2·D + 1.
@@ -127,18 +124,15 @@ pub fn swarm<const D: usize, const P: usize, const F: usize>(
             direct(points, position, reference_mgauss)
         }),
     };
-    Some(found).filter(|found| found.fit_value.is_finite())
+    found.fit_value.is_finite().then_some(found)
 }
 
-/// The linear least-squares conic through points that are not spikes: where a refinement may start.
-pub fn conic<const D: usize, const P: usize, const F: usize>(
-    points: &[[f64; D]],
-    reference_mgauss: f64,
-) -> Option<ParameterVector<P>> {
+/// The linear least-squares conic, with a symmetric A, through points that are not spikes: where a refinement may start.
+pub fn conic(points: &[[f64; 3]], reference_mgauss: f64) -> Option<ParameterVector<9>> {
     let seen = without_spikes(points);
     let bounds = bounds(&seen, Some(reference_mgauss))?;
     let normal = Normalizer::new(&bounds.low, &bounds.high);
-    Factored::<D, F>::new(normal, &seen, reference_mgauss).conic()
+    Factored::<3, 10>::new(normal, &seen, reference_mgauss).conic()
 }
 
 /// Refines from `start` and, without a given reference, brings the scale factors to a mean of 1: only
@@ -153,19 +147,13 @@ pub fn refine_and_normalize<C: Curve<D, P>, const D: usize, const P: usize>(
     if !reference_given {
         let mean = refined.position[D..2 * D].iter().sum::<f64>() / D as f64;
         refined.reference_mgauss *= mean;
-        let unit = SMatrix::<f64, P, P>::from_fn(|row, column| {
-            if row != column {
-                0.0
-            } else if row < D {
-                1.0
-            } else {
-                1.0 / mean
-            }
-        });
-        refined.position[D..]
-            .iter_mut()
-            .for_each(|scale| *scale /= mean);
-        refined.covariance = unit * refined.covariance * unit;
+        for scale in &mut refined.position[D..] {
+            *scale /= mean;
+        }
+        let unit = |k: usize| if k < D { 1.0 } else { 1.0 / mean };
+        let before = refined.covariance;
+        let after = |row: usize, column: usize| unit(row) * before[(row, column)] * unit(column);
+        refined.covariance = SMatrix::from_fn(after);
     }
     Some(refined)
 }

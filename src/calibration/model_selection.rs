@@ -36,7 +36,7 @@ pub fn select_model(
         return SoftIron::None;
     }
     let (points, reference) = (&diagonal.points, diagonal.best.reference_mgauss);
-    let symmetric = fit::conic::<3, 9, 10>(points, reference).and_then(|start| {
+    let symmetric = fit::conic(points, reference).and_then(|start| {
         fit::refine_and_normalize::<Symmetric, 3, 9>(points, &start, reference, reference_given)
     });
     let Some(best) = symmetric else {

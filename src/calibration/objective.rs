@@ -32,99 +32,56 @@ pub fn direct<const D: usize, const P: usize>(
     sum.sqrt()
 }
 
-/// Σφφᵀ of any number of samples.
-#[derive(Clone, Debug)]
-pub struct Moments<const F: usize> {
-    /// Upper triangle.
-    sum: [[f64; F]; F],
-}
+/// A square matrix of which only the upper triangle counts.
+type Triangle<const F: usize> = [[f64; F]; F];
 
-impl<const F: usize> Default for Moments<F> {
-    fn default() -> Self {
-        Self { sum: [[0.0; F]; F] }
-    }
-}
-
-impl<const F: usize> Moments<F> {
-    /// Adds one sample's features.
-    pub fn add(&mut self, features: &[f64; F]) {
-        for row in 0..F {
-            for column in row..F {
-                self.sum[row][column] += features[row] * features[column];
-            }
+/// The triangular factor R of Σφφᵀ, RᵀR = Σφφᵀ (Cholesky). A column that depends on those before it, as
+/// with a constant axis, gives a zero row: it adds nothing to any sum of squares.
+fn factor<const F: usize>(moments: &Triangle<F>) -> Triangle<F> {
+    let mut r = [[0.0; F]; F];
+    for row in 0..F {
+        let mut pivot = moments[row][row];
+        for above in r.iter().take(row) {
+            pivot -= above[row] * above[row];
         }
-    }
-
-    /// The triangular factor R, RᵀR = Σφφᵀ (Cholesky). A column that depends on those before it, as
-    /// with a constant axis, gives a zero row: it adds nothing to any sum of squares.
-    pub fn factor(&self) -> Factor<F> {
-        let mut r = [[0.0; F]; F];
-        for row in 0..F {
-            let mut pivot = self.sum[row][row];
+        if pivot <= moments[row][row] * 1e-14 {
+            continue;
+        }
+        let root = pivot.sqrt();
+        r[row][row] = root;
+        for column in row + 1..F {
+            let mut value = moments[row][column];
             for above in r.iter().take(row) {
-                pivot -= above[row] * above[row];
+                value -= above[row] * above[column];
             }
-            if pivot <= self.sum[row][row] * 1e-14 {
-                continue;
-            }
-            let root = pivot.sqrt();
-            r[row][row] = root;
-            for column in row + 1..F {
-                let mut value = self.sum[row][column];
-                for above in r.iter().take(row) {
-                    value -= above[row] * above[column];
-                }
-                r[row][column] = value / root;
-            }
+            r[row][column] = value / root;
         }
-        Factor { r }
     }
-
-    /// The features' least-squares answer to φ·θ = 1, θ for every feature but the first, which is the
-    /// constant: the linear conic fit. `None` if the samples do not determine it.
-    fn solve_for_one(&self) -> Option<[f64; F]> {
-        // With the constant moved last, the last column of the factor is the transformed right side.
-        let mut moved = Self::default();
-        let place = |feature: usize| if feature == 0 { F - 1 } else { feature - 1 };
-        for row in 0..F {
-            for column in row..F {
-                let (i, j) = (place(row), place(column));
-                moved.sum[i.min(j)][i.max(j)] = self.sum[row][column];
-            }
-        }
-        let r = moved.factor().r;
-        let mut theta = [0.0; F];
-        for row in (0..F - 1).rev() {
-            let mut value = r[row][F - 1];
-            for column in row + 1..F - 1 {
-                value -= r[row][column] * theta[column + 1];
-            }
-            theta[row + 1] = value / r[row][row];
-        }
-        theta.iter().all(|value| value.is_finite()).then_some(theta)
-    }
+    r
 }
 
-/// The triangular factor of Σφφᵀ.
-#[derive(Clone, Debug)]
-pub struct Factor<const F: usize> {
-    r: [[f64; F]; F],
-}
-
-impl<const F: usize> Factor<F> {
-    /// ‖R·c‖.
-    #[inline]
-    pub fn norm(&self, coefficients: &[f64; F]) -> f64 {
-        let mut sum = 0.0;
-        for row in 0..F {
-            let mut value = 0.0;
-            for column in row..F {
-                value += self.r[row][column] * coefficients[column];
-            }
-            sum += value * value;
+/// The features' least-squares answer to φ·θ = 1, θ for every feature but the first, which is the
+/// constant: the linear conic fit. `None` if the samples do not determine it.
+fn solve_for_one<const F: usize>(moments: &Triangle<F>) -> Option<[f64; F]> {
+    // With the constant moved last, the last column of the factor is the transformed right side.
+    let mut moved = [[0.0; F]; F];
+    let place = |feature: usize| if feature == 0 { F - 1 } else { feature - 1 };
+    for row in 0..F {
+        for column in row..F {
+            let (i, j) = (place(row), place(column));
+            moved[i.min(j)][i.max(j)] = moments[row][column];
         }
-        sum.sqrt()
     }
+    let r = factor(&moved);
+    let mut theta = [0.0; F];
+    for row in (0..F - 1).rev() {
+        let mut value = r[row][F - 1];
+        for column in row + 1..F - 1 {
+            value -= r[row][column] * theta[column + 1];
+        }
+        theta[row + 1] = value / r[row][row];
+    }
+    theta.iter().all(|value| value.is_finite()).then_some(theta)
 }
 
 /// The centre and length that bring samples near to 1, so that squares and fourth powers keep their
@@ -152,7 +109,7 @@ impl<const D: usize> Normalizer<D> {
 
     /// φ = (1, u₁², u₁, u₂², u₂ …), F = 2·D + 1; with the three products of a symmetric model F = 10.
     #[inline]
-    pub fn features<const F: usize>(&self, point: &[f64; D]) -> [f64; F] {
+    fn features<const F: usize>(&self, point: &[f64; D]) -> [f64; F] {
         let mut features = [1.0; F];
         for axis in 0..D {
             let u = (point[axis] - self.centre[axis]) / self.length;
@@ -191,8 +148,9 @@ impl<const D: usize> Normalizer<D> {
 #[derive(Clone, Debug)]
 pub struct Factored<const D: usize, const F: usize> {
     normal: Normalizer<D>,
-    moments: Moments<F>,
-    factor: Factor<F>,
+    /// Σφφᵀ.
+    moments: Triangle<F>,
+    factor: Triangle<F>,
     reference_mgauss: f64,
 }
 
@@ -203,32 +161,44 @@ impl<const D: usize, const F: usize> Factored<D, F> {
         points: impl IntoIterator<Item = &'a [f64; D]>,
         reference_mgauss: f64,
     ) -> Self {
-        let mut moments = Moments::default();
+        let mut moments = [[0.0; F]; F];
         for point in points {
-            moments.add(&normal.features(point));
+            let features = normal.features::<F>(point);
+            for row in 0..F {
+                for column in row..F {
+                    moments[row][column] += features[row] * features[column];
+                }
+            }
         }
-        let factor = moments.factor();
         Self {
             normal,
+            factor: factor(&moments),
             moments,
-            factor,
             reference_mgauss,
         }
     }
 
-    /// Equation 8 at this position, milligauss².
+    /// Equation 8 at this position, milligauss²: Hm²·‖R·c‖.
     #[inline]
     pub fn fit_value<const P: usize>(&self, position: &ParameterVector<P>) -> f64 {
-        let coefficients = self
+        let c = self
             .normal
             .coefficients::<P, F>(position, self.reference_mgauss);
-        self.reference_mgauss * self.reference_mgauss * self.factor.norm(&coefficients)
+        let mut squares = 0.0;
+        for row in 0..F {
+            let mut value = 0.0;
+            for column in row..F {
+                value += self.factor[row][column] * c[column];
+            }
+            squares += value * value;
+        }
+        self.reference_mgauss * self.reference_mgauss * squares.sqrt()
     }
 
     /// The linear least-squares conic through the samples, as a position: exact without noise, and a
     /// start that is never far away. `None` if it is no ellipse.
     pub fn conic<const P: usize>(&self) -> Option<ParameterVector<P>> {
-        let theta = self.moments.solve_for_one()?;
+        let theta = solve_for_one(&self.moments)?;
         if P > 2 * D {
             return self.symmetric_conic(&theta);
         }
