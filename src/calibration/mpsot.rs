@@ -29,7 +29,7 @@ pub struct StopLimits {
     /// Level 3: the threshold, 0.01 in the paper, in milligauss for biases and 1 for scale factors;
     /// `None` leaves the level out, which makes it the basic algorithm.
     pub change: Option<f64>,
-    /// Level 3: L, how many iterations the mean goes over. The paper leaves it open.
+    /// Level 3: L, how many iterations the mean goes over, at least 1. The paper leaves it open.
     pub window: usize,
 }
 
@@ -43,23 +43,22 @@ pub struct ConvergenceMonitor<const P: usize> {
 }
 
 impl<const P: usize> ConvergenceMonitor<P> {
-    /// Nothing seen yet. A window of 0 counts as 1.
+    /// Nothing seen yet.
     pub fn new(limits: StopLimits) -> Self {
         Self {
             limits,
             iteration: 0,
-            history: Vec::with_capacity(limits.window.max(1)),
+            history: Vec::with_capacity(limits.window),
         }
     }
 
     /// Takes one iteration's global best; returns the reason to stop, if there is one.
     pub fn iterated(&mut self, parameters: &[f64; P], fit_value: f64) -> Option<Stop> {
         let converged = self.converged(parameters);
-        let window = self.limits.window.max(1);
-        if self.history.len() < window {
+        if self.history.len() < self.limits.window {
             self.history.push(*parameters);
         } else {
-            self.history[self.iteration % window] = *parameters;
+            self.history[self.iteration % self.limits.window] = *parameters;
         }
         self.iteration += 1;
         if fit_value <= self.limits.min_error {
@@ -78,18 +77,15 @@ impl<const P: usize> ConvergenceMonitor<P> {
         let Some(threshold) = self.limits.change else {
             return false;
         };
-        if self.history.len() < self.limits.window.max(1) {
+        if self.history.len() < self.limits.window {
             return false;
         }
-        let mut counter = 0;
-        for (i, parameter) in parameters.iter().enumerate() {
+        let settled = (0..P).filter(|&i| {
             let sum: f64 = self.history.iter().map(|past| past[i]).sum();
             let average = sum / self.history.len() as f64;
-            if (parameter - average).abs() <= threshold {
-                counter += 1;
-            }
-        }
-        2 * counter > P
+            (parameters[i] - average).abs() <= threshold
+        });
+        2 * settled.count() > P
     }
 }
 

@@ -151,6 +151,28 @@ struct Particle<const P: usize> {
     best_fit: f64,
 }
 
+impl<const P: usize> Particle<P> {
+    /// Moves on, with a velocity of at most `limit`: one pair of random numbers a particle and iteration.
+    #[inline]
+    fn advance(
+        &mut self,
+        coefficients: &Coefficients,
+        global_best: &ParameterVector<P>,
+        (r1, r2): (f64, f64),
+        limit: &ParameterVector<P>,
+    ) {
+        for k in 0..P {
+            // Equation 5.
+            let velocity = coefficients.inertia * self.velocity[k]
+                + coefficients.cognitive * r1 * (self.best[k] - self.position[k])
+                + coefficients.social * r2 * (global_best[k] - self.position[k]);
+            self.velocity[k] = velocity.clamp(-limit[k], limit[k]);
+            // Equation 6.
+            self.position[k] += self.velocity[k];
+        }
+    }
+}
+
 /// Runs a swarm in a box. `start` is where one particle begins, if something good is known; the others
 /// begin at random positions with random velocities within the limit. A fit value that is not a
 /// number never becomes a best.
@@ -167,7 +189,7 @@ pub fn search<const D: usize, const P: usize>(
         .map(|width: f64| width * params.velocity_limit);
     let (mut global_best, mut global_fit) = (bounds.random(&mut rng), f64::INFINITY);
     let mut fitness = Vec::new();
-    let mut swarm: Vec<Particle<P>> = (0..params.particles.max(1))
+    let mut swarm: Vec<Particle<P>> = (0..params.particles)
         .map(|index| {
             let mut velocity = limit.map(|limit| limit * (2.0 * rng.random::<f64>() - 1.0));
             let mut position = bounds.random(&mut rng);
@@ -206,40 +228,11 @@ pub fn search<const D: usize, const P: usize>(
             };
         }
         for particle in &mut swarm {
-            let (r1, r2) = (rng.random::<f64>(), rng.random::<f64>());
-            particle.velocity = velocity(
-                &params.coefficients,
-                &particle.position,
-                &particle.velocity,
-                &particle.best,
-                &global_best,
-                (r1, r2),
-            );
-            for k in 0..P {
-                particle.velocity[k] = particle.velocity[k].clamp(-limit[k], limit[k]);
-                // Equation 6.
-                particle.position[k] += particle.velocity[k];
-            }
+            let pair = (rng.random(), rng.random());
+            particle.advance(&params.coefficients, &global_best, pair, &limit);
             bounds.confine(&mut particle.position, &mut particle.velocity);
         }
     }
-}
-
-/// Equation 5: one pair of random numbers a particle and iteration.
-#[inline]
-fn velocity<const P: usize>(
-    coefficients: &Coefficients,
-    position: &ParameterVector<P>,
-    velocity: &ParameterVector<P>,
-    own_best: &ParameterVector<P>,
-    global_best: &ParameterVector<P>,
-    (r1, r2): (f64, f64),
-) -> ParameterVector<P> {
-    std::array::from_fn(|k| {
-        coefficients.inertia * velocity[k]
-            + coefficients.cognitive * r1 * (own_best[k] - position[k])
-            + coefficients.social * r2 * (global_best[k] - position[k])
-    })
 }
 
 #[cfg(test)]
@@ -259,21 +252,32 @@ mod tests {
         max_iterations: 1000,
         min_error: 0.0,
         change: Some(0.01),
-        window: 10,
+        window: 30,
+    };
+    const STANDARD_PARAMS: SwarmParams = SwarmParams {
+        coefficients: CONSTRICTION,
+        velocity_limit: 0.2,
+        particles: 30,
+        limits: LIMITS,
+    };
+    const PAPER_PARAMS: SwarmParams = SwarmParams {
+        coefficients: PAPER,
+        velocity_limit: 0.1,
+        ..STANDARD_PARAMS
     };
 
     #[test]
-    fn the_velocity_is_equation_5() {
-        // 1·(1, −1) + 2·0.5·((4, 4) − (2, 3)) + 2·0.25·((6, 1) − (2, 3))
-        let next = velocity(
-            &PAPER,
-            &[2.0, 3.0],
-            &[1.0, -1.0],
-            &[4.0, 4.0],
-            &[6.0, 1.0],
-            (0.5, 0.25),
-        );
-        assert_eq!(next, [1.0 + 2.0 + 2.0, -1.0 + 1.0 - 1.0]);
+    fn the_velocity_is_equation_5_and_the_position_equation_6() {
+        let mut particle = Particle {
+            position: [2.0, 3.0],
+            velocity: [1.0, -1.0],
+            best: [4.0, 4.0],
+            best_fit: 1.0,
+        };
+        particle.advance(&PAPER, &[6.0, 1.0], (0.5, 0.25), &[9.0, 0.5]);
+        // 1·(1, −1) + 2·0.5·((4, 4) − (2, 3)) + 2·0.25·((6, 1) − (2, 3)) = (5, −1), the second limited to 0.5.
+        assert_eq!(particle.velocity, [5.0, -0.5]);
+        assert_eq!(particle.position, [7.0, 2.5]);
     }
 
     #[test]
@@ -308,17 +312,8 @@ mod tests {
 
     #[test]
     fn constriction_converges_and_mpsot_stops_it() {
-        let params = SwarmParams {
-            coefficients: CONSTRICTION,
-            velocity_limit: 0.2,
-            particles: 30,
-            limits: StopLimits {
-                window: 30,
-                ..LIMITS
-            },
-        };
         for seed in 0..20 {
-            let found = search(&BOX, &params, None, seed, bowl);
+            let found = search(&BOX, &STANDARD_PARAMS, None, seed, bowl);
             assert_eq!(found.stop, Stop::Change);
             assert!(found.iterations < 300 && found.fit_value < 0.1, "{found:?}");
             assert!(BOX.contains(&found.position));
@@ -327,14 +322,13 @@ mod tests {
 
     #[test]
     fn the_same_seed_gives_the_same_swarm_and_another_another() {
+        let limits = StopLimits {
+            change: None,
+            ..LIMITS
+        };
         let params = SwarmParams {
-            coefficients: PAPER,
-            velocity_limit: 0.1,
-            particles: 30,
-            limits: StopLimits {
-                change: None,
-                ..LIMITS
-            },
+            limits,
+            ..PAPER_PARAMS
         };
         let run = |seed| search(&BOX, &params, None, seed, bowl);
         assert_eq!(run(7), run(7));
@@ -344,14 +338,14 @@ mod tests {
 
     #[test]
     fn a_good_start_is_never_left_for_something_worse() {
+        let limits = StopLimits {
+            max_iterations: 1,
+            ..LIMITS
+        };
         let params = SwarmParams {
-            coefficients: CONSTRICTION,
-            velocity_limit: 0.2,
             particles: 5,
-            limits: StopLimits {
-                max_iterations: 1,
-                ..LIMITS
-            },
+            limits,
+            ..STANDARD_PARAMS
         };
         let start = [12.1, 18.0, 1.1, 1.2];
         assert!(search(&BOX, &params, Some(start), 1, bowl).fit_value <= bowl(&start));
@@ -359,19 +353,14 @@ mod tests {
 
     #[test]
     fn a_fit_value_that_is_no_number_is_never_the_best() {
-        let params = SwarmParams {
-            coefficients: PAPER,
-            velocity_limit: 0.1,
-            particles: 10,
-            limits: LIMITS,
-        };
-        let found = search(&BOX, &params, None, 1, |position: &ParameterVector<4>| {
+        let fit_value = |position: &ParameterVector<4>| {
             if position[0] > 10.0 {
                 f64::NAN
             } else {
                 bowl(position)
             }
-        });
+        };
+        let found = search(&BOX, &PAPER_PARAMS, None, 1, fit_value);
         assert!(found.fit_value.is_finite() && found.position[0] <= 10.0);
     }
 }
