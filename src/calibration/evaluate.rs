@@ -228,18 +228,6 @@ impl<const D: usize> Work<'_, D> {
         SMatrix::from_fn(|row, column| self.request.mounting.to_body(chip_axes[column])[row])
     }
 
-    fn agreement(&self, sightings: &[Sighting]) -> Option<GyroAgreement> {
-        match self.plan.mode {
-            Mode::Planar => gyro_agreement::planar(sightings, &self.normal_body()),
-            Mode::Spatial => gyro_agreement::spatial(sightings),
-        }
-    }
-
-    fn normal_body(&self) -> Vector3<f64> {
-        let [e1, e2] = self.plan.basis;
-        self.request.mounting.to_body(e1.cross(&e2))
-    }
-
     /// Each part of the samples is corrected by a fit to the other parts.
     fn cross_validated<C: Curve<D, P>, const P: usize>(
         &self,
@@ -254,7 +242,15 @@ impl<const D: usize> Work<'_, D> {
             .map(|position| C::new(position, best.reference_mgauss))
             .collect::<Option<Vec<C>>>()?;
         let part_of = parts.of_each_sample();
-        self.agreement(&self.sightings(points, |index| &curves[part_of[index]], fits))
+        let sightings = self.sightings(points, |index| &curves[part_of[index]], fits);
+        match self.plan.mode {
+            Mode::Planar => {
+                let [e1, e2] = self.plan.basis;
+                let normal_body = self.request.mounting.to_body(e1.cross(&e2));
+                gyro_agreement::planar(&sightings, &normal_body)
+            }
+            Mode::Spatial => gyro_agreement::spatial(&sightings),
+        }
     }
 
     /// Where turns begin and end among the plan's samples. In the plane nothing depends on it: each turn shows all of the curve.

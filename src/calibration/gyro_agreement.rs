@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Unit, Vector3};
 
-use super::medians::median_of;
+use super::medians::{median, median_of};
 use crate::attitude::Pose;
 use crate::frame::{hypot, wrap_pi};
 
@@ -196,13 +196,10 @@ fn unwrap(stretch: &mut [Phase]) {
         if before.iter().all(|b| (*phase - b.rad).abs() < PI) {
             continue;
         }
-        let mut phases = [0.0; 5];
-        for (past, before) in phases.iter_mut().zip(before) {
-            *past = before.rad;
-        }
-        let known = &mut phases[..before.len()];
-        known.sort_unstable_by(f64::total_cmp);
-        let typical = known[known.len() / 2];
+        let mut known: Vec<f64> = before.iter().map(|b| b.rad).collect();
+        let Some(typical) = median(&mut known) else {
+            continue;
+        };
         let near = typical + wrap_pi(*phase - typical);
         turns += near - *phase;
         *phase = near;

@@ -25,22 +25,19 @@ pub struct Plan {
 /// Chooses mode, plane and samples. `None` if a plane is needed and the gyro shows none.
 pub fn plan(request: &Request) -> Option<Plan> {
     let turns = &request.turns;
-    let all = 0..request.samples.len();
-    let samples = if request.settings.window == WindowChoice::All || turns.is_empty() {
-        all
+    let all = request.settings.window == WindowChoice::All;
+    let samples = if all || turns.is_empty() {
+        0..request.samples.len()
     } else {
         request.moving.clone()
     };
+    let axes = turns.iter().map(|turn| turn.axis_body);
     let mode = match request.settings.mode {
-        ModeChoice::Planar => Mode::Planar,
         ModeChoice::Spatial => Mode::Spatial,
-        ModeChoice::Auto if request.plane.is_some() => Mode::Planar,
-        ModeChoice::Auto
-            if show_space(turns.iter().map(|turn| turn.axis_body), &request.settings) =>
-        {
+        ModeChoice::Auto if request.plane.is_none() && show_space(axes, &request.settings) => {
             Mode::Spatial
         }
-        ModeChoice::Auto => Mode::Planar,
+        ModeChoice::Planar | ModeChoice::Auto => Mode::Planar,
     };
     let basis = match (mode, request.plane) {
         (Mode::Spatial, _) => [Vector3::x(), Vector3::y()],
@@ -51,9 +48,7 @@ pub fn plan(request: &Request) -> Option<Plan> {
         }
     };
     let samples = match mode {
-        Mode::Planar if request.settings.window == WindowChoice::All => {
-            from_known_tilt(request, samples)
-        }
+        Mode::Planar if all => from_known_tilt(request, samples),
         Mode::Planar => from_known_tilt(request, while_level(request, samples)),
         Mode::Spatial => samples,
     };
@@ -126,19 +121,12 @@ fn from_known_tilt(request: &Request, samples: Range<usize>) -> Range<usize> {
 
 /// Whether turns about these axes show the field in space: two of the axes are far enough apart.
 pub fn show_space(axes: impl Iterator<Item = Vector3<f64>> + Clone, settings: &Settings) -> bool {
-    axes_apart_deg(axes) >= settings.axes_apart_deg
-}
-
-/// The largest angle between two turns' axes, 0 to 90 degrees.
-fn axes_apart_deg(axes: impl Iterator<Item = Vector3<f64>> + Clone) -> f64 {
-    let mut largest = 0.0f64;
-    for (i, a) in axes.clone().enumerate() {
-        for b in axes.clone().skip(i + 1) {
-            let cosine = a.dot(&b).abs().min(1.0);
-            largest = largest.max(cosine.acos().to_degrees());
-        }
-    }
-    largest
+    // Either way round: 0 to 90 degrees.
+    let angle_deg = |a: Vector3<f64>, b| a.dot(&b).abs().min(1.0).acos().to_degrees();
+    axes.clone().any(|a| {
+        let mut others = axes.clone();
+        others.any(|b| angle_deg(a, b) >= settings.axes_apart_deg)
+    })
 }
 
 /// The mean of the turns' axes, whichever way round each was made.
