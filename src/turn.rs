@@ -48,6 +48,7 @@ settings! {
 
 /// Finds full turns, tick by tick.
 pub struct TurnDetector {
+    settings: Settings,
     vertical: Vertical,
     chain: Chain,
     newest_s: Option<f64>,
@@ -57,6 +58,7 @@ impl TurnDetector {
     /// A detector that has seen no rotation yet.
     pub fn new(settings: &Settings) -> Self {
         Self {
+            settings: *settings,
             vertical: Vertical::new(settings),
             chain: Chain::new(settings),
             newest_s: None,
@@ -72,7 +74,12 @@ impl TurnDetector {
             self.reset();
         }
         self.newest_s = Some(tick.t_s);
-        let vertical = self.vertical.tick(tick);
+        let vertical = if tick.pose.vertical_known {
+            self.vertical.tick(tick)
+        } else {
+            self.vertical = Vertical::new(&self.settings);
+            None
+        };
         let patient = self.vertical.progress() > ABOUT_TO_TURN;
         let turn = vertical.or_else(|| self.chain.tick(tick, patient));
         if turn.is_some() {
@@ -93,9 +100,7 @@ impl TurnDetector {
 
     /// Forgets what has been counted.
     pub fn reset(&mut self) {
-        self.vertical.reset();
-        self.chain.reset();
-        self.newest_s = None;
+        *self = Self::new(&self.settings);
     }
 }
 

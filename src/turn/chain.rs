@@ -46,20 +46,15 @@ impl Open {
         }
     }
 
-    /// What was turned after half a link.
-    fn second_half(&self) -> Option<Self> {
+    /// What was turned after half a link, where that is about another axis than the whole: the axis has changed within.
+    fn after_change(&self, cos_tolerance: f64) -> Option<Self> {
         let (start_s, turned, earth) = self.half?;
-        Some(Self {
+        let second = Self {
             start_s,
             turned: turned.inverse() * self.turned,
             earth: self.earth.zip(earth).map(|(all, half)| all - half),
             half: None,
-        })
-    }
-
-    /// What was turned after half a link, where that is about another axis than the whole: the axis has changed within.
-    fn after_change(&self, cos_tolerance: f64) -> Option<Self> {
-        let second = self.second_half()?;
+        };
         let (part, whole) = (second.turned.scaled_axis(), self.turned.scaled_axis());
         (part.dot(&whole) < part.norm() * whole.norm() * cos_tolerance).then_some(second)
     }
@@ -107,12 +102,6 @@ impl Chain {
             most: (0, 0.0),
             span: 0.0,
         }
-    }
-
-    pub(super) fn reset(&mut self) {
-        self.links.clear();
-        self.open = None;
-        self.measure();
     }
 
     pub(super) fn progress(&self) -> f64 {

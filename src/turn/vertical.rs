@@ -73,14 +73,6 @@ impl Vertical {
         }
     }
 
-    pub(super) fn reset(&mut self) {
-        self.now = None;
-        self.resting = false;
-        self.notes.clear();
-        (self.least, self.most) = (0, 0);
-        self.next_look_s = f64::NEG_INFINITY;
-    }
-
     pub(super) fn progress(&self) -> f64 {
         let Some(now) = &self.now else { return 0.0 };
         let (rise, fall) = self.spans(now);
@@ -93,11 +85,8 @@ impl Vertical {
         (now.angle - at(self.least), at(self.most) - now.angle)
     }
 
+    /// Takes a tick of which the vertical is known.
     pub(super) fn tick(&mut self, tick: &Tick) -> Option<Turn> {
-        if !tick.pose.vertical_known {
-            self.reset();
-            return None;
-        }
         if let Some(before) = self.now
             && self.resting
             && !tick.at_rest
