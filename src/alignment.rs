@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::frame::Mounting;
 use crate::reading::{HELD_S, Reading};
-use carried::{Carried, KNOT_S, Knot, Linear, pairs};
+use carried::{Carried, KNOT_S, pairs};
 use solve::{FoundAxes, SensorData, axes, cost, refine};
 
 /// Fewer pairs of attitudes 30° apart tell nothing.
@@ -159,9 +159,9 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
     let (fields, forces) = (vectors(&mag, &mag_found), vectors(&accel, &accel_found));
     let sign = sign(&fields, &forces, dips_down);
     let upward = if sign == Sign::Gravity { -1.0 } else { 1.0 };
-    let known = || forces.iter().flatten();
-    let until_s = known().next().map_or(0.0, |(t_s, _)| t_s + UPRIGHT_S);
-    let up: Vector3<f64> = known()
+    let until_s = forces.first().map_or(0.0, |(t_s, _)| t_s + UPRIGHT_S);
+    let up: Vector3<f64> = forces
+        .iter()
         .take_while(|(t_s, _)| *t_s <= until_s)
         .map(|(_, force)| force * upward)
         .sum();
@@ -197,12 +197,10 @@ struct VectorSensor {
 impl VectorSensor {
     /// What it reads, with the gyro's account of the motion.
     fn data(&self, carried: &Carried) -> SensorData {
-        let knots = carried.knots();
-        let means = carried.means(&knots, &self.samples, self.half_window_s);
+        let seen = carried.means(&self.samples, self.half_window_s);
         SensorData {
-            pairs: pairs(&knots, &means, 2.0 * self.half_window_s),
-            knots,
-            means,
+            pairs: pairs(&seen, 2.0 * self.half_window_s),
+            seen,
             offset_sd: self.offset_sd,
         }
     }
@@ -239,12 +237,11 @@ impl VectorSensor {
     }
 
     /// The vector at each knot with its time, gyro axes.
-    fn vectors(&self, carried: &Carried, found: &FoundAxes) -> Vec<Option<(f64, Vector3<f64>)>> {
-        let data = self.data(carried);
-        let at = |(knot, mean): (&Knot, &Option<Linear>)| {
-            Some((knot.t_s, mean.as_ref()?.at(&found.matrix, &found.offset)))
-        };
-        data.knots.iter().zip(&data.means).map(at).collect()
+    fn vectors(&self, carried: &Carried, found: &FoundAxes) -> Vec<(f64, Vector3<f64>)> {
+        let seen = carried.means(&self.samples, self.half_window_s);
+        seen.iter()
+            .map(|(knot, mean)| (knot.t_s, mean.at(&found.matrix, &found.offset)))
+            .collect()
     }
 }
 
@@ -260,16 +257,12 @@ fn samples(
 }
 
 /// By which way the field points, if it points up or down clearly enough.
-fn sign(
-    fields: &[Option<(f64, Vector3<f64>)>],
-    forces: &[Option<(f64, Vector3<f64>)>],
-    dips_down: bool,
-) -> Sign {
+fn sign(fields: &[(f64, Vector3<f64>)], forces: &[(f64, Vector3<f64>)], dips_down: bool) -> Sign {
     let sines: Vec<f64> = fields
         .iter()
-        .zip(forces)
-        .filter_map(|(field, force)| {
-            let (field, force) = ((*field)?.1, (*force)?.1);
+        .filter_map(|(t_s, field)| {
+            let at = forces.binary_search_by(|(force_s, _)| force_s.total_cmp(t_s));
+            let (_, force) = forces[at.ok()?];
             // A field or force of zero has no direction.
             Some(-field.try_normalize(0.0)?.dot(&force.try_normalize(0.0)?))
         })

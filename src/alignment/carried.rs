@@ -44,7 +44,10 @@ pub(super) struct Knot {
     pub(super) rate_rad_s: Vector3<f64>,
 }
 
-/// Two knots between which the board has turned.
+/// A knot, and the sensor's vector there.
+pub(super) type SensedKnot = (Knot, Linear);
+
+/// Two knots between which the board has turned, counted among those seen.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct KnotPair {
     pub(super) first: usize,
@@ -111,81 +114,80 @@ impl Carried {
         })
     }
 
-    /// Evenly spaced knots over the whole motion.
-    pub(super) fn knots(&self) -> Vec<Knot> {
+    /// Evenly spaced knots over the whole motion, each with what the sensor measures about it; knots without a sample are left out.
+    pub(super) fn means(
+        &self,
+        samples: &[(f64, Vector3<f64>)],
+        half_window_s: f64,
+    ) -> Vec<SensedKnot> {
         let (Some(first), Some(last)) = (self.ticks.first(), self.ticks.last()) else {
             return Vec::new();
         };
         let count = ((last.t_s - first.t_s) / KNOT_S) as usize;
         (0..=count)
-            .filter_map(|index| self.knot(first.t_s + index as f64 * KNOT_S))
+            .filter_map(|index| {
+                let knot = self.knot(first.t_s + index as f64 * KNOT_S)?;
+                Some((knot, self.mean(&knot, samples, half_window_s)?))
+            })
             .collect()
     }
 
-    /// Samples (time and chip axes) within half a window of each knot, carried to it. `None` where there is none.
-    pub(super) fn means(
+    /// The mean of the samples (time and chip axes) within half a window of a knot, carried to it.
+    fn mean(
         &self,
-        knots: &[Knot],
+        knot: &Knot,
         samples: &[(f64, Vector3<f64>)],
         half_window_s: f64,
-    ) -> Vec<Option<Linear>> {
-        let mean = |knot: &Knot| {
-            let first = samples.partition_point(|(t_s, _)| *t_s < knot.t_s - half_window_s);
-            let mut linear = Linear {
-                by_matrix: SMatrix::zeros(),
-                by_offset: Matrix3::zeros(),
-            };
-            let mut count = 0;
-            for (t_s, chip) in samples[first..]
-                .iter()
-                .take_while(|(t_s, _)| *t_s < knot.t_s + half_window_s)
-            {
-                let Some(at) = self.knot(*t_s).filter(|at| at.segment == knot.segment) else {
-                    continue;
-                };
-                let turn = (knot.to_frame.inverse() * at.to_frame).into_inner();
-                for column in 0..9 {
-                    let scaled = turn.column(column / 3) * chip[column % 3];
-                    let mut sum = linear.by_matrix.column_mut(column);
-                    sum += scaled;
-                }
-                linear.by_offset += turn;
-                count += 1;
-            }
-            (count > 0).then(|| {
-                let share = 1.0 / count as f64;
-                Linear {
-                    by_matrix: linear.by_matrix * share,
-                    by_offset: linear.by_offset * share,
-                }
-            })
+    ) -> Option<Linear> {
+        let first = samples.partition_point(|(t_s, _)| *t_s < knot.t_s - half_window_s);
+        let near = samples[first..].iter();
+        let near = near.take_while(|(t_s, _)| *t_s < knot.t_s + half_window_s);
+        let mut linear = Linear {
+            by_matrix: SMatrix::zeros(),
+            by_offset: Matrix3::zeros(),
         };
-        knots.iter().map(mean).collect()
+        let mut count = 0.0;
+        for (t_s, chip) in near {
+            let Some(at) = self.knot(*t_s).filter(|at| at.segment == knot.segment) else {
+                continue;
+            };
+            let turn = (knot.to_frame.inverse() * at.to_frame).into_inner();
+            for column in 0..9 {
+                let scaled = turn.column(column / 3) * chip[column % 3];
+                let mut sum = linear.by_matrix.column_mut(column);
+                sum += scaled;
+            }
+            linear.by_offset += turn;
+            count += 1.0;
+        }
+        let share = 1.0 / count;
+        (count > 0.0).then(|| Linear {
+            by_matrix: linear.by_matrix * share,
+            by_offset: linear.by_offset * share,
+        })
     }
 }
 
-/// One pair after the other, of knots at which there is something to compare. They are so far apart that they share no sample.
-pub(super) fn pairs(knots: &[Knot], known: &[Option<Linear>], apart_s: f64) -> Vec<KnotPair> {
+/// One pair after the other. They are so far apart that they share no sample.
+pub(super) fn pairs(seen: &[SensedKnot], apart_s: f64) -> Vec<KnotPair> {
     let mut pairs = Vec::new();
-    let usable: Vec<usize> = (0..knots.len()).filter(|&k| known[k].is_some()).collect();
-    let mut begin = 0;
-    while begin < usable.len() {
-        let first = usable[begin];
-        let from = &knots[first];
+    let mut first = 0;
+    while first < seen.len() {
+        let (from, _) = &seen[first];
         let together = |knot: &Knot| knot.segment == from.segment && knot.t_s - from.t_s <= PAIR_S;
-        let end = usable[begin..]
+        let far = |knot: &Knot| {
+            knot.t_s - from.t_s >= apart_s && from.to_frame.angle_to(&knot.to_frame) >= PAIR_RAD
+        };
+        let steps = seen[first..]
             .iter()
-            .take_while(|&&k| together(&knots[k]))
-            .position(|&k| {
-                let far = knots[k].t_s - from.t_s >= apart_s;
-                far && from.to_frame.angle_to(&knots[k].to_frame) >= PAIR_RAD
-            });
-        let Some(steps) = end else {
-            begin += 1;
+            .take_while(|(knot, _)| together(knot))
+            .position(|(knot, _)| far(knot));
+        let Some(steps) = steps else {
+            first += 1;
             continue;
         };
-        let second = usable[begin + steps];
-        let to = &knots[second];
+        let second = first + steps;
+        let (to, _) = &seen[second];
         let back = to.to_frame.inverse();
         pairs.push(KnotPair {
             first,
@@ -193,7 +195,7 @@ pub(super) fn pairs(knots: &[Knot], known: &[Option<Linear>], apart_s: f64) -> V
             carry: (back * from.to_frame).into_inner(),
             by_bias: back.matrix() * (to.sum - from.sum),
         });
-        begin += steps;
+        first = second;
     }
     pairs
 }

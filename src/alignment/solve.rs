@@ -9,7 +9,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::carried::{Knot, KnotPair, Linear};
+use super::carried::{KnotPair, SensedKnot};
 use crate::frame::rows;
 
 /// Deviation of M from three signed axes, entry by entry: 6° of rotation, 10 % of scale and soft iron.
@@ -36,8 +36,7 @@ const T: usize = 15;
 
 /// What is known of one sensor.
 pub(super) struct SensorData {
-    pub(super) knots: Vec<Knot>,
-    pub(super) means: Vec<Option<Linear>>,
+    pub(super) seen: Vec<SensedKnot>,
     pub(super) pairs: Vec<KnotPair>,
     /// Standard deviation of the offset to expect, in the sensor's unit.
     pub(super) offset_sd: f64,
@@ -77,8 +76,8 @@ pub(super) fn cost(data: &SensorData, axes: &Matrix3<f64>) -> f64 {
         return f64::INFINITY;
     };
     let (matrix, offset) = (solution.matrix(axes), solution.offset());
-    let means = data.means.iter().flatten();
-    let squares = means.map(|mean| mean.at(&matrix, &offset).norm_squared());
+    let vectors = data.seen.iter().map(|(_, mean)| mean.at(&matrix, &offset));
+    let squares = vectors.map(|vector| vector.norm_squared());
     let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| {
         (sum + square, count + 1.0)
     });
@@ -181,15 +180,12 @@ impl PairEquations {
         offset: &Vector3<f64>,
     ) -> Vec<Self> {
         let of = |pair: &KnotPair| {
-            let [first, second] = [pair.first, pair.second].map(|knot| data.means[knot].as_ref());
-            let (first, second) = (first?, second?);
-            let [rate, later_rate] =
-                [pair.first, pair.second].map(|knot| data.knots[knot].rate_rad_s);
+            let ((from, first), (to, second)) = (&data.seen[pair.first], &data.seen[pair.second]);
             let (vector, later) = (first.at(matrix, offset), second.at(matrix, offset));
             let carried = pair.carry * vector;
             let by_matrix = second.by_matrix - pair.carry * first.by_matrix;
             // A vector that stands still in the world turns against the board.
-            let by_lag = pair.carry * rate.cross(&vector) - later_rate.cross(&later);
+            let by_lag = pair.carry * from.rate_rad_s.cross(&vector) - to.rate_rad_s.cross(&later);
             let mut by = SMatrix::<f64, 3, UNKNOWN>::zeros();
             by.fixed_columns_mut::<9>(0).copy_from(&by_matrix);
             by.fixed_columns_mut::<3>(C)
@@ -197,12 +193,12 @@ impl PairEquations {
             by.fixed_columns_mut::<3>(G)
                 .copy_from(&(carried.cross_matrix() * pair.by_bias));
             by.fixed_columns_mut::<1>(T).copy_from(&by_lag);
-            Some(Self {
+            Self {
                 by,
                 told: -by_matrix * rows(axes),
-            })
+            }
         };
-        data.pairs.iter().filter_map(of).collect()
+        data.pairs.iter().map(of).collect()
     }
 
     fn left(&self, found: &SVector<f64, UNKNOWN>) -> f64 {
@@ -267,8 +263,11 @@ impl Solution {
 
 /// How long the vector is, about, with its offset in it.
 fn size(data: &SensorData) -> f64 {
-    let means = data.means.iter().flatten();
-    let lengths = means.map(|mean| mean.at(&Matrix3::identity(), &Vector3::zeros()).norm());
+    let (matrix, offset) = (Matrix3::identity(), Vector3::zeros());
+    let lengths = data
+        .seen
+        .iter()
+        .map(|(_, mean)| mean.at(&matrix, &offset).norm());
     let (sum, count) = lengths.fold((0.0, 0.0), |(sum, count), length| {
         (sum + length, count + 1.0)
     });
