@@ -4,11 +4,9 @@
 //! samples with the gyro's poses. The ratios stand in a table at the end.
 
 use std::hint::black_box;
-use std::time::{Duration, Instant};
 
 use argmin::core::{CostFunction, Error, Executor};
 use argmin::solver::particleswarm::ParticleSwarm;
-use criterion::Criterion;
 
 use headingd::calibration::fit::{bounds, swarm};
 use headingd::calibration::model::Mode;
@@ -17,13 +15,14 @@ use headingd::calibration::outcome::Verdict;
 use headingd::calibration::settings::{Profile, Settings, StopChoice};
 use headingd::calibration::{Request, calibrate};
 
+mod least;
 #[path = "../examples/paper/log.rs"]
 mod log;
 #[path = "../examples/paper/published.rs"]
 #[allow(dead_code, reason = "one of its tests is enough here")]
 mod published;
 
-use log::request;
+use least::{criterion, is_measured, least};
 use published::{HORIZONTAL_MGAUSS, PLANAR};
 
 /// The direct sum as argmin wants it.
@@ -38,65 +37,27 @@ impl CostFunction for Sum<'_> {
     }
 }
 
-/// Times by name, one for each of criterion's samples.
-#[derive(Default)]
-struct Times(Vec<(&'static str, Vec<f64>)>);
-
-impl Times {
-    fn measure(&mut self, criterion: &mut Criterion, name: &'static str, mut work: impl FnMut()) {
-        let mut seconds = Vec::new();
-        criterion.bench_function(name, |bencher| {
-            bencher.iter_custom(|count| {
-                let start = Instant::now();
-                (0..count).for_each(|_| work());
-                let elapsed = start.elapsed();
-                seconds.push(elapsed.as_secs_f64() / count as f64);
-                elapsed
-            });
-        });
-        self.0.push((name, seconds));
-    }
-
-    /// The least, if the benchmark was asked for: other work on the machine only ever adds time.
-    fn least(&self, name: &str) -> Option<f64> {
-        let (_, seconds) = self.0.iter().find(|(n, _)| *n == name)?;
-        seconds.iter().copied().reduce(f64::min)
-    }
-}
-
 const STANDARD: &str = "calibrate, profile standard";
 const BASIC: &str = "basic PSO, direct sum, 30 x 1000";
 const ARGMIN: &str = "argmin ParticleSwarm, direct sum, 40 x 400";
 const SUM: &str = "one particle, direct sum";
 const FACTOR: &str = "one particle, factor";
 
-/// What is to be how many times faster than what, and how many times at least.
-const RATIOS: [(&str, &str, f64); 3] = [
-    (STANDARD, BASIC, 300.0),
-    (STANDARD, ARGMIN, 100.0),
-    (FACTOR, SUM, 80.0),
-];
-
 fn planar(settings: &Settings) -> Request {
-    request(Mode::Planar, &PLANAR[0].all, 1, settings)
+    log::request(Mode::Planar, &PLANAR[0].all, 1, settings)
 }
 
 fn main() {
-    let mut criterion = Criterion::default()
-        .sample_size(20)
-        .measurement_time(Duration::from_secs(3))
-        .without_plots()
-        .configure_from_args();
-    let mut times = Times::default();
+    let mut criterion = criterion();
 
-    let standard = planar(&Settings::default());
-    let outcome = calibrate(&standard, &|| None);
+    let request = planar(&Settings::default());
+    let outcome = calibrate(&request, &|| None);
     assert_eq!(outcome.verdict, Verdict::Accepted, "{}", outcome.message);
-    times.measure(&mut criterion, STANDARD, || {
-        black_box(calibrate(black_box(&standard), &|| None));
+    let standard_s = least(&mut criterion, STANDARD, || {
+        black_box(calibrate(black_box(&request), &|| None));
     });
 
-    let points: Vec<[f64; 2]> = standard
+    let points: Vec<[f64; 2]> = request
         .samples
         .iter()
         .map(|s| [s.field_mgauss.x, s.field_mgauss.y])
@@ -107,7 +68,7 @@ fn main() {
         stop: StopChoice::Basic,
         ..Settings::default()
     };
-    times.measure(&mut criterion, BASIC, || {
+    let basic_s = least(&mut criterion, BASIC, || {
         black_box(swarm::<2, 4, 5>(black_box(&points), &ranges, &paper));
     });
 
@@ -124,7 +85,7 @@ fn main() {
         ranges.scale_max[0],
         ranges.scale_max[1],
     ];
-    times.measure(&mut criterion, ARGMIN, || {
+    let argmin_s = least(&mut criterion, ARGMIN, || {
         let solver = ParticleSwarm::new((low.clone(), high.clone()), 40);
         let executor = Executor::new(Sum(black_box(&points)), solver);
         let result = executor.configure(|state| state.max_iters(400)).run();
@@ -137,32 +98,33 @@ fn main() {
         HORIZONTAL_MGAUSS,
     );
     let position = [87.0, 54.0, 0.87, 1.0];
-    times.measure(&mut criterion, SUM, || {
+    let sum_s = least(&mut criterion, SUM, || {
         black_box(direct(
             black_box(&points),
             black_box(&position),
             HORIZONTAL_MGAUSS,
         ));
     });
-    times.measure(&mut criterion, FACTOR, || {
+    let factor_s = least(&mut criterion, FACTOR, || {
         black_box(black_box(&factored).fit_value(black_box(&position)));
     });
 
     criterion.final_summary();
-    // cargo test runs every benchmark once, which says nothing.
-    if std::env::args().any(|argument| argument == "--bench") {
-        table(&times);
+    if !is_measured() {
+        return;
     }
-}
-
-fn table(times: &Times) {
     println!("{:>8} {:>8}", "ratio", "at least");
-    for (fast, slow, target) in RATIOS {
-        let (Some(f), Some(s)) = (times.least(fast), times.least(slow)) else {
+    for (fast, fast_s, slow, slow_s, target) in [
+        (STANDARD, standard_s, BASIC, basic_s, 300.0),
+        (STANDARD, standard_s, ARGMIN, argmin_s, 100.0),
+        (FACTOR, factor_s, SUM, sum_s, 80.0),
+    ] {
+        if fast_s.is_infinite() || slow_s.is_infinite() {
             continue;
-        };
-        let (f_us, s_us) = (1e6 * f, 1e6 * s);
-        let ratio = s / f;
-        println!("{ratio:8.0} {target:8.0}  {fast} ({f_us:.3} us) against {slow} ({s_us:.3} us)");
+        }
+        let (fast_us, slow_us, ratio) = (1e6 * fast_s, 1e6 * slow_s, slow_s / fast_s);
+        println!(
+            "{ratio:8.0} {target:8.0}  {fast} ({fast_us:.3} us) against {slow} ({slow_us:.3} us)"
+        );
     }
 }

@@ -4,13 +4,15 @@
 //! magnetometer at 50 Hz, and both times are of one run.
 
 use std::hint::black_box;
-use std::time::{Duration, Instant};
 
-use criterion::Criterion;
 use headingd::attitude::{self, Attitude};
 use headingd::estimate::{Estimate, Sample};
 use headingd::sensor::simulator::{Scenario, Settings, Simulator};
 use vqf_rs::VQF;
+
+mod least;
+
+use least::{criterion, is_measured, least};
 
 /// The estimate may cost so many times what VQF does.
 const AT_MOST: f64 = 10.0;
@@ -83,45 +85,25 @@ impl Board {
     }
 }
 
-/// The least time of one of `count` equal parts of the work, seconds: other work on the machine only ever adds time.
-fn least(criterion: &mut Criterion, name: &str, count: usize, mut work: impl FnMut()) -> f64 {
-    let mut least = f64::INFINITY;
-    criterion.bench_function(name, |bencher| {
-        bencher.iter_custom(|times| {
-            let start = Instant::now();
-            (0..times).for_each(|_| work());
-            let elapsed = start.elapsed().div_f64(count as f64);
-            least = least.min(elapsed.as_secs_f64() / times as f64);
-            elapsed
-        });
-    });
-    least
-}
-
 fn main() {
-    let mut criterion = Criterion::default()
-        .sample_size(20)
-        .measurement_time(Duration::from_secs(3))
-        .without_plots()
-        .configure_from_args();
+    let mut criterion = criterion();
     let board = Board::tumbling();
     let sd_deg = board.estimate().north_sd_deg();
     assert!(sd_deg < 5.0, "nothing was learnt: {sd_deg} degrees");
 
-    let samples = board.samples.len();
-    let estimate = least(&mut criterion, "estimate, one sample", samples, || {
+    let estimate_s = least(&mut criterion, "estimate, a minute and a half", || {
         black_box(board.estimate());
     });
-    let vqf = least(&mut criterion, "VQF, one update", board.ticks.len(), || {
+    let vqf_s = least(&mut criterion, "VQF, a minute and a half", || {
         black_box(board.vqf());
     });
     criterion.final_summary();
-    // cargo test runs every benchmark once, which says nothing.
-    if std::env::args().any(|argument| argument == "--bench") {
-        let (estimate_us, vqf_us) = (1e6 * estimate, 1e6 * vqf);
+    if is_measured() {
+        let estimate_us = 1e6 * estimate_s / board.samples.len() as f64;
+        let vqf_us = 1e6 * vqf_s / board.ticks.len() as f64;
         println!(
             "{:.1} times VQF (at most {AT_MOST:.0}): one sample of the estimate {estimate_us:.3} us, one update of VQF {vqf_us:.3} us",
-            estimate / vqf
+            estimate_us / vqf_us
         );
     }
 }
