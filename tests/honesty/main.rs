@@ -1,19 +1,7 @@
 //! How soon headings come, how good they are, and whether they admit it when they are not: replays simulated and
 //! recorded logs and prints one table.
 //!
-//! `cargo test --release --test honesty -- [OPTION]…` runs 20 seeds of each simulated family.
-//!
-//! | option | what it does |
-//! |---|---|
-//! | `--full` | runs as many seeds as the figures ask for |
-//! | `--seeds N`, `--seed N` | runs the first N seeds, or this one alone |
-//! | `--family WORD` | runs one row, or all whose names contain the word; may be given again |
-//! | `--logs DIR` | replays the recordings of real chips there, which are not part of the project |
-//! | `--each` | shows each seed's figures as well |
-//! | `--trace FILE` | writes what one run shows, sample by sample |
-//! | `--write FILE` | writes one run's readings as a log |
-//! | `--given-truth` | starts with the true calibration: what is left is what motion and place cost |
-//! | `--place DEG` | tells the daemon what a model says of the place's field, its dip off by so much |
+//! `cargo test --release --test honesty -- [OPTION]…` runs 20 seeds of each simulated family; `--help` lists the options.
 //!
 //! The status is 1 if a limit is missed.
 
@@ -44,6 +32,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
+use clap::Parser;
 use families::Family;
 use headingd::recording::{Header, Writer};
 use random::Rng;
@@ -53,66 +42,49 @@ use table::Row;
 /// Seeds of each family without `--full`.
 const FEW: usize = 20;
 
-#[derive(Default)]
+/// Replays simulated and recorded logs and prints one table.
+#[derive(Parser)]
+#[command(name = "honesty")]
 struct Args {
-    families: Vec<String>,
-    seeds: Option<usize>,
+    /// Runs as many seeds as the figures ask for
+    #[arg(long)]
     full: bool,
-    given_truth: bool,
-    place_off_deg: Option<f64>,
-    each: bool,
+    /// Runs the first N seeds
+    #[arg(long, value_name = "N")]
+    seeds: Option<usize>,
+    /// Runs this seed alone
+    #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    trace: Option<PathBuf>,
-    write: Option<PathBuf>,
+    /// Runs one row, or all whose names contain the word; may be given again
+    #[arg(long = "family", value_name = "WORD")]
+    families: Vec<String>,
+    /// Replays the recordings of real chips there, which are not part of the project
+    #[arg(long, value_name = "DIR")]
     logs: Option<PathBuf>,
-}
-
-fn args() -> Result<Option<Args>, String> {
-    let mut args = Args::default();
-    let mut words = std::env::args().skip(1);
-    while let Some(word) = words.next() {
-        let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
-        let number = |text: String| {
-            text.parse::<u64>()
-                .map_err(|_| format!("{word}: {text:?} is no number"))
-        };
-        match word.as_str() {
-            "--family" => args.families.push(value()?),
-            "--seeds" => args.seeds = Some(number(value()?)? as usize),
-            "--seed" => args.seed = Some(number(value()?)?),
-            "--full" => args.full = true,
-            "--place" => args.place_off_deg = Some(number(value()?)? as f64),
-            "--each" => args.each = true,
-            "--given-truth" => args.given_truth = true,
-            "--trace" => args.trace = Some(value()?.into()),
-            "--write" => args.write = Some(value()?.into()),
-            "--logs" => args.logs = Some(value()?.into()),
-            "--list" => {
-                println!("honesty: test");
-                return Ok(None);
-            }
-            // An option of the usual test programs, and the names of other tests.
-            "--nocapture" => {}
-            other if other.starts_with('-') => return Err(format!("unknown option {other}")),
-            other if !"honesty".contains(other) => return Ok(None),
-            _ => {}
-        }
-    }
-    if (args.trace.is_some() || args.write.is_some()) && args.families.len() != 1 {
-        return Err("--trace and --write keep one run: they need one --family".to_owned());
-    }
-    Ok(Some(args))
+    /// Shows each seed's figures as well
+    #[arg(long)]
+    each: bool,
+    /// Writes what one run shows, sample by sample
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
+    /// Writes one run's readings as a log
+    #[arg(long, value_name = "FILE")]
+    write: Option<PathBuf>,
+    /// Starts with the true calibration: what is left is what motion and place cost
+    #[arg(long)]
+    given_truth: bool,
+    /// Tells the daemon what a model says of the place's field, its dip off by so much
+    #[arg(long = "place", value_name = "DEG")]
+    place_off_deg: Option<f64>,
 }
 
 fn main() -> ExitCode {
-    let args = match args() {
-        Ok(Some(args)) => args,
-        Ok(None) => return ExitCode::SUCCESS,
-        Err(why) => {
-            eprintln!("honesty: {why}");
-            return ExitCode::from(2);
-        }
-    };
+    let args = Args::parse();
+    let one_run = args.trace.is_some() || args.write.is_some();
+    if one_run && args.families.len() != 1 {
+        eprintln!("honesty: --trace and --write keep one run: they need one --family");
+        return ExitCode::from(2);
+    }
     let names: Vec<&str> = (logs::ALL.iter().map(|log| log.name))
         .chain(families::ALL.iter().map(|family| family.name))
         .collect();
@@ -148,9 +120,7 @@ fn main() -> ExitCode {
             print(&row);
         }
     }
-    // A trace and a log are those of one run.
-    let one = args.trace.is_some() || args.write.is_some();
-    let seed = args.seed.or(one.then_some(0));
+    let seed = args.seed.or(one_run.then_some(0));
     for family in families::ALL.iter().filter(|family| wanted(family.name)) {
         let seeds: Vec<u64> = match seed {
             Some(seed) => vec![seed],
