@@ -2,7 +2,7 @@
 
 use crate::random::Rng;
 use crate::score::Score;
-use crate::table::Limits;
+use crate::table::{Limits, NONE};
 use crate::{bad_turns, changes, faults, handled, rest, vehicles};
 
 /// A kind of run.
@@ -12,22 +12,6 @@ pub struct Family {
     pub run: fn(&mut Rng, &mut Score),
     pub limits: Limits,
 }
-
-const NONE: Limits = Limits {
-    first_s: None,
-    first_deg: None,
-    share: None,
-    rms_deg: None,
-    p95_deg: None,
-    nerr: None,
-    false_share: None,
-    false_of_good: None,
-    good: None,
-    told: None,
-    accepted_right: false,
-    accepted: None,
-    other: &[],
-};
 
 /// Holds the simulation to what it says it does.
 const PERFECT: Limits = Limits {

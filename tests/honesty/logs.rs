@@ -9,7 +9,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::daemon::{Daemon, Log, Shown, log};
 use crate::score::{Score, apart_deg};
-use crate::table::{Limits, Row};
+use crate::table::{Limits, NONE, Row};
 
 /// A log, its limits, and how it is judged.
 pub struct Recording {
@@ -19,30 +19,20 @@ pub struct Recording {
     play: fn(&Log, &Path, &mut Score),
 }
 
-const NONE: Limits = Limits {
+const RECORDED: Limits = Limits {
     first_s: Some(10.0),
-    first_deg: None,
-    share: None,
-    rms_deg: None,
-    p95_deg: None,
-    nerr: None,
     false_share: Some(0.0),
-    false_of_good: None,
-    good: None,
-    told: None,
-    accepted_right: false,
-    accepted: None,
-    other: &[],
+    ..NONE
 };
 /// The upper limit of nerr holds for each log, the lower one for all of them together.
 const BROAD: Limits = Limits {
     nerr: Some((0.0, 1.5)),
-    ..NONE
+    ..RECORDED
 };
 const TOGETHER: Limits = Limits {
     nerr: Some((0.5, 1.5)),
     first_s: None,
-    ..NONE
+    ..RECORDED
 };
 /// Recordings whose name starts with this have a truth.
 const WITH_TRUTH: &str = "broad_";
@@ -92,7 +82,7 @@ pub const ALL: &[Recording] = &[
                 ("rotation off 3.5°", 1.0),
                 ("its axis off", 20.0),
             ],
-            ..NONE
+            ..RECORDED
         },
         play: |log, _, score| sphere(log, score),
     },
@@ -103,7 +93,7 @@ pub const ALL: &[Recording] = &[
             first_s: None,
             first_deg: Some(200.0),
             other: &[("RMS against gyro", 2.5)],
-            ..NONE
+            ..RECORDED
         },
         play: |log, _, score| against_gyro(log, Daemon::new(log.0, None), score),
     },
@@ -113,7 +103,7 @@ pub const ALL: &[Recording] = &[
         limits: Limits {
             first_s: None,
             other: &[("RMS against gyro", 2.0)],
-            ..NONE
+            ..RECORDED
         },
         play: |zrot, folder, score| {
             let sphere = log(&folder.join("hmc5883l_set2_full_sphere.csv"));
@@ -130,7 +120,7 @@ pub const ALL: &[Recording] = &[
         file: "hmc5883l_set2_roll_tilt_45_90.csv",
         limits: Limits {
             first_s: None,
-            ..NONE
+            ..RECORDED
         },
         play: |log, _, score| by_truth(log, score),
     },
@@ -144,7 +134,7 @@ pub const ALL: &[Recording] = &[
                 ("disturbed after, s", 3.0),
                 ("good after, s", 10.0),
             ],
-            ..NONE
+            ..RECORDED
         },
         play: |log, _, score| magnet_near(log, score),
     },

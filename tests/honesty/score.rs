@@ -9,8 +9,9 @@ use headingd::recording::Entry;
 use crate::daemon::Shown;
 
 /// From when on errors count.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Default, PartialEq)]
 pub enum From {
+    #[default]
     FirstHeading,
     FirstGood,
     Time(f64),
@@ -33,6 +34,7 @@ const BIN_DEG: f64 = 0.05;
 const LONGEST_S: f64 = 0.5;
 
 /// One run's score.
+#[derive(Default)]
 pub struct Score {
     /// When motion starts, seconds.
     pub starts_s: f64,
@@ -88,39 +90,11 @@ pub struct Score {
 impl Score {
     pub fn new(trace: Option<BufWriter<File>>, given_truth: bool) -> Self {
         let mut score = Self {
-            starts_s: 0.0,
-            errors_from: From::FirstHeading,
-            excluded: Vec::new(),
-            faults: Vec::new(),
             learnt_by_s: f64::INFINITY,
-            good_from_s: 0.0,
-            watch: None,
-            turned_deg: 0.0,
             given_truth,
-            place_off_deg: None,
-            readings: None,
             trace,
             last_s: f64::NAN,
-            first_s: None,
-            first_turned_deg: None,
-            first_good_s: None,
-            since: 0,
-            with: 0,
-            errors: 0,
-            squares: 0.0,
-            normalised: 0,
-            normalised_squares: 0.0,
-            bins: Vec::new(),
-            time_s: 0.0,
-            false_s: 0.0,
-            should_be_good_s: 0.0,
-            is_good_s: 0.0,
-            good_s: 0.0,
-            false_good_s: 0.0,
-            first_error_deg: None,
-            drift_deg: 0.0,
-            accepted: Vec::new(),
-            other: Vec::new(),
+            ..Self::default()
         };
         if let Some(trace) = &mut score.trace {
             writeln!(

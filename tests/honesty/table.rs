@@ -5,7 +5,7 @@ use std::fmt::Write;
 use crate::score::{Score, percentile_deg};
 
 /// The limits of a row; what has none is only shown.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub struct Limits {
     /// First heading after motion starts, in 95 %, seconds.
     pub first_s: Option<f64>,
@@ -32,9 +32,25 @@ pub struct Limits {
     pub other: &'static [(&'static str, f64)],
 }
 
+/// No limit at all.
+pub const NONE: Limits = Limits {
+    first_s: None,
+    first_deg: None,
+    share: None,
+    rms_deg: None,
+    p95_deg: None,
+    nerr: None,
+    false_share: None,
+    false_of_good: None,
+    good: None,
+    told: None,
+    accepted_right: false,
+    accepted: None,
+    other: &[],
+};
+
 /// One row.
 pub struct Row {
-    name: String,
     cells: [String; COLUMNS.len()],
     failed: bool,
 }
@@ -56,22 +72,23 @@ const COLUMNS: [&str; 11] = [
 impl Row {
     /// A log that is not here.
     pub fn skipped(name: &str, why: &str) -> Self {
+        let mut row = Self::named(name);
+        row.cells[1] = "-".to_owned();
+        row.cells[10] = format!("skipped: {why}");
+        row
+    }
+
+    fn named(name: &str) -> Self {
         let mut cells: [String; COLUMNS.len()] = Default::default();
-        cells[1] = "-".to_owned();
-        cells[10] = format!("skipped: {why}");
+        cells[0] = name.to_owned();
         Self {
-            name: name.to_owned(),
             cells,
             failed: false,
         }
     }
 
     pub fn new(name: &str, scores: &[Score], limits: &Limits) -> Self {
-        let mut row = Self {
-            name: name.to_owned(),
-            cells: Default::default(),
-            failed: false,
-        };
+        let mut row = Self::named(name);
         row.cells[1] = scores.len().to_string();
         row.first(scores, limits);
         row.share(scores, limits);
@@ -86,14 +103,14 @@ impl Row {
         self.failed
     }
 
-    /// Adds a figure to a cell; an unknown one under a limit has failed.
-    fn put(&mut self, column: usize, shown: &str, limit: Option<String>, holds: bool) {
+    /// Adds a figure to a cell, with its limit and whether that holds; an unknown figure under a limit has failed.
+    fn put(&mut self, column: usize, shown: &str, limit: Option<(String, bool)>) {
         let cell = &mut self.cells[column];
         if !cell.is_empty() {
             cell.push_str("; ");
         }
         cell.push_str(if shown.is_empty() { "-" } else { shown });
-        if let Some(limit) = limit {
+        if let Some((limit, holds)) = limit {
             write!(cell, " ({limit} {})", if holds { "ok" } else { "FAIL" }).expect("a string");
             self.failed |= !holds;
         }
@@ -107,28 +124,20 @@ impl Row {
             (quantile(&firsts, 0.5), quantile(&firsts, 0.95))
         };
         let (median, late) = firsts(|score| score.first_s);
-        let limit = limits.first_s.map(|most| format!("≤ {most}"));
-        let holds = limits.first_s.is_none_or(|most| late <= most);
-        self.put(
-            2,
-            &format!("{}, {}", time(median), time(late)),
-            limit,
-            holds,
-        );
+        let limit = |most| (format!("≤ {most}"), late <= most);
+        let shown = format!("{}, {}", time(median), time(late));
+        self.put(2, &shown, limits.first_s.map(limit));
         if let Some(most) = limits.first_deg {
             let (median, late) = firsts(|score| score.first_turned_deg);
             let shown = format!("{}, {}°", time(median), time(late));
-            self.put(2, &shown, Some(format!("≤ {most}°")), late <= most);
+            self.put(2, &shown, Some((format!("≤ {most}°"), late <= most)));
         }
     }
 
     fn share(&mut self, scores: &[Score], limits: &Limits) {
         let share = ratio(scores, |s| s.with as f64, |s| s.since as f64);
-        let holds = limits.share.is_none_or(|least| share >= Some(least));
-        let limit = limits
-            .share
-            .map(|least| format!("≥ {:.0} %", 100.0 * least));
-        self.put(3, &percent(share, 1), limit, holds);
+        let limit = limits.share.map(|least| at_least(share, least));
+        self.put(3, &percent(share, 1), limit);
     }
 
     fn errors(&mut self, scores: &[Score], limits: &Limits) {
@@ -138,8 +147,9 @@ impl Row {
             (5, percentile_deg(scores, 0.95), limits.p95_deg),
         ] {
             let shown = found.map_or(String::new(), |deg| format!("{deg:.2}°"));
-            let holds = most.is_none_or(|most| found.is_some_and(|found| found <= most));
-            self.put(column, &shown, most.map(|most| format!("≤ {most}°")), holds);
+            let holds = |most| found.is_some_and(|found| found <= most);
+            let limit = most.map(|most| (format!("≤ {most}°"), holds(most)));
+            self.put(column, &shown, limit);
         }
     }
 
@@ -151,34 +161,33 @@ impl Row {
         let shown = nerr.map_or(String::new(), |nerr| {
             format!("{nerr:.2}, {:.2}", quantile(&each, 0.95))
         });
-        let holds = limits
-            .nerr
-            .is_none_or(|(least, most)| nerr.is_some_and(|nerr| (least..=most).contains(&nerr)));
-        let limit = limits.nerr.map(|(least, most)| format!("{least}–{most}"));
-        self.put(6, &shown, limit, holds);
+        let limit = limits.nerr.map(|(least, most)| {
+            let holds = nerr.is_some_and(|nerr| (least..=most).contains(&nerr));
+            (format!("{least}–{most}"), holds)
+        });
+        self.put(6, &shown, limit);
 
         let seconds: f64 = scores.iter().map(|score| score.false_s).sum();
         let share = ratio(scores, |s| s.false_s, |s| s.time_s);
-        let holds = limits
-            .false_share
-            .is_none_or(|most| share.is_some_and(|s| s <= most));
-        let limit = limits.false_share.map(|most| match most {
-            0.0 => "0 s".to_owned(),
-            most => format!("≤ {} %", 100.0 * most),
+        let limit = limits.false_share.map(|most| {
+            let text = match most {
+                0.0 => "0 s".to_owned(),
+                most => format!("≤ {} %", 100.0 * most),
+            };
+            (text, share.is_some_and(|share| share <= most))
         });
         let shown = format!("{seconds:.1} s, {}", percent(share, 3));
-        self.put(7, &shown, limit, holds);
+        self.put(7, &shown, limit);
         if let Some(most) = limits.false_of_good {
             let share = ratio(scores, |s| s.false_good_s, |s| s.good_s);
             let shown = format!("{} of good", percent(share, 2));
             let holds = share.is_none_or(|share| share <= most);
-            self.put(7, &shown, Some(format!("≤ {} %", 100.0 * most)), holds);
+            self.put(7, &shown, Some((format!("≤ {} %", 100.0 * most), holds)));
         }
 
         let share = ratio(scores, |s| s.is_good_s, |s| s.should_be_good_s);
-        let holds = limits.good.is_none_or(|least| share >= Some(least));
-        let limit = limits.good.map(|least| format!("≥ {:.0} %", 100.0 * least));
-        self.put(8, &percent(share, 1), limit, holds);
+        let limit = limits.good.map(|least| at_least(share, least));
+        self.put(8, &percent(share, 1), limit);
     }
 
     fn told(&mut self, scores: &[Score], limits: &Limits) {
@@ -200,11 +209,8 @@ impl Row {
             time(quantile(&after, 0.5)),
             percent(Some(share), 1)
         );
-        let limit = limits
-            .told
-            .map(|(_, least)| format!("≥ {:.0} %", 100.0 * least));
-        let holds = limits.told.is_none_or(|(_, least)| share >= least);
-        self.put(9, &shown, limit, holds);
+        let limit = limits.told.map(|(_, least)| at_least(Some(share), least));
+        self.put(9, &shown, limit);
     }
 
     fn others(&mut self, scores: &[Score], limits: &Limits) {
@@ -217,7 +223,7 @@ impl Row {
             // NaN, unknown, is sorted last.
             let worst = found.last().copied().unwrap_or(f64::NAN);
             let shown = format!("{what} {}", number(worst));
-            self.put(10, &shown, Some(format!("≤ {most}")), worst <= *most);
+            self.put(10, &shown, Some((format!("≤ {most}"), worst <= *most)));
         }
         let accepted: Vec<_> = scores
             .iter()
@@ -235,32 +241,32 @@ impl Row {
             ratios.sort_by(f64::total_cmp);
             let late = quantile(&ratios, 0.95);
             let shown = format!("{runs} accepted, error / claimed {} in 95 %", number(late));
-            let limit = limits.accepted_right.then(|| "≤ 2.5".to_owned());
-            self.put(10, &shown, limit, ratios.is_empty() || late <= 2.5);
+            let right =
+                |limit: &str, holds| limits.accepted_right.then(|| (limit.to_owned(), holds));
+            self.put(10, &shown, right("≤ 2.5", ratios.is_empty() || late <= 2.5));
             let wrong = accepted
                 .iter()
                 .filter(|(claim, error)| *error > 5.0 && *claim < 2.0);
             let share = wrong.count() as f64 / accepted.len().max(1) as f64;
             let shown = format!("{} wrong", percent(Some(share), 1));
-            let limit = limits.accepted_right.then(|| "< 1 %".to_owned());
-            self.put(10, &shown, limit, share < 0.01);
+            self.put(10, &shown, right("< 1 %", share < 0.01));
         }
         if let Some(least) = limits.accepted {
-            let share = runs as f64 / scores.len() as f64;
-            let shown = format!("{} accepted", percent(Some(share), 1));
-            let limit = format!("≥ {:.0} %", 100.0 * least);
-            self.put(10, &shown, Some(limit), share >= least);
+            let share = Some(runs as f64 / scores.len() as f64);
+            let shown = format!("{} accepted", percent(share, 1));
+            self.put(10, &shown, Some(at_least(share, least)));
         }
     }
 
     /// As a row of a Markdown table.
     pub fn line(&self) -> String {
-        let mut line = format!("| {} |", self.name);
-        for cell in &self.cells[1..] {
-            write!(line, " {cell} |").expect("a string");
-        }
-        line
+        format!("| {} |", self.cells.join(" | "))
     }
+}
+
+/// The limit of a share, and whether it holds.
+fn at_least(share: Option<f64>, least: f64) -> (String, bool) {
+    (format!("≥ {:.0} %", 100.0 * least), share >= Some(least))
 }
 
 /// The table's head.
