@@ -29,6 +29,32 @@ pub fn ease(share: f64) -> f64 {
     u - (std::f64::consts::TAU * u).sin() / std::f64::consts::TAU
 }
 
+/// A turn with such a speed under way, radians.
+pub struct EasedTurn {
+    from: f64,
+    by: f64,
+    t_s: f64,
+    length_s: f64,
+}
+
+impl EasedTurn {
+    pub fn new(from: f64, by: f64, length_s: f64) -> Self {
+        Self {
+            from,
+            by,
+            t_s: 0.0,
+            length_s,
+        }
+    }
+
+    /// The yaw `dt_s` later, and whether that is the end of the turn.
+    pub fn step(&mut self, dt_s: f64) -> (f64, bool) {
+        self.t_s += dt_s;
+        let yaw = self.from + self.by * ease(self.t_s / self.length_s);
+        (yaw, self.t_s >= self.length_s)
+    }
+}
+
 /// Rises from 0 to 1 and falls again, over `edge_s` at either end.
 fn envelope(t_s: f64, length_s: f64, edge_s: f64) -> f64 {
     ease((t_s / edge_s).min((length_s - t_s) / edge_s))

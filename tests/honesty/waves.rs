@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use crate::motion::{Motion, Pose, ease};
+use crate::motion::{EasedTurn, Motion, Pose, ease};
 use crate::random::{Rng, Smooth};
 
 /// Heading held for a while, then turned, again and again.
@@ -15,7 +15,7 @@ struct Course {
     /// Rate of turn at its peak, degrees a second.
     rate_deg_s: (f64, f64),
     left_s: f64,
-    turn: Option<(f64, f64, f64, f64)>,
+    turn: Option<EasedTurn>,
     turned: f64,
 }
 
@@ -23,10 +23,10 @@ impl Course {
     fn step(&mut self, rng: &mut Rng, dt: f64) -> f64 {
         let before = self.yaw;
         match &mut self.turn {
-            Some((from, rad, t_s, length_s)) => {
-                *t_s += dt;
-                self.yaw = *from + *rad * ease(*t_s / *length_s);
-                if *t_s >= *length_s {
+            Some(turn) => {
+                let over;
+                (self.yaw, over) = turn.step(dt);
+                if over {
                     self.turn = None;
                     self.left_s = rng.uniform(self.hold_s.0, self.hold_s.1);
                 }
@@ -37,7 +37,7 @@ impl Course {
                     let deg = rng.uniform(self.turn_deg.0, self.turn_deg.1);
                     let rate = rng.uniform(self.rate_deg_s.0, self.rate_deg_s.1);
                     let rad = rng.sign() * deg.to_radians();
-                    self.turn = Some((self.yaw, rad, 0.0, 2.0 * deg / rate));
+                    self.turn = Some(EasedTurn::new(self.yaw, rad, 2.0 * deg / rate));
                 }
             }
         }

@@ -2,7 +2,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::motion::{Motion, Pose, ease};
+use crate::motion::{EasedTurn, Motion, Pose};
 use crate::random::{Rng, Smooth};
 
 /// How a car is driven.
@@ -22,22 +22,10 @@ pub struct Driving {
 }
 
 enum Plan {
-    Stand {
-        left_s: f64,
-    },
-    Straight {
-        left_s: f64,
-        cruise: f64,
-    },
-    Brake {
-        to: f64,
-    },
-    Turn {
-        from: f64,
-        rad: f64,
-        t_s: f64,
-        length_s: f64,
-    },
+    Stand { left_s: f64 },
+    Straight { left_s: f64, cruise: f64 },
+    Brake { to: f64 },
+    Turn(EasedTurn),
 }
 
 /// A car.
@@ -108,25 +96,15 @@ impl Car {
                     let across = rng.uniform(least, most);
                     let rad = rng.sign() * rng.uniform(20.0, 90.0).to_radians();
                     // The eased turn's rate peaks at twice its mean.
-                    self.plan = Plan::Turn {
-                        from: self.yaw,
-                        rad,
-                        t_s: 0.0,
-                        length_s: 2.0 * rad.abs() * self.speed.max(2.0) / across,
-                    };
+                    let length_s = 2.0 * rad.abs() * self.speed.max(2.0) / across;
+                    self.plan = Plan::Turn(EasedTurn::new(self.yaw, rad, length_s));
                 }
                 (((to - self.speed) / 1.5).clamp(-1.8, 1.3), 0.0)
             }
-            Plan::Turn {
-                from,
-                rad,
-                t_s,
-                length_s,
-            } => {
-                *t_s += dt;
-                let yaw = *from + *rad * ease(*t_s / *length_s);
+            Plan::Turn(turn) => {
+                let (yaw, over) = turn.step(dt);
                 let rate = (yaw - self.yaw) / dt;
-                if *t_s >= *length_s {
+                if over {
                     self.plan = if rng.chance(self.driving.stops) {
                         Plan::Stand {
                             left_s: rng.uniform(5.0, 40.0),
@@ -176,7 +154,7 @@ pub struct Robot {
     speed: f64,
     /// Left of the straight, metres; the turn after it.
     straight: f64,
-    turn: Option<(f64, f64, f64, f64)>,
+    turn: Option<EasedTurn>,
     wait_s: f64,
     shake: Smooth<2>,
 }
@@ -202,10 +180,10 @@ impl Motion for Robot {
         self.wait_s -= dt;
         let mut wanted = 0.0;
         if self.wait_s > 0.0 {
-        } else if let Some((from, rad, t_s, length_s)) = &mut self.turn {
-            *t_s += dt;
-            self.yaw = *from + *rad * ease(*t_s / *length_s);
-            if *t_s >= *length_s {
+        } else if let Some(turn) = &mut self.turn {
+            let over;
+            (self.yaw, over) = turn.step(dt);
+            if over {
                 self.turn = None;
                 self.straight = rng.uniform(0.5, 3.0);
             }
@@ -227,7 +205,8 @@ impl Motion for Robot {
                     rng.sign() * rng.uniform(30.0, 180.0).to_radians()
                 };
                 let rate = rng.uniform(20.0, 60.0).to_radians();
-                self.turn = Some((self.yaw, rad, 0.0, (2.0 * rad.abs() / rate).max(0.2)));
+                let length_s = (2.0 * rad.abs() / rate).max(0.2);
+                self.turn = Some(EasedTurn::new(self.yaw, rad, length_s));
             }
         }
         self.speed += ((wanted - self.speed) / 0.3).clamp(-1.0, 1.0) * dt;
