@@ -82,7 +82,7 @@ fn judge(scene: Scene, turning: &Turning, from_s: f64, rng: &mut Rng, score: &mu
             squares += error * error;
         }
         let error = f64::sqrt(squares / 36.0);
-        score.accepted.push((accepted.claimed_sd_deg(), error));
+        score.accepted.push((accepted.claimed_sd_deg, error));
     }
 }
 
@@ -110,13 +110,8 @@ fn spoiled(
     let scene = scene.with(move |now, world, board, _| {
         spoil(now, (now.t_s - from_s) / (to_s - from_s), world, board);
     });
-    judge(
-        scene,
-        &turning,
-        from_s + from_share * (to_s - from_s),
-        rng,
-        score,
-    );
+    let accepted_from_s = from_s + from_share * (to_s - from_s);
+    judge(scene, &turning, accepted_from_s, rng, score);
 }
 
 /// On an arm of 0.2 to 0.6 m, beside a piece of iron.

@@ -3,51 +3,37 @@
 use headingd::condition::Condition;
 use nalgebra::Vector3;
 
-use crate::chips::{Draw, GyroFault};
+use crate::chips::{Board, Draw, GyroFault};
 use crate::daemon::Shown;
-use crate::drive::{Now, Scene, run};
+use crate::drive::{Scene, run};
 use crate::handled::{FAIR, free, in_room, misread, teaching};
 use crate::motion::{Part, length_s};
 use crate::random::Rng;
 use crate::score::{From, Score};
 use crate::world::Dipole;
 
-/// The reasons that say what is wrong, one line a fault; a name of its own for each is what the figures ask for.
-mod reason {
-    pub const GYRO_SIGN: [&str; 4] = ["gyro_sign", "gyro_mounting", "gyro_wrong", "gyro_disagrees"];
-    pub const GYRO_SCALE: [&str; 1] = ["gyro_scale"];
-    pub const GYRO_CLIPS: [&str; 3] = ["gyro_clips", "gyro_clipping", "gyro_clipped"];
-    pub const GYRO_SLOW: [&str; 3] = ["gyro_slow", "gyro_rate", "no_gyro"];
-    pub const NO_FORCE: [&str; 1] = ["no_accelerometer"];
-}
-
 fn disturbed(shown: &Shown) -> bool {
     shown.condition == Condition::Disturbed
 }
 
-/// How long is taught before anything happens, and then moved or rested, seconds.
-pub struct Lesson {
-    pub parts: Vec<Part>,
-    pub change_s: f64,
-}
-
-/// A lesson, then `before` until the change, then `after`.
-pub fn lesson(rng: &mut Rng, before: &[Part], after: &[Part]) -> Lesson {
+/// A board that has been taught goes through `before` and `after`, and something changes so many seconds after `after` has begun.
+/// The scene, and when it changes, seconds.
+fn taught(
+    rng: &mut Rng,
+    score: &mut Score,
+    before: &[Part],
+    after: &[Part],
+    later_s: f64,
+) -> (Scene, f64) {
     let mut parts = teaching(rng);
     parts.extend(before);
-    let change_s = length_s(&parts);
+    let change_s = length_s(&parts) + later_s;
     parts.extend(after);
-    Lesson { parts, change_s }
-}
-
-/// The scene of a lesson and the score that goes with it.
-pub fn taught(rng: &mut Rng, score: &mut Score, lesson: Lesson) -> (Scene, f64) {
     score.starts_s = 4.0;
     score.learnt_by_s = 60.0;
-    score.faults = vec![(lesson.change_s, f64::INFINITY)];
-    let length = length_s(&lesson.parts);
-    let scene = in_room(rng, &FAIR, lesson.parts, length);
-    (scene, lesson.change_s)
+    score.faults = vec![(change_s, f64::INFINITY)];
+    let length = length_s(&parts);
+    (in_room(rng, &FAIR, parts, length), change_s)
 }
 
 /// A magnet of 30 to 300 mG.
@@ -58,8 +44,7 @@ fn magnet(rng: &mut Rng) -> Vector3<f64> {
 /// Attached while the board rests; then it is moved.
 pub fn magnet_at_rest(rng: &mut Rng, score: &mut Score) {
     let after = [Part::Rest(20.0), free(rng, 40.0)];
-    let lesson = lesson(rng, &[Part::Rest(15.0)], &after);
-    let (scene, change_s) = taught(rng, score, lesson);
+    let (scene, change_s) = taught(rng, score, &[Part::Rest(15.0)], &after, 0.0);
     score.watch(Some(change_s), disturbed);
     let field = magnet(rng);
     let scene = scene.with(move |now, _, board, _| {
@@ -79,15 +64,15 @@ pub fn large_magnet(rng: &mut Rng, score: &mut Score) {
         rate,
         accel: 1.0,
     };
-    let mut lesson = lesson(rng, &[], &[moving]);
-    lesson.change_s += 10.0;
-    let length = length_s(&lesson.parts);
-    let change_s = lesson.change_s;
+    let mut parts = teaching(rng);
+    let change_s = length_s(&parts) + 10.0;
+    parts.push(moving);
     let draw = Draw {
         room: 3000.0,
         ..FAIR
     };
-    let scene = in_room(rng, &draw, lesson.parts, length);
+    let length = length_s(&parts);
+    let scene = in_room(rng, &draw, parts, length);
     score.starts_s = 4.0;
     score.learnt_by_s = change_s;
     score.excluded = [0.0, ON_S]
@@ -110,9 +95,7 @@ pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
         rate: rng.uniform(0.5, 1.2),
         accel: 1.0,
     };
-    let mut lesson = lesson(rng, &[], &[moving]);
-    lesson.change_s += 10.0;
-    let (scene, change_s) = taught(rng, score, lesson);
+    let (scene, change_s) = taught(rng, score, &[], &[moving], 10.0);
     score.watch(Some(change_s), disturbed);
     // By then it is learnt.
     score.errors_from = From::Time(change_s + 15.0);
@@ -127,8 +110,7 @@ pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
 pub fn moved_iron(rng: &mut Rng, score: &mut Score) {
     const EVERY_S: f64 = 45.0;
     let after = [Part::Rest(2.0 * EVERY_S), free(rng, 20.0)];
-    let lesson = lesson(rng, &[Part::Rest(10.0)], &after);
-    let (scene, change_s) = taught(rng, score, lesson);
+    let (scene, change_s) = taught(rng, score, &[Part::Rest(10.0)], &after, 0.0);
     let begun_s = change_s + 2.0;
     score.watch(Some(begun_s), disturbed);
     score.faults = [0.0, EVERY_S]
@@ -168,41 +150,39 @@ pub fn in_motion(
     s: f64,
     rate: f64,
     wanted: fn(&Shown) -> bool,
-    mut fault: impl FnMut(&Now, &mut crate::chips::Board) + 'static,
+    mut fault: impl FnMut(&mut Board) + 'static,
 ) {
     let moving = Part::Free {
         s: s + 10.0,
         rate,
         accel: 1.0,
     };
-    let mut lesson = lesson(rng, &[], &[moving]);
-    lesson.change_s += 10.0;
-    let (scene, change_s) = taught(rng, score, lesson);
+    let (scene, change_s) = taught(rng, score, &[], &[moving], 10.0);
     score.watch(Some(change_s), wanted);
     score.good_from_s = change_s;
     score.errors_from = From::Time(change_s);
     let scene = scene.with(move |now, _, board, _| {
         if now.t_s >= change_s {
-            fault(now, board);
+            fault(board);
         }
     });
     run(scene, rng, score);
 }
 
 pub fn flipped_gyro(rng: &mut Rng, score: &mut Score) {
-    let wanted = |shown: &Shown| reason::GYRO_SIGN.contains(&shown.reason);
+    let wanted = |shown: &Shown| shown.reason == "gyro_sign";
     let rate = rng.uniform(0.5, 1.2);
-    in_motion(rng, score, 60.0, rate, wanted, |_, board| {
+    in_motion(rng, score, 60.0, rate, wanted, |board| {
         board.gyro.fault = GyroFault::Scaled(-1.0);
     });
 }
 
 /// A gyro that is set up for another range.
 pub fn scaled_gyro(rng: &mut Rng, score: &mut Score) {
-    let wanted = |shown: &Shown| reason::GYRO_SCALE.contains(&shown.reason);
+    let wanted = |shown: &Shown| shown.reason == "gyro_scale";
     let rate = rng.uniform(0.5, 1.2);
     let scale = misread(rng);
-    in_motion(rng, score, 60.0, rate, wanted, move |_, board| {
+    in_motion(rng, score, 60.0, rate, wanted, move |board| {
         board.gyro.fault = GyroFault::Scaled(scale);
     });
 }
@@ -214,21 +194,18 @@ pub fn clipped_gyro(rng: &mut Rng, score: &mut Score) {
         rate: 3.5,
         accel: 1.0,
     };
-    let lesson = lesson(rng, &[], &[moving]);
-    let (mut scene, change_s) = taught(rng, score, lesson);
+    let (mut scene, change_s) = taught(rng, score, &[], &[moving], 0.0);
     scene.board.gyro.range = 250f64.to_radians();
-    score.watch(Some(change_s), |shown| {
-        reason::GYRO_CLIPS.contains(&shown.reason)
-    });
+    score.watch(Some(change_s), |shown| shown.reason == "gyro_clipped");
     score.good_from_s = change_s;
     score.errors_from = From::Time(change_s);
     run(scene, rng, score);
 }
 
 pub fn slow_gyro(rng: &mut Rng, score: &mut Score) {
-    let wanted = |shown: &Shown| reason::GYRO_SLOW.contains(&shown.reason);
+    let wanted = |shown: &Shown| shown.reason == "no_gyro";
     let rate = rng.uniform(0.5, 1.2);
-    in_motion(rng, score, 60.0, rate, wanted, |_, board| {
+    in_motion(rng, score, 60.0, rate, wanted, |board| {
         board.gyro.every = 100
     });
 }
@@ -236,10 +213,9 @@ pub fn slow_gyro(rng: &mut Rng, score: &mut Score) {
 /// It never was there.
 pub fn no_accelerometer(rng: &mut Rng, score: &mut Score) {
     let moving = free(rng, 60.0);
-    let lesson = lesson(rng, &[], &[moving]);
-    let (mut scene, _) = taught(rng, score, lesson);
+    let (mut scene, _) = taught(rng, score, &[], &[moving], 0.0);
     scene.board.force.silent = true;
     score.faults = vec![(0.0, f64::INFINITY)];
-    score.watch(Some(0.0), |shown| reason::NO_FORCE.contains(&shown.reason));
+    score.watch(Some(0.0), |shown| shown.reason == "no_accelerometer");
     run(scene, rng, score);
 }

@@ -32,17 +32,13 @@ impl Shown {
 #[derive(Clone)]
 pub struct Accepted {
     pub t_s: f64,
-    claimed_sd_deg: f64,
+    /// The deviation that it claims for its headings, degrees.
+    pub claimed_sd_deg: f64,
     calibration: Calibration,
     mountings: Mountings,
 }
 
 impl Accepted {
-    /// The deviation that it claims for its headings, degrees.
-    pub fn claimed_sd_deg(&self) -> f64 {
-        self.claimed_sd_deg
-    }
-
     /// The heading of a level board from this field, chip axes.
     pub fn level_heading_deg(&self, raw: &Vector3<f64>) -> Option<f64> {
         let corrected = self.calibration.parameters.correct(raw);

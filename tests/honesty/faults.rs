@@ -8,10 +8,9 @@ use crate::score::Score;
 
 /// Moved for two minutes with the fault. Any state but `good` will do.
 fn lasting(rng: &mut Rng, score: &mut Score, fault: impl FnMut(&mut Board) + 'static) {
-    let mut fault = fault;
     let rate = rng.uniform(0.3, 1.2);
     let told = |shown: &Shown| !shown.good();
-    in_motion(rng, score, 120.0, rate, told, move |_, board| fault(board));
+    in_motion(rng, score, 120.0, rate, told, fault);
 }
 
 pub fn gyro_zero(rng: &mut Rng, score: &mut Score) {
