@@ -8,9 +8,9 @@
 //! the triangular factor of Σφφᵀ: one pass over the samples builds it, and after that a particle costs
 //! the same whatever the length of the log.
 
-use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen};
+use nalgebra::{SMatrix, SVector, SymmetricEigen};
 
-use super::curve::{PAIRS, ParameterVector};
+use super::curve::{PAIRS, ParameterVector, symmetric};
 
 /// Equation 8 by the direct sum over samples, under the diagonal model: the reference that the factor is held
 /// to, and what profile `paper` evaluates.
@@ -81,7 +81,12 @@ fn solve_for_one<const F: usize>(moments: &Triangle<F>) -> Option<[f64; F]> {
         }
         theta[row + 1] = value / r[row][row];
     }
-    theta.iter().all(|value| value.is_finite()).then_some(theta)
+    finite(theta)
+}
+
+fn finite<const N: usize>(numbers: [f64; N]) -> Option<[f64; N]> {
+    let all = numbers.iter().all(|number| number.is_finite());
+    all.then_some(numbers)
 }
 
 /// The centre and length that bring samples near to 1, so that squares and fourth powers keep their
@@ -214,22 +219,15 @@ impl<const D: usize, const F: usize> Factored<D, F> {
             let radius = (level / theta[1 + 2 * axis]).sqrt() * self.normal.length;
             position[D + axis] = radius / self.reference_mgauss;
         }
-        position
-            .iter()
-            .all(|value| value.is_finite())
-            .then_some(position)
+        finite(position)
     }
 
     /// uᵀQu + lᵀu = 1 as a position: the centre is −Q⁻¹l/2, and A is the inverse square root of what Q is
     /// about it.
     fn symmetric_conic<const P: usize>(&self, theta: &[f64; F]) -> Option<ParameterVector<P>> {
-        let mut form = Matrix3::zeros();
-        for axis in 0..D {
-            form[(axis, axis)] = theta[1 + 2 * axis];
-        }
-        for (k, (i, j)) in PAIRS.into_iter().enumerate() {
-            (form[(i, j)], form[(j, i)]) = (0.5 * theta[2 * D + 1 + k], 0.5 * theta[2 * D + 1 + k]);
-        }
+        let squares = (0..3).map(|axis| theta[1 + 2 * axis]);
+        let products = (0..3).map(|pair| 0.5 * theta[7 + pair]);
+        let form = symmetric(&squares.chain(products).collect::<Vec<f64>>());
         let linear = SVector::<f64, 3>::from_fn(|axis, _| theta[2 + 2 * axis]);
         let centre = form.try_inverse()? * linear * -0.5;
         let level = 1.0 + centre.dot(&(form * centre));
@@ -250,10 +248,7 @@ impl<const D: usize, const F: usize> Factored<D, F> {
         for (k, pair) in PAIRS.into_iter().enumerate() {
             position[2 * D + k] = a[pair];
         }
-        position
-            .iter()
-            .all(|value| value.is_finite())
-            .then_some(position)
+        finite(position)
     }
 }
 

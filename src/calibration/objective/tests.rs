@@ -1,4 +1,3 @@
-use super::super::curve::symmetric;
 use super::*;
 use proptest::prelude::*;
 
