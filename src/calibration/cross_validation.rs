@@ -129,14 +129,10 @@ mod tests {
         let distances: Vec<Distance<4>> = points.iter().map(|p| curve.distance(p)).collect();
         let parts = Parts::new(points.len(), cuts.iter().copied());
         let found = without_each_part::<Diagonal<2>, 2, 4>(points, &distances, &best, &parts);
-        let part_of = parts.of_each_sample();
-        assert_eq!(part_of.len(), points.len());
+        assert_eq!(parts.of_each_sample().len(), points.len());
         let mut largest = 0.0f64;
         for (part, found) in found.iter().enumerate() {
-            let others = points.iter().zip(&part_of);
-            let others: Vec<[f64; 2]> = others
-                .filter_map(|(point, of)| (*of != part).then_some(*point))
-                .collect();
+            let others = parts.without(part, points);
             let refit = refine::<Diagonal<2>, 2, 4>(&others, &best.position, 170.0).unwrap();
             for k in 0..4 {
                 let unit = if k < 2 { 1.0 } else { 170.0 };
