@@ -77,11 +77,8 @@ pub(super) fn cost(data: &SensorData, axes: &Matrix3<f64>) -> f64 {
     };
     let (matrix, offset) = (solution.matrix(axes), solution.offset());
     let vectors = data.seen.iter().map(|(_, mean)| mean.at(&matrix, &offset));
-    let squares = vectors.map(|vector| vector.norm_squared());
-    let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| {
-        (sum + square, count + 1.0)
-    });
-    (solution.left.max(0.0) / rows.len().max(1) as f64 * count / sum).sqrt()
+    let square = mean(vectors.map(|vector| vector.norm_squared()));
+    (solution.left.max(0.0) / rows.len().max(1) as f64 / square).sqrt()
 }
 
 /// A sensor's axes in the gyro's, and what is beside them.
@@ -264,12 +261,11 @@ impl Solution {
 /// How long the vector is, about, with its offset in it.
 fn size(data: &SensorData) -> f64 {
     let (matrix, offset) = (Matrix3::identity(), Vector3::zeros());
-    let lengths = data
-        .seen
-        .iter()
-        .map(|(_, mean)| mean.at(&matrix, &offset).norm());
-    let (sum, count) = lengths.fold((0.0, 0.0), |(sum, count), length| {
-        (sum + length, count + 1.0)
-    });
-    sum / f64::max(count, 1.0)
+    let vectors = data.seen.iter().map(|(_, mean)| mean.at(&matrix, &offset));
+    mean(vectors.map(|vector| vector.norm()))
+}
+
+fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len().max(1) as f64;
+    values.sum::<f64>() / count
 }
