@@ -45,7 +45,7 @@ fn magnet(rng: &mut Rng) -> Vector3<f64> {
 pub fn magnet_at_rest(rng: &mut Rng, score: &mut Score) {
     let after = [Part::Rest(20.0), free(rng, 40.0)];
     let (scene, change_s) = taught(rng, score, &[Part::Rest(15.0)], &after, 0.0);
-    score.watch(Some(change_s), disturbed);
+    score.watch(change_s, disturbed);
     let field = magnet(rng);
     let scene = scene.with(move |now, _, board, _| {
         board.mag.attached = field * ((now.t_s - change_s) / 0.5).clamp(0.0, 1.0);
@@ -78,7 +78,7 @@ pub fn large_magnet(rng: &mut Rng, score: &mut Score) {
     score.excluded = [0.0, ON_S]
         .map(|after_s| (change_s + after_s, change_s + after_s + LEARNT_S))
         .into();
-    score.watch(Some(change_s), disturbed);
+    score.watch(change_s, disturbed);
     let field = rng.direction() * rng.log_uniform(300.0, 2500.0);
     let scene = scene.with(move |now, _, board, _| {
         let on = (now.t_s - change_s) / 0.3;
@@ -96,7 +96,7 @@ pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
         accel: 1.0,
     };
     let (scene, change_s) = taught(rng, score, &[], &[moving], 10.0);
-    score.watch(Some(change_s), disturbed);
+    score.watch(change_s, disturbed);
     // By then it is learnt.
     score.errors_from = From::Time(change_s + 15.0);
     let field = magnet(rng);
@@ -112,7 +112,7 @@ pub fn moved_iron(rng: &mut Rng, score: &mut Score) {
     let after = [Part::Rest(2.0 * EVERY_S), free(rng, 20.0)];
     let (scene, change_s) = taught(rng, score, &[Part::Rest(10.0)], &after, 0.0);
     let begun_s = change_s + 2.0;
-    score.watch(Some(begun_s), disturbed);
+    score.watch(begun_s, disturbed);
     score.faults = [0.0, EVERY_S]
         .map(|at_s| (change_s + at_s, change_s + at_s + 28.0))
         .into();
@@ -158,7 +158,7 @@ pub fn in_motion(
         accel: 1.0,
     };
     let (scene, change_s) = taught(rng, score, &[], &[moving], 10.0);
-    score.watch(Some(change_s), wanted);
+    score.watch(change_s, wanted);
     score.good_from_s = change_s;
     score.errors_from = From::Time(change_s);
     let scene = scene.with(move |now, _, board, _| {
@@ -196,7 +196,7 @@ pub fn clipped_gyro(rng: &mut Rng, score: &mut Score) {
     };
     let (mut scene, change_s) = taught(rng, score, &[], &[moving], 0.0);
     scene.board.gyro.range = 250f64.to_radians();
-    score.watch(Some(change_s), |shown| shown.reason == "gyro_clipped");
+    score.watch(change_s, |shown| shown.reason == "gyro_clipped");
     score.good_from_s = change_s;
     score.errors_from = From::Time(change_s);
     run(scene, rng, score);
@@ -216,6 +216,6 @@ pub fn no_accelerometer(rng: &mut Rng, score: &mut Score) {
     let (mut scene, _) = taught(rng, score, &[], &[moving], 0.0);
     scene.board.force.silent = true;
     score.faults = vec![(0.0, f64::INFINITY)];
-    score.watch(Some(0.0), |shown| shown.reason == "no_accelerometer");
+    score.watch(0.0, |shown| shown.reason == "no_accelerometer");
     run(scene, rng, score);
 }

@@ -107,10 +107,10 @@ fn main() -> ExitCode {
     let mut failed = 0;
     let mut print = |row: &Row| {
         println!("{}", row.line());
-        failed += usize::from(row.failed());
+        failed += usize::from(row.failed);
     };
     let new_score = || {
-        let mut score = Score::new(args.trace.as_deref().map(trace_file), args.given_truth);
+        let mut score = Score::new(args.trace.as_deref().map(create), args.given_truth);
         score.place_off_deg = args.place_off_deg;
         score.readings = args.write.as_ref().map(|_| Vec::new());
         score
@@ -122,16 +122,11 @@ fn main() -> ExitCode {
     }
     let seed = args.seed.or(one_run.then_some(0));
     for family in families::ALL.iter().filter(|family| wanted(family.name)) {
+        let most = if args.full { usize::MAX } else { FEW };
+        let count = args.seeds.unwrap_or(family.seeds.min(most));
         let seeds: Vec<u64> = match seed {
             Some(seed) => vec![seed],
-            None => {
-                let count = match (args.seeds, args.full) {
-                    (Some(seeds), _) => seeds,
-                    (None, true) => family.seeds,
-                    (None, false) => family.seeds.min(FEW),
-                };
-                (0..count as u64).collect()
-            }
+            None => (0..count as u64).collect(),
         };
         let begun = Instant::now();
         let scores = run(family, &seeds, &new_score);
@@ -175,12 +170,11 @@ fn run(family: &Family, seeds: &[u64], new_score: &(dyn Fn() -> Score + Sync)) -
     done.into_iter().map(|(_, score)| score).collect()
 }
 
-fn trace_file(path: &Path) -> BufWriter<File> {
-    BufWriter::new(create(path))
-}
-
-fn create(path: &Path) -> File {
-    File::create(path).unwrap_or_else(|error| panic!("cannot create {}: {error}", path.display()))
+fn create(path: &Path) -> BufWriter<File> {
+    match File::create(path) {
+        Ok(file) => BufWriter::new(file),
+        Err(error) => panic!("cannot create {}: {error}", path.display()),
+    }
 }
 
 /// Writes the readings of a run as a log.
@@ -189,8 +183,7 @@ fn write_log(path: &Path, family: &str, score: &Score) {
         sensor: Some(family.to_owned()),
         ..Header::default()
     };
-    let file = BufWriter::new(create(path));
-    let mut writer = Writer::new(file, &header).expect("the log");
+    let mut writer = Writer::new(create(path), &header).expect("the log");
     for entry in score.readings.iter().flatten() {
         writer.write(entry).expect("the log");
     }

@@ -19,9 +19,9 @@ pub enum From {
 
 /// Something that has to be said, and when it was.
 pub struct Watch {
-    /// From when on it is true, seconds; unknown until the first heading, if it is to be said of headings.
-    pub from_s: Option<f64>,
-    pub wanted: fn(&Shown) -> bool,
+    /// From when on it is true, seconds.
+    from_s: f64,
+    wanted: fn(&Shown) -> bool,
     /// How long it took.
     pub after_s: Option<f64>,
     /// Whether headings were good just before.
@@ -58,7 +58,7 @@ pub struct Score {
     pub readings: Option<Vec<Entry>>,
     trace: Option<BufWriter<File>>,
 
-    last_s: f64,
+    last_s: Option<f64>,
     pub first_s: Option<f64>,
     pub first_turned_deg: Option<f64>,
     first_good_s: Option<f64>,
@@ -93,7 +93,6 @@ impl Score {
             learnt_by_s: f64::INFINITY,
             given_truth,
             trace,
-            last_s: f64::NAN,
             ..Self::default()
         };
         if let Some(trace) = &mut score.trace {
@@ -112,9 +111,8 @@ impl Score {
             .zip(shown.heading_deg)
             .map(|(truth, heading)| apart_deg(heading, truth));
         self.write_trace(t_s, truth_deg, shown, error);
-        let dt = (t_s - self.last_s).clamp(0.0, LONGEST_S);
-        let dt = if dt.is_nan() { 0.0 } else { dt };
-        self.last_s = t_s;
+        let last_s = self.last_s.replace(t_s);
+        let dt = last_s.map_or(0.0, |last_s| (t_s - last_s).clamp(0.0, LONGEST_S));
         self.look(t_s, shown);
         if shown.heading_deg.is_some() && self.first_s.is_none() {
             self.first_s = Some(t_s - self.starts_s);
@@ -175,19 +173,15 @@ impl Score {
 
     fn look(&mut self, t_s: f64, shown: &Shown) {
         let Some(watch) = &mut self.watch else { return };
-        if shown.heading_deg.is_some() {
-            watch.from_s.get_or_insert(t_s);
-        }
-        let Some(from_s) = watch.from_s else { return };
-        if t_s < from_s {
+        if t_s < watch.from_s {
             watch.ready = shown.good();
         } else if watch.after_s.is_none() && (watch.wanted)(shown) {
-            watch.after_s = Some(t_s - from_s);
+            watch.after_s = Some(t_s - watch.from_s);
         }
     }
 
-    /// Watches for what must be said from `from_s` on, or from the first heading on.
-    pub fn watch(&mut self, from_s: Option<f64>, wanted: fn(&Shown) -> bool) {
+    /// Watches for what must be said from `from_s` on.
+    pub fn watch(&mut self, from_s: f64, wanted: fn(&Shown) -> bool) {
         self.watch = Some(Watch {
             from_s,
             wanted,

@@ -52,7 +52,8 @@ pub const NONE: Limits = Limits {
 /// One row.
 pub struct Row {
     cells: [String; COLUMNS.len()],
-    failed: bool,
+    /// Whether a limit is missed.
+    pub failed: bool,
 }
 
 const COLUMNS: [&str; 11] = [
@@ -97,10 +98,6 @@ impl Row {
         row.told(scores, limits);
         row.others(scores, limits);
         row
-    }
-
-    pub fn failed(&self) -> bool {
-        self.failed
     }
 
     /// Adds a figure to a cell, with its limit and whether that holds; an unknown figure under a limit has failed.
