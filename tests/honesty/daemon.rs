@@ -10,7 +10,7 @@ use headingd::pipeline::{Action, Event, Pipeline, Setup};
 use headingd::reading::Reading;
 use headingd::sensor::replay::Replay;
 use headingd::true_north::EarthField;
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 /// What is published for a magnetometer reading.
 #[derive(Clone, Copy, Debug)]
@@ -139,20 +139,10 @@ impl Daemon {
         self.pipeline.calibration()
     }
 
-    /// The hard iron found, chip axes, milligauss, if all three axes of it are known.
-    pub fn bias_mgauss(&self) -> Option<Vector3<f64>> {
+    /// Hard iron and rotation between magnetometer and gyro, chip axes, if those of all three axes are known.
+    pub fn spatial(&self) -> Option<Spatial> {
         match self.pipeline.calibration()?.parameters {
-            Parameters::Spatial(spatial) => Some(*spatial.bias_mgauss()),
-            Parameters::Planar(_) => None,
-        }
-    }
-
-    /// The rotation between magnetometer and gyro that was found, chip axes, if one was looked for.
-    pub fn alignment(&self) -> Option<Rotation3<f64>> {
-        match self.pipeline.calibration()?.parameters {
-            Parameters::Spatial(spatial) => {
-                spatial.alignment_rad().map(Rotation3::from_scaled_axis)
-            }
+            Parameters::Spatial(spatial) => Some(spatial),
             Parameters::Planar(_) => None,
         }
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use headingd::condition::Condition;
 use headingd::frame::Mountings;
 use headingd::reading::Reading;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use crate::daemon::{Daemon, Log, Shown, log};
 use crate::score::{Score, apart_deg};
@@ -225,14 +225,16 @@ fn sphere(log: &Log, score: &mut Score) {
     let reference = Vector3::from(SPHERE_ROTATION);
     let mut daemon = Daemon::new(log.0, None);
     let mut worst = [f64::NAN; 5];
-    let mut unknown = [false; 5];
     play(log, &mut daemon, |daemon, reading, truth, shown| {
         score.take(reading.t_s, truth, &shown);
         if reading.t_s < SPHERE_KNOWN_S {
             return;
         }
-        let mut off = [f64::NAN; 5];
-        if let Some(bias) = daemon.bias_mgauss() {
+        // What is not known is infinitely far off.
+        let mut off = [f64::INFINITY; 5];
+        let spatial = daemon.spatial();
+        if let Some(spatial) = spatial {
+            let bias = spatial.bias_mgauss();
             let [first, second] = SPHERE_BIAS;
             for axis in 0..3 {
                 let beyond = [bias[axis] - first[axis], bias[axis] - second[axis]];
@@ -244,26 +246,18 @@ fn sphere(log: &Log, score: &mut Score) {
                 };
             }
         }
-        if let Some((axis, angle)) = daemon.alignment().and_then(|r| r.axis_angle()) {
+        let turn = spatial.and_then(|spatial| spatial.alignment_rad());
+        if let Some((axis, angle)) = turn.and_then(|turn| Rotation3::new(turn).axis_angle()) {
             off[3] = (angle.to_degrees() - 3.5).abs();
             // Either chip may be the one that is turned against the other.
             let along = (axis.dot(&reference) / reference.norm()).abs();
             off[4] = along.min(1.0).acos().to_degrees();
         }
         for index in 0..5 {
-            unknown[index] |= off[index].is_nan();
             worst[index] = worst[index].max(off[index]);
         }
     });
-    score.other = (0..5)
-        .map(|index| {
-            if unknown[index] {
-                f64::NAN
-            } else {
-                worst[index]
-            }
-        })
-        .collect();
+    score.other = worst.to_vec();
 }
 
 /// That board's gyro bias, chip axes, degrees a second.

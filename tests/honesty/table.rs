@@ -287,10 +287,10 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 }
 
 fn number(value: f64) -> String {
-    if value.is_nan() {
-        "-".to_owned()
-    } else {
+    if value.is_finite() {
         format!("{value:.2}")
+    } else {
+        "-".to_owned()
     }
 }
 
