@@ -16,6 +16,7 @@ use serde_json::Value;
 use super::{Failure, OrFail, config_file, print_json};
 use crate::config::Config;
 use crate::publish::control::ControlRequest;
+use crate::publish::control::status::DaemonStatus;
 
 /// A little longer than the daemon waits for a disk.
 pub(super) const PATIENCE: Duration = Duration::from_secs(15);
@@ -47,35 +48,37 @@ impl ControlTarget {
 
     /// Sends a request; gives the answer. With `json` a refusal is printed, too.
     pub fn ask(&self, request: &ControlRequest, json: bool) -> Result<Value, Failure> {
-        let answer = exchange(&self.path()?, request);
-        let Err((failure, Some(answer))) = answer else {
-            return answer.map_err(|(failure, _)| failure);
-        };
-        if json {
-            print_json(&answer)?;
-        }
-        Err(failure)
+        exchange(&self.path()?, request, json)
     }
 }
 
-/// Sends a request to the daemon with this control socket. A refusal becomes a `Failure`, beside the answer.
+/// Sends a request to the daemon with this control socket. A refusal becomes a `Failure`; with `print_refusal` it is printed, too.
 pub(super) fn exchange(
     path: &Path,
     request: &ControlRequest,
-) -> Result<Value, (Failure, Option<Value>)> {
-    let line = exchange_lines(path, request).map_err(|error| (unreachable(path, &error), None))?;
+    print_refusal: bool,
+) -> Result<Value, Failure> {
+    let line = exchange_lines(path, request).map_err(|error| unreachable(path, &error))?;
     let answer: Value = serde_json::from_str(&line).unwrap_or_default();
     let text = |key: &str| answer[key].as_str();
     let (Some(ok), Some(code), Some(message)) =
         (answer["ok"].as_bool(), text("code"), text("message"))
     else {
-        return Err((stranger(path, &answer), None));
+        return Err(stranger(path, &answer));
     };
     if ok {
         return Ok(answer);
     }
     let failure = Failure::new(status(code), format!("{message} ({code})"));
-    Err((failure, Some(answer)))
+    if print_refusal {
+        print_json(&answer)?;
+    }
+    Err(failure)
+}
+
+/// How the daemon with this control socket does.
+pub(super) fn daemon_status(path: &Path) -> Result<DaemonStatus, Failure> {
+    read(exchange(path, &ControlRequest::Status {}, false)?)
 }
 
 /// The answer as the command reads it.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use rustix::fs::{Access, access};
 use tempfile::tempfile_in;
 
-use super::control::{exchange, read};
+use super::control::{daemon_status, exchange};
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
 use super::runtime::runtime;
@@ -17,13 +17,10 @@ use super::{
     write_out,
 };
 use crate::calibration::model::Calibration;
-use crate::calibration::policy::Policy;
 use crate::config::Config;
 use crate::config::source::Kind;
-use crate::frame::Mounting;
 use crate::position::{Follower, Gpsd};
 use crate::publish::control::ControlRequest;
-use crate::publish::control::status::DaemonStatus;
 use crate::publish::raw::{self, Object};
 use crate::recording::TimeOfDay;
 use crate::report::{Analysis, ReportError, page};
@@ -167,13 +164,18 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
             }
             Ok(Object::Board { header }) => {
                 let header = raw::header(&header)?;
-                let board = board(&sockets).unwrap_or_else(|| config.mounting.board());
+                // Known where this user may ask. The board may have been told to be mounted otherwise than the configuration says.
+                let status = daemon_status(&sockets.control).ok();
+                let board = status
+                    .as_ref()
+                    .and_then(|status| status.board_axes.parse().ok());
+                let board = board.unwrap_or_else(|| config.mounting.board());
                 let setup = config.setup(&header.mountings, &board);
                 let north = TrueNorth::new(&config.true_north);
                 let active = active(&sockets);
                 let mut analysis = Analysis::new(&sockets.headings, header, setup, north, active);
-                if let Some(mode) = mode(&sockets) {
-                    analysis.put_mode(mode);
+                if let Some(status) = status {
+                    analysis.put_mode(status.mode);
                 }
                 found = Some(analysis);
             }
@@ -220,27 +222,10 @@ fn follower(config: &Config) -> Result<Option<Follower>, Failure> {
     Ok(Some(follower))
 }
 
-/// How the daemon's board is mounted, where this user may ask for it: it may have been told otherwise than the configuration.
-fn board(sockets: &DaemonSockets) -> Option<Mounting> {
-    let question = ControlRequest::Mounting {
-        level: false,
-        heading_deg: None,
-        reset: false,
-    };
-    let answer = exchange(&sockets.control, &question).ok()?;
-    answer["board_axes"].as_str()?.parse().ok()
-}
-
-/// Whether the daemon calibrates, where this user may ask for it.
-fn mode(sockets: &DaemonSockets) -> Option<Policy> {
-    let answer = exchange(&sockets.control, &ControlRequest::Status {}).ok()?;
-    let status: DaemonStatus = read(answer).ok()?;
-    Some(status.mode)
-}
-
 /// The daemon's calibration, where this user may ask for it.
 fn active(sockets: &DaemonSockets) -> Option<Calibration> {
-    let answer = exchange(&sockets.control, &ControlRequest::Export { number: None }).ok()?;
+    let request = ControlRequest::Export { number: None };
+    let answer = exchange(&sockets.control, &request, false).ok()?;
     let contents = Contents::from_value(answer["file"].clone()).ok()?;
     let entry = *contents.sensors.first()?.active()?;
     Some(entry.made.calibration)

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use super::control::{self, ControlTarget, exchange};
+use super::control::{ControlTarget, daemon_status};
 use super::headings::{Headings, reason_text};
 use super::progress::Progress;
 use super::{Failure, print, print_json, tell, text};
@@ -24,11 +24,7 @@ const STEP: f64 = 0.25;
 /// Asks for a calibration on the next turn, and waits for its verdict. A refusal has status [`Failure::REFUSED`].
 pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure> {
     let path = target.path()?;
-    let ask_status = || -> Result<DaemonStatus, Failure> {
-        let answer = exchange(&path, &ControlRequest::Status {});
-        control::read(answer.map_err(|(why, _)| why)?)
-    };
-    let status = ask_status()?;
+    let status = daemon_status(&path)?;
     let Some(socket) = &status.heading_socket else {
         let message =
             "the daemon is older than this headingd, and does not name its socket for headings";
@@ -59,7 +55,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
         }
         if looked.elapsed() >= LOOK {
             looked = Instant::now();
-            let status = ask_status()?;
+            let status = daemon_status(&path)?;
             show.update(&status);
             let over = !status.armed && !status.calibrating;
             // The verdict may be on its way: a second look decides.

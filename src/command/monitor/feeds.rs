@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use super::super::Failure;
-use super::super::control::{self, exchange};
+use super::super::control::{daemon_status, exchange};
 use super::super::headings::{DaemonSockets, Headings};
+use super::super::{Failure, text};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 
@@ -96,20 +96,16 @@ fn look_after(
     ordered: &Receiver<ControlRequest>,
     screen: &SyncSender<News>,
 ) {
-    let ask = |request: &ControlRequest| {
-        exchange(&sockets.control, request).map_err(|(failure, _)| failure.message)
-    };
     loop {
-        let status = ask(&ControlRequest::Status {})
-            .and_then(|answer| control::read(answer).map_err(|failure| failure.message));
-        if screen.send(News::Status(status)).is_err() {
+        let status = daemon_status(&sockets.control).map_err(|failure| failure.message);
+        if screen.send(News::Status(status.map(Box::new))).is_err() {
             return;
         }
         match ordered.recv_timeout(LOOK) {
             Ok(request) => {
-                let said = match ask(&request) {
-                    Ok(answer) => answer["message"].as_str().unwrap_or("done").to_owned(),
-                    Err(why) => why,
+                let said = match exchange(&sockets.control, &request, false) {
+                    Ok(answer) => text(&answer, "message").to_owned(),
+                    Err(failure) => failure.message,
                 };
                 if screen.send(News::Answer(said)).is_err() {
                     return;
