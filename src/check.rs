@@ -180,6 +180,9 @@ macro_rules! words {
         }
 
         impl $name {
+            /// All words.
+            pub const WORDS: &[&str] = &[$($word),*];
+
             /// The word as published and kept.
             pub fn word(self) -> &'static str {
                 match self {

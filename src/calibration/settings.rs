@@ -1,35 +1,35 @@
 //! What can be set of a calibration.
 
-use serde::{Deserialize, Serialize};
-
 use super::mpsot::StopLimits;
 use super::swarm::{CONSTRICTION, Coefficients, PAPER, SwarmParams};
 use crate::check::{settings, words};
 
-/// Which parameters to look for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ModeChoice {
-    /// Three axes where turns about two clearly different axes allow it, else the plane of the turn.
-    #[default]
-    Auto,
-    /// The plane of the turn.
-    Planar,
-    /// All three axes.
-    Spatial,
+words! {
+    /// Which parameters to look for.
+    #[derive(Default)]
+    pub enum ModeChoice {
+        /// Three axes where turns about two clearly different axes allow it, else the plane of the turn.
+        #[default]
+        Auto = "auto",
+        /// The plane of the turn.
+        Planar = "planar",
+        /// All three axes.
+        Spatial = "spatial",
+    }
 }
 
-/// The shape of A in space.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ModelChoice {
-    /// Symmetric where the evidence asks for it, else diagonal.
-    #[default]
-    Auto,
-    /// A scale factor an axis: the paper's model.
-    Diagonal,
-    /// Soft iron and cross-coupling too.
-    Symmetric,
+words! {
+    /// The shape of A in space.
+    #[derive(Default)]
+    pub enum ModelChoice {
+        /// Symmetric where the evidence asks for it, else diagonal.
+        #[default]
+        Auto = "auto",
+        /// A scale factor an axis: the paper's model.
+        Diagonal = "diagonal",
+        /// Soft iron and cross-coupling too.
+        Symmetric = "symmetric",
+    }
 }
 
 words! {
@@ -45,28 +45,30 @@ words! {
     }
 }
 
-/// Which samples the swarm sees.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum WindowChoice {
-    /// RIST's range of interest inside the first full turn.
-    #[default]
-    Rist,
-    /// Everything from the start of the first turn to the end of the last.
-    Turn,
-    /// Every sample there is.
-    All,
+words! {
+    /// Which samples the swarm sees.
+    #[derive(Default)]
+    pub enum WindowChoice {
+        /// RIST's range of interest inside the first full turn.
+        #[default]
+        Rist = "rist",
+        /// Everything from the start of the first turn to the end of the last.
+        Turn = "turn",
+        /// Every sample there is.
+        All = "all",
+    }
 }
 
-/// When the swarm stops.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum StopChoice {
-    /// MPSOT's three levels.
-    #[default]
-    Mpsot,
-    /// At the maximum number of iterations, or at the minimum error.
-    Basic,
+words! {
+    /// When the swarm stops.
+    #[derive(Default)]
+    pub enum StopChoice {
+        /// MPSOT's three levels.
+        #[default]
+        Mpsot = "mpsot",
+        /// At the maximum number of iterations, or at the minimum error.
+        Basic = "basic",
+    }
 }
 
 settings! {

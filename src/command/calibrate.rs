@@ -35,23 +35,23 @@ pub struct Args {
     /// The log (`headingd simulate` writes one)
     pub log: PathBuf,
     /// The plane of the turn, all three axes, or whichever the turns allow
-    #[arg(long, value_parser = word::<ModeChoice>(&["auto", "planar", "spatial"]))]
+    #[arg(long, value_parser = word::<ModeChoice>(ModeChoice::WORDS))]
     pub mode: Option<ModeChoice>,
     /// The shape of the scale factor matrix in space: `symmetric` takes in soft iron and cross-coupling,
     /// `auto` chooses it where the samples ask for it
-    #[arg(long, value_parser = word::<ModelChoice>(&["auto", "diagonal", "symmetric"]))]
+    #[arg(long, value_parser = word::<ModelChoice>(ModelChoice::WORDS))]
     pub model: Option<ModelChoice>,
     /// The plane: from the gyro, or two chip axes, and then no turn is looked for
     #[arg(long, value_enum, default_value = "gyro")]
     pub plane: Plane,
     /// The swarm's coefficients: `standard` converges, `paper` is as published
-    #[arg(long, value_parser = word::<Profile>(&["standard", "paper"]))]
+    #[arg(long, value_parser = word::<Profile>(Profile::WORDS))]
     pub profile: Option<Profile>,
     /// The samples that the swarm sees: RIST's window, the turns, or all (and then all are fitted)
-    #[arg(long, value_parser = word::<WindowChoice>(&["rist", "turn", "all"]))]
+    #[arg(long, value_parser = word::<WindowChoice>(WindowChoice::WORDS))]
     pub window: Option<WindowChoice>,
     /// The swarm's stopping rule: MPSOT's three levels, or the maximum number of iterations and the minimum error alone
-    #[arg(long, value_parser = word::<StopChoice>(&["mpsot", "basic"]))]
+    #[arg(long, value_parser = word::<StopChoice>(StopChoice::WORDS))]
     pub stop: Option<StopChoice>,
     /// Strength of the field, milligauss: horizontal for a planar calibration, total for a spatial one. Without it,
     /// or without a full turn, the scale factors have a mean of 1

@@ -80,7 +80,7 @@ pub enum CalibrationAction {
     /// Calibrate on every turn (on), only when told to (off), or never (locked). Without a word, show the mode
     Mode {
         /// The mode
-        #[arg(value_parser = word::<Policy>(&["on", "off", "locked"]))]
+        #[arg(value_parser = word::<Policy>(Policy::WORDS))]
         mode: Option<Policy>,
     },
 }

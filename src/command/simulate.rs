@@ -173,6 +173,9 @@ mod tests {
     #[test]
     fn wrong_options_say_what_is_right() {
         let out = Path::new("unused.csv");
+        for scenario in ["planar", "spatial", "free", "demo"] {
+            args(out, &["--scenario", scenario]).unwrap();
+        }
         assert!(args(out, &["--scale", "1,2"]).is_err());
         assert!(args(out, &["--scenario", "round"]).is_err());
         let error = run(&args(out, &["--spikes", "0.9"]).unwrap()).unwrap_err();
