@@ -1,52 +1,51 @@
 //! What to do, by the reason of a condition or of a calibration's verdict.
 
-/// Reasons whose message does not say what helps, as `docs/socket.md`, `docs/calibration.md` and `docs/serial.md` do.
+/// What helps where this is the reason, if its message does not say so, as `docs/socket.md`, `docs/calibration.md` and
+/// `docs/serial.md` do.
 #[rustfmt::skip]
-const ADVICE: &[(&[&str], &str)] = &[
-    (&["no_accelerometer"], "keep the board level"),
-    (&["no_gyro"], "check the gyro and its wires"),
-    (&["field_strength", "field_changed"],
-     "look for iron, magnets or currents nearby; if they are there to stay, move the board: it learns them"),
-    (&["field_unit"], "set mag_unit in the log's header, or the gain or range of the chip"),
-    (&["no_samples"], "check the magnetometer: it is silent"),
-    (&["no_bus", "permission", "claimed", "no_answer", "clone", "wrong_identity"],
-     "see the message, and headingd check"),
-    (&["timeout", "arbitration_lost", "short_read", "bus_error", "unsupported"],
-     "check wiring, pull-ups and bus clock"),
-    (&["configuration_lost", "not_ready", "frozen", "frozen_magnetometer", "frozen_gyro"],
-     "check the power; switch the board off and on"),
-    (&["no_device", "unplugged"], "plug it in; set port to a path in /dev/serial/by-id"),
-    (&["busy"], "stop the program that holds the port"),
-    (&["silent"], "check the board's power and wires"),
-    (&["noise"], "set baud to the board's"),
-    (&["not_understood", "long_line"], "set protocol; see what the board sends"),
-    (&["other_mode"], "check the wire to the board: commands do not reach it"),
-    (&["sensors"], "check the wires between the board and its sensors"),
-    (&["too_few_samples"], "turn more slowly, or read the magnetometer more often"),
-    (&["bad_samples"], "look into the log: a field is not a number, or absurdly large"),
-    (&["no_plane"], "turn while the gyro runs; for a log without a gyro, or with an empty axis, name the plane (calibrate --plane xy)"),
-    (&["no_motion"], "turn the board; if you did, the magnetometer is stuck, or its unit is wrong"),
-    (&["no_fit"], "make a full turn, away from iron: the samples lie on no ellipse"),
-    (&["coverage"], "turn further round, or about a second axis too"),
-    (&["outliers"], "turn again: something magnetic came or went"),
-    (&["residual"], "turn on the spot, away from iron: the field was not the same all the way round"),
-    (&["axis_ratio"], "turn fully and on the spot; check the unit in the log and the chip"),
-    (&["scale"], "check the reference field, and the gain or unit of the magnetometer"),
-    (&["centre"], "make a full turn: too small a part of the curve was seen"),
-    (&["heading_uncertainty"],
-     "turn more fully or more slowly, for more samples; without a full turn, move as the message says"),
-    (&["gyro_angle"], "check the gyro's mounting, sign and unit"),
-    (&["gyro"], "check both mountings; turn more slowly; keep iron away from the board's path"),
-    (&["dip"], "check the mountings of magnetometer and accelerometer; keep iron away"),
-    (&["jump"], "turn again, level: a magnet was attached or taken away in mid-turn, or the board tilted"),
-    (&["rest"],
-     "turn again where the board has rested, with motors and currents as they will be: the field came with the turn"),
-    (&["stuck_axis"], "check the chip and its range: an axis reads the same number, or none, over an arc of the turn"),
-    (&["bad_reference"], "give a reference field above 0, or none"),
-];
-
-/// What helps where this is the reason, if its message does not say so.
 pub fn next_step(reason: &str) -> Option<&'static str> {
-    let known = ADVICE.iter().find(|(reasons, _)| reasons.contains(&reason));
-    known.map(|(_, advice)| *advice)
+    Some(match reason {
+        "no_accelerometer" => "keep the board level",
+        "no_gyro" => "check the gyro and its wires",
+        "field_strength" | "field_changed" =>
+            "look for iron, magnets or currents nearby; if they are there to stay, move the board: it learns them",
+        "field_unit" => "set mag_unit in the log's header, or the gain or range of the chip",
+        "no_samples" => "check the magnetometer: it is silent",
+        "no_bus" | "permission" | "claimed" | "no_answer" | "clone" | "wrong_identity" =>
+            "see the message, and headingd check",
+        "timeout" | "arbitration_lost" | "short_read" | "bus_error" | "unsupported" =>
+            "check wiring, pull-ups and bus clock",
+        "configuration_lost" | "not_ready" | "frozen" | "frozen_magnetometer" | "frozen_gyro" =>
+            "check the power; switch the board off and on",
+        "no_device" | "unplugged" => "plug it in; set port to a path in /dev/serial/by-id",
+        "busy" => "stop the program that holds the port",
+        "silent" => "check the board's power and wires",
+        "noise" => "set baud to the board's",
+        "not_understood" | "long_line" => "set protocol; see what the board sends",
+        "other_mode" => "check the wire to the board: commands do not reach it",
+        "sensors" => "check the wires between the board and its sensors",
+        "too_few_samples" => "turn more slowly, or read the magnetometer more often",
+        "bad_samples" => "look into the log: a field is not a number, or absurdly large",
+        "no_plane" =>
+            "turn while the gyro runs; for a log without a gyro, or with an empty axis, name the plane (calibrate --plane xy)",
+        "no_motion" => "turn the board; if you did, the magnetometer is stuck, or its unit is wrong",
+        "no_fit" => "make a full turn, away from iron: the samples lie on no ellipse",
+        "coverage" => "turn further round, or about a second axis too",
+        "outliers" => "turn again: something magnetic came or went",
+        "residual" => "turn on the spot, away from iron: the field was not the same all the way round",
+        "axis_ratio" => "turn fully and on the spot; check the unit in the log and the chip",
+        "scale" => "check the reference field, and the gain or unit of the magnetometer",
+        "centre" => "make a full turn: too small a part of the curve was seen",
+        "heading_uncertainty" =>
+            "turn more fully or more slowly, for more samples; without a full turn, move as the message says",
+        "gyro_angle" => "check the gyro's mounting, sign and unit",
+        "gyro" => "check both mountings; turn more slowly; keep iron away from the board's path",
+        "dip" => "check the mountings of magnetometer and accelerometer; keep iron away",
+        "jump" => "turn again, level: a magnet was attached or taken away in mid-turn, or the board tilted",
+        "rest" =>
+            "turn again where the board has rested, with motors and currents as they will be: the field came with the turn",
+        "stuck_axis" => "check the chip and its range: an axis reads the same number, or none, over an arc of the turn",
+        "bad_reference" => "give a reference field above 0, or none",
+        _ => return None,
+    })
 }
