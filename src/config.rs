@@ -148,14 +148,6 @@ impl Config {
         }
     }
 
-    /// The tables with this key, as `[a] or [b]`; empty where there is none.
-    fn tables_of(key: &str) -> String {
-        let tables = Self::tables().into_iter();
-        let named = tables.filter(|table| table.keys.contains(&key));
-        let names: Vec<String> = named.map(|table| format!("[{}]", table.name)).collect();
-        names.join(" or ")
-    }
-
     /// What is wrong between tables that are right in themselves. The keys are `table.key`.
     fn check_across(&self) -> Vec<Fault> {
         let mut faults = Vec::new();

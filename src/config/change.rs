@@ -1,5 +1,7 @@
 //! From one configuration to another while the daemon runs.
 
+use std::collections::BTreeSet;
+
 use toml::{Table, Value};
 
 use super::{Config, ConfigError};
@@ -41,15 +43,11 @@ impl Config {
         let (old, mut new) = (tables(self), tables(wanted));
         let (mut now, mut at_start) = (Vec::new(), Vec::new());
         for table in Self::TABLES {
-            let Some(Value::Table(new)) = new.get_mut(*table) else {
-                continue;
+            let (Value::Table(old), Value::Table(new)) = (&old[*table], &mut new[*table]) else {
+                unreachable!("settings are written as a table");
             };
-            let none = Table::new();
-            let old = old.get(*table).and_then(Value::as_table).unwrap_or(&none);
             // A key that has no default may be in one of them only.
-            let mut keys: Vec<String> = old.keys().chain(new.keys()).cloned().collect();
-            keys.sort();
-            keys.dedup();
+            let keys: BTreeSet<String> = old.keys().chain(new.keys()).cloned().collect();
             for key in keys {
                 let name = format!("{table}.{key}");
                 if old.get(&key) == new.get(&key) {

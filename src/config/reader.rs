@@ -72,20 +72,21 @@ impl<'i> TableReader<'i> {
     /// Collects a fault for every top-level key that is no table of the configuration.
     pub(super) fn refuse_other_tables(&mut self) {
         let names = Config::TABLES;
+        let tables = Config::tables();
         for (key, value) in &self.root {
             let name: &str = key.get_ref();
             if names.contains(&name) {
                 continue;
             }
+            let with_key = tables.iter().filter(|table| table.keys.contains(&name));
+            let with_key: Vec<String> = with_key.map(|table| format!("[{}]", table.name)).collect();
             let sentence = if value.get_ref().is_table() {
                 format!("unknown table; {}", suggest(name, names))
+            } else if with_key.is_empty() {
+                format!("this key is outside any table: {}", suggest(name, names))
             } else {
-                let tables = Config::tables_of(name);
-                let help = match tables.as_str() {
-                    "" => suggest(name, names),
-                    tables => format!("move it below {tables}"),
-                };
-                format!("this key is outside any table: {help}")
+                let with_key = with_key.join(" or ");
+                format!("this key is outside any table: move it below {with_key}")
             };
             let at = Some(key.span().start);
             self.faults.push(fault(
@@ -110,25 +111,16 @@ impl<'i> TableReader<'i> {
         };
         let count = self.faults.len();
         let usable = Spanned::new(0..0, DeValue::Table(self.usable(&target)));
-        let all_usable = self.faults.len() == count;
-        match T::deserialize(ValueDeserializer::from(usable)) {
-            Ok(settings) => {
-                // What compares keys would compare the default of one that cannot be used.
-                let faults = if all_usable {
-                    settings.check()
-                } else {
-                    settings.check_ranges()
-                };
-                self.collect(&format!("{name}."), faults);
-                settings
-            }
-            Err(error) => {
-                let sentence = format!("{name}: {}", error.message());
-                let at = position(&self.root, name);
-                self.faults.push(fault(&self.places, at, sentence));
-                T::default()
-            }
-        }
+        let settings = T::deserialize(ValueDeserializer::from(usable))
+            .expect("each of these keys was read by itself");
+        // What compares keys would compare the default of one that cannot be used.
+        let faults = if self.faults.len() == count {
+            settings.check()
+        } else {
+            settings.check_ranges()
+        };
+        self.collect(&format!("{name}."), faults);
+        settings
     }
 
     /// What can be used of a table, with the faults of the rest collected. Key by key, since a deserialiser stops at its
