@@ -194,20 +194,3 @@ macro_rules! words {
 }
 
 pub(crate) use {settings, words};
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_value_outside_its_range_is_named_with_key_range_and_unit() {
-        let mut faults = Vec::new();
-        within(&mut faults, "angle_deg", 345.0, 180.0..=720.0, "degrees");
-        assert!(faults.is_empty());
-        within(&mut faults, "angle_deg", f64::NAN, 180.0..=720.0, "degrees");
-        assert_eq!(
-            faults[0].to_string(),
-            "angle_deg is NaN, but must be from 180 to 720 degrees"
-        );
-    }
-}
