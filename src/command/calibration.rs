@@ -162,32 +162,27 @@ pub(super) fn line(calibration: &CalibrationSummary) -> String {
             .unwrap_or("at an unknown time      "),
         calibration.mode.map(Mode::word).unwrap_or_default(),
     );
-    let known = [
-        ("by", calibration.method.clone()),
-        // A turn or motion is what a calibration is usually made on.
-        (
-            "from",
-            (calibration.reason.filter(|reason| *reason != Reason::Turn))
-                .map(|reason| reason.word().to_owned()),
-        ),
-        (
-            "residual",
-            calibration.residual_mgauss.map(|n| format!("{n:.1} mG")),
-        ),
-        (
-            "heading",
-            calibration.heading_sd_deg.map(|n| format!("{n:.2} deg")),
-        ),
-        (
-            "gyro",
-            calibration.gyro_rms_deg.map(|n| format!("{n:.1} deg")),
-        ),
-        ("samples", calibration.samples.map(|n| n.to_string())),
-    ];
-    for (what, value) in known {
+    let mut add = |what: &str, value: Option<String>| {
         if let Some(value) = value {
             line += &format!("  {what} {value}");
         }
-    }
+    };
+    add("by", calibration.method.clone());
+    // A turn or motion is what a calibration is usually made on.
+    let unusual = calibration.reason.filter(|reason| *reason != Reason::Turn);
+    add("from", unusual.map(|reason| reason.word().to_owned()));
+    add(
+        "residual",
+        calibration.residual_mgauss.map(|n| format!("{n:.1} mG")),
+    );
+    add(
+        "heading",
+        calibration.heading_sd_deg.map(|n| format!("{n:.2} deg")),
+    );
+    add(
+        "gyro",
+        calibration.gyro_rms_deg.map(|n| format!("{n:.1} deg")),
+    );
+    add("samples", calibration.samples.map(|n| n.to_string()));
     line
 }

@@ -38,17 +38,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     runtime()?.block_on(log.tell_left_out(async {
         outlive_file_limits()?;
         let mut signals = Signals::catch(&ENDS)?;
-        let over = async {
-            match args.duration {
-                Some(duration_s) => tokio::time::sleep(Duration::from_secs_f64(duration_s)).await,
-                None => std::future::pending().await,
-            }
-        };
+        let longest = args.duration.map_or(Duration::MAX, Duration::from_secs_f64);
         let told = async {
-            tokio::select! {
-                _ = signals.received() => {}
-                () = over => {}
-            }
+            // An error means that the time is over.
+            let _ = tokio::time::timeout(longest, signals.received()).await;
         };
         let recording = Recording::open(&config).await?;
         let into = match args.out.to_str() {
