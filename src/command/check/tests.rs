@@ -210,25 +210,17 @@ fn a_dead_a_turned_and_a_constant_magnetometer_are_told() {
 }
 
 #[test]
-fn a_claimed_chip_does_not_hide_the_others() {
-    let bus = stick();
-    bus.world
-        .borrow_mut()
-        .faults
-        .insert(0x68, vec![Cause::Busy; 20].into());
-    let report = examined(&bus, CONFIG);
+fn a_claimed_chip_hides_no_other_and_is_no_problem_where_it_is_not_configured() {
+    let with_claimed = |address: u8| {
+        let bus = stick();
+        let claimed = vec![Cause::Busy; 20].into();
+        bus.world.borrow_mut().faults.insert(address, claimed);
+        examined(&bus, CONFIG)
+    };
+    let report = with_claimed(0x68);
     assert!(codes(&report).contains(&"claimed"));
     assert_eq!(report.self_test.len(), 3);
-}
-
-#[test]
-fn a_claimed_address_that_is_not_configured_is_no_problem() {
-    let bus = stick();
-    bus.world
-        .borrow_mut()
-        .faults
-        .insert(0x69, vec![Cause::Busy; 20].into());
-    let report = examined(&bus, CONFIG);
+    let report = with_claimed(0x69);
     assert_eq!(codes(&report), [""; 0], "{:?}", report.problems);
     assert!(report.to_string().contains("0x69  claimed"));
 }
