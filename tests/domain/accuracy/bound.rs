@@ -5,7 +5,6 @@
 //! Σ g gᵀ/σ², g the derivatives of the distance across by the parameters.
 
 use std::f64::consts::TAU;
-use std::ops::AddAssign;
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -14,39 +13,9 @@ use super::cases::{Case, Log, Truth};
 /// Headings of the held-out turn.
 pub const HEADINGS: usize = 72;
 
-/// Errors in the units that calibrations are compared in, or sums of their squares.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Errors {
-    /// Bias, RMS over the axes, milligauss.
-    pub bias: f64,
-    /// Scale factor, RMS over the axes, as a share of the true one.
-    pub scale: f64,
-    /// Heading over the held-out level turn, RMS, degrees.
-    pub heading: f64,
-}
-
-impl AddAssign for Errors {
-    fn add_assign(&mut self, other: Self) {
-        self.bias += other.bias;
-        self.scale += other.scale;
-        self.heading += other.heading;
-    }
-}
-
-impl Errors {
-    /// Of a sum of n squares.
-    pub fn root_of_mean(&self, n: f64) -> Self {
-        Self {
-            bias: (self.bias / n).sqrt(),
-            scale: (self.scale / n).sqrt(),
-            heading: (self.heading / n).sqrt(),
-        }
-    }
-
-    pub fn each(&self) -> [f64; 3] {
-        [self.bias, self.scale, self.heading]
-    }
-}
+/// Errors in the units that calibrations are compared in, or sums of their squares: bias, RMS over the axes, milligauss; scale
+/// factor, RMS over the axes, as a share of the true one; heading over the held-out level turn, RMS, degrees.
+pub type Errors = Vector3<f64>;
 
 /// The bound for the log, as mean squares.
 pub fn bound(case: &Case, log: &Log) -> Errors {
@@ -66,10 +35,10 @@ pub fn bound(case: &Case, log: &Log) -> Errors {
         information += &g * g.transpose();
     }
     let covariance = information.try_inverse().unwrap() * case.whole_sigma().powi(2);
-    let mut found = Errors::default();
+    let (mut bias, mut scale, mut heading) = (0.0, 0.0, 0.0);
     for k in 0..d {
-        found.bias += covariance[(k, k)] / d as f64;
-        found.scale += covariance[(d + k, d + k)] / truth.scale[k].powi(2) / d as f64;
+        bias += covariance[(k, k)] / d as f64;
+        scale += covariance[(d + k, d + k)] / truth.scale[k].powi(2) / d as f64;
     }
     for (field, north) in level_turn(case) {
         // δψ = −(cos ψ δh_y + sin ψ δh_x)/H with δh = −δb/a − h·δa/a.
@@ -80,10 +49,9 @@ pub fn bound(case: &Case, log: &Log) -> Errors {
             let across = [sin, cos, 0.0][axis] / horizontal / truth.scale[axis];
             if k < d { across } else { across * field[axis] }
         });
-        found.heading += (gradient.transpose() * &covariance * &gradient)[0] / HEADINGS as f64;
+        heading += (gradient.transpose() * &covariance * &gradient)[0] / HEADINGS as f64;
     }
-    found.heading *= 1f64.to_degrees().powi(2);
-    found
+    Errors::new(bias, scale, heading * 1f64.to_degrees().powi(2))
 }
 
 /// A noise-free level turn: the field in body axes, and the heading, radians.

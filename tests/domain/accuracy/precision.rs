@@ -3,6 +3,7 @@
 use headingd::calibration::calibrate;
 use headingd::calibration::model::Mode;
 
+use super::bound::Errors;
 use super::cases::Case;
 use super::survey::{slack, tallies};
 
@@ -24,16 +25,14 @@ fn bias_scale_and_heading_stand_at_the_bound() {
     println!("case: bias mG / scale % / heading ° RMS; the bound's; ratios");
     let mut faults = Vec::new();
     for tally in tallies() {
-        let text = |errors: [f64; 3]| {
-            let [bias, scale, heading] = errors;
-            format!("{bias:.3}/{:.3}/{heading:.3}", 100.0 * scale)
-        };
-        let [bias, scale, heading] = tally.ratios();
+        let text =
+            |errors: Errors| format!("{:.3}/{:.3}/{:.3}", errors[0], 100.0 * errors[1], errors[2]);
+        let [bias, scale, heading] = tally.ratios().into();
         let line = format!(
             "{:16} {}  {}  {bias:.3} {scale:.3} {heading:.3}",
             tally.case.name(),
-            text(tally.rms.each()),
-            text(tally.bound.each()),
+            text(tally.rms),
+            text(tally.bound),
         );
         println!("{line}");
         if bias.max(scale).max(heading) > allowed(&tally.case) {

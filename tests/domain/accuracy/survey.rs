@@ -64,9 +64,8 @@ pub struct Tally {
 
 impl Tally {
     /// RMS errors over the bound: bias, scale, heading.
-    pub fn ratios(&self) -> [f64; 3] {
-        let (rms, bound) = (self.rms.each(), self.bound.each());
-        std::array::from_fn(|k| rms[k] / bound[k])
+    pub fn ratios(&self) -> Errors {
+        self.rms.component_div(&self.bound)
     }
 }
 
@@ -96,8 +95,8 @@ fn tally(case: &Case) -> Tally {
         tally.outside += usize::from(!trial.inside);
         tally.trapped += usize::from(trial.trapped);
     }
-    tally.rms = tally.rms.root_of_mean(tally.logs as f64);
-    tally.bound = tally.bound.root_of_mean(tally.logs as f64);
+    let root_of_mean = |sum: f64| (sum / tally.logs as f64).sqrt();
+    (tally.rms, tally.bound) = (tally.rms.map(root_of_mean), tally.bound.map(root_of_mean));
     tally
 }
 
@@ -158,17 +157,17 @@ fn squares<const D: usize, const P: usize>(
     log: &Log,
     position: &ParameterVector<P>,
 ) -> Errors {
-    let mut squares = Errors::default();
+    let (mut bias_squares, mut scale_squares, mut heading_squares) = (0.0, 0.0, 0.0);
     for axis in 0..D {
         let (bias, scale) = (position[axis], position[D + axis]);
-        squares.bias += (bias - log.truth.bias[axis]).powi(2) / D as f64;
-        squares.scale += (scale / log.truth.scale[axis] - 1.0).powi(2) / D as f64;
+        bias_squares += (bias - log.truth.bias[axis]).powi(2) / D as f64;
+        scale_squares += (scale / log.truth.scale[axis] - 1.0).powi(2) / D as f64;
     }
     for (field, heading) in level_turn(case) {
         let raw = raw(&log.truth, &field);
         let h = |axis: usize| (raw[axis] - position[axis]) / position[D + axis];
         let error = wrap_pi((-h(1)).atan2(h(0)) - heading).to_degrees();
-        squares.heading += error * error / HEADINGS as f64;
+        heading_squares += error * error / HEADINGS as f64;
     }
-    squares
+    Errors::new(bias_squares, scale_squares, heading_squares)
 }
