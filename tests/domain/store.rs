@@ -499,92 +499,35 @@ fn what_somebody_else_has_changed_meanwhile_is_set_aside() {
 fn values_that_no_calibration_has_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.json");
-    for (parameters, from, to, right) in [
+    #[rustfmt::skip]
+    let cases = [
         (planar(), "1.03", "-1.03", "calibration.scale[0] is -1.03"),
         (planar(), "1.03", "0", "calibration.scale[0] is 0"),
-        (
-            planar(),
-            "31.7",
-            "null",
-            "calibration.bias_mgauss[1] is null",
-        ),
+        (planar(), "31.7", "null", "calibration.bias_mgauss[1] is null"),
         (planar(), "31.7", "1e300", "calibration.bias_mgauss[1] is 1"),
         (planar(), "31.7", "1e999", "out of range"),
-        (
-            planar(),
-            "0.7",
-            "\"a\"",
-            "calibration.heading_sd_deg is \"a\"",
-        ),
+        (planar(), "0.7", "\"a\"", "calibration.heading_sd_deg is \"a\""),
         (planar(), "\"scale\"", "\"scael\"", "missing field `scale`"),
-        (
-            planar(),
-            "              1.0,",
-            "              1.01,",
-            "calibration.basis is",
-        ),
-        (
-            planar(),
-            "\"planar\"",
-            "\"plane\"",
-            "unknown variant `plane`",
-        ),
+        (planar(), "              1.0,", "              1.01,", "calibration.basis is"),
+        (planar(), "\"planar\"", "\"plane\"", "unknown variant `plane`"),
         (planar(), "+y -x +z", "+y -x", "mounting \"+y -x\""),
-        (
-            planar(),
-            "\"headingd_store\": 2",
-            "\"headingd_store\": 0",
-            "no version number",
-        ),
-        (
-            planar(),
-            "\"in_force\": 1",
-            "\"in_force\": 2",
-            "history has no such number",
-        ),
-        (
-            planar(),
-            "\"last_number\": 1",
-            "\"last_number\": 0",
-            "history has a number 1",
-        ),
-        (
-            planar(),
-            "\"number\": 1",
-            "\"number\": 0",
-            "numbers must rise from 1",
-        ),
-        (
-            planar(),
-            "\"last_number\": 1",
-            "\"last_number\": 18446744073709551615",
-            "last_number is 18446744073709551615, but must be at most",
-        ),
+        (planar(), "\"headingd_store\": 2", "\"headingd_store\": 0", "no version number"),
+        (planar(), "\"in_force\": 1", "\"in_force\": 2", "history has no such number"),
+        (planar(), "\"last_number\": 1", "\"last_number\": 0", "history has a number 1"),
+        (planar(), "\"number\": 1", "\"number\": 0", "numbers must rise from 1"),
+        (planar(), "\"last_number\": 1", "\"last_number\": 18446744073709551615",
+            "last_number is 18446744073709551615, but must be at most"),
         (planar(), "-0.02", "1e308", "calibration.level is [0.01, 1"),
         (planar(), "-0.02", "null", "calibration.level[1] is null"),
         (planar(), "\"on\"", "\"of\"", "unknown variant `of`"),
-        (
-            planar(),
-            "headingd_store",
-            "pump_store",
-            "headingd_store is missing",
-        ),
+        (planar(), "headingd_store", "pump_store", "headingd_store is missing"),
         (symmetric(), "1.1", "-1.1", "calibration.matrix is"),
-        (
-            symmetric(),
-            "0.02,\n              0.9",
-            "0.03,\n              0.9",
-            "must be symmetric",
-        ),
-        (
-            symmetric(),
-            "\"symmetric\"",
-            "\"diagonal\"",
-            "must be diagonal",
-        ),
+        (symmetric(), "0.02,\n              0.9", "0.03,\n              0.9", "must be symmetric"),
+        (symmetric(), "\"symmetric\"", "\"diagonal\"", "must be diagonal"),
         (diagonal(), "1.1", "0", "cannot be inverted"),
         (diagonal(), "1.1", "1e-5", "eigenvalues from 0.01 to 100"),
-    ] {
+    ];
+    for (parameters, from, to, right) in cases {
         Store::write_file(&file, &Contents::of(history(parameters))).unwrap();
         let text = fs::read_to_string(&file).unwrap();
         assert!(text.contains(from), "{from} is not in {text}");
