@@ -2,7 +2,9 @@
 
 mod figures;
 
-use crate::common::{Folder, Ran, apart_deg, carried, headingd, log, of_class, simulated};
+use crate::common::{
+    Folder, Ran, apart_deg, carried, headingd, log, moving, of_class, simulated, turning,
+};
 use headingd::recording::{Entry, Header};
 use headingd::sensor::simulator::{Scenario, Settings};
 use headingd::store::Contents;
@@ -230,10 +232,7 @@ fn the_object_has_every_key_in_its_place() {
 #[test]
 fn a_spatial_outcome_has_three_of_each_and_no_basis() {
     let folder = Folder::new();
-    let settings = Settings {
-        scenario: Scenario::Spatial,
-        ..Settings::default()
-    };
+    let settings = moving(Scenario::Spatial);
     let log = folder.log("a.csv", &settings);
     let outcome = accepted(&log, &[]);
     assert_eq!(outcome["mode"], "spatial");
@@ -297,13 +296,7 @@ fn what_is_not_known_is_null() {
 fn a_refused_fit_still_shows_its_figures() {
     let folder = Folder::new();
     // Half a turn: a fit, but too little of the circle.
-    let log = folder.log(
-        "a.csv",
-        &Settings {
-            turns: 0.5,
-            ..Settings::default()
-        },
-    );
+    let log = folder.log("a.csv", &turning(0.5));
     let out = folder.path("out.json");
     for (more, reason, axes) in [
         (&[][..], "heading_uncertainty", 3),
@@ -333,21 +326,9 @@ fn a_refused_fit_still_shows_its_figures() {
 #[test]
 fn motion_must_teach_as_much_as_the_daemon_asks_for() {
     let folder = Folder::new();
-    let free = folder.log(
-        "free.csv",
-        &Settings {
-            scenario: Scenario::Free,
-            ..Settings::default()
-        },
-    );
+    let free = folder.log("free.csv", &moving(Scenario::Free));
     let strict = folder.file("strict.toml", "[heading]\ngood_sd_deg = 0.5\n");
-    let nod = folder.log(
-        "nod.csv",
-        &Settings {
-            turns: 0.1,
-            ..Settings::default()
-        },
-    );
+    let nod = folder.log("nod.csv", &turning(0.1));
     for (log, more, says) in [
         (&free, &["--config", &strict][..], "at most 0.5"),
         (&nod, &[], "at most 3.0"),
@@ -376,10 +357,7 @@ fn motion_must_teach_as_much_as_the_daemon_asks_for() {
 #[test]
 fn a_magnet_at_the_end_of_the_motion_is_told() {
     let folder = Folder::new();
-    let (header, mut entries) = simulated(&Settings {
-        scenario: Scenario::Free,
-        ..Settings::default()
-    });
+    let (header, mut entries) = simulated(&moving(Scenario::Free));
     let end_s = entries.last().unwrap().reading.t_s;
     for entry in &mut entries {
         if let (true, Some(field)) = (
@@ -401,13 +379,10 @@ fn a_magnet_at_the_end_of_the_motion_is_told() {
 #[test]
 fn a_stuck_magnetometer_is_refused() {
     let folder = Folder::new();
-    let (header, mut entries) = simulated(&Settings::default());
-    for entry in &mut entries {
-        if let Some(field) = &mut entry.reading.field_mgauss {
-            *field = [Some(100.0), Some(-50.0), Some(400.0)];
-        }
-    }
-    let log = folder.file("a.csv", log(&(header, entries)));
+    let log = folder.changed_log("a.csv", &Settings::default(), |reading| {
+        let stuck = [Some(100.0), Some(-50.0), Some(400.0)];
+        reading.field_mgauss = reading.field_mgauss.map(|_| stuck);
+    });
     for more in [
         &[][..],
         &["--mode", "spatial"],
@@ -422,29 +397,26 @@ fn a_stuck_magnetometer_is_refused() {
 
 /// The chip reads the end of its range over an arc, and does not say so.
 #[test]
-fn a_turn_in_which_an_axis_clips_is_refused() {
+fn a_turn_in_which_an_axis_clips_is_refused_and_the_axis_named() {
     let folder = Folder::new();
-    let (header, entries) = simulated(&Settings::default());
-    let fields = entries.iter().filter_map(|e| e.reading.field_mgauss?[0]);
-    let (low, high) = fields.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
-        (low.min(x), high.max(x))
-    });
+    let board = Settings::default();
+    let reach = board.scale[0] * board.horizontal_mgauss;
     // Of what X swings through; an arc of 51°, 74° and 127°.
     for share in [0.05, 0.1, 0.28] {
-        let mut clipped = entries.clone();
-        for field in clipped
-            .iter_mut()
-            .filter_map(|e| e.reading.field_mgauss.as_mut())
-        {
-            field[0] = field[0].map(|x| x.min(high - share * (high - low)));
-        }
-        let log = folder.file("a.csv", log(&(header.clone(), clipped)));
+        let end = board.bias_mgauss[0] + reach * (1.0 - 2.0 * share);
+        let log = folder.changed_log("a.csv", &board, |reading| {
+            if let Some([Some(x), ..]) = &mut reading.field_mgauss {
+                *x = x.min(end);
+            }
+        });
         let ran = calibrate(&log, &[]);
-        let reason = &ran.json()["reason"];
-        assert_eq!(
-            (ran.status, reason),
-            (3, &json!("stuck_axis")),
-            "{share}: {ran:?}"
+        let outcome = ran.json();
+        let stuck = json!("stuck_axis");
+        assert_eq!((ran.status, &outcome["reason"]), (3, &stuck), "{share}");
+        let message = outcome["message"].as_str().unwrap();
+        assert!(
+            message.contains("axis X") && message.contains("range"),
+            "{message}"
         );
     }
 }
@@ -594,10 +566,7 @@ fn a_calibration_written_is_used_from_the_first_reading_on() {
 #[test]
 fn no_angle_is_minus_zero() {
     let folder = Folder::new();
-    let part = Settings {
-        turns: 0.6,
-        ..Settings::default()
-    };
+    let part = turning(0.6);
     let ran = headingd(&["calibrate", &folder.log("a.csv", &part)]);
     assert!(
         ran.out.contains("turned  0.0  0.0  0.0  degrees"),

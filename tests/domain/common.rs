@@ -4,7 +4,7 @@ use std::process::{Command, Stdio};
 
 use headingd::reading::Reading;
 use headingd::recording::{Entry, Header, Writer};
-use headingd::sensor::simulator::{Settings, Simulator};
+use headingd::sensor::simulator::{Scenario, Settings, Simulator};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -78,6 +78,20 @@ impl Folder {
         self.file(name, log(&simulated(settings)))
     }
 
+    /// Writes the log of a simulated board, with each reading changed, and returns its path.
+    pub fn changed_log(
+        &self,
+        name: &str,
+        settings: &Settings,
+        mut change: impl FnMut(&mut Reading),
+    ) -> String {
+        let (header, mut entries) = simulated(settings);
+        for entry in &mut entries {
+            change(&mut entry.reading);
+        }
+        self.file(name, log(&(header, entries)))
+    }
+
     /// The names of its files, and how long each is.
     pub fn listing(&self) -> Vec<(String, u64)> {
         let mut files: Vec<_> = fs::read_dir(self.0.path())
@@ -90,6 +104,22 @@ impl Folder {
             .collect();
         files.sort();
         files
+    }
+}
+
+/// A simulated board that makes so many level turns.
+pub fn turning(turns: f64) -> Settings {
+    Settings {
+        turns,
+        ..Settings::default()
+    }
+}
+
+/// One that moves like this.
+pub fn moving(scenario: Scenario) -> Settings {
+    Settings {
+        scenario,
+        ..Settings::default()
     }
 }
 

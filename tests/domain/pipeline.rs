@@ -10,7 +10,7 @@ use headingd::reading::Reading;
 use headingd::sensor::simulator::{Scenario, Settings, Simulator};
 use nalgebra::{Vector2, Vector3};
 
-use crate::common::{apart_deg, rms, simulated, turn_errors_deg};
+use crate::common::{apart_deg, moving, rms, simulated, turn_errors_deg, turning};
 
 fn readings(settings: &Settings) -> Vec<Reading> {
     let (_, entries) = simulated(settings);
@@ -170,10 +170,7 @@ fn readings_may_come_one_by_one_or_merged() {
 #[test]
 fn headings_go_on_while_an_outcome_is_awaited() {
     const LATE: usize = 200;
-    let settings = Settings {
-        turns: 1.0,
-        ..Settings::default()
-    };
+    let settings = turning(1.0);
     let readings = readings(&settings);
     let magnetometer = readings.iter().filter(|r| r.field_mgauss.is_some()).count();
 
@@ -216,10 +213,7 @@ fn late_outcome(played: &Played, late: usize) -> usize {
 
 #[test]
 fn turns_made_meanwhile_wait_and_are_used() {
-    let readings = readings(&Settings {
-        turns: 3.0,
-        ..Settings::default()
-    });
+    let readings = readings(&turning(3.0));
     // 140 readings a second and 7 seconds a turn: the first outcome comes in the third turn.
     let late = 1500;
     let played = play(&readings, None, late);
@@ -249,10 +243,7 @@ fn turns_made_meanwhile_wait_and_are_used() {
 
 #[test]
 fn turn_after_turn_the_calibration_stays_right() {
-    let settings = Settings {
-        turns: 6.0,
-        ..Settings::default()
-    };
+    let settings = turning(6.0);
     let played = play(&readings(&settings), Some(shifted(&settings, 0.0)), 0);
     assert_eq!(played.asked.len(), 6);
     for (_, outcome) in &played.outcomes {
@@ -344,10 +335,7 @@ fn a_magnet_that_stretches_the_circle_changes_nothing() {
 
 #[test]
 fn a_magnet_that_stays_is_calibrated_away() {
-    let settings = Settings {
-        turns: 4.0,
-        ..Settings::default()
-    };
+    let settings = turning(4.0);
     let readings = with_magnet(&readings(&settings), 0.0, [60.0, -30.0, 20.0]);
     let played = play(&readings, Some(shifted(&settings, 0.0)), 0);
     let error = error_deg(&played.calibration.unwrap(), &settings, [60.0, -30.0, 20.0]);
@@ -502,10 +490,7 @@ fn what_a_clipped_axis_taught_before_it_was_recognised_is_forgotten() {
 #[test]
 fn a_motion_that_repeats_for_hours_teaches_no_wrong_gyro() {
     let lasts_s = 9600.0;
-    let settings = Settings {
-        scenario: Scenario::Endless,
-        ..Settings::default()
-    };
+    let settings = moving(Scenario::Endless);
     let mut pipeline = Pipeline::new(Setup::default(), None);
     let (mut actions, mut errors_deg) = (Vec::new(), Vec::new());
     let entries = Simulator::new(settings).take_while(|entry| entry.reading.t_s < lasts_s);

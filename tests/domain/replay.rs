@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
 use crate::common::{
-    Folder, Log, Ran, apart_deg, command, headingd, log, of_class, rms, simulated,
+    Folder, Log, Ran, apart_deg, command, headingd, log, moving, of_class, rms, simulated, turning,
 };
 use headingd::recording::Entry;
 use headingd::sensor::simulator::{Scenario, Settings};
@@ -47,10 +47,7 @@ fn whole_field(entry: &Entry) -> bool {
 
 /// A log of one turn, and a calibration of it in a file.
 fn with_calibration(folder: &Folder, name: &str) -> (Log, String) {
-    let whole = simulated(&Settings {
-        turns: 1.0,
-        ..Settings::default()
-    });
+    let whole = simulated(&turning(1.0));
     let path = folder.file(name, log(&whole));
     let out = folder.path("calibration.json");
     let ran = headingd(&["calibrate", &path, "--out", &out]);
@@ -82,13 +79,7 @@ fn errors_deg(lines: &[Value], entries: &[Entry], key: &str) -> Vec<f64> {
 #[test]
 fn the_same_log_and_seed_give_the_same_bytes() {
     let folder = Folder::new();
-    let log = folder.log(
-        "a.csv",
-        &Settings {
-            scenario: Scenario::Spatial,
-            ..Settings::default()
-        },
-    );
+    let log = folder.log("a.csv", &moving(Scenario::Spatial));
     let config = folder.file("a.toml", "[calibration]\nprofile = \"paper\"\n");
     let before = folder.listing();
     let more = ["--config", &config, "--seed", "3"];
@@ -199,10 +190,7 @@ fn rate_force_and_dip_are_told() {
 fn headings_come_with_the_calibration_and_are_right() {
     let folder = Folder::new();
     for turns in [2.0, -2.0] {
-        let (header, entries) = simulated(&Settings {
-            turns,
-            ..Settings::default()
-        });
+        let (header, entries) = simulated(&turning(turns));
         let log = folder.file("a.csv", log(&(header, entries.clone())));
         let lines = lines(&log, &[]);
         let states = states(&lines);
@@ -265,18 +253,9 @@ fn assert_within(what: &str, errors: &[f64], largest: f64, typical: f64) {
 #[test]
 fn a_spatial_calibration_carries_any_attitude() {
     let folder = Folder::new();
-    let (header, entries) = simulated(&Settings {
-        scenario: Scenario::Demo,
-        ..Settings::default()
-    });
+    let (header, entries) = simulated(&moving(Scenario::Demo));
     let log = folder.file("demo.csv", log(&(header, entries.clone())));
-    let spatial = folder.log(
-        "a.csv",
-        &Settings {
-            scenario: Scenario::Spatial,
-            ..Settings::default()
-        },
-    );
+    let spatial = folder.log("a.csv", &moving(Scenario::Spatial));
     let out = folder.path("calibration.json");
     assert_eq!(headingd(&["calibrate", &spatial, "--out", &out]).status, 0);
     let lines = lines(&log, &["--calibration", &out]);
@@ -307,23 +286,14 @@ fn a_spatial_calibration_carries_any_attitude() {
 fn without_motion_nothing_is_calibrated_and_with_little_nothing_is_wrong() {
     let folder = Folder::new();
     for turns in [0.5, -0.9] {
-        let (header, entries) = simulated(&Settings {
-            turns,
-            ..Settings::default()
-        });
+        let (header, entries) = simulated(&turning(turns));
         let log = folder.file("a.csv", log(&(header, entries.clone())));
         let errors = errors_deg(&lines(&log, &[]), &entries, "mheading");
         let largest = errors.iter().fold(0.0f64, |a, e| a.max(e.abs()));
         assert!(largest < 20.0, "{turns} turns: {largest}");
     }
     for turns in [0.0, 0.1] {
-        let log = folder.log(
-            "a.csv",
-            &Settings {
-                turns,
-                ..Settings::default()
-            },
-        );
+        let log = folder.log("a.csv", &turning(turns));
         let lines = lines(&log, &[]);
         assert!(of_class(&lines, "CALIBRATION").is_empty());
         assert!(!of_class(&lines, "ATT").iter().any(steers), "{turns} turns");
@@ -352,35 +322,24 @@ fn a_store_is_touched_only_if_it_is_named() {
     let store = folder.path("store");
     let first = lines(&log, &["--store", &store]);
     assert!(!steers(&of_class(&first, "ATT")[0]));
-    let kept = std::fs::read_to_string(folder.path("store/calibration.json")).unwrap();
-    let kept: Value = serde_json::from_str(&kept).unwrap();
-    assert!(kept["sensors"][0]["in_force"].is_u64(), "{kept}");
+    let path = folder.path("store/calibration.json");
+    let kept = || -> Value { serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap() };
+    assert!(kept()["sensors"][0]["in_force"].is_u64(), "{}", kept());
 
     let second = lines(&log, &["--store", &store]);
     let atts = of_class(&second, "ATT");
     assert!(steers(&atts[0]));
     let steering = atts.iter().filter(|att| steers(att)).count();
     assert!(steering * 100 >= atts.len() * 95, "{steering}");
-    let verdicts: Vec<Value> = of_class(&second, "CALIBRATION")
-        .iter()
-        .map(|c| c["verdict"].clone())
-        .collect();
-    assert!(!verdicts.is_empty());
+    assert!(!of_class(&second, "CALIBRATION").is_empty());
 
-    let before = (
-        folder.listing(),
-        std::fs::read(folder.path("store/calibration.json")).unwrap(),
-    );
+    let files = || (folder.listing(), std::fs::read(&path).unwrap());
+    let before = files();
     let third = lines(&log, &[]);
     assert_eq!(third, first, "a replay without --store knew of the store");
-    let after = (
-        folder.listing(),
-        std::fs::read(folder.path("store/calibration.json")).unwrap(),
-    );
-    assert_eq!(before, after);
+    assert_eq!(files(), before);
 
     // Nor is a locked calibration replaced.
-    let path = folder.path("store/calibration.json");
     let mut locked: Value = serde_json::from_slice(&before.1).unwrap();
     locked["sensors"][0]["mode"] = "locked".into();
     std::fs::write(&path, locked.to_string()).unwrap();
@@ -389,9 +348,8 @@ fn a_store_is_touched_only_if_it_is_named() {
         ..Settings::default()
     };
     lines(&folder.log("b.csv", &other), &["--store", &store]);
-    let kept: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     assert_eq!(
-        kept["sensors"][0]["in_force"],
+        kept()["sensors"][0]["in_force"],
         locked["sensors"][0]["in_force"]
     );
 
@@ -403,13 +361,7 @@ fn a_store_is_touched_only_if_it_is_named() {
 #[test]
 fn each_way_to_fail_has_its_status() {
     let folder = Folder::new();
-    let log = folder.log(
-        "a.csv",
-        &Settings {
-            turns: 0.0,
-            ..Settings::default()
-        },
-    );
+    let log = folder.log("a.csv", &turning(0.0));
     let bad = folder.file("bad", "hello\n");
     let missing = folder.path("missing");
     let directory = folder.path("");
@@ -510,10 +462,7 @@ fn a_silent_magnetometer_is_stale_and_recovers() {
 #[test]
 fn a_log_may_be_cut_at_any_byte() {
     let folder = Folder::new();
-    let (header, mut entries) = simulated(&Settings {
-        turns: 0.0,
-        ..Settings::default()
-    });
+    let (header, mut entries) = simulated(&turning(0.0));
     entries.truncate(60);
     let bytes = log(&(header, entries));
     let text = String::from_utf8(bytes).unwrap();
@@ -618,11 +567,9 @@ fn a_time_that_jumps_begins_a_stretch_and_the_calibration_stays() {
 #[test]
 fn a_log_in_milliseconds_is_refused_as_such() {
     let folder = Folder::new();
-    let (header, mut entries) = simulated(&Settings::default());
-    for entry in &mut entries {
-        entry.reading.t_s = (1000.0 * entry.reading.t_s).round();
-    }
-    let path = folder.file("a.csv", log(&(header, entries)));
+    let path = folder.changed_log("a.csv", &Settings::default(), |reading| {
+        reading.t_s = (1000.0 * reading.t_s).round();
+    });
     for command in ["replay", "calibrate", "align"] {
         let ran = headingd(&[command, &path]);
         assert_eq!((ran.status, ran.out.as_str()), (65, ""), "{command}");

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::common::{Folder, headingd, log, simulated};
+use crate::common::{Folder, headingd, log, moving, simulated, turning};
 use headingd::sensor::simulator::{Scenario, Settings};
 use serde_json::Value;
 
@@ -28,10 +28,7 @@ fn row<'a>(page: &'a str, name: &str) -> Option<&'a str> {
 /// What the turn's fit gives is accepted; then the pipeline finds that it knows better.
 #[test]
 fn the_verdict_on_a_turn_is_the_last_one() {
-    let settings = Settings {
-        scenario: Scenario::Demo,
-        ..Settings::default()
-    };
+    let settings = moving(Scenario::Demo);
     let page = page(settings, "");
     let (_, section) = page
         .split_once("<h2>Calibration by a full turn</h2>")
@@ -119,10 +116,7 @@ fn assert_self_contained(page: &str) {
 
 #[test]
 fn an_accepted_turn_has_every_figure() {
-    let one_turn = Settings {
-        turns: 1.1,
-        ..Settings::default()
-    };
+    let one_turn = turning(1.1);
     let page = page(one_turn, "");
     assert_self_contained(&page);
     assert_eq!(page.matches("<figure>").count(), 8, "planar: one circle");
@@ -181,18 +175,12 @@ fn a_refused_turn_says_what_broke_which_limit_and_what_to_do() {
 
 #[test]
 fn space_has_three_circles_and_motion_none() {
-    let spatial = Settings {
-        scenario: Scenario::Spatial,
-        ..Settings::default()
-    };
+    let spatial = moving(Scenario::Spatial);
     let found = page(spatial, "");
     assert_self_contained(&found);
     assert_eq!(found.matches("<svg").count(), 10);
     assert!(found.contains("spread of the field"));
-    let still = Settings {
-        turns: 0.0,
-        ..Settings::default()
-    };
+    let still = turning(0.0);
     let found = page(still, "");
     assert_self_contained(&found);
     assert_eq!(found.matches("<figure>").count(), 2);
@@ -206,10 +194,7 @@ fn a_log_without_a_full_turn_has_the_verdict_of_calibrate() {
         turns: 0.5,
         ..Settings::default()
     };
-    let part = Settings {
-        turns: 250.0 / 360.0,
-        ..Settings::default()
-    };
+    let part = turning(250.0 / 360.0);
     for (settings, verdict, limit) in [(part, "rejected", "broken"), (free, "accepted", "kept")] {
         let folder = Folder::new();
         let log = folder.log("a.csv", &settings);

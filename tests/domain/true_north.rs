@@ -3,18 +3,15 @@
 use headingd::sensor::simulator::{Scenario, Settings};
 use serde_json::Value;
 
-use crate::common::{Folder, Ran, apart_deg, headingd, log, of_class, simulated};
+use crate::common::{Folder, Ran, apart_deg, headingd, log, moving, of_class, simulated, turning};
 
 const CALGARY: &str =
     "[true_north]\nlatitude_deg = 51.08\nlongitude_deg = -114.13\naltitude_m = 1100\n";
 
-/// A replay of a log of one turn, which says or does not say when it was recorded.
-fn replay(recorded_from: Option<&str>, config: &str) -> Ran {
+/// A replay of a log of this board, which says or does not say when it was recorded.
+fn replay(board: &Settings, recorded_from: Option<&str>, config: &str) -> Ran {
     let folder = Folder::new();
-    let (mut header, entries) = simulated(&Settings {
-        turns: 1.0,
-        ..Settings::default()
-    });
+    let (mut header, entries) = simulated(board);
     let time = recorded_from.map(|time| ("recorded_from".to_owned(), time.to_owned()));
     header.truth.extend(time);
     let log = folder.file("a.csv", log(&(header, entries)));
@@ -48,19 +45,24 @@ fn assert_declination(ran: &Ran, declination_deg: f64) {
 #[test]
 fn a_log_says_its_day_and_gives_the_same_bytes_with_times_in_them() {
     let recorded = Some("2026-11-21T23:59:50Z");
-    let ran = replay(recorded, CALGARY);
+    let board = turning(1.0);
+    let ran = replay(&board, recorded, CALGARY);
     assert_eq!(ran.err, "");
     assert_declination(&ran, 13.304);
     let atts = of_class(&ran.lines(), "ATT");
     // The magnetometer's first reading comes 3 ms after the gyro's.
     assert_eq!(atts[0]["time"], "2026-11-21T23:59:50.003Z");
     assert!(atts.last().unwrap()["time"].as_str() > Some("2026-11-22T00:00:00"));
-    assert_eq!(replay(recorded, CALGARY).out, ran.out);
+    assert_eq!(replay(&board, recorded, CALGARY).out, ran.out);
 }
 
 #[test]
 fn a_declination_by_hand_does_for_a_log_without_a_date() {
-    let ran = replay(None, "[true_north]\ndeclination_deg = -170.5\n");
+    let ran = replay(
+        &turning(1.0),
+        None,
+        "[true_north]\ndeclination_deg = -170.5\n",
+    );
     assert_eq!(ran.err, "");
     assert_declination(&ran, -170.5);
     assert!(ran.lines().iter().all(|line| line.get("time").is_none()));
@@ -72,7 +74,7 @@ fn what_the_model_cannot_tell_is_told_once_and_no_heading_is_true() {
         (None, "the date is not known"),
         (Some("2031-01-01T00:00:00Z"), "2029-12-31"),
     ] {
-        let ran = replay(recorded, CALGARY);
+        let ran = replay(&turning(1.0), recorded, CALGARY);
         assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
         assert!(ran.err.contains(part), "{}", ran.err);
         let headings = headings(&ran);
@@ -82,21 +84,7 @@ fn what_the_model_cannot_tell_is_told_once_and_no_heading_is_true() {
 
 /// A replay of a board that is moved about in Calgary.
 fn moved_about(place: &str) -> Ran {
-    let folder = Folder::new();
-    let (mut header, entries) = simulated(&Settings {
-        scenario: Scenario::Free,
-        ..Settings::default()
-    });
-    let time = (
-        "recorded_from".to_owned(),
-        "2026-11-21T12:00:00Z".to_owned(),
-    );
-    header.truth.push(time);
-    let log = folder.file("a.csv", log(&(header, entries)));
-    let config = folder.file("a.toml", place);
-    let ran = headingd(&["replay", &log, "--config", &config]);
-    assert_eq!(ran.status, 0, "{ran:?}");
-    ran
+    replay(&moving(Scenario::Free), Some("2026-11-21T12:00:00Z"), place)
 }
 
 /// All that was learnt.

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde_json::{Value, json};
 
 use super::{accepted, assert_near, assert_true, basis, calibrate, count, numbers, vector};
-use crate::common::{Folder, headingd, log, of_class, rms, simulated, turn_errors_deg};
+use crate::common::{Folder, headingd, log, moving, of_class, rms, simulated, turn_errors_deg};
 
 /// Heading errors that a spatial outcome leaves on a level turn without noise, RMS, degrees.
 fn level_error_deg(outcome: &Value, truth: &Settings) -> f64 {
@@ -169,10 +169,7 @@ fn every_way_to_calibrate_three_axes_finds_the_truth() {
         (Scenario::Spatial, &["auto", "spatial"][..]),
         (Scenario::Free, &["spatial"]),
     ] {
-        let truth = Settings {
-            scenario,
-            ..Settings::default()
-        };
+        let truth = moving(scenario);
         let log = folder.log("a.csv", &truth);
         each_way(|way| {
             // Without a full turn, only all samples together are fitted.
@@ -192,13 +189,11 @@ fn every_way_to_calibrate_three_axes_finds_the_truth() {
 #[test]
 fn a_named_plane_needs_its_own_two_axes_only() {
     let folder = Folder::new();
-    let (header, mut entries) = simulated(&Settings::default());
-    for entry in &mut entries {
-        if let Some(field) = &mut entry.reading.field_mgauss {
-            field[2] = None;
+    let log = folder.changed_log("a.csv", &Settings::default(), |reading| {
+        if let Some([.., z]) = &mut reading.field_mgauss {
+            *z = None;
         }
-    }
-    let log = folder.file("a.csv", log(&(header, entries)));
+    });
     let more = ["--plane", "xy", "--reference-mgauss", "162.8"];
     assert_true(
         "z overflowed",
@@ -224,43 +219,17 @@ fn a_named_plane_needs_its_own_two_axes_only() {
     }
 }
 
-#[test]
-fn an_axis_at_the_end_of_its_range_is_named() {
-    let folder = Folder::new();
-    let (header, mut entries) = simulated(&Settings::default());
-    for entry in &mut entries {
-        if let Some([Some(x), ..]) = &mut entry.reading.field_mgauss {
-            *x = x.min(170.0);
-        }
-    }
-    let log = folder.file("a.csv", log(&(header, entries)));
-    let ran = calibrate(&log, &[]);
-    let outcome = ran.json();
-    assert_eq!(
-        (ran.status, &outcome["reason"]),
-        (3, &json!("stuck_axis")),
-        "{outcome}"
-    );
-    let message = outcome["message"].as_str().unwrap();
-    assert!(
-        message.contains("axis X") && message.contains("range"),
-        "{message}"
-    );
-}
-
 /// A source that reads faster than the magnetometer measures gives the last value again in each row.
 #[test]
 fn values_that_are_held_count_once() {
     let folder = Folder::new();
-    let (header, mut entries) = simulated(&Settings::default());
-    let each = folder.file("each.csv", log(&(header.clone(), entries.clone())));
+    let board = Settings::default();
+    let each = folder.log("each.csv", &board);
     let mut last = None;
-    for entry in &mut entries {
-        let field = &mut entry.reading.field_mgauss;
-        *field = field.or(last);
-        last = *field;
-    }
-    let held = folder.file("held.csv", log(&(header, entries)));
+    let held = folder.changed_log("held.csv", &board, |reading| {
+        last = reading.field_mgauss.or(last);
+        reading.field_mgauss = last;
+    });
     each_way(|way| {
         let (each, held) = (accepted(&each, way), accepted(&held, way));
         assert_eq!(

@@ -93,6 +93,16 @@ impl Board {
         board
     }
 
+    /// One that has rested, and whose iron is known from being moved about so often.
+    pub fn taught(tumbles: usize) -> Self {
+        let mut board = Self::rested(Some(spatial(0.0)));
+        for _ in 0..tumbles {
+            board.tumble();
+        }
+        assert_eq!(board.state(), ("good", "good"));
+        board
+    }
+
     /// Its times begin again, as in a log whose recorder was switched off and on.
     pub fn restart_clock(&mut self) {
         self.t_s = 0.0;

@@ -5,15 +5,6 @@ use crate::common::{apart_deg, carried};
 use headingd::pipeline::{Event, Settings};
 use nalgebra::{Rotation3, Vector3};
 
-fn taught() -> Board {
-    let mut board = Board::rested(Some(spatial(0.0)));
-    for _ in 0..3 {
-        board.tumble();
-    }
-    assert_eq!(board.state(), ("good", "good"));
-    board
-}
-
 /// How a board lies that turns on and rolls and pitches meanwhile.
 fn swinging(t_s: f64) -> Rotation3<f64> {
     Rotation3::from_euler_angles(0.6 * (1.3 * t_s).sin(), 0.5 * (0.9 * t_s).sin(), 0.6 * t_s)
@@ -78,7 +69,7 @@ fn without_a_gyro_the_accelerometers_low_pass_does_not_lag_behind_a_board_that_t
 
 #[test]
 fn after_a_gap_of_the_gyro_no_heading_is_from_the_frame_before() {
-    let mut board = taught();
+    let mut board = Board::taught(3);
     // A source that reads faster than the chip measures.
     board.repeats = 5;
     board.turn(60.0);
@@ -100,7 +91,7 @@ fn after_a_gap_of_the_gyro_no_heading_is_from_the_frame_before() {
 
 #[test]
 fn spikes_that_are_rejected_disturb_no_board_that_comes_to_rest() {
-    let mut board = taught();
+    let mut board = Board::taught(3);
     board.repeats = 5;
     board.turn(60.0);
     for _ in 0..5 {

@@ -143,9 +143,7 @@ fn a_locked_calibration_is_never_replaced() {
 
 #[test]
 fn iron_that_has_come_is_learnt_in_motion_and_kept() {
-    let mut board = Board::rested(Some(spatial(0.0)));
-    board.tumble();
-    board.tumble();
+    let mut board = Board::taught(2);
     board.bias_mgauss.x += 55.0;
     for _ in 0..4 {
         board.tumble();
@@ -210,10 +208,7 @@ fn the_gyros_bias_stays_known_where_the_clock_begins_anew() {
 /// Each sample alone is as the one before, and no place is as uneven as a magnet of 6 % of the field.
 #[test]
 fn a_magnet_that_no_sample_shows_is_told_by_the_iron_that_moves() {
-    let mut board = Board::rested(Some(spatial(0.0)));
-    board.tumble();
-    board.tumble();
-    assert_eq!(board.state(), ("good", "good"));
+    let mut board = Board::taught(2);
     for _ in 0..30 {
         board.bias_mgauss.x += 1.2;
         // One reading.
@@ -229,9 +224,7 @@ fn a_magnet_that_no_sample_shows_is_told_by_the_iron_that_moves() {
 
 #[test]
 fn iron_in_one_place_is_not_taken_for_the_boards_own() {
-    let mut board = Board::rested(Some(spatial(0.0)));
-    board.tumble();
-    board.tumble();
+    let mut board = Board::taught(2);
     let earth = board.earth_mgauss;
     for _ in 0..10 {
         // Past a steel door, and on.
@@ -262,9 +255,7 @@ fn a_motor_that_runs_only_in_the_turn_is_betrayed_by_the_rest_before_it() {
 
 #[test]
 fn an_hour_of_rest_teaches_nothing_and_costs_nothing() {
-    let mut board = Board::rested(Some(spatial(0.0)));
-    board.tumble();
-    board.tumble();
+    let mut board = Board::taught(2);
     board.rest(60.0);
     let before = board.heading.clone().unwrap();
     board.rest(3600.0);
@@ -322,9 +313,7 @@ fn iron_that_is_carried_about_a_board_at_rest_moves_its_heading_no_further_than_
 
 #[test]
 fn headings_are_good_again_once_a_magnet_has_left_a_board_at_rest() {
-    let mut board = Board::rested(Some(spatial(0.0)));
-    board.tumble();
-    board.tumble();
+    let mut board = Board::taught(2);
     board.rest(20.0);
     let magnet = Vector3::new(-40.0, 150.0, 60.0);
     board.bias_mgauss += magnet;

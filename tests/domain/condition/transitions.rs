@@ -6,7 +6,7 @@ use headingd::condition::SourceFault;
 use headingd::pipeline::{Event, Settings};
 use nalgebra::{Rotation3, Vector3};
 
-use super::board::{Board, planar, spatial};
+use super::board::{Board, planar};
 
 /// What leads to a row's first state, and what happens then.
 type Scenario = (&'static str, fn() -> Board, fn(&mut Board));
@@ -24,9 +24,7 @@ fn degraded() -> Board {
 
 /// It knows its iron, and rests.
 fn good() -> Board {
-    let mut board = Board::rested(Some(spatial(0.0)));
-    board.tumble();
-    board.tumble();
+    let mut board = Board::taught(2);
     board.rest(2.0);
     board
 }
