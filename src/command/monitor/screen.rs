@@ -14,7 +14,7 @@ use super::super::status::span;
 use super::super::text;
 use super::palette::Palette;
 use super::rose::Rose;
-use super::scatter::Scatter;
+use super::scatter::scatter;
 use super::view::View;
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
@@ -255,14 +255,8 @@ fn scatters(view: &View, style: &Palette, area: Rect, frame: &mut Frame) {
         };
         let inside = block.inner(area);
         frame.render_widget(block.border_style(style.faint()), area);
-        let scatter = Scatter {
-            axes,
-            reach_mgauss,
-            raw: &view.raw,
-            corrected: &view.corrected,
-            style: *style,
-        };
-        frame.render_widget(scatter, inside);
+        let trails = [&view.raw, &view.corrected];
+        frame.render_widget(scatter(axes, reach_mgauss, trails, *style, inside), inside);
     }
 }
 
