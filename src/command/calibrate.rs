@@ -235,25 +235,22 @@ fn unseen(code: &str) -> &str {
 }
 
 fn summary(outcome: &Outcome) -> String {
-    let list = |numbers: &Option<Vec<f64>>, digits: usize| match numbers {
-        Some(numbers) => {
-            let words: Vec<String> = numbers.iter().map(|n| format!("{n:.digits$}")).collect();
-            words.join("  ")
-        }
-        None => "unknown".to_owned(),
+    let list = |numbers: &[f64], digits: usize| {
+        let words: Vec<String> = numbers.iter().map(|n| format!("{n:.digits$}")).collect();
+        words.join("  ")
     };
     let Outcome {
         reason, message, ..
     } = outcome;
     let mut text = format!("{} ({reason}): {message}\n", outcome.verdict.word());
-    if outcome.bias_mgauss.is_some() {
+    if let (Some(bias_mgauss), Some(scale)) = (&outcome.bias_mgauss, &outcome.scale) {
         let unit = match (outcome.reference_mgauss, outcome.method) {
             (Some(_), _) => "",
             (None, "motion") => "  (mean 1)",
             (None, _) => "  (mean 1: no reference was given)",
         };
-        text += &format!("bias    {}  milligauss\n", list(&outcome.bias_mgauss, 2));
-        text += &format!("scale   {}{unit}\n", list(&outcome.scale, 4));
+        text += &format!("bias    {}  milligauss\n", list(bias_mgauss, 2));
+        text += &format!("scale   {}{unit}\n", list(scale, 4));
     }
     if let Some([e1, e2]) = outcome.basis {
         text += &format!(

@@ -1,6 +1,6 @@
 //! `headingd replay`: a recorded log through the same pipeline as live readings, as fast as it goes.
 
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, StdoutLock, Write};
 use std::path::{Path, PathBuf};
 
 use super::{Failure, config_file, output, read_log, tell, tell_skips};
@@ -74,10 +74,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     play(replay, pipeline, lines, &mut keep)
 }
 
-fn play<W: Write>(
+fn play(
     replay: Replay,
     mut pipeline: Pipeline,
-    mut lines: JsonLines<W>,
+    mut lines: JsonLines,
     keep: &mut Keep,
 ) -> Result<(), Failure> {
     lines.greet()?;
@@ -108,9 +108,9 @@ fn play<W: Write>(
 }
 
 /// What comes of the action is an event of the pipeline.
-fn carry_out<W: Write>(
+fn carry_out(
     action: Action,
-    lines: &mut JsonLines<W>,
+    lines: &mut JsonLines,
     keep: &mut Keep,
 ) -> Result<Option<Event>, Failure> {
     match action {
@@ -138,15 +138,15 @@ fn carry_out<W: Write>(
 }
 
 /// What a client sees.
-struct JsonLines<W: Write> {
+struct JsonLines {
     device: Device,
     time: TimeOfDay,
     true_north: TrueNorth,
-    out: W,
+    out: BufWriter<StdoutLock<'static>>,
     line: String,
 }
 
-impl<W: Write> JsonLines<W> {
+impl JsonLines {
     /// What a client gets on connecting and on asking for every stream.
     fn greet(&mut self) -> Result<(), Failure> {
         let policy = WatchPolicy {

@@ -49,10 +49,7 @@ impl Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let sockets = args.target.sockets()?;
     let mut headings = Headings::open(&sockets.headings, &args.watch().to_string())?;
-    print(args, &mut headings, &mut io::stdout().lock())
-}
-
-fn print(args: &Args, headings: &mut Headings, out: &mut impl Write) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
     let mut printed = 0;
     let mut state = String::new();
     let is_enough = |printed| args.count.is_some_and(|most| printed >= most);
