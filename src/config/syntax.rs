@@ -46,27 +46,22 @@ pub(super) fn explain(message: &str, text: &str, span: Range<usize>) -> String {
     }
     let is_bare = message.starts_with("string values must be quoted")
         || (before.ends_with('=') && word.starts_with(char::is_alphabetic));
+    if !is_bare {
+        return message.to_owned();
+    }
     let digits = word.trim_end_matches(|c: char| !c.is_ascii_digit());
-    let number = if digits.parse::<f64>().is_ok() {
-        digits
-    } else {
-        word
-    };
-    match (is_bare, number) {
-        (true, "") => "there is no value after the =".to_owned(),
-        (true, "True" | "False") => format!("{word}: write true and false in small letters"),
-        (true, number) if number.parse::<f64>().is_ok() => {
-            format!(
-                "more follows the number {number}: write it alone, without a unit, or text in quotes"
-            )
-        }
-        (true, word) if word.starts_with(['“', '„', '”', '‘', '’']) => {
+    match word.as_str() {
+        "" => "there is no value after the =".to_owned(),
+        "True" | "False" => format!("{word}: write true and false in small letters"),
+        _ if digits.parse::<f64>().is_ok() => format!(
+            "more follows the number {digits}: write it alone, without a unit, or text in quotes"
+        ),
+        word if word.starts_with(['“', '„', '”', '‘', '’']) => {
             format!("{word} has typographic quotes: use straight ones, \"…\"")
         }
-        (true, word) => {
+        word => {
             format!("{word} is neither a number nor true or false: put text in quotes: \"{word}\"")
         }
-        _ => message.to_owned(),
     }
 }
 
