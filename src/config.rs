@@ -4,7 +4,6 @@
 //! configuration is refused early and in full, with every fault at once.
 
 mod change;
-mod fault;
 pub(crate) mod log;
 pub(crate) mod mounting;
 mod reader;
@@ -13,6 +12,8 @@ mod retired;
 pub(crate) mod source;
 mod syntax;
 mod words;
+
+use std::fmt;
 
 use serde::Serialize;
 
@@ -23,7 +24,41 @@ use crate::publish::{control, nmea, server};
 use crate::sensor::{i2c, serial, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, true_north, turn};
 
-use fault::ConfigError;
+/// Everything that is wrong with a configuration.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub struct ConfigError {
+    /// The configuration's name, as a rule its file's path.
+    pub name: String,
+    /// Every fault, in the order of the lines; those without a line come last.
+    pub faults: Vec<ConfigFault>,
+}
+
+/// One fault of a configuration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ConfigFault {
+    /// Line, counted from 1, where it can be found: a default that does not suit has none.
+    pub line: Option<usize>,
+    /// Column, counted from 1 in characters; of syntax errors only.
+    pub column: Option<usize>,
+    /// What is wrong, and with which key, as `table.key`.
+    pub sentence: String,
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (index, fault) in self.faults.iter().enumerate() {
+            if index > 0 {
+                f.write_str("\n")?;
+            }
+            f.write_str(&self.name)?;
+            for number in fault.line.iter().chain(&fault.column) {
+                write!(f, ":{number}")?;
+            }
+            write!(f, ": {}", fault.sentence)?;
+        }
+        Ok(())
+    }
+}
 
 /// A table of the configuration, as the code knows it.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,11 +5,10 @@ use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
-use super::fault::ConfigFault;
 use super::retired;
 use super::syntax::{self, LineIndex, column};
 use super::words::{beyond, explain, quoted, suggest};
-use super::{Config, Table};
+use super::{Config, ConfigFault, Table};
 use crate::check::{Check, Fault};
 
 type Key<'i> = Spanned<DeString<'i>>;
