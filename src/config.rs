@@ -251,32 +251,17 @@ mod tests {
 
     #[test]
     fn a_wrong_type_says_which_is_right() {
-        for (text, right) in [
-            (
-                "[source]\nspeed = \"fast\"",
-                "file.toml:2: source.speed is \"fast\", but must be a number",
-            ),
-            (
-                "[source]\nkind = 3",
-                "file.toml:2: source.kind is 3, but must be \"simulator\" or \"replay\" or \"i2c\" or \"serial\"",
-            ),
-            (
-                "[source]\nlog = true",
-                "file.toml:2: source.log is true, but must be a text in quotes",
-            ),
-            (
-                "source.speed = [1]",
-                "file.toml:1: source.speed is [1], but must be a number",
-            ),
-            (
-                "source = 1",
-                "file.toml:1: source is 1, but must be a table, [source]",
-            ),
-            (
-                "[[source]]\nspeed = 1",
-                "file.toml:1: source is [[source]], but must be a table, [source]",
-            ),
-        ] {
+        #[rustfmt::skip]
+        let cases = [
+            ("[source]\nspeed = \"fast\"", "file.toml:2: source.speed is \"fast\", but must be a number"),
+            ("[source]\nkind = 3",
+             "file.toml:2: source.kind is 3, but must be \"simulator\" or \"replay\" or \"i2c\" or \"serial\""),
+            ("[source]\nlog = true", "file.toml:2: source.log is true, but must be a text in quotes"),
+            ("source.speed = [1]", "file.toml:1: source.speed is [1], but must be a number"),
+            ("source = 1", "file.toml:1: source is 1, but must be a table, [source]"),
+            ("[[source]]\nspeed = 1", "file.toml:1: source is [[source]], but must be a table, [source]"),
+        ];
+        for (text, right) in cases {
             assert_eq!(faults(text), [right]);
         }
     }
@@ -291,57 +276,27 @@ mod tests {
 
     #[test]
     fn syntax_errors_say_what_to_write() {
-        for (text, right) in [
-            (
-                "[socket]\nmode = 0666\n",
-                "2:8: 0666 is a number with a leading zero: permissions are octal in quotes, \"0666\"",
-            ),
-            (
-                "[i2c]\nbus = 01\n",
-                "2:7: 01 is a number with a leading zero: leave the zero out",
-            ),
-            (
-                "[source]\nspeed = 1\nspeed = 2\n",
-                "3:1: speed appears twice in its table: keep one of them",
-            ),
-            (
-                "[source]\n[i2c]\n[source]\n",
-                "3:2: table [source] appears twice: merge the two",
-            ),
-            (
-                "[source]\nkind = i2c\n",
-                "2:8: i2c is neither a number nor true or false: put text in quotes: \"i2c\"",
-            ),
+        #[rustfmt::skip]
+        let cases = [
+            ("[socket]\nmode = 0666\n",
+             "2:8: 0666 is a number with a leading zero: permissions are octal in quotes, \"0666\""),
+            ("[i2c]\nbus = 01\n", "2:7: 01 is a number with a leading zero: leave the zero out"),
+            ("[source]\nspeed = 1\nspeed = 2\n", "3:1: speed appears twice in its table: keep one of them"),
+            ("[source]\n[i2c]\n[source]\n", "3:2: table [source] appears twice: merge the two"),
+            ("[source]\nkind = i2c\n", "2:8: i2c is neither a number nor true or false: put text in quotes: \"i2c\""),
             ("[source]\nkind = \n", "2:8: there is no value after the ="),
-            (
-                "[i2c]\nrate_hz = 40 Hz\n",
-                "2:11: more follows the number 40: write it alone, without a unit, or text in quotes",
-            ),
-            (
-                "[heading]\nstale_s = 10%\n",
-                "2:11: more follows the number 10: write it alone, without a unit, or text in quotes",
-            ),
-            (
-                "[heading]\nstale_s = 5°\n",
-                "2:11: more follows the number 5: write it alone, without a unit, or text in quotes",
-            ),
-            (
-                "[heading]\nstale_s = 0,5\n",
-                "2:12: 0,5: decimals need a point: 0.5",
-            ),
-            (
-                "[i2c]\nbus: 1\n",
-                "2:4: found a colon after the key: write bus = 1",
-            ),
-            (
-                "[i2c]\nbus : 1\n",
-                "2:5: found a colon after the key: write bus = 1",
-            ),
-            (
-                "[simulator]\nwith_gyro = True\n",
-                "2:13: True: write true and false in small letters",
-            ),
-        ] {
+            ("[i2c]\nrate_hz = 40 Hz\n",
+             "2:11: more follows the number 40: write it alone, without a unit, or text in quotes"),
+            ("[heading]\nstale_s = 10%\n",
+             "2:11: more follows the number 10: write it alone, without a unit, or text in quotes"),
+            ("[heading]\nstale_s = 5°\n",
+             "2:11: more follows the number 5: write it alone, without a unit, or text in quotes"),
+            ("[heading]\nstale_s = 0,5\n", "2:12: 0,5: decimals need a point: 0.5"),
+            ("[i2c]\nbus: 1\n", "2:4: found a colon after the key: write bus = 1"),
+            ("[i2c]\nbus : 1\n", "2:5: found a colon after the key: write bus = 1"),
+            ("[simulator]\nwith_gyro = True\n", "2:13: True: write true and false in small letters"),
+        ];
+        for (text, right) in cases {
             assert_eq!(faults(text), [format!("file.toml:{right}")]);
         }
     }

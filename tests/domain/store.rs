@@ -14,6 +14,7 @@ use headingd::store::history::{Forget, HistoryError};
 use headingd::store::{Contents, History, Identity, Loaded, Made, Store, StoreError};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
+use serde_json::{Value, json};
 
 fn identity() -> Identity {
     Identity {
@@ -144,34 +145,19 @@ fn a_covariance_or_a_gyros_bias_that_cannot_be_one_is_damage() {
     let good = Contents::of(History::of(identity(), learnt()));
     let text = good.to_json().unwrap();
     assert_eq!(Contents::from_json(text.as_bytes()), Ok(good));
-    let mut value: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let mut value: Value = serde_json::from_str(&text).unwrap();
     let calibration = &mut value["sensors"][0]["history"][0]["calibration"];
     let (covariance, bias) = ("covariance", "gyro_bias_deg_s");
     for (key, at, wrong, part) in [
-        (
-            covariance,
-            0,
-            serde_json::json!(-1.0),
-            "no variance below 0",
-        ),
-        (
-            covariance,
-            1,
-            serde_json::json!(50.0),
-            "no correlation beyond 1",
-        ),
-        (covariance, 2, serde_json::json!("x"), "covariance[2]"),
-        (
-            bias,
-            1,
-            serde_json::json!(61.0),
-            "calibration.gyro_bias_deg_s",
-        ),
-        (bias, 2, serde_json::json!(null), "gyro_bias_deg_s[2]"),
+        (covariance, 0, json!(-1.0), "no variance below 0"),
+        (covariance, 1, json!(50.0), "no correlation beyond 1"),
+        (covariance, 2, json!("x"), "covariance[2]"),
+        (bias, 1, json!(61.0), "calibration.gyro_bias_deg_s"),
+        (bias, 2, json!(null), "gyro_bias_deg_s[2]"),
     ] {
         let right = std::mem::replace(&mut calibration[key][at], wrong);
-        let mut damaged = serde_json::json!({"headingd_store": 2, "sensors": []});
-        damaged["sensors"] = serde_json::json!([{
+        let mut damaged = json!({"headingd_store": 2, "sensors": []});
+        damaged["sensors"] = json!([{
             "sensor": "hmc5843", "mag_axes": "+y -x +z", "in_force": 1, "last_number": 1,
             "history": [{"number": 1, "calibration": calibration.clone()}]
         }]);
@@ -180,7 +166,7 @@ fn a_covariance_or_a_gyros_bias_that_cannot_be_one_is_damage() {
         calibration[key][at] = right;
     }
     // A matrix that mirrors an axis is no chip's.
-    calibration["matrix"][0] = serde_json::json!(-1.1);
+    calibration["matrix"][0] = json!(-1.1);
     let error = Contents::from_value(value).unwrap_err().to_string();
     assert!(error.contains("calibration.matrix"), "{error}");
 }

@@ -118,50 +118,17 @@ fn a_good_board_is_well() {
 #[test]
 fn each_thing_that_is_wrong_has_its_sentence() {
     type Harm = fn(&mut World);
+    #[rustfmt::skip]
     let cases: [(Harm, &str, &str); 9] = [
-        (
-            |w| w.broken = Some(Cause::NoBus),
-            "no_bus",
-            "modprobe i2c-dev",
-        ),
-        (
-            |w| w.broken = Some(Cause::Permission),
-            "permission",
-            "group i2c",
-        ),
-        (
-            |w| w.chips.retain(|chip, _| *chip != 0x1E),
-            "no_answer",
-            "bypass",
-        ),
-        (
-            |w| {
-                w.chips.remove(&0x1E);
-                w.set(0x0D, 0x0D, &[0xFF]);
-            },
-            "clone",
-            "0x0d is another one, QMC5883L",
-        ),
-        (
-            |w| {
-                w.chips.remove(&0x1E);
-                w.set(0x2C, 0, &[0x80]);
-            },
-            "clone",
-            "headingd does not support it",
-        ),
+        (|w| w.broken = Some(Cause::NoBus), "no_bus", "modprobe i2c-dev"),
+        (|w| w.broken = Some(Cause::Permission), "permission", "group i2c"),
+        (|w| w.chips.retain(|chip, _| *chip != 0x1E), "no_answer", "bypass"),
+        (|w| { w.chips.remove(&0x1E); w.set(0x0D, 0x0D, &[0xFF]); }, "clone", "0x0d is another one, QMC5883L"),
+        (|w| { w.chips.remove(&0x1E); w.set(0x2C, 0, &[0x80]); }, "clone", "headingd does not support it"),
         (|w| w.set(0x1E, 0x0A, b"H44"), "wrong_identity", "H43"),
         (|w| w.on_write = None, "not_ready", "power and wiring"),
-        (
-            |w| w.set(0x53, 0x36, &[0x00, 0xFF]),
-            "accel_sign",
-            "on its back",
-        ),
-        (
-            |w| w.set(0x53, 0x36, &[0x00, 0x02]),
-            "accel_strength",
-            "9.8",
-        ),
+        (|w| w.set(0x53, 0x36, &[0x00, 0xFF]), "accel_sign", "on its back"),
+        (|w| w.set(0x53, 0x36, &[0x00, 0x02]), "accel_strength", "9.8"),
     ];
     for (harm, code, part) in cases {
         let bus = stick();
