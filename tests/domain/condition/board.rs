@@ -233,12 +233,9 @@ impl Board {
     }
 
     /// The verdict on the last calibration and its reason.
-    pub fn verdict(&self) -> (String, &'static str) {
+    pub fn verdict(&self) -> (&'static str, &'static str) {
         let outcome = self.outcomes.last().expect("there was no outcome");
-        (
-            format!("{:?}", outcome.verdict).to_lowercase(),
-            outcome.reason,
-        )
+        (outcome.verdict.word(), outcome.reason)
     }
 }
 

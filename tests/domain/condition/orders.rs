@@ -99,7 +99,7 @@ fn a_calibration_that_nobody_wants_any_more_changes_nothing() {
         board.tell(order);
         let before = board.pipeline.calibration().map(|one| one.parameters);
         board.finish();
-        assert_eq!(board.verdict(), ("kept".to_owned(), "cancelled"), "{what}");
+        assert_eq!(board.verdict(), ("kept", "cancelled"), "{what}");
         let after = board.pipeline.calibration().map(|one| one.parameters);
         assert_eq!(before, after, "{what}");
     }
@@ -246,7 +246,7 @@ fn a_motor_that_runs_only_in_the_turn_is_betrayed_by_the_rest_before_it() {
     let mut board = Board::rested(None);
     board.bias_mgauss += Vector3::new(50.0, 50.0, 0.0);
     board.turn(A_TURN_DEG);
-    assert_eq!(board.verdict(), ("rejected".to_owned(), "rest"));
+    assert_eq!(board.verdict(), ("rejected", "rest"));
     // With the motor still running there is no such contradiction.
     board.rest(5.0);
     board.turn_anew();
