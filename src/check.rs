@@ -36,16 +36,16 @@ pub trait Check: Default + Serialize + DeserializeOwned {
     /// Their keys, as in the file: the names of the fields.
     const KEYS: &[&str];
 
-    /// Every number outside its range.
-    fn check_ranges(&self) -> Vec<Fault>;
+    /// Every key that is wrong by itself.
+    fn check_keys(&self) -> Vec<Fault>;
 
-    /// Collects the other faults; some compare keys.
-    fn check_rest(&self, _faults: &mut Vec<Fault>) {}
+    /// Collects what is wrong between keys.
+    fn compare_keys(&self, _faults: &mut Vec<Fault>) {}
 
     /// Every fault at once; empty when all is well.
     fn check(&self) -> Vec<Fault> {
-        let mut faults = self.check_ranges();
-        self.check_rest(&mut faults);
+        let mut faults = self.check_keys();
+        self.compare_keys(&mut faults);
         faults
     }
 }
@@ -113,7 +113,7 @@ impl<T: Numbers, const N: usize> Numbers for [T; N] {
 }
 
 /// Declares settings: each key once, with its default and, where it is a number, its range and unit. `also` names a
-/// function that collects the other faults.
+/// function that collects the other faults of single keys, `compares` one that collects those between keys.
 macro_rules! settings {
     (
         $(#[$about:meta])*
@@ -124,6 +124,7 @@ macro_rules! settings {
             )*
         }
         $(also $also:path;)?
+        $(compares $compares:path;)?
     ) => {
         $(#[$about])*
         #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -145,20 +146,21 @@ macro_rules! settings {
         impl $crate::check::Check for $name {
             const KEYS: &[&str] = &[$(stringify!($key)),*];
 
-            fn check_ranges(&self) -> Vec<$crate::check::Fault> {
-                #[allow(unused_mut, reason = "some settings have no numbers")]
+            fn check_keys(&self) -> Vec<$crate::check::Fault> {
+                #[allow(unused_mut, reason = "some settings can be nothing but right")]
                 let mut faults = Vec::new();
                 $($(
                     for number in $crate::check::Numbers::numbers(&self.$key) {
                         $crate::check::within(&mut faults, stringify!($key), number, $range, $unit);
                     }
                 )?)*
+                $($also(self, &mut faults);)?
                 faults
             }
 
             $(
-                fn check_rest(&self, faults: &mut Vec<$crate::check::Fault>) {
-                    $also(self, faults);
+                fn compare_keys(&self, faults: &mut Vec<$crate::check::Fault>) {
+                    $compares(self, faults);
                 }
             )?
         }

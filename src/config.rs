@@ -164,6 +164,7 @@ impl Config {
         if reader.is_good() {
             reader.collect("", config.check_across());
         }
+        reader.collect("", config.check_gpsd());
         if reader.is_good() {
             Ok(config)
         } else {
@@ -191,17 +192,23 @@ impl Config {
             let right = "the path of the serial port, best one in /dev/serial/by-id";
             faults.push(Fault::new("serial.port", "empty", right));
         }
-        let gpsd = &self.true_north.gpsd;
-        if !gpsd.is_empty() && Gpsd::parse(gpsd).is_none() {
-            let right = "an address in numbers with a port, as \"127.0.0.1:2947\", an absolute path, or empty";
-            faults.push(Fault::new("true_north.gpsd", format!("{gpsd:?}"), right));
-        }
         if self.control.path(&self.socket.socket) == self.socket.socket {
             let found = format!("{:?}, as socket.socket is", self.socket.socket);
             let right = "another path than that of the socket for headings";
             faults.push(Fault::new("control.socket", found, right));
         }
         faults
+    }
+
+    /// What is wrong with the address of a gpsd, of which its table knows nothing.
+    fn check_gpsd(&self) -> Vec<Fault> {
+        let gpsd = &self.true_north.gpsd;
+        if gpsd.is_empty() || Gpsd::parse(gpsd).is_some() {
+            return Vec::new();
+        }
+        let right =
+            "an address in numbers with a port, as \"127.0.0.1:2947\", an absolute path, or empty";
+        vec![Fault::new("true_north.gpsd", format!("{gpsd:?}"), right)]
     }
 }
 
@@ -316,6 +323,26 @@ mod tests {
             mode[0].contains("[calibration] or [socket] or [control]"),
             "{mode:?}"
         );
+    }
+
+    #[test]
+    fn a_key_that_is_wrong_by_itself_is_named_whatever_else_is_wrong() {
+        for (text, keys) in [
+            (
+                "[true_north]\ngpsd = \"localhost:2947\"\n[pty]\npath = \"nmea\"\n",
+                ["true_north.gpsd", "pty.path"],
+            ),
+            (
+                "[udp]\nto = \"localhost:10110\"\nformat = \"Signalk\"\n",
+                ["udp.to", "udp.format"],
+            ),
+        ] {
+            let found = faults(text);
+            assert_eq!(found.len(), 2, "{found:?}");
+            for (fault, key) in found.iter().zip(keys) {
+                assert!(fault.contains(&format!(": {key} is ")), "{fault}");
+            }
+        }
     }
 
     #[test]

@@ -49,7 +49,7 @@ settings! {
         /// The state is `good` once the deviation is below this, and `degraded` with reason `learning` before.
         good_sd_deg: f64 = 3.0, 0.5..=20.0, "degrees";
     }
-    also Settings::check_order;
+    compares Settings::check_order;
 }
 
 impl Settings {

@@ -31,7 +31,7 @@ settings! {
         /// Empty: none.
         gpsd: String = String::new();
     }
-    also Settings::check_position;
+    compares Settings::check_position;
 }
 
 impl Settings {

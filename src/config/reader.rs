@@ -116,7 +116,7 @@ impl<'i> TableReader<'i> {
         let faults = if self.faults.len() == count {
             settings.check()
         } else {
-            settings.check_ranges()
+            settings.check_keys()
         };
         self.collect(&format!("{name}."), faults);
         settings

@@ -18,7 +18,7 @@ settings! {
         /// real devices.
         speed: f64 = 1.0, 0.1..=1000.0, "times real time";
     }
-    also Settings::check_log;
+    compares Settings::check_log;
 }
 
 /// The kinds of source.
