@@ -84,7 +84,9 @@ fn play(
     pipeline.play(Event::Policy(keep.history.mode), |action| {
         carry_out(action, &mut lines, keep)
     })?;
+    let mut is_empty = true;
     let skips = read_log(replay, |entry, begins_stretch| {
+        is_empty = false;
         if begins_stretch {
             pipeline.play(Event::NewStretch, |action| {
                 carry_out(action, &mut lines, keep)
@@ -97,6 +99,12 @@ fn play(
         })
     })?;
     output(lines.out.flush())?;
+    if is_empty {
+        tell(format_args!(
+            "{} has no reading: there is nothing to replay",
+            lines.device.path
+        ));
+    }
     if pipeline.dropped() > 0 {
         let count = pipeline.dropped();
         let values = if count == 1 { "value" } else { "values" };

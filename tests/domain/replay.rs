@@ -595,6 +595,15 @@ fn a_log_of_which_most_is_skipped_is_a_failure() {
 }
 
 #[test]
+fn a_log_without_a_row_is_told_of() {
+    let folder = Folder::new();
+    let path = folder.file("a.csv", "# headingd-log 1\nt_s,mx,my,mz\n");
+    let ran = replay(&path, &[]);
+    let told = format!("headingd: {path} has no reading: there is nothing to replay\n");
+    assert_eq!((ran.status, ran.err), (0, told));
+}
+
+#[test]
 fn a_reader_that_goes_away_is_no_failure() {
     let folder = Folder::new();
     let log = folder.log("a.csv", &Settings::default());
