@@ -37,7 +37,7 @@ use crate::condition::Report;
 use crate::config::Config;
 use crate::config::source::Settings;
 use crate::pipeline::{Action, Event};
-use crate::publish::control::status::StatusCounts;
+use crate::publish::control::status::{OutcomeSummary, StatusCounts};
 use crate::publish::control::{Control, ControlCall};
 use crate::publish::outputs::Outputs;
 use crate::publish::server::{BindError, Publisher, Server};
@@ -112,6 +112,8 @@ pub struct Daemon {
     /// What has been counted since then, but for what this session's pipeline counts.
     counts: StatusCounts,
     reported: Option<Report>,
+    /// What the last calibration has come to.
+    concluded: Option<OutcomeSummary>,
     /// Empty between events; kept for its capacity.
     actions: Vec<Action>,
 }
@@ -192,6 +194,7 @@ impl Daemon {
             begun: Instant::now(),
             counts: StatusCounts::default(),
             reported: None,
+            concluded: None,
             actions: Vec::new(),
         })
     }

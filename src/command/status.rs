@@ -5,12 +5,12 @@ use super::control::{self, ControlTarget};
 use super::headings::{heading_text, reason_text};
 use super::{Failure, print, print_json};
 use crate::publish::control::ControlRequest;
-use crate::publish::control::status::DaemonStatus;
+use crate::publish::control::status::{DaemonStatus, FolderSummary, OutcomeSummary};
 
 /// Show how the running daemon does
 ///
 /// The heading with its uncertainty (one standard deviation), the same word and reason as on the heading socket, the
-/// active calibration, and whether calibrations are kept.
+/// active calibration, what the last turn or motion has come to, and whether calibrations and raw readings are kept.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd status --json")]
 pub struct Args {
@@ -46,6 +46,14 @@ fn written(status: &DaemonStatus) -> String {
             },
         },
     );
+    if let Some(last) = &status.last {
+        let OutcomeSummary {
+            verdict,
+            reason,
+            message,
+        } = last;
+        add("last", format!("{verdict} ({reason}): {message}"));
+    }
     let mut mode = status.mode.word().to_owned();
     if status.armed {
         mode += "; the next turn is calibrated on";
@@ -59,16 +67,17 @@ fn written(status: &DaemonStatus) -> String {
     }
     let (source, sensor, axes) = (&status.source, &status.sensor, &status.mag_axes);
     add("source", format!("{source}, {sensor} mounted {axes}"));
-    let store = &status.store;
     let text = |text: &Option<String>| text.clone().unwrap_or_default();
-    add(
-        "store",
-        match store.state.as_str() {
-            "good" => format!("good, in {}", text(&store.directory)),
-            "off" => "off: calibrations are lost when the daemon stops".to_owned(),
-            _ => format!("failing: {}", text(&store.message)),
-        },
-    );
+    let kept = |folder: &FolderSummary| match folder.state.as_str() {
+        "good" => Some(format!("good, in {}", text(&folder.directory))),
+        "failing" => Some(format!("failing: {}", text(&folder.message))),
+        _ => None,
+    };
+    let lost = || "off: calibrations are lost when the daemon stops".to_owned();
+    add("store", kept(&status.store).unwrap_or_else(lost));
+    if let Some(recording) = kept(&status.record) {
+        add("recording", recording);
+    }
     add(
         "up",
         format!("{}, clients {}", span(status.uptime_s), status.clients),
@@ -121,7 +130,9 @@ mod tests {
             "calibrating": true, "progress": 0.42, "source": "/dev/i2c-1", "sensor": "hmc5843",
             "mag_axes": "+x +y +z", "uptime_s": 61, "clients": 2,
             "store": { "state": "failing", "directory": "/a", "message": "no room" },
-            "calibration": { "number": 3, "mode": "planar", "age_s": 60, "residual_mgauss": 2.04 }
+            "record": { "state": "failing", "directory": "/b", "message": "no folder" },
+            "calibration": { "number": 3, "mode": "planar", "age_s": 60, "residual_mgauss": 2.04 },
+            "last": { "verdict": "rejected", "reason": "jump", "message": "the field jumps" }
         })));
         assert!(
             text.starts_with("heading 007.3° true ± 4.0°\ndegraded (no_gyro): none speaks\nwhat to do: check the gyro"),
@@ -135,8 +146,8 @@ mod tests {
         for part in [
             "off; the next turn is calibrated on; a calibration is under way\n",
             "42 %",
-            "failing: no room\n",
-            "residual 2.0 mG, 1 min 0 s old\n",
+            "store        failing: no room\nrecording    failing: no folder\n",
+            "residual 2.0 mG, 1 min 0 s old\nlast         rejected (jump): the field jumps\n",
             "/dev/i2c-1, hmc5843 mounted +x +y +z\n",
             "1 min 1 s, clients 2\n",
         ] {

@@ -10,7 +10,7 @@ use crate::condition::{Condition, Report, SourceFault};
 use crate::date;
 use crate::frame::rounded;
 use crate::pipeline::{Action, Event};
-use crate::publish::control::status::StatusCounts;
+use crate::publish::control::status::{OutcomeSummary, StatusCounts};
 use crate::reading::Reading;
 use crate::sensor::SourceEvent;
 use crate::store::Made;
@@ -150,6 +150,11 @@ impl Daemon {
             Action::Conclude(outcome, reason) => {
                 log_outcome(&outcome);
                 self.publisher.calibration(&outcome);
+                self.concluded = Some(OutcomeSummary {
+                    verdict: outcome.verdict.word().to_owned(),
+                    reason: outcome.reason.to_owned(),
+                    message: outcome.message.clone(),
+                });
                 match outcome.verdict {
                     Verdict::Accepted => self.counts.calibrations_accepted += 1,
                     Verdict::Rejected => self.counts.calibrations_refused += 1,

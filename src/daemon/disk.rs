@@ -2,13 +2,12 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError, TrySendError};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use super::DaemonError;
 use super::remedy::with_remedy;
-use super::thread::Thread;
-use crate::publish::control::status::StoreSummary;
+use super::thread::{Shared, Thread, lock};
+use crate::publish::control::status::FolderSummary;
 use crate::store::{Contents, History, Identity, Loaded, Store, StoreError};
 
 /// Pauses before a save that failed is tried again: the first, doubled each time up to the last.
@@ -39,13 +38,6 @@ enum Job {
     Load(Identity, mpsc::Sender<Option<History>>),
     /// Saves the newest histories.
     Save(Then),
-}
-
-/// What both threads see.
-type Shared<T> = Arc<Mutex<T>>;
-
-fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Disk {
@@ -110,14 +102,8 @@ impl Disk {
         }
     }
 
-    pub(super) fn summary(&self) -> StoreSummary {
-        let message = lock(&self.fault).clone();
-        let state = if message.is_some() { "failing" } else { "good" };
-        StoreSummary {
-            state: state.to_owned(),
-            directory: Some(self.directory.display().to_string()),
-            message,
-        }
+    pub(super) fn summary(&self) -> FolderSummary {
+        FolderSummary::of(&self.directory, lock(&self.fault).clone())
     }
 
     /// Waits until everything is written, unless that takes longer than `patience`.

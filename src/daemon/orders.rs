@@ -5,6 +5,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use super::Daemon;
+use super::recorder::Recorder;
 use crate::calibration::model::Calibration;
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::imported;
@@ -12,7 +13,7 @@ use crate::date;
 use crate::frame::rounded;
 use crate::pipeline::Event;
 use crate::publish::control::status::{
-    ActiveSummary, CalibrationSummary, DaemonStatus, ReferenceSummary,
+    ActiveSummary, CalibrationSummary, DaemonStatus, FolderSummary, ReferenceSummary,
 };
 use crate::publish::control::{Answer, ControlCall, ControlRequest};
 use crate::store::history::{Forget, HistoryError};
@@ -239,6 +240,7 @@ impl Daemon {
             calibrating: session.pipeline.is_calibrating(),
             progress: session.pipeline.progress().map(brief),
             calibration: history.active().map(|entry| described(entry, history)),
+            last: self.concluded.clone(),
             reference: session.north.true_north.field().map(reference),
             active: session.pipeline.calibration().map(active),
             heading_socket: Some(self.socket.display().to_string()),
@@ -250,6 +252,7 @@ impl Daemon {
             clients: self.publisher.clients(),
             counts: self.counts(),
             store: session.store.summary(),
+            record: (session.recorder.as_ref()).map_or_else(FolderSummary::off, Recorder::summary),
             version: env!("CARGO_PKG_VERSION").to_owned(),
             // In the answer already.
             message: String::new(),

@@ -1,6 +1,5 @@
 //! Writes raw readings into logs, on a thread of its own: a slow or full disk delays no heading.
 
-use std::cell::Cell;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, ErrorKind};
 use std::os::fd::AsFd;
@@ -10,10 +9,11 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::oneshot;
 
-use super::thread::Thread;
-use super::{DaemonError, ring};
+use super::thread::{Shared, Thread, lock};
+use super::{DaemonError, remedy, ring};
 use crate::config::record::Settings;
 use crate::date;
+use crate::publish::control::status::FolderSummary;
 use crate::reading::Reading;
 use crate::recording::{Entry, Header, RECORDED_FROM, Writer};
 use crate::wall_clock;
@@ -57,6 +57,9 @@ pub(super) struct Recorder {
     queue: SyncSender<Reading>,
     thread: Thread,
     dropped: u64,
+    /// The file, or the folder of the ring.
+    place: PathBuf,
+    fault: Shared<Option<String>>,
 }
 
 /// Ready when the recording has ended: how many readings are in it, and how it ended.
@@ -81,12 +84,17 @@ impl Recorder {
     fn start(destination: Destination, header: Header) -> Result<(Self, Ending), DaemonError> {
         let (queue, readings) = sync_channel(QUEUE);
         let (sender, ending) = oneshot::channel();
+        let fault = Shared::default();
+        let place = match &destination {
+            Destination::File(path) => path.clone(),
+            Destination::Ring(settings) => settings.directory.clone(),
+        };
         let mut work = RecorderThread {
             destination,
             header,
             readings,
             written: 0,
-            failing: Cell::new(false),
+            fault: Shared::clone(&fault),
         };
         let thread = Thread::start("recorder", move || {
             let end = match work.record() {
@@ -101,6 +109,8 @@ impl Recorder {
             queue,
             thread,
             dropped: 0,
+            place,
+            fault,
         };
         Ok((recorder, ending))
     }
@@ -116,6 +126,10 @@ impl Recorder {
             }
             self.dropped += 1;
         }
+    }
+
+    pub(super) fn summary(&self) -> FolderSummary {
+        FolderSummary::of(&self.place, lock(&self.fault).clone())
     }
 
     /// Waits until everything is on disk, unless that takes longer than `patience`.
@@ -138,8 +152,8 @@ struct RecorderThread {
     readings: Receiver<Reading>,
     /// How many readings are in the log.
     written: u64,
-    /// Recording has failed, and has been complained of.
-    failing: Cell<bool>,
+    /// Why nothing is recorded now, for people; it has been complained of.
+    fault: Shared<Option<String>>,
 }
 
 impl RecorderThread {
@@ -231,7 +245,7 @@ impl RecorderThread {
 
     fn flush(&self, log: &mut OpenLog) -> Result<(), RecordError> {
         self.retrying(|| log.flush())?;
-        if self.failing.take() {
+        if lock(&self.fault).take().is_some() {
             tracing::info!("recording again");
         }
         Ok(())
@@ -248,8 +262,7 @@ impl RecorderThread {
                 (Err(error), Destination::Ring(settings)) => (error, &settings.directory),
                 (done, _) => return done,
             };
-            let full = [ErrorKind::StorageFull, ErrorKind::QuotaExceeded];
-            if full.contains(&error.source.kind())
+            if remedy::is_full(&error.source)
                 && let Ok(Some(oldest)) = ring::remove_oldest(ring)
             {
                 tracing::info!(
@@ -258,11 +271,9 @@ impl RecorderThread {
                 );
                 continue;
             }
-            if !self.failing.replace(true) {
-                tracing::error!(
-                    "{error}; until then nothing is recorded, and headings go on: make room on the disk, or see \
-                     to record.directory"
-                );
+            let message = format!("{error}; {}", remedy::of_recording(&error.source));
+            if lock(&self.fault).replace(message.clone()).is_none() {
+                tracing::error!("{message}; until then nothing is recorded, and headings go on");
             }
             if !discard(&self.readings, RETRY) {
                 return Err(error);
@@ -324,7 +335,7 @@ mod tests {
             header: Header::default(),
             readings: sync_channel(1).1,
             written: 0,
-            failing: Cell::new(false),
+            fault: Shared::default(),
         }
     }
 

@@ -1,15 +1,18 @@
-//! What helps against an error of the store.
+//! What helps against an error of the store, or of the recording.
 
 use std::io::{self, ErrorKind};
 
 use crate::store::StoreError;
+
+const OUT_OF_FILES: &str =
+    "have fewer clients, or raise the limit, LimitNOFILE= in the systemd unit";
 
 /// The error, and what helps.
 pub(super) fn with_remedy(error: &StoreError) -> String {
     use StoreError::{Directory, Read, Write};
     let remedy = match error {
         Directory(_, cause) | Read(_, cause) | Write(_, cause) if is_out_of_files(cause) => {
-            "have fewer clients, or raise the limit, LimitNOFILE= in the systemd unit"
+            OUT_OF_FILES
         }
         Directory(..) => {
             "make room on the disk, set store.directory to a folder that this user may write, or start the daemon with \
@@ -24,6 +27,25 @@ pub(super) fn with_remedy(error: &StoreError) -> String {
     format!("{error}; {remedy}")
 }
 
+/// What helps a recording that this error stops.
+pub(super) fn of_recording(error: &io::Error) -> &'static str {
+    match error.kind() {
+        _ if is_full(error) => "make room on the disk",
+        _ if is_out_of_files(error) => OUT_OF_FILES,
+        ErrorKind::FileTooLarge => {
+            "set record.file_mib below the limit to the size of files (ulimit -f)"
+        }
+        _ => {
+            "set record.directory to a folder that this user may write; as a service, to one below /var/lib/headingd"
+        }
+    }
+}
+
+/// Whether the disk is full, or what the user may have of it.
+pub(super) fn is_full(error: &io::Error) -> bool {
+    [ErrorKind::StorageFull, ErrorKind::QuotaExceeded].contains(&error.kind())
+}
+
 /// Whether the process, or the system, has as many files open as it may.
 fn is_out_of_files(error: &io::Error) -> bool {
     [libc::EMFILE, libc::ENFILE]
@@ -36,6 +58,21 @@ mod tests {
     use std::path::PathBuf;
 
     use super::*;
+
+    #[test]
+    fn a_recording_needs_room_only_where_there_is_none() {
+        for (number, right) in [
+            (libc::ENOSPC, "make room"),
+            (libc::EDQUOT, "make room"),
+            (libc::EFBIG, "set record.file_mib"),
+            (libc::EMFILE, "LimitNOFILE="),
+            (libc::ENOENT, "set record.directory"),
+            (libc::EACCES, "set record.directory"),
+        ] {
+            let remedy = of_recording(&io::Error::from_raw_os_error(number));
+            assert!(remedy.contains(right), "{number}: {remedy}");
+        }
+    }
 
     #[test]
     fn an_error_comes_with_what_helps() {

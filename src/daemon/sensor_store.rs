@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::DaemonError;
 use super::disk::{Disk, Then};
-use crate::publish::control::status::StoreSummary;
+use crate::publish::control::status::FolderSummary;
 use crate::store::{History, Identity, Made, Settings};
 
 /// What a session that is to follow has to know of the one that is running. Holds nothing open.
@@ -107,14 +107,9 @@ impl SensorStore {
         }
     }
 
-    pub(super) fn summary(&self) -> StoreSummary {
-        match &self.disk {
-            Some(disk) => disk.summary(),
-            None => StoreSummary {
-                state: "off".to_owned(),
-                ..StoreSummary::default()
-            },
-        }
+    pub(super) fn summary(&self) -> FolderSummary {
+        let disk = self.disk.as_ref();
+        disk.map_or_else(FolderSummary::off, |disk| disk.summary())
     }
 
     /// Whether another session has the same disk.

@@ -1,5 +1,6 @@
 //! Threads for whose outcome the runtime can wait.
 
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::Builder;
 use std::time::Duration;
 
@@ -7,6 +8,13 @@ use tokio::sync::oneshot;
 use tokio::time::timeout;
 
 use super::DaemonError;
+
+/// What a thread and the daemon both see.
+pub(super) type Shared<T> = Arc<Mutex<T>>;
+
+pub(super) fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 pub(super) struct Thread<T = ()> {
     name: &'static str,

@@ -2,6 +2,8 @@
 //!
 //! Each key may be missing, as an older daemon does not send it or it is not known.
 
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::model::Mode;
@@ -22,6 +24,8 @@ pub(crate) struct DaemonStatus {
     pub(crate) calibrating: bool,
     pub(crate) progress: Option<f64>,
     pub(crate) calibration: Option<CalibrationSummary>,
+    /// What the last calibration has come to, kept or not.
+    pub(crate) last: Option<OutcomeSummary>,
     /// What corrects the field now: motion may have taught more than what is kept.
     pub(crate) active: Option<ActiveSummary>,
     /// The earth's field where the board is, if that is known.
@@ -35,7 +39,9 @@ pub(crate) struct DaemonStatus {
     pub(crate) uptime_s: u64,
     pub(crate) clients: usize,
     pub(crate) counts: StatusCounts,
-    pub(crate) store: StoreSummary,
+    pub(crate) store: FolderSummary,
+    /// The recording.
+    pub(crate) record: FolderSummary,
     pub(crate) version: String,
 }
 
@@ -55,6 +61,14 @@ pub(crate) struct CalibrationSummary {
     pub(crate) heading_sd_deg: Option<f64>,
     pub(crate) gyro_rms_deg: Option<f64>,
     pub(crate) samples: Option<usize>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct OutcomeSummary {
+    pub(crate) verdict: String,
+    pub(crate) reason: String,
+    pub(crate) message: String,
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -84,11 +98,32 @@ pub(crate) struct StatusCounts {
     pub(crate) faults: u64,
 }
 
+/// Whether something is kept, and where.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub(crate) struct StoreSummary {
+pub(crate) struct FolderSummary {
     /// `good`, `off` or `failing`.
     pub(crate) state: String,
     pub(crate) directory: Option<String>,
     pub(crate) message: Option<String>,
+}
+
+impl FolderSummary {
+    /// Nothing is kept.
+    pub(crate) fn off() -> Self {
+        Self {
+            state: "off".to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// It is kept there, unless there is a fault.
+    pub(crate) fn of(directory: &Path, fault: Option<String>) -> Self {
+        let state = if fault.is_some() { "failing" } else { "good" };
+        Self {
+            state: state.to_owned(),
+            directory: Some(directory.display().to_string()),
+            message: fault,
+        }
+    }
 }

@@ -97,3 +97,29 @@ fn with_no_store_at_all_what_is_ordered_holds_until_the_end() {
     assert_eq!(status["store"], json!({"state": "off"}));
     assert_eq!(status["mode"], "locked");
 }
+
+#[test]
+fn a_recording_that_fails_shows_in_the_status_and_goes_on_when_it_works() {
+    let rig = Rig::new(1.0, "");
+    // Not even root can make a folder below a file.
+    fs::write(rig.path("file"), "").unwrap();
+    let ring = rig.path("file/ring");
+    let more = format!("{LONG}[record]\ndirectory = {ring:?}\n");
+    rig.configure(FAST, &rig.path("store"), &more);
+    let (process, _client) = rig.watched();
+    let mut link = Link::new(&rig);
+    let failing = link.status("the recording to fail", |status| {
+        status["record"]["state"] == "failing"
+    });
+    let message = failing["record"]["message"].as_str().unwrap();
+    let helps = "; set record.directory to a folder that this user may write";
+    assert!(message.contains(helps), "{message}");
+    process.says(helps);
+
+    fs::remove_file(rig.path("file")).unwrap();
+    let status = link.status("the recording to work", |status| {
+        status["record"]["state"] == "good"
+    });
+    assert_eq!(status["record"]["directory"], json!(ring));
+    process.says("recording again");
+}

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::rig::{ENDLESS, FAST, LONG, Rig, headingd};
+use crate::rig::{ENDLESS, FAST, LONG, Rig, headingd, until};
 
 fn start_and_wait(socket: &str) -> [&str; 5] {
     ["calibration", "start", "--wait", "--socket", socket]
@@ -71,6 +71,11 @@ fn a_refusal_has_its_status_its_reason_and_what_to_do() {
     );
     // It says how far the turn is.
     assert!(err.contains(" % of a turn  "), "{err}");
+    // Whoever looks later is told, too.
+    until("the refusal in the status", || {
+        let (_, shown, _) = headingd(&["status", "--socket", &socket]);
+        shown.contains("\nlast         rejected (residual): ")
+    });
 }
 
 #[test]
