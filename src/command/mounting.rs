@@ -40,5 +40,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         return print_json(&answer);
     }
-    print(&format!("{}\n", text(&answer, "message")))
+    let [message, axes] = ["message", "board_axes"].map(|key| text(&answer, key));
+    print(&format!(
+        "{message}\nboard_axes = \"{axes}\"  # in [mounting], without heading_offset_deg\n"
+    ))
 }

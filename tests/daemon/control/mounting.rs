@@ -1,5 +1,6 @@
 //! Telling a daemon how its board is mounted.
 
+use headingd::config::Config;
 use serde_json::{Value, json};
 
 use super::link::Link;
@@ -54,6 +55,12 @@ fn level_and_ahead_are_kept_until_the_configuration_says_otherwise() {
     });
     assert!(number(&ahead, "pitch").abs() < 2.0, "{ahead}");
     let kept = link.told("mounting")["board_axes"].clone();
+    // It is shown as the configuration takes it.
+    let (status, shown, err) = headingd(&["mounting", "--socket", &rig.text("control.sock")]);
+    assert_eq!(status, 0, "{err}");
+    let (_, line) = shown.trim_end().split_once('\n').unwrap();
+    let config = Config::parse("shown", &format!("[mounting]\n{line}")).unwrap();
+    assert_eq!(config.mounting.board().to_string(), kept);
     // A report on the daemon has the board mounted so, too.
     let socket = rig.text("heading.sock");
     let (status, page, err) = headingd(&[
