@@ -8,7 +8,8 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "no_accelerometer" => "keep the board level",
         "no_gyro" => "check the gyro and its wires",
         "field_strength" | "field_changed" =>
-            "look for iron, magnets or currents nearby; if they are there to stay, move the board: it learns them",
+            "look for iron, magnets or currents nearby; if they are there to stay, move the board: it learns them; if it comes \
+             wherever the board is, compare the chips' axes with headingd align LOG",
         "field_unit" => "set mag_unit in the log's header, or the gain or range of the chip",
         "no_samples" => "check the magnetometer: it is silent",
         "no_bus" | "permission" | "claimed" | "no_answer" | "clone" | "wrong_identity" =>
@@ -29,7 +30,9 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "no_plane" =>
             "turn while the gyro runs; for a log without a gyro, or with an empty axis, name the plane (calibrate --plane xy)",
         "no_motion" => "turn the board; if you did, the magnetometer is stuck, or its unit is wrong",
-        "no_fit" => "make a full turn, away from iron: the samples lie on no ellipse",
+        "no_fit" =>
+            "make a full turn, away from iron: the samples lie on no ellipse; if it comes wherever the board is, compare the \
+             chips' axes with headingd align LOG",
         "coverage" => "turn further round, or about a second axis too",
         "outliers" => "turn again: something magnetic came or went",
         "residual" => "turn on the spot, away from iron: the field was not the same all the way round",
@@ -38,7 +41,8 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "centre" => "make a full turn: too small a part of the curve was seen",
         "heading_uncertainty" =>
             "turn more fully or more slowly, for more samples; without a full turn, move as the message says",
-        "gyro_angle" => "check the gyro's mounting, sign and unit",
+        "gyro_angle" => "check the gyro's unit; compare the chips' axes and signs with headingd align LOG",
+        "gyro_sign" => "compare the chips' axes and signs with headingd align LOG",
         "gyro" => "check both mountings; turn more slowly; keep iron away from the board's path",
         "dip" => "check the mountings of magnetometer and accelerometer; keep iron away",
         "jump" => "turn again, level: a magnet was attached or taken away in mid-turn, or the board tilted",
@@ -48,4 +52,23 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "bad_reference" => "give a reference field above 0, or none",
         _ => return None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_exchanged_axes_look_like_leads_to_align() {
+        for reason in [
+            "no_fit",
+            "field_strength",
+            "field_changed",
+            "gyro_angle",
+            "gyro_sign",
+        ] {
+            let advice = next_step(reason).unwrap();
+            assert!(advice.ends_with("headingd align LOG"), "{reason}: {advice}");
+        }
+    }
 }
