@@ -34,7 +34,7 @@ impl SensorStore {
         let mut in_memory = false;
         let disk = match (settings.directory(), running.disk.upgrade()) {
             (None, _) => {
-                tracing::info!("store.directory is empty: calibrations are not kept");
+                tracing::info!("no store: calibrations are neither read nor kept");
                 None
             }
             (Some(directory), Some(disk)) if disk.directory == directory => {

@@ -49,7 +49,12 @@ fn a_source_is_recorded_to_its_end_while_the_socket_is_served() {
     let out = rig.path("a.csv");
     let mut process = record(&rig, &out, &[]);
     until("the socket", || rig.path("heading.sock").exists());
-    process.ends(0);
+    let said = process.ends(0);
+    // The configuration has a store, which is not for a recording.
+    assert!(
+        said.contains("no store: calibrations are neither read nor kept"),
+        "{said}"
+    );
     assert!(
         recorded(&out)
             .into_iter()
