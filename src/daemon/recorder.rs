@@ -22,6 +22,8 @@ use crate::wall_clock;
 const QUEUE: usize = 4096;
 /// Interval at which readings are handed to the system, which writes them to disk: a daemon that is killed loses no more.
 const FLUSH: Duration = Duration::from_secs(1);
+/// Rows that wait for a flush, besides the header, bytes.
+const BUFFER: usize = 8192;
 /// Pause before a ring tries again what has failed.
 const RETRY: Duration = Duration::from_secs(5);
 
@@ -308,8 +310,9 @@ impl OpenLog {
         {
             header.truth.push((RECORDED_FROM.to_owned(), time));
         }
-        let writer =
-            Writer::new(BufWriter::new(file), &header).map_err(RecordError::of(true, &path))?;
+        // The whole header waits there: where the disk is full, it is the flush that fails and is retried.
+        let buffer = BufWriter::with_capacity(BUFFER + header.text().len(), file);
+        let writer = Writer::new(buffer, &header).map_err(RecordError::of(true, &path))?;
         Ok(Self { path, writer })
     }
 
@@ -363,6 +366,18 @@ mod tests {
         assert!(folder.path().join("record-000003.csv").exists());
         assert!(attempt(0).is_err());
         assert!(folder.path().join("record-000003.csv").exists());
+    }
+
+    #[test]
+    fn a_header_of_any_length_waits_for_a_disk_that_is_full() {
+        let header = Header {
+            truth: vec![("remark".to_owned(), "x".repeat(3 * BUFFER))],
+            ..Header::default()
+        };
+        let path = PathBuf::from("/dev/full");
+        let file = File::options().write(true).open(&path).unwrap();
+        let mut log = OpenLog::begin(path, file, &header).unwrap();
+        assert!(log.flush().is_err());
     }
 
     #[test]
