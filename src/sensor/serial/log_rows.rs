@@ -73,7 +73,6 @@ impl LogRows {
         } else {
             *rows = Wire {
                 has_header: rows.has_header,
-                header_fault: rows.header_fault.take(),
                 ..Wire::new(rows.board)
             };
         }

@@ -378,6 +378,13 @@ fn rows_after_a_wrong_header_say_what_is_wrong_with_it_and_remarks_are_no_header
             .contains("mag_uint is no key; mag_unit is one"),
         "{items:?}"
     );
+    // Another device has not sent that header.
+    let mut codec = LogRows::new(Mountings::default());
+    codec.feed(wrong.as_bytes(), |_| ());
+    codec.reopen(false);
+    let mut items = Vec::new();
+    codec.feed(b"x\n1,2,3,4\n", |item| items.push(item));
+    assert!(bad(&items)[0].contains("its header was lost"), "{items:?}");
     let rows: String = (0..400)
         .map(|row| format!("{}.1,2,3,4\n# battery = 3.7\n", row))
         .collect();
