@@ -20,6 +20,9 @@ use vertical::Vertical;
 /// Past this share of a turn, the detector about the vertical takes precedence.
 const ABOUT_TO_TURN: f64 = 0.9;
 
+/// A board that turns all the way round is not turned faster than this on the average, degrees a second: such rates have another unit.
+const FASTEST_DEG_S: f64 = 360.0;
+
 /// A full turn that the board has made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turn {
@@ -65,7 +68,7 @@ impl TurnDetector {
         }
     }
 
-    /// Takes the next tick; returns the turn that it completes.
+    /// Takes the next tick; returns the turn that it completes, unless that is too fast for one.
     ///
     /// A gap between ticks resets the count.
     pub fn tick(&mut self, tick: &Tick) -> Option<Turn> {
@@ -87,7 +90,8 @@ impl TurnDetector {
             self.reset();
             self.newest_s = Some(tick.t_s);
         }
-        turn
+        let shortest_s = self.settings.angle_deg / FASTEST_DEG_S;
+        turn.filter(|turn| turn.end_s - turn.start_s >= shortest_s)
     }
 
     /// How much of a turn the detector that is further on has counted, 0 to 1.

@@ -248,6 +248,17 @@ fn shaking_and_swinging_in_circles_is_no_turn() {
 }
 
 #[test]
+fn what_turns_faster_than_a_board_is_no_turn() {
+    for board in [rested, blind] {
+        for (deg_s, expected) in [(300.0, 1), (400.0, 0), (2900.0, 0)] {
+            let mut board = board();
+            board.turn(Vector3::z(), 400.0, deg_s);
+            assert_eq!(turns(&board).len(), expected, "{deg_s}");
+        }
+    }
+}
+
+#[test]
 fn a_turn_past_the_time_limit_is_none() {
     let settings = Settings {
         time_limit_s: 10.0,

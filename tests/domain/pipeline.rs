@@ -403,6 +403,19 @@ fn after_an_absurd_rate_clipping_is_noticed_as_before() {
     assert!(clipped.len() > 20 && clipped[0] >= 8.0, "{clipped:?}");
 }
 
+/// Degrees a second, read as radians a second. In each of the two rests the bias alone is a turn, slow enough for
+/// a board.
+#[test]
+fn a_gyro_of_another_unit_does_not_calibrate_again_and_again() {
+    let mut readings = readings(&moving(Scenario::Demo));
+    for rate in readings.iter_mut().filter_map(|r| r.rate_rad_s.as_mut()) {
+        *rate *= 1_f64.to_degrees();
+    }
+    let played = play(&readings, None, 0);
+    assert!(played.asked.len() <= 2, "{:?}", played.asked);
+    assert!(!played.when("gyro_scale").is_empty());
+}
+
 #[test]
 fn a_magnetometer_that_hangs_in_a_turn_is_a_fault_until_it_goes_on() {
     let settings = Settings::default();
