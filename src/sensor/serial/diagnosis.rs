@@ -39,6 +39,15 @@ impl Diagnosis {
         self.odd += bytes.iter().filter(|byte| !is_text(byte)).count() as u64;
     }
 
+    /// Whether this shows for the first time that rows lack a header, or a right one.
+    pub(super) fn first_lacks_header(&self, item: &Item) -> bool {
+        match item {
+            Item::Early => !self.early,
+            Item::BadHeader(_) => self.header.is_none(),
+            _ => false,
+        }
+    }
+
     /// Takes what has no field.
     pub(super) fn item(&mut self, item: Item) {
         if let Item::Frame(reading) | Item::Timed(reading) = &item {

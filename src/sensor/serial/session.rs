@@ -128,12 +128,16 @@ impl PortSession {
                             if self.bad == self.tell_at {
                                 self.tell_at *= 10;
                                 self.refused = Some(format!(
-                                    "{} lines refused beside {} readings; the last: {why}",
+                                    "lines refused: {}, readings beside them: {}; the last: {why}",
                                     self.bad, self.good
                                 ));
                             }
                         }
                         _ => {}
+                    }
+                    // A device that sends rows has booted; but they may be left from before the reset.
+                    if self.good == 0 && self.diagnosis.first_lacks_header(&other) {
+                        self.patience_s = NEXT_S;
                     }
                     return self.diagnosis.item(other);
                 }
@@ -249,18 +253,30 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_header_is_told_as_one() {
+    fn a_header_that_is_missing_or_wrong_is_told_after_2_s() {
         let (mut session, mut rows) = session(Protocol::LogRows);
-        let header = HEADER.replace("\nt_s", "\n# mag_unit = gaus\nt_s");
-        for lines in [&header, "0,1,2,3,0,0,1\n"] {
-            session.bytes(lines.as_bytes(), &mut rows, 1.0, |_| ());
+        let wrong = HEADER.replace("\nt_s", "\n# mag_unit = gaus\nt_s");
+        let plain = "x\n0.1,1,2,3,0,0,1\n0.2,1,2,3,0,0,2\n";
+        let mut told = Vec::new();
+        for (lines, now_s) in [(plain, 1.0), (plain, 2.1), (&wrong, 2.2), (plain, 2.3)] {
+            session.bytes(lines.as_bytes(), &mut rows, now_s, |_| ());
+            let trouble = session.orders(now_s).trouble;
+            told.extend(trouble.map(|trouble| (now_s, trouble)));
         }
-        let trouble = session.orders(7.0).trouble.unwrap().message;
-        assert!(
-            trouble
-                .contains("the device's header is wrong: mag_unit is \"gaus\", but must be mgauss"),
-            "{trouble}"
-        );
+        let rights = [
+            (2.1, "rows come without a header"),
+            (
+                2.2,
+                "the device's header is wrong: mag_unit is \"gaus\", but must be mgauss",
+            ),
+        ];
+        assert_eq!(told.len(), rights.len(), "{told:?}");
+        for ((told_s, told), (right_s, right)) in told.iter().zip(rights) {
+            assert!(
+                *told_s == right_s && told.message.contains(right),
+                "{told:?}"
+            );
+        }
     }
 
     #[test]
@@ -276,9 +292,9 @@ mod tests {
         assert!(told(said(&mut rows, 1, 1, good)).is_empty());
         let told = told(said(&mut rows, 2, 12, &format!("{good}9,9*00\n")));
         let begins = [
-            "1 lines refused beside 11 readings",
-            "10 lines refused beside 20 readings",
-            "100 lines refused beside 110 readings",
+            "lines refused: 1, readings beside them: 11;",
+            "lines refused: 10, readings beside them: 20;",
+            "lines refused: 100, readings beside them: 110;",
         ];
         assert_eq!(told.len(), begins.len(), "{told:?}");
         for (told, begins) in told.iter().zip(begins) {
