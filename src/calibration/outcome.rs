@@ -104,6 +104,20 @@ impl Outcome {
         }
     }
 
+    /// The same, in place of that of full turns, if that was refused and this was not.
+    pub fn in_place_of(self, turns: Self) -> Self {
+        if (turns.verdict, self.verdict) != (Verdict::Rejected, Verdict::Accepted) {
+            return turns;
+        }
+        Self {
+            message: format!(
+                "{}; the full turns were refused ({}): {}",
+                self.message, turns.reason, turns.message
+            ),
+            ..self
+        }
+    }
+
     /// The outcome of the running estimate; `measured` are the axes whose bias is known. `None` of a planar calibration: the estimate has
     /// three axes.
     pub fn of_motion(calibration: Calibration, measured: [bool; 3]) -> Option<Self> {

@@ -25,8 +25,8 @@ use crate::wall_clock::unix_now_s;
 ///
 /// Uses everything from the start of the first rotation to the end of the last; in a plane, only while the board is as level as
 /// in its turns. Without a full turn that is level, or turns about two axes, it uses what the running estimate learns from all
-/// motion in the log, if that is certain enough. With --plane, --window all, or no gyro in the log, it fits the whole log. Exit
-/// status: 0 accepted, 3 refused.
+/// motion in the log, if that is certain enough; so it does where such turns are refused, unless a mode is named. With --plane,
+/// --window all, or no gyro in the log, it fits the whole log. Exit status: 0 accepted, 3 refused.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example: headingd calibrate turn.csv --reference-mgauss 163 --out here.json"
@@ -166,8 +166,8 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     tell_skips(&skips)?;
     let empty_axis = survey.empty_axis();
     let thinned_to = survey.thinned_to();
-    let request = match survey.conclude() {
-        Surveyed::Request(request) => request,
+    let (request, learnt) = match survey.conclude() {
+        Surveyed::Request(request, learnt) => (request, learnt),
         Surveyed::Learnt(outcome) => {
             return Ok((identity, because_empty(*outcome, empty_axis, args.plane)));
         }
@@ -187,6 +187,10 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     }
     let origin = Instant::now();
     let outcome = calibrate(&request, &|| Some(origin.elapsed()));
+    let outcome = match learnt {
+        Some(learnt) => learnt.in_place_of(outcome),
+        None => outcome,
+    };
     Ok((identity, because_empty(outcome, empty_axis, args.plane)))
 }
 

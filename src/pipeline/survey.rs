@@ -33,7 +33,7 @@ pub struct Survey {
     /// How many samples there were, and in how many each axis had no number.
     fields: usize,
     empty: [usize; 3],
-    /// What the daemon would have made of the log, as long as no full turn is found, where motion may calibrate.
+    /// What the daemon would have made of the log without its full turns, where motion may calibrate.
     motion: Option<Pipeline>,
 }
 
@@ -51,8 +51,8 @@ pub struct EmptyAxis {
 /// What a log allows.
 #[derive(Debug)]
 pub enum Surveyed {
-    /// A calibration on turns, on rotation, or on all samples.
-    Request(Box<Request>),
+    /// A calibration on turns, on rotation, or on all samples; and what the motion has taught, for turns that are refused.
+    Request(Box<Request>, Option<Box<Outcome>>),
     /// The motion in it has taught enough.
     Learnt(Box<Outcome>),
     /// None: there are no gyro readings, and nothing else tells the plane.
@@ -85,7 +85,6 @@ impl Survey {
             self.learn(Event::NewStretch);
         }
         self.learn(Event::Reading(*reading));
-        let turns_before = self.turns.len();
         let (turns, rotation_s) = (&mut self.turns, &mut self.rotation_s);
         let (reading, _) = self.intake.take(reading, |tick, turn| {
             turns.extend(turn);
@@ -95,9 +94,6 @@ impl Survey {
             }
         });
         self.has_gyro |= reading.rate_rad_s.is_some();
-        if self.turns.len() > turns_before && self.fits_turns() {
-            self.motion = None;
-        }
         if let Some(field) = &reading.field_mgauss {
             self.fields += 1;
             for (empty, value) in self.empty.iter_mut().zip(field) {
@@ -125,12 +121,11 @@ impl Survey {
     fn fits_turns(&self) -> bool {
         let settings = &self.setup.calibration;
         let axes = self.turns.iter().map(|turn| turn.axis_body);
-        settings.mode != ModeChoice::Auto
-            || self.turns.iter().any(is_level)
-            || show_space(axes, settings)
+        let all_fit = settings.mode != ModeChoice::Auto && !self.turns.is_empty();
+        all_fit || self.turns.iter().any(is_level) || show_space(axes, settings)
     }
 
-    /// Takes no actions: only a full turn asks for a calibration, and then this result is not used.
+    /// Takes no actions: a full turn is calibrated on at the end, with all others.
     fn learn(&mut self, event: Event) {
         if let Some(pipeline) = &mut self.motion {
             pipeline.handle(event, &mut Vec::new());
@@ -157,6 +152,7 @@ impl Survey {
 
     /// What the log allows.
     pub fn conclude(self) -> Surveyed {
+        let fits_turns = self.fits_turns();
         let settings = self.setup.calibration;
         let needs_gyro = self.plane.is_none() && settings.mode != ModeChoice::Spatial;
         // Of a log this short it does not matter what it lacks besides.
@@ -164,10 +160,16 @@ impl Survey {
             return Surveyed::NoPlane;
         }
         let motion = self.motion.as_ref();
-        if let Some((mut outcome, _)) = motion.and_then(Pipeline::learnt_by_motion) {
+        let learnt = motion.and_then(Pipeline::learnt_by_motion);
+        let mut learnt = learnt.map(|(outcome, _)| Box::new(outcome));
+        if let Some(outcome) = &mut learnt {
             outcome.samples.total = self.samples.len();
-            return Surveyed::Learnt(Box::new(outcome));
         }
+        if let Some(outcome) = learnt.take_if(|_| !fits_turns) {
+            return Surveyed::Learnt(outcome);
+        }
+        // Who names a mode wants that of the turns.
+        learnt.take_if(|_| settings.mode != ModeChoice::Auto);
         let samples = self.samples.into_samples();
         let turns = (self.turns.iter())
             .filter(|_| self.plane.is_none())
@@ -187,7 +189,7 @@ impl Survey {
         request.plane = self
             .plane
             .map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0)));
-        Surveyed::Request(Box::new(request))
+        Surveyed::Request(Box::new(request), learnt)
     }
 }
 

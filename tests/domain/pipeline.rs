@@ -683,7 +683,7 @@ fn a_turn_has_the_sample_at_its_beginning_and_that_at_its_end_live_as_of_a_log()
         }
     }
     let (turn, live) = (turn.unwrap(), live.unwrap());
-    let Surveyed::Request(offline) = survey.conclude() else {
+    let Surveyed::Request(offline, _) = survey.conclude() else {
         panic!("the turn was not found");
     };
     let rotation = &offline.samples[offline.moving.clone()];

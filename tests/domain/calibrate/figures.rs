@@ -6,7 +6,9 @@ use nalgebra::{Matrix3, Vector3};
 use serde_json::{Value, json};
 
 use super::{accepted, assert_near, assert_true, basis, calibrate, count, numbers, vector};
-use crate::common::{Folder, headingd, log, moving, of_class, rms, simulated, turn_errors_deg};
+use crate::common::{
+    Folder, headingd, log, moving, of_class, rms, simulated, turn_errors_deg, turning,
+};
 
 /// Heading errors that a spatial outcome leaves on a level turn without noise, RMS, degrees.
 fn level_error_deg(outcome: &Value, truth: &Settings) -> f64 {
@@ -54,6 +56,43 @@ fn motion_without_a_full_turn_calibrates_by_the_estimate() {
         let ran = headingd(&["replay", &log, "--calibration", &out]);
         assert!(of_class(&ran.lines(), "ATT")[0]["mheading"].is_f64());
     }
+}
+
+/// A magnet is attached in the turn, and stays.
+#[test]
+fn motion_calibrates_where_the_turn_is_refused_and_no_mode_is_named() {
+    let folder = Folder::new();
+    let (header, mut entries) = simulated(&turning(1.0));
+    for entry in &mut entries {
+        if let (true, Some(field)) = (entry.reading.t_s > 6.0, &mut entry.reading.field_mgauss) {
+            field[0] = field[0].map(|b| b + 100.0);
+        }
+    }
+    let refused = |log: &str, more: &[&str]| {
+        let ran = calibrate(log, more);
+        assert_eq!((ran.status, &ran.json()["method"]), (3, &json!("turn")));
+    };
+    let turn = folder.file("turn.csv", log(&(header.clone(), entries.clone())));
+    refused(&turn, &[]);
+    let turn_s = entries.last().unwrap().reading.t_s;
+    let mut truth = moving(Scenario::Free);
+    truth.bias_mgauss[0] += 100.0;
+    entries.extend(simulated(&truth).1.into_iter().map(|mut entry| {
+        entry.reading.t_s += turn_s + 0.01;
+        entry
+    }));
+    let both = folder.file("both.csv", log(&(header, entries)));
+    let outcome = accepted(&both, &[]);
+    assert_eq!(outcome["method"], "motion");
+    let message = outcome["message"].as_str().unwrap();
+    assert!(
+        message.contains("; the full turns were refused (outliers): "),
+        "{message}"
+    );
+    let claimed = outcome["heading_sd_deg"].as_f64().unwrap();
+    let error = level_error_deg(&outcome, &truth);
+    assert!(error < claimed, "{error}, {claimed}");
+    refused(&both, &["--mode", "planar"]);
 }
 
 const PROFILES: [&str; 2] = ["standard", "paper"];
