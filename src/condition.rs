@@ -117,7 +117,7 @@ pub fn wrong_strength(strength_mgauss: f64) -> String {
 pub fn wrong_gyro(reason: &str) -> &'static str {
     match reason {
         "gyro_clipped" => "the board turns faster than the gyro can measure: turn it more slowly",
-        "gyro_dead" => "the field turns and the gyro reads a constant: check its wiring",
+        "gyro_dead" => "the field turns and the gyro does not: check its wiring and its unit",
         "gyro_sign" => {
             "gyro and field turn different ways: check the gyro's axes and signs (in [mounting] or the header) and its unit"
         }

@@ -18,6 +18,7 @@ use crate::true_north::EarthField;
 
 mod checkpoint;
 mod covariance;
+mod field_turns;
 mod filter;
 mod fix;
 mod gyro_check;

@@ -47,7 +47,7 @@ type State = SVector<f64, N>;
 
 /// Bias to expect of a gyro, rad/s (2°/s), until the attitude has stated what it knows of it.
 const GYRO_BIAS_RAD_S: f64 = 0.035;
-/// Scale error to expect on an axis of a gyro; data sheets: 1 to 3 % at most.
+/// Scale error to expect on an axis of a gyro, of which the attitude has taken out what gravity shows.
 const GYRO_SCALE: f64 = 0.01;
 /// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering. On recorders
 /// it is 16 ms, and 60 ms at most.
@@ -94,6 +94,15 @@ impl Input {
     /// Whether both detectors see rest. `still` ends sooner when the board begins to move.
     fn rests(&self) -> bool {
         self.board.at_rest && self.board.still
+    }
+
+    /// The body axis that is nearest to the vertical: Z if that is unknown.
+    pub(super) fn upright_axis(&self) -> usize {
+        if self.vertical_known {
+            self.to_frame.row(2).transpose().iamax()
+        } else {
+            2
+        }
     }
 
     /// Angular rate of the board, body axes, rad/s; 0 while it is still. The gyro then reads only noise, which is in `to_frame` too:

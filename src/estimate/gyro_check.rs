@@ -3,12 +3,13 @@
 //! A field that stands still turns against the board as the gyro reads, and iron on the board adds a constant. So the
 //! change of the raw field over a moment is compared with the change that the gyro predicts: a gyro of the wrong sign predicts the
 //! opposite. Gravity turns in the same way, and no iron moves it: where both have turned and the gyro has not, the gyro is dead,
-//! whatever it reads. `gyro_scale` checks the scale.
+//! whatever it reads. `gyro_scale` checks the scale, and `field_turns` counts turns that the gyro does not see.
 
 use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
+use super::field_turns::FieldTurns;
 use super::filter::{Filter, Input};
 use super::gyro_scale::{GyroScale, ScaleVerdict};
 use super::prior::FIELD_MGAUSS;
@@ -98,6 +99,7 @@ pub(super) struct GyroCheck {
     constant: bool,
     fault: Option<GyroFault>,
     scale: GyroScale,
+    turns: FieldTurns,
     /// Whether the field was disturbed at the last sample.
     disturbed: bool,
     /// Mean rate while the readings differ, rad/s, and how far the board may have turned since they repeat, radians.
@@ -260,7 +262,9 @@ impl GyroCheck {
             // The field jumps, and not by turning.
             self.scale.lose_moment();
         }
-        let mut judge = self.scale.take(input, filter);
+        self.turns.take(input);
+        let silent = self.turns.gyro_is_silent();
+        let mut judge = self.scale.take(input, filter) || silent;
         if let Some(force) = input.board.force_m_s2 {
             let up = force / GRAVITY_M_S2;
             if self.gravity.moment.is_none() {
@@ -291,7 +295,7 @@ impl GyroCheck {
             self.unexplained.take(&change, input.rate_rad_s.norm());
             judge |= change.counts();
         }
-        if !judge || (iron_open && !constant) {
+        if !judge || (iron_open && !constant && !silent) {
             return false;
         }
         let scale = self.scale.verdict();
@@ -315,6 +319,7 @@ impl GyroCheck {
         self.unexplained.current = 0.0;
         self.together = 0;
         self.scale.lose_moment();
+        self.turns = FieldTurns::default();
     }
 
     /// A gyro that reads the same again and again does not see how the board turns.
@@ -357,7 +362,7 @@ impl GyroCheck {
             && [&self.field, &self.gravity]
                 .iter()
                 .all(|witness| witness.sums.enough() && witness.sums.correlation() < AGREES);
-        if self.together >= TOGETHER || constant || frozen {
+        if self.together >= TOGETHER || constant || frozen || self.turns.gyro_is_silent() {
             return Some(GyroFault::Dead);
         }
         // The predicted change of the field depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong
