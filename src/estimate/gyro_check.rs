@@ -208,6 +208,11 @@ impl Witness {
         self.sums.seen > enough && self.sums.predicted < ALONE * self.sums.seen
     }
 
+    /// Whether it turns as the gyro does.
+    fn agrees(&self) -> bool {
+        self.sums.enough() && self.sums.correlation() >= EXPLAINS_AGAIN
+    }
+
     fn opposes(&self, limit: f64) -> bool {
         let Sums {
             seen, predicted, ..
@@ -367,9 +372,10 @@ impl GyroCheck {
         }
         // The predicted change of the field depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong
         // scale. The check of the scale needs no iron, so it overrules the field.
-        let opposes = self.gravity.opposes(GRAVITY_OPPOSES)
-            || (self.field.opposes(OPPOSES) && !self.scale.same_way());
-        if opposes || scale == ScaleVerdict::Opposed {
+        // An arm that swings faster than a pendulum of its length feels a gravity that tilts against it, so the field overrules gravity.
+        let opposes = self.gravity.opposes(GRAVITY_OPPOSES) && !self.field.agrees()
+            || self.field.opposes(OPPOSES);
+        if opposes && !self.scale.same_way() || scale == ScaleVerdict::Opposed {
             return Some(GyroFault::Sign);
         }
         // A fault is over when the gyro explains the field again.

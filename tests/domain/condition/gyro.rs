@@ -40,6 +40,25 @@ fn a_gyro_that_was_dead_leaves_no_wrong_tilt_behind() {
     assert_eq!(board.state(), ("good", "good"));
 }
 
+/// On the wrist of somebody who walks: an arm of 0.6 m that swings by 7° to either side, 1.1 times a second. The accelerations of its
+/// circle are three times gravity's share, so that what is felt tilts against the arm.
+#[test]
+fn a_gyro_on_a_swinging_arm_has_no_wrong_sign() {
+    let lies = |t_s: f64| Rotation3::from_euler_angles(0.0, 0.13 * (7.0 * t_s).sin(), 0.2 * t_s);
+    let hand = |t_s: f64| lies(t_s) * Vector3::z() * 0.6;
+    let mut board = Board::new(None);
+    for mut reading in carried(90.0, lies, |_, rate| rate) {
+        let (t_s, step_s) = (reading.t_s, 0.001);
+        let accelerated = hand(t_s - step_s) + hand(t_s + step_s) - hand(t_s) * 2.0;
+        let felt = lies(t_s).inverse() * accelerated / (step_s * step_s);
+        reading.specific_force_m_s2 = reading.specific_force_m_s2.map(|force| force + felt);
+        board.tell(Event::Reading(reading));
+        // In the first seconds there is gravity alone.
+        assert!(t_s < 5.0 || board.state().1 != "gyro_sign", "{t_s}");
+    }
+    assert_eq!(board.state(), ("good", "good"));
+}
+
 #[test]
 fn without_a_gyro_the_accelerometers_low_pass_does_not_lag_behind_a_board_that_tilts() {
     let settings = Settings {
