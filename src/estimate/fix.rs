@@ -1,9 +1,9 @@
 //! Headings and their deviations, from what the estimate knows.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::strength::MOST_RAW_MGAUSS;
-use super::{Estimate, Fix, Sample, kept, level};
+use super::{Estimate, Fix, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
 use crate::reading::STRONGEST_MGAUSS;
@@ -31,8 +31,8 @@ impl Estimate {
     /// before the estimate has begun, in this frame too. The deviation covers the field and the tilt. On a moving board
     /// whose vertical is known it also covers the rotation, radians, that the gyro may have missed.
     pub fn fix(&self, pose: &Pose, missed_turn_rad: f64) -> Option<Fix> {
-        let in_this_frame = |last: &Sample| last.motion.pose.stretch == pose.stretch;
-        if !self.active.begun || !self.last.as_ref().is_some_and(in_this_frame) {
+        let last = self.last.as_ref()?;
+        if !self.active.begun || last.motion.pose.stretch != pose.stretch {
             return None;
         }
         if !pose.vertical_known {
@@ -46,7 +46,10 @@ impl Estimate {
             None => north,
         };
         let field = north.field;
-        let by_attitude = pose.orientation * Vector3::x();
+        // No magnetometer measures early: where it seems to, the gyro is late, and the board has turned on meanwhile.
+        let gyro_late_s = (-self.active.lag_s()).max(0.0);
+        let turned_on = UnitQuaternion::from_scaled_axis(last.motion.rate_rad_s * gyro_late_s);
+        let by_attitude = pose.orientation * (turned_on * Vector3::x());
         let nose = by_attitude - north.tilt_rad.cross(&by_attitude);
         let horizontal2 = nose.xy().norm_squared();
         if horizontal2 < NO_HEADING * NO_HEADING {

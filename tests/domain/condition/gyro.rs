@@ -87,6 +87,28 @@ fn without_a_gyro_the_accelerometers_low_pass_does_not_lag_behind_a_board_that_t
 }
 
 #[test]
+fn a_late_gyro_does_not_make_headings_late() {
+    const LATE_S: f64 = 0.04;
+    let mut board = Board::new(None);
+    let late = |t_s: f64, _| {
+        let (before, now) = (swinging(t_s - LATE_S - 0.02), swinging(t_s - LATE_S));
+        (before.inverse() * now).scaled_axis() / 0.02
+    };
+    let (mut squares, mut count) = (0.0, 0.0);
+    for reading in carried(120.0, swinging, late) {
+        let t_s = reading.t_s;
+        board.tell(Event::Reading(reading));
+        let heading = board.heading.as_ref().unwrap();
+        if let (true, Some(found)) = (t_s > 60.0, heading.magnetic_deg()) {
+            squares += apart_deg(found, (0.6 * t_s).to_degrees()).powi(2);
+            count += 1.0;
+        }
+    }
+    let rms_deg = f64::sqrt(squares / count);
+    assert!(count > 1000.0 && rms_deg < 0.93, "{count}: {rms_deg}");
+}
+
+#[test]
 fn after_a_gap_of_the_gyro_no_heading_is_from_the_frame_before() {
     let mut board = Board::taught(3);
     // A source that reads faster than the chip measures.
