@@ -36,10 +36,13 @@ const A: usize = 18;
 const N: usize = 21;
 type ErrorCovariance = SMatrix<f64, N, N>;
 
-/// Scale and cross-axis errors to expect of a gyro; data sheets: 1 to 3 % and 1 to 2 % at most.
-const MATRIX: f64 = 0.012;
-/// More than four times that is another fault, and is not taken out.
-const MOST_MATRIX: f64 = 0.05;
+/// Scale errors to expect of a gyro: anything up to the 3 % of an MPU-6050's data sheet is as likely, 3 % / √3. Of an ITG-3200 they may
+/// be 6 %.
+const SCALE: f64 = 0.017;
+/// Cross-axis errors to expect; both data sheets: 2 % at most.
+const CROSS_AXIS: f64 = 0.01;
+/// Larger errors than this are another fault, and are not taken out: the 6 % of an ITG-3200, and some heat.
+const MOST_MATRIX: f64 = 0.07;
 /// Bias to expect, as a share of the largest.
 const BIAS: f64 = 0.33;
 /// A gyro's bias at the next start differs from the last by this on an axis, rad/s (1°/s): data sheets allow 20 °/s (MPU-6050) to
@@ -129,7 +132,11 @@ impl GyroErrors {
         let mut p = ErrorCovariance::zeros();
         let expected = [
             (B, 3, BIAS * bias_limit_rad_s),
-            (M, 9, MATRIX),
+            (M, 9, CROSS_AXIS),
+            // On the diagonal.
+            (M, 1, SCALE),
+            (M + 4, 1, SCALE),
+            (M + 8, 1, SCALE),
             (A, 3, FORCE_BIAS_M_S2),
         ];
         for (at, count, sd) in expected {
