@@ -8,8 +8,8 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "no_accelerometer" => "keep the board level",
         "no_gyro" => "check the gyro and its wires",
         "field_strength" | "field_changed" =>
-            "look for iron, magnets or currents nearby; if they are there to stay, move the board: it learns them; if it comes \
-             wherever the board is, compare the chips' axes with headingd align LOG",
+            "look for iron, magnets or currents nearby; if they are there to stay, move the board: it learns them; if this happens \
+             everywhere, compare the chips' axes with headingd align LOG",
         "field_unit" => "set mag_unit in the log's header, or the gain or range of the chip",
         "no_samples" => "check the magnetometer: it is silent",
         "no_bus" | "permission" | "claimed" | "no_answer" | "clone" | "wrong_identity" =>
@@ -31,7 +31,7 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
             "turn while the gyro runs; for a log without a gyro, or with an empty axis, name the plane (calibrate --plane xy)",
         "no_motion" => "turn the board; if you did, the magnetometer is stuck, or its unit is wrong",
         "no_fit" =>
-            "make a full turn, away from iron: the samples lie on no ellipse; if it comes wherever the board is, compare the \
+            "make a full turn, away from iron: the samples lie on no ellipse; if this happens everywhere, compare the \
              chips' axes with headingd align LOG",
         "coverage" => "turn further round, or about a second axis too",
         "outliers" => "turn again: something magnetic came or went",

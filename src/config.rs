@@ -200,7 +200,7 @@ impl Config {
         faults
     }
 
-    /// What is wrong with the address of a gpsd, of which its table knows nothing.
+    /// What is wrong with the address of a gpsd, which its own table cannot parse.
     fn check_gpsd(&self) -> Vec<Fault> {
         let gpsd = &self.true_north.gpsd;
         if gpsd.is_empty() || Gpsd::parse(gpsd).is_some() {

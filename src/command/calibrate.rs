@@ -54,7 +54,7 @@ pub struct Args {
     #[arg(long, value_parser = word::<StopChoice>(StopChoice::WORDS))]
     pub stop: Option<StopChoice>,
     /// Strength of the field, milligauss: horizontal for a planar calibration, total for a spatial one. Without it,
-    /// or without a full turn, the scale factors have a mean of 1
+    /// or where motion calibrates, the scale factors have a mean of 1
     #[arg(long, value_name = "N", value_parser = number("a number of milligauss", 10.0..=1000.0))]
     pub reference_mgauss: Option<f64>,
     /// Seed of the swarm

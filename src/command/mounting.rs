@@ -42,6 +42,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let [message, axes] = ["message", "board_axes"].map(|key| text(&answer, key));
     print(&format!(
-        "{message}\nboard_axes = \"{axes}\"  # in [mounting], without heading_offset_deg\n"
+        "{message}\nboard_axes = \"{axes}\"  # for [mounting]; remove heading_offset_deg\n"
     ))
 }

@@ -13,7 +13,8 @@ use crate::logging::Log;
 ///
 /// Where a service runs, records that service's raw readings and does not disturb it: of the configuration only the
 /// socket's path is used. Otherwise reads the configured source as the daemon does, and serves headings meanwhile, if the
-/// socket is free; it neither reads nor keeps calibrations. Says first where the readings come from, and at the end how many there were; none is a failure.
+/// socket is free; `record` itself neither reads nor keeps calibrations. Says first where the readings come from, and at the
+/// end how many there were; none is a failure.
 /// "headingd replay" and "headingd calibrate" read the log.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd record --out turn.csv --duration 60")]

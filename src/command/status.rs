@@ -52,7 +52,7 @@ fn written(status: &DaemonStatus) -> String {
             reason,
             message,
         } = last;
-        add("last", format!("{verdict} ({reason}): {message}"));
+        add("last", reason_text(verdict, reason, message));
     }
     let mut mode = status.mode.word().to_owned();
     if status.armed {

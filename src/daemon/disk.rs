@@ -18,7 +18,7 @@ const WAITING_JOBS: usize = 16;
 
 /// What is logged at the end of a daemon that has waited for the disk long enough.
 pub(super) const UNANSWERED: &str =
-    "the disk did not answer in time: the last calibration or setting may be lost";
+    "the store has not finished writing: the last calibration or setting may be lost";
 
 /// Told when something is on disk, or why it is not.
 pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;

@@ -310,7 +310,7 @@ impl OpenLog {
         {
             header.truth.push((RECORDED_FROM.to_owned(), time));
         }
-        // The whole header waits there: where the disk is full, it is the flush that fails and is retried.
+        // The buffer holds the whole header: on a full disk the flush fails, and is retried.
         let buffer = BufWriter::with_capacity(BUFFER + header.text().len(), file);
         let writer = Writer::new(buffer, &header).map_err(RecordError::of(true, &path))?;
         Ok(Self { path, writer })

@@ -121,6 +121,9 @@ impl Daemon {
                 let started = self.session.pipeline.wanted() == Some(Reason::Start);
                 self.counts.values_dropped = self.counts().values_dropped;
                 let last = std::mem::replace(&mut self.session, session);
+                if last.store.history().identity != self.history().identity {
+                    self.concluded = None;
+                }
                 // Those that have ended are forgotten: a daemon may reload for years.
                 while self.closing.try_join_next().is_some() {}
                 self.closing.spawn(last.close());

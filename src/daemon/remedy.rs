@@ -35,9 +35,13 @@ pub(super) fn of_recording(error: &io::Error) -> &'static str {
         ErrorKind::FileTooLarge => {
             "set record.file_mib below the limit to the size of files (ulimit -f)"
         }
-        _ => {
+        ErrorKind::NotFound
+        | ErrorKind::PermissionDenied
+        | ErrorKind::NotADirectory
+        | ErrorKind::ReadOnlyFilesystem => {
             "set record.directory to a folder that this user may write; as a service, to one below /var/lib/headingd"
         }
+        _ => "check the disk, or set record.directory to a folder on another one",
     }
 }
 

@@ -62,7 +62,7 @@ pub fn sentences(talker: &str, heading: &Heading) -> String {
     out
 }
 
-/// The number in tenths, if it is one that can be.
+/// Rounded to tenths; `None` if unknown, not finite or absurdly large.
 fn known(number: Option<f64>) -> Option<f64> {
     let tenths = rounded(number?, 1);
     (tenths.abs() < LARGEST).then_some(tenths)

@@ -80,7 +80,7 @@ impl Bus for LinuxBus {
         };
         let attempt = match count {
             1 => format!("read register 0x{register:02x} of"),
-            _ => format!("read {count} registers from 0x{register:02x} on of"),
+            _ => format!("read {count} registers from 0x{register:02x} of"),
         };
         self.devices.remove(&address);
         Err(failed(self.number, address, attempt, cause))

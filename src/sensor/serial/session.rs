@@ -52,7 +52,7 @@ pub(super) struct PortSession {
     bad: u64,
     tell_at: u64,
     refused: Option<String>,
-    /// How long to wait for a field; no longer once its lack was told.
+    /// How long a field may be missing before that is told, seconds; infinite once it has been.
     patience_s: f64,
 }
 
@@ -135,7 +135,7 @@ impl PortSession {
                         }
                         _ => {}
                     }
-                    // A device that sends rows has booted; but they may be left from before the reset.
+                    // Rows show that the device has booted. It is not told at once, since the first may date from before the reset.
                     if self.good == 0 && self.diagnosis.first_lacks_header(&other) {
                         self.patience_s = NEXT_S;
                     }
