@@ -36,12 +36,12 @@ const A: usize = 18;
 const N: usize = 21;
 type ErrorCovariance = SMatrix<f64, N, N>;
 
-/// Scale errors to expect of a gyro: anything up to the 3 % of an MPU-6050's data sheet is as likely, 3 % / √3. Of an ITG-3200 they may
+/// Scale error to expect of a gyro: an MPU-6050's data sheet allows 3 %, and all up to that is as likely, 3 % / √3. An ITG-3200's may
 /// be 6 %.
 const SCALE: f64 = 0.017;
 /// Cross-axis errors to expect; both data sheets: 2 % at most.
 const CROSS_AXIS: f64 = 0.01;
-/// Larger errors than this are another fault, and are not taken out: the 6 % of an ITG-3200, and some heat.
+/// Most that is taken out: the 6 % of an ITG-3200, and some drift with temperature. Larger errors are another fault.
 const MOST_MATRIX: f64 = 0.07;
 /// Bias to expect, as a share of the largest.
 const BIAS: f64 = 0.33;

@@ -25,7 +25,7 @@ use crate::wall_clock::unix_now_s;
 ///
 /// Uses everything from the start of the first rotation to the end of the last; in a plane, only while the board is as level as
 /// in its turns. Without a full turn that is level, or turns about two axes, it uses what the running estimate learns from all
-/// motion in the log, if that is certain enough; so it does where such turns are refused, unless a mode is named. With --plane,
+/// motion in the log, if that is certain enough; it does the same where such turns are refused, unless a mode is named. With --plane,
 /// --window all, or no gyro in the log, it fits the whole log. Exit status: 0 accepted, 3 refused.
 #[derive(Debug, clap::Args)]
 #[command(

@@ -17,8 +17,9 @@ use crate::frame::wrap_pi;
 const SILENT_AFTER_RAD: f64 = 3.0 * TAU;
 /// More of them count no more than this, so that a gyro that turns again is soon believed.
 const MOST_RAD: f64 = 4.0 * TAU;
-/// What the gyro must have turned, as a share of the field's turns: its bias adds 1°/s in a turn of a minute.
-const TURNS: f64 = 0.2;
+/// What the gyro must have turned, about any axis, as a share of the field's turns. A board that only rolls and pitches moves a field of
+/// 670 mG round a circle as wide as `LEAST_WIDTH` if it leans by 6°, and turns by sin 6° of that circle.
+const TURNS: f64 = 0.1;
 /// Three turns that take longer are not waited for, seconds: the gyro's bias adds up.
 const LASTS_S: f64 = 300.0;
 /// The field must cover this much on both axes, as a share of a usual field: noise and hum go round a smaller circle, and the horizontal
@@ -33,6 +34,7 @@ pub(super) struct FieldTurns {
     range: Option<(Vector2<f64>, Vector2<f64>)>,
     age_s: f64,
     last_rad: Option<f64>,
+    /// How far the field has turned about its middle, and how far the gyro to and fro, radians.
     field_rad: f64,
     gyro_rad: f64,
 }
@@ -54,7 +56,7 @@ impl FieldTurns {
             (low.inf(&field), high.sup(&field))
         });
         self.range = Some((low, high));
-        self.gyro_rad += input.turned_rad[axis];
+        self.gyro_rad += input.turned_rad.norm();
         if (high - low).min() < LEAST_WIDTH {
             return;
         }
@@ -62,7 +64,7 @@ impl FieldTurns {
         let now_rad = from_middle.y.atan2(from_middle.x);
         let last_rad = self.last_rad.replace(now_rad).unwrap_or(now_rad);
         self.field_rad += wrap_pi(now_rad - last_rad);
-        if self.gyro_rad.abs() > TURNS * self.field_rad.abs().max(TAU) {
+        if self.gyro_rad > TURNS * self.field_rad.abs().max(TAU) {
             *self = Self {
                 axis,
                 ..Self::default()
@@ -127,11 +129,24 @@ mod tests {
     }
 
     #[test]
-    fn a_gyro_that_turns_or_a_field_that_goes_to_and_fro_is_no_silence() {
+    fn a_gyro_that_turns_or_sways_or_a_field_that_goes_to_and_fro_is_no_silence() {
         let mut board = TurningBoard::default();
         for _ in 0..10 {
             board.turn(2.0, 0.5);
             assert!(!board.turns.gyro_is_silent());
+        }
+        // Leaning by 8° all the way round, it shows the strongest field a wide circle.
+        let mut coned = FieldTurns::default();
+        for step in 0..2000 {
+            let lies = |step: u32| {
+                let round = Rotation3::new(Vector3::z() * (f64::from(step) * 0.1));
+                round * Rotation3::new(Vector3::x() * 0.14) * round.inverse()
+            };
+            let (before, now) = (lies(step), lies(step + 1));
+            let rate_rad_s = (before.inverse() * now).scaled_axis() / 0.1;
+            let field = now.inverse() * Vector3::new(0.0, 30.0, -669.0);
+            coned.take(&Input::turning_at(now.into_inner(), rate_rad_s, field));
+            assert!(!coned.gyro_is_silent());
         }
         let mut waved = TurningBoard::default();
         for _ in 0..10 {

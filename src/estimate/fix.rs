@@ -35,6 +35,13 @@ impl Estimate {
         if !self.active.begun || last.motion.pose.stretch != pose.stretch {
             return None;
         }
+        // No magnetometer measures early: where it seems to, the gyro is late, and the board has turned on meanwhile.
+        let gyro_late_s = (-self.active.lag_s()).max(0.0);
+        let turned_on = UnitQuaternion::from_scaled_axis(last.motion.rate_rad_s * gyro_late_s);
+        let pose = &Pose {
+            orientation: pose.orientation * turned_on,
+            ..*pose
+        };
         if !pose.vertical_known {
             let field = self.active.field();
             let seen = pose.orientation.inverse_transform_vector(&field);
@@ -46,10 +53,7 @@ impl Estimate {
             None => north,
         };
         let field = north.field;
-        // No magnetometer measures early: where it seems to, the gyro is late, and the board has turned on meanwhile.
-        let gyro_late_s = (-self.active.lag_s()).max(0.0);
-        let turned_on = UnitQuaternion::from_scaled_axis(last.motion.rate_rad_s * gyro_late_s);
-        let by_attitude = pose.orientation * (turned_on * Vector3::x());
+        let by_attitude = pose.orientation * Vector3::x();
         let nose = by_attitude - north.tilt_rad.cross(&by_attitude);
         let horizontal2 = nose.xy().norm_squared();
         if horizontal2 < NO_HEADING * NO_HEADING {

@@ -372,10 +372,11 @@ impl GyroCheck {
         }
         // The predicted change of the field depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong
         // scale. The check of the scale needs no iron, so it overrules the field.
-        // An arm that swings faster than a pendulum of its length feels a gravity that tilts against it, so the field overrules gravity.
-        let opposes = self.gravity.opposes(GRAVITY_OPPOSES) && !self.field.agrees()
-            || self.field.opposes(OPPOSES);
-        if opposes && !self.scale.same_way() || scale == ScaleVerdict::Opposed {
+        // On an arm that swings faster than a pendulum of its length, what is felt tilts the opposite way. So gravity does not count while
+        // the field agrees with the gyro.
+        let opposes = (self.gravity.opposes(GRAVITY_OPPOSES) && !self.field.agrees())
+            || (self.field.opposes(OPPOSES) && !self.scale.same_way());
+        if opposes || scale == ScaleVerdict::Opposed {
             return Some(GyroFault::Sign);
         }
         // A fault is over when the gyro explains the field again.

@@ -168,7 +168,7 @@ impl Survey {
         if let Some(outcome) = learnt.take_if(|_| !fits_turns) {
             return Surveyed::Learnt(outcome);
         }
-        // Who names a mode wants that of the turns.
+        // A named mode asks for the turns' result.
         learnt.take_if(|_| settings.mode != ModeChoice::Auto);
         let samples = self.samples.into_samples();
         let turns = (self.turns.iter())
