@@ -99,7 +99,9 @@ pub(super) struct GyroCheck {
     constant: bool,
     fault: Option<GyroFault>,
     scale: GyroScale,
+    /// The field's turns, until the gyro has been shown to be right: later a magnet that turns beside the board is the likelier cause.
     turns: FieldTurns,
+    was_right: bool,
     /// Whether the field was disturbed at the last sample.
     disturbed: bool,
     /// Mean rate while the readings differ, rad/s, and how far the board may have turned since they repeat, radians.
@@ -267,7 +269,9 @@ impl GyroCheck {
             // The field jumps, and not by turning.
             self.scale.lose_moment();
         }
-        self.turns.take(input);
+        if !self.was_right {
+            self.turns.take(input);
+        }
         let silent = self.turns.gyro_is_silent();
         let mut judge = self.scale.take(input, filter) || silent;
         if let Some(force) = input.board.force_m_s2 {
@@ -310,7 +314,12 @@ impl GyroCheck {
             self.scale.begin_anew();
         }
         self.fault = fault;
-        fault.is_none() && scale == ScaleVerdict::Right
+        let right = fault.is_none() && scale == ScaleVerdict::Right;
+        if right && !self.was_right {
+            self.was_right = true;
+            self.turns = FieldTurns::default();
+        }
+        right
     }
 
     /// Iron has come or gone, as far as is known: what the field has shown before is no evidence any more.

@@ -40,6 +40,16 @@ fn a_gyro_that_was_dead_leaves_no_wrong_tilt_behind() {
     assert_eq!(board.state(), ("good", "good"));
 }
 
+#[test]
+fn a_gyro_whose_radians_are_taken_for_degrees_is_named_on_a_level_board() {
+    let lies = |t_s: f64| Rotation3::from_euler_angles(0.0, 0.0, 0.6 * t_s);
+    let mut board = Board::new(None);
+    for reading in carried(60.0, lies, |_, rate| rate.map(f64::to_radians)) {
+        board.tell(Event::Reading(reading));
+    }
+    assert_eq!(board.state(), ("uncalibrated", "gyro_dead"));
+}
+
 /// On the wrist of somebody who walks: an arm of 0.6 m that swings by 7° to either side, 1.1 times a second. The accelerations of its
 /// circle are three times gravity's share, so that what is felt tilts against the arm.
 #[test]
