@@ -17,8 +17,8 @@ use crate::frame::wrap_pi;
 const SILENT_AFTER_RAD: f64 = 3.0 * TAU;
 /// More of them count no more than this, so that a gyro that turns again is soon believed.
 const MOST_RAD: f64 = 4.0 * TAU;
-/// What the gyro must have turned, about any axis, as a share of the field's turns. A board that only rolls and pitches moves a field of
-/// 670 mG round a circle as wide as `LEAST_WIDTH` if it leans by 6°, and turns by sin 6° of that circle.
+/// A gyro turns if it has read this share of the field's turns, about any axis. A board that only rolls and pitches has to lean by 6° to
+/// move a field of 670 mG round a circle as wide as `LEAST_WIDTH`, and its gyro then reads sin 6° of the field's turns.
 const TURNS: f64 = 0.1;
 /// Three turns that take longer are not waited for, seconds: the gyro's bias adds up.
 const LASTS_S: f64 = 300.0;
@@ -33,23 +33,30 @@ pub(super) struct FieldTurns {
     /// Smallest and largest field on the other two axes, as shares of `FIELD_MGAUSS`.
     range: Option<(Vector2<f64>, Vector2<f64>)>,
     age_s: f64,
+    /// Direction of the field from its middle at the sample before, radians.
     last_rad: Option<f64>,
-    /// How far the field has turned about its middle, and how far the gyro to and fro, radians.
+    /// How far the field has turned about its middle, radians.
     field_rad: f64,
+    /// Length of all rotations that the gyro has read, about any axis and either way, radians.
     gyro_rad: f64,
 }
 
 impl FieldTurns {
+    /// No turns yet, about this body axis.
+    fn about(axis: usize) -> Self {
+        Self {
+            axis,
+            ..Self::default()
+        }
+    }
+
     /// Takes a sample.
     pub(super) fn take(&mut self, input: &Input) {
         let axis = input.upright_axis();
         self.age_s += input.period_s;
         let late = self.age_s > LASTS_S && !self.gyro_is_silent();
         if axis != self.axis || late {
-            *self = Self {
-                axis,
-                ..Self::default()
-            };
+            *self = Self::about(axis);
         }
         let field = input.field_mgauss.remove_row(axis) / FIELD_MGAUSS;
         let (low, high) = self.range.map_or((field, field), |(low, high)| {
@@ -65,10 +72,7 @@ impl FieldTurns {
         let last_rad = self.last_rad.replace(now_rad).unwrap_or(now_rad);
         self.field_rad += wrap_pi(now_rad - last_rad);
         if self.gyro_rad > TURNS * self.field_rad.abs().max(TAU) {
-            *self = Self {
-                axis,
-                ..Self::default()
-            };
+            *self = Self::about(axis);
         } else if self.field_rad.abs() > MOST_RAD {
             let less = MOST_RAD / self.field_rad.abs();
             self.field_rad *= less;

@@ -315,7 +315,7 @@ impl GyroCheck {
         }
         self.fault = fault;
         let right = fault.is_none() && scale == ScaleVerdict::Right;
-        if right && !self.was_right {
+        if right {
             self.was_right = true;
             self.turns = FieldTurns::default();
         }
@@ -380,9 +380,8 @@ impl GyroCheck {
             return Some(GyroFault::Dead);
         }
         // The predicted change of the field depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong
-        // scale. The check of the scale needs no iron, so it overrules the field.
-        // On an arm that swings faster than a pendulum of its length, what is felt tilts the opposite way. So gravity does not count while
-        // the field agrees with the gyro.
+        // scale. The check of the scale needs no iron, so it overrules the field. The field overrules gravity: on an arm that swings faster
+        // than a pendulum of its length, the measured gravity tilts the opposite way.
         let opposes = (self.gravity.opposes(GRAVITY_OPPOSES) && !self.field.agrees())
             || (self.field.opposes(OPPOSES) && !self.scale.same_way());
         if opposes || scale == ScaleVerdict::Opposed {
