@@ -41,6 +41,10 @@ pub use past::BoardMotion;
 use past::Past;
 use rate_changes::RateChanges;
 
+/// If the gyro may have missed more than this, the frame is lost, radians: about the tilt that a hand's acceleration leaves in a frame that is
+/// levelled anew. From half to twice as much changes no figure.
+const MOST_MISSED_RAD: f64 = 0.1;
+
 /// Where the board points at one instant, by gyro and accelerometer alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
@@ -63,6 +67,8 @@ pub struct Tick {
     pub pose: Pose,
     /// Angular rate in the body frame, freed of its bias, rad/s.
     pub rate_rad_s: Vector3<f64>,
+    /// Variance of the rotation that the gyro has missed since the tick before, each axis, rad².
+    pub missed_rad2: f64,
     /// The board is at rest: what the gyro reads now is bias and noise.
     pub at_rest: bool,
 }
@@ -172,7 +178,10 @@ impl Attitude {
         }
         if let Some(chip) = reading.rate_rad_s {
             let t_s = t_s - self.rate_late.take(t_s);
-            self.rate_changes.take(t_s, chip);
+            let missed_rad = self.rate_changes.take(t_s, chip);
+            if !self.still() {
+                self.miss(missed_rad);
+            }
             self.filter.errors.timing_walk_s2 = self.rate_late.walk_s2();
             let rate = self.mountings.gyro.to_body(chip);
             let (filter, past) = (&mut self.filter, &mut self.past);
@@ -188,6 +197,15 @@ impl Attitude {
                 // How far the board has turned meanwhile is unknown, and so is where down is.
                 self.filter.resume_after_gap();
             }
+        }
+    }
+
+    /// The gyro has missed a rotation of this deviation on each axis, radians.
+    fn miss(&mut self, sd_rad: f64) {
+        self.filter.missed_rad2 += sd_rad * sd_rad;
+        if sd_rad > MOST_MISSED_RAD {
+            self.clock.forget();
+            self.filter.resume_after_gap();
         }
     }
 
@@ -228,7 +246,8 @@ impl Attitude {
             return Some((self.down(t_s)?, 0.0));
         }
         let gravity = &self.filter.gravity;
-        Some((gravity.down(t_s)?, gravity.down_sd_rad()))
+        let turned_rad = self.rate_rad_s().norm() * gravity.held_s(t_s);
+        Some((gravity.down(t_s)?, hypot(gravity.down_sd_rad(), turned_rad)))
     }
 
     /// The accelerometer's newest reading, body axes, m/s²; `None` while it is silent.
@@ -267,14 +286,18 @@ impl Attitude {
         self.filter.rate_rad_s
     }
 
-    /// Rotation, radians, that the gyro may have missed by `t_s`: since a jump of its rate, and since its newest reading, after which
-    /// the rate is held.
+    /// Rotation, radians, that the gyro may have missed by `t_s`: since a jump of its rate, and since its newest reading.
     pub fn missed_turn_rad(&self, t_s: f64) -> f64 {
-        let held_s = self.clock.newest_s().map_or(0.0, |newest_s| t_s - newest_s);
         hypot(
             self.rate_changes.missed_turn_rad(t_s),
-            self.rate_changes.held_turn_rad(held_s),
+            self.held_turn_rad(t_s),
         )
+    }
+
+    /// Rotation, radians, that the gyro may have missed by `t_s` since its newest reading, after which the rate is held.
+    pub fn held_turn_rad(&self, t_s: f64) -> f64 {
+        let held_s = self.clock.newest_s().map_or(0.0, |newest_s| t_s - newest_s);
+        self.rate_changes.held_turn_rad(held_s.max(0.0))
     }
 
     /// Whether the gyro's newest reading is at its full scale: the board turns faster than it reads.

@@ -314,6 +314,7 @@ impl Estimate {
             rate_rad_s: motion.rate_rad_s,
             field_mgauss: self.mounting.to_body(sample.field_mgauss),
             turned_rad: motion.turned_rad - before.motion.turned_rad,
+            missed_rad2: motion.missed_rad2 - before.motion.missed_rad2,
             period_s: (sample.t_s - before.t_s).clamp(SHORTEST_S, LONGEST_S),
             lag_s: sample.lag_s,
             board: sample.board,

@@ -75,6 +75,11 @@ impl EvenClock {
         ClockStep::Continued
     }
 
+    /// Restarts with the next reading.
+    pub(super) fn forget(&mut self) {
+        self.newest = None;
+    }
+
     fn start(&mut self, t_s: f64, rate: Vector3<f64>) {
         self.newest = Some((t_s, rate));
         self.base_s = t_s;

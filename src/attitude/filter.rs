@@ -1,6 +1,8 @@
 //! VQF on the even clock, and what it must be told: when the accelerometer comes and goes, and when the board
 //! cannot be at rest.
 
+use std::f64::consts::SQRT_2;
+
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector2, Vector3};
 use vqf_rs::{Params, VQF};
 
@@ -46,9 +48,13 @@ pub(super) struct AttitudeFilter {
     trim: Option<Trim>,
     pub(super) stretch: u32,
     ticked: bool,
-    /// Since when the accelerometer has levelled the frame without a break.
-    levelled_since_s: Option<f64>,
+    /// For how long the accelerometer has levelled the frame without a break, seconds.
+    levelled_s: Option<f64>,
     vertical_known: bool,
+    /// Whether the board has moved since it is known, or as it became known.
+    moved: bool,
+    /// Variance of the rotation that the gyro has missed since the last tick, each axis, rad².
+    pub(super) missed_rad2: f64,
     /// Horizontal specific force in the frame over the time constant of the tilt, m/s².
     pull: Vector2<f64>,
     /// Rotation of the levelled frame for each rad/s of the gyro's bias, body axes, seconds: the rotation matrix from body to that frame,
@@ -78,8 +84,10 @@ impl AttitudeFilter {
             trim: None,
             stretch: 0,
             ticked: false,
-            levelled_since_s: None,
+            levelled_s: None,
             vertical_known: false,
+            moved: false,
+            missed_rad2: 0.0,
             pull: Vector2::zeros(),
             tilt_by_bias_s: Matrix3::zeros(),
             mean_rate_rad_s: 0.0,
@@ -92,13 +100,15 @@ impl AttitudeFilter {
     pub(super) fn tick(&mut self, end_s: f64, mean_rate: Vector3<f64>) -> Tick {
         let force = self.gravity.at_tick(end_s);
         let live = self.gravity.live(end_s);
-        self.follow_accelerometer(end_s, live);
+        self.follow_accelerometer(live, force.is_some());
         self.guard_rest(end_s, &mean_rate);
         let rate = self.errors.corrected(&mean_rate);
         self.rate_rad_s = rate;
         self.stillness.take(rate, force);
+        self.moved |= self.vertical_known && !self.stillness.still();
         self.choose_tilt_tau(rate.norm());
 
+        let missed_rad2 = std::mem::take(&mut self.missed_rad2);
         let before = unit(self.vqf.state().gyr_quat);
         // Rest shows in the rate as it is read: a bias that is being learnt would look like motion.
         let bias = self.errors.bias;
@@ -115,6 +125,7 @@ impl AttitudeFilter {
         let at_rest = self.at_rest();
         let force = force.map(|force| self.levelled(force, at_rest));
         self.errors.take(&to_frame, &rate, force.as_ref(), at_rest);
+        self.errors.miss(missed_rad2);
         if let Some(force) = force {
             self.vqf.update_acc(force.into());
             self.follow_force(&force);
@@ -130,6 +141,7 @@ impl AttitudeFilter {
             t_s: end_s,
             pose: self.pose(),
             rate_rad_s: rate,
+            missed_rad2,
             at_rest: self.at_rest(),
         }
     }
@@ -193,11 +205,30 @@ impl AttitudeFilter {
         let drift = level * self.errors.bias_covariance() * level.transpose();
         let by_gyro = (drift.trace() / 2.0).max(0.0).sqrt();
         let sd_rad = |by_gyro| hypot(by_accelerometer, hypot(self.pull_rad(), by_gyro));
+        let (by_levelling, tau_s) = self.levelling_error();
         TiltError {
-            tau_s: self.tilt_tau_s(),
+            tau_s,
             by_bias,
-            whole_sd_rad: sd_rad(by_gyro),
+            whole_sd_rad: hypot(sd_rad(by_gyro), by_levelling),
             sd_rad: sd_rad(by_gyro * (1.0 - by_bias.powi(2)).sqrt()),
+        }
+    }
+
+    /// What the tilt is off by because levelling has begun lately, radians, and the time constant with which the tilt's error fades, seconds.
+    /// Until its own time constant has passed, VQF takes the mean of the specific force for gravity. That is off by the change of the
+    /// board's velocity over the time, and by its acceleration at most.
+    fn levelling_error(&self) -> (f64, f64) {
+        let tau_s = self.tilt_tau_s();
+        let lately_s = self.levelled_s.filter(|s| self.moved && *s < tau_s);
+        let Some(levelled_s) = lately_s else {
+            return (0.0, tau_s);
+        };
+        let most_m_s2 = self.errors.acceleration_m_s2();
+        let mean_m_s2 = SQRT_2 * self.errors.speed_m_s() / levelled_s;
+        if mean_m_s2 < most_m_s2 {
+            (mean_m_s2 / GRAVITY_M_S2, levelled_s)
+        } else {
+            (most_m_s2 / GRAVITY_M_S2, *TAU_S.end())
         }
     }
 
@@ -206,10 +237,10 @@ impl AttitudeFilter {
         self.vqf.params().tau_acc
     }
 
-    fn follow_accelerometer(&mut self, end_s: f64, live: bool) {
-        if live != self.levelled_since_s.is_some() {
+    fn follow_accelerometer(&mut self, live: bool, read: bool) {
+        if live != self.levelled_s.is_some() {
             self.forget_force();
-            self.levelled_since_s = live.then_some(end_s);
+            self.levelled_s = live.then_some(0.0);
             if !live {
                 (self.pull, self.mean_pull_rad) = (Vector2::zeros(), 0.0);
             } else if self.ticked {
@@ -217,13 +248,15 @@ impl AttitudeFilter {
                 self.stretch = self.stretch.wrapping_add(1);
             }
         }
-        self.vertical_known = self
-            .levelled_since_s
-            .is_some_and(|since_s| end_s - since_s >= LEVELLING_S);
+        if let (Some(levelled_s), true) = (&mut self.levelled_s, read) {
+            *levelled_s += TICK_S;
+        }
+        self.vertical_known = self.levelled_s.is_some_and(|s| s > LEVELLING_S);
     }
 
     fn forget_force(&mut self) {
         self.trim = None;
+        self.moved = false;
         self.tilt_by_bias_s.fill(0.0);
         let state = self.vqf.state_mut();
         state.acc_lp_state = [[f64::NAN; 2]; 3];
@@ -246,8 +279,9 @@ impl AttitudeFilter {
     pub(super) fn resume_after_gap(&mut self) {
         self.stretch = self.stretch.wrapping_add(1);
         self.ticked = false;
-        self.levelled_since_s = None;
+        self.levelled_s = None;
         self.vertical_known = false;
+        self.missed_rad2 = 0.0;
         self.forget_force();
         self.errors.lose_frame();
         let state = self.vqf.state_mut();

@@ -37,7 +37,7 @@ impl Gravity {
             return;
         }
         match self.newest {
-            Some((newest_s, _)) if (0.0..=SILENT_S).contains(&(t_s - newest_s)) => {
+            Some((newest_s, _)) if (0.0..HOLD_S).contains(&(t_s - newest_s)) => {
                 let gain = 1.0 - (-(t_s - newest_s) / LOW_PASS_S).exp();
                 let mut input = force;
                 for stage in &mut self.low_passed {
@@ -50,17 +50,16 @@ impl Gravity {
                 let gain = 1.0 - (-(t_s - newest_s) / SHAKEN_S).exp();
                 self.shaken2 += (off * off - self.shaken2) * gain;
                 self.lag2 += (left.norm_squared() - self.lag2) * gain;
-                self.previous = self.newest;
             }
             // A step back by less than that is a late reading.
             Some((newest_s, _)) if (-SILENT_S..0.0).contains(&(t_s - newest_s)) => return,
+            // The board may have turned meanwhile.
             _ => {
                 self.low_passed = [force; 3];
-                (self.shaken2, self.lag2) = (0.0, 0.0);
-                self.previous = None;
                 self.since_tick = Default::default();
             }
         }
+        self.previous = self.newest;
         self.newest = Some((t_s, force));
         self.since_tick.0 += force;
         self.since_tick.1 += 1;
@@ -81,10 +80,11 @@ impl Gravity {
         Some(previous + (newest - previous) * part)
     }
 
-    /// Standard deviation of `down`, radians. The board's accelerations show along gravity only; across it they are taken to be as
-    /// large.
+    /// Standard deviation of `down`, radians. The board's accelerations show along gravity only, as they are now and have been lately;
+    /// across it they are taken to be as large.
     pub(super) fn down_sd_rad(&self) -> f64 {
-        (self.shaken2 + self.lag2).sqrt() / GRAVITY_M_S2
+        let now = self.low_passed[0].norm() - GRAVITY_M_S2;
+        (self.shaken2.max(now * now) + self.lag2).sqrt() / GRAVITY_M_S2
     }
 
     /// Specific force low-passed over 0.2 s; `None` while the accelerometer is silent.
@@ -99,6 +99,12 @@ impl Gravity {
         let [once, twice, _] = self.low_passed;
         let force = self.live(t_s).then_some(2.0 * once - twice)?;
         (-force).try_normalize(1e-9)
+    }
+
+    /// Time since the newest reading, seconds.
+    pub(super) fn held_s(&self, t_s: f64) -> f64 {
+        self.newest
+            .map_or(0.0, |(newest_s, _)| (t_s - newest_s).max(0.0))
     }
 
     /// The newest reading; `None` while the accelerometer is silent.
@@ -132,6 +138,18 @@ mod tests {
         assert_eq!(gravity.at_tick(0.2), None);
         assert!(gravity.live(0.2) && !gravity.live(1.09));
         assert_eq!(gravity.low_passed(1.09), None);
+    }
+
+    #[test]
+    fn what_was_felt_before_a_silence_is_not_down() {
+        let mut gravity = Gravity::default();
+        for count in 0..200 {
+            gravity.take(f64::from(count) * 0.01, Vector3::x() * GRAVITY_M_S2);
+        }
+        assert_eq!(gravity.down_sd_rad(), 0.0);
+        gravity.take(2.2, Vector3::y() * (GRAVITY_M_S2 + 2.0));
+        assert_eq!(gravity.down(2.2), Some(-Vector3::y()));
+        assert!(gravity.down_sd_rad() > 0.2);
     }
 
     #[test]

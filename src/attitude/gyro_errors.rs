@@ -119,6 +119,8 @@ pub(super) struct GyroErrors {
     /// Mean squares of velocity and acceleration on an axis.
     speed2: f64,
     acceleration2: f64,
+    /// What is left of `ACCELERATION_M_S2` in the latter, 0 to 1.
+    expected_share: f64,
     p: ErrorCovariance,
     window: Window,
     /// Walk of the times of the gyro's readings, s²/s.
@@ -155,6 +157,7 @@ impl GyroErrors {
             long_upright: Vector3::zeros(),
             speed2: SPEED_M_S.powi(2),
             acceleration2: ACCELERATION_M_S2.powi(2),
+            expected_share: 1.0,
             p,
             window: Window::default(),
             timing_walk_s2: 0.0,
@@ -190,6 +193,25 @@ impl GyroErrors {
     /// Deviation of an entry of M.
     pub(super) fn matrix_sd(&self) -> f64 {
         (self.p.fixed_view::<9, 9>(M, M).trace() / 9.0).sqrt()
+    }
+
+    /// The velocity that the board has, root mean square on an axis, m/s.
+    pub(super) fn speed_m_s(&self) -> f64 {
+        self.speed2.sqrt()
+    }
+
+    /// The same of its acceleration, m/s², as measured so far.
+    pub(super) fn acceleration_m_s2(&self) -> f64 {
+        let measured2 = self.acceleration2 - self.expected_share * ACCELERATION_M_S2.powi(2);
+        let share = 1.0 - self.expected_share;
+        (measured2 / share.max(1e-3)).max(0.0).sqrt()
+    }
+
+    /// The gyro has missed a rotation of this variance on each axis, rad².
+    pub(super) fn miss(&mut self, missed_rad2: f64) {
+        for axis in 0..3 {
+            self.p[(U + axis, U + axis)] += missed_rad2 * GRAVITY_M_S2.powi(2);
+        }
     }
 
     /// The gyro's frame is lost.
@@ -334,6 +356,7 @@ impl GyroErrors {
         self.speed2 = self.speed2.max(LEAST_SPEED_M_S.powi(2));
         let now = 0.5 * left.norm_squared() / (dt * dt);
         follow(&mut self.acceleration2, now, dt, (SHRINKS_S, SHRINKS_S));
+        self.expected_share *= 1.0 - dt / SHRINKS_S;
         let lasts_s = LASTS * (self.speed2 / self.acceleration2.max(1e-6)).sqrt();
         let lasts_s = lasts_s.clamp(*LASTS_S.start(), *LASTS_S.end());
         // Neighbouring windows share their velocity.

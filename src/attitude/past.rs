@@ -19,6 +19,8 @@ pub struct BoardMotion {
     pub rate_rad_s: Vector3<f64>,
     /// Integral of that rate from the first tick on, radians.
     pub turned_rad: Vector3<f64>,
+    /// Variance of the rotation that the gyro has missed from the first tick on, each axis, rad².
+    pub missed_rad2: f64,
 }
 
 /// The ends of the last ticks, oldest first.
@@ -26,12 +28,14 @@ pub struct BoardMotion {
 pub(super) struct Past {
     ticks: VecDeque<(f64, BoardMotion)>,
     turned_rad: Vector3<f64>,
+    missed_rad2: f64,
 }
 
 impl Past {
     /// Takes the newest tick, and forgets old ticks and those of another stretch.
     pub(super) fn take(&mut self, tick: &Tick) {
         self.turned_rad += tick.rate_rad_s * TICK_S;
+        self.missed_rad2 += tick.missed_rad2;
         while let Some((t_s, oldest)) = self.ticks.front()
             && (tick.t_s - t_s > KEPT_S || oldest.pose.stretch != tick.pose.stretch)
         {
@@ -41,6 +45,7 @@ impl Past {
             pose: tick.pose,
             rate_rad_s: tick.rate_rad_s,
             turned_rad: self.turned_rad,
+            missed_rad2: self.missed_rad2,
         };
         self.ticks.push_back((tick.t_s, motion));
     }
@@ -84,6 +89,7 @@ mod tests {
                     stretch,
                 },
                 rate_rad_s: Vector3::z() * rate,
+                missed_rad2: 0.0,
                 at_rest: false,
             });
         }

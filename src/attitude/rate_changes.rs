@@ -21,6 +21,8 @@ const USUAL_S: f64 = 3.0;
 const LEAST_STEP_RAD_S: f64 = 0.01;
 /// A hand starts a turn with this acceleration, rad/s²: 60°/s within a tenth of a second.
 const START_RAD_S2: f64 = 10.0;
+/// A step longer than this, in usual ones, misses readings.
+const LONG: f64 = 1.5;
 /// Readings further apart than this are not compared, seconds.
 const GAP_S: f64 = 0.2;
 /// The doubt grows for this long, seconds: by then the field has shown the fault, or the board counts as still.
@@ -38,6 +40,9 @@ pub(super) struct RateChanges {
     usual_hold_s: f64,
     /// Mean square of the steps, (rad/s)².
     usual2: f64,
+    /// Mean squares of the rate, (rad/s)², and of its slope, (rad/s²)².
+    rate2: f64,
+    slope2: f64,
     /// Mean time between readings that differ, seconds.
     usual_s: f64,
     /// For how long steps have been taken, seconds.
@@ -54,8 +59,9 @@ struct RateJump {
 }
 
 impl RateChanges {
-    /// Takes a reading.
-    pub(super) fn take(&mut self, t_s: f64, rate_rad_s: Vector3<f64>) {
+    /// Takes a reading. Deviation of the rotation since the one before, on each axis, radians, if readings between them are missing.
+    pub(super) fn take(&mut self, t_s: f64, rate_rad_s: Vector3<f64>) -> f64 {
+        let missed_rad = self.between_rad(t_s - self.newest_s);
         match self.newest {
             Some((last, _)) if last == rate_rad_s => {}
             Some((last, since_s)) => {
@@ -68,7 +74,11 @@ impl RateChanges {
             }
             None => self.newest = Some((rate_rad_s, t_s)),
         }
+        let period_s = (t_s - self.newest_s).clamp(0.0, GAP_S);
+        let rate2 = rate_rad_s.norm_squared();
+        follow(&mut self.rate2, rate2, period_s, (USUAL_S, USUAL_S));
         self.newest_s = t_s;
+        missed_rad
     }
 
     /// How long the newest reading has been repeated, beyond what is usual, seconds.
@@ -98,6 +108,11 @@ impl RateChanges {
         let step2 = by_rad_s.min(most_rad_s).powi(2);
         follow(&mut self.usual2, step2, period_s, (USUAL_S, USUAL_S));
         follow(&mut self.usual_s, period_s, period_s, (USUAL_S, USUAL_S));
+        // Those of a burst come faster than the chip measures.
+        if 2.0 * period_s > self.usual_s {
+            let slope2 = step2 / period_s.powi(2).max(1e-6);
+            follow(&mut self.slope2, slope2, period_s, (USUAL_S, USUAL_S));
+        }
         self.watched_s += period_s;
     }
 
@@ -111,9 +126,21 @@ impl RateChanges {
         })
     }
 
+    /// RMS error of the rotation on each axis, radians, over a step from reading to reading that is longer than usual, if the rate changes
+    /// evenly meanwhile. Of a rate that swings at ω rad/s, with this change over the step, that error is a sixth of change times step times
+    /// ω step / 2 (the trapezoidal rule's), and for longer swings about a sixth of both.
+    fn between_rad(&self, step_s: f64) -> f64 {
+        if step_s < LONG * self.usual_s {
+            return 0.0;
+        }
+        let change_rad_s = self.slope2.sqrt() * step_s;
+        let half_swing = 0.5 * change_rad_s / self.rate2.sqrt().max(1e-3);
+        change_rad_s * step_s / 6.0 * half_swing.min(1.0) / 3f64.sqrt()
+    }
+
     /// RMS error of the rotation, radians, if the rate is held for this long while the true rate changes as usual.
     pub(super) fn held_turn_rad(&self, held_s: f64) -> f64 {
-        0.5 * self.usual2.sqrt() / self.usual_s.max(1e-3) * held_s.powi(2)
+        0.5 * self.slope2.sqrt() * held_s.powi(2)
     }
 }
 

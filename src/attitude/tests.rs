@@ -237,6 +237,84 @@ fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
     }
 }
 
+/// A board that a hand swings about all axes, and a line that is silent eight times for so long: the angle, RMS, that the pose is off by
+/// after each silence; the deviation that is claimed for it; and how often the frame was lost.
+fn swung(silent_s: f64) -> (f64, f64, u32) {
+    let mut board = TestBoard::default();
+    let rate = |_: &TestBoard, t_s: f64| {
+        Vector3::new(3.0 * (2.9 * t_s).sin(), 2.0 * (4.1 * t_s).sin(), 0.5)
+    };
+    let swing = |board: &mut TestBoard, seconds: f64| {
+        let begun_s = board.t_s;
+        board.go(seconds, |board, t_s| rate(board, begun_s + t_s));
+    };
+    let mut attitude = new();
+    let (mut off2, mut claimed2, mut lost) = (0.0, 0.0, 0);
+    swing(&mut board, 5.0);
+    for _ in 0..8 {
+        let before = play(&mut attitude, &mut board);
+        let (true_before, claimed_before) = (board.attitude, missed_rad2(&attitude, &board));
+        swing(&mut board, silent_s);
+        board.readings.clear();
+        swing(&mut board, 0.05);
+        let after = play(&mut attitude, &mut board);
+        lost += after.stretch - before.stretch;
+        let turned = before.orientation.inverse() * after.orientation;
+        off2 += turned
+            .angle_to(&(true_before.inverse() * board.attitude))
+            .powi(2);
+        claimed2 += 3.0 * (missed_rad2(&attitude, &board) - claimed_before);
+        swing(&mut board, 1.3);
+    }
+    (f64::sqrt(off2 / 8.0), f64::sqrt(claimed2 / 8.0), lost)
+}
+
+fn missed_rad2(attitude: &Attitude, board: &TestBoard) -> f64 {
+    attitude.motion_at(board.t_s).unwrap().missed_rad2
+}
+
+#[test]
+fn what_the_gyro_misses_in_a_short_silence_is_claimed_and_in_a_longer_one_loses_the_frame() {
+    let (_, claimed, lost) = swung(0.004);
+    assert!(claimed < 1e-4 && lost == 0, "{claimed} {lost}");
+    for silent_s in [0.15, 0.2, 0.25] {
+        let (off, claimed, lost) = swung(silent_s);
+        assert_eq!(lost, 0, "{silent_s}");
+        assert!(
+            (0.5..2.0).contains(&(claimed / off)),
+            "{silent_s}: {off} {claimed}"
+        );
+    }
+    assert_eq!(swung(0.45).2, 8);
+}
+
+/// A hand shakes the board by 2 m/s², to and fro in a bit more than two seconds.
+#[test]
+fn a_frame_that_is_levelled_anew_in_motion_admits_its_tilt() {
+    let (mut off2, mut claimed2) = (0.0, 0.0);
+    for phase in 0..8 {
+        let mut board = TestBoard::default();
+        let mut attitude = new();
+        let mut shake = |board: &mut TestBoard, seconds: f64| {
+            board.rest(seconds);
+            for reading in &mut board.readings {
+                let push = 2.0 * (2.8 * reading.t_s + f64::from(phase) * 0.785).sin();
+                let felt = reading.specific_force_m_s2.as_mut().unwrap();
+                *felt += Vector3::new(push, 0.7 * push, 0.0);
+            }
+            play(&mut attitude, board)
+        };
+        shake(&mut board, 30.0);
+        board.t_s += 0.6;
+        let pose = shake(&mut board, 1.2);
+        assert!(pose.vertical_known);
+        off2 += tilt_error_rad(&pose, &board).powi(2);
+        claimed2 += 2.0 * attitude.state(board.t_s).tilt_error.whole_sd_rad.powi(2);
+    }
+    let nerr = f64::sqrt(off2 / claimed2);
+    assert!((0.4..1.3).contains(&nerr), "{nerr}");
+}
+
 #[test]
 fn the_motion_before_a_gap_is_not_carried_over_it() {
     let (mut board, mut attitude) = (TestBoard::default(), new());

@@ -82,6 +82,8 @@ pub(super) struct Input {
     pub(super) field_mgauss: Vector3<f64>,
     /// Integral of the rate from the measurement of the sample before to that of this one, radians.
     pub(super) turned_rad: Vector3<f64>,
+    /// Variance of the rotation that the gyro has missed meanwhile, each axis, rad².
+    pub(super) missed_rad2: f64,
     /// Time between the arrivals of both samples, seconds. After a pause of the host it is not the time between their measurements.
     pub(super) period_s: f64,
     /// Lag for which frame, rate and turn are already corrected, seconds.
@@ -304,6 +306,7 @@ impl Input {
             rate_rad_s,
             field_mgauss,
             turned_rad: rate_rad_s * 0.1,
+            missed_rad2: 0.0,
             period_s: 0.1,
             lag_s: 0.0,
             board: BoardState {

@@ -131,12 +131,25 @@ impl Estimate {
         let heading = heading_deg(&corrected, &axis)?;
         let (vertical, horizontal) = level::split(&corrected, &axis);
         let east = axis.cross(&corrected) / horizontal;
+        let (known_vertical, known_horizontal) =
+            self.known_parts().unwrap_or((vertical, horizontal));
+        // A tilt that shows in the dip may be as much off in the other direction.
+        let dip_off = vertical.atan2(horizontal) - known_vertical.atan2(known_horizontal);
+        let tilt_sd = hypot(tilt_sd, dip_off);
+        let vertical = vertical.abs().max(known_vertical.abs()) + tilt_sd * corrected.norm();
+        let horizontal = horizontal.min(known_horizontal);
         let covariance = self.active.sample_covariance(&corrected);
         let own = (east.transpose() * covariance * east)[0];
         let tilt = tilt_sd * vertical;
         let sd = (own + tilt * tilt).sqrt() / horizontal;
         let sd = hypot(sd, rate_rad_s * self.active.lag_rms_s());
         Some(Fix::new(heading, sd))
+    }
+
+    /// The parts of the known field along down and across it, milligauss; `None` if the vertical is unknown.
+    fn known_parts(&self) -> Option<(f64, f64)> {
+        let up = self.active.vertical_known.then(Vector3::z)?;
+        Some(level::split(&self.active.field(), &-up))
     }
 
     /// Deviation of north in the gyro's frame, degrees: that of every heading of a level board.

@@ -12,6 +12,9 @@ use crate::reading::HELD_S;
 
 /// The strength of the field is smoothed over this time, seconds.
 const STRENGTH_S: f64 = 0.5;
+/// A sample is no measurement if the gyro's rate has been held for so long that the board may have turned by this on, radians: a
+/// hand's change of a gyro that is read 20 times a second.
+const MOST_HELD_RAD: f64 = 0.02;
 
 impl Pipeline {
     /// Publishes what a whole field tells.
@@ -102,6 +105,9 @@ impl Pipeline {
             return Some(pose);
         };
         let lag_s = self.estimate.lag_s();
+        if self.intake.attitude.held_turn_rad(measured_s - lag_s) > MOST_HELD_RAD {
+            return Some(pose);
+        }
         let motion = self
             .intake
             .attitude

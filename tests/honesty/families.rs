@@ -47,6 +47,11 @@ const VEHICLE: Limits = Limits {
     good: Some(0.8),
     ..NONE
 };
+/// A heading that takes a second after each silence is not always `good`.
+const SILENCES: Limits = Limits {
+    good: None,
+    ..VEHICLE
+};
 const CHANGE: Limits = Limits {
     told: Some((5.0, 0.95)),
     false_share: Some(0.001),
@@ -120,6 +125,7 @@ pub const ALL: &[Family] = &[
     family("drone", 500, VEHICLE, vehicles::drone),
     family("robot", 500, VEHICLE, vehicles::robot),
     family("fast_hand", 500, VEHICLE, handled::fast_hand),
+    family("hand_with_silences", 200, SILENCES, handled::with_silences),
     family("fast_turns", 500, VEHICLE, vehicles::fast_car),
     family("change_magnet_at_rest", 500, CHANGE, changes::magnet_at_rest),
     family("change_magnet_in_motion", 500, LEARNT, changes::magnet_in_motion),

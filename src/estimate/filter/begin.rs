@@ -6,6 +6,8 @@ use super::{Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
 use crate::frame::angle_between_rad;
 
+/// A field that differs from the one before by less than twice the deviation, squared, is the same.
+const LIKELY: f64 = 4.0;
 /// Before the board has turned this far, the field does not tell iron from north, radians.
 const BEGIN_RAD: f64 = 0.1;
 
@@ -18,6 +20,8 @@ impl Filter {
 
     /// The same, linearised about the iron, the matrix and the lag of this state.
     fn restart_frame_about(&mut self, input: &Input, about: &State) {
+        let vertical_known = self.vertical_known && input.vertical_known;
+        let before = FieldParts::of(&self.vector(H), &self.field_covariance());
         self.still = input.board.still;
         self.vertical_known = input.vertical_known;
         self.last_attitude = input.to_frame;
@@ -64,9 +68,17 @@ impl Filter {
             .copy_from(&by_tilt.fixed_columns::<2>(0));
         let by_time = input.to_frame * rate * corrected;
         jacobian.fixed_columns_mut::<1>(T).copy_from(&-by_time);
-        let cross = jacobian * self.p;
+        let mut cross = jacobian * self.p;
         let timed = by_time * by_time.transpose() * JITTER_S.powi(2);
-        let own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
+        let mut own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
+        // What has changed strength or dip may have turned the azimuth as well.
+        let after = FieldParts::of(&field, &own);
+        let strange2 = after.strange2(&before, vertical_known);
+        for axis in 0..3 {
+            self.p[(M + axis, M + axis)] += strange2;
+            cross[(axis, M + axis)] -= strange2;
+            own[(axis, axis)] += strange2;
+        }
         self.p.fixed_rows_mut::<3>(H).copy_from(&cross);
         self.p
             .fixed_columns_mut::<3>(H)
@@ -136,6 +148,42 @@ impl Filter {
     }
 }
 
+/// What of a field has no azimuth, milligauss, each with its variance.
+struct FieldParts {
+    strength: (f64, f64),
+    horizontal: (f64, f64),
+    vertical: (f64, f64),
+}
+
+impl FieldParts {
+    fn of(field: &Vector3<f64>, covariance: &Matrix3<f64>) -> Self {
+        let part = |vector: Vector3<f64>| {
+            let along = vector.try_normalize(1e-9).unwrap_or_else(Vector3::z);
+            (
+                along.dot(field),
+                (along.transpose() * covariance * along)[0],
+            )
+        };
+        Self {
+            strength: part(*field),
+            horizontal: part(Vector3::new(field.x, field.y, 0.0)),
+            vertical: part(Vector3::z()),
+        }
+    }
+
+    /// Variance on each axis of what makes this field differ from the one before, beyond what is likely, mG².
+    fn strange2(&self, before: &Self, vertical_known: bool) -> f64 {
+        let beyond = |now: (f64, f64), before: (f64, f64)| {
+            ((now.0 - before.0).powi(2) - LIKELY * (now.1 + before.1)).max(0.0)
+        };
+        if !vertical_known {
+            return beyond(self.strength, before.strength);
+        }
+        let horizontal = beyond(self.horizontal, before.horizontal);
+        0.5 * (horizontal + beyond(self.vertical, before.vertical))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Rotation3;
@@ -180,6 +228,35 @@ mod tests {
             assert!((0.97..1.01).contains(&(second / first)), "{first} {second}");
         }
         assert!((first.0 - earth).norm() < 10.0, "{}", first.0);
+    }
+
+    /// The frame is lost on a board that has turned enough to know its iron, once in the same field and once beside a magnet.
+    #[test]
+    fn a_field_that_has_become_another_has_no_certain_azimuth() {
+        let mut prior = Prior::unknown();
+        prior.covariance *= 1e-4;
+        prior.strength_mgauss = Some(470.0);
+        let mut filter = Filter::new(&prior);
+        let earth = Vector3::new(60.0, 190.0, -420.0);
+        let sample = |step: u32, field: Vector3<f64>| {
+            let turned = Rotation3::new(Vector3::z() * 0.05 * f64::from(step)).into_inner();
+            Input::turning_at(turned, Vector3::z() * 0.5, turned.transpose() * field)
+        };
+        for step in 0..100 {
+            filter.follow(&sample(step, earth), false, false);
+        }
+        let azimuth_sd_deg = |field: Vector3<f64>| {
+            let mut filter = filter.clone();
+            filter.follow(&sample(100, field), true, false);
+            let across = Vector3::z().cross(&filter.field()).normalize();
+            let variance = (across.transpose() * filter.field_covariance() * across)[0];
+            (variance.sqrt() / filter.field().xy().norm()).to_degrees()
+        };
+        let same_deg = azimuth_sd_deg(earth);
+        assert!(same_deg < 10.0, "{same_deg}");
+        // Its azimuth is nearly the same: that shows in nothing.
+        let strange_deg = azimuth_sd_deg(earth + Vector3::new(10.0, -20.0, 300.0));
+        assert!(strange_deg > 30.0, "{strange_deg}");
     }
 
     /// A board that stayed level does not tell the iron along its vertical from the field's.

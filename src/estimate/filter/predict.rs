@@ -114,8 +114,8 @@ impl Filter {
             self.p[(Q + axis, Q + axis)] += (1.0 - place_kept * place_kept) * place;
         }
         for axis in 0..2 {
-            self.p[(E + axis, E + axis)] +=
-                (1.0 - tilt_kept * tilt_kept) * input.board.tilt_error.sd_rad.powi(2);
+            let grows_rad2 = (1.0 - tilt_kept * tilt_kept) * input.board.tilt_error.sd_rad.powi(2);
+            self.p[(E + axis, E + axis)] += grows_rad2 + input.missed_rad2;
         }
         let mut field = self.p.fixed_view_mut::<3, 3>(H, H);
         field += noise;
@@ -134,7 +134,8 @@ impl Filter {
     ) -> Matrix3<f64> {
         let dt = input.period_s;
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.board.still { 0.1 } else { 1.0 }
-            + GYRO_CROSS.powi(2) * turned_rad;
+            + GYRO_CROSS.powi(2) * turned_rad
+            + input.missed_rad2;
         let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
         let bias = bias * (1.0 - noise_share).powi(2);
         let axes = if input.vertical_known { 2..3 } else { 0..3 };

@@ -155,3 +155,36 @@ fn spikes_that_are_rejected_disturb_no_board_that_comes_to_rest() {
     assert_eq!(board.state(), ("good", "good"));
     assert!(board.error_deg().unwrap().abs() < 2.0);
 }
+
+/// A hand's acceleration has the strength of gravity together with it, and tilts what is felt by 40°.
+#[test]
+fn without_a_gyro_a_wrong_tilt_shows_in_the_dip() {
+    let settings = Settings {
+        publish_sd_deg: 180.0,
+        ..Settings::default()
+    };
+    let mut board = Board::with(settings, None);
+    let lies = |t_s: f64| swinging(t_s.min(60.0));
+    let (mut steady_deg, mut tilted_deg) = (None, None);
+    for mut reading in carried(64.0, lies, |_, rate| rate) {
+        if reading.t_s > 60.0 {
+            reading.rate_rad_s = None;
+        }
+        if reading.t_s > 62.0 {
+            let tilted = Rotation3::new(Vector3::new(0.5, 0.5, 0.0));
+            reading.specific_force_m_s2 = reading.specific_force_m_s2.map(|force| tilted * force);
+        }
+        board.tell(Event::Reading(reading));
+        let sd_deg = board.heading.as_ref().and_then(|heading| heading.sd_deg);
+        if reading.t_s < 62.0 {
+            steady_deg = sd_deg;
+        } else {
+            tilted_deg = sd_deg;
+        }
+    }
+    let (steady_deg, tilted_deg) = (steady_deg.unwrap(), tilted_deg.unwrap());
+    assert!(
+        steady_deg < 15.0 && tilted_deg > 45.0,
+        "{steady_deg} {tilted_deg}"
+    );
+}
