@@ -25,6 +25,7 @@ mod lateness;
 pub(crate) mod motion;
 mod past;
 mod rate_changes;
+mod seam;
 mod stillness;
 #[cfg(test)]
 mod tests;
@@ -40,6 +41,7 @@ pub use lateness::Lateness;
 pub use past::BoardMotion;
 use past::Past;
 use rate_changes::RateChanges;
+use seam::SeamWatch;
 
 /// If the gyro may have missed more than this, the frame is lost, radians: about the tilt that a hand's acceleration leaves in a frame that is
 /// levelled anew. From half to twice as much changes no figure.
@@ -138,6 +140,7 @@ pub struct Attitude {
     rate_changes: RateChanges,
     rate_late: Lateness,
     force_late: Lateness,
+    seam: SeamWatch,
     filter: AttitudeFilter,
     past: Past,
 }
@@ -152,6 +155,7 @@ impl Attitude {
             rate_changes: RateChanges::default(),
             rate_late: Lateness::default(),
             force_late: Lateness::default(),
+            seam: SeamWatch::default(),
             filter: AttitudeFilter::new(settings.gyro_bias_limit_deg_s),
             past: Past::default(),
         }
@@ -170,11 +174,17 @@ impl Attitude {
         let t_s = reading.t_s;
         if let Some(field) = reading.whole_field_mgauss() {
             self.filter.field_motion.take(t_s, field);
+            if self.seam.take_field(t_s, field) {
+                self.seam.compare_with(self.filter.up());
+            }
         }
         if let Some(force) = reading.specific_force_m_s2 {
             let t_s = t_s - self.force_late.take(t_s);
             let force = self.mountings.accel.to_body(force);
             self.filter.gravity.take(t_s, force);
+            if self.seam.take_force(t_s, force) {
+                self.seam.compare_with(self.filter.up());
+            }
         }
         if let Some(chip) = reading.rate_rad_s {
             let t_s = t_s - self.rate_late.take(t_s);
@@ -184,13 +194,15 @@ impl Attitude {
             }
             self.filter.errors.timing_walk_s2 = self.rate_late.walk_s2();
             let rate = self.mountings.gyro.to_body(chip);
-            let (filter, past) = (&mut self.filter, &mut self.past);
+            let (filter, past, seam) = (&mut self.filter, &mut self.past, &mut self.seam);
+            let mut seam_found = false;
             let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
                 let tick = filter.tick(end_s, mean_rate);
                 past.take(&tick);
+                seam_found |= seam.tick(&tick.rate_rad_s, filter.gravity.newest(end_s));
                 on_tick(&tick);
             });
-            if step == ClockStep::Restarted {
+            if seam_found || step == ClockStep::Restarted {
                 self.filter.resume_after_gap();
             }
             if step != ClockStep::Ignored && self.clip.take(&chip) {
@@ -298,6 +310,11 @@ impl Attitude {
     pub fn held_turn_rad(&self, t_s: f64) -> f64 {
         let held_s = self.clock.newest_s().map_or(0.0, |newest_s| t_s - newest_s);
         self.rate_changes.held_turn_rad(held_s.max(0.0))
+    }
+
+    /// Whether field and force have just jumped: gravity will tell whether the board has turned, unseen by the gyro.
+    pub fn may_have_jumped(&self) -> bool {
+        self.seam.compares()
     }
 
     /// Whether the gyro's newest reading is at its full scale: the board turns faster than it reads.

@@ -297,6 +297,11 @@ impl AttitudeFilter {
         }
     }
 
+    /// Up in body axes.
+    pub(super) fn up(&self) -> Vector3<f64> {
+        self.orientation().inverse_transform_vector(&Vector3::z())
+    }
+
     /// Body to earth with an arbitrary north.
     fn orientation(&self) -> UnitQuaternion<f64> {
         unit(self.vqf.quat_6d())

@@ -237,17 +237,19 @@ fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
     }
 }
 
-/// A board that a hand swings about all axes, and a line that is silent eight times for so long: the angle, RMS, that the pose is off by
+/// A hand swings the board about all axes.
+fn swing(board: &mut TestBoard, seconds: f64) {
+    let begun_s = board.t_s;
+    board.go(seconds, |_, t_s| {
+        let t_s = begun_s + t_s;
+        Vector3::new(3.0 * (2.9 * t_s).sin(), 2.0 * (4.1 * t_s).sin(), 0.5)
+    });
+}
+
+/// A swung board, and a line that is silent eight times for so long: the angle, RMS, that the pose is off by
 /// after each silence; the deviation that is claimed for it; and how often the frame was lost.
 fn swung(silent_s: f64) -> (f64, f64, u32) {
     let mut board = TestBoard::default();
-    let rate = |_: &TestBoard, t_s: f64| {
-        Vector3::new(3.0 * (2.9 * t_s).sin(), 2.0 * (4.1 * t_s).sin(), 0.5)
-    };
-    let swing = |board: &mut TestBoard, seconds: f64| {
-        let begun_s = board.t_s;
-        board.go(seconds, |board, t_s| rate(board, begun_s + t_s));
-    };
     let mut attitude = new();
     let (mut off2, mut claimed2, mut lost) = (0.0, 0.0, 0);
     swing(&mut board, 5.0);
@@ -313,6 +315,45 @@ fn a_frame_that_is_levelled_anew_in_motion_admits_its_tilt() {
     }
     let nerr = f64::sqrt(off2 / claimed2);
     assert!((0.4..1.3).contains(&nerr), "{nerr}");
+}
+
+/// A recording that goes on as another one of the same board.
+#[test]
+fn a_board_that_lies_otherwise_at_once_begins_a_new_stretch() {
+    let mut board = TestBoard::default();
+    swing(&mut board, 5.0);
+    let before = stretches(&run(&board).1);
+    board.attitude *= UnitQuaternion::from_euler_angles(1.0, 0.5, 2.0);
+    swing(&mut board, 3.0);
+    let (attitude, ticks) = run(&board);
+    assert_eq!(stretches(&ticks) - before, 1);
+    let pose = attitude.pose_at(board.t_s).unwrap();
+    assert!(tilt_error_rad(&pose, &board) < 0.03);
+}
+
+#[test]
+fn a_magnet_that_snaps_onto_the_board_does_not() {
+    let mut board = TestBoard::default();
+    swing(&mut board, 5.0);
+    let knocked = board.readings.len();
+    swing(&mut board, 3.0);
+    let readings = board.readings.iter_mut().skip(knocked);
+    for (count, reading) in readings.enumerate() {
+        reading.field_mgauss = reading
+            .field_mgauss
+            .map(|field| field.map(|b| Some(b? + 300.0)));
+        if count < 3 {
+            let felt = reading.specific_force_m_s2.as_mut().unwrap();
+            *felt += Vector3::new(20.0, -15.0, 10.0);
+        }
+    }
+    let (mut attitude, mut may_have_jumped) = (new(), 0);
+    for reading in &board.readings {
+        attitude.take(reading, |_| {});
+        may_have_jumped += u32::from(attitude.may_have_jumped());
+    }
+    assert_eq!(stretches(&run(&board).1), 0);
+    assert!((90..=110).contains(&may_have_jumped), "{may_have_jumped}");
 }
 
 #[test]

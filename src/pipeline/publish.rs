@@ -98,7 +98,9 @@ impl Pipeline {
         // An accelerometer that has just come has not levelled the frame yet.
         let levelled =
             |pose: &Pose| pose.vertical_known || !self.intake.attitude.accelerometer_live(t_s);
-        if !levelled(&pose) || self.intake.attitude.clipping() || self.frozen.is_some() {
+        let attitude = &self.intake.attitude;
+        let unknown = attitude.clipping() || attitude.may_have_jumped();
+        if !levelled(&pose) || unknown || self.frozen.is_some() {
             return None;
         }
         let Some(measured_s) = measured_s else {

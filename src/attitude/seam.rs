@@ -1,0 +1,137 @@
+//! Seams: a recording that goes on as another one, or a source that loses readings and hides it in its times.
+//!
+//! From one reading to the next a board turns by a few degrees. A seam turns it at once, and the gyro does not measure that: field and
+//! specific force jump together. A magnet that snaps onto the board makes both jump as well, but gravity stays where it was.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::clock::TICK_S;
+use super::follow;
+
+/// A step is a jump if it exceeds the usual one, a root mean square, by this factor. The largest steps of a swinging hand are 1.4 times
+/// their root mean square, and those of noise 4 times.
+const JUMP_FACTOR: f64 = 6.0;
+/// The usual step is averaged over this time, seconds.
+const USUAL_S: f64 = 3.0;
+/// Readings further apart than this are not compared, seconds.
+const GAP_S: f64 = 0.2;
+/// The least jumps: of a field in milligauss, as by 12° in that of middle latitudes, and of a force in m/s², as by 18°.
+const LEAST_MGAUSS: f64 = 100.0;
+const LEAST_M_S2: f64 = 3.0;
+/// Chips are read within this time of each other, seconds.
+const TOGETHER_S: f64 = 0.05;
+/// Gravity is the mean specific force over this time, seconds: it is off by 12 to 25° where a hand changes its velocity by 1 to 2 m/s.
+const SEEN_S: f64 = 0.5;
+/// Gravity is elsewhere if it is off by more than this, radians.
+const ELSEWHERE_RAD: f64 = 0.6;
+
+/// Watches the steps of a sensor's readings.
+struct Steps {
+    least: f64,
+    newest: Option<(f64, Vector3<f64>)>,
+    usual2: f64,
+    watched_s: f64,
+    jumped_s: f64,
+}
+
+impl Steps {
+    fn new(least: f64) -> Self {
+        Self {
+            least,
+            newest: None,
+            usual2: 0.0,
+            watched_s: 0.0,
+            jumped_s: f64::NEG_INFINITY,
+        }
+    }
+
+    /// Takes a reading. Whether it has jumped.
+    fn take(&mut self, t_s: f64, reading: Vector3<f64>) -> bool {
+        let Some((last_s, last)) = self.newest.replace((t_s, reading)) else {
+            return false;
+        };
+        let period_s = t_s - last_s;
+        if !(0.0..GAP_S).contains(&period_s) {
+            return false;
+        }
+        let most = self.least.max(JUMP_FACTOR * self.usual2.sqrt());
+        let step = (reading - last).norm();
+        let step2 = step.min(most).powi(2);
+        follow(&mut self.usual2, step2, period_s, (USUAL_S, USUAL_S));
+        self.watched_s += period_s;
+        let jumped = step > most && self.watched_s > USUAL_S;
+        if jumped {
+            self.jumped_s = t_s;
+        }
+        jumped
+    }
+}
+
+/// What has been felt since field and force have jumped.
+struct Since {
+    /// Up as it was, in the body axes of that time.
+    up: Vector3<f64>,
+    turned: UnitQuaternion<f64>,
+    felt: Vector3<f64>,
+    s: f64,
+}
+
+/// Watches field and force.
+pub(super) struct SeamWatch {
+    field: Steps,
+    force: Steps,
+    since: Option<Since>,
+}
+
+impl Default for SeamWatch {
+    fn default() -> Self {
+        Self {
+            field: Steps::new(LEAST_MGAUSS),
+            force: Steps::new(LEAST_M_S2),
+            since: None,
+        }
+    }
+}
+
+impl SeamWatch {
+    /// Takes a field, milligauss. Whether both have jumped.
+    pub(super) fn take_field(&mut self, t_s: f64, field: Vector3<f64>) -> bool {
+        self.field.take(t_s, field) && t_s - self.force.jumped_s < TOGETHER_S
+    }
+
+    /// The same for a specific force, m/s².
+    pub(super) fn take_force(&mut self, t_s: f64, force: Vector3<f64>) -> bool {
+        self.force.take(t_s, force) && t_s - self.field.jumped_s < TOGETHER_S
+    }
+
+    /// Begins to compare what is felt with up as it was, body axes.
+    pub(super) fn compare_with(&mut self, up: Vector3<f64>) {
+        self.since = Some(Since {
+            up,
+            turned: UnitQuaternion::identity(),
+            felt: Vector3::zeros(),
+            s: 0.0,
+        });
+    }
+
+    /// Takes a tick: its rate, rad/s, and the specific force. Whether a seam has been found.
+    pub(super) fn tick(&mut self, rate: &Vector3<f64>, force: Option<Vector3<f64>>) -> bool {
+        let Some(since) = &mut self.since else {
+            return false;
+        };
+        since.turned *= UnitQuaternion::from_scaled_axis(rate * TICK_S);
+        since.felt += since.turned * force.unwrap_or_default();
+        since.s += TICK_S;
+        if since.s < SEEN_S {
+            return false;
+        }
+        let elsewhere = since.felt.angle(&since.up) > ELSEWHERE_RAD;
+        self.since = None;
+        elsewhere
+    }
+
+    /// Whether it compares: there may have been a seam.
+    pub(super) fn compares(&self) -> bool {
+        self.since.is_some()
+    }
+}
