@@ -96,20 +96,26 @@ fn look_after(
     ordered: &Receiver<ControlRequest>,
     screen: &SyncSender<News>,
 ) {
+    let mut said = None;
     loop {
         let status = daemon_status(&sockets.control).map_err(|failure| failure.message);
-        if screen.send(News::Status(status.map(Box::new))).is_err() {
+        // An answer comes after the status that follows from it: what the next key does depends on that.
+        let news = [Some(News::Status(status.map(Box::new))), said.take()];
+        if news
+            .into_iter()
+            .flatten()
+            .any(|news| screen.send(news).is_err())
+        {
             return;
         }
         match ordered.recv_timeout(LOOK) {
             Ok(request) => {
-                let said = match exchange(&sockets.control, &request, false) {
-                    Ok(answer) => text(&answer, "message").to_owned(),
-                    Err(failure) => failure.message,
-                };
-                if screen.send(News::Answer(said)).is_err() {
-                    return;
-                }
+                said = Some(News::Answer(
+                    match exchange(&sockets.control, &request, false) {
+                        Ok(answer) => text(&answer, "message").to_owned(),
+                        Err(failure) => failure.message,
+                    },
+                ));
             }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return,
