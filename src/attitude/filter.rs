@@ -98,12 +98,12 @@ impl AttitudeFilter {
 
     /// Carries the filter on by one tick that ends at `end_s`; `mean_rate` with bias.
     pub(super) fn tick(&mut self, end_s: f64, mean_rate: Vector3<f64>) -> Tick {
-        let force = self.gravity.at_tick(end_s);
+        let rate = self.errors.corrected(&mean_rate);
+        self.rate_rad_s = rate;
+        let force = self.gravity.at_tick(end_s, &rate);
         let live = self.gravity.live(end_s);
         self.follow_accelerometer(live, force.is_some());
         self.guard_rest(end_s, &mean_rate);
-        let rate = self.errors.corrected(&mean_rate);
-        self.rate_rad_s = rate;
         self.stillness.take(rate, force);
         self.moved |= self.vertical_known && !self.stillness.still();
         self.choose_tilt_tau(rate.norm());

@@ -1,6 +1,8 @@
 //! The accelerometer's readings, on the even clock and low-passed.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::clock::TICK_S;
 
 /// An accelerometer that is silent for longer is absent, seconds.
 const SILENT_S: f64 = 1.0;
@@ -20,6 +22,8 @@ const LEAST_M_S2: f64 = 0.1;
 pub(super) struct Gravity {
     previous: Option<(f64, Vector3<f64>)>,
     newest: Option<(f64, Vector3<f64>)>,
+    /// The newest in the body axes of now: the board may have turned since.
+    carried: Vector3<f64>,
     /// The force low-passed once, twice and three times.
     low_passed: [Vector3<f64>; 3],
     /// Mean square of what is left of the low pass's lag in `down`, m²/s⁴.
@@ -61,22 +65,28 @@ impl Gravity {
         }
         self.previous = self.newest;
         self.newest = Some((t_s, force));
+        self.carried = force;
         self.since_tick.0 += force;
         self.since_tick.1 += 1;
     }
 
-    /// Specific force for the tick that ends at `end_s`: the mean where several readings fell into it, else
-    /// the line between the last two; `None` if there is none recent enough.
-    pub(super) fn at_tick(&mut self, end_s: f64) -> Option<Vector3<f64>> {
+    /// Specific force for the tick that ends at `end_s`, in which the board turns at `rate` (rad/s): the mean where several readings fell
+    /// into it, else the line between the last two, or the newest as the board has turned it since; `None` if there is none recent
+    /// enough.
+    pub(super) fn at_tick(&mut self, end_s: f64, rate: &Vector3<f64>) -> Option<Vector3<f64>> {
         let (newest_s, newest) = self.newest.filter(|(t, _)| end_s - t <= HOLD_S)?;
+        let since_s = (end_s - newest_s).clamp(0.0, TICK_S);
+        let turn = UnitQuaternion::from_scaled_axis(rate * since_s);
+        self.carried = turn.inverse_transform_vector(&self.carried);
         let (sum, count) = std::mem::take(&mut self.since_tick);
         if count > 1 {
             return Some(sum / f64::from(count));
         }
-        let Some((previous_s, previous)) = self.previous.filter(|(t, _)| *t < newest_s) else {
-            return Some(newest);
+        let earlier = self.previous.filter(|(t, _)| *t < newest_s);
+        let Some((previous_s, previous)) = earlier.filter(|_| end_s < newest_s) else {
+            return Some(self.carried);
         };
-        let part = ((end_s - previous_s) / (newest_s - previous_s)).clamp(0.0, 1.0);
+        let part = ((end_s - previous_s) / (newest_s - previous_s)).max(0.0);
         Some(previous + (newest - previous) * part)
     }
 
@@ -127,15 +137,16 @@ mod tests {
     #[test]
     fn a_tick_gets_the_line_the_mean_or_nothing() {
         let mut gravity = Gravity::default();
-        assert_eq!(gravity.at_tick(0.0), None);
+        let still = Vector3::zeros();
+        assert_eq!(gravity.at_tick(0.0, &still), None);
         gravity.take(0.0, Vector3::x());
         gravity.take(0.04, Vector3::x() * 5.0);
         gravity.take(0.041, Vector3::x() * 3.0);
-        assert_eq!(gravity.at_tick(0.04), Some(Vector3::x() * 3.0));
+        assert_eq!(gravity.at_tick(0.04, &still), Some(Vector3::x() * 3.0));
         gravity.take(0.081, Vector3::x() * 5.0);
-        assert_eq!(gravity.at_tick(0.061), Some(Vector3::x() * 4.0));
-        assert_eq!(gravity.at_tick(0.09), Some(Vector3::x() * 5.0));
-        assert_eq!(gravity.at_tick(0.2), None);
+        assert_eq!(gravity.at_tick(0.061, &still), Some(Vector3::x() * 4.0));
+        assert_eq!(gravity.at_tick(0.09, &still), Some(Vector3::x() * 5.0));
+        assert_eq!(gravity.at_tick(0.2, &still), None);
         assert!(gravity.live(0.2) && !gravity.live(1.09));
         assert_eq!(gravity.low_passed(1.09), None);
     }
@@ -150,6 +161,18 @@ mod tests {
         gravity.take(2.2, Vector3::y() * (GRAVITY_M_S2 + 2.0));
         assert_eq!(gravity.down(2.2), Some(-Vector3::y()));
         assert!(gravity.down_sd_rad() > 0.2);
+    }
+
+    /// An accelerometer that is read ten times a second, on a board that turns by a quarter meanwhile.
+    #[test]
+    fn a_reading_that_is_held_turns_with_the_board() {
+        let mut gravity = Gravity::default();
+        gravity.take(0.0, Vector3::x());
+        let rate = Vector3::z() * std::f64::consts::FRAC_PI_2 / 0.1;
+        let ends_s = (1..=10).map(|tick| f64::from(tick) * TICK_S);
+        let held = ends_s.map(|end_s| gravity.at_tick(end_s, &rate).unwrap());
+        let last = held.last().unwrap();
+        assert!((last + Vector3::y()).norm() < 1e-9, "{last}");
     }
 
     #[test]

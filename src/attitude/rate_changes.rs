@@ -21,8 +21,6 @@ const USUAL_S: f64 = 3.0;
 const LEAST_STEP_RAD_S: f64 = 0.01;
 /// A hand starts a turn with this acceleration, rad/s²: 60°/s within a tenth of a second.
 const START_RAD_S2: f64 = 10.0;
-/// A step longer than this, in usual ones, misses readings.
-const LONG: f64 = 1.5;
 /// Readings further apart than this are not compared, seconds.
 const GAP_S: f64 = 0.2;
 /// The doubt grows for this long, seconds: by then the field has shown the fault, or the board counts as still.
@@ -59,7 +57,7 @@ struct RateJump {
 }
 
 impl RateChanges {
-    /// Takes a reading. Deviation of the rotation since the one before, on each axis, radians, if readings between them are missing.
+    /// Takes a reading. Deviation of the rotation since the one before, on each axis, radians.
     pub(super) fn take(&mut self, t_s: f64, rate_rad_s: Vector3<f64>) -> f64 {
         let missed_rad = self.between_rad(t_s - self.newest_s);
         match self.newest {
@@ -126,13 +124,11 @@ impl RateChanges {
         })
     }
 
-    /// RMS error of the rotation on each axis, radians, over a step from reading to reading that is longer than usual, if the rate changes
-    /// evenly meanwhile. Of a rate that swings at ω rad/s, with this change over the step, that error is a sixth of change times step times
-    /// ω step / 2 (the trapezoidal rule's), and for longer swings about a sixth of both.
+    /// RMS error of the rotation on each axis, radians, over a step from reading to reading, if the rate changes evenly meanwhile. Of a
+    /// rate that swings at ω rad/s, with this change over the step, that error is a sixth of change times step times ω step / 2 (the
+    /// trapezoidal rule's), and for longer swings about a sixth of both.
     fn between_rad(&self, step_s: f64) -> f64 {
-        if step_s < LONG * self.usual_s {
-            return 0.0;
-        }
+        let step_s = step_s.max(0.0);
         let change_rad_s = self.slope2.sqrt() * step_s;
         let half_swing = 0.5 * change_rad_s / self.rate2.sqrt().max(1e-3);
         change_rad_s * step_s / 6.0 * half_swing.min(1.0) / 3f64.sqrt()
