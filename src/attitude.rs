@@ -203,11 +203,10 @@ impl Attitude {
                 on_tick(&tick);
             });
             if seam_found || step == ClockStep::Restarted {
-                self.filter.resume_after_gap();
+                self.lose_frame();
             }
             if step != ClockStep::Ignored && self.clip.take(&chip) {
-                // How far the board has turned meanwhile is unknown, and so is where down is.
-                self.filter.resume_after_gap();
+                self.lose_frame();
             }
         }
     }
@@ -217,8 +216,14 @@ impl Attitude {
         self.filter.missed_rad2 += sd_rad * sd_rad;
         if sd_rad > MOST_MISSED_RAD {
             self.clock.forget();
-            self.filter.resume_after_gap();
+            self.lose_frame();
         }
+    }
+
+    /// How far the board has turned is unknown, and so is where down is.
+    fn lose_frame(&mut self) {
+        self.filter.resume_after_gap();
+        self.seam.stop_comparing();
     }
 
     /// The pose at `t_s`, up to a quarter of a second ago, or carried on from the last tick with the current rate; `None` if the

@@ -51,7 +51,7 @@ pub(super) struct AttitudeFilter {
     /// For how long the accelerometer has levelled the frame without a break, seconds.
     levelled_s: Option<f64>,
     vertical_known: bool,
-    /// Whether the board has moved since it is known, or as it became known.
+    /// Whether the board has moved since the vertical became known, or was moving then.
     moved: bool,
     /// Variance of the rotation that the gyro has missed since the last tick, each axis, rad².
     pub(super) missed_rad2: f64,
@@ -214,9 +214,9 @@ impl AttitudeFilter {
         }
     }
 
-    /// What the tilt is off by because levelling has begun lately, radians, and the time constant with which the tilt's error fades, seconds.
-    /// Until its own time constant has passed, VQF takes the mean of the specific force for gravity. That is off by the change of the
-    /// board's velocity over the time, and by its acceleration at most.
+    /// The tilt error of a frame that has been levelled for a short time, radians, and the time constant with which the whole tilt error
+    /// fades, seconds. Until its own time constant has passed, VQF takes the mean specific force for gravity. The error of that mean is the
+    /// change of the board's velocity divided by the time, and at most the board's acceleration.
     fn levelling_error(&self) -> (f64, f64) {
         let tau_s = self.tilt_tau_s();
         let lately_s = self.levelled_s.filter(|s| self.moved && *s < tau_s);

@@ -22,7 +22,7 @@ const LEAST_M_S2: f64 = 0.1;
 pub(super) struct Gravity {
     previous: Option<(f64, Vector3<f64>)>,
     newest: Option<(f64, Vector3<f64>)>,
-    /// The newest in the body axes of now: the board may have turned since.
+    /// The newest, turned into the current body axes.
     carried: Vector3<f64>,
     /// The force low-passed once, twice and three times.
     low_passed: [Vector3<f64>; 3],
@@ -71,7 +71,7 @@ impl Gravity {
     }
 
     /// Specific force for the tick that ends at `end_s`, in which the board turns at `rate` (rad/s): the mean where several readings fell
-    /// into it, else the line between the last two, or the newest as the board has turned it since; `None` if there is none recent
+    /// into it, else the line between the last two, and after the newest that one, turned with the board; `None` if there is none recent
     /// enough.
     pub(super) fn at_tick(&mut self, end_s: f64, rate: &Vector3<f64>) -> Option<Vector3<f64>> {
         let (newest_s, newest) = self.newest.filter(|(t, _)| end_s - t <= HOLD_S)?;
@@ -90,8 +90,8 @@ impl Gravity {
         Some(previous + (newest - previous) * part)
     }
 
-    /// Standard deviation of `down`, radians. The board's accelerations show along gravity only, as they are now and have been lately;
-    /// across it they are taken to be as large.
+    /// Standard deviation of `down`, radians. The board's accelerations, now and of late, show along gravity only; across it they are taken to
+    /// be as large.
     pub(super) fn down_sd_rad(&self) -> f64 {
         let now = self.low_passed[0].norm() - GRAVITY_M_S2;
         (self.shaken2.max(now * now) + self.lag2).sqrt() / GRAVITY_M_S2

@@ -119,7 +119,7 @@ pub(super) struct GyroErrors {
     /// Mean squares of velocity and acceleration on an axis.
     speed2: f64,
     acceleration2: f64,
-    /// What is left of `ACCELERATION_M_S2` in the latter, 0 to 1.
+    /// Weight of the initial `ACCELERATION_M_S2` in that mean, 0 to 1.
     expected_share: f64,
     p: ErrorCovariance,
     window: Window,
@@ -200,7 +200,7 @@ impl GyroErrors {
         self.speed2.sqrt()
     }
 
-    /// The same of its acceleration, m/s², as measured so far.
+    /// Its acceleration, root mean square on an axis, m/s², without the initial value.
     pub(super) fn acceleration_m_s2(&self) -> f64 {
         let measured2 = self.acceleration2 - self.expected_share * ACCELERATION_M_S2.powi(2);
         let share = 1.0 - self.expected_share;

@@ -106,7 +106,7 @@ impl RateChanges {
         let step2 = by_rad_s.min(most_rad_s).powi(2);
         follow(&mut self.usual2, step2, period_s, (USUAL_S, USUAL_S));
         follow(&mut self.usual_s, period_s, period_s, (USUAL_S, USUAL_S));
-        // Those of a burst come faster than the chip measures.
+        // Readings of a burst come faster than the chip measures.
         if 2.0 * period_s > self.usual_s {
             let slope2 = step2 / period_s.powi(2).max(1e-6);
             follow(&mut self.slope2, slope2, period_s, (USUAL_S, USUAL_S));
@@ -124,9 +124,8 @@ impl RateChanges {
         })
     }
 
-    /// RMS error of the rotation on each axis, radians, over a step from reading to reading, if the rate changes evenly meanwhile. Of a
-    /// rate that swings at ω rad/s, with this change over the step, that error is a sixth of change times step times ω step / 2 (the
-    /// trapezoidal rule's), and for longer swings about a sixth of both.
+    /// RMS error, radians, of the rotation on each axis that follows from two readings if the rate changes evenly between them. If the rate
+    /// swings at ω rad/s, the trapezoidal rule's error is change × step / 6 × (ω step / 2); over long steps it is about change × step / 6.
     fn between_rad(&self, step_s: f64) -> f64 {
         let step_s = step_s.max(0.0);
         let change_rad_s = self.slope2.sqrt() * step_s;

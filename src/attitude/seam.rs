@@ -1,7 +1,8 @@
-//! Seams: a recording that goes on as another one, or a source that loses readings and hides it in its times.
+//! Seams: the board lies otherwise from one reading to the next, as where two recordings were joined, or where a source lost readings and
+//! numbered their times anew.
 //!
-//! From one reading to the next a board turns by a few degrees. A seam turns it at once, and the gyro does not measure that: field and
-//! specific force jump together. A magnet that snaps onto the board makes both jump as well, but gravity stays where it was.
+//! Field and specific force then jump together, and the gyro measures no such turn. A magnet that snaps onto the board makes both jump as
+//! well, but gravity stays where it was.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -15,14 +16,14 @@ const JUMP_FACTOR: f64 = 6.0;
 const USUAL_S: f64 = 3.0;
 /// Readings further apart than this are not compared, seconds.
 const GAP_S: f64 = 0.2;
-/// The least jumps: of a field in milligauss, as by 12° in that of middle latitudes, and of a force in m/s², as by 18°.
+/// Smaller steps are no jumps: of the field, milligauss (a turn by 12° at middle latitudes), and of the force, m/s² (a turn by 18°).
 const LEAST_MGAUSS: f64 = 100.0;
 const LEAST_M_S2: f64 = 3.0;
-/// Chips are read within this time of each other, seconds.
+/// Jumps of both within this time are one, seconds: the chips are read one after the other.
 const TOGETHER_S: f64 = 0.05;
 /// Gravity is the mean specific force over this time, seconds: it is off by 12 to 25° where a hand changes its velocity by 1 to 2 m/s.
 const SEEN_S: f64 = 0.5;
-/// Gravity is elsewhere if it is off by more than this, radians.
+/// A larger angle is a seam, radians (34°).
 const ELSEWHERE_RAD: f64 = 0.6;
 
 /// Watches the steps of a sensor's readings.
@@ -104,7 +105,7 @@ impl SeamWatch {
         self.force.take(t_s, force) && t_s - self.field.jumped_s < TOGETHER_S
     }
 
-    /// Begins to compare what is felt with up as it was, body axes.
+    /// Begins to compare the mean specific force with up as it is now, body axes.
     pub(super) fn compare_with(&mut self, up: Vector3<f64>) {
         self.since = Some(Since {
             up,
@@ -112,6 +113,11 @@ impl SeamWatch {
             felt: Vector3::zeros(),
             s: 0.0,
         });
+    }
+
+    /// The frame has been lost, and up with it.
+    pub(super) fn stop_comparing(&mut self) {
+        self.since = None;
     }
 
     /// Takes a tick: its rate, rad/s, and the specific force. Whether a seam has been found.
@@ -130,7 +136,7 @@ impl SeamWatch {
         elsewhere
     }
 
-    /// Whether it compares: there may have been a seam.
+    /// Whether it is comparing: there may have been a seam.
     pub(super) fn compares(&self) -> bool {
         self.since.is_some()
     }

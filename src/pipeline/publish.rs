@@ -12,8 +12,8 @@ use crate::reading::HELD_S;
 
 /// The strength of the field is smoothed over this time, seconds.
 const STRENGTH_S: f64 = 0.5;
-/// A sample is no measurement if the gyro's rate has been held for so long that the board may have turned by this on, radians: a
-/// hand's change of a gyro that is read 20 times a second.
+/// A sample is not used if the held rate may have missed more rotation than this, radians: with a hand's changes, that is 70 ms after the
+/// gyro's last reading.
 const MOST_HELD_RAD: f64 = 0.02;
 
 impl Pipeline {

@@ -71,7 +71,7 @@ impl Filter {
         let mut cross = jacobian * self.p;
         let timed = by_time * by_time.transpose() * JITTER_S.powi(2);
         let mut own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
-        // What has changed strength or dip may have turned the azimuth as well.
+        // Whatever has changed strength or dip may have turned the azimuth as well.
         let after = FieldParts::of(&field, &own);
         let strange2 = after.strange2(&before, vertical_known);
         for axis in 0..3 {
@@ -148,7 +148,7 @@ impl Filter {
     }
 }
 
-/// What of a field has no azimuth, milligauss, each with its variance.
+/// The parts of a field that do not depend on its azimuth, milligauss, each with its variance.
 struct FieldParts {
     strength: (f64, f64),
     horizontal: (f64, f64),
@@ -171,7 +171,7 @@ impl FieldParts {
         }
     }
 
-    /// Variance on each axis of what makes this field differ from the one before, beyond what is likely, mG².
+    /// Variance on each axis of a disturbance that explains how much more than likely this field differs from the one before, mG².
     fn strange2(&self, before: &Self, vertical_known: bool) -> f64 {
         let beyond = |now: (f64, f64), before: (f64, f64)| {
             ((now.0 - before.0).powi(2) - LIKELY * (now.1 + before.1)).max(0.0)
