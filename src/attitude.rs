@@ -37,6 +37,7 @@ use clock::{ClockStep, EvenClock};
 use filter::AttitudeFilter;
 pub use gravity::GRAVITY_M_S2;
 pub use gyro_errors::GYRO_BIAS_WALK_RAD_S;
+use gyro_errors::RESTART_BIAS_RAD_S;
 pub use lateness::Lateness;
 pub use past::BoardMotion;
 use past::Past;
@@ -46,6 +47,9 @@ use seam::SeamWatch;
 /// If the gyro may have missed more than this, the frame is lost, radians: about the tilt that a hand's acceleration leaves in a frame that is
 /// levelled anew. From half to twice as much changes no figure.
 const MOST_MISSED_RAD: f64 = 0.1;
+
+/// After a gap the gyro's bias differs by this, rad/s: its walk of an hour. Times do not tell for how long a chip or its recorder was off.
+const SILENT_BIAS_RAD_S: f64 = 60.0 * GYRO_BIAS_WALK_RAD_S;
 
 /// Where the board points at one instant, by gyro and accelerometer alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -188,6 +192,9 @@ impl Attitude {
         }
         if let Some(chip) = reading.rate_rad_s {
             let t_s = t_s - self.rate_late.take(t_s);
+            if self.clock.gap_before(t_s) {
+                self.filter.errors.doubt_bias(SILENT_BIAS_RAD_S);
+            }
             let missed_rad = self.rate_changes.take(t_s, chip);
             if !self.still() {
                 self.miss(missed_rad);
@@ -202,6 +209,9 @@ impl Attitude {
                 seam_found |= seam.tick(&tick.rate_rad_s, filter.gravity.newest(end_s));
                 on_tick(&tick);
             });
+            if seam_found {
+                self.filter.errors.doubt_bias(RESTART_BIAS_RAD_S);
+            }
             if seam_found || step == ClockStep::Restarted {
                 self.lose_frame();
             }

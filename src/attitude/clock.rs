@@ -49,7 +49,7 @@ impl EvenClock {
             return ClockStep::Continued;
         };
         let span_s = t_s - from_s;
-        if span_s.abs() > self.gap_s {
+        if self.gap_before(t_s) {
             self.start(t_s, rate);
             return ClockStep::Restarted;
         }
@@ -73,6 +73,12 @@ impl EvenClock {
         self.open_rad += (from_rate + rate) * (0.5 * (t_s - from_s));
         self.newest = Some((t_s, rate));
         ClockStep::Continued
+    }
+
+    /// Whether the newest reading is further from `t_s` than a gap.
+    pub(super) fn gap_before(&self, t_s: f64) -> bool {
+        self.newest
+            .is_some_and(|(newest_s, _)| (t_s - newest_s).abs() > self.gap_s)
     }
 
     /// Restarts with the next reading.

@@ -47,7 +47,7 @@ const MOST_MATRIX: f64 = 0.07;
 const BIAS: f64 = 0.33;
 /// A gyro's bias at the next start differs from the last by this on an axis, rad/s (1°/s): data sheets allow 20 °/s (MPU-6050) to
 /// 40 °/s (ITG-3200) over 125 K, so that is a room some kelvin warmer.
-const RESTART_BIAS_RAD_S: f64 = 0.0175;
+pub(super) const RESTART_BIAS_RAD_S: f64 = 0.0175;
 /// Bias to expect of an accelerometer, m/s² (5 thousandths of g).
 const FORCE_BIAS_M_S2: f64 = 0.05;
 /// u at first: the specific force of a board that may be shaken, m/s².
@@ -169,6 +169,13 @@ impl GyroErrors {
     pub(super) fn expect_bias(&mut self, bias_rad_s: Vector3<f64>) {
         self.bias = bias_rad_s;
         self.clear(B, RESTART_BIAS_RAD_S);
+    }
+
+    /// The gyro may have been started again: its bias differs by this on each axis, rad/s.
+    pub(super) fn doubt_bias(&mut self, sd_rad_s: f64) {
+        for axis in B..B + 3 {
+            self.p[(axis, axis)] += sd_rad_s * sd_rad_s;
+        }
     }
 
     /// A rate without what is known of its errors, body axes, rad/s.

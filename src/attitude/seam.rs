@@ -9,14 +9,16 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::clock::TICK_S;
 use super::follow;
 
-/// A step is a jump if it exceeds the usual one, a root mean square, by this factor. The largest steps of a swinging hand are 1.4 times
-/// their root mean square, and those of noise 4 times.
+/// Two steps are a jump if the geometric mean of the factors by which they exceed the usual ones, root mean squares, is at least the first,
+/// and each is at least the second. The largest steps of a swinging hand are 1.4 times their root mean square, and those of noise 4 times.
 const JUMP_FACTOR: f64 = 6.0;
+const LEAST_FACTOR: f64 = 3.0;
 /// The usual step is averaged over this time, seconds.
 const USUAL_S: f64 = 3.0;
 /// Readings further apart than this are not compared, seconds.
 const GAP_S: f64 = 0.2;
-/// Smaller steps are no jumps: of the field, milligauss (a turn by 12° at middle latitudes), and of the force, m/s² (a turn by 18°).
+/// The usual steps are at least a sixth of these: of the field, milligauss (a turn by 12° at middle latitudes), and of the force, m/s² (a turn
+/// by 18°).
 const LEAST_MGAUSS: f64 = 100.0;
 const LEAST_M_S2: f64 = 3.0;
 /// Jumps of both within this time are one, seconds: the chips are read one after the other.
@@ -33,6 +35,8 @@ struct Steps {
     usual2: f64,
     watched_s: f64,
     jumped_s: f64,
+    /// By how much that step exceeded the usual one.
+    factor: f64,
 }
 
 impl Steps {
@@ -43,10 +47,11 @@ impl Steps {
             usual2: 0.0,
             watched_s: 0.0,
             jumped_s: f64::NEG_INFINITY,
+            factor: 0.0,
         }
     }
 
-    /// Takes a reading. Whether it has jumped.
+    /// Takes a reading. Whether it may have jumped.
     fn take(&mut self, t_s: f64, reading: Vector3<f64>) -> bool {
         let Some((last_s, last)) = self.newest.replace((t_s, reading)) else {
             return false;
@@ -55,14 +60,15 @@ impl Steps {
         if !(0.0..GAP_S).contains(&period_s) {
             return false;
         }
-        let most = self.least.max(JUMP_FACTOR * self.usual2.sqrt());
+        let usual = self.usual2.sqrt().max(self.least / JUMP_FACTOR);
         let step = (reading - last).norm();
-        let step2 = step.min(most).powi(2);
+        let step2 = step.min(JUMP_FACTOR * usual).powi(2);
         follow(&mut self.usual2, step2, period_s, (USUAL_S, USUAL_S));
         self.watched_s += period_s;
-        let jumped = step > most && self.watched_s > USUAL_S;
+        let factor = step / usual;
+        let jumped = factor > LEAST_FACTOR && self.watched_s > USUAL_S;
         if jumped {
-            self.jumped_s = t_s;
+            (self.jumped_s, self.factor) = (t_s, factor);
         }
         jumped
     }
@@ -97,12 +103,18 @@ impl Default for SeamWatch {
 impl SeamWatch {
     /// Takes a field, milligauss. Whether both have jumped.
     pub(super) fn take_field(&mut self, t_s: f64, field: Vector3<f64>) -> bool {
-        self.field.take(t_s, field) && t_s - self.force.jumped_s < TOGETHER_S
+        self.field.take(t_s, field) && self.both_jumped()
     }
 
     /// The same for a specific force, m/s².
     pub(super) fn take_force(&mut self, t_s: f64, force: Vector3<f64>) -> bool {
-        self.force.take(t_s, force) && t_s - self.field.jumped_s < TOGETHER_S
+        self.force.take(t_s, force) && self.both_jumped()
+    }
+
+    /// Whether the last jumps of field and force are one.
+    fn both_jumped(&self) -> bool {
+        let apart_s = (self.field.jumped_s - self.force.jumped_s).abs();
+        apart_s < TOGETHER_S && self.field.factor * self.force.factor > JUMP_FACTOR.powi(2)
     }
 
     /// Begins to compare the mean specific force with up as it is now, body axes.

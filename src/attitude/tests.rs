@@ -331,6 +331,52 @@ fn a_board_that_lies_otherwise_at_once_begins_a_new_stretch() {
     assert!(tilt_error_rad(&pose, &board) < 0.03);
 }
 
+/// A board rests and is swung, goes on as `follows` says, and is swung again. How well its gyro's bias is known before and after that,
+/// degrees per second, RMS on an axis.
+fn bias_known_deg_s(follows: impl Fn(&mut TestBoard)) -> (f64, f64) {
+    let (mut board, mut attitude) = (TestBoard::default(), new());
+    let mut known = |board: &mut TestBoard| {
+        play(&mut attitude, board);
+        let covariance = attitude.state(board.t_s).gyro_bias.covariance;
+        (covariance.trace() / 3.0).sqrt().to_degrees()
+    };
+    board.rest(20.0);
+    swing(&mut board, 5.0);
+    let before = known(&mut board);
+    follows(&mut board);
+    swing(&mut board, 0.6);
+    (before, known(&mut board))
+}
+
+#[test]
+fn after_a_silence_or_a_seam_the_gyros_bias_may_be_another() {
+    let silent = |silent_s: f64| {
+        bias_known_deg_s(|board| {
+            swing(board, silent_s);
+            let end = board.readings.len();
+            let silent_from_s = board.t_s - silent_s;
+            board
+                .readings
+                .retain(|reading| reading.t_s <= silent_from_s);
+            assert!(board.readings.len() < end);
+        })
+    };
+    let (before, after) = silent(0.4);
+    assert!(after < 0.15 && after - before < 0.02, "{before} {after}");
+    let (before, after) = silent(0.8);
+    assert!(
+        before < 0.15 && (0.2..0.4).contains(&after),
+        "{before} {after}"
+    );
+    let (before, after) = bias_known_deg_s(|board| {
+        board.attitude *= UnitQuaternion::from_euler_angles(1.0, 0.5, 2.0);
+    });
+    assert!(
+        before < 0.15 && (0.6..1.1).contains(&after),
+        "{before} {after}"
+    );
+}
+
 #[test]
 fn a_magnet_that_snaps_onto_the_board_does_not() {
     let mut board = TestBoard::default();

@@ -28,6 +28,8 @@ pub(in crate::estimate) struct BiasLearnt {
     covariance: Matrix3<f64>,
     /// The attitude has begun anew: it knows less than before.
     forgotten: bool,
+    /// Variance on each axis by which it knows less, (rad/s)², where the gyro may have been started again.
+    doubted2: f64,
     /// What the attitude has measured of the bias that is left, times `TAKEN`: information matrix and vector. 0 if that does not count.
     information: Matrix3<f64>,
     weighted: Vector3<f64>,
@@ -49,10 +51,12 @@ impl BiasLearnt {
             shift_rad_s,
             covariance: after.covariance,
             forgotten: after.covariance.trace() > FORGOTTEN * walked.trace(),
+            doubted2: ((after.covariance - walked).trace() / 3.0).max(0.0),
             information: Matrix3::zeros(),
             weighted: Vector3::zeros(),
         };
-        if !measured || learnt.forgotten || after.covariance == before.covariance {
+        let unchanged = after.covariance == before.covariance;
+        if !measured || unchanged || learnt.forgotten || learnt.doubted2 > 0.0 {
             return learnt;
         }
         let inverses = (walked.try_inverse(), after.covariance.try_inverse());
@@ -75,6 +79,9 @@ impl Filter {
             return;
         }
         self.shift_gyro_bias(&learnt.shift_rad_s);
+        for axis in G..G + 3 {
+            self.p[(axis, axis)] += learnt.doubted2;
+        }
         if learnt.information == Matrix3::zeros() {
             return;
         }
@@ -209,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_attitude_learns_counts_in_part_and_its_walk_does_not() {
+    fn what_the_attitude_learns_counts_in_part_and_its_doubts_in_full() {
         let before = GyroBias {
             rad_s: Vector3::zeros(),
             covariance: Matrix3::identity() * 0.05f64.powi(2),
@@ -237,6 +244,19 @@ mod tests {
         filter.learn_of_gyro_bias(&BiasLearnt::between(&after, &walked, 60.0, true), false);
         let (still_left, same) = filter.gyro_bias();
         assert!((still_left - left).norm() < 1e-12 && (same - variance).norm() < 1e-12);
+
+        let doubted2 = 0.006f64.powi(2);
+        let doubted = GyroBias {
+            covariance: walked.covariance + Matrix3::identity() * doubted2,
+            ..after
+        };
+        let doubts = BiasLearnt::between(&walked, &doubted, 0.0, true);
+        assert!(!doubts.forgotten);
+        filter.learn_of_gyro_bias(&doubts, false);
+        let (still_left, more) = filter.gyro_bias();
+        assert!((still_left - left).norm() < 1e-12);
+        let expected = same.add_scalar(doubted2);
+        assert!((more - expected).amax() < 1e-12, "{more} {expected}");
     }
 
     #[test]
