@@ -313,12 +313,17 @@ impl Attitude {
         self.filter.rate_rad_s
     }
 
-    /// Rotation, radians, that the gyro may have missed by `t_s`: since a jump of its rate, and since its newest reading.
+    /// By how much later than is known the gyro's readings come, seconds, and its deviation. Poses of their times are as old.
+    pub fn unseen_late_s(&self) -> f64 {
+        self.rate_late.unseen_s()
+    }
+
+    /// Rotation, radians, that the gyro may have missed by `t_s`: since a jump of its rate, since its newest reading, and by coming later
+    /// than is known.
     pub fn missed_turn_rad(&self, t_s: f64) -> f64 {
-        hypot(
-            self.rate_changes.missed_turn_rad(t_s),
-            self.held_turn_rad(t_s),
-        )
+        let unseen_rad = self.unseen_late_s() * self.rate_rad_s().norm();
+        let missed_rad = hypot(self.rate_changes.missed_turn_rad(t_s), unseen_rad);
+        hypot(missed_rad, self.held_turn_rad(t_s))
     }
 
     /// Rotation, radians, that the gyro may have missed by `t_s` since its newest reading, after which the rate is held.

@@ -27,6 +27,9 @@ const WINDOW_S: f64 = 0.075;
 /// The walk is the mean over this time, seconds.
 const WALK_MEAN_S: f64 = 10.0;
 
+/// The duration of bursts is the mean over about this many, and over all of them at first.
+const BURSTS: f64 = 30.0;
+
 /// Follows one chip's readings.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lateness {
@@ -44,6 +47,10 @@ pub struct Lateness {
     window_s: f64,
     /// Mean square of the corrections, a second, s²/s.
     walk_s2: f64,
+    /// Duration of the burst that runs, seconds; mean over the bursts, a reading that came alone being one; and how many there were.
+    burst_s: f64,
+    mean_burst_s: f64,
+    bursts: f64,
     /// Whether the last step was long.
     long: bool,
     /// Mean over long steps: 1 where readings were lost, -1 where the host paused.
@@ -64,6 +71,8 @@ impl Lateness {
                 losses: self.losses,
                 held_back: self.held_back,
                 walk_s2: self.walk_s2,
+                mean_burst_s: self.mean_burst_s,
+                bursts: self.bursts,
                 ..Self::default()
             };
             return 0.0;
@@ -82,6 +91,7 @@ impl Lateness {
             self.losses += (loss - self.losses) * LOSS_WEIGHT;
         }
         self.long = step_s > LONG * self.period_s;
+        self.measure_bursts(step_s, piled);
         let before_s = self.limit_lateness_s(step_s, piled);
         let corrected2 = (self.late_s - before_s).powi(2);
         self.walk_s2 += (corrected2 - self.walk_s2 * step_s) / WALK_MEAN_S;
@@ -95,6 +105,22 @@ impl Lateness {
             late_s.clamp(0.0, GAP_S)
         };
         self.late_s
+    }
+
+    /// By how much later all readings may be, seconds, and its deviation: half the duration of a burst. A host that takes what comes while it
+    /// reads is late by none of it, one that takes what had come before by all of it, and the times tell neither from the other.
+    pub fn unseen_s(&self) -> f64 {
+        0.5 * self.mean_burst_s
+    }
+
+    fn measure_bursts(&mut self, step_s: f64, piled: bool) {
+        if piled {
+            self.burst_s += step_s;
+            return;
+        }
+        self.bursts = (self.bursts + 1.0).min(BURSTS);
+        self.mean_burst_s += (self.burst_s - self.mean_burst_s) / self.bursts;
+        self.burst_s = 0.0;
     }
 
     /// Variance that the corrections add to the times per second, s²/s. A lost reading shifts the times of those after it, until a
@@ -172,6 +198,28 @@ mod tests {
         // A constant delay remains: the duration of a burst. It cannot be observed.
         assert!(least_s > 0.0 && most_s < 0.015, "{least_s} {most_s}");
         assert!(most_s - least_s < 0.004, "{least_s} {most_s}");
+    }
+
+    /// A chip that measures every 10 ms, and a host that takes what has come every 64 ms, one that sleeps for 60 ms every second, and one
+    /// that is 1 ms late at most.
+    #[test]
+    fn half_of_a_burst_is_in_doubt_where_readings_come_in_bursts() {
+        let unseen_s = |taken_s: &dyn Fn(f64) -> f64| {
+            let (mut lateness, mut last_s) = (Lateness::default(), 0.0_f64);
+            for i in 0..4000 {
+                last_s = taken_s(f64::from(i) * 0.01).max(last_s + 0.0015);
+                lateness.take(last_s);
+            }
+            lateness.unseen_s()
+        };
+        // Six or seven readings: five or six times 1.5 ms.
+        let polled_s = unseen_s(&|measured_s| (measured_s / 0.064).ceil() * 0.064);
+        assert!((0.003..0.005).contains(&polled_s), "{polled_s}");
+        let paused_s = unseen_s(&|measured_s| (measured_s.floor() + 0.06).max(measured_s));
+        assert!(paused_s < 0.001, "{paused_s}");
+        let punctual_s =
+            unseen_s(&|measured_s| measured_s + 0.001 * (1000.0 * measured_s).sin().abs());
+        assert_eq!(punctual_s, 0.0);
     }
 
     /// A chip that measures every 10 ms, and a host that polls an adapter every 32 ms, which holds back what has come in the last 15

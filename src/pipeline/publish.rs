@@ -94,7 +94,8 @@ impl Pipeline {
         raw: &Vector3<f64>,
         measured_s: Option<f64>,
     ) -> Option<Pose> {
-        let pose = self.intake.attitude.pose_at(t_s)?;
+        let now_s = t_s + self.intake.attitude.unseen_late_s();
+        let pose = self.intake.attitude.pose_at(now_s)?;
         // An accelerometer that has just come has not levelled the frame yet.
         let levelled =
             |pose: &Pose| pose.vertical_known || !self.intake.attitude.accelerometer_live(t_s);
