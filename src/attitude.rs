@@ -37,7 +37,7 @@ use clock::{ClockStep, EvenClock};
 use filter::AttitudeFilter;
 pub use gravity::GRAVITY_M_S2;
 pub use gyro_errors::GYRO_BIAS_WALK_RAD_S;
-use gyro_errors::RESTART_BIAS_RAD_S;
+use gyro_errors::{GAP_BIAS_RAD_S, RESTART_BIAS_RAD_S};
 pub use lateness::Lateness;
 pub use past::BoardMotion;
 use past::Past;
@@ -47,9 +47,6 @@ use seam::SeamWatch;
 /// If the gyro may have missed more than this, the frame is lost, radians: about the tilt that a hand's acceleration leaves in a frame that is
 /// levelled anew. From half to twice as much changes no figure.
 const MOST_MISSED_RAD: f64 = 0.1;
-
-/// After a gap the gyro's bias differs by this, rad/s: its walk of an hour. Times do not tell for how long a chip or its recorder was off.
-const SILENT_BIAS_RAD_S: f64 = 60.0 * GYRO_BIAS_WALK_RAD_S;
 
 /// Where the board points at one instant, by gyro and accelerometer alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -193,7 +190,7 @@ impl Attitude {
         if let Some(chip) = reading.rate_rad_s {
             let t_s = t_s - self.rate_late.take(t_s);
             if self.clock.gap_before(t_s) {
-                self.filter.errors.doubt_bias(SILENT_BIAS_RAD_S);
+                self.filter.errors.doubt_bias(GAP_BIAS_RAD_S);
             }
             let missed_rad = self.rate_changes.take(t_s, chip);
             if !self.still() {
@@ -313,16 +310,16 @@ impl Attitude {
         self.filter.rate_rad_s
     }
 
-    /// By how much later than is known the gyro's readings come, seconds, and its deviation. Poses of their times are as old.
-    pub fn unseen_late_s(&self) -> f64 {
-        self.rate_late.unseen_s()
+    /// Delay of the gyro's readings that their times do not show, seconds: mean and deviation. Poses are older than their times by as much.
+    pub fn unobservable_delay_s(&self) -> f64 {
+        self.rate_late.unobservable_s()
     }
 
-    /// Rotation, radians, that the gyro may have missed by `t_s`: since a jump of its rate, since its newest reading, and by coming later
-    /// than is known.
+    /// Rotation, radians, that the gyro may have missed by `t_s`: since a jump of its rate, since its newest reading, and during its
+    /// unobservable delay.
     pub fn missed_turn_rad(&self, t_s: f64) -> f64 {
-        let unseen_rad = self.unseen_late_s() * self.rate_rad_s().norm();
-        let missed_rad = hypot(self.rate_changes.missed_turn_rad(t_s), unseen_rad);
+        let delayed_rad = self.unobservable_delay_s() * self.rate_rad_s().norm();
+        let missed_rad = hypot(self.rate_changes.missed_turn_rad(t_s), delayed_rad);
         hypot(missed_rad, self.held_turn_rad(t_s))
     }
 

@@ -74,6 +74,9 @@ const ANGLE_WALK_RAD: f64 = 0.000_5;
 const TURN_WALK_RAD: f64 = 0.003;
 /// Walk of a gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
 pub const GYRO_BIAS_WALK_RAD_S: f64 = 0.000_087;
+/// A gyro's bias after a gap differs by this on an axis, rad/s (0.3°/s), its walk of an hour: times do not tell how long a chip or its recorder
+/// was off.
+pub(super) const GAP_BIAS_RAD_S: f64 = 60.0 * GYRO_BIAS_WALK_RAD_S;
 /// Walk of the velocity by an accelerometer's noise, m/s per √s.
 const VELOCITY_WALK_M_S: f64 = 0.03;
 /// A gyro at rest reads its bias, and an accelerometer gravity, within this over one second, rad/s and m/s²: the ITG-3200's
@@ -171,7 +174,7 @@ impl GyroErrors {
         self.clear(B, RESTART_BIAS_RAD_S);
     }
 
-    /// The gyro may have been started again: its bias differs by this on each axis, rad/s.
+    /// The gyro may have been started again: adds this deviation to that of its bias on each axis, rad/s.
     pub(super) fn doubt_bias(&mut self, sd_rad_s: f64) {
         for axis in B..B + 3 {
             self.p[(axis, axis)] += sd_rad_s * sd_rad_s;

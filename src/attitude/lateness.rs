@@ -17,7 +17,7 @@ const PILED: f64 = 0.8;
 const LONG: f64 = 1.5;
 /// Weight of each long step in the mean of `losses`: the mean of about five.
 const LOSS_WEIGHT: f64 = 0.2;
-/// Weight of each burst in the mean of `held_back`: the mean of about 30, a second or two.
+/// Weight of each burst in `held_back` and `mean_burst_s`: the mean of about 30, a second or two.
 const BURST_WEIGHT: f64 = 0.03;
 /// An adapter holds readings back if more than this share of the bursts end late. With a simulated host that takes all that has come, lost
 /// readings cause up to 15 %; with a recorder's adapter, 35 % or more seem to end late.
@@ -26,9 +26,6 @@ const HELD_BACK: f64 = 0.25;
 const WINDOW_S: f64 = 0.075;
 /// The walk is the mean over this time, seconds.
 const WALK_MEAN_S: f64 = 10.0;
-
-/// The duration of bursts is the mean over about this many, and over all of them at first.
-const BURSTS: f64 = 30.0;
 
 /// Follows one chip's readings.
 #[derive(Clone, Copy, Debug, Default)]
@@ -47,7 +44,7 @@ pub struct Lateness {
     window_s: f64,
     /// Mean square of the corrections, a second, s²/s.
     walk_s2: f64,
-    /// Duration of the burst that runs, seconds; mean over the bursts, a reading that came alone being one; and how many there were.
+    /// Duration of the current burst and of the mean one, seconds, and the number of bursts. A reading that came alone is a burst of 0 s.
     burst_s: f64,
     mean_burst_s: f64,
     bursts: f64,
@@ -107,9 +104,9 @@ impl Lateness {
         self.late_s
     }
 
-    /// By how much later all readings may be, seconds, and its deviation: half the duration of a burst. A host that takes what comes while it
-    /// reads is late by none of it, one that takes what had come before by all of it, and the times tell neither from the other.
-    pub fn unseen_s(&self) -> f64 {
+    /// Delay of all readings that their times do not show, seconds: its mean and its deviation are half the duration of a burst. A host that
+    /// reads until nothing is left adds none of it; one that reads what had arrived when it began adds the whole burst.
+    pub fn unobservable_s(&self) -> f64 {
         0.5 * self.mean_burst_s
     }
 
@@ -118,8 +115,9 @@ impl Lateness {
             self.burst_s += step_s;
             return;
         }
-        self.bursts = (self.bursts + 1.0).min(BURSTS);
-        self.mean_burst_s += (self.burst_s - self.mean_burst_s) / self.bursts;
+        self.bursts += 1.0;
+        let weight = (1.0 / self.bursts).max(BURST_WEIGHT);
+        self.mean_burst_s += (self.burst_s - self.mean_burst_s) * weight;
         self.burst_s = 0.0;
     }
 
@@ -169,28 +167,44 @@ mod tests {
     }
 
     /// A chip that measures every 10 ms, and a host that takes each reading at the time `taken_s` of its measurement, but 1.5 ms after
-    /// the one before at the earliest. How long after its measurement each counts as measured, once 10 s have passed.
-    fn apart_s(taken_s: impl Fn(f64) -> f64) -> Vec<f64> {
-        let (mut lateness, mut last_s) = (Lateness::default(), 0.0_f64);
-        let all = (0..4000).map(|i| {
+    /// the one before at the earliest. When each was measured and taken, seconds.
+    fn readings(taken_s: impl Fn(f64) -> f64) -> impl Iterator<Item = (f64, f64)> {
+        let mut last_s = 0.0_f64;
+        (0..4000).map(move |i| {
             let measured_s = f64::from(i) * 0.01;
             last_s = taken_s(measured_s).max(last_s + 0.0015);
-            last_s - lateness.take(last_s) - measured_s
-        });
+            (measured_s, last_s)
+        })
+    }
+
+    /// How long after its measurement each counts as measured, once 10 s have passed.
+    fn apart_s(taken_s: impl Fn(f64) -> f64) -> Vec<f64> {
+        let mut lateness = Lateness::default();
+        let all = readings(taken_s).map(|(measured_s, t_s)| t_s - lateness.take(t_s) - measured_s);
         all.skip(1001).collect()
+    }
+
+    /// When a host takes a reading that takes what has come every 64 ms.
+    fn polled_s(measured_s: f64) -> f64 {
+        (measured_s / 0.064).ceil() * 0.064
+    }
+
+    /// The same of a host that sleeps for 60 ms every second.
+    fn paused_s(measured_s: f64) -> f64 {
+        (measured_s.floor() + 0.06).max(measured_s)
     }
 
     /// A host that sleeps for 60 ms every second.
     #[test]
     fn what_has_piled_up_in_a_pause_is_as_late_as_it_is() {
-        let apart_s = apart_s(|measured_s| (measured_s.floor() + 0.06).max(measured_s));
+        let apart_s = apart_s(paused_s);
         assert!(apart_s.iter().all(|apart_s| apart_s.abs() < 0.006));
     }
 
     /// A chip that measures every 10 ms, and a host that takes what has come every 64 ms.
     #[test]
     fn readings_in_bursts_have_the_chips_times() {
-        let apart_s = apart_s(|measured_s| (measured_s / 0.064).ceil() * 0.064);
+        let apart_s = apart_s(polled_s);
         let (least_s, most_s) = (apart_s.iter())
             .fold((f64::MAX, f64::MIN), |(least, most), &one| {
                 (least.min(one), most.max(one))
@@ -200,25 +214,23 @@ mod tests {
         assert!(most_s - least_s < 0.004, "{least_s} {most_s}");
     }
 
-    /// A chip that measures every 10 ms, and a host that takes what has come every 64 ms, one that sleeps for 60 ms every second, and one
-    /// that is 1 ms late at most.
     #[test]
     fn half_of_a_burst_is_in_doubt_where_readings_come_in_bursts() {
-        let unseen_s = |taken_s: &dyn Fn(f64) -> f64| {
-            let (mut lateness, mut last_s) = (Lateness::default(), 0.0_f64);
-            for i in 0..4000 {
-                last_s = taken_s(f64::from(i) * 0.01).max(last_s + 0.0015);
-                lateness.take(last_s);
+        fn unobservable_s(taken_s: impl Fn(f64) -> f64) -> f64 {
+            let mut lateness = Lateness::default();
+            for (_, t_s) in readings(taken_s) {
+                lateness.take(t_s);
             }
-            lateness.unseen_s()
-        };
+            lateness.unobservable_s()
+        }
         // Six or seven readings: five or six times 1.5 ms.
-        let polled_s = unseen_s(&|measured_s| (measured_s / 0.064).ceil() * 0.064);
+        let polled_s = unobservable_s(polled_s);
         assert!((0.003..0.005).contains(&polled_s), "{polled_s}");
-        let paused_s = unseen_s(&|measured_s| (measured_s.floor() + 0.06).max(measured_s));
+        let paused_s = unobservable_s(paused_s);
         assert!(paused_s < 0.001, "{paused_s}");
+        // At most 1 ms late.
         let punctual_s =
-            unseen_s(&|measured_s| measured_s + 0.001 * (1000.0 * measured_s).sin().abs());
+            unobservable_s(|measured_s| measured_s + 0.001 * (1000.0 * measured_s).sin().abs());
         assert_eq!(punctual_s, 0.0);
     }
 
@@ -243,13 +255,10 @@ mod tests {
     #[test]
     fn times_walk_where_readings_of_a_burst_are_lost() {
         let (mut whole, mut with_losses) = (Lateness::default(), Lateness::default());
-        let mut last_s = 0.0_f64;
-        for i in 0..4000 {
-            let measured_s = f64::from(i) * 0.01;
-            last_s = ((measured_s / 0.064).ceil() * 0.064).max(last_s + 0.0015);
-            whole.take(last_s);
+        for (i, (_, t_s)) in readings(polled_s).enumerate() {
+            whole.take(t_s);
             if i % 100 != 50 {
-                with_losses.take(last_s);
+                with_losses.take(t_s);
             }
         }
         // A period a second at most.

@@ -9,16 +9,16 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::clock::TICK_S;
 use super::follow;
 
-/// Two steps are a jump if the geometric mean of the factors by which they exceed the usual ones, root mean squares, is at least the first,
-/// and each is at least the second. The largest steps of a swinging hand are 1.4 times their root mean square, and those of noise 4 times.
+/// Field and force have jumped if both steps exceed the usual ones, root mean squares: each by more than `LEAST_FACTOR`, and by more than
+/// `JUMP_FACTOR` in the geometric mean. The largest steps of a swinging hand are 1.4 times their root mean square, those of noise 4 times.
 const JUMP_FACTOR: f64 = 6.0;
 const LEAST_FACTOR: f64 = 3.0;
 /// The usual step is averaged over this time, seconds.
 const USUAL_S: f64 = 3.0;
 /// Readings further apart than this are not compared, seconds.
 const GAP_S: f64 = 0.2;
-/// The usual steps are at least a sixth of these: of the field, milligauss (a turn by 12° at middle latitudes), and of the force, m/s² (a turn
-/// by 18°).
+/// Steps that exceed the usual ones by `JUMP_FACTOR` while the sensors are quiet: of the field, milligauss (a turn by 12° at middle latitudes),
+/// and of the force, m/s² (a turn by 18°).
 const LEAST_MGAUSS: f64 = 100.0;
 const LEAST_M_S2: f64 = 3.0;
 /// Jumps of both within this time are one, seconds: the chips are read one after the other.
@@ -35,7 +35,7 @@ struct Steps {
     usual2: f64,
     watched_s: f64,
     jumped_s: f64,
-    /// By how much that step exceeded the usual one.
+    /// Factor by which that step exceeded the usual one.
     factor: f64,
 }
 

@@ -94,7 +94,7 @@ impl Pipeline {
         raw: &Vector3<f64>,
         measured_s: Option<f64>,
     ) -> Option<Pose> {
-        let now_s = t_s + self.intake.attitude.unseen_late_s();
+        let now_s = t_s + self.intake.attitude.unobservable_delay_s();
         let pose = self.intake.attitude.pose_at(now_s)?;
         // An accelerometer that has just come has not levelled the frame yet.
         let levelled =

@@ -28,7 +28,7 @@ pub(in crate::estimate) struct BiasLearnt {
     covariance: Matrix3<f64>,
     /// The attitude has begun anew: it knows less than before.
     forgotten: bool,
-    /// Variance on each axis by which it knows less, (rad/s)², where the gyro may have been started again.
+    /// Variance that the attitude has added on each axis beyond the walk, (rad/s)²: the gyro may have been started again.
     doubted2: f64,
     /// What the attitude has measured of the bias that is left, times `TAKEN`: information matrix and vector. 0 if that does not count.
     information: Matrix3<f64>,
