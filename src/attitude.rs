@@ -14,6 +14,7 @@ use crate::check::settings;
 use crate::frame::{Mountings, hypot};
 use crate::reading::Reading;
 
+mod bias_jump;
 mod clipping;
 mod clock;
 mod field_motion;
@@ -31,6 +32,7 @@ mod stillness;
 mod tests;
 mod trim;
 
+use bias_jump::{BiasJumps, FOUND_AFTER_S};
 use clipping::ClipWatch;
 pub use clock::TICK_S;
 use clock::{ClockStep, EvenClock};
@@ -77,12 +79,16 @@ pub struct Tick {
 }
 
 /// A bias of the gyro, as it is taken out of the rates.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct GyroBias {
     /// Body axes, rad/s.
     pub rad_s: Vector3<f64>,
     /// Its covariance, (rad/s)².
     pub covariance: Matrix3<f64>,
+    /// Variance, (rad/s)², that has been added on each axis since the start, where the gyro may have been started again.
+    pub doubted2: f64,
+    /// How often the attitude has begun anew, and forgotten the bias.
+    pub begun_anew: u32,
 }
 
 /// What the tilt of a pose is off by. It fades as the accelerometer corrects it, and an error of the gyro's bias adds to it.
@@ -142,6 +148,7 @@ pub struct Attitude {
     rate_late: Lateness,
     force_late: Lateness,
     seam: SeamWatch,
+    bias_jumps: BiasJumps,
     filter: AttitudeFilter,
     past: Past,
 }
@@ -157,6 +164,7 @@ impl Attitude {
             rate_late: Lateness::default(),
             force_late: Lateness::default(),
             seam: SeamWatch::default(),
+            bias_jumps: BiasJumps::default(),
             filter: AttitudeFilter::new(settings.gyro_bias_limit_deg_s),
             past: Past::default(),
         }
@@ -199,13 +207,21 @@ impl Attitude {
             self.filter.errors.timing_walk_s2 = self.rate_late.walk_s2();
             let rate = self.mountings.gyro.to_body(chip);
             let (filter, past, seam) = (&mut self.filter, &mut self.past, &mut self.seam);
-            let mut seam_found = false;
+            let bias_jumps = &mut self.bias_jumps;
+            let (mut seam_found, mut bias_jump) = (false, None);
             let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
                 let tick = filter.tick(end_s, mean_rate);
                 past.take(&tick);
+                bias_jump = bias_jumps
+                    .take(mean_rate, &filter.errors.bias, TICK_S)
+                    .or(bias_jump);
                 seam_found |= seam.tick(&tick.rate_rad_s, filter.gravity.newest(end_s));
                 on_tick(&tick);
             });
+            if let Some(jump_rad_s) = bias_jump {
+                self.filter.errors.doubt_bias(jump_rad_s);
+                self.filter.missed_rad2 += (jump_rad_s * FOUND_AFTER_S).powi(2);
+            }
             if seam_found {
                 self.filter.errors.doubt_bias(RESTART_BIAS_RAD_S);
             }
@@ -231,6 +247,7 @@ impl Attitude {
     fn lose_frame(&mut self) {
         self.filter.resume_after_gap();
         self.seam.stop_comparing();
+        self.bias_jumps = BiasJumps::default();
     }
 
     /// The pose at `t_s`, up to a quarter of a second ago, or carried on from the last tick with the current rate; `None` if the
@@ -290,10 +307,7 @@ impl Attitude {
             at_rest: self.filter.at_rest(),
             still: self.still(),
             hidden_rate_sd_rad_s: self.filter.field_motion.hidden_rate_sd_rad_s(t_s),
-            gyro_bias: GyroBias {
-                rad_s: self.filter.errors.bias,
-                covariance: self.filter.errors.bias_covariance(),
-            },
+            gyro_bias: self.filter.errors.gyro_bias(),
             tilt_error: self.filter.tilt_error(),
             gyro_constant_s: self.rate_changes.constant_s(),
             force_m_s2: self.filter.gravity.low_passed(t_s),

@@ -19,8 +19,8 @@ use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::follow;
 use super::gravity::GRAVITY_M_S2;
+use super::{GyroBias, follow};
 use crate::frame::rows;
 use window::Window;
 
@@ -130,6 +130,9 @@ pub(super) struct GyroErrors {
     pub(super) timing_walk_s2: f64,
     /// Mean rates with the bias, one a window of rest, that are not believed yet, rad/s.
     resting: VecDeque<Vector3<f64>>,
+    /// See [`GyroBias`].
+    doubted2: f64,
+    begun_anew: u32,
 }
 
 impl GyroErrors {
@@ -165,6 +168,8 @@ impl GyroErrors {
             window: Window::default(),
             timing_walk_s2: 0.0,
             resting: VecDeque::with_capacity(DOUBTED + 1),
+            doubted2: 0.0,
+            begun_anew: 0,
         }
     }
 
@@ -176,8 +181,10 @@ impl GyroErrors {
 
     /// The gyro may have been started again: adds this deviation to that of its bias on each axis, rad/s.
     pub(super) fn doubt_bias(&mut self, sd_rad_s: f64) {
+        let variance = sd_rad_s * sd_rad_s;
+        self.doubted2 += variance;
         for axis in B..B + 3 {
-            self.p[(axis, axis)] += sd_rad_s * sd_rad_s;
+            self.p[(axis, axis)] += variance;
         }
     }
 
@@ -193,6 +200,16 @@ impl GyroErrors {
         let up = self.upright;
         let across = own.trace() - (up.transpose() * own * up)[0];
         (across / (3.0 - up.norm_squared())).max(0.0).sqrt()
+    }
+
+    /// The bias, and what the filter knows of it.
+    pub(super) fn gyro_bias(&self) -> GyroBias {
+        GyroBias {
+            rad_s: self.bias,
+            covariance: self.bias_covariance(),
+            doubted2: self.doubted2,
+            begun_anew: self.begun_anew,
+        }
     }
 
     /// Covariance of the bias, body axes, (rad/s)².
@@ -268,6 +285,8 @@ impl GyroErrors {
     fn begin_anew(&mut self) {
         *self = Self {
             timing_walk_s2: self.timing_walk_s2,
+            doubted2: self.doubted2,
+            begun_anew: self.begun_anew + 1,
             ..Self::new(self.largest_bias_rad_s)
         };
     }

@@ -398,6 +398,21 @@ fn a_magnet_that_snaps_onto_the_board_does_not() {
     assert!((90..=110).contains(&may_have_jumped), "{may_have_jumped}");
 }
 
+/// As two recordings of a board at rest, joined.
+#[test]
+fn a_bias_that_jumps_at_rest_is_learnt_anew() {
+    let mut board = TestBoard::default();
+    board.rest(60.0);
+    board.gyro_bias_deg_s.z += 0.6;
+    board.rest(8.0);
+    let (attitude, ticks) = run(&board);
+    let error = bias_error(&attitude.state(board.t_s), &board);
+    let missed_rad2: f64 = ticks.iter().map(|tick| tick.missed_rad2).sum();
+    assert!(error < 0.15, "{error}");
+    let missed_deg = missed_rad2.sqrt().to_degrees();
+    assert!((1.5..3.0).contains(&missed_deg), "{missed_deg}");
+}
+
 #[test]
 fn the_motion_before_a_gap_is_not_carried_over_it() {
     let (mut board, mut attitude) = (TestBoard::default(), new());

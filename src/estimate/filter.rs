@@ -313,10 +313,7 @@ impl Input {
                 at_rest: false,
                 still: false,
                 hidden_rate_sd_rad_s: f64::INFINITY,
-                gyro_bias: GyroBias {
-                    rad_s: Vector3::zeros(),
-                    covariance: Matrix3::zeros(),
-                },
+                gyro_bias: GyroBias::default(),
                 tilt_error: TiltError {
                     tau_s: 2.0,
                     by_bias: 0.0,

@@ -17,8 +17,6 @@ const REST_RATE_RAD_S: f64 = 0.0045;
 /// quarter, recorded headings near a magnet are off by 0.1° more; with all, by 0.2° less, but one resting board in twenty
 /// drifts by 0.3° more in 8 hours, beyond 3°.
 const TAKEN: f64 = 0.4;
-/// A variance that has grown by more than this factor, and by more than the walk, is that of an attitude that has begun anew.
-const FORGOTTEN: f64 = 2.0;
 
 /// What the attitude has learnt of the gyro's bias from one sample to another, body axes.
 pub(in crate::estimate) struct BiasLearnt {
@@ -28,7 +26,7 @@ pub(in crate::estimate) struct BiasLearnt {
     covariance: Matrix3<f64>,
     /// The attitude has begun anew: it knows less than before.
     forgotten: bool,
-    /// Variance that the attitude has added on each axis beyond the walk, (rad/s)²: the gyro may have been started again.
+    /// Variance that the attitude has added on each axis, (rad/s)²: the gyro may have been started again.
     doubted2: f64,
     /// What the attitude has measured of the bias that is left, times `TAKEN`: information matrix and vector. 0 if that does not count.
     information: Matrix3<f64>,
@@ -50,8 +48,8 @@ impl BiasLearnt {
         let mut learnt = Self {
             shift_rad_s,
             covariance: after.covariance,
-            forgotten: after.covariance.trace() > FORGOTTEN * walked.trace(),
-            doubted2: ((after.covariance - walked).trace() / 3.0).max(0.0),
+            forgotten: after.begun_anew != before.begun_anew,
+            doubted2: after.doubted2 - before.doubted2,
             information: Matrix3::zeros(),
             weighted: Vector3::zeros(),
         };
@@ -79,8 +77,11 @@ impl Filter {
             return;
         }
         self.shift_gyro_bias(&learnt.shift_rad_s);
-        for axis in G..G + 3 {
-            self.p[(axis, axis)] += learnt.doubted2;
+        if learnt.doubted2 > 0.0 {
+            self.still_information = 0.0;
+            for axis in G..G + 3 {
+                self.p[(axis, axis)] += learnt.doubted2;
+            }
         }
         if learnt.information == Matrix3::zeros() {
             return;
@@ -196,11 +197,12 @@ mod tests {
         assert!((learnt - gyro_bias * share).amax() < 1e-9, "{learnt}");
 
         // An attitude that begins anew knows less, and what the field tells counts again.
-        let bias = |sd: f64| GyroBias {
-            rad_s: Vector3::zeros(),
+        let bias = |sd: f64, begun_anew| GyroBias {
             covariance: Matrix3::identity() * sd * sd,
+            begun_anew,
+            ..GyroBias::default()
         };
-        let anew = BiasLearnt::between(&bias(0.001), &bias(0.05), 0.1, false);
+        let anew = BiasLearnt::between(&bias(0.001, 0), &bias(0.05, 1), 0.1, false);
         filter.learn_of_gyro_bias(&anew, false);
         filter.learn_bias_of_still_board(&still(0.01), false);
         let (_, left) = filter.gyro_bias();
@@ -218,12 +220,13 @@ mod tests {
     #[test]
     fn what_the_attitude_learns_counts_in_part_and_its_doubts_in_full() {
         let before = GyroBias {
-            rad_s: Vector3::zeros(),
             covariance: Matrix3::identity() * 0.05f64.powi(2),
+            ..GyroBias::default()
         };
         let after = GyroBias {
             rad_s: Vector3::new(0.03, 0.0, -0.02),
             covariance: Matrix3::identity() * 0.01f64.powi(2),
+            ..before
         };
         let mut filter = begun_with(&before);
         filter.learn_of_gyro_bias(&BiasLearnt::between(&before, &after, 0.0, true), false);
@@ -248,6 +251,7 @@ mod tests {
         let doubted2 = 0.006f64.powi(2);
         let doubted = GyroBias {
             covariance: walked.covariance + Matrix3::identity() * doubted2,
+            doubted2,
             ..after
         };
         let doubts = BiasLearnt::between(&walked, &doubted, 0.0, true);
@@ -264,10 +268,12 @@ mod tests {
         let certain = GyroBias {
             rad_s: Vector3::new(0.1, 0.0, 0.0),
             covariance: Matrix3::identity() * 0.005f64.powi(2),
+            ..GyroBias::default()
         };
         let anew = GyroBias {
-            rad_s: Vector3::zeros(),
             covariance: Matrix3::identity() * 0.05f64.powi(2),
+            begun_anew: 1,
+            ..GyroBias::default()
         };
         let mut filter = begun_with(&certain);
         filter.learn_of_gyro_bias(&BiasLearnt::between(&certain, &anew, 0.1, true), false);
@@ -282,6 +288,7 @@ mod tests {
         let bias = GyroBias {
             rad_s: Vector3::new(0.03, 0.0, -0.02),
             covariance: Matrix3::identity() * 0.02f64.powi(2),
+            ..GyroBias::default()
         };
         let mut filter = begun_with(&bias);
         assert_eq!(filter.gyro_bias().1, bias.covariance.diagonal());
