@@ -57,17 +57,18 @@ pub struct Planar {
 
 /// The parameters of all three axes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "StoredSpatial", into = "StoredSpatial")]
+#[serde(try_from = "StoredSpatial")]
 pub struct Spatial {
     model: Model,
     bias_mgauss: Vector3<f64>,
     matrix: Matrix3<f64>,
-    /// A⁻¹, kept since every sample needs it.
+    /// A⁻¹, kept since every sample needs it. A calibration file does not have it.
+    #[serde(skip_serializing)]
     inverse: Matrix3<f64>,
 }
 
-/// [`Spatial`] as a calibration file has it: without what follows from the rest, and the matrix column by column.
-#[derive(Clone, Copy, Serialize, Deserialize)]
+/// [`Spatial`] as a calibration file has it: the matrix column by column.
+#[derive(Deserialize)]
 struct StoredSpatial {
     model: Model,
     bias_mgauss: Vector3<f64>,
@@ -80,16 +81,6 @@ impl TryFrom<StoredSpatial> for Spatial {
     fn try_from(stored: StoredSpatial) -> Result<Self, Self::Error> {
         Self::new(stored.model, stored.bias_mgauss, stored.matrix)
             .ok_or("the scale factor matrix cannot be inverted")
-    }
-}
-
-impl From<Spatial> for StoredSpatial {
-    fn from(spatial: Spatial) -> Self {
-        Self {
-            model: spatial.model,
-            bias_mgauss: spatial.bias_mgauss,
-            matrix: spatial.matrix,
-        }
     }
 }
 
