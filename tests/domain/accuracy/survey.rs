@@ -6,6 +6,7 @@ use headingd::calibration::curve::{Diagonal, ParameterVector};
 use headingd::calibration::fit;
 use headingd::calibration::model::Mode;
 use headingd::calibration::refine::Refined;
+use headingd::calibration::swarm::Bounds;
 use headingd::frame::wrap_pi;
 
 use super::bound::{Errors, HEADINGS, bound, level_turn, raw};
@@ -121,9 +122,22 @@ fn trial<const D: usize, const P: usize, const F: usize>(case: &Case, log: &Log)
     let refined = refine(&swarm.position);
     Trial {
         squares: squares::<D, P>(case, log, &refined.position),
-        inside: bounds.contains(&truth),
+        inside: holds(&bounds, &truth),
         trapped: differ::<D, P>(&refined, &refine(&truth)),
     }
+}
+
+/// Whether a position lies in the box.
+fn holds<const D: usize, const P: usize>(
+    bounds: &Bounds<D>,
+    position: &ParameterVector<P>,
+) -> bool {
+    (0..D).all(|axis| {
+        let (scale, bias) = (position[D + axis], position[axis]);
+        let (least, most) = bounds.bias_range(axis, scale);
+        (bounds.scale_min[axis]..=bounds.scale_max[axis]).contains(&scale)
+            && (least..=most).contains(&bias)
+    })
 }
 
 /// The samples along the axes that are calibrated.
