@@ -348,9 +348,7 @@ impl Estimate {
     /// becomes its rival, else the other way round. Whether the turn's result is active.
     pub fn adopt_turn(&mut self, calibration: &Calibration, sample: Option<&Sample>) -> bool {
         let Some(sample) = sample.filter(|_| self.active.begun) else {
-            let frozen = self.frozen;
             self.restart(self.mounting, Some(calibration));
-            self.frozen = frozen;
             return true;
         };
         let mut turned = self.active.clone();

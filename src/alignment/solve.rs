@@ -189,7 +189,7 @@ impl PairEquations {
                 .copy_from(&(pair.carry * first.by_offset - second.by_offset));
             by.fixed_columns_mut::<3>(G)
                 .copy_from(&(carried.cross_matrix() * pair.by_bias));
-            by.fixed_columns_mut::<1>(T).copy_from(&by_lag);
+            by.set_column(T, &by_lag);
             Self {
                 by,
                 told: -by_matrix * rows(axes),

@@ -194,8 +194,8 @@ impl<const D: usize> Work<'_, D> {
             iterations: swarm.iterations,
             stop: swarm.stop.word(),
             fit_value: swarm.fit_value,
-            fitness: swarm.fitness.clone(),
-            windows: windows.clone(),
+            fitness: swarm.fitness,
+            windows,
             bias_mgauss: swarm.position[..D].to_vec(),
             scale: swarm.position[D..].to_vec(),
         });

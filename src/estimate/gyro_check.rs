@@ -205,9 +205,9 @@ impl Witness {
         change
     }
 
-    /// Whether it has turned by enough to say something, and the gyro has not.
-    fn turns_alone(&self, enough: f64) -> bool {
-        self.sums.seen > enough && self.sums.predicted < ALONE * self.sums.seen
+    /// Whether it has turned by enough to say something, and the gyro, whose readings are the same, has not.
+    fn turns_alone(&self) -> bool {
+        self.sums.seen > CONSTANT_ENOUGH && self.sums.predicted < ALONE * self.sums.seen
     }
 
     /// Whether it turns as the gyro does.
@@ -368,9 +368,8 @@ impl GyroCheck {
 
     fn judged(&self, scale: ScaleVerdict) -> Option<GyroFault> {
         let constant = self.constant
-            && (self.gravity.turns_alone(CONSTANT_ENOUGH)
-                || self.field.turns_alone(CONSTANT_ENOUGH)
-                    && self.field.sums.count >= CONSTANT_CHANGES);
+            && (self.gravity.turns_alone()
+                || self.field.turns_alone() && self.field.sums.count >= CONSTANT_CHANGES);
         // A rotation that is the same to the last bit, and not the one that field and gravity show.
         let frozen = self.constant
             && [&self.field, &self.gravity]

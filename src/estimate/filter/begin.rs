@@ -52,9 +52,7 @@ impl Filter {
         for row in 0..3 {
             for column in 0..3 {
                 let change = -map.column(row) * corrected[column];
-                jacobian
-                    .fixed_columns_mut::<1>(D + 3 * row + column)
-                    .copy_from(&change);
+                jacobian.set_column(D + 3 * row + column, &change);
             }
         }
         for at in [M, Q] {
@@ -67,7 +65,7 @@ impl Filter {
             .fixed_columns_mut::<2>(E)
             .copy_from(&by_tilt.fixed_columns::<2>(0));
         let by_time = input.to_frame * rate * corrected;
-        jacobian.fixed_columns_mut::<1>(T).copy_from(&-by_time);
+        jacobian.set_column(T, &-by_time);
         let mut cross = jacobian * self.p;
         let timed = by_time * by_time.transpose() * JITTER_S.powi(2);
         let mut own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
