@@ -238,13 +238,13 @@ impl Pipeline {
         }
     }
 
-    /// Takes an event of a log. `carry_out` carries an action out; what comes of it, such as the outcome of a calibration, is
+    /// Takes an event. `carry_out` carries an action out; what comes of it, such as the outcome of a calibration, is
     /// the next event. A calibration that ends asks for another now and then, so this goes on until nothing is asked for.
     ///
     /// # Errors
     ///
     /// Those of `carry_out`, which end it.
-    pub(crate) fn play<E>(
+    pub fn play<E>(
         &mut self,
         event: Event,
         mut carry_out: impl FnMut(Action) -> Result<Option<Event>, E>,

@@ -1,5 +1,6 @@
 //! The only file that knows the pipeline: readings in, what a client sees out.
 
+use std::convert::Infallible;
 use std::path::Path;
 
 use headingd::calibration::calibrate;
@@ -64,7 +65,6 @@ pub fn true_calibration(matrix: Matrix3<f64>, bias: Vector3<f64>, strength: f64)
 pub struct Daemon {
     pipeline: Pipeline,
     mountings: Mountings,
-    actions: Vec<Action>,
     reason: &'static str,
     pub accepted: Vec<Accepted>,
 }
@@ -78,7 +78,6 @@ impl Daemon {
         Self {
             pipeline: Pipeline::new(setup, stored),
             mountings,
-            actions: Vec::new(),
             reason: "",
             accepted: Vec::new(),
         }
@@ -87,50 +86,44 @@ impl Daemon {
     /// The field that a model of the earth's says is here.
     pub fn put_place(&mut self, place: EarthField) {
         self.pipeline
-            .handle(Event::Place(Some(place)), &mut self.actions);
+            .handle(Event::Place(Some(place)), &mut Vec::new());
     }
 
     /// Hands on a reading. The answer, if the magnetometer was in it.
     pub fn read(&mut self, reading: Reading) -> Option<Shown> {
         let mut shown = None;
-        self.pipeline
-            .handle(Event::Reading(reading), &mut self.actions);
-        while !self.actions.is_empty() {
-            let mut outcomes = Vec::new();
-            for action in self.actions.drain(..) {
-                match action {
-                    Action::Publish(heading) => {
-                        shown = Some(Shown {
-                            condition: heading.condition,
-                            reason: self.reason,
-                            // What a client gets: see the encoder of ATT.
-                            heading_deg: heading
-                                .fused_deg
-                                .filter(|_| heading.condition.may_steer()),
-                            instantaneous_deg: heading.instantaneous_deg,
-                            sd_deg: heading.sd_deg,
-                        });
-                    }
-                    Action::Report(report) => self.reason = report.reason,
-                    Action::Calibrate(request) => outcomes.push(calibrate(&request, &|| None)),
-                    Action::Conclude(outcome, _) => {
-                        self.accepted
-                            .extend(outcome.calibration.map(|calibration| Accepted {
-                                t_s: reading.t_s,
-                                claimed_sd_deg:
-                                    outcome.heading_sd_deg.unwrap_or(calibration.heading_sd_deg),
-                                calibration,
-                                mountings: self.mountings,
-                            }));
-                    }
-                    Action::Turned(_) | Action::Warn(_) => {}
+        let (reason, accepted, mountings) = (&mut self.reason, &mut self.accepted, self.mountings);
+        let carry_out = |action| -> Result<Option<Event>, Infallible> {
+            match action {
+                Action::Publish(heading) => {
+                    shown = Some(Shown {
+                        condition: heading.condition,
+                        reason,
+                        // What a client gets: see the encoder of ATT.
+                        heading_deg: heading.fused_deg.filter(|_| heading.condition.may_steer()),
+                        instantaneous_deg: heading.instantaneous_deg,
+                        sd_deg: heading.sd_deg,
+                    });
                 }
+                Action::Report(report) => *reason = report.reason,
+                Action::Calibrate(request) => {
+                    let outcome = Box::new(calibrate(&request, &|| None));
+                    return Ok(Some(Event::Calibrated(outcome)));
+                }
+                Action::Conclude(outcome, _) => {
+                    accepted.extend(outcome.calibration.map(|calibration| Accepted {
+                        t_s: reading.t_s,
+                        claimed_sd_deg:
+                            outcome.heading_sd_deg.unwrap_or(calibration.heading_sd_deg),
+                        calibration,
+                        mountings,
+                    }));
+                }
+                Action::Turned(_) | Action::Warn(_) => {}
             }
-            for outcome in outcomes {
-                let event = Event::Calibrated(Box::new(outcome));
-                self.pipeline.handle(event, &mut self.actions);
-            }
-        }
+            Ok(None)
+        };
+        let Ok(()) = self.pipeline.play(Event::Reading(reading), carry_out);
         shown
     }
 
