@@ -36,6 +36,15 @@ fn taught(
     (in_room(rng, &FAIR, parts, length), change_s)
 }
 
+/// Free motion at this rate.
+fn moving(s: f64, rate: f64) -> Part {
+    Part::Free {
+        s,
+        rate,
+        accel: 1.0,
+    }
+}
+
 /// A magnet of 30 to 300 mG.
 fn magnet(rng: &mut Rng) -> Vector3<f64> {
     rng.direction() * rng.log_uniform(30.0, 300.0)
@@ -59,14 +68,9 @@ pub fn large_magnet(rng: &mut Rng, score: &mut Score) {
     const ON_S: f64 = 40.0;
     const LEARNT_S: f64 = 15.0;
     let rate = rng.uniform(0.5, 1.2);
-    let moving = Part::Free {
-        s: 10.0 + 2.0 * ON_S,
-        rate,
-        accel: 1.0,
-    };
     let mut parts = teaching(rng);
     let change_s = length_s(&parts) + 10.0;
-    parts.push(moving);
+    parts.push(moving(10.0 + 2.0 * ON_S, rate));
     let draw = Draw {
         room: 3000.0,
         ..FAIR
@@ -90,11 +94,7 @@ pub fn large_magnet(rng: &mut Rng, score: &mut Score) {
 
 /// Attached while the board moves.
 pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
-    let moving = Part::Free {
-        s: 70.0,
-        rate: rng.uniform(0.5, 1.2),
-        accel: 1.0,
-    };
+    let moving = moving(70.0, rng.uniform(0.5, 1.2));
     let (scene, change_s) = taught(rng, score, &[], &[moving], 10.0);
     score.watch(change_s, disturbed);
     // By then it is learnt.
@@ -152,12 +152,7 @@ pub fn in_motion(
     wanted: fn(&Shown) -> bool,
     mut fault: impl FnMut(&mut Board) + 'static,
 ) {
-    let moving = Part::Free {
-        s: s + 10.0,
-        rate,
-        accel: 1.0,
-    };
-    let (scene, change_s) = taught(rng, score, &[], &[moving], 10.0);
+    let (scene, change_s) = taught(rng, score, &[], &[moving(s + 10.0, rate)], 10.0);
     score.watch(change_s, wanted);
     score.good_from_s = change_s;
     score.errors_from = From::Time(change_s);
@@ -189,12 +184,7 @@ pub fn scaled_gyro(rng: &mut Rng, score: &mut Score) {
 
 /// Range 250 °/s as of the recorded logs, motion of twice as much.
 pub fn clipped_gyro(rng: &mut Rng, score: &mut Score) {
-    let moving = Part::Free {
-        s: 70.0,
-        rate: 3.5,
-        accel: 1.0,
-    };
-    let (mut scene, change_s) = taught(rng, score, &[], &[moving], 0.0);
+    let (mut scene, change_s) = taught(rng, score, &[], &[moving(70.0, 3.5)], 0.0);
     scene.board.gyro.range = 250f64.to_radians();
     score.watch(change_s, |shown| shown.reason == "gyro_clipped");
     score.good_from_s = change_s;

@@ -129,43 +129,32 @@ pub fn place_wrong(rng: &mut Rng, score: &mut Score) {
 
 /// Moved fast, with accelerations of 1 g, 120 s.
 pub fn fast_hand(rng: &mut Rng, score: &mut Score) {
-    score.starts_s = 3.0;
-    score.learnt_by_s = 40.0;
-    let parts = vec![
-        Part::Rest(3.0),
-        Part::Free {
-            s: 120.0,
-            rate: rng.uniform(1.0, 2.0),
-            // 9.8 m/s² altogether.
-            accel: 5.7,
-        },
-    ];
-    let scene = in_room(rng, &FAIR, parts, 120.0);
+    let rate = rng.uniform(1.0, 2.0);
+    // 9.8 m/s² altogether.
+    let scene = moved_fast(rng, score, rate, 5.7);
     run(scene, rng, score);
 }
 
 /// The same over a line that is silent eight times, for 0.1 to 2 s.
 pub fn with_silences(rng: &mut Rng, score: &mut Score) {
-    score.starts_s = 3.0;
-    score.learnt_by_s = 40.0;
     let rate = rng.uniform(1.0, 2.0);
     let accel = rng.uniform(0.5, 5.7);
-    let parts = vec![
-        Part::Rest(3.0),
-        Part::Free {
-            s: 120.0,
-            rate,
-            accel,
-        },
-    ];
     let silences: Vec<(f64, f64)> = (0..8)
         .map(|_| (rng.uniform(10.0, 120.0), rng.log_uniform(0.1, 2.0)))
         .collect();
-    let scene = in_room(rng, &FAIR, parts, 120.0).with(move |now, _, board, _| {
+    let scene = moved_fast(rng, score, rate, accel).with(move |now, _, board, _| {
         let silent = (silences.iter()).any(|(from_s, s)| (0.0..*s).contains(&(now.t_s - from_s)));
         board.lost = f64::from(u8::from(silent));
     });
     run(scene, rng, score);
+}
+
+fn moved_fast(rng: &mut Rng, score: &mut Score, rate: f64, accel: f64) -> Scene {
+    score.starts_s = 3.0;
+    score.learnt_by_s = 40.0;
+    let s = 120.0;
+    let parts = vec![Part::Rest(3.0), Part::Free { s, rate, accel }];
+    in_room(rng, &FAIR, parts, s)
 }
 
 /// A gyro that is wrong from the beginning.
