@@ -18,17 +18,13 @@ const PARALLEL: Draw = Draw {
     bias_deg_s: 2.0,
     room: 500.0,
 };
+/// The turn begins after this rest, seconds.
 const REST_S: f64 = 4.0;
 /// How much a board on a turntable or a floor sways, degrees RMS.
 const SWAY_DEG: f64 = 0.5;
 
-/// When the turn begins and ends, seconds.
-struct Turning {
-    from_s: f64,
-    to_s: f64,
-}
-
-fn turned(rng: &mut Rng, sway_deg: f64, radius: f64) -> (Scene, Turning) {
+/// The scene, and when its turn ends, seconds.
+fn turned(rng: &mut Rng, sway_deg: f64, radius: f64) -> (Scene, f64) {
     let s = rng.uniform(12.0, 30.0);
     let turn = Part::Turn {
         deg: rng.sign() * rng.uniform(365.0, 420.0),
@@ -56,17 +52,13 @@ fn turned(rng: &mut Rng, sway_deg: f64, radius: f64) -> (Scene, Turning) {
     let board = Board::draw(rng, world.strength(), &PARALLEL);
     let length = length_s(&parts);
     let hand = Hand::new(parts, rng);
-    let turning = Turning {
-        from_s: REST_S,
-        to_s: REST_S + s,
-    };
-    (Scene::new(world, board, hand, length), turning)
+    (Scene::new(world, board, hand, length), REST_S + s)
 }
 
 /// Runs it, and asks each calibration accepted from `from_s` on for its heading all the way round, in the earth's field.
-fn judge(scene: Scene, turning: &Turning, from_s: f64, rng: &mut Rng, score: &mut Score) {
-    score.starts_s = turning.from_s;
-    score.learnt_by_s = turning.to_s + 1.0;
+fn judge(scene: Scene, turned_s: f64, from_s: f64, rng: &mut Rng, score: &mut Score) {
+    score.starts_s = REST_S;
+    score.learnt_by_s = turned_s + 1.0;
     let earth = scene.world.earth;
     // As the board is in the end: a motor has stopped by then, and what was attached to it has stayed.
     let (daemon, board) = run(scene, rng, score);
@@ -88,14 +80,14 @@ fn judge(scene: Scene, turning: &Turning, from_s: f64, rng: &mut Rng, score: &mu
 
 /// By hand, level.
 pub fn clean_by_hand(rng: &mut Rng, score: &mut Score) {
-    let (scene, turning) = turned(rng, 2.0, 0.0);
-    judge(scene, &turning, 0.0, rng, score);
+    let (scene, turned_s) = turned(rng, 2.0, 0.0);
+    judge(scene, turned_s, 0.0, rng, score);
 }
 
 /// On a stand.
 pub fn clean_on_stand(rng: &mut Rng, score: &mut Score) {
-    let (scene, turning) = turned(rng, 0.0, 0.0);
-    judge(scene, &turning, 0.0, rng, score);
+    let (scene, turned_s) = turned(rng, 0.0, 0.0);
+    judge(scene, turned_s, 0.0, rng, score);
 }
 
 /// Something happens; what is accepted before this share of the turn cannot know of it.
@@ -105,19 +97,19 @@ fn spoiled(
     from_share: f64,
     mut spoil: impl FnMut(&Now, f64, &mut World, &mut Board) + 'static,
 ) {
-    let (scene, turning) = turned(rng, SWAY_DEG, 0.0);
-    let Turning { from_s, to_s } = turning;
+    let (scene, turned_s) = turned(rng, SWAY_DEG, 0.0);
+    let lasts_s = turned_s - REST_S;
     let scene = scene.with(move |now, world, board, _| {
-        spoil(now, (now.t_s - from_s) / (to_s - from_s), world, board);
+        spoil(now, (now.t_s - REST_S) / lasts_s, world, board);
     });
-    let accepted_from_s = from_s + from_share * (to_s - from_s);
-    judge(scene, &turning, accepted_from_s, rng, score);
+    let accepted_from_s = REST_S + from_share * lasts_s;
+    judge(scene, turned_s, accepted_from_s, rng, score);
 }
 
 /// On an arm of 0.2 to 0.6 m, beside a piece of iron.
 pub fn radius_beside_iron(rng: &mut Rng, score: &mut Score) {
     let radius = rng.uniform(0.2, 0.6);
-    let (mut scene, turning) = turned(rng, SWAY_DEG, radius);
+    let (mut scene, turned_s) = turned(rng, SWAY_DEG, radius);
     let bearing = rng.uniform(0.0, std::f64::consts::TAU);
     let far = radius + rng.uniform(0.4, 1.0);
     // 20 to 150 mG where the board comes nearest.
@@ -131,7 +123,7 @@ pub fn radius_beside_iron(rng: &mut Rng, score: &mut Score) {
         velocity: Vector3::zeros(),
         moment,
     });
-    judge(scene, &turning, 0.0, rng, score);
+    judge(scene, turned_s, 0.0, rng, score);
 }
 
 /// A motor's current runs during the turn only.
@@ -163,11 +155,11 @@ pub fn hum(rng: &mut Rng, score: &mut Score) {
 
 /// The magnetometer clips one axis or two, and does not say so.
 pub fn silent_clipping(rng: &mut Rng, score: &mut Score) {
-    let (mut scene, turning) = turned(rng, SWAY_DEG, 0.0);
+    let (mut scene, turned_s) = turned(rng, SWAY_DEG, 0.0);
     let level = scene.world.earth.x;
     let most = (scene.board.mag.bias.xy().abs().add_scalar(level)).max();
     scene.board.mag.clip = most - level * rng.uniform(0.1, 0.9);
-    judge(scene, &turning, 0.0, rng, score);
+    judge(scene, turned_s, 0.0, rng, score);
 }
 
 /// A car comes past, 100 to 500 A·m², at 3 to 15 m/s.
