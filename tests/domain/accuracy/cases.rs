@@ -224,10 +224,7 @@ impl Case {
     pub fn log(&self, seed: u64) -> Log {
         let mut log = self.log_without_gyro(seed);
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(!seed);
-        let poses = gyro(&log.orientations, |step| step, &mut rng);
-        for (sample, pose) in log.request.samples.iter_mut().zip(poses) {
-            sample.pose = Some(pose);
-        }
+        log.put_poses(|step| step, &mut rng);
         log
     }
 
@@ -314,6 +311,16 @@ pub struct Log {
     pub fields: Vec<Vector3<f64>>,
 }
 
+impl Log {
+    /// Gives each sample the pose by a gyro that says `said` of each step.
+    pub fn put_poses(&mut self, said: impl Fn(Vector3<f64>) -> Vector3<f64>, rng: &mut impl Rng) {
+        let poses = gyro(&self.orientations, said, rng);
+        for (sample, pose) in self.request.samples.iter_mut().zip(poses) {
+            sample.pose = Some(pose);
+        }
+    }
+}
+
 /// A slow wobble: two sines.
 struct Wobble([(f64, f64); 2]);
 
@@ -337,7 +344,7 @@ impl Wobble {
 }
 
 /// Poses by a gyro that says `said` of each step, with bias and noise. An accelerometer holds the tilt to 0.1°.
-pub fn gyro(
+fn gyro(
     orientations: &[UnitQuaternion<f64>],
     said: impl Fn(Vector3<f64>) -> Vector3<f64>,
     rng: &mut impl Rng,

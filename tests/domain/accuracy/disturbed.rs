@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::cases::{Case, Log, RATE_HZ, gauss, gyro};
+use super::cases::{Case, Log, RATE_HZ, gauss};
 
 /// One thing that goes wrong.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,12 +52,12 @@ impl Trouble {
             Self::Car => car(&mut log, case.dimensions(), rng),
             Self::StuckAxis => stuck(&mut log, case.dimensions(), rng),
             Self::Overflow => overflow(&mut log, case.dimensions(), rng),
-            Self::ClippedGyro => regyro(&mut log, rng, |step| {
+            Self::ClippedGyro => {
                 let limit = 0.6 * 24f64.to_radians() / RATE_HZ;
-                step.map(|angle| angle.clamp(-limit, limit))
-            }),
-            Self::WrongSign => regyro(&mut log, rng, |step| -step),
-            Self::HalfTurn => regyro(&mut log, rng, |step| 2.0 * step),
+                log.put_poses(|step| step.map(|angle| angle.clamp(-limit, limit)), rng);
+            }
+            Self::WrongSign => log.put_poses(|step| -step, rng),
+            Self::HalfTurn => log.put_poses(|step| 2.0 * step, rng),
             Self::Mounting(said) => {
                 log.request.mounting = said.parse::<Mounting>().unwrap();
             }
@@ -133,11 +133,4 @@ fn overflow(log: &mut Log, dimensions: usize, rng: &mut impl Rng) {
     }
     log.request.samples = samples.into_iter().filter(kept).collect();
     log.request.moving = 0..log.request.samples.len();
-}
-
-fn regyro(log: &mut Log, rng: &mut impl Rng, said: impl Fn(Vector3<f64>) -> Vector3<f64>) {
-    let poses = gyro(&log.orientations, said, rng);
-    for (sample, pose) in log.request.samples.iter_mut().zip(poses) {
-        sample.pose = Some(pose);
-    }
 }
