@@ -256,18 +256,15 @@ impl GyroErrors {
         force: Option<&Vector3<f64>>,
         at_rest: bool,
     ) {
-        if let Some(window) = self.window.take(to_frame, rate, force, at_rest) {
-            self.take_window(&window);
-        }
-    }
-
-    fn take_window(&mut self, window: &Window) {
-        self.measure_bias_at_rest(window);
+        let Some(window) = self.window.take(to_frame, rate, force, at_rest) else {
+            return;
+        };
+        self.measure_bias_at_rest(&window);
         match (window.force, self.up) {
             (None, _) => self.up = None,
-            (Some(force), None) => self.begin(&force, window),
+            (Some(force), None) => self.begin(&force, &window),
             (Some(force), Some(up)) => {
-                let left = self.predict(&force, &up, window);
+                let left = self.predict(&force, &up, &window);
                 if window.at_rest {
                     self.measure_up_at_rest(&left, window.s);
                 }

@@ -45,10 +45,6 @@ impl Parts {
             .collect()
     }
 
-    fn ranges_of(&self, part: usize) -> impl Iterator<Item = Range<usize>> {
-        self.ranges.iter().skip(part).step_by(PARTS).cloned()
-    }
-
     /// The items that are not in this part.
     fn without<T: Copy>(&self, part: usize, items: &[T]) -> Vec<T> {
         let numbered = items.iter().zip(self.of_each_sample());
@@ -73,8 +69,8 @@ pub fn without_each_part<C: Curve<D, P>, const D: usize, const P: usize>(
     let sums: [_; PARTS] = std::array::from_fn(|part| {
         let mut information = SMatrix::<f64, P, P>::zeros();
         let mut gradient = SVector::<f64, P>::zeros();
-        for range in parts.ranges_of(part) {
-            let sums = accumulate(&distances[range], sigma, biweight);
+        for range in parts.ranges.iter().skip(part).step_by(PARTS) {
+            let sums = accumulate(&distances[range.clone()], sigma, biweight);
             information += sums.information;
             gradient += sums.gradient;
         }

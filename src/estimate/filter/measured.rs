@@ -52,16 +52,11 @@ impl Filter {
     /// Updates the state by what a turn has measured.
     pub(super) fn learn_all(&mut self, measured: &[Measured]) {
         for one in measured {
-            self.learn(one);
+            let jacobian = self.jacobian_of(one);
+            let predicted = jacobian.dot(&self.x);
+            let cross = self.p * jacobian;
+            let variance = jacobian.dot(&cross) + one.variance;
+            self.measure(one.value - predicted, &cross, variance);
         }
-    }
-
-    /// Updates the state by one sum of parameters.
-    fn learn(&mut self, measured: &Measured) {
-        let jacobian = self.jacobian_of(measured);
-        let predicted = jacobian.dot(&self.x);
-        let cross = self.p * jacobian;
-        let variance = jacobian.dot(&cross) + measured.variance;
-        self.measure(measured.value - predicted, &cross, variance);
     }
 }
