@@ -99,11 +99,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn written(simulator: Simulator) -> io::Result<Vec<u8>> {
-    let mut writer = Writer::new(Vec::new(), &simulator.header())?;
+    let mut log = Vec::new();
+    let mut writer = Writer::new(&mut log, &simulator.header())?;
     for entry in simulator {
         writer.write(&entry)?;
     }
-    writer.into_inner()
+    Ok(log)
 }
 
 #[cfg(test)]

@@ -71,16 +71,6 @@ impl<W: Write> Writer<W> {
     pub fn flush(&mut self) -> io::Result<()> {
         self.output.flush()
     }
-
-    /// Flushes the output and gives it back.
-    ///
-    /// # Errors
-    ///
-    /// When writing fails.
-    pub fn into_inner(mut self) -> io::Result<W> {
-        self.output.flush()?;
-        Ok(self.output)
-    }
 }
 
 fn row(line: &mut String, entry: &Entry) -> fmt::Result {
@@ -111,11 +101,12 @@ mod tests {
     use crate::reading::Reading;
 
     fn written(header: &Header, entries: &[Entry]) -> Vec<u8> {
-        let mut writer = Writer::new(Vec::new(), header).unwrap();
+        let mut log = Vec::new();
+        let mut writer = Writer::new(&mut log, header).unwrap();
         for entry in entries {
             writer.write(entry).unwrap();
         }
-        writer.into_inner().unwrap()
+        log
     }
 
     #[test]

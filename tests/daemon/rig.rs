@@ -321,11 +321,12 @@ pub fn full_socket(path: impl AsRef<Path>) -> (OwnedFd, UnixStream) {
 
 /// A log as bytes.
 pub fn log(header: &Header, entries: impl IntoIterator<Item = Entry>) -> Vec<u8> {
-    let mut writer = Writer::new(Vec::new(), header).unwrap();
+    let mut log = Vec::new();
+    let mut writer = Writer::new(&mut log, header).unwrap();
     for entry in entries {
         writer.write(&entry).unwrap();
     }
-    writer.into_inner().unwrap()
+    log
 }
 
 /// A pseudo-terminal, and the path of its other side.

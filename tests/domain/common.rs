@@ -134,11 +134,12 @@ pub fn simulated(settings: &Settings) -> Log {
 
 /// A log as bytes.
 pub fn log((header, entries): &Log) -> Vec<u8> {
-    let mut writer = Writer::new(Vec::new(), header).unwrap();
+    let mut log = Vec::new();
+    let mut writer = Writer::new(&mut log, header).unwrap();
     for entry in entries {
         writer.write(entry).unwrap();
     }
-    writer.into_inner().unwrap()
+    log
 }
 
 /// The objects of this class.

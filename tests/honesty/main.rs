@@ -25,7 +25,7 @@ mod wheels;
 mod world;
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Mutex;
@@ -187,9 +187,5 @@ fn write_log(path: &Path, family: &str, score: &Score) {
     for entry in score.readings.iter().flatten() {
         writer.write(entry).expect("the log");
     }
-    writer
-        .into_inner()
-        .expect("the log")
-        .flush()
-        .expect("the log");
+    writer.flush().expect("the log");
 }

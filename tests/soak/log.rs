@@ -23,7 +23,8 @@ pub fn write(path: &Path, rng: &mut impl Rng) -> Truth {
         ..Settings::default()
     };
     let simulator = Simulator::new(settings);
-    let mut writer = Writer::new(Vec::new(), &simulator.header()).unwrap();
+    let mut clean = Vec::new();
+    let mut writer = Writer::new(&mut clean, &simulator.header()).unwrap();
     let mut truth = Truth::new();
     let mut gap_until_s = 0.0;
     let mut garbage: Vec<(usize, Vec<u8>)> = Vec::new();
@@ -51,7 +52,6 @@ pub fn write(path: &Path, rng: &mut impl Rng) -> Truth {
         }
         written += writer.write(&entry).unwrap();
     }
-    let clean = writer.into_inner().unwrap();
     let header = clean.len() - written;
     let mut bytes = Vec::with_capacity(clean.len());
     let mut from = 0;
