@@ -254,7 +254,7 @@ impl Estimate {
         }
         let suspended = self.suspended.as_mut().map(|one| &mut one.filter);
         for filter in [self.proven.as_mut(), suspended].into_iter().flatten() {
-            filter.shift_gyro_bias(&learnt.shift_rad_s);
+            filter.follow_gyro_bias(&learnt);
         }
     }
 

@@ -57,7 +57,7 @@ impl Estimate {
             filter.pass(&meanwhile);
         }
         if let Some(proven) = &mut kept.proven {
-            proven.shift_gyro_bias(&learnt.shift_rad_s);
+            proven.follow_gyro_bias(&learnt);
         }
         self.active = kept.active;
         self.rival = kept.rival;

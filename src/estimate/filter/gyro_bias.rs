@@ -21,7 +21,7 @@ const TAKEN: f64 = 0.4;
 /// What the attitude has learnt of the gyro's bias from one sample to another, body axes.
 pub(in crate::estimate) struct BiasLearnt {
     /// Change of the bias that it takes out of the rates, rad/s.
-    pub(in crate::estimate) shift_rad_s: Vector3<f64>,
+    shift_rad_s: Vector3<f64>,
     /// Covariance afterwards, (rad/s)².
     covariance: Matrix3<f64>,
     /// The attitude has begun anew: it knows less than before.
@@ -67,8 +67,8 @@ impl BiasLearnt {
 }
 
 impl Filter {
-    /// Takes in what the attitude has learnt of the gyro's bias. With `frozen`, hard iron and matrix stay as they are.
-    pub(in crate::estimate) fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, frozen: bool) {
+    /// Follows what the attitude takes out of the rates, and what it has forgotten or doubts of the gyro's bias.
+    pub(in crate::estimate) fn follow_gyro_bias(&mut self, learnt: &BiasLearnt) {
         if !self.begun || learnt.forgotten {
             self.clear(G, 3);
             self.still_information = 0.0;
@@ -76,14 +76,21 @@ impl Filter {
             own.copy_from(&learnt.covariance);
             return;
         }
-        self.shift_gyro_bias(&learnt.shift_rad_s);
+        // What more is taken out is no longer left.
+        let mut left = self.x.fixed_rows_mut::<3>(G);
+        left -= learnt.shift_rad_s;
         if learnt.doubted2 > 0.0 {
             self.still_information = 0.0;
             for axis in G..G + 3 {
                 self.p[(axis, axis)] += learnt.doubted2;
             }
         }
-        if learnt.information == Matrix3::zeros() {
+    }
+
+    /// The same, and learns what the attitude has measured. With `frozen`, hard iron and matrix stay as they are.
+    pub(in crate::estimate) fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, frozen: bool) {
+        self.follow_gyro_bias(learnt);
+        if !self.begun || learnt.information == Matrix3::zeros() {
             return;
         }
         let cross: SMatrix<f64, N, 3> = self.p.fixed_columns::<3>(G).into();
@@ -98,12 +105,6 @@ impl Filter {
             let gain = cross * (weight * learnt.information);
             subtract(&mut filter.p, &gain, &cross);
         });
-    }
-
-    /// The attitude takes so much more out of the rates, body axes, rad/s: what is left changes the other way.
-    pub(in crate::estimate) fn shift_gyro_bias(&mut self, by_rad_s: &Vector3<f64>) {
-        let mut left = self.x.fixed_rows_mut::<3>(G);
-        left -= by_rad_s;
     }
 
     /// Learns the gyro's bias at rest, and measures its noise. With `frozen`, hard iron and matrix stay as they are.
