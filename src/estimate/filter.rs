@@ -127,6 +127,8 @@ pub(super) struct Filter {
     pub(super) begun: bool,
     /// Whether it starts from a calibration.
     calibrated: bool,
+    /// For how long in motion the field in this frame has been undisturbed, seconds.
+    pub(super) undisturbed_s: f64,
     /// Orientation at the first sample, body to frame.
     first_attitude: Option<Matrix3<f64>>,
     /// Whether the frame's Z is known to point up.
@@ -194,6 +196,7 @@ impl Filter {
             p,
             begun: false,
             calibrated,
+            undisturbed_s: 0.0,
             first_attitude: None,
             vertical_known: false,
             strength_rms_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),
@@ -259,6 +262,9 @@ impl Filter {
         // A board that does not turn cannot tell iron from north: what changes then is the place or the frame.
         self.correct(input, frozen || input.board.still);
         self.measure_unevenness(input, forgotten, frozen);
+        if !input.board.still && !self.disturbed() {
+            self.undisturbed_s += input.period_s;
+        }
     }
 
     /// Corrects the state by a number that differs by `innovation` from what was expected: its covariance with the state is `cross`, and

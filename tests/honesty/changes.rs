@@ -106,6 +106,25 @@ pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
     run(scene, rng, score);
 }
 
+/// A board in motion is silent for 0.6 to 3 s. Then its iron is another, by 30 to 300 mG, and so is its gyro's bias, as after a repair.
+pub fn restarted(rng: &mut Rng, score: &mut Score) {
+    let moving = moving(70.0, rng.uniform(0.5, 1.2));
+    let (scene, change_s) = taught(rng, score, &[], &[moving], 10.0);
+    let resumes_s = change_s + rng.log_uniform(0.6, 3.0);
+    score.excluded = vec![(change_s, resumes_s + 15.0)];
+    let field = magnet(rng);
+    let mut bias_jump = rng.vector(0.3f64.to_radians());
+    let scene = scene.with(move |now, _, board, _| {
+        let silent = (change_s..resumes_s).contains(&now.t_s);
+        board.lost = f64::from(u8::from(silent));
+        if silent {
+            board.mag.attached = field;
+            board.gyro.bias += std::mem::take(&mut bias_jump);
+        }
+    });
+    run(scene, rng, score);
+}
+
 /// A piece of iron is carried past a board at rest and away again, twice. Headings are to be good 10 s after it has gone.
 pub fn moved_iron(rng: &mut Rng, score: &mut Score) {
     const EVERY_S: f64 = 45.0;

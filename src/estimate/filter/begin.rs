@@ -13,7 +13,7 @@ const BEGIN_RAD: f64 = 0.1;
 
 impl Filter {
     /// The frame has been lost: the field in it comes anew from one sample.
-    pub(super) fn restart_frame(&mut self, input: &Input) {
+    pub(in crate::estimate) fn restart_frame(&mut self, input: &Input) {
         let about = self.x;
         self.restart_frame_about(input, &about);
     }
@@ -22,6 +22,7 @@ impl Filter {
     fn restart_frame_about(&mut self, input: &Input, about: &State) {
         let vertical_known = self.vertical_known && input.vertical_known;
         let before = FieldParts::of(&self.vector(H), &self.field_covariance());
+        self.undisturbed_s = 0.0;
         self.still = input.board.still;
         self.vertical_known = input.vertical_known;
         self.last_attitude = input.to_frame;
