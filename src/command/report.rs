@@ -166,10 +166,8 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
                 let header = raw::header(&header)?;
                 // Known where this user may ask. The board may have been told to be mounted otherwise than the configuration says.
                 let status = daemon_status(&sockets.control).ok();
-                let board = status
-                    .as_ref()
-                    .and_then(|status| status.board_axes.parse().ok());
-                let board = board.unwrap_or_else(|| config.mounting.board());
+                let told = status.as_ref().and_then(|status| status.board_axes);
+                let board = told.unwrap_or_else(|| config.mounting.board());
                 let setup = config.setup(&header.mountings, &board);
                 let north = TrueNorth::new(&config.true_north);
                 let active = active(&sockets);

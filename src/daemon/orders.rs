@@ -247,7 +247,7 @@ impl Daemon {
             source: session.source.name.clone(),
             sensor: history.identity.sensor.clone(),
             mag_axes: history.identity.mag_axes.to_string(),
-            board_axes: board.rounded().to_string(),
+            board_axes: Some(board.rounded()),
             uptime_s: self.begun.elapsed().as_secs(),
             clients: self.publisher.clients(),
             counts: self.counts(),

@@ -163,8 +163,8 @@ impl View {
 
     /// How the board is mounted: the corrected field is in the axes of the vehicle, and the raw one is drawn beside it.
     fn board(&self) -> Mounting {
-        let told = self.answered().map(|status| status.board_axes.parse());
-        told.and_then(Result::ok).unwrap_or_default()
+        let told = self.answered().and_then(|status| status.board_axes);
+        told.unwrap_or_default()
     }
 
     /// Whether nothing may take the place of the calibration.

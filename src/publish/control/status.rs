@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::calibration::model::Mode;
 use crate::calibration::policy::{Policy, Reason};
+use crate::frame::Mounting;
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -35,7 +36,7 @@ pub(crate) struct DaemonStatus {
     pub(crate) sensor: String,
     pub(crate) mag_axes: String,
     /// How the board is mounted, as configured or told.
-    pub(crate) board_axes: String,
+    pub(crate) board_axes: Option<Mounting>,
     pub(crate) uptime_s: u64,
     pub(crate) clients: usize,
     pub(crate) counts: StatusCounts,
