@@ -166,7 +166,6 @@ impl Daemon {
                  unit and the configuration agree"
             );
         }
-        let socket = served.to_owned();
         let control = control(config, &mut service);
         for name in service.sockets.names() {
             tracing::warn!(
@@ -185,7 +184,7 @@ impl Daemon {
             control: control.map(|control| {
                 Serving::start(|stopped| control.run(sender, async { drop(stopped.await) }))
             }),
-            socket,
+            socket: served,
             orders,
             outputs: Outputs::open(&config.udp, &config.tcp, &config.pty, &publisher),
             publisher,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::{Failure, print, print_json, read_log_on, tell, tell_skips};
 use crate::alignment::{Alignment, ChipAlignment, Sign, align};
@@ -99,27 +99,21 @@ fn as_text(found: &Alignment) -> String {
 
 fn as_json(found: &Alignment) -> Value {
     let hundredths = |degrees: [f64; 3]| degrees.map(|one| rounded(one, 2));
-    let mut all = Map::new();
-    let mut add = |name: &str, axes: &Mounting, chip: Option<&ChipAlignment>| {
-        let mut entry = json!({ "axes": axes.to_string() });
-        if let Some(chip) = chip {
-            entry["exact"] = json!(readable(&chip.exact).to_string());
-            entry["turn_deg"] = json!(hundredths(chip.turn_deg));
-            entry["turn_sd_deg"] = json!(hundredths(chip.turn_sd_deg));
-        }
-        all.insert(name.to_owned(), entry);
-    };
-    add("gyro", &found.gyro, None);
+    let mut all = json!({ "gyro": { "axes": found.gyro } });
     for (name, chip) in [("mag", &found.mag), ("accel", &found.accel)] {
         if let Some(chip) = chip {
-            add(name, &chip.axes, Some(chip));
+            all[name] = json!({
+                "axes": chip.axes,
+                "exact": readable(&chip.exact),
+                "turn_deg": hundredths(chip.turn_deg),
+                "turn_sd_deg": hundredths(chip.turn_sd_deg),
+            });
         }
     }
     if found.sign != Sign::Unknown {
-        let reads_gravity = found.sign == Sign::Gravity;
-        all.insert("reads_gravity".to_owned(), reads_gravity.into());
+        all["reads_gravity"] = (found.sign == Sign::Gravity).into();
     }
-    all.into()
+    all
 }
 
 /// With as many digits as mean something.

@@ -151,36 +151,33 @@ pub(super) fn unreachable(path: &Path, error: &io::Error) -> Failure {
         );
         return Failure::new(Failure::DATA, message);
     }
-    match error.kind() {
-        ErrorKind::NotFound | ErrorKind::ConnectionRefused => Failure::new(
+    let (status, message) = match error.kind() {
+        ErrorKind::NotFound | ErrorKind::ConnectionRefused => (
             Failure::UNAVAILABLE,
             format!(
                 "no headingd is running at {name}: start it (systemctl start headingd), or name its socket with \
                  --socket, or its configuration with --config"
             ),
         ),
-        ErrorKind::PermissionDenied => Failure::new(
+        ErrorKind::PermissionDenied => (
             Failure::NO_PERMISSION,
             format!(
                 "not allowed to connect to {name}: only its user and its group may, and ls -l {name} shows them; for the \
                  service, usermod -aG headingd $USER, and log in again"
             ),
         ),
-        ErrorKind::UnexpectedEof | ErrorKind::BrokenPipe | ErrorKind::ConnectionReset => {
-            Failure::new(
-                Failure::UNAVAILABLE,
-                format!(
-                    "headingd has closed {name} without an answer: it is about to stop; try again"
-                ),
-            )
-        }
-        ErrorKind::WouldBlock | ErrorKind::TimedOut => Failure::new(
+        ErrorKind::UnexpectedEof | ErrorKind::BrokenPipe | ErrorKind::ConnectionReset => (
+            Failure::UNAVAILABLE,
+            format!("headingd has closed {name} without an answer: it is about to stop; try again"),
+        ),
+        ErrorKind::WouldBlock | ErrorKind::TimedOut => (
             Failure::UNAVAILABLE,
             format!("headingd does not answer at {name}: systemctl restart headingd"),
         ),
-        _ => Failure::new(
+        _ => (
             Failure::IO,
             format!("cannot talk to headingd at {name}: {error}"),
         ),
-    }
+    };
+    Failure::new(status, message)
 }

@@ -5,7 +5,7 @@ use super::control::{self, ControlTarget};
 use super::headings::{heading_text, reason_text};
 use super::{Failure, print, print_json};
 use crate::publish::control::ControlRequest;
-use crate::publish::control::status::{DaemonStatus, FolderSummary, OutcomeSummary};
+use crate::publish::control::status::{DaemonStatus, FolderSummary};
 
 /// Show how the running daemon does
 ///
@@ -36,23 +36,19 @@ fn written(status: &DaemonStatus) -> String {
     let mut out = heading(status);
     out += &(reason_text(word, reason, &status.message) + "\n");
     let mut add = |name: &str, value: String| out += &format!("{name:<12} {value}\n");
-    add(
-        "calibration",
-        match &status.calibration {
-            None => "none active".to_owned(),
-            Some(calibration) => match calibration.age_s {
-                Some(age_s) => format!("{}, {} old", line(calibration).trim_start(), span(age_s)),
-                None => line(calibration).trim_start().to_owned(),
-            },
-        },
-    );
+    let mut active = "none active".to_owned();
+    if let Some(calibration) = &status.calibration {
+        active = line(calibration);
+        if let Some(age_s) = calibration.age_s {
+            active += &format!(", {} old", span(age_s));
+        }
+    }
+    add("calibration", active);
     if let Some(last) = &status.last {
-        let OutcomeSummary {
-            verdict,
-            reason,
-            message,
-        } = last;
-        add("last", reason_text(verdict, reason, message));
+        add(
+            "last",
+            reason_text(&last.verdict, &last.reason, &last.message),
+        );
     }
     let mut mode = status.mode.word().to_owned();
     if status.armed {

@@ -1,6 +1,6 @@
 //! `headingd calibration start --wait`: follows the daemon until it has judged a turn, or has learnt as much by motion.
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
@@ -30,7 +30,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
             "the daemon is older than this headingd, and does not name its socket for headings";
         return Err(Failure::new(Failure::UNAVAILABLE, message));
     };
-    let mut headings = Headings::open(&PathBuf::from(socket), WATCH)?;
+    let mut headings = Headings::open(Path::new(socket), WATCH)?;
     // What has been judged before is of no interest.
     headings.pass_over()?;
     headings.set_patience(Some(LOOK))?;
