@@ -1,5 +1,6 @@
 //! `headingd config`: checks a configuration, or shows the settings that it comes to.
 
+use std::io::ErrorKind;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 
@@ -70,6 +71,10 @@ fn warnings(config: &Config) -> Vec<String> {
             // A pipe that nobody writes to yet would be waited for.
             .custom_flags(libc::O_NONBLOCK)
             .open(log)
+            .and_then(|file| match file.metadata()?.is_dir() {
+                true => Err(ErrorKind::IsADirectory.into()),
+                false => Ok(()),
+            })
     {
         let from = match std::env::current_dir() {
             Ok(folder) if log.is_relative() => format!(" from {}", folder.display()),
@@ -143,6 +148,19 @@ mod tests {
         run(&Args {
             action: ConfigAction::Check { file: Some(file) },
         })
+    }
+
+    #[test]
+    fn a_folder_is_no_log_to_replay() {
+        let text = "[source]\nkind = \"replay\"\nlog = \"/\"\n";
+        let warnings = warnings(&Config::parse("", text).unwrap());
+        let [warning] = &warnings[..] else {
+            panic!("{warnings:?}");
+        };
+        assert!(
+            warning.contains("cannot read /: is a directory"),
+            "{warning}"
+        );
     }
 
     #[test]

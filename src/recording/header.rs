@@ -305,8 +305,9 @@ fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
 /// leave a log without a field. Other names are free.
 fn is_like_mag(name: &str) -> bool {
     let name = name.trim().to_lowercase();
-    let short = name.starts_with('m') && name.len() <= 3;
-    (short || name.starts_with("mag")) && name.contains(['x', 'y', 'z'])
+    let short = name.trim_start_matches('m').trim_start_matches('_');
+    name.starts_with('m') && matches!(short, "x" | "y" | "z")
+        || name.starts_with("mag") && name.contains(['x', 'y', 'z'])
 }
 
 #[cfg(test)]
@@ -392,6 +393,11 @@ mod tests {
                 "{text:?}: {message}"
             );
         }
+    }
+
+    #[test]
+    fn other_columns_have_any_name() {
+        rows("# headingd-log 1\nt_s,gx,gy,gz,max,may\n").unwrap();
     }
 
     #[test]
