@@ -85,9 +85,10 @@ pub struct GyroBias {
     pub rad_s: Vector3<f64>,
     /// Its covariance, (rad/s)².
     pub covariance: Matrix3<f64>,
-    /// Variance, (rad/s)², that has been added on each axis since the start, where the gyro may have been started again.
+    /// Variance, (rad/s)², that has been added on each axis since the start, where the gyro may have been started again or its bias has
+    /// jumped.
     pub doubted2: f64,
-    /// How often the attitude has begun anew, and forgotten the bias.
+    /// How often the bias has been forgotten since the start.
     pub begun_anew: u32,
 }
 
@@ -177,6 +178,13 @@ impl Attitude {
             .expect_bias(self.mountings.gyro.to_body(chip_rad_s));
     }
 
+    /// Forgets everything. What has followed the gyro's bias learns of that.
+    pub fn renew(&mut self, settings: &Settings, mountings: &Mountings) {
+        let mut anew = Self::new(settings, mountings);
+        anew.filter.errors.take_place_of(&self.filter.errors);
+        *self = anew;
+    }
+
     /// Takes a reading whose numbers are possible (`outliers` drops the others), raw field and all, and calls `on_tick` with each tick
     /// that it completes. Ticks come with the gyro.
     pub fn take(&mut self, reading: &Reading, mut on_tick: impl FnMut(&Tick)) {
@@ -220,7 +228,7 @@ impl Attitude {
             });
             if let Some(jump_rad_s) = bias_jump {
                 self.filter.errors.doubt_bias(jump_rad_s);
-                self.filter.missed_rad2 += (jump_rad_s * FOUND_AFTER_S).powi(2);
+                self.miss(jump_rad_s * FOUND_AFTER_S);
             }
             if seam_found {
                 self.filter.errors.doubt_bias(RESTART_BIAS_RAD_S);

@@ -1,8 +1,8 @@
 //! Finds a gyro's bias that jumps while the board lies still, as where two recordings of a board at rest were joined, or where the gyro's
 //! firmware sets its zero anew.
 //!
-//! The rate then steps from one steady value to another. What moves slowly enough to pass for rest does not: a hand's and a boat's rates
-//! vary before and after.
+//! The rate then steps from one steady value to another. The rates of a hand and of a boat at anchor vary before and after. A motor that
+//! begins to turn the board evenly, by less than 2°/s, looks the same: the bias is then in doubt until it is learnt again.
 
 use std::collections::VecDeque;
 
@@ -12,14 +12,14 @@ use super::stillness::MOVING_RAD_S;
 
 /// The rate is averaged over windows of this length, seconds.
 const WINDOW_S: f64 = 0.5;
-/// So many windows before a jump are compared with as many after it. The jump itself falls into one between them.
+/// So many windows before a jump are compared with as many after it. The window between them, which contains the jump, is left out.
 const COMPARED: usize = 6;
-/// A jump exceeds the scatter of the windows by this factor. Slow sines do so 6.8 times at most, those with a period of 8 s.
+/// A jump is at least so many times the scatter of the windows. A slow sine reaches 6.8 at most, with a period of 8 s.
 const FACTOR: f64 = 10.0;
 /// A smaller jump is not told from the bias's walk and a slow swing, rad/s (0.15°/s).
 const LEAST_RAD_S: f64 = 0.0026;
 
-/// Time from a jump until it is found, seconds.
+/// Longest time from a jump until it is found, seconds.
 pub(super) const FOUND_AFTER_S: f64 = (COMPARED as f64 + 1.0) * WINDOW_S;
 
 /// The mean rates of the last windows.
@@ -31,9 +31,14 @@ pub(super) struct BiasJumps {
 }
 
 impl BiasJumps {
-    /// Takes the mean rate over `dt` seconds, with its bias, and what is known of that, body axes, rad/s. How far the bias has jumped, rad/s,
-    /// if that shows now.
-    pub(super) fn take(&mut self, rate: Vector3<f64>, bias: &Vector3<f64>, dt: f64) -> Option<f64> {
+    /// Takes the mean rate over `dt` seconds, bias included, and the bias learnt so far, body axes, rad/s. Returns the size of a jump, rad/s,
+    /// once it shows.
+    pub(super) fn take(
+        &mut self,
+        rate: Vector3<f64>,
+        learnt_bias: &Vector3<f64>,
+        dt: f64,
+    ) -> Option<f64> {
         self.turned_rad += rate * dt;
         self.window_s += dt;
         // Half a tick, for sums of floats.
@@ -41,7 +46,7 @@ impl BiasJumps {
             return None;
         }
         let mean = std::mem::take(&mut self.turned_rad) / std::mem::take(&mut self.window_s);
-        if (mean - bias).norm() > MOVING_RAD_S {
+        if (mean - learnt_bias).norm() > MOVING_RAD_S {
             self.windows.clear();
             return None;
         }
@@ -58,10 +63,10 @@ impl BiasJumps {
         if self.windows.len() <= 2 * COMPARED {
             return None;
         }
-        let (before, before2) = mean_and_squares(self.windows.iter().take(COMPARED));
-        let (after, after2) = mean_and_squares(self.windows.iter().skip(COMPARED + 1));
+        let (before, squares_before) = mean_and_squares(self.windows.iter().take(COMPARED));
+        let (after, squares_after) = mean_and_squares(self.windows.iter().skip(COMPARED + 1));
         let jump = (after - before).norm();
-        let scatter = ((before2 + after2) / (2 * COMPARED - 2) as f64).sqrt();
+        let scatter = ((squares_before + squares_after) / (2 * COMPARED - 2) as f64).sqrt();
         (jump > LEAST_RAD_S.max(FACTOR * scatter)).then_some(jump)
     }
 }

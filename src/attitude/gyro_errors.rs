@@ -179,7 +179,7 @@ impl GyroErrors {
         self.clear(B, RESTART_BIAS_RAD_S);
     }
 
-    /// The gyro may have been started again: adds this deviation to that of its bias on each axis, rad/s.
+    /// The gyro may have been started again, or its bias has jumped: adds this deviation to that of its bias on each axis, rad/s.
     pub(super) fn doubt_bias(&mut self, sd_rad_s: f64) {
         let variance = sd_rad_s * sd_rad_s;
         self.doubted2 += variance;
@@ -280,12 +280,18 @@ impl GyroErrors {
     }
 
     fn begin_anew(&mut self) {
-        *self = Self {
+        let mut anew = Self {
             timing_walk_s2: self.timing_walk_s2,
-            doubted2: self.doubted2,
-            begun_anew: self.begun_anew + 1,
             ..Self::new(self.largest_bias_rad_s)
         };
+        anew.take_place_of(self);
+        *self = anew;
+    }
+
+    /// What has followed the bias of these errors learns that it is forgotten.
+    pub(super) fn take_place_of(&mut self, before: &Self) {
+        self.doubted2 = before.doubted2;
+        self.begun_anew = before.begun_anew + 1;
     }
 
     /// At rest the gyro reads its bias.

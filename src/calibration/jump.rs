@@ -51,9 +51,9 @@ pub fn largest_jump(sightings: &[Sighting]) -> Option<Jump> {
         .collect();
     let strength = fields.iter().map(Vector3::norm).sum::<f64>() / fields.len() as f64;
     let middle = |seven: &[Vector3<f64>]| {
-        Vector3::from_fn(|axis, _| median_of::<7>(std::array::from_fn(|k| seven[k][axis])))
+        Vector3::from_fn(|axis, _| median_of::<AROUND>(std::array::from_fn(|k| seven[k][axis])))
     };
-    let middles: Vec<Vector3<f64>> = fields.windows(7).map(middle).collect();
+    let middles: Vec<Vector3<f64>> = fields.windows(AROUND).map(middle).collect();
     DURING_S
         .iter()
         .filter_map(|during_s| {

@@ -127,7 +127,7 @@ pub(super) struct Filter {
     pub(super) begun: bool,
     /// Whether it starts from a calibration.
     calibrated: bool,
-    /// For how long in motion the field in this frame has been undisturbed, seconds.
+    /// Time in motion without a disturbance since this frame began, summed, seconds.
     pub(super) undisturbed_s: f64,
     /// Orientation at the first sample, body to frame.
     first_attitude: Option<Matrix3<f64>>,

@@ -16,9 +16,9 @@ const RIVAL_LASTS_S: f64 = 30.0;
 /// If a disturbance exceeds this share of the field for this long in motion, a rival assumes that iron on the board causes it.
 const IRON_TRIED_FROM: f64 = 0.08;
 const IRON_TRIED_AFTER_S: f64 = 1.0;
-/// A frame that has not been undisturbed for this long in motion, seconds, may have begun with the wrong iron, and so with a wrong field:
-/// as long as it may take to detect a magnet.
-const FRAME_NEW_S: f64 = 5.0;
+/// With less motion without a disturbance than this, seconds, a frame may have begun with the wrong iron, and so with a wrong field. It may
+/// take as long to detect a magnet.
+const FRAME_TRUSTED_AFTER_S: f64 = 5.0;
 
 /// A second explanation of the samples.
 #[derive(Clone)]
@@ -103,7 +103,7 @@ impl Estimate {
         } else {
             let mut filter = self.active.clone();
             filter.doubt_iron(filter.disturbance_mgauss());
-            if filter.undisturbed_s < FRAME_NEW_S {
+            if filter.undisturbed_s < FRAME_TRUSTED_AFTER_S {
                 filter.restart_frame(input);
             }
             filter

@@ -24,10 +24,12 @@ pub(super) struct Intake {
 impl Intake {
     /// With a calibration, the gyro is expected to have the bias that goes with it.
     pub(super) fn new(setup: &Setup, calibration: Option<&Calibration>) -> Self {
+        let mut attitude = Attitude::new(&setup.attitude, &setup.mountings);
+        expect_bias(&mut attitude, calibration);
         Self {
             outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
             saturation: Saturation::new(&setup.mountings),
-            attitude: new_attitude(setup, calibration),
+            attitude,
             turns: TurnDetector::new(&setup.turn),
             newest: None,
             late: Lateness::default(),
@@ -73,15 +75,15 @@ impl Intake {
 
     /// Forgets how the board lay and turned. The gyro keeps the bias of this calibration.
     pub(super) fn renew_attitude(&mut self, setup: &Setup, calibration: Option<&Calibration>) {
-        self.attitude = new_attitude(setup, calibration);
+        self.attitude.renew(&setup.attitude, &setup.mountings);
+        expect_bias(&mut self.attitude, calibration);
         self.turns = TurnDetector::new(&setup.turn);
     }
 }
 
-fn new_attitude(setup: &Setup, calibration: Option<&Calibration>) -> Attitude {
-    let mut attitude = Attitude::new(&setup.attitude, &setup.mountings);
+/// The gyro is expected to have the bias that goes with this calibration.
+fn expect_bias(attitude: &mut Attitude, calibration: Option<&Calibration>) {
     if let Some(bias_deg_s) = calibration.and_then(|one| one.gyro_bias_deg_s) {
         attitude.expect_gyro_bias(bias_deg_s.map(f64::to_radians));
     }
-    attitude
 }

@@ -305,8 +305,8 @@ fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
 /// leave a log without a field. Other names are free.
 fn is_like_mag(name: &str) -> bool {
     let name = name.trim().to_lowercase();
-    let short = name.trim_start_matches('m').trim_start_matches('_');
-    name.starts_with('m') && matches!(short, "x" | "y" | "z")
+    let short = name.replace(['_', '-', '.', ' '], "");
+    matches!(&*short, "mx" | "my" | "mz")
         || name.starts_with("mag") && name.contains(['x', 'y', 'z'])
 }
 
@@ -397,7 +397,7 @@ mod tests {
 
     #[test]
     fn other_columns_have_any_name() {
-        rows("# headingd-log 1\nt_s,gx,gy,gz,max,may\n").unwrap();
+        rows("# headingd-log 1\nt_s,gx,gy,gz,max,mm_x\n").unwrap();
     }
 
     #[test]

@@ -106,7 +106,7 @@ pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
     run(scene, rng, score);
 }
 
-/// A board in motion is silent for 0.6 to 3 s. Then its iron is another, by 30 to 300 mG, and so is its gyro's bias, as after a repair.
+/// A moving board is silent for 0.6 to 3 s. Meanwhile its iron changes by 30 to 300 mG, and its gyro's bias by 0.3°/s, as in a repair.
 pub fn restarted(rng: &mut Rng, score: &mut Score) {
     let moving = moving(70.0, rng.uniform(0.5, 1.2));
     let (scene, change_s) = taught(rng, score, &[], &[moving], 10.0);

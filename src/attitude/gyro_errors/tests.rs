@@ -1,7 +1,8 @@
 use nalgebra::UnitQuaternion;
 
 use super::*;
-use crate::attitude::TICK_S;
+use crate::attitude::{Attitude, Settings, TICK_S};
+use crate::frame::Mountings;
 
 /// A filter that knows nothing yet of a gyro with a bias of up to 0.17 rad/s (10°/s).
 fn new() -> GyroErrors {
@@ -88,6 +89,22 @@ fn a_filter_that_is_surely_wrong_begins_anew() {
     let errors = learnt(errors, 180.0, right, Matrix3::zeros(), tumbling, shaken);
     let off = (errors.bias - right).norm();
     assert!(off < 0.003, "{off}");
+    assert_eq!(errors.gyro_bias().begun_anew, 1);
+}
+
+#[test]
+fn an_attitude_that_is_renewed_has_forgotten_the_bias_and_no_doubt() {
+    let (settings, mountings) = (Settings::default(), Mountings::default());
+    let mut attitude = Attitude::new(&settings, &mountings);
+    for begun_anew in 0..3 {
+        let bias = attitude.state(0.0).gyro_bias;
+        assert_eq!(
+            (bias.begun_anew, bias.doubted2),
+            (begun_anew, 0.25 * f64::from(begun_anew))
+        );
+        attitude.filter.errors.doubt_bias(0.5);
+        attitude.renew(&settings, &mountings);
+    }
 }
 
 #[test]

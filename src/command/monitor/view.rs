@@ -133,7 +133,8 @@ impl View {
             Ok(Object::Reading(row)) => {
                 let reading = row.reading();
                 if self.last_reading > 0 {
-                    self.missed += row.seq.saturating_sub(self.last_reading.saturating_add(1));
+                    let missed = row.seq.saturating_sub(self.last_reading).saturating_sub(1);
+                    self.missed = self.missed.saturating_add(missed);
                 }
                 self.last_reading = row.seq;
                 if let Some(field) = reading.whole_field_mgauss() {

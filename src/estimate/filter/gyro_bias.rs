@@ -26,7 +26,7 @@ pub(in crate::estimate) struct BiasLearnt {
     covariance: Matrix3<f64>,
     /// The attitude has begun anew: it knows less than before.
     forgotten: bool,
-    /// Variance that the attitude has added on each axis, (rad/s)²: the gyro may have been started again.
+    /// Variance that the attitude has added on each axis, (rad/s)²: the gyro may have been started again, or its bias has jumped.
     doubted2: f64,
     /// What the attitude has measured of the bias that is left, times `TAKEN`: information matrix and vector. 0 if that does not count.
     information: Matrix3<f64>,
@@ -67,7 +67,7 @@ impl BiasLearnt {
 }
 
 impl Filter {
-    /// Follows what the attitude takes out of the rates, and what it has forgotten or doubts of the gyro's bias.
+    /// Follows the attitude's bias: what it takes out of the rates, whether it has begun anew, and what it doubts.
     pub(in crate::estimate) fn follow_gyro_bias(&mut self, learnt: &BiasLearnt) {
         if !self.begun || learnt.forgotten {
             self.clear(G, 3);
@@ -76,7 +76,7 @@ impl Filter {
             own.copy_from(&learnt.covariance);
             return;
         }
-        // What more is taken out is no longer left.
+        // What the attitude takes out is no longer left.
         let mut left = self.x.fixed_rows_mut::<3>(G);
         left -= learnt.shift_rad_s;
         if learnt.doubted2 > 0.0 {
@@ -87,7 +87,7 @@ impl Filter {
         }
     }
 
-    /// The same, and learns what the attitude has measured. With `frozen`, hard iron and matrix stay as they are.
+    /// Follows the attitude's bias, and learns what the attitude has measured of it. With `frozen`, hard iron and matrix stay as they are.
     pub(in crate::estimate) fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, frozen: bool) {
         self.follow_gyro_bias(learnt);
         if !self.begun || learnt.information == Matrix3::zeros() {
