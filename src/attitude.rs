@@ -178,7 +178,7 @@ impl Attitude {
             .expect_bias(self.mountings.gyro.to_body(chip_rad_s));
     }
 
-    /// Forgets everything. What has followed the gyro's bias learns of that.
+    /// Forgets everything, and counts that in [`GyroBias::begun_anew`].
     pub fn renew(&mut self, settings: &Settings, mountings: &Mountings) {
         let mut anew = Self::new(settings, mountings);
         anew.filter.errors.take_place_of(&self.filter.errors);
@@ -221,7 +221,7 @@ impl Attitude {
                 let tick = filter.tick(end_s, mean_rate);
                 past.take(&tick);
                 bias_jump = bias_jumps
-                    .take(mean_rate, &filter.errors.bias, TICK_S)
+                    .take(mean_rate, &filter.errors.bias)
                     .or(bias_jump);
                 seam_found |= seam.tick(&tick.rate_rad_s, filter.gravity.newest(end_s));
                 on_tick(&tick);

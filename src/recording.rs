@@ -24,7 +24,7 @@ pub(crate) use header::{HeaderLines, gives_key, names_columns};
 pub(crate) use read::Reader;
 pub(crate) use rows::Rows;
 pub(crate) use time_of_day::{RECORDED_FROM, TimeOfDay};
-pub use write::Writer;
+pub use write::{Writer, written};
 
 /// The first line of every log this version reads and writes, without its `#`.
 const MAGIC: &str = "headingd-log";

@@ -1,4 +1,4 @@
-//! Finds a gyro's bias that jumps while the board lies still, as where two recordings of a board at rest were joined, or where the gyro's
+//! Detects jumps of the gyro's bias while the board lies still, as where two recordings of a board at rest were joined, or where the gyro's
 //! firmware sets its zero anew.
 //!
 //! The rate then steps from one steady value to another. The rates of a hand and of a boat at anchor vary before and after. A motor that
@@ -8,15 +8,16 @@ use std::collections::VecDeque;
 
 use nalgebra::Vector3;
 
+use super::clock::TICK_S;
 use super::stillness::MOVING_RAD_S;
 
 /// The rate is averaged over windows of this length, seconds.
 const WINDOW_S: f64 = 0.5;
-/// So many windows before a jump are compared with as many after it. The window between them, which contains the jump, is left out.
+/// This many windows before a jump are compared with as many after it. The window between them, which contains the jump, is left out.
 const COMPARED: usize = 6;
-/// A jump is at least so many times the scatter of the windows. A slow sine reaches 6.8 at most, with a period of 8 s.
+/// A jump is at least this many times the scatter of the windows. A slow sine reaches 6.8 times at most, with a period of 8 s.
 const FACTOR: f64 = 10.0;
-/// A smaller jump is not told from the bias's walk and a slow swing, rad/s (0.15°/s).
+/// A smaller jump cannot be told from the bias's walk or a slow swing, rad/s (0.15°/s).
 const LEAST_RAD_S: f64 = 0.0026;
 
 /// Longest time from a jump until it is found, seconds.
@@ -31,18 +32,13 @@ pub(super) struct BiasJumps {
 }
 
 impl BiasJumps {
-    /// Takes the mean rate over `dt` seconds, bias included, and the bias learnt so far, body axes, rad/s. Returns the size of a jump, rad/s,
-    /// once it shows.
-    pub(super) fn take(
-        &mut self,
-        rate: Vector3<f64>,
-        learnt_bias: &Vector3<f64>,
-        dt: f64,
-    ) -> Option<f64> {
-        self.turned_rad += rate * dt;
-        self.window_s += dt;
+    /// Takes the mean rate of a tick, bias included, and the bias learnt so far, body axes, rad/s. Returns the size of a jump, rad/s, once it
+    /// shows.
+    pub(super) fn take(&mut self, rate: Vector3<f64>, learnt_bias: &Vector3<f64>) -> Option<f64> {
+        self.turned_rad += rate * TICK_S;
+        self.window_s += TICK_S;
         // Half a tick, for sums of floats.
-        if self.window_s < WINDOW_S - 0.5 * dt {
+        if self.window_s < WINDOW_S - 0.5 * TICK_S {
             return None;
         }
         let mean = std::mem::take(&mut self.turned_rad) / std::mem::take(&mut self.window_s);
@@ -91,11 +87,11 @@ mod tests {
         let mut watch = BiasJumps::default();
         let mut found = Vec::new();
         for tick in 1..=6000 {
-            let t_s = f64::from(tick) * 0.01;
+            let t_s = f64::from(tick) * TICK_S;
             // Three incommensurable sines stand in for 0.1 °/s of noise.
             let noise = |k: f64| 0.14 * (k * f64::from(tick)).sin();
             let rate = Vector3::new(noise(2.1), noise(1.3), noise(1.7) + rate_deg_s(t_s));
-            let jump = watch.take(rate.map(f64::to_radians), &Vector3::zeros(), 0.01);
+            let jump = watch.take(rate.map(f64::to_radians), &Vector3::zeros());
             found.extend(jump.map(|jump| (t_s, jump.to_degrees())));
         }
         found

@@ -130,7 +130,7 @@ pub(super) struct GyroErrors {
     pub(super) timing_walk_s2: f64,
     /// Mean rates with the bias, one a window of rest, that are not believed yet, rad/s.
     resting: VecDeque<Vector3<f64>>,
-    /// See [`GyroBias`].
+    /// Counts, see [`GyroBias`].
     doubted2: f64,
     begun_anew: u32,
 }
@@ -288,7 +288,7 @@ impl GyroErrors {
         *self = anew;
     }
 
-    /// What has followed the bias of these errors learns that it is forgotten.
+    /// Carries on the counts of errors that are forgotten.
     pub(super) fn take_place_of(&mut self, before: &Self) {
         self.doubted2 = before.doubted2;
         self.begun_anew = before.begun_anew + 1;

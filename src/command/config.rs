@@ -1,6 +1,5 @@
 //! `headingd config`: checks a configuration, or shows the settings that it comes to.
 
-use std::io::ErrorKind;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 
@@ -10,6 +9,7 @@ use super::{Failure, OrFail, config_file, print, tell};
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
 use crate::frame::{Mounting, Mountings};
+use crate::sensor::replay::refuse_folder;
 use crate::true_north::TrueNorth;
 use crate::wall_clock;
 
@@ -71,10 +71,7 @@ fn warnings(config: &Config) -> Vec<String> {
             // A pipe that nobody writes to yet would be waited for.
             .custom_flags(libc::O_NONBLOCK)
             .open(log)
-            .and_then(|file| match file.metadata()?.is_dir() {
-                true => Err(ErrorKind::IsADirectory.into()),
-                false => Ok(()),
-            })
+            .and_then(|file| refuse_folder(&file.metadata()?))
     {
         let from = match std::env::current_dir() {
             Ok(folder) if log.is_relative() => format!(" from {}", folder.display()),

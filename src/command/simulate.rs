@@ -1,11 +1,10 @@
 //! `headingd simulate`: writes the log of a simulated board.
 
-use std::io;
 use std::path::PathBuf;
 
 use crate::check::{Check, Fault};
 use crate::command::{Failure, OrFail, word, write_out};
-use crate::recording::Writer;
+use crate::recording::written;
 use crate::sensor::simulator::{Scenario, Settings, Simulator};
 
 /// Write the log of a simulated compass board
@@ -94,17 +93,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let message = format!("cannot simulate: {}", options(&faults));
         return Err(Failure::new(Failure::USAGE, message));
     }
-    let log = written(Simulator::new(settings)).or_fail(Failure::IO, "cannot write the log")?;
+    let simulator = Simulator::new(settings);
+    let log =
+        written(&simulator.header(), simulator).or_fail(Failure::IO, "cannot write the log")?;
     write_out(&args.out, &log)
-}
-
-fn written(simulator: Simulator) -> io::Result<Vec<u8>> {
-    let mut log = Vec::new();
-    let mut writer = Writer::new(&mut log, &simulator.header())?;
-    for entry in simulator {
-        writer.write(&entry)?;
-    }
-    Ok(log)
 }
 
 #[cfg(test)]

@@ -16,8 +16,8 @@ const RIVAL_LASTS_S: f64 = 30.0;
 /// If a disturbance exceeds this share of the field for this long in motion, a rival assumes that iron on the board causes it.
 const IRON_TRIED_FROM: f64 = 0.08;
 const IRON_TRIED_AFTER_S: f64 = 1.0;
-/// With less motion without a disturbance than this, seconds, a frame may have begun with the wrong iron, and so with a wrong field. It may
-/// take as long to detect a magnet.
+/// A frame with less undisturbed motion than this, seconds, may have begun with the wrong iron, and so with a wrong field: a magnet may take
+/// as long to be detected.
 const FRAME_TRUSTED_AFTER_S: f64 = 5.0;
 
 /// A second explanation of the samples.

@@ -73,6 +73,20 @@ impl<W: Write> Writer<W> {
     }
 }
 
+/// A whole log.
+///
+/// # Errors
+///
+/// When writing fails.
+pub fn written(header: &Header, entries: impl IntoIterator<Item = Entry>) -> io::Result<Vec<u8>> {
+    let mut log = Vec::new();
+    let mut writer = Writer::new(&mut log, header)?;
+    for entry in entries {
+        writer.write(&entry)?;
+    }
+    Ok(log)
+}
+
 fn row(line: &mut String, entry: &Entry) -> fmt::Result {
     let reading = &entry.reading;
     write!(line, "{}", reading.t_s)?;
@@ -100,15 +114,6 @@ mod tests {
     use super::*;
     use crate::reading::Reading;
 
-    fn written(header: &Header, entries: &[Entry]) -> Vec<u8> {
-        let mut log = Vec::new();
-        let mut writer = Writer::new(&mut log, header).unwrap();
-        for entry in entries {
-            writer.write(entry).unwrap();
-        }
-        log
-    }
-
     #[test]
     fn a_log_looks_as_documented() {
         let header = Header {
@@ -126,7 +131,7 @@ mod tests {
             heading_truth_rad: Some(30f64.to_radians()),
         };
         assert_eq!(
-            String::from_utf8(written(&header, &[entry])).unwrap(),
+            String::from_utf8(written(&header, [entry]).unwrap()).unwrap(),
             "# headingd-log 1\n# sensor = hmc5843\n# mag_unit = mgauss\n# gyro_unit = rad/s\n\
              # accel_unit = m/s2\n# mag_axes = +x +y +z\n# gyro_axes = +x +y +z\n\
              # accel_axes = +x +y +z\n# seed = 7\n\
@@ -168,7 +173,7 @@ mod tests {
                 truth: vec![("a".into(), "b = c".into())],
                 ..Header::default()
             };
-            let mut text = String::from_utf8(written(&header, &entries)).unwrap();
+            let mut text = String::from_utf8(written(&header, entries.clone()).unwrap()).unwrap();
             if crlf {
                 text = text.replace('\n', "\r\n");
             }
@@ -188,8 +193,8 @@ mod tests {
 
         #[test]
         fn a_log_cut_anywhere_gives_exactly_its_whole_rows(entries in entries(), at in 0.0..1.0) {
-            let text = written(&Header::default(), &entries);
-            let head = written(&Header::default(), &[]).len();
+            let text = written(&Header::default(), entries.clone()).unwrap();
+            let head = written(&Header::default(), []).unwrap().len();
             let cut = &text[..(at * (text.len() + 1) as f64) as usize];
             let reader = Reader::new("a", cut);
             prop_assert_eq!(reader.is_ok(), cut.len() >= head);

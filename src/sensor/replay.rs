@@ -1,6 +1,6 @@
 //! A recorded log as a source of readings. The caller decides how fast to play them.
 
-use std::fs::{self, File};
+use std::fs::{self, File, Metadata};
 use std::io::{self, BufReader, ErrorKind, Seek};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
@@ -86,16 +86,25 @@ impl Iterator for Replay {
     }
 }
 
+/// Refuses a folder in place of a log: to open it works, and only to read it would fail.
+///
+/// # Errors
+///
+/// When a folder was found.
+pub fn refuse_folder(found: &Metadata) -> io::Result<()> {
+    if found.is_dir() {
+        return Err(ErrorKind::IsADirectory.into());
+    }
+    Ok(())
+}
+
 /// Opens a log. A pipe may be one, but the system would wait for ever for somebody to write to it.
 fn open(path: &Path) -> io::Result<File> {
     let found = fs::metadata(path).map_err(|error| match error.kind() {
         ErrorKind::NotFound => io::Error::new(ErrorKind::NotFound, "there is no such file"),
         _ => error,
     })?;
-    // Opening a directory works; only reading it would fail.
-    if found.is_dir() {
-        return Err(ErrorKind::IsADirectory.into());
-    }
+    refuse_folder(&found)?;
     if !found.file_type().is_fifo() {
         return File::open(path);
     }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use headingd::recording::{Entry, Header, Writer};
+use headingd::recording::{Entry, Header, written};
 use headingd::sensor::simulator::{Scenario, Settings};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -321,12 +321,7 @@ pub fn full_socket(path: impl AsRef<Path>) -> (OwnedFd, UnixStream) {
 
 /// A log as bytes.
 pub fn log(header: &Header, entries: impl IntoIterator<Item = Entry>) -> Vec<u8> {
-    let mut log = Vec::new();
-    let mut writer = Writer::new(&mut log, header).unwrap();
-    for entry in entries {
-        writer.write(&entry).unwrap();
-    }
-    log
+    written(header, entries).unwrap()
 }
 
 /// A pseudo-terminal, and the path of its other side.

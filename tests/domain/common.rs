@@ -3,7 +3,7 @@ use std::fs;
 use std::process::{Command, Stdio};
 
 use headingd::reading::Reading;
-use headingd::recording::{Entry, Header, Writer};
+use headingd::recording::{Entry, Header, written};
 use headingd::sensor::simulator::{Scenario, Settings, Simulator};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -134,12 +134,7 @@ pub fn simulated(settings: &Settings) -> Log {
 
 /// A log as bytes.
 pub fn log((header, entries): &Log) -> Vec<u8> {
-    let mut log = Vec::new();
-    let mut writer = Writer::new(&mut log, header).unwrap();
-    for entry in entries {
-        writer.write(entry).unwrap();
-    }
-    log
+    written(header, entries.iter().copied()).unwrap()
 }
 
 /// The objects of this class.

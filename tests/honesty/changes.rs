@@ -107,7 +107,7 @@ pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
 }
 
 /// A moving board is silent for 0.6 to 3 s. Meanwhile its iron changes by 30 to 300 mG, and its gyro's bias by 0.3°/s, as in a repair.
-pub fn restarted(rng: &mut Rng, score: &mut Score) {
+pub fn while_silent(rng: &mut Rng, score: &mut Score) {
     let moving = moving(70.0, rng.uniform(0.5, 1.2));
     let (scene, change_s) = taught(rng, score, &[], &[moving], 10.0);
     let resumes_s = change_s + rng.log_uniform(0.6, 3.0);
@@ -116,7 +116,7 @@ pub fn restarted(rng: &mut Rng, score: &mut Score) {
     let mut bias_jump = rng.vector(0.3f64.to_radians());
     let scene = scene.with(move |now, _, board, _| {
         let silent = (change_s..resumes_s).contains(&now.t_s);
-        board.lost = f64::from(u8::from(silent));
+        board.silence(silent);
         if silent {
             board.mag.attached = field;
             board.gyro.bias += std::mem::take(&mut bias_jump);

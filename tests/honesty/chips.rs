@@ -156,6 +156,11 @@ pub struct Board {
 }
 
 impl Board {
+    /// Loses all readings, or none.
+    pub fn silence(&mut self, silent: bool) {
+        self.lost = f64::from(u8::from(silent));
+    }
+
     /// Without any error but that of counting.
     pub fn perfect() -> Self {
         let (counts, range) = GAINS[1];

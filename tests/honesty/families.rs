@@ -130,7 +130,7 @@ pub const ALL: &[Family] = &[
     family("change_magnet_at_rest", 500, CHANGE, changes::magnet_at_rest),
     family("change_magnet_in_motion", 500, LEARNT, changes::magnet_in_motion),
     family("change_large_magnet", 500, LARGE, changes::large_magnet),
-    family("change_while_silent", 200, SILENCES, changes::restarted),
+    family("change_while_silent", 200, SILENCES, changes::while_silent),
     family("change_moved_iron", 500, VISIT, changes::moved_iron),
     family("change_gyro_flipped", 500, CHANGE, changes::flipped_gyro),
     family("change_gyro_scaled", 200, CHANGE, changes::scaled_gyro),

@@ -144,7 +144,7 @@ pub fn with_silences(rng: &mut Rng, score: &mut Score) {
         .collect();
     let scene = moved_fast(rng, score, rate, accel).with(move |now, _, board, _| {
         let silent = (silences.iter()).any(|(from_s, s)| (0.0..*s).contains(&(now.t_s - from_s)));
-        board.lost = f64::from(u8::from(silent));
+        board.silence(silent);
     });
     run(scene, rng, score);
 }

@@ -93,7 +93,7 @@ fn a_filter_that_is_surely_wrong_begins_anew() {
 }
 
 #[test]
-fn an_attitude_that_is_renewed_has_forgotten_the_bias_and_no_doubt() {
+fn a_renewed_attitude_keeps_the_doubts_and_counts_the_restart() {
     let (settings, mountings) = (Settings::default(), Mountings::default());
     let mut attitude = Attitude::new(&settings, &mountings);
     for begun_anew in 0..3 {
