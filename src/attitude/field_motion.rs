@@ -112,7 +112,9 @@ impl LowPasses {
     fn take(&mut self, t_s: f64, field: Vector3<f64>) {
         let dt_s = t_s - self.newest_s;
         let gain_over = |dt_s: f64, tau_s: f64| 1.0 - (-dt_s / tau_s.max(1e-3)).exp();
-        let gain = |tau_s: f64| gain_over(dt_s, tau_s);
+        // At first all samples weigh alike: one noisy first sample would look like motion.
+        let age_s = t_s - self.since_s;
+        let gain = |tau_s: f64| gain_over(dt_s, tau_s.min(age_s));
         self.fast += (field - self.fast) * gain(FAST_S);
         self.slow += (field - self.slow) * gain(SLOW_S);
         self.drift_fast += (field - self.drift_fast) * gain(DRIFT_FAST_S);
@@ -201,6 +203,20 @@ mod tests {
         assert!(moving_part(3.0, 3.0) > 0.95);
         assert_eq!(moving_part(0.0, 0.0), 0.0);
         assert_eq!(moving_part(0.0, 5.0), 0.0);
+    }
+
+    #[test]
+    fn a_noisy_first_sample_is_no_motion() {
+        let mut motion = FieldMotion::default();
+        let odd = Vector3::new(10.0, -8.0, 6.0);
+        motion.take(0.0, turned(0.0) + odd);
+        for i in 1..500 {
+            let t = f64::from(i) * 0.02;
+            let wobble = |k: f64| 3.0 * (k * f64::from(i)).sin();
+            let noise = Vector3::new(wobble(2.1), wobble(1.3), wobble(1.7));
+            motion.take(t, turned(0.0) + noise);
+            assert_eq!(motion.moving(t), Some(t < WARM_UP_S), "{t}");
+        }
     }
 
     #[test]

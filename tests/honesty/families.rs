@@ -47,6 +47,11 @@ const VEHICLE: Limits = Limits {
     good: Some(0.8),
     ..NONE
 };
+/// Long curves tilt what an accelerometer feels for half a minute: headings are honest there, and few are `good`.
+const MOTORWAY: Limits = Limits {
+    good: None,
+    ..VEHICLE
+};
 /// A heading that takes a second after each silence is not always `good`.
 const SILENCES: Limits = Limits {
     good: None,
@@ -120,6 +125,7 @@ pub const ALL: &[Family] = &[
     family("place_wrong", 200, PLACE, handled::place_wrong),
     family("car", 500, CAR, vehicles::car),
     family("car_on_hills", 500, CAR, vehicles::car_on_hills),
+    family("motorway", 200, MOTORWAY, vehicles::motorway),
     family("boat", 500, VEHICLE, vehicles::boat),
     family("anchor", 500, VEHICLE, vehicles::anchor),
     family("drone", 500, VEHICLE, vehicles::drone),

@@ -111,6 +111,20 @@ pub fn fast_car(rng: &mut Rng, score: &mut Score) {
     run(scene, rng, score);
 }
 
+/// 22 to 33 m/s through long curves, 30 minutes.
+pub fn motorway(rng: &mut Rng, score: &mut Score) {
+    let (grade_deg, camber_deg) = HILLS;
+    let driving = Driving {
+        straight_s: (10.0, 90.0),
+        turn_speed: (22.0, 33.0),
+        across: (0.8, 2.5),
+        stops: 0.0,
+        grade_deg,
+        camber_deg,
+    };
+    drive(driving, rng, score);
+}
+
 /// Rolling by up to 15°, slow turns, 20 minutes.
 pub fn boat(rng: &mut Rng, score: &mut Score) {
     score.learnt_by_s = 300.0;
