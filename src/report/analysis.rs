@@ -39,6 +39,12 @@ pub(super) struct Judged {
     pub(super) outcome: Outcome,
 }
 
+impl Judged {
+    pub(super) fn is_rejected(&self) -> bool {
+        self.outcome.verdict == Verdict::Rejected
+    }
+}
+
 /// A log's way through the pipeline.
 pub struct Analysis {
     /// The log, or the socket.
@@ -130,12 +136,14 @@ impl Analysis {
         self.pipeline.calibration()
     }
 
-    /// What motion has taught, and the limits that this is held to, as `calibrate` does for a log without a full turn.
+    /// What motion has taught, and the limits that this is held to; `None` where a full turn has calibrated.
     pub(super) fn motion(&self) -> Option<(Outcome, [Limit; 3])> {
-        if self.found.turns > 0 {
-            return None;
+        let turn = self.found.turn.as_ref();
+        if turn.is_none_or(Judged::is_rejected) {
+            self.pipeline.learnt_by_motion()
+        } else {
+            None
         }
-        self.pipeline.learnt_by_motion()
     }
 
     /// Values that no sensor can have taken.
@@ -154,12 +162,12 @@ impl Analysis {
 impl Findings {
     /// Keeps the newest turn that was not refused, or else the newest, with its verdict.
     fn judged(&mut self, request: Request, outcome: &Outcome) {
-        let refused = |outcome: &Outcome| outcome.verdict == Verdict::Rejected;
-        if !refused(outcome) || self.turn.as_ref().is_none_or(|turn| refused(&turn.outcome)) {
-            self.turn = Some(Judged {
-                request,
-                outcome: outcome.clone(),
-            });
+        let judged = Judged {
+            request,
+            outcome: outcome.clone(),
+        };
+        if !judged.is_rejected() || self.turn.as_ref().is_none_or(Judged::is_rejected) {
+            self.turn = Some(judged);
         }
     }
 

@@ -9,7 +9,7 @@ use super::turn::Turned;
 use super::{compass, field, search, timeline};
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
-use crate::calibration::outcome::{SwarmReport, Verdict};
+use crate::calibration::outcome::SwarmReport;
 use crate::calibration::settings::StopChoice;
 use crate::calibration::verdict::{Limit, measured};
 use crate::frame::to_tenths;
@@ -18,6 +18,8 @@ use crate::frame::to_tenths;
 const LISTED: usize = 50;
 
 const STYLE: &str = include_str!("style.css");
+const NO_TURN: &str = "<h2>Calibration by a full turn</h2>\n\
+                       <p>The board made no full turn that was calibrated on.</p>\n";
 
 pub fn page(analysis: &Analysis) -> Result<String, ReportError> {
     let found = &analysis.found;
@@ -51,8 +53,9 @@ pub fn page(analysis: &Analysis) -> Result<String, ReportError> {
     out += &conditions(found);
     match &found.turn {
         Some(judged) => out += &turn(judged)?,
-        None => out += &motion(analysis),
+        None => out += NO_TURN,
     }
+    out += &motion(analysis);
     out += &verdicts(found);
     out += &format!(
         "<footer>headingd {}</footer>\n</main></body></html>\n",
@@ -184,7 +187,7 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
         out += "<p>Nothing was fitted, so that there is nothing to draw.</p>\n";
         return Ok(out);
     };
-    let is_rejected = outcome.verdict == Verdict::Rejected;
+    let is_rejected = judged.is_rejected();
     if is_rejected {
         out += "<p>Below, the field is corrected by the turn's own fit, which was rejected: no heading is.</p>\n";
     }
@@ -229,16 +232,12 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
     Ok(out)
 }
 
-/// What motion has taught, for a log without a full turn.
+/// What motion has taught where no full turn has calibrated.
 fn motion(analysis: &Analysis) -> String {
-    let mut out = String::from(
-        "<h2>Calibration by a full turn</h2>\n<p>The board made no full turn that was calibrated on.</p>\n",
-    );
-    if let Some((outcome, held_to)) = analysis.motion() {
-        out += &verdict("Calibration by motion", &outcome);
-        out += &limits(&held_to);
-    }
-    out
+    let Some((outcome, held_to)) = analysis.motion() else {
+        return String::new();
+    };
+    verdict("Calibration by motion", &outcome) + &limits(&held_to)
 }
 
 fn swarms(judged: &Judged) -> Result<String, ReportError> {

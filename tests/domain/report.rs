@@ -138,6 +138,7 @@ fn an_accepted_turn_has_every_figure() {
     ] {
         assert!(page.contains(part), "{part} is missing");
     }
+    assert!(!page.contains("Calibration by motion"));
     // The card: what was off by tens of degrees is right within one.
     let row = |name: &str| -> Vec<f64> {
         let row = page.split_once(&format!("<tr><th>{name}</th>")).unwrap().1;
@@ -166,6 +167,7 @@ fn a_refused_turn_says_what_broke_which_limit_and_what_to_do() {
         "<th>residual, of the field</th>",
         "<b class=bad>broken</b>",
         "<th>after, by the rejected fit</th>",
+        "Calibration by motion",
     ] {
         assert!(page.contains(part), "{part} is missing");
     }
