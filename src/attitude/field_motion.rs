@@ -112,7 +112,7 @@ impl LowPasses {
     fn take(&mut self, t_s: f64, field: Vector3<f64>) {
         let dt_s = t_s - self.newest_s;
         let gain_over = |dt_s: f64, tau_s: f64| 1.0 - (-dt_s / tau_s.max(1e-3)).exp();
-        // At first all samples weigh alike: one noisy first sample would look like motion.
+        // At first all samples weigh alike. Otherwise a noisy first sample would look like motion.
         let age_s = t_s - self.since_s;
         let gain = |tau_s: f64| gain_over(dt_s, tau_s.min(age_s));
         self.fast += (field - self.fast) * gain(FAST_S);

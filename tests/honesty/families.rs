@@ -47,13 +47,8 @@ const VEHICLE: Limits = Limits {
     good: Some(0.8),
     ..NONE
 };
-/// Long curves tilt what an accelerometer feels for half a minute: headings are honest there, and few are `good`.
-const MOTORWAY: Limits = Limits {
-    good: None,
-    ..VEHICLE
-};
-/// A heading that takes a second after each silence is not always `good`.
-const SILENCES: Limits = Limits {
+/// Neither a heading that takes a second after each silence nor one in the long curves of a motorway is always `good`.
+const NOT_ALWAYS_GOOD: Limits = Limits {
     good: None,
     ..VEHICLE
 };
@@ -125,18 +120,18 @@ pub const ALL: &[Family] = &[
     family("place_wrong", 200, PLACE, handled::place_wrong),
     family("car", 500, CAR, vehicles::car),
     family("car_on_hills", 500, CAR, vehicles::car_on_hills),
-    family("motorway", 200, MOTORWAY, vehicles::motorway),
+    family("motorway", 200, NOT_ALWAYS_GOOD, vehicles::motorway),
     family("boat", 500, VEHICLE, vehicles::boat),
     family("anchor", 500, VEHICLE, vehicles::anchor),
     family("drone", 500, VEHICLE, vehicles::drone),
     family("robot", 500, VEHICLE, vehicles::robot),
     family("fast_hand", 500, VEHICLE, handled::fast_hand),
-    family("hand_with_silences", 200, SILENCES, handled::with_silences),
+    family("hand_with_silences", 200, NOT_ALWAYS_GOOD, handled::with_silences),
     family("fast_turns", 500, VEHICLE, vehicles::fast_car),
     family("change_magnet_at_rest", 500, CHANGE, changes::magnet_at_rest),
     family("change_magnet_in_motion", 500, LEARNT, changes::magnet_in_motion),
     family("change_large_magnet", 500, LARGE, changes::large_magnet),
-    family("change_while_silent", 200, SILENCES, changes::while_silent),
+    family("change_while_silent", 200, NOT_ALWAYS_GOOD, changes::while_silent),
     family("change_moved_iron", 500, VISIT, changes::moved_iron),
     family("change_gyro_flipped", 500, CHANGE, changes::flipped_gyro),
     family("change_gyro_scaled", 200, CHANGE, changes::scaled_gyro),
