@@ -112,7 +112,7 @@ impl LowPasses {
     fn take(&mut self, t_s: f64, field: Vector3<f64>) {
         let dt_s = t_s - self.newest_s;
         let gain_over = |dt_s: f64, tau_s: f64| 1.0 - (-dt_s / tau_s.max(1e-3)).exp();
-        // At first all samples weigh alike. Otherwise a noisy first sample would look like motion.
+        // At first all samples have the same weight. Otherwise a noisy first sample would look like motion.
         let age_s = t_s - self.since_s;
         let gain = |tau_s: f64| gain_over(dt_s, tau_s.min(age_s));
         self.fast += (field - self.fast) * gain(FAST_S);
@@ -164,15 +164,18 @@ mod tests {
         let mut moving = 0;
         for i in 0..1000 {
             let t = i as f64 * 0.02;
-            // Three incommensurable sines stand in for noise of this standard deviation.
-            let wobble = |k: f64| noise_mgauss * 2f64.sqrt() * (k * i as f64).sin();
-            let noise = Vector3::new(wobble(2.1), wobble(1.3), wobble(1.7));
+            let noise = noise(i, noise_mgauss);
             motion.take(t, turned((rate_deg_s * t).to_radians()) + noise);
             if t >= 5.0 && motion.moving(t) == Some(true) {
                 moving += 1;
             }
         }
         f64::from(moving) / 750.0
+    }
+
+    /// Three incommensurable sines stand in for noise of this standard deviation, milligauss.
+    fn noise(sample: usize, sd: f64) -> Vector3<f64> {
+        Vector3::new(2.1, 1.3, 1.7).map(|k| sd * 2f64.sqrt() * (k * sample as f64).sin())
     }
 
     /// The field of a board that has turned by this angle, radians.
@@ -211,10 +214,8 @@ mod tests {
         let odd = Vector3::new(10.0, -8.0, 6.0);
         motion.take(0.0, turned(0.0) + odd);
         for i in 1..500 {
-            let t = f64::from(i) * 0.02;
-            let wobble = |k: f64| 3.0 * (k * f64::from(i)).sin();
-            let noise = Vector3::new(wobble(2.1), wobble(1.3), wobble(1.7));
-            motion.take(t, turned(0.0) + noise);
+            let t = i as f64 * 0.02;
+            motion.take(t, turned(0.0) + noise(i, 2.0));
             assert_eq!(motion.moving(t), Some(t < WARM_UP_S), "{t}");
         }
     }
