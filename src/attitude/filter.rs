@@ -100,7 +100,8 @@ impl AttitudeFilter {
     pub(super) fn tick(&mut self, end_s: f64, mean_rate: Vector3<f64>) -> Tick {
         let rate = self.errors.corrected(&mean_rate);
         self.rate_rad_s = rate;
-        let force = self.gravity.at_tick(end_s, &rate);
+        let felt = self.gravity.at_tick(end_s, &rate);
+        let force = felt.map(|force| self.errors.corrected_force(&force));
         let live = self.gravity.live(end_s);
         self.follow_accelerometer(live, force.is_some());
         self.guard_rest(end_s, &mean_rate);

@@ -1,0 +1,90 @@
+//! Carries the state of the filter on over a window.
+
+use nalgebra::{SMatrix, Vector3};
+
+use super::window::Window;
+use super::{A, ARM, ARM_M, B, GyroErrors, M, N, U, V, across};
+use crate::attitude::gravity::GRAVITY_M_S2;
+
+/// The integral forgets over this time, seconds: a steady velocity is no acceleration.
+const LEAK_S: f64 = 30.0;
+/// Walk of the gyro's frame, rad/√s (0.03 °/√s, the noise density of an ITG-3200's data sheet).
+const ANGLE_WALK_RAD: f64 = 0.000_5;
+/// The same for each radian turned: readings come up to 2 ms early or late.
+const TURN_WALK_RAD: f64 = 0.003;
+/// Walk of the velocity by an accelerometer's noise, m/s per √s.
+const VELOCITY_WALK_M_S: f64 = 0.03;
+/// A hand turns a board about the same point for this long, seconds.
+const ARM_LASTS_S: f64 = 3.0;
+/// Of the accelerometer's bias so much makes no difference on a board that stays upright, where it tilts the frame by a constant: for the
+/// estimate that is a rotation between the chips. From half of it on nearly all figures are the same.
+const STAYS: f64 = 0.8;
+/// Which body axis is vertical is the mean over this time, seconds.
+const UPRIGHT_S: f64 = 20.0;
+/// The same over a longer time, seconds: a board that stays upright for minutes may do so for hours, and what it learns wrongly adds up.
+const STAYS_UPRIGHT_S: f64 = 60.0;
+
+impl GyroErrors {
+    /// Carries the state over a window. What the specific force is more than u accounts for, integrated, m/s.
+    pub(super) fn predict(
+        &mut self,
+        force: &Vector3<f64>,
+        up: &Vector3<f64>,
+        window: &Window,
+    ) -> Vector3<f64> {
+        let dt = window.s;
+        let keep = (-dt / LEAK_S).exp();
+        let left = force - up * dt;
+        self.velocity = self.velocity * keep + left;
+        let upright = window.mean_in_body(&up.normalize());
+        self.upright += (upright - self.upright) * (dt / UPRIGHT_S);
+        self.long_upright += (upright - self.long_upright) * (dt / STAYS_UPRIGHT_S);
+
+        // An error e of the rate, body axes, turns u by R e.
+        let by_turn = -up.cross_matrix();
+        let seen = across(&self.upright);
+        // Of the transition only the rows of u and v differ from the identity's.
+        let mut step = SMatrix::<f64, 6, N>::identity();
+        step.fixed_view_mut::<3, 3>(U, B)
+            .copy_from(&(by_turn * window.turn * seen));
+        for column in 0..3 {
+            let by = by_turn * window.turn_by[column] * seen;
+            for row in 0..3 {
+                step.fixed_view_mut::<3, 1>(U, M + 3 * row + column)
+                    .copy_from(&by.column(row));
+            }
+        }
+        for axis in 0..3 {
+            step[(V + axis, V + axis)] = keep;
+            step[(V + axis, U + axis)] = -dt;
+        }
+        let felt = 1.0 - STAYS * self.upright_share();
+        step.fixed_view_mut::<3, 3>(V, A)
+            .copy_from(&(-felt * window.turn));
+        let rows = step * self.p;
+        self.p.fixed_rows_mut::<6>(U).copy_from(&rows);
+        let columns = self.p * step.transpose();
+        self.p.fixed_columns_mut::<6>(U).copy_from(&columns);
+        self.let_arm_change(dt);
+        self.p = (self.p + self.p.transpose()) * 0.5;
+        let walk = ANGLE_WALK_RAD.powi(2) * dt
+            + TURN_WALK_RAD.powi(2) * window.turned
+            + self.timing_walk_s2 * window.rate2;
+        for axis in 0..3 {
+            self.p[(U + axis, U + axis)] += walk * GRAVITY_M_S2.powi(2);
+            self.p[(V + axis, V + axis)] += VELOCITY_WALK_M_S.powi(2) * dt;
+        }
+        left
+    }
+
+    /// The arm is drawn to 0, and may be another.
+    fn let_arm_change(&mut self, dt: f64) {
+        let keep = (-dt / ARM_LASTS_S).exp();
+        self.arm *= keep;
+        self.p.fixed_rows_mut::<3>(ARM).scale_mut(keep);
+        self.p.fixed_columns_mut::<3>(ARM).scale_mut(keep);
+        for axis in ARM..ARM + 3 {
+            self.p[(axis, axis)] += ARM_M.powi(2) * (1.0 - keep * keep);
+        }
+    }
+}
