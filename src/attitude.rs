@@ -178,6 +178,17 @@ impl Attitude {
             .expect_bias(self.mountings.gyro.to_body(chip_rad_s));
     }
 
+    /// Begins with the bias that was taken out of the specific force before, accelerometer chip axes, m/s².
+    pub fn expect_force_bias(&mut self, chip_m_s2: Vector3<f64>) {
+        self.filter.errors.force_bias = self.mountings.accel.to_body(chip_m_s2);
+    }
+
+    /// What is taken out of the specific force, accelerometer chip axes, m/s²; `None` while nothing is known of its bias.
+    pub fn force_bias_m_s2(&self) -> Option<Vector3<f64>> {
+        let body = self.filter.errors.force_bias;
+        (body != Vector3::zeros()).then(|| self.mountings.accel.to_chip(body))
+    }
+
     /// Forgets everything, and counts that in [`GyroBias::begun_anew`].
     pub fn renew(&mut self, settings: &Settings, mountings: &Mountings) {
         let mut anew = Self::new(settings, mountings);

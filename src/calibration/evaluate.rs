@@ -107,6 +107,7 @@ impl<const D: usize> Work<'_, D> {
             heading_sd_deg,
             covariance: None,
             gyro_bias_deg_s: None,
+            accel_bias_m_s2: None,
         });
 
         let directions: Vec<SVector<f64, D>> = points

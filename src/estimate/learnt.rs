@@ -39,6 +39,7 @@ impl Estimate {
             heading_sd_deg: self.north_sd_deg(),
             covariance: Some(PackedCovariance::packed(&covariance)),
             gyro_bias_deg_s: None,
+            accel_bias_m_s2: None,
         })
     }
 }

@@ -121,7 +121,7 @@ impl Pipeline {
             self.armed &= job.reason != Reason::Start || outcome.verdict == Verdict::Rejected;
             match (outcome.verdict, outcome.calibration) {
                 (Verdict::Accepted, Some(calibration)) => {
-                    outcome.calibration = Some(self.with_gyro_bias(calibration));
+                    outcome.calibration = Some(self.with_biases(calibration));
                     self.adopt(&mut outcome, &calibration);
                     self.refused = None;
                 }

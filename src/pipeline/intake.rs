@@ -25,7 +25,7 @@ impl Intake {
     /// With a calibration, the gyro is expected to have the bias that goes with it.
     pub(super) fn new(setup: &Setup, calibration: Option<&Calibration>) -> Self {
         let mut attitude = Attitude::new(&setup.attitude, &setup.mountings);
-        expect_bias(&mut attitude, calibration);
+        expect_biases(&mut attitude, calibration);
         Self {
             outliers: Outliers::new(setup.attitude.gyro_range_deg_s),
             saturation: Saturation::new(&setup.mountings),
@@ -73,17 +73,20 @@ impl Intake {
         self.late = Lateness::default();
     }
 
-    /// Forgets how the board lay and turned. The gyro keeps the bias of this calibration.
+    /// Forgets how the board lay and turned. Gyro and accelerometer keep the biases of this calibration.
     pub(super) fn renew_attitude(&mut self, setup: &Setup, calibration: Option<&Calibration>) {
         self.attitude.renew(&setup.attitude, &setup.mountings);
-        expect_bias(&mut self.attitude, calibration);
+        expect_biases(&mut self.attitude, calibration);
         self.turns = TurnDetector::new(&setup.turn);
     }
 }
 
-/// The gyro is expected to have the bias that goes with this calibration.
-fn expect_bias(attitude: &mut Attitude, calibration: Option<&Calibration>) {
+/// Gyro and accelerometer are expected to have the biases that go with this calibration.
+fn expect_biases(attitude: &mut Attitude, calibration: Option<&Calibration>) {
     if let Some(bias_deg_s) = calibration.and_then(|one| one.gyro_bias_deg_s) {
         attitude.expect_gyro_bias(bias_deg_s.map(f64::to_radians));
+    }
+    if let Some(bias_m_s2) = calibration.and_then(|one| one.accel_bias_m_s2) {
+        attitude.expect_force_bias(bias_m_s2);
     }
 }

@@ -66,13 +66,14 @@ impl Pipeline {
     /// What the estimate knows, as a calibration to keep; `None` before the estimate has begun.
     pub(super) fn learnt_calibration(&self) -> Option<Calibration> {
         let calibration = self.estimate.calibration()?;
-        Some(self.with_gyro_bias(calibration))
+        Some(self.with_biases(calibration))
     }
 
-    /// This calibration with the gyro's bias, if that is known.
-    pub(super) fn with_gyro_bias(&self, calibration: Calibration) -> Calibration {
+    /// This calibration with the biases of gyro and accelerometer, as far as they are known.
+    pub(super) fn with_biases(&self, calibration: Calibration) -> Calibration {
         Calibration {
             gyro_bias_deg_s: self.gyro_bias_deg_s(),
+            accel_bias_m_s2: self.intake.attitude.force_bias_m_s2(),
             ..calibration
         }
     }

@@ -32,6 +32,7 @@ pub(super) fn no_number(calibration: &Value) -> Option<String> {
         "heading_sd_deg",
         "covariance",
         "gyro_bias_deg_s",
+        "accel_bias_m_s2",
     ]
     .iter()
     .filter_map(|key| calibration.get(key).map(|value| (key, value)))
@@ -59,6 +60,10 @@ pub(super) fn faults(calibration: &Calibration) -> Vec<Fault> {
     for bias_deg_s in calibration.gyro_bias_deg_s.iter().flatten() {
         let (key, range) = ("calibration.gyro_bias_deg_s", -60.0..=60.0);
         within(&mut faults, key, *bias_deg_s, range, "degrees per second");
+    }
+    for bias_m_s2 in calibration.accel_bias_m_s2.iter().flatten() {
+        let (key, range) = ("calibration.accel_bias_m_s2", -5.0..=5.0);
+        within(&mut faults, key, *bias_m_s2, range, "m/s²");
     }
     if let Some(covariance) = &calibration.covariance {
         covariance_faults(&mut faults, calibration, covariance);

@@ -50,6 +50,7 @@ fn made(number: u64) -> Made {
             heading_sd_deg: 0.5,
             covariance: None,
             gyro_bias_deg_s: None,
+            accel_bias_m_s2: None,
         },
     }
 }

@@ -99,6 +99,7 @@ fn shifted(settings: &Settings, shift_mgauss: f64) -> Calibration {
         heading_sd_deg: 0.05,
         covariance: None,
         gyro_bias_deg_s: None,
+        accel_bias_m_s2: None,
     }
 }
 

@@ -37,6 +37,7 @@ fn made(parameters: Parameters) -> Made {
             heading_sd_deg: 0.7,
             covariance: None,
             gyro_bias_deg_s: None,
+            accel_bias_m_s2: None,
         },
     }
 }
@@ -87,6 +88,7 @@ fn learnt() -> Made {
     ));
     made.calibration.covariance = Some(PackedCovariance::packed(&(root * root.transpose())));
     made.calibration.gyro_bias_deg_s = Some(Vector3::new(4.5, -1.0 / 7.0, 0.0));
+    made.calibration.accel_bias_m_s2 = Some(Vector3::new(-0.3, 0.0, 0.1));
     made
 }
 
@@ -141,7 +143,7 @@ fn a_history_comes_back_bit_for_bit() {
 }
 
 #[test]
-fn a_covariance_or_a_gyros_bias_that_cannot_be_one_is_damage() {
+fn a_covariance_or_a_bias_of_a_chip_that_cannot_be_one_is_damage() {
     let good = Contents::of(History::of(identity(), learnt()));
     let text = good.to_json().unwrap();
     assert_eq!(Contents::from_json(text.as_bytes()), Ok(good));
@@ -154,6 +156,12 @@ fn a_covariance_or_a_gyros_bias_that_cannot_be_one_is_damage() {
         (covariance, 2, json!("x"), "covariance[2]"),
         (bias, 1, json!(61.0), "calibration.gyro_bias_deg_s"),
         (bias, 2, json!(null), "gyro_bias_deg_s[2]"),
+        (
+            "accel_bias_m_s2",
+            0,
+            json!(-5.5),
+            "calibration.accel_bias_m_s2",
+        ),
     ] {
         let right = std::mem::replace(&mut calibration[key][at], wrong);
         let mut damaged = json!({"headingd_store": 2, "sensors": []});

@@ -58,6 +58,7 @@ pub fn true_calibration(matrix: Matrix3<f64>, bias: Vector3<f64>, strength: f64)
         heading_sd_deg: 0.3,
         covariance: None,
         gyro_bias_deg_s: None,
+        accel_bias_m_s2: None,
     }
 }
 

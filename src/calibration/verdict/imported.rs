@@ -74,6 +74,7 @@ mod tests {
             heading_sd_deg: 0.1,
             covariance: None,
             gyro_bias_deg_s: None,
+            accel_bias_m_s2: None,
         };
         let limits = Limits::default();
         assert_eq!(check(&good, &limits), Ok(()));

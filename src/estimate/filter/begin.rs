@@ -205,6 +205,7 @@ mod tests {
             heading_sd_deg: 0.1,
             covariance: None,
             gyro_bias_deg_s: None,
+            accel_bias_m_s2: None,
         };
         let mut filter = Filter::new(&Prior::of(&calibration, &Mounting::default()));
         let earth = Vector3::new(60.0, 190.0, -420.0);

@@ -30,6 +30,7 @@ pub struct Board {
     /// What the gyro makes of the rate.
     pub gyro: fn(Vector3<f64>) -> Vector3<f64>,
     pub with_accel: bool,
+    pub accel_bias_m_s2: Vector3<f64>,
     pub overflow: bool,
     /// What axis X of the magnetometer reads all the time.
     pub stuck_mgauss: Option<f64>,
@@ -71,6 +72,7 @@ impl Board {
             with_gyro: true,
             gyro: |rate| rate,
             with_accel: true,
+            accel_bias_m_s2: Vector3::zeros(),
             overflow: false,
             stuck_mgauss: None,
             repeats: 1,
@@ -190,7 +192,9 @@ impl Board {
             rate_rad_s: self
                 .with_gyro
                 .then(|| (self.gyro)(to_body * rate_deg_s.map(f64::to_radians) + shaken)),
-            specific_force_m_s2: self.with_accel.then(|| to_body * Vector3::z() * -9.8),
+            specific_force_m_s2: self
+                .with_accel
+                .then(|| to_body * Vector3::z() * -9.8 + self.accel_bias_m_s2),
         }
     }
 
@@ -254,6 +258,7 @@ pub fn planar(off_mgauss: f64) -> Calibration {
         heading_sd_deg: 0.05,
         covariance: None,
         gyro_bias_deg_s: None,
+        accel_bias_m_s2: None,
     }
 }
 

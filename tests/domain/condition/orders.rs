@@ -363,6 +363,31 @@ fn a_restart_begins_with_the_gyros_bias_of_before() {
 }
 
 #[test]
+fn a_restart_begins_with_the_accelerometers_bias_of_before() {
+    let biased = |calibration| {
+        let mut board = Board::new(calibration);
+        board.accel_bias_m_s2 = Vector3::new(0.3, -0.3, 0.0);
+        board
+    };
+    let mut before = biased(Some(spatial(0.0)));
+    for _ in 0..6 {
+        before.tumble();
+    }
+    let kept = before.pipeline.calibration().unwrap();
+
+    let unknown = Calibration {
+        accel_bias_m_s2: None,
+        ..kept
+    };
+    let [with, without] = [kept, unknown].map(|calibration| {
+        let mut board = biased(Some(calibration));
+        board.rest(10.0);
+        board.error_deg().unwrap().abs()
+    });
+    assert!(with < 0.5 * without, "{with} and {without}");
+}
+
+#[test]
 fn a_board_that_is_mounted_otherwise_keeps_its_gyros_bias() {
     let mut board = Board::new(Some(spatial(0.0)));
     board.gyro = |rate| rate + Vector3::new(0.08, -0.02, 0.03);
