@@ -178,14 +178,16 @@ impl Attitude {
             .expect_bias(self.mountings.gyro.to_body(chip_rad_s));
     }
 
-    /// Begins with the bias that was taken out of the specific force before, accelerometer chip axes, m/s².
+    /// Goes on with this bias of the accelerometer, accelerometer chip axes, m/s².
     pub fn expect_force_bias(&mut self, chip_m_s2: Vector3<f64>) {
-        self.filter.errors.force_bias = self.mountings.accel.to_body(chip_m_s2);
+        self.filter
+            .errors
+            .expect_force_bias(self.mountings.accel.to_body(chip_m_s2));
     }
 
-    /// What is taken out of the specific force, accelerometer chip axes, m/s²; `None` while nothing is known of its bias.
+    /// The bias that is taken out of the specific force, accelerometer chip axes, m/s²; `None` while none is.
     pub fn force_bias_m_s2(&self) -> Option<Vector3<f64>> {
-        let body = self.filter.errors.force_bias;
+        let body = self.filter.errors.force_bias();
         (body != Vector3::zeros()).then(|| self.mountings.accel.to_chip(body))
     }
 
@@ -295,7 +297,7 @@ impl Attitude {
             Some(pose) if pose.vertical_known && self.accelerometer_live(t_s) => {
                 Some(-pose.orientation.inverse_transform_vector(&Vector3::z()))
             }
-            _ => self.filter.gravity.down(t_s),
+            _ => self.felt_down(t_s),
         }
     }
 
@@ -307,7 +309,14 @@ impl Attitude {
         }
         let gravity = &self.filter.gravity;
         let turned_rad = self.rate_rad_s().norm() * gravity.held_s(t_s);
-        Some((gravity.down(t_s)?, hypot(gravity.down_sd_rad(), turned_rad)))
+        let sd_rad = hypot(gravity.down_sd_rad(), turned_rad);
+        Some((self.felt_down(t_s)?, sd_rad))
+    }
+
+    /// Down by the accelerometer alone.
+    fn felt_down(&self, t_s: f64) -> Option<Vector3<f64>> {
+        let bias = self.filter.errors.force_bias();
+        self.filter.gravity.down(t_s, &bias)
     }
 
     /// The accelerometer's newest reading, body axes, m/s²; `None` while it is silent.

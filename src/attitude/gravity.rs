@@ -102,12 +102,12 @@ impl Gravity {
         self.live(t_s).then_some(self.low_passed[0])
     }
 
-    /// Where down is, a unit vector of body axes: an accelerometer feels up. `None` while it is silent. On a board that tilts
+    /// Where down is, a unit vector of body axes: an accelerometer of this bias (m/s²) feels up. `None` while it is silent. On a board that tilts
     /// steadily a low pass lags by its time; double smoothing (Brown, 1956) does not, and what is left of the lag is about the
     /// second difference of the stages.
-    pub(super) fn down(&self, t_s: f64) -> Option<Vector3<f64>> {
+    pub(super) fn down(&self, t_s: f64, bias: &Vector3<f64>) -> Option<Vector3<f64>> {
         let [once, twice, _] = self.low_passed;
-        let force = self.live(t_s).then_some(2.0 * once - twice)?;
+        let force = self.live(t_s).then_some(2.0 * once - twice - bias)?;
         (-force).try_normalize(1e-9)
     }
 
@@ -159,7 +159,7 @@ mod tests {
         }
         assert_eq!(gravity.down_sd_rad(), 0.0);
         gravity.take(2.2, Vector3::y() * (GRAVITY_M_S2 + 2.0));
-        assert_eq!(gravity.down(2.2), Some(-Vector3::y()));
+        assert_eq!(gravity.down(2.2, &Vector3::zeros()), Some(-Vector3::y()));
         assert!(gravity.down_sd_rad() > 0.2);
     }
 

@@ -53,18 +53,22 @@ const BIAS: f64 = 0.33;
 /// A gyro's bias at the next start differs from the last by this on an axis, rad/s (1°/s): data sheets allow 20 °/s (MPU-6050) to
 /// 40 °/s (ITG-3200) over 125 K, so that is a room some kelvin warmer.
 pub(super) const RESTART_BIAS_RAD_S: f64 = 0.0175;
-/// Bias to expect of an accelerometer, m/s² (10 thousandths of g): between that of a trimmed chip, 5, and that of one as delivered; an
-/// ADXL345's data sheet has 35 at most, an MPU-6050's 50.
+/// Bias to expect of an accelerometer, m/s² (10 thousandths of g): between a trimmed chip's 5 and those of chips as delivered, typically up
+/// to 35 (ADXL345) or 50 (MPU-6050). With twice this, trimmed ones lose more than the others gain.
 const FORCE_BIAS_M_S2: f64 = 0.1;
 /// Arm to expect, m: a wrist's.
 const ARM_M: f64 = 0.1;
+/// On a board that stays upright, the accelerometer's bias tilts the frame by a constant, which the estimate learns as a rotation between the
+/// chips. This share of the bias then does not count. With more than that a boat at anchor is falsely sure more often, with less motions
+/// that repeat teach wrong errors of the gyro.
+const STAYS: f64 = 0.7;
 /// u at first: the specific force of a board that may be shaken, m/s².
 const FIRST_M_S2: f64 = 2.0;
 /// Velocity and acceleration of a board at first, m/s and m/s²: a hand's.
 const SPEED_M_S: f64 = 1.0;
 const ACCELERATION_M_S2: f64 = 1.0;
-/// A larger velocity than this, m/s, is an error of u, b or M: no vehicle that steers by a compass keeps up a fifth of g for
-/// half a minute. The filter is then too sure of that error to correct it, and begins anew.
+/// A larger velocity than this, m/s, is an error of another state: no vehicle that steers by a compass keeps up a fifth of g for
+/// 30 s. The filter is then too sure of that error to correct it, and begins anew.
 const MOST_SPEED_M_S: f64 = 60.0;
 /// Walk of a gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
 pub const GYRO_BIAS_WALK_RAD_S: f64 = 0.000_087;
@@ -73,8 +77,8 @@ const FORCE_BIAS_WALK_M_S2: f64 = 0.000_8;
 /// A gyro's bias after a gap differs by this on an axis, rad/s (0.3°/s), its walk of an hour: times do not tell how long a chip or its recorder
 /// was off.
 pub(super) const GAP_BIAS_RAD_S: f64 = 60.0 * GYRO_BIAS_WALK_RAD_S;
-/// A board whose mean up in body axes is longer than this, of 1, stays upright (tilts by less than 37° to 18°): its rotation about the vertical shows in
-/// gravity only as far as it sways, and accelerations sway with it.
+/// A board whose mean up, body axes, is longer than this, of 1, stays upright (tilts by less than 37° to 18°): its rotation about the
+/// vertical shows in gravity only as far as it sways, and accelerations sway with it.
 const UPRIGHT: std::ops::Range<f64> = 0.8..0.95;
 
 /// How surely a board whose up has this mean in body axes stays upright, 0 to 1.
@@ -89,14 +93,14 @@ fn across(upright: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() - up * up.transpose() * share(upright)
 }
 
-/// The filter, and the errors that it takes out of the gyro's rates.
+/// The filter, and the errors that it takes out of the readings of gyro and accelerometer.
 pub(super) struct GyroErrors {
     /// Body axes, rad/s.
     pub(super) bias: Vector3<f64>,
     matrix: Matrix3<f64>,
     largest_bias_rad_s: f64,
-    /// The accelerometer's, body axes, m/s².
-    pub(super) force_bias: Vector3<f64>,
+    /// a as it is taken out, body axes, m/s², and r.
+    force_bias: Vector3<f64>,
     arm: Vector3<f64>,
     /// u; `None` until there is a specific force.
     up: Option<Vector3<f64>>,
@@ -165,6 +169,17 @@ impl GyroErrors {
     pub(super) fn expect_bias(&mut self, bias_rad_s: Vector3<f64>) {
         self.bias = bias_rad_s;
         self.clear(B, RESTART_BIAS_RAD_S);
+    }
+
+    /// Begins with this bias of the accelerometer, body axes, m/s².
+    pub(super) fn expect_force_bias(&mut self, bias_m_s2: Vector3<f64>) {
+        self.force_bias = bias_m_s2;
+        self.clear(A, FORCE_BIAS_M_S2);
+    }
+
+    /// The bias of the accelerometer, body axes, m/s².
+    pub(super) fn force_bias(&self) -> Vector3<f64> {
+        self.force_bias
     }
 
     /// The gyro may have been started again, or its bias has jumped: adds this deviation to that of its bias on each axis, rad/s.
@@ -259,7 +274,7 @@ impl GyroErrors {
             (Some(force), Some(up)) => {
                 let left = self.predict(&force, &up, &window);
                 if window.at_rest {
-                    self.measure_up_at_rest(&left, window.s);
+                    self.measure_up_at_rest(&left, &window);
                 }
                 self.measure_velocity(&left, &window);
                 if self.velocity.norm() > MOST_SPEED_M_S {
@@ -273,9 +288,11 @@ impl GyroErrors {
         }
     }
 
+    /// The accelerometer's bias stays: the frame is levelled by it.
     fn begin_anew(&mut self) {
         let mut anew = Self {
             timing_walk_s2: self.timing_walk_s2,
+            force_bias: self.force_bias,
             ..Self::new(self.largest_bias_rad_s)
         };
         anew.take_place_of(self);
@@ -295,6 +312,13 @@ impl GyroErrors {
         self.velocity.fill(0.0);
         self.clear(U, FIRST_M_S2);
         self.clear(V, self.speed2.sqrt());
+        self.arm.fill(0.0);
+        self.clear(ARM, ARM_M);
+    }
+
+    /// How much of the accelerometer's bias counts, 0 to 1, see `STAYS`.
+    fn felt_share(&self) -> f64 {
+        1.0 - STAYS * self.upright_share()
     }
 
     /// How surely the board stays upright, 0 to 1.

@@ -92,6 +92,11 @@ impl Pipeline {
     pub(super) fn forget_estimate(&mut self, calibration: Option<Calibration>) {
         self.estimate
             .restart(self.setup.mountings.mag, calibration.as_ref());
+        if let Some(calibration) = &calibration {
+            // Its parameters hold for levels without this bias.
+            let bias_m_s2 = calibration.accel_bias_m_s2.unwrap_or_default();
+            self.intake.attitude.expect_force_bias(bias_m_s2);
+        }
         self.forget_learning(calibration);
     }
 

@@ -22,7 +22,7 @@ pub(super) struct Intake {
 }
 
 impl Intake {
-    /// With a calibration, the gyro is expected to have the bias that goes with it.
+    /// With a calibration, gyro and accelerometer are expected to have the biases that go with it.
     pub(super) fn new(setup: &Setup, calibration: Option<&Calibration>) -> Self {
         let mut attitude = Attitude::new(&setup.attitude, &setup.mountings);
         expect_biases(&mut attitude, calibration);

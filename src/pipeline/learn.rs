@@ -69,7 +69,7 @@ impl Pipeline {
         Some(self.with_biases(calibration))
     }
 
-    /// This calibration with the biases of gyro and accelerometer, as far as they are known.
+    /// This calibration with the gyro's bias, if that is known, and what is taken out of the specific force.
     pub(super) fn with_biases(&self, calibration: Calibration) -> Calibration {
         Calibration {
             gyro_bias_deg_s: self.gyro_bias_deg_s(),

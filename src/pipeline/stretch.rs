@@ -7,7 +7,7 @@ use crate::reading::Reading;
 
 impl Pipeline {
     /// Forgets all motion, and whatever is remembered by its time. Calibration, policy and the verdict on the last turn
-    /// stay, and so do a calibration that is under way and the gyro's bias, which goes with the active calibration.
+    /// stay, and so do a calibration that is under way and the biases that go with the active one.
     pub(super) fn begin_stretch(&mut self) {
         let calibration = self.calibration();
         self.intake.begin_stretch(&self.setup, calibration.as_ref());

@@ -57,13 +57,20 @@ pub(super) fn faults(calibration: &Calibration) -> Vec<Fault> {
     check("calibration.residual_mgauss", residual, 0.0..=1e5);
     let (key, sd_deg) = ("calibration.heading_sd_deg", calibration.heading_sd_deg);
     within(&mut faults, key, sd_deg, 0.0..=180.0, "degrees");
-    for bias_deg_s in calibration.gyro_bias_deg_s.iter().flatten() {
-        let (key, range) = ("calibration.gyro_bias_deg_s", -60.0..=60.0);
-        within(&mut faults, key, *bias_deg_s, range, "degrees per second");
-    }
-    for bias_m_s2 in calibration.accel_bias_m_s2.iter().flatten() {
-        let (key, range) = ("calibration.accel_bias_m_s2", -5.0..=5.0);
-        within(&mut faults, key, *bias_m_s2, range, "m/s²");
+    let biases = [
+        (
+            "gyro_bias_deg_s",
+            calibration.gyro_bias_deg_s,
+            60.0,
+            "degrees per second",
+        ),
+        ("accel_bias_m_s2", calibration.accel_bias_m_s2, 5.0, "m/s²"),
+    ];
+    for (name, bias, most, unit) in biases {
+        for value in bias.iter().flatten() {
+            let key = format!("calibration.{name}");
+            within(&mut faults, &key, *value, -most..=most, unit);
+        }
     }
     if let Some(covariance) = &calibration.covariance {
         covariance_faults(&mut faults, calibration, covariance);

@@ -9,6 +9,8 @@ use crate::frame::rows;
 
 /// Most that is taken out: the 6 % of an ITG-3200, and some drift with temperature. Larger errors are another fault.
 pub(super) const MOST_MATRIX: f64 = 0.07;
+/// Most that is taken out of the specific force, m/s²: the 250 thousandths of g of an ADXL345's Z at worst.
+const MOST_FORCE_BIAS_M_S2: f64 = 2.5;
 /// Least velocity that is believed, m/s.
 const LEAST_SPEED_M_S: f64 = 0.1;
 /// Velocity and acceleration are measured over these times, seconds: quickly when they grow, slowly when they shrink.
@@ -40,14 +42,16 @@ impl GyroErrors {
         }
     }
 
-    /// The board is at rest: its velocity is 0, and all specific force is gravity's.
-    pub(super) fn measure_up_at_rest(&mut self, left: &Vector3<f64>, dt: f64) {
-        self.correct(U, &(left / dt), REST_FORCE_M_S2.powi(2) / dt);
+    /// The board is at rest: its velocity is 0, and all specific force is gravity's and the accelerometer's bias.
+    pub(super) fn measure_up_at_rest(&mut self, left: &Vector3<f64>, window: &Window) {
+        let dt = window.s;
+        let by_bias = window.turn * (self.felt_share() / dt);
+        self.correct_sum((U, A), &by_bias, &(left / dt), REST_FORCE_M_S2.powi(2) / dt);
         self.velocity.fill(0.0);
         self.clear(V, LEAST_SPEED_M_S);
     }
 
-    /// The velocity is that of turning about the point that the arm shows, within those that the board has.
+    /// The chips' velocity is R (ω × r), within those that this board has.
     pub(super) fn measure_velocity(&mut self, left: &Vector3<f64>, window: &Window) {
         let dt = window.s;
         let uncertain = self.p.fixed_view::<3, 3>(V, V).trace();
@@ -62,13 +66,24 @@ impl GyroErrors {
         let lasts_s = lasts_s.clamp(*LASTS_S.start(), *LASTS_S.end());
         // Neighbouring windows share their velocity.
         let variance = self.speed2 * 2.0 * lasts_s / dt;
-        // R (ω × r) depends on r as R [ω]× does.
-        let by_arm = window.turn * (window.rate / dt.powi(2)).cross_matrix();
+        // −R [ω]×, the mean over the window, of which `turn` and `rate` are integrals.
+        let by_arm = -window.turn * (window.rate / dt.powi(2)).cross_matrix();
+        let innovation = -self.velocity - by_arm * self.arm;
+        self.correct_sum((V, ARM), &by_arm, &innovation, variance);
+    }
+
+    /// Takes in a measurement of three states plus `by` times three others, each with this variance.
+    fn correct_sum(
+        &mut self,
+        (at, other): (usize, usize),
+        by: &Matrix3<f64>,
+        innovation: &Vector3<f64>,
+        variance: f64,
+    ) {
         let cross =
-            self.p.fixed_columns::<3>(V) - self.p.fixed_columns::<3>(ARM) * by_arm.transpose();
-        let own = cross.fixed_rows::<3>(V) - by_arm * cross.fixed_rows::<3>(ARM);
-        let innovation = by_arm * self.arm - self.velocity;
-        self.take_in(cross, own, &innovation, variance);
+            self.p.fixed_columns::<3>(at) + self.p.fixed_columns::<3>(other) * by.transpose();
+        let own = cross.fixed_rows::<3>(at) + by * cross.fixed_rows::<3>(other);
+        self.take_in(cross, own, innovation, variance);
     }
 
     /// Takes in a measurement of three states, each with this variance.
@@ -101,7 +116,9 @@ impl GyroErrors {
             *up += change.fixed_rows::<3>(U);
         }
         self.velocity += change.fixed_rows::<3>(V);
-        self.force_bias += change.fixed_rows::<3>(A);
+        let most = MOST_FORCE_BIAS_M_S2;
+        self.force_bias =
+            (self.force_bias + change.fixed_rows::<3>(A)).map(|bias| bias.clamp(-most, most));
         self.arm += change.fixed_rows::<3>(ARM);
         let most = self.largest_bias_rad_s;
         self.bias = (self.bias + change.fixed_rows::<3>(B)).map(|bias| bias.clamp(-most, most));

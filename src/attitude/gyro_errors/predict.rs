@@ -16,16 +16,13 @@ const TURN_WALK_RAD: f64 = 0.003;
 const VELOCITY_WALK_M_S: f64 = 0.03;
 /// A hand turns a board about the same point for this long, seconds.
 const ARM_LASTS_S: f64 = 3.0;
-/// Of the accelerometer's bias so much makes no difference on a board that stays upright, where it tilts the frame by a constant: for the
-/// estimate that is a rotation between the chips. From half of it on nearly all figures are the same.
-const STAYS: f64 = 0.8;
 /// Which body axis is vertical is the mean over this time, seconds.
 const UPRIGHT_S: f64 = 20.0;
 /// The same over a longer time, seconds: a board that stays upright for minutes may do so for hours, and what it learns wrongly adds up.
 const STAYS_UPRIGHT_S: f64 = 60.0;
 
 impl GyroErrors {
-    /// Carries the state over a window. What the specific force is more than u accounts for, integrated, m/s.
+    /// Carries the state over a window. Returns the integral of the specific force less u, m/s.
     pub(super) fn predict(
         &mut self,
         force: &Vector3<f64>,
@@ -58,9 +55,8 @@ impl GyroErrors {
             step[(V + axis, V + axis)] = keep;
             step[(V + axis, U + axis)] = -dt;
         }
-        let felt = 1.0 - STAYS * self.upright_share();
         step.fixed_view_mut::<3, 3>(V, A)
-            .copy_from(&(-felt * window.turn));
+            .copy_from(&(-self.felt_share() * window.turn));
         let rows = step * self.p;
         self.p.fixed_rows_mut::<6>(U).copy_from(&rows);
         let columns = self.p * step.transpose();
@@ -77,7 +73,7 @@ impl GyroErrors {
         left
     }
 
-    /// The arm is drawn to 0, and may be another.
+    /// The arm decays to 0, and its variance returns to what is expected: the hand may turn the board about another point.
     fn let_arm_change(&mut self, dt: f64) {
         let keep = (-dt / ARM_LASTS_S).exp();
         self.arm *= keep;
