@@ -244,8 +244,7 @@ impl Board {
         board.gyro.walk = 0.002 * RAD;
         // ITG-3200: 0.1 °/s a g.
         board.gyro.by_force = Matrix3::from_fn(|_, _| rng.uniform(-0.1, 0.1) * RAD / 9.80665);
-        // 5 milli-g an axis: a chip whose offset was trimmed once. An ADXL345 as delivered has up to 35, and 2° of
-        // tilt are 2° · tan(dip) of heading, whatever the magnetometer.
+        // 5 milli-g an axis: a chip whose offset was trimmed once.
         board.force.bias = rng.vector(0.05);
         board.force.noise = rng.uniform(0.03, 0.1);
         board.jitter_s = rng.uniform(0.0, 0.002);
@@ -254,5 +253,9 @@ impl Board {
             board.pause_every_s = rng.uniform(0.5, 3.0);
         }
         board
+    }
+    /// The accelerometer is as delivered: offsets are typically up to 35 milli-g (ADXL345) or 50 (MPU-6050), of which 25 is about the RMS.
+    pub fn untrim(&mut self, rng: &mut Rng) {
+        self.force.bias = rng.vector(0.25);
     }
 }

@@ -115,10 +115,12 @@ const fn family(
 pub const ALL: &[Family] = &[
     family("perfect_chips", 20, PERFECT, handled::perfect),
     family("tumbling", 500, TUMBLING, handled::tumbling),
+    family("tumbling_untrimmed", 200, TUMBLING, handled::untrimmed),
     family("tumbling_in_bursts", 200, VEHICLE, handled::in_bursts),
     family("place_known", 200, PLACE, handled::place_known),
     family("place_wrong", 200, PLACE, handled::place_wrong),
     family("car", 500, CAR, vehicles::car),
+    family("car_untrimmed", 200, CAR, vehicles::untrimmed_car),
     family("car_on_hills", 500, CAR, vehicles::car_on_hills),
     family("motorway", 200, NOT_ALWAYS_GOOD, vehicles::motorway),
     family("boat", 500, VEHICLE, vehicles::boat),

@@ -94,7 +94,14 @@ pub fn tumbling(rng: &mut Rng, score: &mut Score) {
     run(scene, rng, score);
 }
 
-/// The same, read by a host that polls 13 to 60 times a second, over a line that loses some readings.
+/// The same with an accelerometer as delivered.
+pub fn untrimmed(rng: &mut Rng, score: &mut Score) {
+    let mut scene = tumble(rng, score);
+    scene.board.untrim(rng);
+    run(scene, rng, score);
+}
+
+/// Tumbling, read by a host that polls 13 to 60 times a second, over a line that loses some readings.
 pub fn in_bursts(rng: &mut Rng, score: &mut Score) {
     let mut scene = tumble(rng, score);
     scene.board.polls_every_s = rng.uniform(0.016, 0.075);

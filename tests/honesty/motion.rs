@@ -80,7 +80,7 @@ pub enum Part {
         deg: f64,
         s: f64,
     },
-    /// Any rotation at this rate (RMS an axis), with accelerations of this size (RMS an axis) within some decimetres.
+    /// Any rotation at this rate (RMS an axis), with accelerations of the wrist of this size (RMS an axis) within some decimetres.
     Free { s: f64, rate: f64, accel: f64 },
 }
 
@@ -100,6 +100,8 @@ pub fn length_s(parts: &[Part]) -> f64 {
 
 /// How far a hand moves a board, metres RMS an axis.
 const REACH: f64 = 0.12;
+/// Longest distance from the wrist, about which the hand turns the board, to the chips, metres.
+const WRIST: f64 = 0.15;
 
 /// A hand, or a stand, that does one part after the other, and rests at the end.
 pub struct Hand {
@@ -108,6 +110,8 @@ pub struct Hand {
     t_s: f64,
     start: Pose,
     now: Pose,
+    /// From the wrist to the chips, body axes, metres.
+    arm: Vector3<f64>,
     rate: Smooth<2>,
     place: Smooth<4>,
     sway: Smooth<3>,
@@ -134,9 +138,18 @@ impl Hand {
             t_s: 0.0,
             start,
             now: start,
+            arm: rng.direction() * rng.uniform(0.0, WRIST),
             rate: Smooth::new(rate_tau, rng),
             place: Smooth::new(tau, rng),
             sway: Smooth::new(0.7, rng),
+        }
+    }
+
+    /// Where the chips are.
+    fn chips(&self) -> Pose {
+        Pose {
+            position: self.now.position + self.now.attitude * self.arm,
+            ..self.now
         }
     }
 }
@@ -145,7 +158,7 @@ impl Motion for Hand {
     fn step(&mut self, rng: &mut Rng, dt_s: f64) -> Pose {
         self.t_s += dt_s;
         let Some(part) = self.parts.get(self.next) else {
-            return self.now;
+            return self.chips();
         };
         let (t, length) = (self.t_s, part.length_s());
         let start = self.start;
@@ -195,6 +208,6 @@ impl Motion for Hand {
             self.start = self.now;
             self.next += 1;
         }
-        self.now
+        self.chips()
     }
 }

@@ -64,10 +64,18 @@ fn traffic(rng: &mut Rng) -> impl FnMut(&Now, &mut World, &mut Board, &mut Rng) 
 
 /// Level roads, turns of 20 to 90°, 30 minutes.
 pub fn car(rng: &mut Rng, score: &mut Score) {
-    drive(USUAL, rng, score);
+    let scene = driven(USUAL, rng, score);
+    run(scene, rng, score);
 }
 
-/// The same over hills: their slopes look like acceleration, and the other way round.
+/// The same with an accelerometer as delivered.
+pub fn untrimmed_car(rng: &mut Rng, score: &mut Score) {
+    let mut scene = driven(USUAL, rng, score);
+    scene.board.untrim(rng);
+    run(scene, rng, score);
+}
+
+/// A car over hills: their slopes look like acceleration, and the other way round.
 pub fn car_on_hills(rng: &mut Rng, score: &mut Score) {
     let (grade_deg, camber_deg) = HILLS;
     let driving = Driving {
@@ -75,16 +83,16 @@ pub fn car_on_hills(rng: &mut Rng, score: &mut Score) {
         camber_deg,
         ..USUAL
     };
-    drive(driving, rng, score);
+    let scene = driven(driving, rng, score);
+    run(scene, rng, score);
 }
 
-fn drive(driving: Driving, rng: &mut Rng, score: &mut Score) {
+fn driven(driving: Driving, rng: &mut Rng, score: &mut Score) -> Scene {
     score.starts_s = WAIT_S;
     score.errors_from = From::FirstGood;
     score.learnt_by_s = 600.0;
     let motion = Car::new(driving, WAIT_S, rng);
-    let scene = vehicle(rng, motion, 1800.0).with(traffic(rng));
-    run(scene, rng, score);
+    vehicle(rng, motion, 1800.0).with(traffic(rng))
 }
 
 /// 8 m/s in tight turns, chips 3° apart, 10 minutes.
@@ -122,7 +130,8 @@ pub fn motorway(rng: &mut Rng, score: &mut Score) {
         grade_deg,
         camber_deg,
     };
-    drive(driving, rng, score);
+    let scene = driven(driving, rng, score);
+    run(scene, rng, score);
 }
 
 /// Rolling by up to 15°, slow turns, 20 minutes.
