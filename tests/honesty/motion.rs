@@ -132,13 +132,14 @@ impl Hand {
         // Four low-passes leave an acceleration of reach / (tau² √5).
         let tau = (REACH / accel.unwrap_or(1.0) / 5f64.sqrt()).sqrt();
         let rate_tau = rng.uniform(0.2, 0.6);
+        let mut apart = rng.apart();
         Self {
             parts,
             next: 0,
             t_s: 0.0,
             start,
             now: start,
-            arm: rng.direction() * rng.uniform(0.0, WRIST),
+            arm: apart.direction() * apart.uniform(0.0, WRIST),
             rate: Smooth::new(rate_tau, rng),
             place: Smooth::new(tau, rng),
             sway: Smooth::new(0.7, rng),

@@ -19,6 +19,13 @@ impl Rng {
         ))
     }
 
+    /// Other numbers for what is new in a family, so that all else in its runs stays as it was.
+    pub fn apart(&self) -> Self {
+        let mut numbers = self.0.clone();
+        numbers.jump();
+        Self(numbers)
+    }
+
     pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.0.random::<f64>()
     }
