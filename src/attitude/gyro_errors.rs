@@ -54,13 +54,14 @@ const BIAS: f64 = 0.33;
 /// 40 °/s (ITG-3200) over 125 K, so that is a room some kelvin warmer.
 pub(super) const RESTART_BIAS_RAD_S: f64 = 0.0175;
 /// Bias to expect of an accelerometer, m/s² (10 thousandths of g): between a trimmed chip's 5 and those of chips as delivered, typically up
-/// to 35 (ADXL345) or 50 (MPU-6050). With twice this, trimmed ones lose more than the others gain.
+/// to 35 (ADXL345) or 50 (MPU-6050). With twice this, headings lose more with the
+/// former than they gain with the latter.
 const FORCE_BIAS_M_S2: f64 = 0.1;
 /// Arm to expect, m: a wrist's.
 const ARM_M: f64 = 0.1;
 /// On a board that stays upright, the accelerometer's bias tilts the frame by a constant, which the estimate learns as a rotation between the
-/// chips. This share of the bias then does not count. With more than that a boat at anchor is falsely sure more often, with less motions
-/// that repeat teach wrong errors of the gyro.
+/// chips. This share of the bias then does not count. A larger one makes a boat at anchor falsely sure more often; with a smaller one,
+/// motions that repeat teach wrong errors of the gyro.
 const STAYS: f64 = 0.7;
 /// u at first: the specific force of a board that may be shaken, m/s².
 const FIRST_M_S2: f64 = 2.0;

@@ -170,8 +170,8 @@ pub struct Calibration {
     /// Bias of the gyro when this was learnt, gyro chip axes, degrees per second: a start expects about the same.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gyro_bias_deg_s: Option<Vector3<f64>>,
-    /// Bias that was taken out of the accelerometer's readings when this was learnt, accelerometer chip axes, m/s²: the parameters hold for
-    /// levels without it.
+    /// Bias that was taken out of the accelerometer's readings when this was learnt, accelerometer chip axes, m/s²: the parameters are
+    /// right only with the tilt that results.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accel_bias_m_s2: Option<Vector3<f64>>,
 }

@@ -93,7 +93,7 @@ impl Pipeline {
         self.estimate
             .restart(self.setup.mountings.mag, calibration.as_ref());
         if let Some(calibration) = &calibration {
-            // Its parameters hold for levels without this bias.
+            // Its parameters are right only with the tilt that results.
             let bias_m_s2 = calibration.accel_bias_m_s2.unwrap_or_default();
             self.intake.attitude.expect_force_bias(bias_m_s2);
         }

@@ -59,17 +59,21 @@ pub(super) fn faults(calibration: &Calibration) -> Vec<Fault> {
     within(&mut faults, key, sd_deg, 0.0..=180.0, "degrees");
     let biases = [
         (
-            "gyro_bias_deg_s",
+            "calibration.gyro_bias_deg_s",
             calibration.gyro_bias_deg_s,
             60.0,
             "degrees per second",
         ),
-        ("accel_bias_m_s2", calibration.accel_bias_m_s2, 5.0, "m/s²"),
+        (
+            "calibration.accel_bias_m_s2",
+            calibration.accel_bias_m_s2,
+            5.0,
+            "m/s²",
+        ),
     ];
-    for (name, bias, most, unit) in biases {
+    for (key, bias, most, unit) in biases {
         for value in bias.iter().flatten() {
-            let key = format!("calibration.{name}");
-            within(&mut faults, &key, *value, -most..=most, unit);
+            within(&mut faults, key, *value, -most..=most, unit);
         }
     }
     if let Some(covariance) = &calibration.covariance {

@@ -64,8 +64,7 @@ fn traffic(rng: &mut Rng) -> impl FnMut(&Now, &mut World, &mut Board, &mut Rng) 
 
 /// Level roads, turns of 20 to 90°, 30 minutes.
 pub fn car(rng: &mut Rng, score: &mut Score) {
-    let scene = driven(USUAL, rng, score);
-    run(scene, rng, score);
+    drive(USUAL, rng, score);
 }
 
 /// The same with an accelerometer as delivered.
@@ -83,6 +82,10 @@ pub fn car_on_hills(rng: &mut Rng, score: &mut Score) {
         camber_deg,
         ..USUAL
     };
+    drive(driving, rng, score);
+}
+
+fn drive(driving: Driving, rng: &mut Rng, score: &mut Score) {
     let scene = driven(driving, rng, score);
     run(scene, rng, score);
 }
@@ -130,8 +133,7 @@ pub fn motorway(rng: &mut Rng, score: &mut Score) {
         grade_deg,
         camber_deg,
     };
-    let scene = driven(driving, rng, score);
-    run(scene, rng, score);
+    drive(driving, rng, score);
 }
 
 /// Rolling by up to 15°, slow turns, 20 minutes.

@@ -11,14 +11,14 @@ fn new() -> GyroErrors {
 }
 
 /// The filter after it has followed a gyro with this bias and matrix for so long, on a board that turns at `rate` and is shaken
-/// with `shake`, m/s².
+/// with `shake`, m/s², earth axes, which may depend on how it lies.
 fn learnt(
     mut errors: GyroErrors,
     seconds: f64,
     bias: Vector3<f64>,
     matrix: Matrix3<f64>,
     rate: impl Fn(f64) -> Vector3<f64>,
-    shake: impl Fn(f64) -> Vector3<f64>,
+    shake: impl Fn(f64, &UnitQuaternion<f64>) -> Vector3<f64>,
 ) -> GyroErrors {
     let (mut truth, mut frame) = (UnitQuaternion::identity(), UnitQuaternion::identity());
     for i in 0..(seconds / TICK_S) as u32 {
@@ -28,17 +28,13 @@ fn learnt(
         let corrected = errors.corrected(&read);
         let step = UnitQuaternion::from_scaled_axis(corrected * TICK_S);
         truth *= UnitQuaternion::from_scaled_axis(turn * TICK_S);
-        let felt = Vector3::z() * GRAVITY_M_S2 + shake(t_s);
+        let felt = Vector3::z() * GRAVITY_M_S2 + shake(t_s, &truth);
         let force = truth.inverse_transform_vector(&felt);
         let middle = frame * step.powf(0.5);
         frame *= step;
         let to_frame = middle.to_rotation_matrix().into_inner();
-        errors.take(
-            &to_frame,
-            &corrected,
-            Some(&errors.corrected_force(&force)),
-            false,
-        );
+        let force = errors.corrected_force(&force);
+        errors.take(&to_frame, &corrected, Some(&force), false);
     }
     errors
 }
@@ -52,7 +48,7 @@ fn tumbling(t_s: f64) -> Vector3<f64> {
 }
 
 /// A hand's: decimetres to and fro.
-fn shaken(t_s: f64) -> Vector3<f64> {
+fn shaken(t_s: f64, _: &UnitQuaternion<f64>) -> Vector3<f64> {
     Vector3::new((4.1 * t_s).sin(), (5.3 * t_s).sin(), (3.7 * t_s).sin()) * 1.5
 }
 
@@ -76,27 +72,13 @@ fn a_tumbling_board_shows_bias_scale_and_cross_axis_errors() {
 /// How far the accelerometer's bias is off, m/s², that is learnt in two minutes in which a hand turns the board about its wrist.
 fn force_bias_off(bias: Vector3<f64>) -> f64 {
     let arm = Vector3::new(0.1, -0.05, 0.08);
-    let mut errors = new();
-    let (mut truth, mut before) = (UnitQuaternion::identity(), [Vector3::zeros(); 2]);
-    for i in 0..(120.0 / TICK_S) as u32 {
-        let rate = tumbling(f64::from(i) * TICK_S);
-        let step = UnitQuaternion::from_scaled_axis(rate * TICK_S);
-        let middle = truth * step.powf(0.5);
-        truth *= step;
-        let place = truth * arm;
-        let [once, twice] = before;
-        before = [place, once];
-        let acceleration = (place - once * 2.0 + twice) / TICK_S.powi(2);
-        let pushed = if i < 2 {
-            Vector3::zeros()
-        } else {
-            acceleration
-        };
-        let felt = Vector3::z() * GRAVITY_M_S2 + pushed;
-        let force = errors.corrected_force(&(truth.inverse_transform_vector(&felt) + bias));
-        let to_frame = middle.to_rotation_matrix().into_inner();
-        errors.take(&to_frame, &rate, Some(&force), false);
-    }
+    let pushed = |t_s: f64, truth: &UnitQuaternion<f64>| {
+        let rate = tumbling(t_s);
+        let acceleration = (tumbling(t_s + TICK_S) - rate) / TICK_S;
+        truth * (acceleration.cross(&arm) + rate.cross(&rate.cross(&arm)) + bias)
+    };
+    let none = Matrix3::zeros();
+    let errors = learnt(new(), 120.0, Vector3::zeros(), none, tumbling, pushed);
     (errors.force_bias - bias).norm()
 }
 
@@ -113,7 +95,7 @@ fn a_tumbling_board_shows_the_accelerometers_bias_but_does_not_take_its_turning_
 fn a_board_that_stays_upright_does_not_take_its_sway_for_a_bias() {
     let bias = Vector3::new(0.01, -0.01, 0.03);
     let roll = |t_s: f64| Vector3::x() * (0.25 * (1.2 * t_s).cos() * 1.2);
-    let sway = |t_s: f64| Vector3::new((1.2 * t_s).cos(), (1.2 * t_s).sin(), 0.0) * 0.5;
+    let sway = |t_s: f64, _: &_| Vector3::new((1.2 * t_s).cos(), (1.2 * t_s).sin(), 0.0) * 0.5;
     let errors = learnt(new(), 300.0, bias, Matrix3::zeros(), roll, sway);
     let across = (errors.bias - bias).xy().norm();
     assert!(across < 0.003, "{across}");
