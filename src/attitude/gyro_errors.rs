@@ -53,9 +53,8 @@ const BIAS: f64 = 0.33;
 /// A gyro's bias at the next start differs from the last by this on an axis, rad/s (1°/s): data sheets allow 20 °/s (MPU-6050) to
 /// 40 °/s (ITG-3200) over 125 K, so that is a room some kelvin warmer.
 pub(super) const RESTART_BIAS_RAD_S: f64 = 0.0175;
-/// Bias to expect of an accelerometer, m/s² (10 thousandths of g): between a trimmed chip's 5 and those of chips as delivered, typically up
-/// to 35 (ADXL345) or 50 (MPU-6050). With twice this, headings lose more with the
-/// former than they gain with the latter.
+/// Bias to expect of an accelerometer at first, m/s² (10 thousandths of g): between a trimmed chip's 5 and those of chips as delivered,
+/// typically up to 35 (ADXL345) or 50 (MPU-6050). With twice this, headings lose more with the former than they gain with the latter.
 const FORCE_BIAS_M_S2: f64 = 0.1;
 /// Arm to expect, m: a wrist's.
 const ARM_M: f64 = 0.1;
@@ -78,21 +77,9 @@ const FORCE_BIAS_WALK_M_S2: f64 = 0.000_8;
 /// A gyro's bias after a gap differs by this on an axis, rad/s (0.3°/s), its walk of an hour: times do not tell how long a chip or its recorder
 /// was off.
 pub(super) const GAP_BIAS_RAD_S: f64 = 60.0 * GYRO_BIAS_WALK_RAD_S;
-/// A board whose mean up, body axes, is longer than this, of 1, stays upright (tilts by less than 37° to 18°): its rotation about the
-/// vertical shows in gravity only as far as it sways, and accelerations sway with it.
+/// A board that keeps within 18° of its mean up surely stays upright, one that has left 37° does not; cosines. Rotation about the vertical
+/// of an upright board shows in gravity only as far as it sways, and accelerations sway with it.
 const UPRIGHT: std::ops::Range<f64> = 0.8..0.95;
-
-/// How surely a board whose up has this mean in body axes stays upright, 0 to 1.
-fn share(upright: &Vector3<f64>) -> f64 {
-    let beyond = upright.norm() - UPRIGHT.start;
-    (beyond / (UPRIGHT.end - UPRIGHT.start)).clamp(0.0, 1.0)
-}
-
-/// Takes away the vertical of a board that stays upright, body axes.
-fn across(upright: &Vector3<f64>) -> Matrix3<f64> {
-    let up = upright / upright.norm().max(1e-9);
-    Matrix3::identity() - up * up.transpose() * share(upright)
-}
 
 /// The filter, and the errors that it takes out of the readings of gyro and accelerometer.
 pub(super) struct GyroErrors {
@@ -108,8 +95,8 @@ pub(super) struct GyroErrors {
     velocity: Vector3<f64>,
     /// Mean of up in body axes.
     upright: Vector3<f64>,
-    /// The same over `STAYS_UPRIGHT_S`; 0 at first.
-    long_upright: Vector3<f64>,
+    /// Cosine of the largest angle that up has lately had to it.
+    least_cos: f64,
     /// Mean squares of velocity and acceleration on an axis.
     speed2: f64,
     acceleration2: f64,
@@ -153,7 +140,7 @@ impl GyroErrors {
             up: None,
             velocity: Vector3::zeros(),
             upright: Vector3::zeros(),
-            long_upright: Vector3::zeros(),
+            least_cos: 1.0,
             speed2: SPEED_M_S.powi(2),
             acceleration2: ACCELERATION_M_S2.powi(2),
             expected_share: 1.0,
@@ -324,7 +311,14 @@ impl GyroErrors {
 
     /// How surely the board stays upright, 0 to 1.
     pub(super) fn upright_share(&self) -> f64 {
-        share(&self.upright)
+        let beyond = self.least_cos - UPRIGHT.start;
+        (beyond / (UPRIGHT.end - UPRIGHT.start)).clamp(0.0, 1.0)
+    }
+
+    /// Takes away the vertical of a board that stays upright, body axes.
+    fn across(&self) -> Matrix3<f64> {
+        let up = self.upright / self.upright.norm().max(1e-9);
+        Matrix3::identity() - up * up.transpose() * self.upright_share()
     }
 
     /// Forgets three states, and how they go with others.

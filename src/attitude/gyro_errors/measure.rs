@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::window::Window;
-use super::{A, ARM, B, GyroErrors, M, N, U, V, across};
+use super::{A, ARM, B, GyroErrors, M, N, U, V};
 use crate::attitude::follow;
 use crate::frame::rows;
 
@@ -133,7 +133,7 @@ impl GyroErrors {
     ///   were off by a fifth after four hours;
     /// - the accelerometer's bias: accelerations would teach a wrong one.
     fn hold_unseen(&self, gain: &mut SMatrix<f64, N, 3>) {
-        let seen = across(&self.long_upright);
+        let seen = self.across();
         for innovation in 0..3 {
             let mut column = gain.fixed_view_mut::<9, 1>(M, innovation);
             let left = seen * Matrix3::from_row_slice(column.as_slice());

@@ -3,7 +3,7 @@
 use nalgebra::{SMatrix, Vector3};
 
 use super::window::Window;
-use super::{A, ARM, ARM_M, B, GyroErrors, M, N, U, V, across};
+use super::{A, ARM, ARM_M, B, GyroErrors, M, N, U, V};
 use crate::attitude::gravity::GRAVITY_M_S2;
 
 /// The integral forgets over this time, seconds: a steady velocity is no acceleration.
@@ -18,8 +18,8 @@ const VELOCITY_WALK_M_S: f64 = 0.03;
 const ARM_LASTS_S: f64 = 3.0;
 /// Which body axis is vertical is the mean over this time, seconds.
 const UPRIGHT_S: f64 = 20.0;
-/// The same over a longer time, seconds: a board that stays upright for minutes may do so for hours, and what it learns wrongly adds up.
-const STAYS_UPRIGHT_S: f64 = 60.0;
+/// A board that has been tilted may be tilted again within this time, seconds.
+const TILTS_S: f64 = 60.0;
 
 impl GyroErrors {
     /// Carries the state over a window. Returns the integral of the specific force less u, m/s.
@@ -33,13 +33,11 @@ impl GyroErrors {
         let keep = (-dt / LEAK_S).exp();
         let left = force - up * dt;
         self.velocity = self.velocity * keep + left;
-        let upright = window.mean_in_body(&up.normalize());
-        self.upright += (upright - self.upright) * (dt / UPRIGHT_S);
-        self.long_upright += (upright - self.long_upright) * (dt / STAYS_UPRIGHT_S);
+        self.watch_tilt(&window.mean_in_body(&up.normalize()), dt);
 
         // An error e of the rate, body axes, turns u by R e.
         let by_turn = -up.cross_matrix();
-        let seen = across(&self.upright);
+        let seen = self.across();
         // Of the transition only the rows of u and v differ from the identity's.
         let mut step = SMatrix::<f64, 6, N>::identity();
         step.fixed_view_mut::<3, 3>(U, B)
@@ -71,6 +69,15 @@ impl GyroErrors {
             self.p[(V + axis, V + axis)] += VELOCITY_WALK_M_S.powi(2) * dt;
         }
         left
+    }
+
+    /// Takes the direction of up in body axes.
+    fn watch_tilt(&mut self, up: &Vector3<f64>, dt: f64) {
+        self.upright += (up - self.upright) * (dt / UPRIGHT_S);
+        self.least_cos += (1.0 - self.least_cos) * (dt / TILTS_S);
+        // At least 0: a board that has been upside down does not take longer to be upright.
+        let cos = up.angle(&self.upright).cos().max(0.0);
+        self.least_cos = self.least_cos.min(cos);
     }
 
     /// The arm decays to 0, and its variance returns to what is expected: the hand may turn the board about another point.

@@ -90,6 +90,19 @@ fn a_tumbling_board_shows_the_accelerometers_bias_but_does_not_take_its_turning_
     assert!(off < 0.08, "{off}");
 }
 
+/// A board that is taken up from a table has been upright until then: it must not count as one that stays so.
+#[test]
+fn a_board_that_begins_to_tumble_shows_its_bias_at_once() {
+    let rate = |t_s: f64| {
+        let level = Vector3::new(0.1, -0.1, 0.5);
+        if t_s < 20.0 { level } else { tumbling(t_s) }
+    };
+    let bias = Vector3::new(-0.08, 0.04, 0.075);
+    let errors = learnt(new(), 35.0, bias, Matrix3::zeros(), rate, shaken);
+    let off = (errors.bias - bias).norm();
+    assert!(off < 0.01, "{off}");
+}
+
 /// A boat's roll moves it sideways at the same time, which looks like a bias about the vertical.
 #[test]
 fn a_board_that_stays_upright_does_not_take_its_sway_for_a_bias() {
