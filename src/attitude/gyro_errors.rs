@@ -90,6 +90,8 @@ pub(super) struct GyroErrors {
     /// a as it is taken out, body axes, m/s², and r.
     force_bias: Vector3<f64>,
     arm: Vector3<f64>,
+    /// Deviation that is expected of the accelerometer's bias, m/s².
+    expected_force_bias: f64,
     /// u; `None` until there is a specific force.
     up: Option<Vector3<f64>>,
     velocity: Vector3<f64>,
@@ -137,6 +139,7 @@ impl GyroErrors {
             largest_bias_rad_s: bias_limit_rad_s,
             force_bias: Vector3::zeros(),
             arm: Vector3::zeros(),
+            expected_force_bias: FORCE_BIAS_M_S2,
             up: None,
             velocity: Vector3::zeros(),
             upright: Vector3::zeros(),
@@ -162,6 +165,7 @@ impl GyroErrors {
     /// Begins with this bias of the accelerometer, body axes, m/s².
     pub(super) fn expect_force_bias(&mut self, bias_m_s2: Vector3<f64>) {
         self.force_bias = bias_m_s2;
+        self.expected_force_bias = FORCE_BIAS_M_S2.max(bias_m_s2.amax());
         self.clear(A, FORCE_BIAS_M_S2);
     }
 
@@ -270,9 +274,20 @@ impl GyroErrors {
                 }
             }
         }
+        self.expect_larger_force_bias();
         for axis in 0..3 {
             self.p[(B + axis, B + axis)] += GYRO_BIAS_WALK_RAD_S.powi(2) * window.s;
             self.p[(A + axis, A + axis)] += FORCE_BIAS_WALK_M_S2.powi(2) * window.s;
+        }
+    }
+
+    /// A chip that shows a larger bias than was expected may show a still larger one: the expected deviation doubles.
+    fn expect_larger_force_bias(&mut self) {
+        if self.force_bias.amax() > self.expected_force_bias {
+            for axis in A..A + 3 {
+                self.p[(axis, axis)] += 3.0 * self.expected_force_bias.powi(2);
+            }
+            self.expected_force_bias *= 2.0;
         }
     }
 
@@ -281,6 +296,7 @@ impl GyroErrors {
         let mut anew = Self {
             timing_walk_s2: self.timing_walk_s2,
             force_bias: self.force_bias,
+            expected_force_bias: self.expected_force_bias,
             ..Self::new(self.largest_bias_rad_s)
         };
         anew.take_place_of(self);
