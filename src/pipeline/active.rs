@@ -28,9 +28,11 @@ impl Pipeline {
         }
     }
 
-    /// Sets the policy. A running calibration that the policy does not allow is discarded.
+    /// Sets the policy. A running calibration that the policy does not allow is discarded; a lock also gives up what
+    /// [`Pipeline::start`] asked for.
     pub(super) fn set_policy(&mut self, policy: Policy, actions: &mut Vec<Action>) {
         self.policy = policy;
+        self.armed &= policy != Policy::Locked;
         let wanted = self.wanted().is_some();
         if let Some(job) = &mut self.job {
             job.unwanted |= !wanted || (policy == Policy::Off && job.reason != Reason::Start);

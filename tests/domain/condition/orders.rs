@@ -141,6 +141,17 @@ fn a_locked_calibration_is_never_replaced() {
     assert!(error.abs() < 5.0, "{error}");
 }
 
+/// Only what was asked for would be calibrated on where the mode is off.
+#[test]
+fn a_lock_gives_up_what_was_asked_for() {
+    let mut board = Board::rested(Some(planar(0.0)));
+    board.tell(Event::Start);
+    board.tell(Event::Policy(Policy::Locked));
+    board.tell(Event::Policy(Policy::Off));
+    board.turn(A_TURN_DEG);
+    assert_eq!(board.asked, 0);
+}
+
 #[test]
 fn iron_that_has_come_is_learnt_in_motion_and_kept() {
     let mut board = Board::taught(2);
