@@ -9,24 +9,38 @@ const CERTAIN: f64 = 3.0;
 pub(super) const MOST_RAW_MGAUSS: f64 = 14_000.0;
 
 impl Estimate {
-    /// Strength of the field, milligauss, rounded to two digits, if the earth's is nowhere like that.
+    /// Strength of the field, milligauss, rounded to two digits, if the earth's is certainly nowhere like that.
     pub fn impossible_mgauss(&self) -> Option<f64> {
+        self.strength_beyond(CERTAIN)
+    }
+
+    /// The same if it is likely: no calibration is kept with such a field.
+    pub fn unlikely_mgauss(&self) -> Option<f64> {
+        self.strength_beyond(0.0)
+    }
+
+    /// The strength if it is beyond all that the earth has by so many deviations.
+    fn strength_beyond(&self, deviations: f64) -> Option<f64> {
         let raw = self.last.map_or(0.0, |last| last.field_mgauss.norm());
-        let (strength, measured, sd) = if raw > MOST_RAW_MGAUSS {
-            (raw, raw, 0.0)
+        let (strength, least, most) = if raw > MOST_RAW_MGAUSS {
+            (raw, raw, raw)
         } else if self.active.begun {
             let strength = self.active.strength_mgauss();
+            let variance = self.active.field_covariance().diagonal();
+            let sd = variance.sum().sqrt();
             // The vertical field of a board that stays level is not measured.
-            let measured = match self.measured_axes() == [true; 3] {
-                true => strength,
-                false => self.horizontal_mgauss(),
+            let (measured, measured_sd) = match self.measured_axes() == [true; 3] {
+                true => (strength, sd),
+                false => (self.horizontal_mgauss(), variance.xy().sum().sqrt()),
             };
-            let sd = self.active.field_covariance().trace().sqrt();
-            (strength, measured, sd)
+            (
+                strength,
+                measured - deviations * measured_sd,
+                strength + deviations * sd,
+            )
         } else {
             return None;
         };
-        let (least, most) = (measured - CERTAIN * sd, strength + CERTAIN * sd);
         let possible = most >= *EARTH_MGAUSS.start() && least <= *EARTH_MGAUSS.end();
         (!possible).then(|| {
             let digit = 10f64.powf(strength.log10().floor() - 1.0);

@@ -101,7 +101,7 @@ impl Pipeline {
         let replaced = self.estimate.take_replaced();
         let due = self.now_s - self.learning.last_s >= KEEP_EVERY_S;
         let good_sd_deg = self.setup.pipeline.good_sd_deg;
-        let possible = self.estimate.impossible_mgauss().is_none();
+        let possible = self.estimate.unlikely_mgauss().is_none();
         let good = sd_deg <= good_sd_deg && !self.estimate.disturbed() && possible;
         let last_sd_deg = self.learning.last_sd_deg;
         if last_sd_deg.is_none() && self.estimate.has_begun() {
@@ -174,7 +174,7 @@ impl Pipeline {
         if let Some(refusal) = self.objection_to_gyro() {
             return Some(refusal);
         }
-        if let Some(strength) = self.estimate.impossible_mgauss() {
+        if let Some(strength) = self.estimate.unlikely_mgauss() {
             return Some(Refusal::new("field_unit", wrong_strength(strength)));
         }
         if !predicted.is_kept() {

@@ -296,6 +296,17 @@ fn what_motion_teaches_is_kept_after_a_start_from_a_turns_calibration() {
     assert!(kept.calibration.is_some_and(|one| one.covariance.is_some()));
 }
 
+/// The vertical field of a board that turns level may be anything, and its horizontal field alone is too strong.
+#[test]
+fn a_horizontal_field_that_is_far_too_strong_is_a_fault_on_a_level_board_too() {
+    let mut board = Board::new(None);
+    board.earth_mgauss *= 15.0;
+    board.bias_mgauss *= 15.0;
+    board.rest(4.0);
+    board.turn(400.0);
+    assert_eq!(board.state(), ("fault", "field_unit"));
+}
+
 /// The field's vertical part is not measured on a board that turns level, and its horizontal part alone is a field of the earth.
 #[test]
 fn a_raw_field_that_no_compass_works_in_is_a_fault_on_a_level_board_too() {
