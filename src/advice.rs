@@ -42,6 +42,8 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "heading_uncertainty" =>
             "turn more fully or more slowly, for more samples; without a full turn, move as the message says",
         "gyro_angle" => "check the gyro's unit; compare the chips' axes and signs with headingd align LOG",
+        "reversed_field" =>
+            "compare the chips' axes and signs with headingd align LOG; check the sign of true_north.latitude_deg",
         "gyro_sign" => "compare the chips' axes and signs with headingd align LOG",
         "gyro" => "check both mountings; turn more slowly; keep iron away from the board's path",
         "dip" => "check the mountings of magnetometer and accelerometer; keep iron away",

@@ -33,6 +33,7 @@
 //! | good | the gyro has another sign | degraded | `gyro_sign` |
 //! | good | the gyro has another scale | degraded | `gyro_scale` |
 //! | good | the board turns faster than the gyro can tell | degraded | `gyro_clipped` |
+//! | good | up and down are exchanged, by the position | degraded | `reversed_field` |
 //! | uncalibrated | the magnetometer's unit is wrong | fault | `field_unit` |
 //! | good | the magnetometer falls silent | stale | `no_samples` |
 //! | good | an axis overflows | stale | `overflow` |

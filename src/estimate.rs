@@ -177,6 +177,11 @@ impl Estimate {
         self.place = field.map(|field| PlaceEvidence::new(field).after(before));
     }
 
+    /// Whether the field points up where the earth's points down at the place of the compass, or the other way round.
+    pub fn reversed(&self) -> bool {
+        self.place.as_ref().is_some_and(PlaceEvidence::reversed)
+    }
+
     /// What the user should know of the place, once.
     pub fn take_news(&mut self) -> Option<String> {
         self.news.take()

@@ -21,7 +21,8 @@ const GAIN: f64 = SCALE;
 const LOCAL: f64 = 0.05;
 /// A normalised square beyond this is no chance (2 degrees of freedom: 0.03 %).
 const CONTRADICTED: f64 = 16.0;
-/// A warning needs a normalised square above this: a vehicle that stays level learns the dip badly and understates its error.
+/// A warning needs a normalised square above this: a vehicle that stays level learns the dip badly and understates its error. So does a
+/// field that is called reversed.
 const WARNED: f64 = 36.0;
 /// Contradiction in motion before a warning, seconds; agreement counts it down again, so that passing iron raises none.
 const SURE_S: f64 = 30.0;
@@ -40,6 +41,8 @@ pub(super) struct PlaceEvidence {
     /// For how long samples have contradicted it, less the time that they have not, seconds.
     against_s: f64,
     warned: bool,
+    /// Whether the field points up where the model's points down, or down where that points up.
+    reversed: bool,
 }
 
 /// How the evidence differs from what was learnt.
@@ -68,6 +71,7 @@ impl PlaceEvidence {
             model_variance: Vector2::new(field.horizontal_mgauss.sd, up_sd).map(|sd| sd * sd),
             against_s: 0.0,
             warned: false,
+            reversed: false,
         }
     }
 
@@ -76,9 +80,9 @@ impl PlaceEvidence {
         let near = SAME * self.expected.norm();
         match before {
             Some(before) if (before.expected - self.expected).norm() < near => Self {
-                against_s: before.against_s,
-                warned: before.warned,
-                ..self
+                expected: self.expected,
+                model_variance: self.model_variance,
+                ..before
             },
             _ => self,
         }
@@ -88,6 +92,7 @@ impl PlaceEvidence {
     pub(super) fn unweighed(self) -> Self {
         Self {
             against_s: 0.0,
+            reversed: false,
             ..self
         }
     }
@@ -105,15 +110,18 @@ impl PlaceEvidence {
             -period_s
         };
         self.against_s = (self.against_s + more_s).clamp(0.0, SURE_S);
-        let sure = self.against_s == SURE_S && squared > WARNED;
+        let found = parts(&north.field) * north.field;
+        // As where gravity is taken for the force that holds the board up, or a chip lies upside down.
+        let reversed = Vector2::new(found.x, -found.y) - self.expected;
+        let near = 3.0 * hypot(LOCAL, GAIN) * self.expected.norm();
+        let certain = if self.reversed { CONTRADICTED } else { WARNED };
+        self.reversed = squared > certain && reversed.norm() < near;
+        // No iron that is passed reverses the field and nothing else.
+        let sure = squared > WARNED && (self.reversed || self.against_s == SURE_S);
         if !sure || std::mem::replace(&mut self.warned, true) {
             return None;
         }
-        let found = parts(&north.field) * north.field;
-        // As where gravity is taken for the force that holds the board up, or a chip lies upside down.
-        let reversed = Vector2::new(found.x, -found.y);
-        let near = 3.0 * hypot(LOCAL, GAIN) * self.expected.norm();
-        let remedy = if (reversed - self.expected).norm() < near {
+        let remedy = if self.reversed {
             "Up and down are exchanged, and headings may be off by up to 180 degrees. Check the mounting with headingd align, \
              whether the accelerometer reads gravity, and the sign of true_north.latitude_deg"
         } else {
@@ -124,6 +132,11 @@ impl PlaceEvidence {
              and {:.0}; headings do not use the model. {remedy}",
             found.x, -found.y, self.expected.x, -self.expected.y
         ))
+    }
+
+    /// Whether the field points up where the model's points down, or down where that points up.
+    pub(super) fn reversed(&self) -> bool {
+        self.reversed
     }
 
     /// North with this evidence, and without it while anything contradicts it.

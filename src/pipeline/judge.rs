@@ -71,6 +71,10 @@ impl Pipeline {
         if let Some(reason) = self.gyro_fault() {
             return self.report_as(Condition::Degraded, reason, wrong_gyro(reason));
         }
+        if self.estimate.reversed() {
+            let message = "the field points up where the earth's points down at this position, or the other way round: headings may be off by up to 180 degrees";
+            return self.report_as(Condition::Degraded, "reversed_field", message);
+        }
         if self.field_is_disturbed() {
             if self.strength_deviation.abs() > STRENGTH_TOLERANCE {
                 let percent = 100.0 * (1.0 + self.strength_deviation);

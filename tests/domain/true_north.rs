@@ -142,6 +142,15 @@ fn a_place_that_the_field_contradicts_is_told_and_left_out() {
         kerguelen.err.contains("Up and down are exchanged"),
         "{kerguelen:?}"
     );
+    // At once: before a heading would be good.
+    let states = |ran: &Ran| {
+        let of = |state: &Value| state["reason"].as_str().map(str::to_owned);
+        (of_class(&ran.lines(), "STATE").iter().filter_map(of)).collect::<Vec<_>>()
+    };
+    let told = states(&kerguelen);
+    assert!(told.contains(&"reversed_field".to_owned()), "{told:?}");
+    assert!(!told.contains(&"good".to_owned()), "{told:?}");
+    assert!(states(&nowhere).contains(&"good".to_owned()));
     assert_eq!(calibrations(&singapore), calibrations(&nowhere));
     let (without, with) = (deviations(&nowhere), deviations(&singapore));
     let last = without.len() / 2;

@@ -4,9 +4,11 @@ use headingd::calibration::outcome::Outcome;
 use headingd::calibration::policy::Policy;
 use headingd::condition::SourceFault;
 use headingd::pipeline::{Event, Settings};
+use headingd::true_north::{EarthField, Known};
 use nalgebra::{Rotation3, Vector3};
 
 use super::board::{Board, planar};
+use crate::common::EARTH;
 
 /// What leads to a row's first state, and what happens then.
 type Scenario = (&'static str, fn() -> Board, fn(&mut Board));
@@ -184,6 +186,17 @@ const SCENARIOS: &[Scenario] = &[
     ("the board turns faster than the gyro can tell", good, |b| {
         b.gyro = |rate| rate.map(|value| value.clamp(-250f64.to_radians(), 250f64.to_radians()));
         b.turn_at(400.0, 0.3);
+    }),
+    ("up and down are exchanged, by the position", good, |b| {
+        let known = |value: f64| Known { value, sd: 0.5 };
+        b.tell(Event::Place(Some(EarthField {
+            declination_deg: known(0.0),
+            dip_deg: known(-EARTH.z.atan2(EARTH.x).to_degrees()),
+            strength_mgauss: known(EARTH.norm()),
+            horizontal_mgauss: known(EARTH.x),
+            zone: None,
+        })));
+        b.tumble();
     }),
     ("the magnetometer's unit is wrong", || Board::rested(None), |b| {
         b.earth_mgauss *= 10.0;
