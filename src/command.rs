@@ -233,6 +233,16 @@ fn tell_skips(skips: &Skips) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Says on standard error how many values of a log were dropped that no sensor can have taken, if some were.
+fn tell_dropped(count: u64) {
+    if count > 0 {
+        let values = if count == 1 { "value" } else { "values" };
+        tell(format_args!(
+            "{count} {values} dropped that no sensor can have taken"
+        ));
+    }
+}
+
 /// The status of a log that cannot be used.
 fn log_status(error: &RecordingError) -> u8 {
     match error {

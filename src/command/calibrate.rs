@@ -7,7 +7,7 @@ use clap::ValueEnum;
 
 use super::{
     Failure, config_file, number, print, print_json, read_log_on, refuse_overwrite, tell,
-    tell_skips, word, write_calibrations,
+    tell_dropped, tell_skips, word, write_calibrations,
 };
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
@@ -163,6 +163,7 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
         survey.take(&entry.reading, begins_stretch);
         Ok(())
     })?;
+    tell_dropped(survey.dropped());
     tell_skips(&skips)?;
     let empty_axis = survey.empty_axis();
     let thinned_to = survey.thinned_to();
@@ -173,7 +174,7 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
         }
         Surveyed::NoPlane => {
             let message = format!(
-                "{} has no gyro readings, so nothing tells the plane of a turn: add --mode spatial, or name the plane \
+                "{} has no gyro readings that can be used, so nothing tells the plane of a turn: check its columns and units, add --mode spatial, or name the plane \
                  with --plane xy, xz or yz",
                 args.log.display()
             );

@@ -3,7 +3,7 @@
 use std::io::{self, BufWriter, StdoutLock, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Failure, config_file, output, read_log, tell, tell_skips};
+use super::{Failure, config_file, output, read_log, tell, tell_dropped, tell_skips};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
@@ -105,13 +105,7 @@ fn play(
             lines.device.path
         ));
     }
-    if pipeline.dropped() > 0 {
-        let count = pipeline.dropped();
-        let values = if count == 1 { "value" } else { "values" };
-        tell(format_args!(
-            "{count} {values} dropped that no sensor can have taken"
-        ));
-    }
+    tell_dropped(pipeline.dropped());
     tell_skips(&skips)
 }
 

@@ -132,6 +132,11 @@ impl Survey {
         }
     }
 
+    /// How many values were dropped that no sensor can have taken.
+    pub fn dropped(&self) -> u64 {
+        self.intake.outliers.dropped()
+    }
+
     /// How many samples are used, if the log is so long that these are not all.
     pub fn thinned_to(&self) -> Option<usize> {
         self.samples.is_thinned().then(|| self.samples.len())

@@ -580,3 +580,19 @@ fn a_turn_about_a_level_axis_leaves_the_calibration_to_motion() {
     // Whoever wants the plane of the turn still gets it.
     assert_eq!(accepted(&log, &["--mode", "planar"])["method"], "turn");
 }
+
+/// As where the columns of gyro and magnetometer are exchanged.
+#[test]
+fn rates_that_no_gyro_has_are_told() {
+    let folder = Folder::new();
+    let log = folder.changed_log("a.csv", &Settings::default(), |reading| {
+        if let Some(rate) = &mut reading.rate_rad_s {
+            *rate = rate.add_scalar(500.0);
+        }
+    });
+    let ran = headingd(&["calibrate", &log]);
+    assert_eq!(ran.status, 2, "{ran:?}");
+    for part in ["values dropped that no sensor", "its columns and units"] {
+        assert!(ran.err.contains(part), "{part}: {}", ran.err);
+    }
+}
