@@ -42,7 +42,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             for warning in warnings(&config) {
                 tell(format_args!("{}: warning: {warning}", file.display()));
             }
-            print(&format!("{}: good\n", file.display()))
+            let runs = match config.source.kind {
+                Some(_) => "good",
+                None => "good, once source.kind is set",
+            };
+            print(&format!("{}: {runs}\n", file.display()))
         }
         ConfigAction::Show { file } => {
             let config = config_file::load(file.as_deref())?;

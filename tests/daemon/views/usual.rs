@@ -79,5 +79,8 @@ fn a_command_whose_warning_cannot_be_written_does_its_work() {
     let full = std::fs::File::options().write(true).open("/dev/full");
     let config = rig.text("headingd.toml");
     let (status, out, _) = finished(usual(&config, &["config", "check"]).stderr(full.unwrap()));
-    assert_eq!((status, out), (0, format!("{config}: good\n")));
+    assert_eq!(
+        (status, out),
+        (0, format!("{config}: good, once source.kind is set\n"))
+    );
 }
