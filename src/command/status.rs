@@ -45,10 +45,13 @@ fn written(status: &DaemonStatus) -> String {
     }
     add("calibration", active);
     if let Some(last) = &status.last {
-        add(
-            "last",
-            reason_text(&last.verdict, &last.reason, &last.message),
-        );
+        let (verdict, message) = (&last.verdict, &last.message);
+        // Nothing needs to be done about a refusal while headings are good.
+        let said = match word {
+            "good" => format!("{verdict} ({}): {message}", last.reason),
+            _ => reason_text(verdict, &last.reason, message),
+        };
+        add("last", said);
     }
     let mut mode = status.mode.word().to_owned();
     if status.armed {
@@ -134,6 +137,13 @@ mod tests {
             text.starts_with("heading 007.3° true ± 4.0°\ndegraded (no_gyro): none speaks\nwhat to do: check the gyro"),
             "{text}"
         );
+        let good = read(json!({
+            "cal_state": "good", "reason": "good", "message": "as expected",
+            "last": { "verdict": "rejected", "reason": "no_fit", "message": "no ellipse" }
+        }));
+        let text_of_good = written(&good);
+        assert!(text_of_good.contains("rejected (no_fit): no ellipse\n"));
+        assert!(!text_of_good.contains("what to do"), "{text_of_good}");
         assert_eq!(
             heading(&read(json!({ "mheading": 359.97 }))),
             "heading 000.0° magnetic\n"

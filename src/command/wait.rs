@@ -36,6 +36,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
     headings.set_patience(Some(LOOK))?;
     let started = target.ask(&ControlRequest::Start {}, json)?;
     tell(text(&started, "message"));
+    tell("to give that up: headingd calibration cancel (Ctrl-C ends only the waiting)");
     let mut show = Show {
         bar: Progress::with_message(),
         reason: None,
@@ -100,7 +101,11 @@ struct Show {
 impl Show {
     fn update(&mut self, status: &DaemonStatus) {
         let word = status.cal_state.as_deref().unwrap_or("starting");
-        let said = format!("{word}: {}", status.message);
+        let said = match word {
+            // Its message is about learning by motion, and that would spoil the turn.
+            "degraded" => "waiting for a turn: once all the way round, level".to_owned(),
+            _ => format!("{word}: {}", status.message),
+        };
         let share = status.progress.unwrap_or(0.0);
         if self.bar.is_shown() {
             self.bar.set(share);
