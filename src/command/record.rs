@@ -49,7 +49,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             Some("-") => "standard output".into(),
             _ => args.out.to_string_lossy(),
         };
-        tell(format_args!("recording {recording} into {into}"));
+        let there = args.out.is_file();
+        let replaced = if there { ", which is replaced" } else { "" };
+        tell(format_args!("recording {recording} into {into}{replaced}"));
         let from = recording.to_string();
         let begun = Instant::now();
         let (readings, ended) = recording.run(&args.out, told).await;
