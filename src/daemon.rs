@@ -109,7 +109,7 @@ pub struct Daemon {
     service: Service,
     inactivity: Inactivity,
     begun: Instant,
-    /// What has been counted since then, but for what this session's pipeline counts.
+    /// Counts since `begun`; of dropped values only those of earlier sessions: this session's pipeline counts its own.
     counts: StatusCounts,
     reported: Option<Report>,
     /// What the last calibration has come to.

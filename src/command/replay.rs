@@ -109,7 +109,7 @@ fn play(
     tell_skips(&skips)
 }
 
-/// What comes of the action is an event of the pipeline.
+/// Carries out the action. Returns the event that the pipeline is to be given next, if one follows.
 fn carry_out(
     action: Action,
     lines: &mut JsonLines,

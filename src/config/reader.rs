@@ -112,7 +112,8 @@ impl<'i> TableReader<'i> {
         let usable = Spanned::new(0..0, DeValue::Table(self.usable(&target)));
         let settings = T::deserialize(ValueDeserializer::from(usable))
             .expect("each of these keys was read by itself");
-        // What compares keys would compare the default of one that cannot be used.
+        // A key that cannot be used has its default here; comparing that with other keys would report faults that are not in the
+        // file.
         let faults = if self.faults.len() == count {
             settings.check()
         } else {

@@ -2,8 +2,8 @@
 
 use crate::sensor::SourceEvent;
 
-/// Readings of the magnetometer are handed on this much apart, seconds, or two at once. Up to 40 Hz none waits; at 50 Hz
-/// every second one does, for 20 ms, and the daemon costs a quarter less (tests/board/cost).
+/// Messages with a field are at least this far apart, seconds; a field that comes sooner waits and goes with the next. Up to
+/// 40 Hz none waits; at 50 Hz every second one does, for 20 ms, and the daemon costs a quarter less (tests/board/cost).
 const APART_S: f64 = 0.0225;
 
 /// The gyro's readings wait this long for one of the magnetometer, seconds. A heading goes out with that one alone,

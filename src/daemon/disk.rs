@@ -90,7 +90,7 @@ impl Disk {
         lock(&self.newest).put(history);
         let (job, why) = match self.queue.try_send(Job::Save(then)) {
             Ok(()) => return,
-            // The first job of the queue will save the newest history.
+            // Not lost: any job still in the queue saves the newest histories.
             Err(TrySendError::Full(job)) => (job, "the disk hangs"),
             Err(TrySendError::Disconnected(job)) => (job, "the thread of the store has failed"),
         };

@@ -26,7 +26,7 @@ pub(super) struct Session {
     pub(super) calibrator: Calibrator,
     pub(super) store: SensorStore,
     pub(super) recorder: Option<Recorder>,
-    /// Of a log: else readings are of the time of day at which they are handed out.
+    /// Gives a log's readings their time of day. `None` for other sources: their readings have the time at which they are handed out.
     pub(super) log_time: Option<TimeOfDay>,
     pub(super) north: North,
     /// The last reading's time on the source's clock, and when it was handed out.

@@ -125,7 +125,7 @@ struct Client<'a> {
     readings: Option<broadcast::Receiver<Raw>>,
     /// The board that the client was told of since it asked for readings; empty before.
     board: Arc<str>,
-    /// By their kinds, the numbers of the last events sent, or passed over while they were not watched for.
+    /// For each kind of event, the number of the last one sent, or skipped because it was not watched for.
     seen: [u64; 2],
     /// Lines on their way to the client, together.
     lines: String,

@@ -42,7 +42,8 @@ impl Connection {
 
     /// Writes all of this. The error is `TimedOut` where the other end has taken nothing for this long.
     pub(super) async fn write_all(&self, mut bytes: &[u8], patience: Duration) -> io::Result<()> {
-        // Linux wakes a writer only once most of the buffer is free: a client that reads slowly has then read all the same.
+        // Linux wakes a writer only when most of the buffer is free. A slow reader may have read something although the wait
+        // timed out: one more write tells.
         let mut waited_in_vain = false;
         while !bytes.is_empty() {
             match self.stream.get_ref().write(bytes) {
@@ -64,7 +65,7 @@ impl Connection {
         Ok(())
     }
 
-    /// Waits for room. Another descriptor of the connection does, since one can be watched for one thing only.
+    /// Waits for room, on a duplicate of the descriptor: one descriptor can be watched for one thing only.
     async fn room(&self) -> io::Result<()> {
         let other = self.stream.get_ref().try_clone()?;
         let other = watched(other, Interest::WRITABLE)?;

@@ -148,7 +148,7 @@ fn claim(path: &Path, mode: u32) -> Result<OpenSocket, BindFault> {
         return Err(BindFault::NoDirectory(directory.to_owned()));
     }
     refuse_if_taken(path)?;
-    // Of two that are started together both have come this far.
+    // Two daemons that start together may both pass this check; the lock lets one through, and the second check sees its socket.
     let lock = lock(path)?;
     refuse_if_taken(path)?;
 

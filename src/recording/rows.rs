@@ -46,8 +46,8 @@ impl Rows {
         self.columns.len()
     }
 
-    /// Whether a line among the rows is no row: a remark, or a line of the same header, which some devices repeat. One of another header
-    /// is an error. `repeated` counts the lines since the first of the header that is being repeated, if one is.
+    /// True for a remark, and for a repeated line of this log's header (some devices send it again); false for a row. A line of
+    /// another header is an error. `repeated` counts the lines since the first of the header that is being repeated, if one is.
     pub(super) fn is_known_header(
         &self,
         line: &[u8],

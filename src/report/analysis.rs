@@ -177,7 +177,7 @@ impl Findings {
         }
     }
 
-    /// What comes of the action is an event of the pipeline.
+    /// Carries out the action. Returns the event that the pipeline is to be given next, if one follows.
     fn note(&mut self, action: Action) -> Option<Event> {
         match action {
             Action::Publish(mut heading) => {

@@ -108,8 +108,8 @@ impl Pty {
 
     /// Writes in place of what nobody has read: a program that opens the port later gets no old headings.
     fn write(&mut self, text: &str) -> io::Result<()> {
-        // A program that opened the port for itself alone and was killed would lock it: ours stays open, and only the last
-        // close of a port forgets that.
+        // A program that opened the port exclusively and was killed leaves it locked, since our descriptor keeps the port open.
+        // So the lock is cleared here.
         ioctl_tiocnxcl(&self.theirs)?;
         if ioctl_fionread(&self.theirs)? > 0 {
             tcflush(&self.theirs, QueueSelector::IFlush)?;

@@ -14,7 +14,7 @@ const BLOCK_S: f64 = 0.25;
 const BLOCKS: usize = 64;
 /// From this span of them on, seconds, the slope is learnt.
 const SLOPE_FROM_S: f64 = 1.0;
-/// Before, the line follows so many of the newest.
+/// Until the slope is learnt, the line follows only this many of the newest points.
 const FOLLOWED: usize = 2;
 
 /// A line from the device's clock (seconds, of any origin) to ours, beneath all arrivals.

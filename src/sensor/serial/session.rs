@@ -47,9 +47,11 @@ pub(super) struct PortSession {
     good_s: f64,
     /// When the last field came, or the port was opened: without one, the other readings are of no use.
     field_s: f64,
-    /// Readings that came, lines among them that were refused, and at how many of these to tell the next time.
+    /// Readings so far.
     good: u64,
+    /// Lines refused since the first reading.
     bad: u64,
+    /// The log is told when `bad` reaches this.
     tell_at: u64,
     refused: Option<String>,
     /// How long a field may be missing before that is told, seconds; infinite once it has been.

@@ -103,7 +103,7 @@ struct DataChange {
 /// What rate code 6 is.
 ///
 /// RDY need not fall when the data are read, so a new measurement is known from its noise. On a busy machine looks come late.
-/// So both ends of a change are kept, and a rate is told only if the other one is impossible between them.
+/// So the looks before and after each change are kept; one rate is reported only if these times exclude the other.
 fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<ObservedRate, ChipError> {
     bus.write(ADDRESS, CRA, cra(FASTEST, NO_BIAS))?;
     bus.write(ADDRESS, MODE, CONTINUOUS)?;
