@@ -16,31 +16,22 @@ pub enum ControlRequest {
     List {},
     /// One of them, or the active one.
     Show {
-        #[serde(
-            default,
-            deserialize_with = "number",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "number")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
     },
     Lock {},
     Unlock {},
     /// Make an earlier calibration the active one: this one, or the one before.
     Rollback {
-        #[serde(
-            default,
-            deserialize_with = "number",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "number")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
     },
     /// Forget a calibration, or the active one, or all.
     Forget {
-        #[serde(
-            default,
-            deserialize_with = "number",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "number")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
         /// All of this sensor; then without a number.
         #[serde(default)]
@@ -48,11 +39,8 @@ pub enum ControlRequest {
     },
     /// One calibration as a file, or the active one.
     Export {
-        #[serde(
-            default,
-            deserialize_with = "number",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "number")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         number: Option<u64>,
     },
     /// Make the calibration in this file the active one.
@@ -65,11 +53,8 @@ pub enum ControlRequest {
     Cancel {},
     /// Calibrate by itself or not from now on; or tell which.
     Mode {
-        #[serde(
-            default,
-            deserialize_with = "mode",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "mode")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         mode: Option<Policy>,
     },
     /// Change how the board is mounted, or tell how it is.
@@ -78,11 +63,8 @@ pub enum ControlRequest {
         #[serde(default)]
         level: bool,
         /// Its magnetic heading is this now, degrees.
-        #[serde(
-            default,
-            deserialize_with = "heading",
-            skip_serializing_if = "Option::is_none"
-        )]
+        #[serde(default, deserialize_with = "heading")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         heading_deg: Option<f64>,
         /// It is mounted as the configuration says; then without the other keys.
         #[serde(default)]
