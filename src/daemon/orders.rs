@@ -16,7 +16,7 @@ use crate::publish::control::status::{
     ActiveSummary, CalibrationSummary, DaemonStatus, FolderSummary, ReferenceSummary,
 };
 use crate::publish::control::{Answer, ControlCall, ControlRequest};
-use crate::store::history::{Forget, HistoryError};
+use crate::store::history::HistoryError;
 use crate::store::{Contents, FormatError, History, KeptCalibration, Made};
 use crate::true_north::EarthField;
 use crate::wall_clock;
@@ -79,11 +79,7 @@ impl Daemon {
                 let entry = *self.session.store.history_mut().roll_back(number)?;
                 Ok(self.activated(entry.number, entry.made.calibration))
             }
-            ControlRequest::Forget { number, all } => self.forget(match number {
-                _ if all => Forget::All,
-                Some(number) => Forget::Number(number),
-                None => Forget::Active,
-            }),
+            ControlRequest::Forget { number, all } => self.forget(number, all),
             ControlRequest::Lock {} => self.set_mode(Policy::Locked),
             ControlRequest::Unlock {} if self.history().mode != Policy::Locked => {
                 let mode = self.history().mode.word();
@@ -127,10 +123,10 @@ impl Daemon {
         Ok(mode_answer(mode))
     }
 
-    fn forget(&mut self, what: Forget) -> Result<Answer, Answer> {
+    fn forget(&mut self, number: Option<u64>, all: bool) -> Result<Answer, Answer> {
         let history = self.session.store.history_mut();
         let was_active = history.active.is_some();
-        let count = history.forget(what)?;
+        let count = history.forget(number, all)?;
         let goes_on = history.active.is_some();
         let remedy = history.mode.remedy();
         let rest = match (goes_on, history.entries.is_empty()) {

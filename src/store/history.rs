@@ -165,17 +165,6 @@ impl HistoryError {
     }
 }
 
-/// What is to be forgotten.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Forget {
-    /// The active calibration.
-    Active,
-    /// This one.
-    Number(u64),
-    /// All of this sensor.
-    All,
-}
-
 impl History {
     /// Of a sensor for which nothing was kept yet.
     pub fn new(identity: Identity) -> Self {
@@ -271,18 +260,19 @@ impl History {
         self.find(None)
     }
 
-    /// Forgets calibrations and returns how many. If the active one is among them, none is active any more.
+    /// Forgets all calibrations, or that with this number, or the active one, and returns how many. If the active one is among
+    /// them, none is active any more.
     ///
     /// # Errors
     ///
     /// When there is no such calibration, or when the active one is locked.
-    pub fn forget(&mut self, what: Forget) -> Result<usize, HistoryError> {
-        let number = match what {
-            Forget::Active => Some(self.active.ok_or(HistoryError::NoneActive(self.mode))?),
-            Forget::Number(number) => Some(self.find(Some(number))?.number),
-            Forget::All => None,
+    pub fn forget(&mut self, number: Option<u64>, all: bool) -> Result<usize, HistoryError> {
+        let only = if all {
+            None
+        } else {
+            Some(self.find(number)?.number)
         };
-        let goes = |entry: &KeptCalibration| number.is_none_or(|number| entry.number == number);
+        let goes = |entry: &KeptCalibration| only.is_none_or(|number| entry.number == number);
         if self.is_locked() && self.active().is_some_and(goes) {
             return Err(HistoryError::Locked);
         }

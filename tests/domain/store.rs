@@ -10,7 +10,7 @@ use headingd::calibration::model::{
     Calibration, Model, PackedCovariance, Parameters, Planar, Spatial,
 };
 use headingd::calibration::policy::{Policy, Reason};
-use headingd::store::history::{Forget, HistoryError};
+use headingd::store::history::HistoryError;
 use headingd::store::{Contents, History, Identity, Loaded, Made, Store, StoreError};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -331,19 +331,19 @@ fn the_oldest_goes_by_number_whatever_the_clock_said() {
     );
     assert_eq!(history.active, Some(3));
     // What is saved next is the newest, and no number is given twice.
-    assert_eq!(history.forget(Forget::Number(5)), Ok(1));
+    assert_eq!(history.forget(Some(5), false), Ok(1));
     history.keep(made(planar()), 3);
     assert_eq!((history.active, history.entries.len()), (Some(6), 3));
-    assert_eq!(history.forget(Forget::Active), Ok(1));
+    assert_eq!(history.forget(None, false), Ok(1));
     assert_eq!(history.active(), None);
-    let refusal = history.forget(Forget::Active).unwrap_err();
+    let refusal = history.forget(None, false).unwrap_err();
     assert_eq!(refusal, HistoryError::NoneActive(Policy::On));
     assert!(refusal.to_string().ends_with("turn the board once"));
     history.set_mode(Policy::Off).unwrap();
     let refusal = history.find(None).unwrap_err().to_string();
     assert!(refusal.contains("headingd calibration start"), "{refusal}");
     assert_eq!(history.roll_back(None).unwrap().number, 4);
-    assert_eq!(history.forget(Forget::All), Ok(2));
+    assert_eq!(history.forget(None, true), Ok(2));
     assert_eq!((history.active, history.last_number), (None, 6));
 }
 
@@ -358,16 +358,16 @@ fn a_locked_calibration_neither_goes_nor_is_rolled_back() {
     let locked = history.clone();
     for refused in [
         history.roll_back(None).map(|_| ()),
-        history.forget(Forget::Active).map(|_| ()),
-        history.forget(Forget::Number(2)).map(|_| ()),
-        history.forget(Forget::All).map(|_| ()),
+        history.forget(None, false).map(|_| ()),
+        history.forget(Some(2), false).map(|_| ()),
+        history.forget(None, true).map(|_| ()),
     ] {
         assert_eq!(refused, Err(HistoryError::Locked));
     }
     assert_eq!(history, locked);
-    assert_eq!(history.forget(Forget::Number(1)), Ok(1));
+    assert_eq!(history.forget(Some(1), false), Ok(1));
     history.set_mode(Policy::On).unwrap();
-    assert_eq!(history.forget(Forget::All), Ok(1));
+    assert_eq!(history.forget(None, true), Ok(1));
 }
 
 #[test]
