@@ -83,32 +83,30 @@ pub(super) fn sync_folder(directory: &Path) -> io::Result<()> {
 /// until it is replaced, so that there is never a moment without one.
 pub(super) fn set_aside(path: &Path, reason: &str) -> io::Result<PathBuf> {
     use io::ErrorKind::{InvalidInput, PermissionDenied};
-    let mut number = 1_u32;
-    loop {
+    let numbered = |number: u32| {
         let mut name = path.as_os_str().to_owned();
         name.push(format!(".{reason}-{number}"));
-        let aside = PathBuf::from(name);
-        match fs::hard_link(path, &aside) {
-            Ok(()) => return Ok(aside),
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
-            // Not every file system has links.
-            Err(_) if fs::symlink_metadata(&aside).is_err() => {
-                let copied = fs::copy(path, &aside).and_then(|_| File::open(&aside)?.sync_all());
-                if copied.is_err() {
-                    // An incomplete copy is worth nothing; the disk may be full.
-                    let _ = fs::remove_file(&aside);
-                }
-                return match copied {
-                    // What may not be read, or is a folder, is of no use where it is.
-                    Err(error) if matches!(error.kind(), PermissionDenied | InvalidInput) => {
-                        fs::rename(path, &aside).map(|()| aside)
-                    }
-                    copied => copied.map(|()| aside),
-                };
-            }
-            Err(_) => number += 1,
-        }
+        PathBuf::from(name)
+    };
+    let aside = (1..)
+        .map(numbered)
+        .find(|aside| fs::symlink_metadata(aside).is_err())
+        .expect("no folder has a file for each number");
+    if fs::hard_link(path, &aside).is_ok() {
+        return Ok(aside);
     }
+    // Not every file system has links.
+    let copied = fs::copy(path, &aside).and_then(|_| File::open(&aside)?.sync_all());
+    if let Err(error) = copied {
+        // An incomplete copy is worth nothing; the disk may be full.
+        let _ = fs::remove_file(&aside);
+        // What may not be read, or is a folder, is of no use where it is.
+        if !matches!(error.kind(), PermissionDenied | InvalidInput) {
+            return Err(error);
+        }
+        fs::rename(path, &aside)?;
+    }
+    Ok(aside)
 }
 
 #[cfg(test)]
