@@ -67,8 +67,8 @@ pub(super) struct Findings {
     pub(super) points: Thin<Point>,
     /// The first report of each condition and reason.
     pub(super) changes: Vec<Report>,
-    /// Verdicts with their times, of turns and of motion.
-    pub(super) verdicts: Vec<(f64, &'static str, &'static str, String, &'static str)>,
+    /// Verdicts with their times, of turns and of motion; without the swarm, whose fitness is long.
+    pub(super) verdicts: Vec<(f64, Box<Outcome>)>,
     /// The turn that the figures show: the last that was not refused, or else the last.
     pub(super) turn: Option<Judged>,
     /// The calibration under way.
@@ -220,7 +220,7 @@ impl Findings {
                 self.under_way = Some(*request);
                 return Some(Event::Calibrated(Box::new(outcome)));
             }
-            Action::Conclude(outcome, _) => {
+            Action::Conclude(mut outcome, _) => {
                 // The pipeline decides: it may be more certain already, or find the gyro wrong.
                 if outcome.method == "turn"
                     && let Some(request) = self.under_way.take()
@@ -230,13 +230,8 @@ impl Findings {
                 if self.verdicts.len() == MOST_EVENTS {
                     self.verdicts.remove(0);
                 }
-                self.verdicts.push((
-                    self.now_s,
-                    outcome.verdict.word(),
-                    outcome.reason,
-                    outcome.message.clone(),
-                    outcome.method,
-                ));
+                outcome.swarm = None;
+                self.verdicts.push((self.now_s, outcome));
             }
             Action::Warn(news) => self.warn(news),
         }

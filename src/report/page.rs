@@ -315,10 +315,13 @@ fn verdicts(found: &Findings) -> String {
     let mut out = String::from(
         "<h2>All verdicts, newest first</h2>\n<table><tr><th>at, s</th><th>by</th><th>verdict</th><th>reason</th><th></th></tr>\n",
     );
-    for (t_s, verdict, reason, message, method) in found.verdicts.iter().rev().take(LISTED) {
+    for (t_s, outcome) in found.verdicts.iter().rev().take(LISTED) {
         out += &format!(
-            "<tr><td>{t_s:.1}</td><td>{method}</td><td>{verdict}</td><td>{reason}</td><td>{}</td></tr>\n",
-            escaped(message)
+            "<tr><td>{t_s:.1}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n",
+            outcome.method,
+            outcome.verdict.word(),
+            outcome.reason,
+            escaped(&outcome.message)
         );
     }
     out + "</table>\n"
