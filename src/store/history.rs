@@ -127,7 +127,7 @@ pub struct History {
     /// The number of the active calibration, if there is one.
     #[serde(rename = "in_force", default, skip_serializing_if = "Option::is_none")]
     pub active: Option<u64>,
-    /// The number given last: none is given twice.
+    /// The number given last: none is given twice, unless the largest is reached.
     pub last_number: u64,
     /// The calibrations, in the order of their numbers.
     #[serde(rename = "history")]
@@ -223,6 +223,9 @@ impl History {
     /// Makes a calibration the active one, and lets go of the oldest ones beyond `most`, but not of the one that was active: somebody may have
     /// gone back to it.
     pub fn keep(&mut self, made: Made, most: usize) {
+        if self.last_number >= LARGEST_NUMBER {
+            self.renumber();
+        }
         let before = self.active;
         self.last_number += 1;
         self.active = Some(self.last_number);
@@ -235,6 +238,18 @@ impl History {
             let oldest = self.entries.iter().position(may_go).unwrap_or(0);
             self.entries.remove(oldest);
         }
+    }
+
+    /// Numbers what is kept from 1, in the same order: the next number must not be one that no file may hold.
+    fn renumber(&mut self) {
+        let active = self.active.take();
+        for (number, entry) in (1..).zip(&mut self.entries) {
+            if active == Some(entry.number) {
+                self.active = Some(number);
+            }
+            entry.number = number;
+        }
+        self.last_number = self.entries.len() as u64;
     }
 
     /// Makes an earlier calibration the active one: that with this number, or the one saved before.
