@@ -54,17 +54,6 @@ impl Settings {
     }
 }
 
-/// What a store holds for a sensor.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Loaded {
-    /// Nothing, of any sensor.
-    None,
-    /// What is kept for this sensor.
-    Found(History),
-    /// Only what is kept for these: other sensors, or other mountings of this one.
-    Others(Vec<Identity>),
-}
-
 /// What went wrong with a calibration file or its folder, and with which one.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -103,7 +92,7 @@ pub enum StoreError {
 pub struct Store {
     directory: PathBuf,
     /// Nobody else changes anything there meanwhile.
-    _lock: Option<Arc<LockFile>>,
+    _lock: Arc<LockFile>,
 }
 
 impl Store {
@@ -133,7 +122,7 @@ impl Store {
         })?;
         Ok(Self {
             directory: directory.to_owned(),
-            _lock: Some(lock),
+            _lock: lock,
         })
     }
 
@@ -147,28 +136,6 @@ impl Store {
         disk::remove_leftovers(&self.directory, FILE_NAME).map_err(fail)?;
         let probe = disk::written(&self.directory, FILE_NAME, b"probe").map_err(fail)?;
         probe.close().map_err(fail)
-    }
-
-    /// The folder as it is, without a look at it: for reading, where nothing can be written.
-    pub fn unchecked(directory: &Path) -> Self {
-        Self {
-            directory: directory.to_owned(),
-            _lock: None,
-        }
-    }
-
-    /// What is kept for this sensor. A file that cannot be used stays as it is.
-    ///
-    /// # Errors
-    ///
-    /// When the file cannot be read, or does not hold calibrations.
-    pub fn load(&self, identity: &Identity) -> Result<Loaded, StoreError> {
-        let contents = self.contents()?;
-        Ok(match contents.find(identity) {
-            Some(history) => Loaded::Found(history.clone()),
-            None if contents.sensors.is_empty() => Loaded::None,
-            None => Loaded::Others(contents.sensors.into_iter().map(|h| h.identity).collect()),
-        })
     }
 
     /// Keeps this in place of `known`, which is what was loaded or saved last for this sensor. What is kept for
@@ -186,7 +153,7 @@ impl Store {
     ) -> Result<Option<PathBuf>, StoreError> {
         let path = self.path();
         let fail = |error| StoreError::Write(path.clone(), error);
-        let (mut contents, reason) = match self.contents() {
+        let (mut contents, reason) = match Self::contents(&self.directory) {
             Ok(contents) => {
                 let found = contents.find(&history.identity);
                 // After an error in syncing the folder, it may hold this one already.
@@ -208,9 +175,13 @@ impl Store {
         Ok(aside)
     }
 
-    /// All that the store's file holds; nothing, if there is none yet.
-    fn contents(&self) -> Result<Contents, StoreError> {
-        let path = self.path();
+    /// All that is kept in a folder, whoever has it; nothing, if it has no file yet. A file that cannot be used stays as it is.
+    ///
+    /// # Errors
+    ///
+    /// When the file cannot be read, or does not hold calibrations.
+    pub fn contents(directory: &Path) -> Result<Contents, StoreError> {
+        let path = Self::file_in(directory);
         match fs::metadata(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Contents::default()),
             // A pipe would be waited for, and a device has no end.
@@ -256,7 +227,12 @@ impl Store {
 
     /// The file that the calibrations are kept in.
     pub fn path(&self) -> PathBuf {
-        self.directory.join(FILE_NAME)
+        Self::file_in(&self.directory)
+    }
+
+    /// The same of any folder.
+    pub fn file_in(directory: &Path) -> PathBuf {
+        directory.join(FILE_NAME)
     }
 }
 

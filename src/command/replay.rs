@@ -14,7 +14,7 @@ use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::gpsd::{self, Device, WatchPolicy};
 use crate::recording::TimeOfDay;
 use crate::sensor::replay::Replay;
-use crate::store::{History, Identity, Loaded, Made, Store, StoreError};
+use crate::store::{History, Identity, Made, Store, StoreError};
 use crate::true_north::TrueNorth;
 use crate::wall_clock::unix_now_s;
 
@@ -205,16 +205,17 @@ impl Keep {
             }
             other => other.into(),
         })?;
-        let store = self.store.insert(store);
-        match store.load(&self.history.identity)? {
-            Loaded::Found(history) => self.history = history,
-            Loaded::None => {}
-            Loaded::Others(others) => tell(format_args!(
+        self.store = Some(store);
+        let contents = Store::contents(directory)?;
+        if let Some(history) = contents.find(&self.history.identity) {
+            self.history = history.clone();
+        } else if let Some(other) = contents.sensors.first() {
+            tell(format_args!(
                 "the calibration in {} is that of {}, the log is of {}: not used",
                 directory.display(),
-                others[0],
+                other.identity,
                 self.history.identity
-            )),
+            ));
         }
         Ok(self.history.active().map(|entry| entry.made.calibration))
     }

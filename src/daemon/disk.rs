@@ -8,7 +8,7 @@ use super::DaemonError;
 use super::remedy::with_remedy;
 use super::thread::{Shared, Thread, lock};
 use crate::publish::control::status::FolderSummary;
-use crate::store::{Contents, History, Identity, Loaded, Store, StoreError};
+use crate::store::{Contents, History, Identity, Store, StoreError};
 
 /// Pauses before a save that failed is tried again: the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
@@ -115,41 +115,41 @@ impl Disk {
     }
 }
 
-fn load(store: &Store, identity: &Identity) -> Result<Option<History>, StoreError> {
-    let path = store.path();
+fn load(directory: &Path, identity: &Identity) -> Result<Option<History>, StoreError> {
+    let contents = Store::contents(directory)?;
+    let path = Store::file_in(directory);
     let path = path.display();
-    match store.load(identity)? {
-        Loaded::Found(history) => {
-            match history.active() {
-                Some(entry) => tracing::info!(
-                    number = entry.number,
-                    saved_unix_s = entry.made.saved_unix_s,
-                    mode = history.mode.word(),
-                    "using the {} calibration of {path}",
-                    entry.made.calibration.parameters.mode().word()
-                ),
-                None => tracing::info!(
-                    "no calibration of {path} is active: {}",
-                    history.mode.remedy()
-                ),
-            }
-            return Ok(Some(history));
+    let found = contents.find(identity);
+    match found.map(|history| (history, history.active())) {
+        Some((history, Some(entry))) => tracing::info!(
+            number = entry.number,
+            saved_unix_s = entry.made.saved_unix_s,
+            mode = history.mode.word(),
+            "using the {} calibration of {path}",
+            entry.made.calibration.parameters.mode().word()
+        ),
+        Some((history, None)) => tracing::info!(
+            "no calibration of {path} is active: {}",
+            history.mode.remedy()
+        ),
+        None if contents.sensors.is_empty() => {
+            tracing::info!("no calibration in {path} yet: turn the board once");
         }
-        Loaded::None => tracing::info!("no calibration in {path} yet: turn the board once"),
-        Loaded::Others(others) => {
-            let others: Vec<String> = others
+        None => {
+            let described = |of: &Identity| format!("{} mounted \"{}\"", of.sensor, of.mag_axes);
+            let others: Vec<String> = contents
+                .sensors
                 .iter()
-                .map(|other| format!("of {} mounted \"{}\"", other.sensor, other.mag_axes))
+                .map(|other| format!("of {}", described(&other.identity)))
                 .collect();
             tracing::warn!(
-                "not using the calibration of {path}: it is {}, and this is {} mounted \"{}\"; it stays there",
+                "not using the calibration of {path}: it is {}, and this is {}; it stays there",
                 others.join(" and "),
-                identity.sensor,
-                identity.mag_axes
+                described(identity)
             );
         }
     }
-    Ok(None)
+    Ok(found.cloned())
 }
 
 /// Carries out the jobs. What could not be saved is tried again, and complained of once.
@@ -209,7 +209,7 @@ impl DiskWriter {
             return Some(unsaved.clone());
         }
         // What cannot be written may still be read.
-        match load(&Store::unchecked(&self.directory), identity) {
+        match load(&self.directory, identity) {
             Ok(loaded) => {
                 if let Some(history) = &loaded {
                     self.known.put(history.clone());
@@ -339,8 +339,8 @@ mod tests {
         writer.run(&jobs);
         assert_eq!(answers.try_recv().unwrap(), Ok(()));
         assert_eq!(*lock(&disk.fault), None);
-        let kept = Store::unchecked(folder.path()).load(&identity).unwrap();
-        assert!(matches!(kept, Loaded::Found(history) if history.last_number == 2));
+        let kept = Store::contents(folder.path()).unwrap();
+        assert_eq!(kept.find(&identity).unwrap().last_number, 2);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use headingd::calibration::model::{
 };
 use headingd::calibration::policy::{Policy, Reason};
 use headingd::store::history::HistoryError;
-use headingd::store::{Contents, History, Identity, Loaded, Made, Store, StoreError};
+use headingd::store::{Contents, History, Identity, Made, Store, StoreError};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
@@ -99,6 +99,12 @@ fn store() -> (tempfile::TempDir, Store) {
     (folder, store)
 }
 
+/// What the file holds of the sensor of most tests.
+fn load(store: &Store) -> Result<Option<History>, StoreError> {
+    let contents = Store::contents(store.path().parent().unwrap())?;
+    Ok(contents.find(&identity()).cloned())
+}
+
 fn files(store: &Store) -> Vec<String> {
     let mut names: Vec<String> = fs::read_dir(store.path().parent().unwrap())
         .unwrap()
@@ -117,17 +123,14 @@ fn message(result: Result<impl std::fmt::Debug, StoreError>) -> String {
 #[test]
 fn a_history_comes_back_bit_for_bit() {
     let (_folder, store) = store();
-    assert_eq!(store.load(&identity()).unwrap(), Loaded::None);
+    assert_eq!(load(&store).unwrap(), None);
     let mut known = None;
     let mut history = History::new(identity());
     for parameters in [planar(), diagonal(), symmetric()] {
         history.keep(made(parameters), 10);
         history.mode = Policy::Locked;
         assert_eq!(store.save(&history, known.as_ref()).unwrap(), None);
-        assert_eq!(
-            store.load(&identity()).unwrap(),
-            Loaded::Found(history.clone())
-        );
+        assert_eq!(load(&store).unwrap(), Some(history.clone()));
         assert_eq!(files(&store), ["calibration.json"]);
         known = Some(history.clone());
     }
@@ -136,10 +139,7 @@ fn a_history_comes_back_bit_for_bit() {
         history.keep(learnt(), 403);
     }
     store.save(&history, known.as_ref()).unwrap();
-    assert_eq!(
-        store.load(&identity()).unwrap(),
-        Loaded::Found(history.clone())
-    );
+    assert_eq!(load(&store).unwrap(), Some(history.clone()));
 }
 
 #[test]
@@ -278,15 +278,13 @@ fn a_calibration_of_version_1_becomes_the_first_of_a_history() {
     let (_folder, store) = store();
     let old = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/store-1.json");
     fs::copy(old, store.path()).unwrap();
-    let Loaded::Found(known) = store.load(&identity()).unwrap() else {
-        panic!("not found");
-    };
+    let known = load(&store).unwrap().unwrap();
     let mut history = known.clone();
     history.keep(made(planar()), 10);
     assert_eq!(store.save(&history, Some(&known)).unwrap(), None);
     let kept = fs::read_to_string(store.path()).unwrap();
     assert!(kept.starts_with("{\n  \"headingd_store\": 2,"), "{kept}");
-    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(history));
+    assert_eq!(load(&store).unwrap(), Some(history));
     assert_eq!(files(&store), ["calibration.json"]);
 }
 
@@ -380,7 +378,7 @@ fn a_file_cut_anywhere_is_refused_and_left_alone() {
         // The last byte ends the line: without it nothing is missing.
         for length in 0..whole.len() - 1 {
             fs::write(&path, &whole[..length]).unwrap();
-            let error = store.load(&identity()).unwrap_err();
+            let error = load(&store).unwrap_err();
             assert!(matches!(error, StoreError::Unreadable(..)), "{error}");
             assert_eq!(fs::read(&path).unwrap(), whole[..length]);
         }
@@ -398,17 +396,14 @@ fn a_file_that_is_not_understood_is_set_aside_before_the_next_save() {
         ("{\"headingd_store\": 4, \"future\": []}", "newer-1"),
     ] {
         fs::write(store.path(), text).unwrap();
-        let error = store.load(&identity()).unwrap_err();
+        let error = load(&store).unwrap_err();
         let newer = matches!(error, StoreError::Newer(_, 4));
         assert_eq!(newer, name.starts_with("newer"), "{error}");
         let aside = store.save(&good, None).unwrap().unwrap();
         let name = format!("calibration.json.{name}");
         assert_eq!(aside.file_name().unwrap().to_str(), Some(name.as_str()));
         assert_eq!(fs::read_to_string(aside).unwrap(), text);
-        assert_eq!(
-            store.load(&identity()).unwrap(),
-            Loaded::Found(good.clone())
-        );
+        assert_eq!(load(&store).unwrap(), Some(good.clone()));
     }
     assert_eq!(files(&store).len(), 5);
 }
@@ -423,7 +418,7 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
     for last in [u64::MAX, u64::MAX - 1, 1_000_000_000_001] {
         let text = good.replacen("\"last_number\": 1", &format!("\"last_number\": {last}"), 1);
         fs::write(store.path(), &text).unwrap();
-        let error = store.load(&identity()).unwrap_err();
+        let error = load(&store).unwrap_err();
         assert!(matches!(error, StoreError::Unreadable(..)), "{error}");
         kept.keep(made(planar()), 10);
         let aside = store.save(&kept, None).unwrap().unwrap();
@@ -432,13 +427,11 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
     // A large one leaves room.
     let text = good.replacen("\"last_number\": 1", "\"last_number\": 999999999000", 1);
     fs::write(store.path(), text).unwrap();
-    let Loaded::Found(mut found) = store.load(&identity()).unwrap() else {
-        panic!("not found");
-    };
+    let mut found = load(&store).unwrap().unwrap();
     let known = found.clone();
     found.keep(made(planar()), 10);
     assert_eq!(store.save(&found, Some(&known)).unwrap(), None);
-    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(found));
+    assert_eq!(load(&store).unwrap(), Some(found));
 }
 
 #[test]
@@ -452,9 +445,7 @@ fn behind_the_largest_number_counting_begins_anew_and_the_file_still_loads() {
     history.entries[2].number = 1_000_000_000_000;
     (history.active, history.last_number) = (Some(999_999_999_999), 1_000_000_000_000);
     store.save(&history, None).unwrap();
-    let Loaded::Found(mut found) = store.load(&identity()).unwrap() else {
-        panic!("not found");
-    };
+    let mut found = load(&store).unwrap().unwrap();
     assert_eq!(found, history);
 
     found.keep(made(planar()), 3);
@@ -463,12 +454,14 @@ fn behind_the_largest_number_counting_begins_anew_and_the_file_still_loads() {
     // The oldest has gone, and the one that was active has stayed.
     assert_eq!((numbers, found.active), (vec![2, 3, 4], Some(4)));
     assert_eq!(found.entries[0].made, made(diagonal()));
-    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(found));
+    assert_eq!(load(&store).unwrap(), Some(found));
 }
 
 #[test]
 fn another_sensors_calibrations_are_not_used_and_stay() {
     let (_folder, store) = store();
+    let path = store.path();
+    let directory = path.parent().unwrap();
     let first = history(planar());
     store.save(&first, None).unwrap();
     let others = [
@@ -483,15 +476,14 @@ fn another_sensors_calibrations_are_not_used_and_stay() {
     ];
     let mut there = vec![identity()];
     for other in others {
-        assert_eq!(store.load(&other).unwrap(), Loaded::Others(there.clone()));
+        let kept = Store::contents(directory).unwrap().sensors;
+        assert!(kept.iter().map(|kept| &kept.identity).eq(&there));
         there.push(other.clone());
         let second = History::of(other.clone(), made(diagonal()));
         assert_eq!(store.save(&second, None).unwrap(), None);
-        assert_eq!(store.load(&other).unwrap(), Loaded::Found(second));
-        assert_eq!(
-            store.load(&identity()).unwrap(),
-            Loaded::Found(first.clone())
-        );
+        let kept = Store::contents(directory).unwrap();
+        assert_eq!(kept.find(&other), Some(&second));
+        assert_eq!(load(&store).unwrap(), Some(first.clone()));
     }
     assert_eq!(files(&store), ["calibration.json"]);
 }
@@ -511,7 +503,7 @@ fn what_somebody_else_has_changed_meanwhile_is_set_aside() {
     assert_eq!(Store::read_file(&aside).unwrap(), Contents::of(backup));
     // A save of which nobody knows that it succeeded is repeated.
     assert_eq!(store.save(&next, Some(&known)).unwrap(), None);
-    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(next));
+    assert_eq!(load(&store).unwrap(), Some(next));
 }
 
 #[test]
@@ -573,7 +565,7 @@ fn what_could_not_be_read_again_is_not_saved() {
     };
     planar.basis[0].x = f64::NAN;
     assert!(message(store.save(&bad, Some(&good))).contains("calibration.basis is [[NaN"));
-    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(good));
+    assert_eq!(load(&store).unwrap(), Some(good));
 }
 
 #[test]
@@ -595,13 +587,10 @@ fn a_killed_save_leaves_nothing_behind() {
     let directory = store.path().parent().unwrap().to_owned();
     fs::write(directory.join(".calibration.json.x1y2.tmp"), "{\"head").unwrap();
     fs::write(directory.join("notes.tmp"), "mine").unwrap();
-    assert_eq!(
-        store.load(&identity()).unwrap(),
-        Loaded::Found(good.clone())
-    );
+    assert_eq!(load(&store).unwrap(), Some(good.clone()));
     let store = Store::open(&directory).unwrap();
     assert_eq!(files(&store), ["calibration.json", "notes.tmp"]);
-    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(good));
+    assert_eq!(load(&store).unwrap(), Some(good));
 }
 
 #[test]
@@ -639,7 +628,7 @@ fn a_pipe_in_place_of_the_file_is_not_waited_for() {
     let good = history(planar());
     let right = good.clone();
     std::thread::spawn(move || {
-        let refused = message(store.load(&identity()));
+        let refused = message(load(&store));
         let aside = store.save(&good, None).unwrap();
         sender.send((refused, aside, store))
     });
@@ -648,7 +637,7 @@ fn a_pipe_in_place_of_the_file_is_not_waited_for() {
         .expect("it hangs");
     assert!(refused.contains("it is no regular file"), "{refused}");
     assert!(aside.unwrap().ends_with("calibration.json.unreadable-1"));
-    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(right));
+    assert_eq!(load(&store).unwrap(), Some(right));
 }
 
 /// Neither a link nor a copy of it can be made, as of a file of root's that the daemon may not read.
@@ -660,5 +649,5 @@ fn what_can_only_be_renamed_is_set_aside_too() {
     let aside = store.save(&good, None).unwrap().unwrap();
     assert!(aside.ends_with("calibration.json.unreadable-1"));
     assert!(aside.is_dir());
-    assert_eq!(store.load(&identity()).unwrap(), Loaded::Found(good));
+    assert_eq!(load(&store).unwrap(), Some(good));
 }
