@@ -8,7 +8,7 @@ use std::path::Path;
 
 use clap::CommandFactory;
 use clap_complete::{Shell, generate_to};
-use headingd::command::line::Cli;
+use headingd::command::cli::Cli;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args_os()

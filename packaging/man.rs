@@ -11,7 +11,7 @@ use std::fs;
 use std::path::Path;
 
 use clap::CommandFactory;
-use headingd::command::line::Cli;
+use headingd::command::cli::Cli;
 use roff::{Roff, bold, roman};
 
 const CONFIGURATION: &str = include_str!("../config/headingd.toml");

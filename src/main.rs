@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use headingd::command::line::Cli;
+use headingd::command::cli::Cli;
 
 fn main() -> ExitCode {
     Cli::parse().run()

@@ -1,5 +1,6 @@
 //! What goes out of the daemon, and how.
 
+mod admission;
 mod allowance;
 mod client;
 mod clients;
@@ -12,7 +13,6 @@ mod inbox;
 mod json;
 pub mod nmea;
 pub mod outputs;
-mod places;
 mod rate_limit;
 pub(crate) mod raw;
 pub mod request;

@@ -3,12 +3,12 @@
 //! [`Analysis`] takes the readings through the same pipeline as the daemon, and [`page`] shows what came of them.
 
 mod analysis;
-mod compass;
+mod deviation;
 mod field;
 mod html;
 mod page;
 mod plot;
-mod search;
+mod swarm;
 mod thin;
 mod timeline;
 mod turn;

@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use tokio::time::timeout;
 
-use super::listener::Listener;
 use super::recorder::{RecordError, Recorder};
+use super::service_client::ServiceClient;
 use super::source_task::SourceTask;
 use super::{Daemon, DaemonError};
 use crate::config::source::Kind;
@@ -38,9 +38,9 @@ impl Recording {
         };
         config.store.directory = PathBuf::new();
         // Ask the service first: a pipe that is opened twice splits its rows between both readers.
-        let service = match Listener::connect(&config.socket.socket).await {
-            Ok(listener) => {
-                let origin = ReadingsFrom::Service(Box::new(listener));
+        let service = match ServiceClient::connect(&config.socket.socket).await {
+            Ok(client) => {
+                let origin = ReadingsFrom::Service(Box::new(client));
                 return Ok(Self { config, origin });
             }
             Err(service) => service,
@@ -70,7 +70,7 @@ impl Recording {
     ) -> (u64, Result<(), DaemonError>) {
         let header = match &self.origin {
             ReadingsFrom::Daemon(daemon) => daemon.session.source.header.clone(),
-            ReadingsFrom::Service(listener) => listener.header.clone(),
+            ReadingsFrom::Service(client) => client.header.clone(),
             ReadingsFrom::Source(source) => source.header.clone(),
         };
         let (recorder, mut ending) = match Recorder::file(out, header) {
@@ -89,7 +89,7 @@ impl Recording {
                 daemon.session.recorder = Some(recorder);
                 daemon.run_until(stop).await
             }
-            ReadingsFrom::Service(listener) => from_service(*listener, recorder, stop).await,
+            ReadingsFrom::Service(client) => from_service(*client, recorder, stop).await,
             ReadingsFrom::Source(source) => {
                 alone(*source, self.config.source.pace(), recorder, stop).await
             }
@@ -111,8 +111,8 @@ impl Recording {
 impl fmt::Display for Recording {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let source = match &self.origin {
-            ReadingsFrom::Service(listener) => {
-                return write!(f, "the service at {}", listener.socket.display());
+            ReadingsFrom::Service(client) => {
+                return write!(f, "the service at {}", client.socket.display());
             }
             ReadingsFrom::Daemon(daemon) => &daemon.session.source,
             ReadingsFrom::Source(source) => source,
@@ -127,20 +127,20 @@ impl fmt::Display for Recording {
 
 enum ReadingsFrom {
     Daemon(Box<Daemon>),
-    Service(Box<Listener>),
+    Service(Box<ServiceClient>),
     Source(Box<SourceTask>),
 }
 
 async fn from_service(
-    mut listener: Listener,
+    mut client: ServiceClient,
     mut recorder: Recorder,
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), DaemonError> {
     let ended = tokio::select! {
         () = shutdown => Ok(()),
-        ended = listener.record(&mut recorder) => ended,
+        ended = client.record(&mut recorder) => ended,
     };
-    listener.conclude();
+    client.conclude();
     recorder.close(PATIENCE).await;
     Ok(ended?)
 }

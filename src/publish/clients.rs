@@ -13,8 +13,8 @@ use tokio::sync::watch;
 use tokio::task::{Id, JoinError, JoinSet};
 use tokio::time::{sleep, timeout};
 
+use super::admission::{Full, admit};
 use super::client::ClientError;
-use super::places::{Full, admit};
 use super::socket_file::OpenSocket;
 
 /// How long clients have at the end to take what is on its way to them.

@@ -6,7 +6,7 @@ use super::analysis::{Analysis, Findings, Judged, Point};
 use super::html::{escaped, verdict};
 use super::plot::{Hue, ReportError};
 use super::turn::Turned;
-use super::{compass, field, search, timeline};
+use super::{deviation, field, swarm, timeline};
 use crate::advice::next_step;
 use crate::calibration::model::Mode;
 use crate::calibration::outcome::SwarmReport;
@@ -210,17 +210,17 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
         "Raw field along the chip's axes <b class=raw>X</b>, <b class=corrected>Y</b> and <b class=other>Z</b>, and the <b class=good>windows</b> that RIST chose for the swarm.",
     );
     out += &swarms(judged)?;
-    let held = compass::held(&turned);
+    let held = deviation::held(&turned);
     if held.is_empty() {
         out += "<p>The gyro did not follow the turn, so that there is nothing to hold the field against.</p>\n";
         return Ok(out);
     }
     out += &figure(
-        &compass::against_gyro(&held)?,
+        &deviation::against_gyro(&held)?,
         "Corrected heading less the heading by the gyro.",
     );
     out += &figure(
-        &compass::deviation(&held)?,
+        &deviation::by_heading(&held)?,
         "Deviation by heading: <b class=raw>before</b>, and <b class=corrected>after</b>.",
     );
     let after = if is_rejected {
@@ -242,14 +242,13 @@ fn motion(analysis: &Analysis) -> String {
 
 fn swarms(judged: &Judged) -> Result<String, ReportError> {
     let samples = &judged.outcome.samples;
-    let [basic, mpsot] =
-        [StopChoice::Basic, StopChoice::Mpsot].map(|stop| search::swarm(judged, stop));
+    let [basic, mpsot] = [StopChoice::Basic, StopChoice::Mpsot].map(|stop| swarm::of(judged, stop));
     let iterations = |swarm: &Option<SwarmReport>| match swarm {
         Some(swarm) => swarm.iterations.to_string(),
         None => "none".to_owned(),
     };
     let mut out = figure(
-        &search::fitness(basic.as_ref(), mpsot.as_ref())?,
+        &swarm::fitness(basic.as_ref(), mpsot.as_ref())?,
         &format!(
             "Fitness of the global best of the paper's swarm by iteration: <b class=raw>basic</b>, {} iterations, and stopped by <b class=corrected>MPSOT</b>, {}.",
             iterations(&basic),
@@ -290,9 +289,9 @@ fn limits(limits: &[Limit]) -> String {
     out + "</table>\n"
 }
 
-fn card(held: &[compass::Held], after_name: &str) -> String {
+fn card(held: &[deviation::Held], after_name: &str) -> String {
     let mut rows = [String::new(), String::new(), String::new()];
-    for (heading_deg, deviations) in compass::card(held) {
+    for (heading_deg, deviations) in deviation::card(held) {
         rows[0] += &format!("<th>{heading_deg:03.0}°</th>");
         let [before, after] = match deviations {
             Some((before, after)) => [before, after].map(|deviation| format!("{deviation:+.1}")),

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use clap::Parser;
 use clap::error::ErrorKind;
-use headingd::command::line::Cli;
+use headingd::command::cli::Cli;
 
 use crate::rig::{ENDLESS, FAST, LONG, Rig, finished, program};
 

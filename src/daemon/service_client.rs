@@ -38,7 +38,7 @@ impl ListenError {
 }
 
 /// A service that hands out its raw readings.
-pub(super) struct Listener {
+pub(super) struct ServiceClient {
     pub(super) socket: PathBuf,
     stream: BufReader<UnixStream>,
     pub(super) header: Header,
@@ -50,7 +50,7 @@ pub(super) struct Listener {
     told: Option<String>,
 }
 
-impl Listener {
+impl ServiceClient {
     /// Asks the service at `socket` for its readings.
     pub(super) async fn connect(socket: &Path) -> Result<Self, ListenError> {
         let failed = |what| ListenError::new(socket, what);
@@ -61,11 +61,11 @@ impl Listener {
             Err(error) if error.kind() == ErrorKind::BrokenPipe => {}
             written => written.map_err(broken)?,
         }
-        let mut listener = Self::on(socket, stream);
-        let answer = timeout(PATIENCE, listener.listen_for_header());
+        let mut client = Self::on(socket, stream);
+        let answer = timeout(PATIENCE, client.listen_for_header());
         let late = |_| failed(format!("it has not answered within {PATIENCE:?}"));
-        listener.header = answer.await.map_err(late)??;
-        Ok(listener)
+        client.header = answer.await.map_err(late)??;
+        Ok(client)
     }
 
     fn on(socket: &Path, stream: UnixStream) -> Self {
@@ -194,7 +194,7 @@ mod tests {
     #[tokio::test]
     async fn no_numbers_of_a_service_make_the_count_overflow() {
         let (stream, _service) = UnixStream::pair().unwrap();
-        let mut listener = Listener::on(Path::new("s"), stream);
+        let mut client = ServiceClient::on(Path::new("s"), stream);
         for (seq, lost) in [
             (u64::MAX, 0),
             (0, 0),
@@ -206,8 +206,8 @@ mod tests {
         ] {
             let mut row = Row::default();
             row.seq = seq;
-            listener.count(&row);
-            assert_eq!(listener.lost, lost, "{seq}");
+            client.count(&row);
+            assert_eq!(client.lost, lost, "{seq}");
         }
     }
 }

@@ -63,7 +63,7 @@ pub(super) fn against_gyro(held: &[Held]) -> Result<String, ReportError> {
 }
 
 /// The deviation by heading, before and after.
-pub(super) fn deviation(held: &[Held]) -> Result<String, ReportError> {
+pub(super) fn by_heading(held: &[Held]) -> Result<String, ReportError> {
     let some = some(held, MOST);
     let dots = |hue, of: fn(&Held) -> f64| {
         Series::dots(hue, some.iter().map(|it| (it.heading_deg, of(it))))

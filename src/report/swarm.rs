@@ -11,7 +11,7 @@ use crate::calibration::settings::{Profile, StopChoice};
 const MOST: usize = 1000;
 
 /// What the paper's swarm does on these samples: it begins anywhere, so that MPSOT has something to stop.
-pub(super) fn swarm(judged: &Judged, stop: StopChoice) -> Option<SwarmReport> {
+pub(super) fn of(judged: &Judged, stop: StopChoice) -> Option<SwarmReport> {
     let mut request = judged.request.clone();
     request.settings.profile = Profile::Paper;
     request.settings.stop = stop;
