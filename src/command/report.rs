@@ -22,7 +22,7 @@ use crate::config::source::Kind;
 use crate::position::{Follower, Gpsd};
 use crate::publish::control::ControlRequest;
 use crate::publish::raw::{self, Object};
-use crate::recording::TimeOfDay;
+use crate::recording::{Header, TimeOfDay};
 use crate::report::{Analysis, ReportError, page};
 use crate::sensor::replay::Replay;
 use crate::store::Contents;
@@ -163,19 +163,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
                 break;
             }
             Ok(Object::Board { header }) => {
-                let header = raw::header(&header)?;
-                // Known where this user may ask. The board may have been told to be mounted otherwise than the configuration says.
-                let status = daemon_status(&sockets.control).ok();
-                let told = status.as_ref().and_then(|status| status.board_axes);
-                let board = told.unwrap_or_else(|| config.mounting.board());
-                let setup = config.setup(&header.mountings, &board);
-                let north = TrueNorth::new(&config.true_north);
-                let active = active(&sockets);
-                let mut analysis = Analysis::new(&sockets.headings, header, setup, north, active);
-                if let Some(status) = status {
-                    analysis.put_mode(status.mode);
-                }
-                found = Some(analysis);
+                found = Some(begin(&sockets, raw::header(&header)?, config));
             }
             Ok(Object::Reading(row)) => {
                 if let Some(analysis) = &mut found {
@@ -204,6 +192,22 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
         let why = "the daemon has handed out no readings: headingd status says why";
         Failure::new(Failure::UNAVAILABLE, why)
     })
+}
+
+/// An analysis that begins as the daemon is now, as far as this user may ask.
+fn begin(sockets: &DaemonSockets, header: Header, config: &Config) -> Analysis {
+    let status = daemon_status(&sockets.control).ok();
+    // The board may have been told to be mounted otherwise than the configuration says.
+    let told = status.as_ref().and_then(|status| status.board_axes);
+    let board = told.unwrap_or_else(|| config.mounting.board());
+    let setup = config.setup(&header.mountings, &board);
+    let north = TrueNorth::new(&config.true_north);
+    let active = active(sockets);
+    let mut analysis = Analysis::new(&sockets.headings, header, setup, north, active);
+    if let Some(status) = status {
+        analysis.put_mode(status.mode);
+    }
+    analysis
 }
 
 /// Follows the gpsd of the configuration, if it has one, until the command ends.

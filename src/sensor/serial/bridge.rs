@@ -106,7 +106,8 @@ impl Bridge {
             let left = self.retry.saturating_duration_since(Instant::now());
             if let Some((stream, _)) = &mut self.port {
                 let read = timeout(LOOK, stream.read(&mut self.bytes[..])).await;
-                self.take(read.ok()).await;
+                let gone = self.take(read.ok());
+                self.carry_out_orders(gone).await;
             } else if left.is_zero() {
                 self.open();
             } else {
@@ -133,21 +134,19 @@ impl Bridge {
         }
     }
 
-    /// What a read came to, and what the time asks for; `None`: nothing came.
-    async fn take(&mut self, read: Option<io::Result<usize>>) {
+    /// Takes what a read came to; `None`: nothing came. Returns why the port is gone, if it is.
+    fn take(&mut self, read: Option<io::Result<usize>>) -> Option<String> {
         let now_s = self.now_s();
-        let Some((stream, session)) = &mut self.port else {
-            return;
-        };
+        let (_, session) = self.port.as_mut()?;
         let away_s = now_s - self.looked_s;
         self.looked_s = now_s;
         if away_s > AWAY_S {
             session.resume();
         }
-        let mut gone = None;
         match read {
-            None => {}
-            Some(Ok(0)) => gone = Some("it has hung up".to_owned()),
+            None => None,
+            Some(Err(error)) => Some(error.to_string()),
+            Some(Ok(0)) => Some("it has hung up".to_owned()),
             Some(Ok(count)) => {
                 let (waiting, origin) = (&mut self.waiting, self.origin);
                 let (trouble, last_s) = (&mut self.trouble, &mut self.last_s);
@@ -173,10 +172,17 @@ impl Bridge {
                     let (port, name) = (self.settings.port.display(), self.found.name());
                     tracing::info!("the device at {port} sends {name}");
                 }
+                None
             }
-            Some(Err(error)) => gone = Some(error.to_string()),
         }
-        let orders = session.orders(now_s);
+    }
+
+    /// Does what the time asks for, and closes a port that is gone.
+    async fn carry_out_orders(&mut self, mut gone: Option<String>) {
+        let Some((stream, session)) = &mut self.port else {
+            return;
+        };
+        let orders = session.orders(self.looked_s);
         if let (None, Some(bytes)) = (&gone, orders.send) {
             // What was not taken in time will be sent again.
             if let Ok(Err(error)) = timeout(WRITE_PATIENCE, stream.write_all(bytes)).await {
