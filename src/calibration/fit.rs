@@ -112,15 +112,14 @@ pub fn swarm<const D: usize, const P: usize, const F: usize>(
     settings: &Settings,
 ) -> Option<SwarmResult<P>> {
     let reference_mgauss = bounds.reference_mgauss;
-    let params = settings.params();
     let found = match settings.profile {
         Profile::Standard => {
             let normal = Normalizer::new(&bounds.low, &bounds.high);
             let objective = Factored::<D, F>::new(normal, points, reference_mgauss);
             let fit_value = |position: &_| objective.fit_value(position);
-            search(bounds, &params, objective.conic(), settings.seed, fit_value)
+            search(bounds, settings, objective.conic(), fit_value)
         }
-        Profile::Paper => search(bounds, &params, None, settings.seed, |position| {
+        Profile::Paper => search(bounds, settings, None, |position| {
             direct(points, position, reference_mgauss)
         }),
     };

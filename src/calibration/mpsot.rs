@@ -5,6 +5,7 @@
 //! the L iterations before; when more than half of the parameters differ by no more than a threshold,
 //! the swarm has converged.
 
+use super::settings::{Settings, StopChoice};
 use crate::check::words;
 
 words! {
@@ -19,71 +20,58 @@ words! {
     }
 }
 
-/// The limits of the three levels.
-#[derive(Clone, Copy, Debug)]
-pub struct StopLimits {
-    /// Level 1.
-    pub max_iterations: usize,
-    /// Level 2: stop at this fit value (Equation 8, milligauss²) or below.
-    pub min_error: f64,
-    /// Level 3: the threshold, 0.01 in the paper, in milligauss for biases and 1 for scale factors;
-    /// `None` leaves the level out, which makes it the basic algorithm.
-    pub change: Option<f64>,
-    /// Level 3: L, how many iterations the mean goes over, at least 1. The paper leaves it open.
-    pub window: usize,
-}
-
 /// Watches the global best from iteration to iteration.
 #[derive(Clone, Debug)]
-pub struct ConvergenceMonitor<const P: usize> {
-    limits: StopLimits,
+pub struct ConvergenceMonitor<'a, const P: usize> {
+    settings: &'a Settings,
+    /// L.
+    window: usize,
     iteration: usize,
     /// The last L values of every parameter, as a ring.
     history: Vec<[f64; P]>,
 }
 
-impl<const P: usize> ConvergenceMonitor<P> {
+impl<'a, const P: usize> ConvergenceMonitor<'a, P> {
     /// Nothing seen yet.
-    pub fn new(limits: StopLimits) -> Self {
+    pub fn new(settings: &'a Settings) -> Self {
+        let window = settings.mean_window();
         Self {
-            limits,
+            settings,
+            window,
             iteration: 0,
-            history: Vec::with_capacity(limits.window),
+            history: Vec::with_capacity(window),
         }
     }
 
     /// Takes one iteration's global best; returns the reason to stop, if there is one.
     pub fn iterated(&mut self, parameters: &[f64; P], fit_value: f64) -> Option<Stop> {
         let converged = self.converged(parameters);
-        if self.history.len() < self.limits.window {
+        if self.history.len() < self.window {
             self.history.push(*parameters);
         } else {
-            self.history[self.iteration % self.limits.window] = *parameters;
+            self.history[self.iteration % self.window] = *parameters;
         }
         self.iteration += 1;
-        if fit_value <= self.limits.min_error {
+        if fit_value <= self.settings.min_error_mgauss2 {
             Some(Stop::Error)
         } else if converged {
             Some(Stop::Change)
-        } else if self.iteration >= self.limits.max_iterations {
+        } else if self.iteration >= self.settings.max_iterations {
             Some(Stop::Iterations)
         } else {
             None
         }
     }
 
-    /// Appendix 2. Until L iterations have gone by there is no mean to compare with.
+    /// Appendix 2: level 3, which the basic algorithm leaves out. Until L iterations have gone by there is no mean to compare with.
     fn converged(&self, parameters: &[f64; P]) -> bool {
-        let Some(threshold) = self.limits.change else {
-            return false;
-        };
-        if self.history.len() < self.limits.window {
+        if self.settings.stop == StopChoice::Basic || self.history.len() < self.window {
             return false;
         }
         let settled = (0..P).filter(|&i| {
             let sum: f64 = self.history.iter().map(|past| past[i]).sum();
             let average = sum / self.history.len() as f64;
-            (parameters[i] - average).abs() <= threshold
+            (parameters[i] - average).abs() <= self.settings.min_change
         });
         2 * settled.count() > P
     }
@@ -93,16 +81,19 @@ impl<const P: usize> ConvergenceMonitor<P> {
 mod tests {
     use super::*;
 
-    const LIMITS: StopLimits = StopLimits {
-        max_iterations: 100,
-        min_error: 5.0,
-        change: Some(0.01),
-        window: 3,
-    };
+    fn settings() -> Settings {
+        Settings {
+            max_iterations: 100,
+            min_error_mgauss2: 5.0,
+            mean_window: Some(3),
+            ..Settings::default()
+        }
+    }
 
     #[test]
     fn stops_when_more_than_half_of_the_parameters_have_settled() {
-        let mut watch = ConvergenceMonitor::new(LIMITS);
+        let settings = settings();
+        let mut watch = ConvergenceMonitor::new(&settings);
         // Means over the three before the fourth: 2, 7, 10, 1.0.
         for parameters in [
             [1.0, 7.0, 10.0, 1.0],
@@ -122,19 +113,20 @@ mod tests {
 
     #[test]
     fn a_difference_of_exactly_the_threshold_counts() {
-        let limits = StopLimits {
-            window: 1,
-            change: Some(0.5),
-            ..LIMITS
+        let settings = Settings {
+            mean_window: Some(1),
+            min_change: 0.5,
+            ..settings()
         };
-        let mut watch = ConvergenceMonitor::new(limits);
+        let mut watch = ConvergenceMonitor::new(&settings);
         assert_eq!(watch.iterated(&[1.0], 100.0), None);
         assert_eq!(watch.iterated(&[1.5], 100.0), Some(Stop::Change));
     }
 
     #[test]
     fn never_stops_for_change_before_the_window_is_full() {
-        let mut watch = ConvergenceMonitor::new(LIMITS);
+        let settings = settings();
+        let mut watch = ConvergenceMonitor::new(&settings);
         for _ in 0..3 {
             assert_eq!(watch.iterated(&[1.0, 1.0], 100.0), None);
         }
@@ -143,17 +135,19 @@ mod tests {
 
     #[test]
     fn the_minimum_error_stops_at_once() {
-        let mut watch = ConvergenceMonitor::new(LIMITS);
+        let settings = settings();
+        let mut watch = ConvergenceMonitor::new(&settings);
         assert_eq!(watch.iterated(&[1.0, 1.0], 5.1), None);
         assert_eq!(watch.iterated(&[9.0, 9.0], 5.0), Some(Stop::Error));
     }
 
     #[test]
     fn the_basic_algorithm_runs_to_the_maximum() {
-        let mut watch = ConvergenceMonitor::new(StopLimits {
-            change: None,
-            ..LIMITS
-        });
+        let settings = Settings {
+            stop: StopChoice::Basic,
+            ..settings()
+        };
+        let mut watch = ConvergenceMonitor::new(&settings);
         for _ in 0..99 {
             assert_eq!(watch.iterated(&[1.0], 100.0), None);
         }

@@ -1,7 +1,5 @@
 //! What can be set of a calibration.
 
-use super::mpsot::StopLimits;
-use super::swarm::{CONSTRICTION, Coefficients, PAPER, SwarmParams};
 use crate::check::{settings, words};
 
 words! {
@@ -114,30 +112,18 @@ settings! {
 }
 
 impl Settings {
-    /// How the swarm moves and when it stops.
-    pub fn params(&self) -> SwarmParams {
-        SwarmParams {
-            coefficients: self.profile.coefficients(),
-            velocity_limit: self.velocity_limit.unwrap_or(self.profile.velocity_limit()),
-            particles: self.particles,
-            limits: StopLimits {
-                max_iterations: self.max_iterations,
-                min_error: self.min_error_mgauss2,
-                change: (self.stop == StopChoice::Mpsot).then_some(self.min_change),
-                window: self.mean_window.unwrap_or(self.profile.mean_window()),
-            },
-        }
+    /// Largest step of a particle, as a fraction of the box.
+    pub fn velocity_limit(&self) -> f64 {
+        self.velocity_limit.unwrap_or(self.profile.velocity_limit())
+    }
+
+    /// L, at least 1.
+    pub fn mean_window(&self) -> usize {
+        self.mean_window.unwrap_or(self.profile.mean_window())
     }
 }
 
 impl Profile {
-    fn coefficients(self) -> Coefficients {
-        match self {
-            Self::Standard => CONSTRICTION,
-            Self::Paper => PAPER,
-        }
-    }
-
     /// Default of [`Settings::velocity_limit`].
     ///
     /// Constriction converges by itself, and 0.05 of a box this narrow only keeps the first steps short. The

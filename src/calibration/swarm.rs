@@ -4,28 +4,28 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::curve::ParameterVector;
-use super::mpsot::{ConvergenceMonitor, Stop, StopLimits};
+use super::mpsot::{ConvergenceMonitor, Stop};
+use super::settings::{Profile, Settings};
 
 /// The coefficients of Equation 5.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Coefficients {
+struct Coefficients {
     /// w, the inertia weight.
-    pub inertia: f64,
+    inertia: f64,
     /// c1, the cognitive weight: the pull of the particle's own best.
-    pub cognitive: f64,
+    cognitive: f64,
     /// c2, the social weight: the pull of the global best.
-    pub social: f64,
+    social: f64,
 }
 
 /// The paper's: w = 1, c1 = c2 = 2. They diverge without a velocity limit, which the paper does not give.
-pub const PAPER: Coefficients = Coefficients {
+const PAPER: Coefficients = Coefficients {
     inertia: 1.0,
     cognitive: 2.0,
     social: 2.0,
 };
 
 /// Clerc and Kennedy's constriction (IEEE Trans. Evol. Comput. 6, 2002), φ = 4.1: converges.
-pub const CONSTRICTION: Coefficients = Coefficients {
+const CONSTRICTION: Coefficients = Coefficients {
     inertia: 0.7298,
     cognitive: 1.49618,
     social: 1.49618,
@@ -105,20 +105,6 @@ impl<const D: usize> Bounds<D> {
     }
 }
 
-/// The parameters of a swarm.
-#[derive(Clone, Copy, Debug)]
-pub struct SwarmParams {
-    /// The coefficients of Equation 5.
-    pub coefficients: Coefficients,
-    /// Largest step an iteration on each parameter, as a fraction of the box's width. The paper's
-    /// coefficients diverge without one.
-    pub velocity_limit: f64,
-    /// N.
-    pub particles: usize,
-    /// When to stop.
-    pub limits: StopLimits,
-}
-
 /// What a swarm found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SwarmResult<const P: usize> {
@@ -168,18 +154,20 @@ impl<const P: usize> Particle<P> {
 /// number never becomes a best.
 pub fn search<const D: usize, const P: usize>(
     bounds: &Bounds<D>,
-    params: &SwarmParams,
+    settings: &Settings,
     start: Option<ParameterVector<P>>,
-    seed: u64,
     fit_value: impl Fn(&ParameterVector<P>) -> f64,
 ) -> SwarmResult<P> {
-    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let limit = bounds
-        .width()
-        .map(|width: f64| width * params.velocity_limit);
+    let coefficients = match settings.profile {
+        Profile::Standard => CONSTRICTION,
+        Profile::Paper => PAPER,
+    };
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(settings.seed);
+    let largest_step = settings.velocity_limit();
+    let limit = bounds.width().map(|width: f64| width * largest_step);
     let (mut global_best, mut global_fit) = (bounds.random(&mut rng), f64::INFINITY);
     let mut fitness = Vec::new();
-    let mut swarm: Vec<Particle<P>> = (0..params.particles)
+    let mut swarm: Vec<Particle<P>> = (0..settings.particles)
         .map(|index| {
             let mut velocity = limit.map(|limit| limit * (2.0 * rng.random::<f64>() - 1.0));
             let mut position = bounds.random(&mut rng);
@@ -196,7 +184,7 @@ pub fn search<const D: usize, const P: usize>(
         })
         .collect();
 
-    let mut watch = ConvergenceMonitor::new(params.limits);
+    let mut watch = ConvergenceMonitor::new(settings);
     loop {
         for particle in &mut swarm {
             let fit = fit_value(&particle.position);
@@ -219,7 +207,7 @@ pub fn search<const D: usize, const P: usize>(
         }
         for particle in &mut swarm {
             let pair = (rng.random(), rng.random());
-            particle.advance(&params.coefficients, &global_best, pair, &limit);
+            particle.advance(&coefficients, &global_best, pair, &limit);
             bounds.confine(&mut particle.position, &mut particle.velocity);
         }
     }
@@ -228,6 +216,7 @@ pub fn search<const D: usize, const P: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::settings::StopChoice;
 
     const BOX: Bounds<2> = Bounds {
         low: [-90.0, -80.0],
@@ -238,23 +227,22 @@ mod tests {
         reference_mgauss: 100.0,
     };
 
-    const LIMITS: StopLimits = StopLimits {
-        max_iterations: 1000,
-        min_error: 0.0,
-        change: Some(0.01),
-        window: 30,
-    };
-    const STANDARD_PARAMS: SwarmParams = SwarmParams {
-        coefficients: CONSTRICTION,
-        velocity_limit: 0.2,
-        particles: 30,
-        limits: LIMITS,
-    };
-    const PAPER_PARAMS: SwarmParams = SwarmParams {
-        coefficients: PAPER,
-        velocity_limit: 0.1,
-        ..STANDARD_PARAMS
-    };
+    fn standard(seed: u64) -> Settings {
+        Settings {
+            velocity_limit: Some(0.2),
+            mean_window: Some(30),
+            seed,
+            ..Settings::default()
+        }
+    }
+
+    fn paper(seed: u64) -> Settings {
+        Settings {
+            profile: Profile::Paper,
+            velocity_limit: Some(0.1),
+            ..standard(seed)
+        }
+    }
 
     #[test]
     fn the_velocity_is_equation_5_and_the_position_equation_6() {
@@ -302,7 +290,7 @@ mod tests {
     #[test]
     fn constriction_converges_and_mpsot_stops_it() {
         for seed in 0..20 {
-            let found = search(&BOX, &STANDARD_PARAMS, None, seed, bowl);
+            let found = search(&BOX, &standard(seed), None, bowl);
             assert_eq!(found.stop, Stop::Change);
             assert!(found.iterations < 300 && found.fit_value < 0.1, "{found:?}");
             let mut confined = found.position;
@@ -313,15 +301,13 @@ mod tests {
 
     #[test]
     fn the_same_seed_gives_the_same_swarm_and_another_another() {
-        let limits = StopLimits {
-            change: None,
-            ..LIMITS
+        let run = |seed| {
+            let settings = Settings {
+                stop: StopChoice::Basic,
+                ..paper(seed)
+            };
+            search(&BOX, &settings, None, bowl)
         };
-        let params = SwarmParams {
-            limits,
-            ..PAPER_PARAMS
-        };
-        let run = |seed| search(&BOX, &params, None, seed, bowl);
         assert_eq!(run(7), run(7));
         assert_ne!(run(7).position, run(8).position);
         assert_eq!((run(7).iterations, run(7).stop), (1000, Stop::Iterations));
@@ -329,17 +315,13 @@ mod tests {
 
     #[test]
     fn a_good_start_is_never_left_for_something_worse() {
-        let limits = StopLimits {
-            max_iterations: 1,
-            ..LIMITS
-        };
-        let params = SwarmParams {
+        let settings = Settings {
             particles: 5,
-            limits,
-            ..STANDARD_PARAMS
+            max_iterations: 1,
+            ..standard(1)
         };
         let start = [12.1, 18.0, 1.1, 1.2];
-        assert!(search(&BOX, &params, Some(start), 1, bowl).fit_value <= bowl(&start));
+        assert!(search(&BOX, &settings, Some(start), bowl).fit_value <= bowl(&start));
     }
 
     #[test]
@@ -351,7 +333,7 @@ mod tests {
                 bowl(position)
             }
         };
-        let found = search(&BOX, &PAPER_PARAMS, None, 1, fit_value);
+        let found = search(&BOX, &paper(1), None, fit_value);
         assert!(found.fit_value.is_finite() && found.position[0] <= 10.0);
     }
 }

@@ -50,13 +50,13 @@ fn a_wide_box_is_a_trap() {
             &points,
             reference,
         );
-        let found = search(
-            &wide,
-            &Settings::default().params(),
-            None,
+        let settings = Settings {
             seed,
-            |position| objective.fit_value(position),
-        );
+            ..Settings::default()
+        };
+        let found = search(&wide, &settings, None, |position| {
+            objective.fit_value(position)
+        });
         let truth = fit::refine_and_normalize::<Diagonal<2>, 2, 4>(
             &points,
             &true_position(&log),
