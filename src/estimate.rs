@@ -383,7 +383,8 @@ impl Estimate {
     /// A sample with iron and chip taken out, D⁻¹ (y − b), body axes, milligauss. Under a planar calibration it lies in the plane.
     pub fn corrected(&self, field_mgauss: &Vector3<f64>) -> Option<Vector3<f64>> {
         if let Some(kept) = self.kept_alone() {
-            return Some(self.mounting.to_body(kept.parameters.correct(field_mgauss)));
+            let chip = kept.parameters.correct(field_mgauss)?;
+            return Some(self.mounting.to_body(chip));
         }
         let body = self.mounting.to_body(*field_mgauss);
         Some(self.active.matrix().try_inverse()? * (body - self.active.bias_mgauss()))

@@ -61,7 +61,6 @@ impl<const D: usize> Work<'_, D> {
         let position = &best.position;
         let unusable = || Refusal::new("no_fit", "the fitted scale factors cannot be inverted");
         let curve = C::new(position, best.reference_mgauss).ok_or_else(unusable)?;
-        let parameters = self.parameters(position, level).ok_or_else(unusable)?;
         let cutoff = best.cutoff_mgauss;
         let planar = self.plan.mode == Mode::Planar;
         let distances: Vec<Distance<P>> =
@@ -100,7 +99,7 @@ impl<const D: usize> Work<'_, D> {
             outcome.matrix = Some(std::array::from_fn(|k| rows[k]));
         }
         outcome.calibration = Some(Calibration {
-            parameters,
+            parameters: self.parameters(position, level),
             reference_mgauss: reference,
             strength_mgauss: best.reference_mgauss,
             residual_mgauss: best.residual_mgauss,
@@ -145,23 +144,26 @@ impl<const D: usize> Work<'_, D> {
         ))
     }
 
-    fn parameters(&self, position: &[f64], level: &[f64]) -> Option<Parameters> {
+    fn parameters(&self, position: &[f64], level: &[f64]) -> Parameters {
         let (bias, entries) = position.split_at(D);
         if self.plan.mode == Mode::Planar {
-            return Some(Parameters::Planar(Planar {
+            return Parameters::Planar(Planar {
                 basis: self.plan.basis,
                 bias_mgauss: Vector2::from_column_slice(bias),
                 scale: Vector2::from_column_slice(entries),
                 level: Vector2::from_column_slice(level),
-            }));
+            });
         }
         let bias = Vector3::from_column_slice(bias);
-        let spatial = if entries.len() > D {
-            Spatial::new(Model::Symmetric, bias, symmetric(entries))
+        Parameters::Spatial(if entries.len() > D {
+            Spatial {
+                model: Model::Symmetric,
+                bias_mgauss: bias,
+                matrix: symmetric(entries),
+            }
         } else {
             Spatial::diagonal(bias, Vector3::from_column_slice(entries))
-        };
-        spatial.map(Parameters::Spatial)
+        })
     }
 
     /// The samples with a pose that are `wanted`, corrected by the curve that holds for each.

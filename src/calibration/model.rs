@@ -57,31 +57,13 @@ pub struct Planar {
 
 /// The parameters of all three axes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "StoredSpatial")]
 pub struct Spatial {
-    model: Model,
-    bias_mgauss: Vector3<f64>,
-    matrix: Matrix3<f64>,
-    /// A⁻¹, kept since every sample needs it. A calibration file does not have it.
-    #[serde(skip_serializing)]
-    inverse: Matrix3<f64>,
-}
-
-/// [`Spatial`] as a calibration file has it: the matrix column by column.
-#[derive(Deserialize)]
-struct StoredSpatial {
-    model: Model,
-    bias_mgauss: Vector3<f64>,
-    matrix: Matrix3<f64>,
-}
-
-impl TryFrom<StoredSpatial> for Spatial {
-    type Error = &'static str;
-
-    fn try_from(stored: StoredSpatial) -> Result<Self, Self::Error> {
-        Self::new(stored.model, stored.bias_mgauss, stored.matrix)
-            .ok_or("the scale factor matrix cannot be inverted")
-    }
+    /// The shape of A.
+    pub model: Model,
+    /// b.
+    pub bias_mgauss: Vector3<f64>,
+    /// A. A calibration file has it column by column.
+    pub matrix: Matrix3<f64>,
 }
 
 impl Planar {
@@ -102,35 +84,13 @@ impl Planar {
 }
 
 impl Spatial {
-    /// Parameters with this A and b, if A can be inverted.
-    pub fn new(model: Model, bias_mgauss: Vector3<f64>, matrix: Matrix3<f64>) -> Option<Self> {
-        let inverse = matrix.try_inverse()?;
-        Some(Self {
-            model,
-            bias_mgauss,
-            matrix,
-            inverse,
-        })
-    }
-
     /// A diagonal A.
-    pub fn diagonal(bias_mgauss: Vector3<f64>, scale: Vector3<f64>) -> Option<Self> {
-        Self::new(Model::Diagonal, bias_mgauss, Matrix3::from_diagonal(&scale))
-    }
-
-    /// The shape of A.
-    pub fn model(&self) -> Model {
-        self.model
-    }
-
-    /// b.
-    pub fn bias_mgauss(&self) -> &Vector3<f64> {
-        &self.bias_mgauss
-    }
-
-    /// A.
-    pub fn matrix(&self) -> &Matrix3<f64> {
-        &self.matrix
+    pub fn diagonal(bias_mgauss: Vector3<f64>, scale: Vector3<f64>) -> Self {
+        Self {
+            model: Model::Diagonal,
+            bias_mgauss,
+            matrix: Matrix3::from_diagonal(&scale),
+        }
     }
 
     /// The rotation in A, a rotation vector in radians: A = P·Q with a symmetric P, from the gyro's axes to the
@@ -144,9 +104,9 @@ impl Spatial {
         Some(Rotation3::from_matrix_unchecked(rotation).scaled_axis())
     }
 
-    /// Equation 3.
-    pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Vector3<f64> {
-        self.inverse * (raw_mgauss - self.bias_mgauss)
+    /// Equation 3; `None` if A cannot be inverted.
+    pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Option<Vector3<f64>> {
+        Some(self.matrix.try_inverse()? * (raw_mgauss - self.bias_mgauss))
     }
 }
 
@@ -232,12 +192,12 @@ impl Parameters {
     }
 
     /// The corrected field in chip axes. Under a planar calibration it lies in the plane: the part
-    /// across it was never measured.
-    pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Vector3<f64> {
+    /// across it was never measured. `None` if A cannot be inverted.
+    pub fn correct(&self, raw_mgauss: &Vector3<f64>) -> Option<Vector3<f64>> {
         match self {
             Self::Planar(planar) => {
                 let h = planar.correct(raw_mgauss);
-                planar.basis[0] * h.x + planar.basis[1] * h.y
+                Some(planar.basis[0] * h.x + planar.basis[1] * h.y)
             }
             Self::Spatial(spatial) => spatial.correct(raw_mgauss),
         }

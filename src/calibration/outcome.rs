@@ -124,7 +124,7 @@ impl Outcome {
         let Parameters::Spatial(spatial) = &calibration.parameters else {
             return None;
         };
-        let rows = spatial.matrix().transpose();
+        let rows = spatial.matrix.transpose();
         Some(Self {
             verdict: Verdict::Accepted,
             reason: "good",
@@ -134,11 +134,11 @@ impl Outcome {
             ),
             method: "motion",
             mode: Some(Mode::Spatial),
-            model: Some(spatial.model()),
+            model: Some(spatial.model),
             residual_mgauss: Some(calibration.residual_mgauss),
             heading_sd_deg: Some(calibration.heading_sd_deg),
-            bias_mgauss: Some(spatial.bias_mgauss().as_slice().to_vec()),
-            scale: Some(spatial.matrix().diagonal().as_slice().to_vec()),
+            bias_mgauss: Some(spatial.bias_mgauss.as_slice().to_vec()),
+            scale: Some(spatial.matrix.diagonal().as_slice().to_vec()),
             matrix: Some(std::array::from_fn(|k| rows[k])),
             alignment_deg: spatial
                 .alignment_rad()

@@ -24,7 +24,7 @@ pub(super) fn fix(
     let (along, horizontal) = level::split(corrected, &axis);
     // A fit to a sphere does not see the rotation between the chips. Of a circle only the rotation about its axis is unseen.
     let (vertical, unseen) = match &calibration.parameters {
-        Parameters::Spatial(spatial) if spatial.model() == Model::General => (along, 0.0),
+        Parameters::Spatial(spatial) if spatial.model == Model::General => (along, 0.0),
         Parameters::Spatial(_) => (along, ROTATION_RAD * hypot(along, horizontal)),
         // The field across the plane is not known, and comes into the heading as far as the plane is not level.
         Parameters::Planar(planar) => {

@@ -29,10 +29,12 @@ impl Estimate {
         let to_chip = self.mounting.rotation().transpose();
         let turn = prior::turned(&to_chip);
         let covariance = turn * self.active.parameter_covariance() * turn.transpose();
-        let matrix = to_chip * self.active.matrix() * to_chip.transpose();
-        let bias = self.mounting.to_chip(self.active.bias_mgauss());
         Some(Calibration {
-            parameters: Parameters::Spatial(Spatial::new(Model::General, bias, matrix)?),
+            parameters: Parameters::Spatial(Spatial {
+                model: Model::General,
+                bias_mgauss: self.mounting.to_chip(self.active.bias_mgauss()),
+                matrix: to_chip * self.active.matrix() * to_chip.transpose(),
+            }),
             reference_mgauss: None,
             strength_mgauss: self.active.strength_mgauss(),
             residual_mgauss: self.active.noise_mgauss(),

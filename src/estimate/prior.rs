@@ -115,9 +115,9 @@ impl Prior {
         };
         let to_body = mounting.rotation();
         let turn = turned(&to_body);
-        let matrix = to_body * spatial.matrix() * to_body.transpose();
+        let matrix = to_body * spatial.matrix * to_body.transpose();
         Self {
-            bias_mgauss: mounting.to_body(*spatial.bias_mgauss()),
+            bias_mgauss: mounting.to_body(spatial.bias_mgauss),
             matrix,
             covariance: turn * covariance.unpacked() * turn.transpose(),
             strength_mgauss: Some(calibration.strength_mgauss),
@@ -182,15 +182,15 @@ impl Measured {
             }
             Parameters::Spatial(spatial) => {
                 let to_body = mounting.rotation();
-                let centre = mounting.to_body(*spatial.bias_mgauss());
-                let matrix = to_body * spatial.matrix() * to_body.transpose();
+                let centre = mounting.to_body(spatial.bias_mgauss);
+                let matrix = to_body * spatial.matrix * to_body.transpose();
                 let matrix = matrix * (3.0 / matrix.trace());
                 for axis in 0..3 {
                     bias(Vector3::ith(axis, 1.0), 0.0, None, centre[axis]);
                 }
                 for row in 0..3 {
                     for column in row..3 {
-                        let guessed = row != column && spatial.model() == Model::Diagonal;
+                        let guessed = row != column && spatial.model == Model::Diagonal;
                         // A fit to a sphere does not see a rotation: the mean of both entries is all that it says.
                         let mut weights = Matrix3::zeros();
                         weights[(row, column)] += 0.5;

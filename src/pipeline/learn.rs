@@ -56,7 +56,7 @@ impl Learning {
     fn moved_mgauss(&self, bias_mgauss: &Vector3<f64>) -> f64 {
         match &self.last {
             None => 0.0,
-            Some(Parameters::Spatial(last)) => (bias_mgauss - last.bias_mgauss()).norm(),
+            Some(Parameters::Spatial(last)) => (bias_mgauss - last.bias_mgauss).norm(),
             Some(Parameters::Planar(last)) => (last.project(bias_mgauss) - last.bias_mgauss).norm(),
         }
     }

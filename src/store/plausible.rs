@@ -130,9 +130,9 @@ fn planar_faults(faults: &mut Vec<Fault>, planar: &Planar) {
 }
 
 fn spatial_faults(faults: &mut Vec<Fault>, spatial: &Spatial) {
-    bias_faults(faults, spatial.bias_mgauss().as_slice());
-    let matrix = spatial.matrix();
-    let right = match spatial.model() {
+    bias_faults(faults, spatial.bias_mgauss.as_slice());
+    let matrix = spatial.matrix;
+    let right = match spatial.model {
         // Also keeps infinities from the eigenvalues, which would be sought for ever.
         _ if !matrix.iter().all(|number| number.is_finite()) => "of finite numbers",
         Model::Diagonal if (0..9).any(|i| i % 4 != 0 && matrix[i] != 0.0) => {

@@ -110,7 +110,7 @@ fn error_deg(calibration: &Calibration, settings: &Settings, magnet_mgauss: [f64
         bias_mgauss: iron.into(),
         ..settings.clone()
     };
-    let correct = |raw: &Vector3<f64>| calibration.parameters.correct(raw);
+    let correct = |raw: &Vector3<f64>| calibration.parameters.correct(raw).unwrap();
     rms(&turn_errors_deg(
         &board,
         [Vector3::x(), Vector3::y()],

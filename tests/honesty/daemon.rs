@@ -42,16 +42,19 @@ pub struct Accepted {
 impl Accepted {
     /// The heading of a level board from this field, chip axes.
     pub fn level_heading_deg(&self, raw: &Vector3<f64>) -> Option<f64> {
-        let corrected = self.calibration.parameters.correct(raw);
+        let corrected = self.calibration.parameters.correct(raw)?;
         heading_deg(&self.mountings.mag.to_body(corrected), &Vector3::z())
     }
 }
 
 /// The calibration of a board whose chip makes `matrix · field + bias` of the field.
 pub fn true_calibration(matrix: Matrix3<f64>, bias: Vector3<f64>, strength: f64) -> Calibration {
-    let spatial = Spatial::new(Model::Symmetric, bias, matrix).expect("a chip can be inverted");
     Calibration {
-        parameters: Parameters::Spatial(spatial),
+        parameters: Parameters::Spatial(Spatial {
+            model: Model::Symmetric,
+            bias_mgauss: bias,
+            matrix,
+        }),
         reference_mgauss: None,
         strength_mgauss: strength,
         residual_mgauss: 5.0,

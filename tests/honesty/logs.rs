@@ -234,7 +234,7 @@ fn sphere(log: &Log, score: &mut Score) {
         let mut off = [f64::INFINITY; 5];
         let spatial = daemon.spatial();
         if let Some(spatial) = spatial {
-            let bias = spatial.bias_mgauss();
+            let bias = spatial.bias_mgauss;
             let [first, second] = SPHERE_BIAS;
             for axis in 0..3 {
                 let beyond = [bias[axis] - first[axis], bias[axis] - second[axis]];

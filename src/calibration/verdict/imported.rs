@@ -14,7 +14,7 @@ pub fn check(calibration: &Calibration, limits: &Limits) -> Result<(), Refusal> 
     let scale = match &calibration.parameters {
         Parameters::Planar(planar) => planar.scale,
         Parameters::Spatial(spatial) => {
-            let values = spatial.matrix().singular_values();
+            let values = spatial.matrix.singular_values();
             Vector2::new(values.min(), values.max())
         }
     };

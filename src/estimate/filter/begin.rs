@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn of_a_still_board_the_second_sample_tells_no_more_than_the_first() {
         let iron = Vector3::new(700.0, -400.0, 900.0);
-        let spatial = Spatial::diagonal(iron, Vector3::new(1.05, 1.0, 0.95)).unwrap();
+        let spatial = Spatial::diagonal(iron, Vector3::new(1.05, 1.0, 0.95));
         let calibration = Calibration {
             parameters: Parameters::Spatial(spatial),
             reference_mgauss: None,
@@ -210,7 +210,7 @@ mod tests {
         let mut filter = Filter::new(&Prior::of(&calibration, &Mounting::default()));
         let earth = Vector3::new(60.0, 190.0, -420.0);
         let to_frame = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
-        let field = spatial.matrix() * (to_frame.transpose() * earth) + iron;
+        let field = spatial.matrix * (to_frame.transpose() * earth) + iron;
         let resting = Input::turning_at(to_frame, Vector3::zeros(), field).still(f64::INFINITY);
         let mut known = || {
             filter.follow(&resting, false, false);

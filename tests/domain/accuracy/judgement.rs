@@ -56,7 +56,10 @@ fn row(case: &Case, trouble: Trouble, single: bool, limits: &Limits) -> Row {
 fn largest_error_deg(case: &Case, log: &Log, calibration: &Calibration) -> f64 {
     let errors: Vec<f64> = level_turn(case)
         .map(|(field, heading)| {
-            let corrected = calibration.parameters.correct(&raw(&log.truth, &field));
+            let corrected = calibration
+                .parameters
+                .correct(&raw(&log.truth, &field))
+                .unwrap();
             let found = heading_deg(&log.request.mounting.to_body(corrected), &Vector3::z());
             found.unwrap().to_radians() - heading
         })

@@ -69,7 +69,7 @@ fn cross_coupling_is_found_and_corrected_within_twice_the_bound() {
             outcome.message
         );
         let found = spatial(&outcome);
-        let (b, a) = (found.bias_mgauss(), found.matrix());
+        let (b, a) = (found.bias_mgauss, found.matrix);
         let found = [
             b.x,
             b.y,
@@ -100,7 +100,7 @@ fn strong_soft_iron_is_found_too() {
         let (log, truth) = coupled(&case, seed, [0.3, -0.25, 0.2]);
         let outcome = outcome(&log);
         assert_eq!(outcome.verdict, Verdict::Accepted, "{}", outcome.message);
-        let off = spatial(&outcome).matrix() - symmetric(&truth[3..]);
+        let off = spatial(&outcome).matrix - symmetric(&truth[3..]);
         let covariance = bound(&case, &log, &truth);
         let sd = (3..9)
             .map(|k| covariance[(k, k)].sqrt())

@@ -265,7 +265,7 @@ pub fn planar(off_mgauss: f64) -> Calibration {
 /// One of all axes, off by this.
 pub fn spatial(off_mgauss: f64) -> Calibration {
     let bias = BIAS + Vector3::new(off_mgauss, 0.0, 0.0);
-    let diagonal = Spatial::diagonal(bias, Vector3::new(1.0, 1.0, 1.0)).unwrap();
+    let diagonal = Spatial::diagonal(bias, Vector3::new(1.0, 1.0, 1.0));
     Calibration {
         parameters: Parameters::Spatial(diagonal),
         strength_mgauss: EARTH.norm(),

@@ -174,7 +174,7 @@ fn iron_that_has_come_is_learnt_in_motion_and_kept() {
     else {
         panic!("{:?}", board.outcomes.last());
     };
-    let off = (found.bias_mgauss() - board.bias_mgauss).norm();
+    let off = (found.bias_mgauss - board.bias_mgauss).norm();
     assert!(off < 20.0, "{off}");
 }
 
