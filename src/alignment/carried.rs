@@ -152,11 +152,7 @@ impl Carried {
                 continue;
             };
             let turn = (knot.to_frame.inverse() * at.to_frame).into_inner();
-            for column in 0..9 {
-                let scaled = turn.column(column / 3) * chip[column % 3];
-                let mut sum = linear.by_matrix.column_mut(column);
-                sum += scaled;
-            }
+            linear.by_matrix += turn.kronecker(&chip.transpose());
             linear.by_offset += turn;
             count += 1.0;
         }

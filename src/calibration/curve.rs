@@ -122,14 +122,8 @@ pub const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
 /// A symmetric A of its six parameters.
 pub fn symmetric(entries: &[f64]) -> Matrix3<f64> {
-    let mut matrix = Matrix3::zeros();
-    for axis in 0..3 {
-        matrix[(axis, axis)] = entries[axis];
-    }
-    for (k, (row, column)) in PAIRS.into_iter().enumerate() {
-        (matrix[(row, column)], matrix[(column, row)]) = (entries[3 + k], entries[3 + k]);
-    }
-    matrix
+    let [xx, yy, zz, xy, xz, yz] = std::array::from_fn(|k| entries[k]);
+    Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
 }
 
 impl Symmetric {
@@ -137,15 +131,8 @@ impl Symmetric {
     #[inline(always)]
     fn by_entries(m: &Vector3<f64>, u: &Vector3<f64>) -> [f64; 6] {
         let pair = |(j, k): (usize, usize)| -(m[j] * u[k] + m[k] * u[j]);
-        let [xy, xz, yz] = PAIRS;
-        [
-            -m.x * u.x,
-            -m.y * u.y,
-            -m.z * u.z,
-            pair(xy),
-            pair(xz),
-            pair(yz),
-        ]
+        let [xy, xz, yz] = PAIRS.map(pair);
+        [-m.x * u.x, -m.y * u.y, -m.z * u.z, xy, xz, yz]
     }
 }
 

@@ -1,6 +1,8 @@
 //! The large products of the filter, on its symmetric covariance. They are most of its cost. So each touches
 //! only the entries that it changes, a column at a time, and computes one half of what is symmetric.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, Vector3};
 
 // Where each part of the state begins; its table is in `filter`.
@@ -20,10 +22,8 @@ pub(super) type Covariance = SMatrix<f64, N, N>;
 
 /// The states that move by themselves: the field, the tilt error, the unevenness and the offset of the place.
 const MOVING: [usize; 11] = [H, H + 1, H + 2, E, E + 1, M, M + 1, M + 2, Q, Q + 1, Q + 2];
-/// All others: b, D, T, G and S.
-const LASTING: [usize; N - 11] = [
-    5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 20, 21, 22, 23, 24, 25, 26,
-];
+/// All others: b and D, and T, G and S.
+const LASTING: [Range<usize>; 2] = [B..M, T..Q];
 
 /// What a step of time does to the states.
 pub(super) struct Step {
@@ -91,7 +91,7 @@ impl Step {
             let mut moved = column.fixed_rows_mut::<2>(E);
             moved += tilt;
         }
-        for lasting in LASTING {
+        for lasting in LASTING.into_iter().flatten() {
             for moving in MOVING {
                 p[(moving, lasting)] = p[(lasting, moving)];
             }

@@ -50,12 +50,9 @@ impl Filter {
         // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
         jacobian.fixed_columns_mut::<3>(B).copy_from(&-map);
-        for row in 0..3 {
-            for column in 0..3 {
-                let change = -map.column(row) * corrected[column];
-                jacobian.set_column(D + 3 * row + column, &change);
-            }
-        }
+        jacobian
+            .fixed_columns_mut::<9>(D)
+            .copy_from(&(-map).kronecker(&corrected.transpose()));
         for at in [M, Q] {
             jacobian
                 .fixed_columns_mut::<3>(at)
