@@ -21,7 +21,7 @@ impl Filter {
     /// The same, linearised about the iron, the matrix and the lag of this state.
     fn restart_frame_about(&mut self, input: &Input, about: &State) {
         let vertical_known = self.vertical_known && input.vertical_known;
-        let before = FieldParts::of(&self.vector(H), &self.field_covariance());
+        let before = (self.vector(H), self.field_covariance());
         self.undisturbed_s = 0.0;
         self.still = input.board.still;
         self.vertical_known = input.vertical_known;
@@ -68,8 +68,7 @@ impl Filter {
         let timed = by_time * by_time.transpose() * JITTER_S.powi(2);
         let mut own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
         // Whatever has changed strength or dip may have turned the azimuth as well.
-        let after = FieldParts::of(&field, &own);
-        let strange2 = after.strange2(&before, vertical_known);
+        let strange2 = strange2(&(field, own), &before, vertical_known);
         for axis in 0..3 {
             self.p[(M + axis, M + axis)] += strange2;
             cross[(axis, M + axis)] -= strange2;
@@ -144,40 +143,29 @@ impl Filter {
     }
 }
 
-/// The parts of a field that do not depend on its azimuth, milligauss, each with its variance.
-struct FieldParts {
-    strength: (f64, f64),
-    horizontal: (f64, f64),
-    vertical: (f64, f64),
-}
+/// A field, milligauss, with its covariance.
+type KnownField = (Vector3<f64>, Matrix3<f64>);
 
-impl FieldParts {
-    fn of(field: &Vector3<f64>, covariance: &Matrix3<f64>) -> Self {
-        let part = |vector: Vector3<f64>| {
-            let along = vector.try_normalize(1e-9).unwrap_or_else(Vector3::z);
+/// Variance on each axis of a disturbance that explains how much more than likely this field differs from the one before, mG²: in the parts
+/// that do not depend on its azimuth.
+fn strange2(now: &KnownField, before: &KnownField, vertical_known: bool) -> f64 {
+    let beyond = |direction: fn(&Vector3<f64>) -> Vector3<f64>| {
+        let [now, before] = [now, before].map(|(field, covariance)| {
+            let along = direction(field)
+                .try_normalize(1e-9)
+                .unwrap_or_else(Vector3::z);
             (
                 along.dot(field),
                 (along.transpose() * covariance * along)[0],
             )
-        };
-        Self {
-            strength: part(*field),
-            horizontal: part(Vector3::new(field.x, field.y, 0.0)),
-            vertical: part(Vector3::z()),
-        }
+        });
+        ((now.0 - before.0).powi(2) - LIKELY * (now.1 + before.1)).max(0.0)
+    };
+    if !vertical_known {
+        return beyond(|field| *field);
     }
-
-    /// Variance on each axis of a disturbance that explains how much more than likely this field differs from the one before, mG².
-    fn strange2(&self, before: &Self, vertical_known: bool) -> f64 {
-        let beyond = |now: (f64, f64), before: (f64, f64)| {
-            ((now.0 - before.0).powi(2) - LIKELY * (now.1 + before.1)).max(0.0)
-        };
-        if !vertical_known {
-            return beyond(self.strength, before.strength);
-        }
-        let horizontal = beyond(self.horizontal, before.horizontal);
-        0.5 * (horizontal + beyond(self.vertical, before.vertical))
-    }
+    let horizontal = beyond(|field| Vector3::new(field.x, field.y, 0.0));
+    0.5 * (horizontal + beyond(|_| Vector3::z()))
 }
 
 #[cfg(test)]
