@@ -187,7 +187,7 @@ impl Attitude {
 
     /// The bias that is taken out of the specific force, accelerometer chip axes, m/s²; `None` while none is.
     pub fn force_bias_m_s2(&self) -> Option<Vector3<f64>> {
-        let body = self.filter.errors.force_bias();
+        let body = self.filter.errors.force_bias;
         (body != Vector3::zeros()).then(|| self.mountings.accel.to_chip(body))
     }
 
@@ -315,8 +315,8 @@ impl Attitude {
 
     /// Down by the accelerometer alone.
     fn felt_down(&self, t_s: f64) -> Option<Vector3<f64>> {
-        let bias = self.filter.errors.force_bias();
-        self.filter.gravity.down(t_s, &bias)
+        let filter = &self.filter;
+        filter.gravity.down(t_s, &filter.errors.force_bias)
     }
 
     /// The accelerometer's newest reading, body axes, m/s²; `None` while it is silent.

@@ -88,7 +88,7 @@ pub(super) struct GyroErrors {
     matrix: Matrix3<f64>,
     largest_bias_rad_s: f64,
     /// a as it is taken out, body axes, m/s², and r.
-    force_bias: Vector3<f64>,
+    pub(super) force_bias: Vector3<f64>,
     arm: Vector3<f64>,
     /// Deviation that is expected of the accelerometer's bias, m/s².
     expected_force_bias: f64,
@@ -167,11 +167,6 @@ impl GyroErrors {
         self.force_bias = bias_m_s2;
         self.expected_force_bias = FORCE_BIAS_M_S2.max(bias_m_s2.amax());
         self.clear(A, FORCE_BIAS_M_S2);
-    }
-
-    /// The bias of the accelerometer, body axes, m/s².
-    pub(super) fn force_bias(&self) -> Vector3<f64> {
-        self.force_bias
     }
 
     /// The gyro may have been started again, or its bias has jumped: adds this deviation to that of its bias on each axis, rad/s.
