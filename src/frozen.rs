@@ -112,9 +112,8 @@ impl FrozenWatch {
         }
         if let Some(field) = reading.whole_field_mgauss() {
             self.rest.take_field(reading.t_s, field);
-            if let Some((begun, far)) = &mut self.seen {
-                *far = far.max((field - *begun).norm());
-            }
+            let (begun, far) = self.seen.get_or_insert((field, 0.0));
+            *far = far.max((field - *begun).norm());
         }
         if self.magnetometer_frozen {
             Some(Frozen::MAGNETOMETER)
@@ -171,11 +170,6 @@ impl FrozenWatch {
             self.magnetometer_frozen |= self.field.lasts(TURNED_RAD);
         } else if !jumped_back && !self.magnetometer_frozen {
             self.field.begin(field);
-        }
-        if self.seen.is_none()
-            && let [Some(x), Some(y), Some(z)] = field
-        {
-            self.seen = Some((Vector3::new(x, y, z), 0.0));
         }
     }
 }
