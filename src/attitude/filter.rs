@@ -50,7 +50,6 @@ pub(super) struct AttitudeFilter {
     ticked: bool,
     /// For how long the accelerometer has levelled the frame without a break, seconds.
     levelled_s: Option<f64>,
-    vertical_known: bool,
     /// Whether the board has moved since the vertical became known, or was moving then.
     moved: bool,
     /// Variance of the rotation that the gyro has missed since the last tick, each axis, rad².
@@ -85,7 +84,6 @@ impl AttitudeFilter {
             stretch: 0,
             ticked: false,
             levelled_s: None,
-            vertical_known: false,
             moved: false,
             missed_rad2: 0.0,
             pull: Vector2::zeros(),
@@ -106,7 +104,7 @@ impl AttitudeFilter {
         self.follow_accelerometer(live, force.is_some());
         self.guard_rest(end_s, &mean_rate);
         self.stillness.take(rate, force);
-        self.moved |= self.vertical_known && !self.stillness.still();
+        self.moved |= self.vertical_known() && !self.stillness.still();
         self.choose_tilt_tau(rate.norm());
 
         let missed_rad2 = std::mem::take(&mut self.missed_rad2);
@@ -149,7 +147,7 @@ impl AttitudeFilter {
 
     /// The specific force, m/s², without what the board's trim shows to be acceleration.
     fn levelled(&mut self, force: Vector3<f64>, at_rest: bool) -> Vector3<f64> {
-        if !self.vertical_known {
+        if !self.vertical_known() {
             return force;
         }
         let to_frame = self.orientation().to_rotation_matrix().into_inner();
@@ -195,7 +193,7 @@ impl AttitudeFilter {
     pub(super) fn tilt_error(&self) -> TiltError {
         // Sway tilts the frame of an upright board just as a bias would, so its tilt does not count as the bias's. The same holds at rest,
         // where the estimate leaves out its tilt error.
-        let by_bias = if self.vertical_known && !self.stillness.still() {
+        let by_bias = if self.vertical_known() && !self.stillness.still() {
             1.0 - self.errors.upright_share()
         } else {
             0.0
@@ -252,7 +250,10 @@ impl AttitudeFilter {
         if let (Some(levelled_s), true) = (&mut self.levelled_s, read) {
             *levelled_s += TICK_S;
         }
-        self.vertical_known = self.levelled_s.is_some_and(|s| s > LEVELLING_S);
+    }
+
+    fn vertical_known(&self) -> bool {
+        self.levelled_s.is_some_and(|s| s > LEVELLING_S)
     }
 
     fn forget_force(&mut self) {
@@ -281,7 +282,6 @@ impl AttitudeFilter {
         self.stretch = self.stretch.wrapping_add(1);
         self.ticked = false;
         self.levelled_s = None;
-        self.vertical_known = false;
         self.missed_rad2 = 0.0;
         self.forget_force();
         self.errors.lose_frame();
@@ -293,7 +293,7 @@ impl AttitudeFilter {
     pub(super) fn pose(&self) -> Pose {
         Pose {
             orientation: self.orientation(),
-            vertical_known: self.vertical_known,
+            vertical_known: self.vertical_known(),
             stretch: self.stretch,
         }
     }

@@ -16,6 +16,7 @@ use super::plane::level_rest;
 use super::refine::Refined;
 use super::uncertainty::{correlation, heading_sd_deg};
 use super::verdict::{self, Measures, Refusal};
+use crate::frame::rows;
 
 /// A rest before a turn is compared with this part of the turn, a quarter: over more of it the gyro drifts.
 const FIRST_PART: usize = 4;
@@ -95,8 +96,7 @@ impl<const D: usize> Work<'_, D> {
         outcome.scale = Some(scale.to_vec());
         if P > 2 * D {
             outcome.model = Some(Model::Symmetric);
-            let rows = symmetric(&position[D..]).transpose();
-            outcome.matrix = Some(std::array::from_fn(|k| rows[k]));
+            outcome.matrix = Some(rows(&symmetric(&position[D..])).into());
         }
         outcome.calibration = Some(Calibration {
             parameters: self.parameters(position, level),

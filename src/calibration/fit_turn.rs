@@ -191,7 +191,7 @@ impl<const D: usize> Work<'_, D> {
         outcome.swarm = Some(SwarmReport {
             profile: settings.profile.word(),
             particles: settings.particles,
-            iterations: swarm.iterations,
+            iterations: swarm.fitness.len(),
             stop: swarm.stop.word(),
             fit_value: swarm.fit_value,
             fitness: swarm.fitness,

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::model::{Calibration, Mode, Model, Parameters};
 use super::verdict::{Measures, Refusal};
 use crate::check::words;
+use crate::frame::rows;
 
 words! {
     /// What became of a candidate.
@@ -124,7 +125,6 @@ impl Outcome {
         let Parameters::Spatial(spatial) = &calibration.parameters else {
             return None;
         };
-        let rows = spatial.matrix.transpose();
         Some(Self {
             verdict: Verdict::Accepted,
             reason: "good",
@@ -139,7 +139,7 @@ impl Outcome {
             heading_sd_deg: Some(calibration.heading_sd_deg),
             bias_mgauss: Some(spatial.bias_mgauss.as_slice().to_vec()),
             scale: Some(spatial.matrix.diagonal().as_slice().to_vec()),
-            matrix: Some(std::array::from_fn(|k| rows[k])),
+            matrix: Some(rows(&spatial.matrix).into()),
             alignment_deg: spatial
                 .alignment_rad()
                 .map(|turn| turn.map(f64::to_degrees).into()),
