@@ -13,7 +13,7 @@ const BEGIN_RAD: f64 = 0.1;
 
 impl Filter {
     /// The frame has been lost: the field in it comes anew from one sample.
-    pub(in crate::estimate) fn restart_frame(&mut self, input: &Input) {
+    pub fn restart_frame(&mut self, input: &Input) {
         let about = self.x;
         self.restart_frame_about(input, &about);
     }
@@ -95,7 +95,7 @@ impl Filter {
 
     /// Iron may have come or gone: the hard iron is as unknown as this disturbance is large, and the field here is as
     /// even as places are.
-    pub(in crate::estimate) fn doubt_iron(&mut self, disturbance_mgauss: f64) {
+    pub fn doubt_iron(&mut self, disturbance_mgauss: f64) {
         let disturbance = disturbance_mgauss + 0.1 * self.strength_rms_mgauss;
         self.unevenness2 = USUAL_UNEVENNESS.powi(2);
         self.restart(M, self.unevenness2);

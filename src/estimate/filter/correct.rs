@@ -144,7 +144,7 @@ impl Filter {
     }
 
     /// The innovation of a sample that is not taken, body axes, milligauss, and its covariance but for the noise of samples, milligauss².
-    pub(in crate::estimate) fn foresee(&self, input: &Input) -> (Vector3<f64>, Matrix3<f64>) {
+    pub fn foresee(&self, input: &Input) -> (Vector3<f64>, Matrix3<f64>) {
         let (predicted, innovation) = self.predicted(input);
         (innovation, predicted.squared(&predicted.cross(&self.p)))
     }

@@ -19,7 +19,7 @@ const REST_RATE_RAD_S: f64 = 0.0045;
 const TAKEN: f64 = 0.4;
 
 /// What the attitude has learnt of the gyro's bias from one sample to another, body axes.
-pub(in crate::estimate) struct BiasLearnt {
+pub struct BiasLearnt {
     /// Change of the bias that it takes out of the rates, rad/s.
     shift_rad_s: Vector3<f64>,
     /// Covariance afterwards, (rad/s)².
@@ -35,12 +35,7 @@ pub(in crate::estimate) struct BiasLearnt {
 
 impl BiasLearnt {
     /// From one bias to another, known `period_s` later. Only the change itself counts unless it was `measured`.
-    pub(in crate::estimate) fn between(
-        before: &GyroBias,
-        after: &GyroBias,
-        period_s: f64,
-        measured: bool,
-    ) -> Self {
+    pub fn between(before: &GyroBias, after: &GyroBias, period_s: f64, measured: bool) -> Self {
         let shift_rad_s = after.rad_s - before.rad_s;
         // The attitude's bias has walked meanwhile, as the filter's has.
         let walk2 = GYRO_BIAS_WALK_RAD_S.powi(2) * period_s;
@@ -68,7 +63,7 @@ impl BiasLearnt {
 
 impl Filter {
     /// Follows the attitude's bias: what it takes out of the rates, whether it has begun anew, and what it doubts.
-    pub(in crate::estimate) fn follow_gyro_bias(&mut self, learnt: &BiasLearnt) {
+    pub fn follow_gyro_bias(&mut self, learnt: &BiasLearnt) {
         if !self.begun || learnt.forgotten {
             self.clear(G, 3);
             self.still_information = 0.0;
@@ -88,7 +83,7 @@ impl Filter {
     }
 
     /// Follows the attitude's bias, and learns what the attitude has measured of it. With `frozen`, hard iron and matrix stay as they are.
-    pub(in crate::estimate) fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, frozen: bool) {
+    pub fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, frozen: bool) {
         self.follow_gyro_bias(learnt);
         if !self.begun || learnt.information == Matrix3::zeros() {
             return;

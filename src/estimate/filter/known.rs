@@ -7,36 +7,36 @@ use crate::estimate::covariance::{B, D, E, G, H, M, Q, T};
 use crate::frame::hypot;
 
 /// The field in the frame, the frame's tilt error, and their covariances.
-pub(in crate::estimate) struct SeenNorth {
+pub struct SeenNorth {
     /// Milligauss.
-    pub(in crate::estimate) field: Vector3<f64>,
+    pub field: Vector3<f64>,
     /// A rotation vector in the frame, radians.
-    pub(in crate::estimate) tilt_rad: Vector3<f64>,
-    pub(in crate::estimate) field_covariance: Matrix3<f64>,
-    pub(in crate::estimate) tilt_covariance: Matrix2<f64>,
+    pub tilt_rad: Vector3<f64>,
+    pub field_covariance: Matrix3<f64>,
+    pub tilt_covariance: Matrix2<f64>,
     /// Of the field with the tilt error.
-    pub(in crate::estimate) cross: Matrix3x2<f64>,
+    pub cross: Matrix3x2<f64>,
 }
 
 impl Filter {
     /// What is left of the gyro's bias, body axes, rad/s, and its variance on each axis.
-    pub(in crate::estimate) fn gyro_bias(&self) -> (Vector3<f64>, Vector3<f64>) {
+    pub fn gyro_bias(&self) -> (Vector3<f64>, Vector3<f64>) {
         let variance = self.p.fixed_view::<3, 3>(G, G).diagonal();
         (self.vector(G), variance)
     }
 
     /// The field in the frame, milligauss.
-    pub(in crate::estimate) fn field(&self) -> Vector3<f64> {
+    pub fn field(&self) -> Vector3<f64> {
         self.vector(H)
     }
 
     /// The field in the frame with what disturbs it here, milligauss.
-    pub(in crate::estimate) fn field_here(&self) -> Vector3<f64> {
+    pub fn field_here(&self) -> Vector3<f64> {
         self.vector(H) + self.vector(M) + self.vector(Q)
     }
 
     /// North in the frame, and how well it is known.
-    pub(in crate::estimate) fn north(&self) -> SeenNorth {
+    pub fn north(&self) -> SeenNorth {
         SeenNorth {
             field: self.vector(H),
             tilt_rad: self.tilt_rad(),
@@ -47,97 +47,97 @@ impl Filter {
     }
 
     /// Covariance of the field in the frame, milligauss².
-    pub(in crate::estimate) fn field_covariance(&self) -> Matrix3<f64> {
+    pub fn field_covariance(&self) -> Matrix3<f64> {
         self.p.fixed_view::<3, 3>(H, H).into()
     }
 
     /// D.
-    pub(in crate::estimate) fn matrix(&self) -> Matrix3<f64> {
+    pub fn matrix(&self) -> Matrix3<f64> {
         Matrix3::identity() + Matrix3::from_row_slice(self.x.fixed_rows::<9>(D).as_slice())
     }
 
     /// Mean variance of the entries of D.
-    pub(in crate::estimate) fn matrix_variance(&self) -> f64 {
+    pub fn matrix_variance(&self) -> f64 {
         self.trace(D, 9) / 9.0
     }
 
     /// b, body axes, milligauss.
-    pub(in crate::estimate) fn bias_mgauss(&self) -> Vector3<f64> {
+    pub fn bias_mgauss(&self) -> Vector3<f64> {
         self.vector(B)
     }
 
     /// Covariance of b, milligauss².
-    pub(in crate::estimate) fn bias_covariance(&self) -> Matrix3<f64> {
+    pub fn bias_covariance(&self) -> Matrix3<f64> {
         self.p.fixed_view::<3, 3>(B, B).into()
     }
 
     /// Covariance of b and of D, row by row.
-    pub(in crate::estimate) fn parameter_covariance(&self) -> SMatrix<f64, 12, 12> {
+    pub fn parameter_covariance(&self) -> SMatrix<f64, 12, 12> {
         self.p.fixed_view::<12, 12>(B, B).into()
     }
 
     /// Estimated strength of the field, milligauss.
-    pub(in crate::estimate) fn strength_mgauss(&self) -> f64 {
+    pub fn strength_mgauss(&self) -> f64 {
         self.vector(H).norm()
     }
 
     /// Lag of the magnetometer behind the gyro, seconds.
-    pub(in crate::estimate) fn lag_s(&self) -> f64 {
+    pub fn lag_s(&self) -> f64 {
         self.x[T]
     }
 
     /// Root mean square of what that lag may be, seconds.
-    pub(in crate::estimate) fn lag_rms_s(&self) -> f64 {
+    pub fn lag_rms_s(&self) -> f64 {
         hypot(self.x[T], self.p[(T, T)].max(0.0).sqrt())
     }
 
     /// White noise of a sample, one standard deviation, milligauss.
-    pub(in crate::estimate) fn noise_mgauss(&self) -> f64 {
+    pub fn noise_mgauss(&self) -> f64 {
         self.noise2.sqrt()
     }
 
     /// Whether the field here is not the earth's: it has just jumped, is far off, or is more uneven than places are.
-    pub(in crate::estimate) fn disturbed(&self) -> bool {
+    pub fn disturbed(&self) -> bool {
         self.jumped
             || self.disturbance() > DISTURBED
             || (!self.still && self.unevenness2 > (3.0 * USUAL_UNEVENNESS).powi(2))
     }
 
     /// Whether the last sample was beyond the gate. The first such sample changes no state.
-    pub(in crate::estimate) fn odd(&self) -> bool {
+    pub fn odd(&self) -> bool {
         self.odd.is_some()
     }
 
     /// The disturbance here, milligauss.
-    pub(in crate::estimate) fn disturbance_mgauss(&self) -> f64 {
+    pub fn disturbance_mgauss(&self) -> f64 {
         self.vector(M).norm()
     }
 
     /// The same as a share of the field.
-    pub(in crate::estimate) fn disturbance(&self) -> f64 {
+    pub fn disturbance(&self) -> f64 {
         self.disturbance_mgauss() / self.strength_rms_mgauss
     }
 
     /// Recent jumps of the field and the innovation of a rejected sample, in the frame, milligauss.
-    pub(in crate::estimate) fn missed_mgauss(&self) -> Vector3<f64> {
+    pub fn missed_mgauss(&self) -> Vector3<f64> {
         self.jumps_mgauss + self.odd_mgauss
     }
 
     /// The least known direction of the hard iron, body axes: turning about an axis across it would teach most.
-    pub(in crate::estimate) fn least_known(&self) -> Vector3<f64> {
+    pub fn least_known(&self) -> Vector3<f64> {
         let eigen = SymmetricEigen::new(self.bias_covariance());
         eigen.eigenvectors.column(eigen.eigenvalues.imax()).into()
     }
 
     /// Whether the hard iron has a deviation below this in every direction, milligauss.
-    pub(in crate::estimate) fn iron_known_within(&self, limit_mgauss: f64) -> bool {
+    pub fn iron_known_within(&self, limit_mgauss: f64) -> bool {
         // Sylvester's criterion on limit² I − P: no eigenvalue needs to be found.
         let left = Matrix3::identity() * limit_mgauss.powi(2) - self.bias_covariance();
         left.m11 > 0.0 && left.m11 * left.m22 > left.m12 * left.m21 && left.determinant() > 0.0
     }
 
     /// Covariance of one raw sample whose corrected field is this: parameters, unevenness, place and noise, milligauss².
-    pub(in crate::estimate) fn sample_covariance(&self, corrected: &Vector3<f64>) -> Matrix3<f64> {
+    pub fn sample_covariance(&self, corrected: &Vector3<f64>) -> Matrix3<f64> {
         let mut jacobian = SMatrix::<f64, 3, 12>::zeros();
         jacobian
             .fixed_columns_mut::<3>(0)
@@ -153,18 +153,14 @@ impl Filter {
     }
 
     /// One standard deviation of the hard iron along each body axis, milligauss.
-    pub(in crate::estimate) fn bias_sd_mgauss(&self) -> Vector3<f64> {
+    pub fn bias_sd_mgauss(&self) -> Vector3<f64> {
         Vector3::from_fn(|axis, _| self.p[(B + axis, B + axis)].max(0.0).sqrt())
     }
 }
 
 impl SeenNorth {
     /// Variance of an angle that depends on the field in the frame and on its tilt error, as these slopes say.
-    pub(in crate::estimate) fn variance(
-        &self,
-        by_field: &Vector3<f64>,
-        by_tilt: &Vector3<f64>,
-    ) -> f64 {
+    pub fn variance(&self, by_field: &Vector3<f64>, by_tilt: &Vector3<f64>) -> f64 {
         let field = (by_field.transpose() * self.field_covariance * by_field)[0];
         let tilt = by_tilt.xy();
         field

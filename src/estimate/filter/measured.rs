@@ -7,7 +7,7 @@ use crate::estimate::prior::Measured;
 impl Filter {
     /// Replaces the parameters that a turn has measured. The filter has already used these samples, so it first forgets what it knew of
     /// these parameters: no sample counts twice.
-    pub(in crate::estimate) fn replace(&mut self, measured: &[Measured], input: &Input) {
+    pub fn replace(&mut self, measured: &[Measured], input: &Input) {
         for one in measured {
             let weights = one.weights();
             let mut parameters = self.p.fixed_view_mut::<12, 12>(B, B);
@@ -26,7 +26,7 @@ impl Filter {
     }
 
     /// Variance of what a turn has measured, as far as it is known here.
-    pub(in crate::estimate) fn variance_of(&self, measured: &Measured) -> f64 {
+    pub fn variance_of(&self, measured: &Measured) -> f64 {
         let jacobian = self.jacobian_of(measured);
         jacobian.dot(&(self.p * jacobian))
     }
