@@ -1,9 +1,10 @@
 //! The body frame (X forward, Y right, Z down), how a chip is mounted in it, and angles.
 
 use std::fmt;
+use std::ops::Range;
 use std::str::FromStr;
 
-use nalgebra::{Matrix3, Rotation3, SVector, Unit, Vector3};
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// How a chip's axes lie in the body frame: `body = matrix · chip`.
@@ -204,6 +205,17 @@ pub fn wrap_pi(angle_rad: f64) -> f64 {
 /// A matrix's entries, row by row.
 pub fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
     SVector::from_column_slice(matrix.transpose().as_slice())
+}
+
+/// Adds this variance to that of each of these states.
+pub fn add_variance<const N: usize>(
+    covariance: &mut SMatrix<f64, N, N>,
+    states: Range<usize>,
+    variance: f64,
+) {
+    for state in states {
+        covariance[(state, state)] += variance;
+    }
 }
 
 /// Length of (x, y). The C library's `hypot` rounds differently from one processor to another, and a replay shall give the same

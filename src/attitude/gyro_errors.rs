@@ -25,6 +25,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::GyroBias;
 use super::gravity::GRAVITY_M_S2;
+use crate::frame::add_variance;
 use measure::DOUBTED;
 use window::Window;
 
@@ -173,9 +174,7 @@ impl GyroErrors {
     pub(super) fn doubt_bias(&mut self, sd_rad_s: f64) {
         let variance = sd_rad_s * sd_rad_s;
         self.doubted2 += variance;
-        for axis in B..B + 3 {
-            self.p[(axis, axis)] += variance;
-        }
+        add_variance(&mut self.p, B..B + 3, variance);
     }
 
     /// A rate without what is known of its errors, body axes, rad/s.
@@ -231,9 +230,8 @@ impl GyroErrors {
 
     /// The gyro has missed a rotation of this variance on each axis, rad².
     pub(super) fn miss(&mut self, missed_rad2: f64) {
-        for axis in 0..3 {
-            self.p[(U + axis, U + axis)] += missed_rad2 * GRAVITY_M_S2.powi(2);
-        }
+        let turned2 = missed_rad2 * GRAVITY_M_S2.powi(2);
+        add_variance(&mut self.p, U..U + 3, turned2);
     }
 
     /// The gyro's frame is lost.
@@ -270,18 +268,16 @@ impl GyroErrors {
             }
         }
         self.expect_larger_force_bias();
-        for axis in 0..3 {
-            self.p[(B + axis, B + axis)] += GYRO_BIAS_WALK_RAD_S.powi(2) * window.s;
-            self.p[(A + axis, A + axis)] += FORCE_BIAS_WALK_M_S2.powi(2) * window.s;
-        }
+        let (gyro, force) = (GYRO_BIAS_WALK_RAD_S.powi(2), FORCE_BIAS_WALK_M_S2.powi(2));
+        add_variance(&mut self.p, B..B + 3, gyro * window.s);
+        add_variance(&mut self.p, A..A + 3, force * window.s);
     }
 
     /// A chip that shows a larger bias than was expected may show a still larger one: the expected deviation doubles.
     fn expect_larger_force_bias(&mut self) {
         if self.force_bias.amax() > self.expected_force_bias {
-            for axis in A..A + 3 {
-                self.p[(axis, axis)] += 3.0 * self.expected_force_bias.powi(2);
-            }
+            let gained = 3.0 * self.expected_force_bias.powi(2);
+            add_variance(&mut self.p, A..A + 3, gained);
             self.expected_force_bias *= 2.0;
         }
     }

@@ -32,6 +32,7 @@ use super::prior::{FIELD_MGAUSS, Measured, Prior, USUAL_UNEVENNESS};
 use crate::attitude::BoardState;
 #[cfg(test)]
 use crate::attitude::{GyroBias, TiltError};
+use crate::frame::add_variance;
 use correct::LEAST_NOISE_MGAUSS;
 use rest::RestWatch;
 
@@ -181,13 +182,9 @@ impl Filter {
             (S, GYRO_SCALE),
         ];
         for (at, sd) in diagonal {
-            for axis in 0..3 {
-                p[(at + axis, at + axis)] = sd * sd;
-            }
+            add_variance(&mut p, at..at + 3, sd * sd);
         }
-        for axis in 0..2 {
-            p[(E + axis, E + axis)] = TILT_RAD * TILT_RAD;
-        }
+        add_variance(&mut p, E..E + 2, TILT_RAD * TILT_RAD);
         p[(T, T)] = LAG_S * LAG_S;
         x.fixed_rows_mut::<3>(B).copy_from(&prior.bias_mgauss);
         x.fixed_rows_mut::<9>(D).copy_from(&prior.matrix_rows());

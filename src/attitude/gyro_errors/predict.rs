@@ -5,6 +5,7 @@ use nalgebra::{SMatrix, Vector3};
 use super::window::Window;
 use super::{A, ARM, ARM_M, B, GyroErrors, M, N, U, V};
 use crate::attitude::gravity::GRAVITY_M_S2;
+use crate::frame::add_variance;
 
 /// The integral forgets over this time, seconds: a steady velocity is no acceleration.
 const LEAK_S: f64 = 30.0;
@@ -64,10 +65,8 @@ impl GyroErrors {
         let walk = ANGLE_WALK_RAD.powi(2) * dt
             + TURN_WALK_RAD.powi(2) * window.turned
             + self.timing_walk_s2 * window.rate2;
-        for axis in 0..3 {
-            self.p[(U + axis, U + axis)] += walk * GRAVITY_M_S2.powi(2);
-            self.p[(V + axis, V + axis)] += VELOCITY_WALK_M_S.powi(2) * dt;
-        }
+        add_variance(&mut self.p, U..U + 3, walk * GRAVITY_M_S2.powi(2));
+        add_variance(&mut self.p, V..V + 3, VELOCITY_WALK_M_S.powi(2) * dt);
         left
     }
 
@@ -86,8 +85,7 @@ impl GyroErrors {
         self.arm *= keep;
         self.p.fixed_rows_mut::<3>(ARM).scale_mut(keep);
         self.p.fixed_columns_mut::<3>(ARM).scale_mut(keep);
-        for axis in ARM..ARM + 3 {
-            self.p[(axis, axis)] += ARM_M.powi(2) * (1.0 - keep * keep);
-        }
+        let gained = ARM_M.powi(2) * (1.0 - keep * keep);
+        add_variance(&mut self.p, ARM..ARM + 3, gained);
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::{Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
-use crate::frame::angle_between_rad;
+use crate::frame::{add_variance, angle_between_rad};
 
 /// A field that differs from the one before by less than twice the deviation, squared, is the same.
 const LIKELY: f64 = 4.0;
@@ -44,9 +44,8 @@ impl Filter {
         self.clear(E, 2);
         self.restart(M, self.unevenness2);
         self.restart(Q, self.place2);
-        for axis in 0..2 {
-            self.p[(E + axis, E + axis)] = input.board.tilt_error.whole_sd_rad.powi(2);
-        }
+        let tilt2 = input.board.tilt_error.whole_sd_rad.powi(2);
+        add_variance(&mut self.p, E..E + 2, tilt2);
         // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
         jacobian.fixed_columns_mut::<3>(B).copy_from(&-map);
@@ -99,17 +98,14 @@ impl Filter {
         let disturbance = disturbance_mgauss + 0.1 * self.strength_rms_mgauss;
         self.unevenness2 = USUAL_UNEVENNESS.powi(2);
         self.restart(M, self.unevenness2);
-        for axis in 0..3 {
-            self.p[(B + axis, B + axis)] += disturbance * disturbance;
-        }
+        add_variance(&mut self.p, B..B + 3, disturbance * disturbance);
     }
 
     /// Forgets the unevenness of the field here, or the offset of the place, but for its variance, a share of the field's square.
     fn restart(&mut self, at: usize, variance: f64) {
         self.clear(at, 3);
-        for axis in at..at + 3 {
-            self.p[(axis, axis)] = variance * self.strength_rms_mgauss.powi(2);
-        }
+        let variance = variance * self.strength_rms_mgauss.powi(2);
+        add_variance(&mut self.p, at..at + 3, variance);
     }
 
     /// Begins the state: at once from a calibration, else once the board has turned a little, with half of the field

@@ -6,6 +6,7 @@ use super::correct::HeldBack;
 use super::{Filter, Input, State};
 use crate::attitude::{GYRO_BIAS_WALK_RAD_S, GyroBias};
 use crate::estimate::covariance::{G, N, subtract};
+use crate::frame::add_variance;
 
 /// A gyro at rest reads its bias within this over one second, rad/s (0.26°/s): several times the noise of an ITG-3200, since a boat that
 /// swings slowly may pass for resting. With less, a simulated boat at anchor takes its swing for bias; with more, north drifts
@@ -76,9 +77,7 @@ impl Filter {
         left -= learnt.shift_rad_s;
         if learnt.doubted2 > 0.0 {
             self.still_information = 0.0;
-            for axis in G..G + 3 {
-                self.p[(axis, axis)] += learnt.doubted2;
-            }
+            add_variance(&mut self.p, G..G + 3, learnt.doubted2);
         }
     }
 

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::attitude::GYRO_BIAS_WALK_RAD_S;
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
-use crate::frame::angle_between_rad;
+use crate::frame::{add_variance, angle_between_rad};
 use crate::reading::STRONGEST_MGAUSS;
 
 /// The second order of an uncertain gyro bias is small: any time near this one will do, seconds.
@@ -109,14 +109,11 @@ impl Filter {
         let place = self.place2 * strength2;
         let noise = self.frame_noise(input, &h, turned_rad, noise_share);
         self.add_walks(input, strength2, turned_rad);
-        for axis in 0..3 {
-            self.p[(M + axis, M + axis)] += (1.0 - kept * kept) * uneven;
-            self.p[(Q + axis, Q + axis)] += (1.0 - place_kept * place_kept) * place;
-        }
-        for axis in 0..2 {
-            let grows_rad2 = (1.0 - tilt_kept * tilt_kept) * input.board.tilt_error.sd_rad.powi(2);
-            self.p[(E + axis, E + axis)] += grows_rad2 + input.missed_rad2;
-        }
+        let gained = |kept: f64, variance: f64| (1.0 - kept * kept) * variance;
+        let tilt2 = gained(tilt_kept, input.board.tilt_error.sd_rad.powi(2)) + input.missed_rad2;
+        add_variance(&mut self.p, M..M + 3, gained(kept, uneven));
+        add_variance(&mut self.p, Q..Q + 3, gained(place_kept, place));
+        add_variance(&mut self.p, E..E + 2, tilt2);
         let mut field = self.p.fixed_view_mut::<3, 3>(H, H);
         field += noise;
         self.strength_rms_mgauss = strength2.sqrt();
@@ -174,15 +171,11 @@ impl Filter {
         let iron = IRON_WALK_MGAUSS.powi(2) * moving_s
             + moved_iron
             + IRON_TURN.powi(2) * left_out2 * strength2 * turned_rad;
-        for axis in 0..3 {
-            self.p[(H + axis, H + axis)] += field;
-            self.p[(B + axis, B + axis)] += iron;
-            self.p[(G + axis, G + axis)] += GYRO_BIAS_WALK_RAD_S.powi(2) * dt;
-        }
+        add_variance(&mut self.p, H..H + 3, field);
+        add_variance(&mut self.p, B..B + 3, iron);
+        add_variance(&mut self.p, G..G + 3, GYRO_BIAS_WALK_RAD_S.powi(2) * dt);
         let matrix_walk = MATRIX_TURN.powi(2) * left_out2 * turned_rad;
-        for entry in 0..9 {
-            self.p[(D + entry, D + entry)] += matrix_walk;
-        }
+        add_variance(&mut self.p, D..D + 9, matrix_walk);
         // D's trace is held: of its entries, row by row, 0, 4 and 8 are on the diagonal.
         for row in (0..9).step_by(4) {
             for column in (0..9).step_by(4) {
