@@ -301,8 +301,8 @@ impl Attitude {
         }
     }
 
-    /// Down at `t_s`, with a standard deviation, radians. Where the gyro is not trusted, down is what the accelerometer feels. Where it
-    /// is, the deviation is 0: the heading from one sample counts that of a still board.
+    /// Down at `t_s`, with a standard deviation, radians. If the gyro is not trusted, down is what the accelerometer feels. If it is
+    /// trusted, the deviation is 0: the heading from one sample adds that of a still board by itself.
     pub fn down_and_sd(&self, t_s: f64, gyro_trusted: bool) -> Option<(Vector3<f64>, f64)> {
         if gyro_trusted {
             return Some((self.down(t_s)?, 0.0));

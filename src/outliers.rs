@@ -50,7 +50,8 @@ impl Outliers {
         let largest = gyro_range_deg_s.map_or(LARGEST_RATE_DEG_S, |range| BEYOND_RANGE * range);
         Self {
             largest_rate_rad_s: largest.to_radians(),
-            // Where nothing is known, the board rests; where gravity is, only the first reading tells.
+            // Without an earlier value the gyro is compared with rest. The accelerometer has no such value: its first reading is taken
+            // as it is.
             rate: Neighbours::new(USUAL_RATE, Some(Vector3::zeros())),
             force: Neighbours::new(USUAL_FORCE, None),
             dropped: 0,

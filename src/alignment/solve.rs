@@ -4,8 +4,8 @@
 //! offset c = M b, the vector v = M y − c of one instant, carried along by the gyro, is that of a later one. That is linear in
 //! M and c, so that one pass over a log gives normal equations in which each candidate for M costs nothing.
 //!
-//! It holds for −M where it holds for M: that a chip counts its axes as right-handed ones has to be taken for granted, or the
-//! other way round. Only a gyro that is mirrored shows itself, since then nothing turns as it reads.
+//! Where it holds for M it holds for −M, so a motion does not tell whether a chip's axes are right-handed: that is assumed.
+//! Only a gyro that is mirrored shows itself, since then nothing turns as it reads.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 

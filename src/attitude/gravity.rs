@@ -70,9 +70,9 @@ impl Gravity {
         self.since_tick.1 += 1;
     }
 
-    /// Specific force for the tick that ends at `end_s`, in which the board turns at `rate` (rad/s): the mean where several readings fell
-    /// into it, else the line between the last two, and after the newest that one, turned with the board; `None` if there is none recent
-    /// enough.
+    /// Specific force for the tick that ends at `end_s`, in which the board turns at `rate` (rad/s): the mean if several readings fell into
+    /// it; otherwise a point on the line between the last two; after the newest reading, that reading turned with the board. `None` if no
+    /// reading is recent enough.
     pub(super) fn at_tick(&mut self, end_s: f64, rate: &Vector3<f64>) -> Option<Vector3<f64>> {
         let (newest_s, newest) = self.newest.filter(|(t, _)| end_s - t <= HOLD_S)?;
         let since_s = (end_s - newest_s).clamp(0.0, TICK_S);

@@ -8,7 +8,7 @@ use super::model::Mode;
 use super::request::{CompletedTurn, FieldSample, Request};
 use super::settings::{ModeChoice, Settings, WindowChoice};
 
-/// A rest that leans by this much more, 2.5°, is not compared with the turns.
+/// A rest whose lean differs from the turns' mean by this angle or more, 2.5°, is not compared with them.
 const LEVEL_RAD: f64 = 0.044;
 
 /// The plan of one calibration.

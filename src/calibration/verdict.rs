@@ -109,8 +109,8 @@ const MOST_AT_THE_END: f64 = 0.5;
 /// A jump by a smaller share of the field is none, however still the field is otherwise.
 const LEAST_JUMP_SHARE: f64 = 0.02;
 
-/// Field and fit at rest may differ by this share, 11° of heading: by up to 4° the gyro has drifted, 4° are a swaying turn's, 2° and a
-/// little more the place's.
+/// Field and fit at rest may differ by this share, 11° of heading: up to 4° are the gyro's drift, 4° a turn's sway, and a little over 2°
+/// the place's.
 const MOST_AT_REST: f64 = 0.2;
 
 /// What a measure must be.

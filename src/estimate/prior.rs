@@ -17,8 +17,8 @@ const SKEW: f64 = 0.02;
 pub(super) const ROTATION_RAD: f64 = 0.029;
 /// White noise of a sample, milligauss, until it is measured: an HMC5843's resolution.
 const NOISE_MGAUSS: f64 = 7.0;
-/// Unevenness of usual places, as a share of the field: rooms have 1 to 2 % over half a metre. More than that, while the board turns,
-/// is iron that came to stay on the board. The place of a turn may have added as much to its result.
+/// Unevenness of usual places, as a share of the field: rooms have 1 to 2 % over half a metre. More than that while the board turns
+/// means that iron has come onto the board to stay. The place of a turn may put its result off by as much as this.
 pub(super) const USUAL_UNEVENNESS: f64 = 0.015;
 
 /// Standard deviation of the entries beside the diagonal where a fit to a sphere took them for 0.

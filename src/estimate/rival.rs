@@ -16,8 +16,8 @@ const RIVAL_LASTS_S: f64 = 30.0;
 /// If a disturbance exceeds this share of the field for this long in motion, a rival assumes that iron on the board causes it.
 const IRON_TRIED_FROM: f64 = 0.08;
 const IRON_TRIED_AFTER_S: f64 = 1.0;
-/// A frame with less undisturbed motion than this, seconds, may have begun with the wrong iron, and so with a wrong field: a magnet may take
-/// as long to be detected.
+/// A frame with less undisturbed motion than this, seconds, may have begun with the wrong iron, and so with a wrong field: it may take that
+/// long to detect a magnet.
 const FRAME_TRUSTED_AFTER_S: f64 = 5.0;
 
 /// A second explanation of the samples.

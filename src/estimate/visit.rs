@@ -15,7 +15,7 @@ const GONE_S: f64 = 1.0;
 const MOST_A_SAMPLE: f64 = 0.1;
 /// A normalised square of that below this is as expected (3 degrees of freedom: 95 %).
 const EXPECTED: f64 = 7.8;
-/// If the field is still off by more than this share of the most that it was off by, what disturbs it has not gone.
+/// A visitor has gone only once the field is off by less than this share of the largest offset in the visit.
 const LEFT: f64 = 0.5;
 /// Whoever puts a magnet down shakes the board for at most this long, seconds.
 const TOUCH_S: f64 = 3.0;

@@ -128,7 +128,7 @@ impl Pipeline {
         actions.extend(outcome.map(|outcome| Action::Conclude(Box::new(outcome), reason)));
     }
 
-    /// What the estimate has learnt so far, and the limits that this is held to: accepted as certain as a live one is kept, and else
+    /// The calibration learnt so far, and its limits. It is accepted if it is as certain as one that the daemon would keep, and otherwise
     /// refused. `None` before the board has turned far enough for an estimate to begin.
     pub fn learnt_by_motion(&self) -> Option<(Outcome, [Limit; 3])> {
         let limit = |name, unit, measured, bound| Limit {

@@ -129,8 +129,8 @@ impl GyroErrors {
     /// Takes out of a gain what gravity does not show on a board that stays upright:
     ///
     /// - the gyro's errors about the vertical, M's row for that axis. While the board sways, the axis that is taken for the vertical sways
-    ///   with it and lets a little through. Where a motion repeats that is always of the same sign: without this, rates about the vertical
-    ///   were off by a fifth after four hours;
+    ///   with it and lets a little through. If the motion repeats, that little always has the same sign. Without holding it back, rates
+    ///   about the vertical were off by a fifth after four hours;
     /// - the accelerometer's bias: accelerations would teach a wrong one.
     fn hold_unseen(&self, gain: &mut SMatrix<f64, N, 3>) {
         let seen = self.across();

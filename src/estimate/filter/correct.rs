@@ -23,8 +23,8 @@ const CONSISTENCY_MOST: f64 = 50.0;
 const ALIKE: f64 = 0.5;
 /// Least unevenness of the field, as a share of it.
 const LEAST_UNEVENNESS: f64 = 0.004;
-/// Constant of the measured unevenness when it grows, in units of the length in which m is forgotten: about as many independent values
-/// are in the mean. With half of it a robot on an uneven floor is not sure enough.
+/// The measured unevenness grows over so many lengths in which m is forgotten, so that its mean has about as many independent values. With
+/// half of it a robot on an uneven floor is not sure enough.
 const LENGTHS_UP: f64 = 3.0;
 /// The same when it shrinks, and of `mean_unevenness2`. With half of it a board to which a magnet is attached in motion is falsely sure.
 const LENGTHS_DOWN: f64 = 4.0;

@@ -40,8 +40,7 @@ const IRON_TURN: f64 = 0.2;
 const MATRIX_TURN: f64 = 0.067;
 /// Mean square over the axes of what a tilt error makes of a field, as a share of both: it moves the field on two of three axes.
 const BY_TILT: f64 = 2.0 / 3.0;
-/// While the board turns, a change of the hard iron may have caused all of the variance of unusual unevenness, and a change of the field
-/// this share of it.
+/// If a turning board finds the field unusually uneven, all of that variance is added to the hard iron, and this share of it to the field.
 const FIELD_SHARE: f64 = 0.003;
 
 impl Filter {
