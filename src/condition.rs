@@ -113,17 +113,3 @@ pub fn wrong_strength(strength_mgauss: f64) -> String {
         "the field is {strength_mgauss:.0} mG strong, and the earth's is 220 to 670: check the magnetometer's unit and range"
     )
 }
-
-/// What a person should know of a gyro that is at fault.
-pub fn wrong_gyro(reason: &str) -> &'static str {
-    match reason {
-        "gyro_clipped" => "the board turns faster than the gyro can measure: turn it more slowly",
-        "gyro_dead" => "the field turns and the gyro does not: check its wiring and its unit",
-        "gyro_sign" => {
-            "gyro and field turn different ways: check the gyro's axes and signs (in [mounting] or the header) and its unit"
-        }
-        _ => {
-            "gyro and field differ by more than 5 % in how far the board turns: check the gyro's range and unit"
-        }
-    }
-}

@@ -74,17 +74,6 @@ pub enum GyroFault {
     Scale,
 }
 
-impl GyroFault {
-    /// The code that programs read.
-    pub fn reason(self) -> &'static str {
-        match self {
-            Self::Dead => "gyro_dead",
-            Self::Sign => "gyro_sign",
-            Self::Scale => "gyro_scale",
-        }
-    }
-}
-
 /// Compares the gyro with the field and with gravity.
 #[derive(Clone, Debug, Default)]
 pub(super) struct GyroCheck {

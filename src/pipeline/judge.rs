@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::{Action, Pipeline};
-use crate::condition::{Condition, Report, STRENGTH_TOLERANCE, wrong_gyro, wrong_strength};
+use crate::condition::{Condition, Report, STRENGTH_TOLERANCE, wrong_strength};
 use crate::estimate::GyroFault;
 
 /// A field that was disturbed is called so until it has been calm for this long, seconds.
@@ -68,8 +68,8 @@ impl Pipeline {
         if !self.learning.calibrated {
             return self.judge_uncalibrated();
         }
-        if let Some(reason) = self.gyro_fault() {
-            return self.report_as(Condition::Degraded, reason, wrong_gyro(reason));
+        if let Some((reason, message)) = self.gyro_fault() {
+            return self.report_as(Condition::Degraded, reason, message);
         }
         if self.estimate.reversed() {
             let message = "the field points up where the earth's points down at this position, or the other way round: headings may be off by up to 180 degrees";
@@ -119,8 +119,8 @@ impl Pipeline {
             let message = "calibrating on the motion just made";
             return self.report_as(Condition::Calibrating, "calibrating", message);
         }
-        if let Some(reason) = self.gyro_fault() {
-            return self.report_as(Condition::Uncalibrated, reason, wrong_gyro(reason));
+        if let Some((reason, message)) = self.gyro_fault() {
+            return self.report_as(Condition::Uncalibrated, reason, message);
         }
         if self.wanted().is_none() {
             let message = "told not to calibrate by itself: headingd calibration start, and then turn the board";
@@ -198,12 +198,26 @@ impl Pipeline {
         self.now_s - self.rate_s <= self.setup.attitude.gap_s
     }
 
-    /// What is wrong with the gyro, as a code.
-    fn gyro_fault(&self) -> Option<&'static str> {
+    /// What is wrong with the gyro, as a code and as a sentence.
+    fn gyro_fault(&self) -> Option<(&'static str, &'static str)> {
         if self.intake.attitude.clipping() {
-            return Some("gyro_clipped");
+            let message = "the board turns faster than the gyro can measure: turn it more slowly";
+            return Some(("gyro_clipped", message));
         }
-        self.estimate.gyro_fault().map(GyroFault::reason)
+        Some(match self.estimate.gyro_fault()? {
+            GyroFault::Dead => (
+                "gyro_dead",
+                "the field turns and the gyro does not: check its wiring and its unit",
+            ),
+            GyroFault::Sign => (
+                "gyro_sign",
+                "gyro and field turn different ways: check the gyro's axes and signs (in [mounting] or the header) and its unit",
+            ),
+            GyroFault::Scale => (
+                "gyro_scale",
+                "gyro and field differ by more than 5 % in how far the board turns: check the gyro's range and unit",
+            ),
+        })
     }
 
     /// Whether nothing is known to be wrong with the gyro.
