@@ -101,9 +101,9 @@ struct Show {
 impl Show {
     fn update(&mut self, status: &DaemonStatus) {
         let word = status.cal_state.as_deref().unwrap_or("starting");
-        let said = match word {
+        let said = match status.reason.as_deref() {
             // Its message is about learning by motion, and that would spoil the turn.
-            "degraded" => "waiting for a turn: once all the way round, level".to_owned(),
+            Some("learning") => "waiting for a turn: once all the way round, level".to_owned(),
             _ => format!("{word}: {}", status.message),
         };
         let share = status.progress.unwrap_or(0.0);
