@@ -55,7 +55,8 @@ const BIAS: f64 = 0.33;
 /// 40 °/s (ITG-3200) over 125 K, so that is a room some kelvin warmer.
 pub(super) const RESTART_BIAS_RAD_S: f64 = 0.0175;
 /// Bias to expect of an accelerometer at first, m/s² (10 thousandths of g): between a trimmed chip's 5 and those of chips as delivered,
-/// typically up to 35 (ADXL345) or 50 (MPU-6050). With twice this, headings lose more with the former than they gain with the latter.
+/// typically up to 35 (ADXL345) or 50 (MPU-6050). With 25, simulated boards as delivered gain a tenth of a degree, and recorded ones, which are
+/// trimmed, lose up to half a degree.
 const FORCE_BIAS_M_S2: f64 = 0.1;
 /// Arm to expect, m: a wrist's.
 const ARM_M: f64 = 0.1;

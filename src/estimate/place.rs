@@ -21,8 +21,8 @@ const GAIN: f64 = SCALE;
 const LOCAL: f64 = 0.05;
 /// A normalised square beyond this is no chance (2 degrees of freedom: 0.03 %).
 const CONTRADICTED: f64 = 16.0;
-/// A warning needs a normalised square above this: a vehicle that stays level learns the dip badly and understates its error. So does a
-/// field that is called reversed.
+/// A warning needs a normalised square above this, and so does a field that is called reversed: a vehicle that stays level learns the dip
+/// badly and understates its error.
 const WARNED: f64 = 36.0;
 /// Contradiction in motion before a warning, seconds; agreement counts it down again, so that passing iron raises none.
 const SURE_S: f64 = 30.0;
