@@ -42,11 +42,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             for warning in warnings(&config) {
                 tell(format_args!("{}: warning: {warning}", file.display()));
             }
-            let runs = match config.source.kind {
+            let verdict = match config.source.kind {
                 Some(_) => "good",
                 None => "good, once source.kind is set",
             };
-            print(&format!("{}: {runs}\n", file.display()))
+            print(&format!("{}: {verdict}\n", file.display()))
         }
         ConfigAction::Show { file } => {
             let config = config_file::load(file.as_deref())?;
