@@ -102,14 +102,3 @@ pub struct SourceFault {
     /// As a sentence for a person: what was attempted, on which device, what was found, what helps.
     pub message: String,
 }
-
-/// Largest share by which the strength may differ from the expected one. Beyond it the reason is `field_strength`, else
-/// `field_changed`.
-pub const STRENGTH_TOLERANCE: f64 = 0.15;
-
-/// The message for a field strength found nowhere on earth, milligauss.
-pub fn wrong_strength(strength_mgauss: f64) -> String {
-    format!(
-        "the field is {strength_mgauss:.0} mG strong, and the earth's is 220 to 670: check the magnetometer's unit and range"
-    )
-}

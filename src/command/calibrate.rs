@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 
+use super::headings::plain_text;
 use super::{
     Failure, config_file, number, print, print_json, read_log_on, refuse_overwrite, tell,
     tell_dropped, tell_skips, word, write_calibrations,
@@ -174,8 +175,8 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
         }
         Surveyed::NoPlane => {
             let message = format!(
-                "{} has no gyro readings that can be used, so nothing tells the plane of a turn: check its columns and units, add --mode spatial, or name the plane \
-                 with --plane xy, xz or yz",
+                "{} has no gyro readings that can be used, so nothing tells the plane of a turn: check its columns and units, add \
+                 --mode spatial, or name the plane with --plane xy, xz or yz",
                 args.log.display()
             );
             return Err(Failure::new(Failure::USAGE, message));
@@ -247,7 +248,7 @@ fn summary(outcome: &Outcome) -> String {
     let Outcome {
         reason, message, ..
     } = outcome;
-    let mut text = format!("{} ({reason}): {message}\n", outcome.verdict.word());
+    let mut text = plain_text(outcome.verdict.word(), reason, message) + "\n";
     if let (Some(bias_mgauss), Some(scale)) = (&outcome.bias_mgauss, &outcome.scale) {
         let unit = match (outcome.reference_mgauss, outcome.method) {
             (Some(_), _) => "",

@@ -69,10 +69,15 @@ pub(super) fn heading_text(
     Some(format!("{:05.1}° {north}{sd}", to_tenths(degrees)))
 }
 
-/// A condition or a verdict as text, with what to do.
+/// A condition or a verdict as text.
+pub(super) fn plain_text(word: &str, reason: &str, message: &str) -> String {
+    format!("{word} ({reason}): {message}")
+}
+
+/// The same with what to do.
 pub(super) fn reason_text(word: &str, reason: &str, message: &str) -> String {
     let advice = next_step(reason).map(|advice| format!("\nwhat to do: {advice}"));
-    format!("{word} ({reason}): {message}{}", advice.unwrap_or_default())
+    plain_text(word, reason, message) + &advice.unwrap_or_default()
 }
 
 /// A connection to the socket for headings.

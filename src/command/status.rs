@@ -2,7 +2,7 @@
 
 use super::calibration::line;
 use super::control::{self, ControlTarget};
-use super::headings::{heading_text, reason_text};
+use super::headings::{heading_text, plain_text, reason_text};
 use super::{Failure, print, print_json};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::{DaemonStatus, FolderSummary};
@@ -45,13 +45,13 @@ fn written(status: &DaemonStatus) -> String {
     }
     add("calibration", active);
     if let Some(last) = &status.last {
-        let (verdict, message) = (&last.verdict, &last.message);
         // Nothing needs to be done about a refusal while headings are good.
-        let said = match word {
-            "good" => format!("{verdict} ({}): {message}", last.reason),
-            _ => reason_text(verdict, &last.reason, message),
+        let said = if word == "good" {
+            plain_text
+        } else {
+            reason_text
         };
-        add("last", said);
+        add("last", said(&last.verdict, &last.reason, &last.message));
     }
     let mut mode = status.mode.word().to_owned();
     if status.armed {

@@ -111,11 +111,8 @@ impl PlaceEvidence {
         };
         self.against_s = (self.against_s + more_s).clamp(0.0, SURE_S);
         let found = parts(&north.field) * north.field;
-        // As where gravity is taken for the force that holds the board up, or a chip lies upside down.
-        let reversed = Vector2::new(found.x, -found.y) - self.expected;
-        let near = 3.0 * hypot(LOCAL, GAIN) * self.expected.norm();
         let certain = if self.reversed { CONTRADICTED } else { WARNED };
-        self.reversed = squared > certain && reversed.norm() < near;
+        self.reversed = squared > certain && self.is_mirrored_by(&found);
         // No iron that is passed reverses the field and nothing else.
         let sure = squared > WARNED && (self.reversed || self.against_s == SURE_S);
         if !sure || std::mem::replace(&mut self.warned, true) {
@@ -132,6 +129,13 @@ impl PlaceEvidence {
              and {:.0}; headings do not use the model. {remedy}",
             found.x, -found.y, self.expected.x, -self.expected.y
         ))
+    }
+
+    /// Whether these parts are the model's with up and down exchanged, as where gravity is taken for the force that holds the board up, or a
+    /// chip lies upside down.
+    fn is_mirrored_by(&self, found: &Vector2<f64>) -> bool {
+        let near = 3.0 * hypot(LOCAL, GAIN) * self.expected.norm();
+        (Vector2::new(found.x, -found.y) - self.expected).norm() < near
     }
 
     /// Whether the field points up where the model's points down, or down where that points up.

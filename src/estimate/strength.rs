@@ -14,12 +14,12 @@ impl Estimate {
         self.strength_beyond(CERTAIN)
     }
 
-    /// The same if it is likely: no calibration is kept with such a field.
+    /// The same if the earth's is probably nowhere like that: no calibration is kept with such a field.
     pub fn unlikely_mgauss(&self) -> Option<f64> {
         self.strength_beyond(0.0)
     }
 
-    /// The strength if it is beyond all that the earth has by so many deviations.
+    /// The same if the strength is beyond all that the earth has by so many deviations.
     fn strength_beyond(&self, deviations: f64) -> Option<f64> {
         let raw = self.last.map_or(0.0, |last| last.field_mgauss.norm());
         let (strength, least, most) = if raw > MOST_RAW_MGAUSS {

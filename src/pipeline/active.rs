@@ -1,5 +1,6 @@
 //! Which calibration is active, and whether another is wanted: outcomes, and what people order.
 
+use super::intake::expect_force_bias;
 use super::learn::Learning;
 use super::{Action, Pipeline};
 use crate::calibration::model::Calibration;
@@ -95,9 +96,7 @@ impl Pipeline {
         self.estimate
             .restart(self.setup.mountings.mag, calibration.as_ref());
         if let Some(calibration) = &calibration {
-            // Its parameters are right only with the tilt that results.
-            let bias_m_s2 = calibration.accel_bias_m_s2.unwrap_or_default();
-            self.intake.attitude.expect_force_bias(bias_m_s2);
+            expect_force_bias(&mut self.intake.attitude, calibration);
         }
         self.forget_learning(calibration);
     }

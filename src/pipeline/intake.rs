@@ -83,10 +83,17 @@ impl Intake {
 
 /// Gyro and accelerometer are expected to have the biases that go with this calibration.
 fn expect_biases(attitude: &mut Attitude, calibration: Option<&Calibration>) {
-    if let Some(bias_deg_s) = calibration.and_then(|one| one.gyro_bias_deg_s) {
+    let Some(calibration) = calibration else {
+        return;
+    };
+    if let Some(bias_deg_s) = calibration.gyro_bias_deg_s {
         attitude.expect_gyro_bias(bias_deg_s.map(f64::to_radians));
     }
-    if let Some(bias_m_s2) = calibration.and_then(|one| one.accel_bias_m_s2) {
-        attitude.expect_force_bias(bias_m_s2);
-    }
+    expect_force_bias(attitude, calibration);
+}
+
+/// The accelerometer is expected to have the bias that goes with this calibration, or none: its parameters are right only with the tilt
+/// that results.
+pub(super) fn expect_force_bias(attitude: &mut Attitude, calibration: &Calibration) {
+    attitude.expect_force_bias(calibration.accel_bias_m_s2.unwrap_or_default());
 }

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::{Action, Pipeline};
-use crate::condition::{Condition, Report, STRENGTH_TOLERANCE, wrong_strength};
+use crate::condition::{Condition, Report};
 use crate::estimate::GyroFault;
 
 /// A field that was disturbed is called so until it has been calm for this long, seconds.
@@ -14,6 +14,9 @@ const TURNING_FROM: f64 = 0.1;
 const PROGRESS_STEP: f64 = 0.05;
 /// … and this much later than the last news of it, seconds.
 const PROGRESS_EVERY_S: f64 = 0.25;
+/// Largest share by which the strength may differ from the expected one. Beyond it the reason is `field_strength`, else
+/// `field_changed`.
+const STRENGTH_TOLERANCE: f64 = 0.15;
 
 impl Pipeline {
     /// Judges the condition anew, and reports it if that is news.
@@ -224,4 +227,11 @@ impl Pipeline {
     pub(super) fn gyro_is_right(&self) -> bool {
         self.estimate.gyro_fault().is_none()
     }
+}
+
+/// The message for a field strength found nowhere on earth, milligauss.
+pub(super) fn wrong_strength(strength_mgauss: f64) -> String {
+    format!(
+        "the field is {strength_mgauss:.0} mG strong, and the earth's is 220 to 670: check the magnetometer's unit and range"
+    )
 }

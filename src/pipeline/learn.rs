@@ -2,11 +2,11 @@
 
 use nalgebra::Vector3;
 
+use super::judge::wrong_strength;
 use super::{Action, Pipeline};
 use crate::calibration::model::{Calibration, Parameters};
 use crate::calibration::outcome::Outcome;
 use crate::calibration::verdict::{Bound, Limit, Refusal};
-use crate::condition::wrong_strength;
 use crate::estimate::UNKNOWN_SD_DEG;
 
 /// What is learnt is kept again when it has become so much more certain …

@@ -254,6 +254,7 @@ impl Board {
         }
         board
     }
+
     /// The accelerometer is as delivered: offsets are typically up to 35 milli-g (ADXL345) or 50 (MPU-6050), of which 25 is about the RMS.
     pub fn untrim(&mut self, rng: &mut Rng) {
         self.force.bias = rng.vector(0.25);
