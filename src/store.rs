@@ -115,7 +115,10 @@ impl Store {
     /// When the folder cannot be made, or when another process has it.
     pub fn claim(directory: &Path) -> Result<Self, StoreError> {
         let fail = |error| StoreError::Directory(directory.to_owned(), error);
-        fs::create_dir_all(directory).map_err(fail)?;
+        fs::create_dir_all(directory).map_err(|error| match error.kind() {
+            kind if directory.is_file() => fail(io::Error::new(kind, "it is a file, not a folder")),
+            _ => fail(error),
+        })?;
         let lock = LockFile::share(&directory.join(LOCK_NAME)).map_err(|error| match error {
             LockError::Held(pid) => StoreError::InUse(directory.to_owned(), pid),
             LockError::System(error) => fail(error),

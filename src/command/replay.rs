@@ -199,8 +199,7 @@ impl Keep {
         };
         let store = Store::open(directory).map_err(|error| match error {
             StoreError::Directory { .. } => {
-                let remedy =
-                    "make room on the disk, or name a folder with --store that you may write";
+                let remedy = "name a folder with --store that you may write";
                 Failure::new(Failure::CANNOT_CREATE, format!("{error}; {remedy}"))
             }
             other => other.into(),

@@ -133,7 +133,10 @@ fn load(directory: &Path, identity: &Identity) -> Result<Option<History>, StoreE
             history.mode.remedy()
         ),
         None if contents.sensors.is_empty() => {
-            tracing::info!("no calibration in {path} yet: turn the board once");
+            // A folder that cannot be made has been complained of.
+            if directory.is_dir() {
+                tracing::info!("no calibration in {path} yet: turn the board once");
+            }
         }
         None => {
             let described = |of: &Identity| format!("{} mounted \"{}\"", of.sensor, of.mag_axes);

@@ -273,7 +273,8 @@ impl RecorderThread {
                 );
                 continue;
             }
-            let message = format!("{error}; {}", remedy::of_recording(&error.source));
+            let remedy = remedy::of_folder(&error.source, "record.directory");
+            let message = format!("{error}; {remedy}");
             if lock(&self.fault).replace(message.clone()).is_none() {
                 tracing::error!("{message}; until then nothing is recorded, and headings go on");
             }

@@ -11,37 +11,32 @@ const OUT_OF_FILES: &str =
 pub(super) fn with_remedy(error: &StoreError) -> String {
     use StoreError::{Directory, Read, Write};
     let remedy = match error {
-        Directory(_, cause) | Read(_, cause) | Write(_, cause) if is_out_of_files(cause) => {
-            OUT_OF_FILES
-        }
-        Directory(..) => {
-            "make room on the disk, set store.directory to a folder that this user may write, or start the daemon with \
-             StateDirectory=headingd in its systemd unit"
-        }
         Read(_, cause) if cause.kind() == ErrorKind::PermissionDenied => {
-            "make the file readable to the daemon's user (chown)"
+            "make the file readable to the daemon's user (chown)".to_owned()
         }
-        Write(..) => "make room on the disk, or see to the folder's permissions",
+        Directory(_, cause) | Read(_, cause) | Write(_, cause) => {
+            of_folder(cause, "store.directory")
+        }
         _ => return error.to_string(),
     };
     format!("{error}; {remedy}")
 }
 
-/// What helps a recording that this error stops.
-pub(super) fn of_recording(error: &io::Error) -> &'static str {
+/// What helps against this error in the folder that `key` of the configuration names.
+pub(super) fn of_folder(error: &io::Error, key: &str) -> String {
     match error.kind() {
-        _ if is_full(error) => "make room on the disk",
-        _ if is_out_of_files(error) => OUT_OF_FILES,
-        ErrorKind::FileTooLarge => {
-            "set record.file_mib below the limit to the size of files (ulimit -f)"
-        }
+        _ if is_full(error) => "make room on the disk".to_owned(),
+        _ if is_out_of_files(error) => OUT_OF_FILES.to_owned(),
+        ErrorKind::FileTooLarge => "raise the limit to the size of files (ulimit -f)".to_owned(),
         ErrorKind::NotFound
         | ErrorKind::PermissionDenied
+        | ErrorKind::AlreadyExists
         | ErrorKind::NotADirectory
-        | ErrorKind::ReadOnlyFilesystem => {
-            "set record.directory to a folder that this user may write; as a service, to one below /var/lib/headingd"
-        }
-        _ => "check the disk, or set record.directory to a folder on another one",
+        | ErrorKind::ReadOnlyFilesystem => format!(
+            "set {key} to a folder that this user may write; a service may write /var/lib/headingd, by StateDirectory=headingd \
+             of its unit"
+        ),
+        _ => format!("check the disk, or set {key} to a folder on another one"),
     }
 }
 
@@ -64,16 +59,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_recording_needs_room_only_where_there_is_none() {
+    fn a_folder_needs_room_only_where_there_is_none() {
         for (number, right) in [
             (libc::ENOSPC, "make room"),
             (libc::EDQUOT, "make room"),
-            (libc::EFBIG, "set record.file_mib"),
+            (libc::EFBIG, "ulimit -f"),
             (libc::EMFILE, "LimitNOFILE="),
-            (libc::ENOENT, "set record.directory"),
-            (libc::EACCES, "set record.directory"),
+            (
+                libc::ENOENT,
+                "set record.directory to a folder that this user",
+            ),
+            (
+                libc::EACCES,
+                "set record.directory to a folder that this user",
+            ),
+            (libc::ENODEV, "set record.directory to a folder on another"),
         ] {
-            let remedy = of_recording(&io::Error::from_raw_os_error(number));
+            let remedy = of_folder(&io::Error::from_raw_os_error(number), "record.directory");
             assert!(remedy.contains(right), "{number}: {remedy}");
         }
     }
@@ -85,6 +87,7 @@ mod tests {
         for (failed, number, right) in [
             (Directory as Failed, libc::ENOSPC, "make room"),
             (Write, libc::ENOSPC, "make room"),
+            (Directory, libc::EROFS, "set store.directory"),
             (Directory, libc::EMFILE, "LimitNOFILE="),
             (Write, libc::ENFILE, "LimitNOFILE="),
             (Read, libc::EMFILE, "LimitNOFILE="),
@@ -93,7 +96,12 @@ mod tests {
             let error = failed("/folder".into(), io::Error::from_raw_os_error(number));
             let message = with_remedy(&error);
             let remedy = message.strip_prefix(&format!("{error}; ")).unwrap();
-            for part in ["make room", "LimitNOFILE=", "(chown)"] {
+            for part in [
+                "make room",
+                "LimitNOFILE=",
+                "(chown)",
+                "set store.directory",
+            ] {
                 assert_eq!(remedy.contains(part), part == right, "{message}");
             }
         }

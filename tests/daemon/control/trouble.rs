@@ -10,16 +10,15 @@ use crate::rig::{FAST, LONG, Rig};
 #[test]
 fn a_store_that_fails_shows_in_the_status_and_catches_up_when_it_works() {
     let rig = Rig::new(FAST, LONG);
-    // Not even root can make a folder below a file.
-    fs::write(rig.path("file"), "").unwrap();
-    let store = rig.path("file/store");
-    rig.configure(FAST, &store, LONG);
+    let store = rig.path("store");
+    fs::write(&store, "").unwrap();
     let (process, mut client) = rig.watched();
     let mut link = Link::new(&rig);
     let status = link.told("status");
     assert_eq!(status["store"]["state"], "failing");
     let message = status["store"]["message"].as_str().unwrap();
-    assert!(message.contains("set store.directory"), "{message}");
+    let right = "store: it is a file, not a folder; set store.directory";
+    assert!(message.contains(right), "{message}");
     client.accepted();
     // It is done, but not kept, and says so.
     let answer = link.ask(&json!({"request": "lock"}));
@@ -31,7 +30,7 @@ fn a_store_that_fails_shows_in_the_status_and_catches_up_when_it_works() {
     assert!(message.contains("not on disk yet"), "{message}");
     assert_eq!(link.told("status")["mode"], "locked");
 
-    fs::remove_file(rig.path("file")).unwrap();
+    fs::remove_file(&store).unwrap();
     link.status("the store to work", |status| {
         status["store"]["state"] == "good"
     });
@@ -48,6 +47,19 @@ fn a_store_that_fails_shows_in_the_status_and_catches_up_when_it_works() {
         1,
         "{said}"
     );
+}
+
+#[test]
+fn a_folder_that_cannot_be_made_is_not_taken_for_an_empty_one() {
+    let rig = Rig::new(FAST, LONG);
+    rig.configure(FAST, "/proc/none".as_ref(), LONG);
+    let (mut process, _client) = rig.watched();
+    let said = process.stop();
+    assert!(
+        said.contains("folder /proc/none: No such file or directory (os error 2); set store"),
+        "{said}"
+    );
+    assert!(!said.contains("no calibration in"), "{said}");
 }
 
 #[test]
