@@ -67,7 +67,10 @@ impl Health {
         faults.last_s = now_s;
         if !faults.told.contains(&newest.code) {
             faults.told.push(newest.code);
-            tracing::warn!(code = newest.code, "{}", newest.message);
+            // What is wrong with the whole bus is told once, by the state that follows from the magnetometer's fault.
+            if !["no_bus", "permission"].contains(&newest.code) {
+                tracing::warn!(code = newest.code, "{}", newest.message);
+            }
         }
         faults.newest = newest;
         self.in_a_row += 1;
