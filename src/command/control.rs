@@ -18,11 +18,11 @@ use crate::config::Config;
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 
-/// A little longer than the daemon waits for a disk.
-pub(super) const PATIENCE: Duration = Duration::from_secs(15);
+/// A daemon that is well takes a connection, and answers what changes nothing, at once.
+pub(super) const PATIENCE: Duration = Duration::from_secs(5);
 
-/// A daemon that is well takes a connection at once.
-const CONNECT_PATIENCE: Duration = Duration::from_secs(5);
+/// A change is answered when it is on disk: a little longer than the daemon waits for that.
+const DISK_PATIENCE: Duration = Duration::from_secs(15);
 
 /// No answer is longer, bytes.
 const LONGEST: u64 = 1 << 22;
@@ -98,10 +98,15 @@ fn status(code: &str) -> u8 {
 }
 
 fn exchange_lines(path: &Path, request: &ControlRequest) -> io::Result<String> {
+    let patience = if request.changes() {
+        DISK_PATIENCE
+    } else {
+        PATIENCE
+    };
     let request = serde_json::to_string(request)?;
     let mut stream = connect(path)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
+    stream.set_read_timeout(Some(patience))?;
+    stream.set_write_timeout(Some(patience))?;
     let sent = stream.write_all(format!("{request}\n").as_bytes());
     let mut answer = String::new();
     let read = BufReader::new(stream.take(LONGEST)).read_line(&mut answer);
@@ -119,7 +124,7 @@ pub(super) fn connect(path: &Path) -> io::Result<UnixStream> {
     let flags = SocketFlags::CLOEXEC;
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
     // It is for connecting as well.
-    set_socket_timeout(&socket, Timeout::Send, Some(CONNECT_PATIENCE))?;
+    set_socket_timeout(&socket, Timeout::Send, Some(PATIENCE))?;
     net::connect(&socket, &SocketAddrUnix::new(path)?)?;
     Ok(socket.into())
 }

@@ -88,6 +88,8 @@ pub struct Headings {
     /// Buffer of the current line; complete once it ends with a newline.
     bytes: Vec<u8>,
     line: String,
+    /// Nothing has come since the daemon was asked for its version.
+    asked: bool,
 }
 
 impl Headings {
@@ -108,17 +110,17 @@ impl Headings {
             reader: BufReader::new(stream),
             bytes: Vec::new(),
             line: String::new(),
+            asked: false,
         };
         headings.greeting()?;
         Ok(headings)
     }
 
     fn greeting(&mut self) -> Result<(), Failure> {
-        self.set_patience(Some(PATIENCE))?;
-        let greeting = self.object_in_time()?;
-        self.set_patience(None)?;
-        let silent = || unreachable(&self.path, &ErrorKind::TimedOut.into());
-        if greeting.ok_or_else(silent)?["class"] == "VERSION" {
+        self.set_patience(PATIENCE)?;
+        // Each daemon greets at once: there is nothing to ask.
+        self.asked = true;
+        if self.object()?["class"] == "VERSION" {
             return Ok(());
         }
         let message = format!(
@@ -130,10 +132,23 @@ impl Headings {
 
     /// Passes over everything that the daemon has sent so far.
     pub fn pass_over(&mut self) -> Result<(), Failure> {
-        let sent = self.reader.get_mut().write_all(b"?VERSION;\n");
-        sent.map_err(|error| unreachable(&self.path, &error))?;
+        self.ask()?;
         while self.object()?["class"] != "VERSION" {}
         Ok(())
+    }
+
+    /// Asks for something that is always answered.
+    fn ask(&mut self) -> Result<(), Failure> {
+        let sent = self.reader.get_mut().write_all(b"?VERSION;\n");
+        sent.map_err(|error| unreachable(&self.path, &error))
+    }
+
+    /// After a silence: a daemon whose source is silent has nothing to send, but answers.
+    fn ask_once(&mut self) -> Result<(), Failure> {
+        if std::mem::replace(&mut self.asked, true) {
+            return Err(unreachable(&self.path, &ErrorKind::TimedOut.into()));
+        }
+        self.ask()
     }
 
     /// The last line that was read, without its end.
@@ -143,13 +158,15 @@ impl Headings {
 
     /// The next line, without its end.
     pub fn line(&mut self) -> Result<&str, Failure> {
-        while !self.read()? {}
+        while !self.read()? {
+            self.ask_once()?;
+        }
         Ok(self.text())
     }
 
-    /// Gives up waiting for a line after so long, where there is a limit: see [`Headings::object_in_time`].
-    pub fn set_patience(&mut self, patience: Option<Duration>) -> Result<(), Failure> {
-        let set = self.reader.get_ref().set_read_timeout(patience);
+    /// How long to wait for a line: see [`Headings::object_in_time`].
+    pub fn set_patience(&mut self, patience: Duration) -> Result<(), Failure> {
+        let set = self.reader.get_ref().set_read_timeout(Some(patience));
         set.map_err(|error| unreachable(&self.path, &error))
     }
 
@@ -170,6 +187,7 @@ impl Headings {
                 Err(Failure::new(Failure::UNAVAILABLE, message))
             }
             Ok(_) => {
+                self.asked = false;
                 self.line = String::from_utf8_lossy(&self.bytes).into_owned();
                 // A longer line than any of the daemon's is passed over in pieces.
                 if !self.bytes.ends_with(b"\n") {
@@ -190,6 +208,7 @@ impl Headings {
             if let Some(object) = self.object_in_time()? {
                 return Ok(object);
             }
+            self.ask_once()?;
         }
     }
 
@@ -214,7 +233,30 @@ impl Headings {
 
 #[cfg(test)]
 mod tests {
+    use std::io;
+
     use super::*;
+
+    #[test]
+    fn after_a_silence_the_daemon_is_asked_and_after_another_given_up() {
+        let (stream, mut daemon) = UnixStream::pair().unwrap();
+        let version = r#"{"class":"VERSION"}"#;
+        writeln!(daemon, "{version}").unwrap();
+        let mut headings = Headings::greet(Path::new("/s"), stream, "{}").unwrap();
+        headings.set_patience(Duration::from_millis(10)).unwrap();
+        for _ in 0..2 {
+            let failure = headings.line().unwrap_err();
+            assert!(
+                failure.message.contains("does not answer at /s"),
+                "{failure}"
+            );
+            writeln!(daemon, "{version}").unwrap();
+            assert_eq!(headings.line().unwrap(), version);
+        }
+        drop(headings);
+        let asked = io::read_to_string(daemon).unwrap();
+        assert_eq!(asked, "?WATCH={};\n?VERSION;\n?VERSION;\n");
+    }
 
     #[test]
     fn a_daemon_that_has_hung_up_already_is_heard() {

@@ -130,7 +130,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
         _ => DaemonSockets::beside(&config.socket.socket, config),
     };
     let mut headings = Headings::open(&sockets.headings, WATCH)?;
-    headings.set_patience(Some(PATIENCE))?;
+    headings.set_patience(PATIENCE)?;
     // Neither gpsd nor clock says where and when a log was recorded.
     let live = config.source.kind != Some(Kind::Replay);
     let mut gpsd = if live { follower(config)? } else { None };

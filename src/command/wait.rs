@@ -33,7 +33,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
     let mut headings = Headings::open(Path::new(socket), WATCH)?;
     // What has been judged before is of no interest.
     headings.pass_over()?;
-    headings.set_patience(Some(LOOK))?;
+    headings.set_patience(LOOK)?;
     let started = target.ask(&ControlRequest::Start {}, json)?;
     tell(text(&started, "message"));
     tell("to give that up: headingd calibration cancel (Ctrl-C ends only the waiting)");

@@ -78,3 +78,19 @@ fn who_cannot_be_watched_is_named_with_what_helps() {
     let said = watching.ends(69);
     assert!(said.contains("headingd has closed"), "{said}");
 }
+
+#[test]
+fn a_daemon_that_hangs_is_told_of() {
+    let rig = Rig::new(FAST, ENDLESS);
+    let (process, _client) = rig.watched();
+    let mut watching = rig.spawn(&mut rig.command(&["watch", "--json"]));
+    until("the first line", || {
+        std::fs::read_to_string(rig.path("stdout")).is_ok_and(|text| text.contains("ATT"))
+    });
+    process.signal("STOP");
+    let mut asking = rig.spawn(&mut rig.command(&["status"]));
+    for client in [&mut asking, &mut watching] {
+        let said = client.ends(69);
+        assert!(said.contains("headingd does not answer at"), "{said}");
+    }
+}
