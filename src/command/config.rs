@@ -1,7 +1,7 @@
 //! `headingd config`: checks a configuration, or shows the settings that it comes to.
 
 use std::os::unix::fs::OpenOptionsExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
 
@@ -23,21 +23,30 @@ pub struct Args {
 #[derive(Clone, Debug, Subcommand)]
 pub enum ConfigAction {
     /// Check a file and list every fault in it. What has no effect, or is not there yet, is a warning
-    Check {
-        /// The configuration file [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml]
-        file: Option<PathBuf>,
-    },
-    /// Print all settings as TOML, with the defaults of those that the file leaves out
-    Show {
-        /// The configuration file [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml; where there is none, the defaults are shown]
-        file: Option<PathBuf>,
-    },
+    Check(ConfigFile),
+    /// Print all settings as TOML, with the defaults of those that the file leaves out; where there is no file, the defaults
+    Show(ConfigFile),
+}
+
+#[derive(Clone, Debug, clap::Args)]
+pub struct ConfigFile {
+    /// The configuration file [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml]
+    file: Option<PathBuf>,
+    /// The same, as other commands have it
+    #[arg(long, value_name = "FILE", conflicts_with = "file")]
+    config: Option<PathBuf>,
+}
+
+impl ConfigFile {
+    fn named(&self) -> Option<&Path> {
+        self.file.as_deref().or(self.config.as_deref())
+    }
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     match &args.action {
-        ConfigAction::Check { file } => {
-            let file = config_file::path(file.as_deref());
+        ConfigAction::Check(file) => {
+            let file = config_file::path(file.named());
             let config = config_file::read(&file)?;
             for warning in warnings(&config) {
                 tell(format_args!("{}: warning: {warning}", file.display()));
@@ -48,8 +57,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             };
             print(&format!("{}: {verdict}\n", file.display()))
         }
-        ConfigAction::Show { file } => {
-            let config = config_file::load(file.as_deref())?;
+        ConfigAction::Show(file) => {
+            let config = config_file::load(file.named())?;
             print(&shown(&config)?)
         }
     }
@@ -147,7 +156,10 @@ mod tests {
 
     fn check(file: PathBuf) -> Result<(), Failure> {
         run(&Args {
-            action: ConfigAction::Check { file: Some(file) },
+            action: ConfigAction::Check(ConfigFile {
+                file: Some(file),
+                config: None,
+            }),
         })
     }
 
