@@ -198,6 +198,10 @@ fn read_log(
         take(entry?, log.begins_stretch())?;
         bar.follow(&log);
     }
+    if log.skips().is_empty() {
+        let log = log.name().to_owned();
+        return Err(RecordingError::Empty { log }.into());
+    }
     Ok(log.skips().clone())
 }
 
@@ -246,7 +250,9 @@ fn tell_dropped(count: u64) {
 /// The status of a log that cannot be used.
 fn log_status(error: &RecordingError) -> u8 {
     match error {
-        RecordingError::Header { .. } | RecordingError::Times { .. } => Failure::DATA,
+        RecordingError::Header { .. }
+        | RecordingError::Empty { .. }
+        | RecordingError::Times { .. } => Failure::DATA,
         RecordingError::Open { .. } | RecordingError::Read { .. } => Failure::NO_INPUT,
     }
 }

@@ -91,6 +91,16 @@ pub enum RecordingError {
     /// The header is wrong, so no row could be understood.
     #[error("cannot read the header of {0}")]
     Header(LineError),
+    /// There is no row, or not even a whole header.
+    #[error(
+        "log {log} has no reading: it must begin with \"# {} {}\" and its column names, and rows must follow",
+        MAGIC,
+        VERSION
+    )]
+    Empty {
+        /// The log's name.
+        log: String,
+    },
     /// The times are not in seconds.
     #[error("cannot use log {log}: {what}")]
     Times {
@@ -155,6 +165,11 @@ impl Skips {
                 None
             }
         }
+    }
+
+    /// Whether there was no row at all.
+    pub fn is_empty(&self) -> bool {
+        self.count + self.kept == 0
     }
 
     /// Whether more rows were skipped than kept.

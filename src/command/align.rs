@@ -25,7 +25,7 @@ const CERTAIN: f64 = 3.0;
     after_help = "Example: headingd record --out motion.csv --duration 30 && headingd align motion.csv"
 )]
 pub struct Args {
-    /// The log
+    /// The log. "-" is standard input
     pub log: PathBuf,
     /// The log is from south of the magnetic equator, where the field points out of the ground
     #[arg(long)]

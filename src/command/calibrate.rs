@@ -33,7 +33,7 @@ use crate::wall_clock::unix_now_s;
     after_help = "Example: headingd calibrate turn.csv --reference-mgauss 163 --out here.json"
 )]
 pub struct Args {
-    /// The log (`headingd simulate` writes one)
+    /// The log (`headingd simulate` writes one). "-" is standard input
     pub log: PathBuf,
     /// The plane of the turn, all three axes, or whichever the turns allow
     #[arg(long, value_parser = word::<ModeChoice>(ModeChoice::WORDS))]

@@ -27,7 +27,7 @@ use crate::wall_clock::unix_now_s;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example: headingd replay turn.csv | grep CALIBRATION")]
 pub struct Args {
-    /// The log (`headingd simulate` writes one)
+    /// The log (`headingd simulate` writes one). "-" is standard input
     pub log: PathBuf,
     /// Configuration; its table source and the chips' axes are of no effect here [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if
     /// there is one]
@@ -84,9 +84,7 @@ fn play(
     pipeline.play(Event::Policy(keep.history.mode), |action| {
         carry_out(action, &mut lines, keep)
     })?;
-    let mut is_empty = true;
     let skips = read_log(replay, |entry, begins_stretch| {
-        is_empty = false;
         if begins_stretch {
             pipeline.play(Event::NewStretch, |action| {
                 carry_out(action, &mut lines, keep)
@@ -99,12 +97,6 @@ fn play(
         })
     })?;
     output(lines.out.flush())?;
-    if is_empty {
-        tell(format_args!(
-            "{} has no reading: there is nothing to replay",
-            lines.device.path
-        ));
-    }
     tell_dropped(pipeline.dropped());
     tell_skips(&skips)
 }

@@ -43,7 +43,7 @@ const PATIENCE: Duration = Duration::from_secs(1);
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example: headingd report turn.csv --out report.html")]
 pub struct Args {
-    /// The log; without one, the running daemon
+    /// The log, "-" is standard input; without one, the running daemon
     #[arg(conflicts_with_all = ["socket", "duration"])]
     pub log: Option<PathBuf>,
     /// The socket for headings of the running daemon; without it, that of the configuration

@@ -197,11 +197,9 @@ fn next_line<'a, R: BufRead>(
             Err(_) => format!("found {}, which is not UTF-8 text", shown(lines.text())),
         },
         LogLine::TooLong => "the line is longer than 4 KiB".to_owned(),
-        LogLine::End if before == 0 => {
-            format!("the log is empty, but must begin with \"# {MAGIC} {VERSION}\"")
-        }
         LogLine::CutOff | LogLine::End => {
-            "the log ends within its header, before the end of the line of column names".to_owned()
+            let log = log.to_owned();
+            return Err(RecordingError::Empty { log });
         }
     };
     Err(wrong(log, before + 1, what))
@@ -351,13 +349,9 @@ mod tests {
     #[test]
     fn a_wrong_header_is_named_with_its_line_and_reason() {
         for (text, line, why) in [
-            ("", 1, "empty"),
             ("t_s,mx\n", 1, "must be \"# headingd-log 1\""),
             ("# headingd-log 1.5\n", 1, "must be \"# headingd-log 1\""),
             ("# headingd-log 2\n", 1, "a newer headingd"),
-            ("# headingd-log 1", 1, "ends within"),
-            ("# headingd-log 1\n", 2, "ends within"),
-            ("# headingd-log 1\nt_s,mx,my,mz", 2, "ends within"),
             ("# headingd-log 1\n# mag_unit = tesla\n", 2, "uT, nT or"),
             ("# headingd-log 1\n# mag_units = uT\n", 2, "mag_unit is one"),
             ("# headingd-log 1\n# mag_uint = uT\n", 2, "mag_unit is one"),

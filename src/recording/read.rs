@@ -21,7 +21,7 @@ const LONG_STEP_S: f64 = 2.0;
 /// that the input failed, and is the last item. The times of the entries never decrease within a stretch.
 #[derive(Debug)]
 pub struct Reader<R> {
-    log: String,
+    pub(crate) log: String,
     lines: LogLines<R>,
     rows: Rows,
     /// A line of another header was found: the rows after it may be in other units.

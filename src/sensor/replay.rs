@@ -2,6 +2,7 @@
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, BufReader, ErrorKind, Seek};
+use std::os::fd::AsFd;
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 use std::sync::mpsc;
@@ -24,8 +25,8 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Opens the log and reads its header. The times of a file are checked, too. Those of a pipe are not: its first rows
-    /// may take long to come.
+    /// Opens the log, `-` is standard input, and reads its header. The times of a file are checked, too. Those of a pipe are
+    /// not: its first rows may take long to come.
     ///
     /// # Errors
     ///
@@ -49,6 +50,11 @@ impl Replay {
             reader: Reader::new(log, BufReader::new(file))?,
             skips: Skips::default(),
         })
+    }
+
+    /// The log's name in messages.
+    pub fn name(&self) -> &str {
+        &self.reader.log
     }
 
     /// The log's header.
@@ -100,6 +106,9 @@ pub fn refuse_folder(found: &Metadata) -> io::Result<()> {
 
 /// Opens a log. A pipe may be one, but the system would wait for ever for somebody to write to it.
 fn open(path: &Path) -> io::Result<File> {
+    if path == Path::new("-") {
+        return Ok(io::stdin().as_fd().try_clone_to_owned()?.into());
+    }
     let found = fs::metadata(path).map_err(|error| match error.kind() {
         ErrorKind::NotFound => io::Error::new(ErrorKind::NotFound, "there is no such file"),
         _ => error,

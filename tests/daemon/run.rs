@@ -169,7 +169,7 @@ fn a_start_that_cannot_be_says_why() {
         (
             "kind = \"replay\"\nlog = \"/dev/null\"\n",
             65,
-            "cannot read the header of log /dev/null",
+            "log /dev/null has no reading",
         ),
     ] {
         rig.configure(1.0, &rig.path("store"), more);

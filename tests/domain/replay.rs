@@ -587,12 +587,33 @@ fn a_log_of_which_most_is_skipped_is_a_failure() {
 }
 
 #[test]
-fn a_log_without_a_row_is_told_of() {
+fn each_command_tells_a_log_without_a_row_and_reads_standard_input() {
     let folder = Folder::new();
-    let path = folder.file("a.csv", "# headingd-log 1\nt_s,mx,my,mz\n");
-    let ran = replay(&path, &[]);
-    let told = format!("headingd: {path} has no reading: there is nothing to replay\n");
-    assert_eq!((ran.status, ran.err), (0, told));
+    let page = folder.path("a.html");
+    for text in [
+        "",
+        "# headingd-log 1\n# a remark\n",
+        "# headingd-log 1\nt_s,mx,my,mz",
+        "# headingd-log 1\nt_s,mx,my,mz\n",
+    ] {
+        let path = folder.file("a.csv", text);
+        for arguments in [
+            &["replay", "-"][..],
+            &["calibrate", "-"],
+            &["align", "-"],
+            &["report", "-", "--out", &page],
+        ] {
+            let mut command = command();
+            let log = std::fs::File::open(&path).unwrap();
+            let output = command.args(arguments).stdin(log).output().unwrap();
+            let err = String::from_utf8(output.stderr).unwrap();
+            assert_eq!(output.status.code(), Some(65), "{arguments:?}: {err}");
+            assert_eq!(
+                err,
+                "headingd: log - has no reading: it must begin with \"# headingd-log 1\" and its column names, and rows must follow\n"
+            );
+        }
+    }
 }
 
 #[test]
