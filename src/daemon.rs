@@ -149,15 +149,22 @@ impl Daemon {
     /// Needs a runtime.
     pub fn open(config: &Config, mut service: Service) -> Result<Self, DaemonError> {
         let source = SourceTask::open(config)?;
-        let stale = Duration::from_secs_f64(config.heading.stale_s);
+        let server = bind(config, &mut service, &source)?;
+        Self::with(source, server, config, service)
+    }
+
+    fn with(
+        source: SourceTask,
+        server: Server,
+        config: &Config,
+        mut service: Service,
+    ) -> Result<Self, DaemonError> {
         // Each client may need two files. The soft limit is low for the sake of programs that use select(2).
         let files = getrlimit(Resource::Nofile);
         let current = files.maximum;
         if let Err(error) = setrlimit(Resource::Nofile, Rlimit { current, ..files }) {
             tracing::warn!("cannot raise the limit of open files: {error}");
         }
-        let handed = service.sockets.take(sockets::HEADING);
-        let server = Server::bind(handed, &config.socket, &config.nmea, source.device(), stale)?;
         let (served, wanted) = (server.socket(), &config.socket.socket);
         tracing::info!("serving on socket {}", served.display());
         if served != *wanted {
@@ -295,6 +302,13 @@ impl Daemon {
             self.tick(fresh);
         }
     }
+}
+
+/// Claims the socket for headings.
+fn bind(config: &Config, service: &mut Service, source: &SourceTask) -> Result<Server, BindError> {
+    let handed = service.sockets.take(sockets::HEADING);
+    let stale = Duration::from_secs_f64(config.heading.stale_s);
+    Server::bind(handed, &config.socket, &config.nmea, source.device(), stale)
 }
 
 /// The control socket. Headings are served without it.

@@ -13,8 +13,8 @@ use crate::logging::Log;
 ///
 /// Where a service runs, records that service's raw readings and does not disturb it: of the configuration only the
 /// socket's path is used. Otherwise reads the configured source as the daemon does, and serves headings meanwhile, if the
-/// socket is free; `record` itself neither reads nor keeps calibrations. Says first where the readings come from, and at the
-/// end how many there were; none is a failure.
+/// socket is free; `record` itself neither reads nor keeps calibrations. Says with the first reading where they come from, and
+/// at the end how many there were; none is a failure.
 /// "headingd replay" and "headingd calibrate" read the log.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd record --out turn.csv --duration 60")]
@@ -51,10 +51,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         };
         let there = args.out.is_file();
         let replaced = if there { ", which is replaced" } else { "" };
-        tell(format_args!("recording {recording} into {into}{replaced}"));
         let from = recording.to_string();
+        let said = format!("recording {from} into {into}{replaced}");
         let begun = Instant::now();
-        let (readings, ended) = recording.run(&args.out, told).await;
+        let (readings, ended) = recording.run(&args.out, move || tell(said), told).await;
         let summary = format!(
             "{readings} readings in {:.1} s",
             begun.elapsed().as_secs_f64()

@@ -14,7 +14,7 @@ use super::source_task::SourceTask;
 use super::{Daemon, DaemonError};
 use crate::config::source::Kind;
 use crate::config::{Config, record};
-use crate::publish::server::{BindError, BindFault};
+use crate::publish::server::BindFault;
 use crate::sensor::SourceEvent;
 use crate::service::Service;
 
@@ -45,27 +45,32 @@ impl Recording {
             }
             Err(service) => service,
         };
-        let origin = match Daemon::open(&config, Service::default()) {
-            Err(DaemonError::Bind(BindError {
-                why: BindFault::Busy(_),
-                ..
-            })) => return Err(service.into()),
+        let source = match SourceTask::open(&config) {
             Err(DaemonError::NoSource) => return Err(DaemonError::NothingToRecord { service }),
+            opened => opened?,
+        };
+        let mut sockets = Service::default();
+        let origin = match super::bind(&config, &mut sockets, &source) {
+            Err(error) if matches!(error.why, BindFault::Busy(_)) => return Err(service.into()),
             // Two readers of the same chips would disturb each other.
-            Err(DaemonError::Bind(error)) if !matches!(error.why, BindFault::Unsure(_)) => {
+            Err(error) if !matches!(error.why, BindFault::Unsure(_)) => {
                 tracing::warn!("{error}; recording without a socket");
-                ReadingsFrom::Source(Box::new(SourceTask::open(&config)?))
+                ReadingsFrom::Source(Box::new(source))
             }
-            opened => ReadingsFrom::Daemon(Box::new(opened?)),
+            server => {
+                let daemon = Daemon::with(source, server?, &config, sockets)?;
+                ReadingsFrom::Daemon(Box::new(daemon))
+            }
         };
         Ok(Self { config, origin })
     }
 
-    /// Records into one log until the readings are at their end, the log cannot be written, or `shutdown` is ready.
-    /// How many readings are in the log then, and how it ended.
+    /// Records into one log until the readings are at their end, the log cannot be written, or `shutdown` is ready; calls
+    /// `begun` with the first reading. How many readings are in the log then, and how it ended.
     pub async fn run(
         self,
         out: &Path,
+        begun: impl FnOnce() + Send + 'static,
         shutdown: impl Future<Output = ()>,
     ) -> (u64, Result<(), DaemonError>) {
         let header = match &self.origin {
@@ -73,10 +78,11 @@ impl Recording {
             ReadingsFrom::Service(client) => client.header.clone(),
             ReadingsFrom::Source(source) => source.header.clone(),
         };
-        let (recorder, mut ending) = match Recorder::file(out, header) {
+        let (mut recorder, mut ending) = match Recorder::file(out, header) {
             Ok(started) => started,
             Err(error) => return (0, Err(error)),
         };
+        recorder.begun = Some(Box::new(begun));
         let mut early = None;
         let stop = async {
             tokio::select! {

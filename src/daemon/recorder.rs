@@ -62,6 +62,8 @@ pub(super) struct Recorder {
     /// The file, or the folder of the ring.
     place: PathBuf,
     fault: Shared<Option<String>>,
+    /// Called with the first reading.
+    pub(super) begun: Option<Box<dyn FnOnce() + Send>>,
 }
 
 /// Ready when the recording has ended: how many readings are in it, and how it ended.
@@ -113,12 +115,16 @@ impl Recorder {
             dropped: 0,
             place,
             fault,
+            begun: None,
         };
         Ok((recorder, ending))
     }
 
     /// Records a reading, if there is room for it. Never waits.
     pub(super) fn take(&mut self, reading: Reading) {
+        if let Some(begun) = self.begun.take() {
+            begun();
+        }
         // A recording that has ended has said why.
         if let Err(TrySendError::Full(_)) = self.queue.try_send(reading) {
             if self.dropped == 0 {

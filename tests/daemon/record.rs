@@ -453,6 +453,27 @@ fn an_empty_recording_is_a_failure() {
             && last.contains("nothing came from /dev/i2c-255"),
         "{said}"
     );
+    assert!(!said.contains("headingd: recording"), "{said}");
+}
+
+/// What the first reader of a pipe has taken is lost to a second.
+#[test]
+fn without_a_socket_a_pipe_is_opened_once() {
+    let rig = Rig::new(1.0, "");
+    let pipe = rig.pipe("pipe");
+    rig.replay(20.0, &pipe);
+    rig.edit("heading.sock", "none/heading.sock");
+    let out = rig.path("a.csv");
+    let mut process = record(&rig, &out, &[]);
+    let simulator = Simulator::new(Settings::default());
+    let log = crate::rig::log(&simulator.header(), simulator);
+    fs::write(&pipe, log).unwrap();
+    process.ends(0);
+    assert!(
+        recorded(&out)
+            .into_iter()
+            .eq(simulated(Settings::default()))
+    );
 }
 
 #[test]
