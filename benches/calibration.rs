@@ -51,10 +51,10 @@ fn main() {
     let mut criterion = criterion();
 
     let request = planar(&Settings::default());
-    let outcome = calibrate(&request, &|| None);
+    let outcome = calibrate(&request);
     assert_eq!(outcome.verdict, Verdict::Accepted, "{}", outcome.message);
     let standard_s = least(&mut criterion, STANDARD, || {
-        black_box(calibrate(black_box(&request), &|| None));
+        black_box(calibrate(black_box(&request)));
     });
 
     let points: Vec<[f64; 2]> = request

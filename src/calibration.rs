@@ -36,44 +36,19 @@ mod request;
 mod uncertainty;
 mod windows;
 
-use std::time::Duration;
-
 use outcome::{Outcome, Verdict};
 
 pub use request::{CompletedTurn, FieldSample, Request, during, last_rest};
 
-/// Calibrates. `clock` returns the time since any origin, for the outcome's `elapsed_us`; `None` leaves those
-/// unknown, as a replay must.
-pub fn calibrate(request: &Request, clock: &dyn Fn() -> Option<Duration>) -> Outcome {
+/// Calibrates.
+pub fn calibrate(request: &Request) -> Outcome {
     let mut outcome = Outcome::begun(request.settings.seed, request.samples.len());
-    let started = Stopwatch::start(clock);
-    match fit_turn::calibrate(request, clock, &mut outcome) {
+    match fit_turn::calibrate(request, &mut outcome) {
         Ok(message) => {
             outcome.verdict = Verdict::Accepted;
             (outcome.reason, outcome.message) = ("good", message);
         }
         Err(refusal) => outcome = outcome.refused(refusal),
     }
-    outcome.elapsed_us.total = started.elapsed_us();
     outcome
-}
-
-/// A stopwatch over a clock that may not know the time.
-struct Stopwatch<'a> {
-    clock: &'a dyn Fn() -> Option<Duration>,
-    start: Option<Duration>,
-}
-
-impl<'a> Stopwatch<'a> {
-    fn start(clock: &'a dyn Fn() -> Option<Duration>) -> Self {
-        Self {
-            clock,
-            start: clock(),
-        }
-    }
-
-    fn elapsed_us(&self) -> Option<u64> {
-        let elapsed = (self.clock)()?.checked_sub(self.start?)?;
-        Some(u64::try_from(elapsed.as_micros()).unwrap_or(u64::MAX))
-    }
 }

@@ -111,20 +111,15 @@ fn counts(
 ) {
     let _ = writeln!(
         text,
-        "\nFigures {samples} and {iterations} ({dimension}): samples, iterations and the swarm's time"
+        "\nFigures {samples} and {iterations} ({dimension}): samples, iterations and times"
     );
     let _ = writeln!(
         text,
         "{:9} {:>7} {:>6} {:>7}   {:>7} {:>7} {:>7}   {:>9} {:>10}   {:>8}",
         "", "samples", "RIST", "time", "PSO", "MPSOT", "time", "all, ms", "MPSOT, ms", "standard"
     );
-    let percent =
-        |share: Option<f64>| share.map_or("unknown".to_owned(), |s| format!("{:.1} %", 100.0 * s));
-    let ms = |us: Option<u64>| {
-        us.map_or("unknown".to_owned(), |us| {
-            format!("{:.2}", us as f64 / 1000.0)
-        })
-    };
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let ms = |run: &TrialRun| format!("{:.2}", run.elapsed_ms);
     for trial in trials {
         let _ = writeln!(
             text,
@@ -136,9 +131,9 @@ fn counts(
             trial.rist.iterations,
             trial.mpsot.iterations,
             percent(trial.mpsot_time_share()),
-            ms(trial.all.swarm_us),
-            ms(trial.mpsot.swarm_us),
-            ms(trial.standard.total_us),
+            ms(&trial.all),
+            ms(&trial.mpsot),
+            ms(&trial.standard),
         );
     }
     let said = match dimension {
@@ -205,7 +200,6 @@ Why ours differ from theirs
     a level turn, then one about X and one about Y, both horizontal. Of how many samples is not in its text.
   Iterations: the paper does not give the number of its particles, its velocity limit, its mean's window L or
     its largest number of iterations. Here: 30 particles, 0.01 of the search box, L = 60, 1000 iterations.
-  Times: both shares are of the swarm alone, which evaluates the sum of Equation 8 sample by sample, as the
-    paper's does. \"standard\" is the time of everything: window, triangular factor, swarm, refinement, verdict,
-    in milliseconds.
+  Times are of everything: window, swarm, refinement, verdict. The swarm takes nearly all of it, since it
+    evaluates the sum of Equation 8 sample by sample, as the paper's does; \"standard\" has the triangular factor.
 ";

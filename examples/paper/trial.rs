@@ -22,10 +22,8 @@ pub struct TrialRun {
     pub stop: &'static str,
     /// How often a residual was worked out: particles, iterations and samples multiplied.
     pub residuals: u64,
-    /// Time of the swarm, microseconds.
-    pub swarm_us: Option<u64>,
-    /// Time of everything, with refinement and verdict, microseconds.
-    pub total_us: Option<u64>,
+    /// How long it took, milliseconds.
+    pub elapsed_ms: f64,
     /// Scale factors.
     pub scale: Vec<f64>,
     /// Biases, milligauss.
@@ -55,13 +53,13 @@ pub struct Trial {
 
 impl Trial {
     /// Time of RIST's samples by that of all, as a share.
-    pub fn rist_time_share(&self) -> Option<f64> {
-        share(self.rist.swarm_us, self.all.swarm_us)
+    pub fn rist_time_share(&self) -> f64 {
+        self.rist.elapsed_ms / self.all.elapsed_ms
     }
 
     /// Time of MPSOT by that of the basic swarm on the same samples, as a share.
-    pub fn mpsot_time_share(&self) -> Option<f64> {
-        share(self.mpsot.swarm_us, self.rist.swarm_us)
+    pub fn mpsot_time_share(&self) -> f64 {
+        self.mpsot.elapsed_ms / self.rist.elapsed_ms
     }
 
     /// How many axes it calibrates.
@@ -71,10 +69,6 @@ impl Trial {
             Mode::Spatial => 3,
         }
     }
-}
-
-fn share(part: Option<u64>, whole: Option<u64>) -> Option<f64> {
-    Some(part? as f64 / whole?.max(1) as f64)
 }
 
 /// All tests of the paper with this seed, planar ones first. Says why if one cannot be calibrated.
@@ -111,16 +105,17 @@ pub fn trial(mode: Mode, published: &Published, seed: u64) -> Result<Trial, Stri
             ..Settings::default()
         };
         let request = request(mode, &published.all, seed, &settings);
-        let origin = Instant::now();
-        calibrate(&request, &|| Some(origin.elapsed()))
+        let begun = Instant::now();
+        let outcome = calibrate(&request);
+        (outcome, 1000.0 * begun.elapsed().as_secs_f64())
     };
     let fault = |outcome: &Outcome| format!("{}: {}", published.name, outcome.message);
     let paper = |window, stop| {
-        let outcome = run(Profile::Paper, window, stop);
+        let (outcome, elapsed_ms) = run(Profile::Paper, window, stop);
         let swarm = outcome.swarm.clone().ok_or_else(|| fault(&outcome))?;
-        Ok::<TrialRun, String>(of(&outcome, swarm.scale, swarm.bias_mgauss))
+        Ok::<TrialRun, String>(of(&outcome, elapsed_ms, swarm.scale, swarm.bias_mgauss))
     };
-    let standard = run(Profile::Standard, WindowChoice::Rist, StopChoice::Mpsot);
+    let (standard, elapsed_ms) = run(Profile::Standard, WindowChoice::Rist, StopChoice::Mpsot);
     let refined = standard.scale.clone().zip(standard.bias_mgauss.clone());
     let (scale, bias_mgauss) = refined.ok_or_else(|| fault(&standard))?;
     Ok(Trial {
@@ -130,12 +125,12 @@ pub fn trial(mode: Mode, published: &Published, seed: u64) -> Result<Trial, Stri
         all: paper(WindowChoice::All, StopChoice::Basic)?,
         rist: paper(WindowChoice::Rist, StopChoice::Basic)?,
         mpsot: paper(WindowChoice::Rist, StopChoice::Mpsot)?,
-        standard: of(&standard, scale, bias_mgauss),
+        standard: of(&standard, elapsed_ms, scale, bias_mgauss),
         published: *published,
     })
 }
 
-fn of(outcome: &Outcome, scale: Vec<f64>, bias_mgauss: Vec<f64>) -> TrialRun {
+fn of(outcome: &Outcome, elapsed_ms: f64, scale: Vec<f64>, bias_mgauss: Vec<f64>) -> TrialRun {
     let (particles, iterations, stop) = outcome
         .swarm
         .as_ref()
@@ -146,8 +141,7 @@ fn of(outcome: &Outcome, scale: Vec<f64>, bias_mgauss: Vec<f64>) -> TrialRun {
         iterations,
         stop,
         residuals: (particles * iterations * samples) as u64,
-        swarm_us: outcome.elapsed_us.swarm,
-        total_us: outcome.elapsed_us.total,
+        elapsed_ms,
         scale,
         bias_mgauss,
     }

@@ -2,7 +2,6 @@
 
 use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
-use super::Stopwatch;
 use super::coverage::{centre_inside, coverage_deg, direction_spread};
 use super::cross_validation::{Parts, without_each_part};
 use super::curve::{Curve, Distance, symmetric};
@@ -32,23 +31,12 @@ const USUAL_DIP_DEG: f64 = 68.0;
 const STEEPEST: f64 = 3.7;
 
 impl<const D: usize> Work<'_, D> {
-    /// Judges, and notes how long that took.
+    /// Measures and judges a fit, and fills in the outcome. The sentence of an acceptance, or a refusal.
     ///
     /// # Errors
     ///
     /// The refusal, if the fit does not deserve trust.
-    pub fn timed_evaluate<C: Curve<D, P>, const P: usize>(
-        &self,
-        fitted: &Fitted<D, P>,
-        outcome: &mut Outcome,
-    ) -> Result<String, Refusal> {
-        let watch = Stopwatch::start(self.clock);
-        let result = self.measure_and_judge::<C, P>(fitted, outcome);
-        outcome.elapsed_us.verdict = watch.elapsed_us();
-        result
-    }
-
-    fn measure_and_judge<C: Curve<D, P>, const P: usize>(
+    pub fn evaluate<C: Curve<D, P>, const P: usize>(
         &self,
         fitted: &Fitted<D, P>,
         outcome: &mut Outcome,

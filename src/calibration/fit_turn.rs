@@ -1,11 +1,9 @@
 //! Fits a turn: from samples to parameters, in two or three dimensions.
 
 use std::ops::Range;
-use std::time::Duration;
 
 use nalgebra::Vector3;
 
-use super::Stopwatch;
 use super::curve::{Diagonal, ParameterVector, Symmetric};
 use super::fit::{self, Fitted};
 use super::model::{Mode, Model};
@@ -34,11 +32,7 @@ const LEAST_IN_TURN: usize = 24;
 /// # Errors
 ///
 /// The refusal, if the samples do not allow a fit, or if the fit does not deserve trust.
-pub fn calibrate(
-    request: &Request,
-    clock: &dyn Fn() -> Option<Duration>,
-    outcome: &mut Outcome,
-) -> Result<String, Refusal> {
+pub fn calibrate(request: &Request, outcome: &mut Outcome) -> Result<String, Refusal> {
     if request.samples.len() < LEAST_SAMPLES {
         return Err(Refusal::new(
             "too_few_samples",
@@ -87,30 +81,28 @@ pub fn calibrate(
             let project = |s: &FieldSample| [e1.dot(&s.field_mgauss), e2.dot(&s.field_mgauss)];
             let work = Work {
                 request,
-                clock,
                 plan: &plan,
                 project: &project,
             };
             let fitted = work.fit::<4, 5>(outcome)?;
-            work.timed_evaluate::<Diagonal<2>, 4>(&fitted, outcome)
+            work.evaluate::<Diagonal<2>, 4>(&fitted, outcome)
         }
         Mode::Spatial => {
             let project = |s: &FieldSample| s.field_mgauss.into();
             let work = Work {
                 request,
-                clock,
                 plan: &plan,
                 project: &project,
             };
             let fitted = work.fit::<6, 7>(outcome)?;
             let found = select_model(&fitted, work.reference().is_some(), request.settings.model);
             if let SoftIron::Found(fitted) = found {
-                return work.timed_evaluate::<Symmetric, 9>(&fitted, outcome);
+                return work.evaluate::<Symmetric, 9>(&fitted, outcome);
             }
             if let SoftIron::Unseen = found {
                 outcome.unobserved = &["soft_iron"];
             }
-            work.timed_evaluate::<Diagonal<3>, 6>(&fitted, outcome)
+            work.evaluate::<Diagonal<3>, 6>(&fitted, outcome)
         }
     }
 }
@@ -118,7 +110,6 @@ pub fn calibrate(
 /// A calibration under way.
 pub struct Work<'a, const D: usize> {
     pub request: &'a Request,
-    pub clock: &'a dyn Fn() -> Option<Duration>,
     pub plan: &'a Plan,
     /// A sample's components along the axes that are calibrated.
     pub project: &'a dyn Fn(&FieldSample) -> [f64; D],
@@ -168,14 +159,11 @@ impl<const D: usize> Work<'_, D> {
             ));
         }
 
-        let watch = Stopwatch::start(self.clock);
         let windows = windows(self.request, self.plan, self.project);
-        outcome.elapsed_us.rist = watch.elapsed_us();
         let ends = windows.first().zip(windows.last());
         outcome.window = ends.map(|(first, last)| first.start..last.end);
         outcome.samples.window = windows.iter().map(Range::len).sum();
 
-        let watch = Stopwatch::start(self.clock);
         let seen: Vec<[f64; D]> = windows
             .iter()
             .flat_map(|window| {
@@ -187,7 +175,6 @@ impl<const D: usize> Work<'_, D> {
         let seen = fit::without_spikes(&seen);
         let bounds = fit::bounds(&seen, reference).ok_or_else(no_motion)?;
         let swarm = fit::swarm::<D, P, F>(&seen, &bounds, settings).ok_or_else(no_motion)?;
-        outcome.elapsed_us.swarm = watch.elapsed_us();
         outcome.swarm = Some(SwarmReport {
             profile: settings.profile.word(),
             particles: settings.particles,
@@ -200,14 +187,12 @@ impl<const D: usize> Work<'_, D> {
             scale: swarm.position[D..].to_vec(),
         });
 
-        let watch = Stopwatch::start(self.clock);
         let fitted = self
             .refine(points, &swarm.position, bounds.reference_mgauss, reference.is_some())
             .ok_or_else(|| {
                 let message = "no ellipse fits the samples: they show too little of the curve, or no curve at all";
                 Refusal::new("no_fit", message)
             })?;
-        outcome.elapsed_us.refine = watch.elapsed_us();
         Ok(fitted)
     }
 

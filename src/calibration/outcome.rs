@@ -70,8 +70,8 @@ pub struct Outcome {
     pub window: Option<Range<usize>>,
     /// What the swarm found, before refinement.
     pub swarm: Option<SwarmReport>,
-    /// How long each step took, if the caller keeps a clock.
-    pub elapsed_us: Elapsed,
+    /// How long the calibration took, microseconds, if the caller keeps a clock; unknown in a replay.
+    pub elapsed_us: Option<u64>,
     /// What was judged, where it came to that.
     #[serde(skip)]
     pub measures: Option<Measures>,
@@ -190,19 +190,4 @@ pub struct SwarmReport {
     pub bias_mgauss: Vec<f64>,
     /// The global best's scale factors.
     pub scale: Vec<f64>,
-}
-
-/// Time taken, microseconds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Elapsed {
-    /// Selecting the window.
-    pub rist: Option<u64>,
-    /// Triangular factor and swarm.
-    pub swarm: Option<u64>,
-    /// Refinement.
-    pub refine: Option<u64>,
-    /// Judging.
-    pub verdict: Option<u64>,
-    /// Everything.
-    pub total: Option<u64>,
 }

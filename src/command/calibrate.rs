@@ -187,8 +187,9 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
             "the log is long: {samples} of its samples are used, those of turns first"
         ));
     }
-    let origin = Instant::now();
-    let outcome = calibrate(&request, &|| Some(origin.elapsed()));
+    let begun = Instant::now();
+    let mut outcome = calibrate(&request);
+    outcome.elapsed_us = Some(begun.elapsed().as_micros() as u64);
     let outcome = match learnt {
         Some(learnt) => learnt.in_place_of(outcome),
         None => outcome,

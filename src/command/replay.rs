@@ -118,7 +118,7 @@ fn carry_out(
         Action::Report(report) => lines.write(&gpsd::state(&report))?,
         Action::Turned(_) => {}
         Action::Calibrate(request) => {
-            let outcome = calibrate(&request, &|| None);
+            let outcome = calibrate(&request);
             return Ok(Some(Event::Calibrated(Box::new(outcome))));
         }
         Action::Conclude(outcome, _) => {

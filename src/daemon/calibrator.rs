@@ -30,7 +30,9 @@ impl Calibrator {
         };
         let work = move || {
             let begun = Instant::now();
-            calibrate(&request, &|| Some(begun.elapsed()))
+            let mut outcome = calibrate(&request);
+            outcome.elapsed_us = Some(begun.elapsed().as_micros() as u64);
+            outcome
         };
         let thread = Thread::start("calibration", work)
             .inspect_err(|error| tracing::error!("{error}"))

@@ -216,7 +216,7 @@ impl Findings {
             }
             Action::Turned(_) => self.turns += 1,
             Action::Calibrate(request) => {
-                let outcome = calibrate(&request, &|| None);
+                let outcome = calibrate(&request);
                 self.under_way = Some(*request);
                 return Some(Event::Calibrated(Box::new(outcome)));
             }

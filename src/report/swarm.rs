@@ -15,7 +15,7 @@ pub(super) fn of(judged: &Judged, stop: StopChoice) -> Option<SwarmReport> {
     let mut request = judged.request.clone();
     request.settings.profile = Profile::Paper;
     request.settings.stop = stop;
-    calibrate(&request, &|| None).swarm
+    calibrate(&request).swarm
 }
 
 /// Fitness by iteration (Figures 8 and 10).

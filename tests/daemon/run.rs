@@ -35,7 +35,7 @@ fn it_calibrates_keeps_the_calibration_and_has_it_at_the_next_start() {
     assert!(!has_heading(&att), "{att}");
     let outcome = client.find("CALIBRATION", |_| true);
     assert_eq!(outcome["verdict"], "accepted", "{outcome}");
-    assert!(outcome["elapsed_us"]["total"].as_u64().is_some());
+    assert!(outcome["elapsed_us"].is_u64());
     // A test that has to wait sees more than one: the simulated board turns on.
     let mut accepted = 1;
     let mut headings = 0;

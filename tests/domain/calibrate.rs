@@ -203,16 +203,7 @@ fn the_object_has_every_key_in_its_place() {
     );
     assert_eq!(keys(&o["samples"]), ["total", "turn", "used", "window"]);
     assert_eq!(keys(&o["window"]), ["end", "start"]);
-    let steps = ["refine", "rist", "swarm", "verdict"];
-    assert_eq!(
-        keys(&o["elapsed_us"]),
-        ["refine", "rist", "swarm", "total", "verdict"]
-    );
-    let sum: u64 = steps
-        .iter()
-        .map(|step| count(&o["elapsed_us"][*step]))
-        .sum();
-    assert!(sum <= count(&o["elapsed_us"]["total"]));
+    assert!(o["elapsed_us"].is_u64());
 }
 
 #[test]
@@ -266,10 +257,7 @@ fn what_is_not_known_is_null() {
         ] {
             assert!(o[key].is_null(), "{key}: {}", o[key]);
         }
-        for step in ["rist", "swarm", "refine", "verdict"] {
-            assert!(o["elapsed_us"][step].is_null());
-        }
-        assert!(o["elapsed_us"]["total"].is_u64());
+        assert!(o["elapsed_us"].is_u64());
     }
 }
 

@@ -54,7 +54,7 @@ fn play(readings: &[Reading], start: Option<Calibration>, late: usize) -> Played
                     Action::Calibrate(request) => {
                         assert!(under_way.is_none(), "two calibrations at a time");
                         played.asked.push((index, request.turns.len()));
-                        under_way = Some((index + late, calibrate(&request, &|| None)));
+                        under_way = Some((index + late, calibrate(&request)));
                     }
                     Action::Conclude(outcome, _) => played.outcomes.push((index, *outcome)),
                 }
@@ -517,7 +517,7 @@ fn a_motion_that_repeats_for_hours_teaches_no_wrong_gyro() {
                     errors_deg.push(apart_deg(heading.fused_deg.unwrap(), truth));
                 }
                 Action::Calibrate(request) => {
-                    let outcome = Box::new(calibrate(&request, &|| None));
+                    let outcome = Box::new(calibrate(&request));
                     pipeline.handle(Event::Calibrated(outcome), &mut actions);
                     actions.clear();
                 }

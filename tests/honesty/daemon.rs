@@ -111,7 +111,7 @@ impl Daemon {
                 }
                 Action::Report(report) => *reason = report.reason,
                 Action::Calibrate(request) => {
-                    let outcome = Box::new(calibrate(&request, &|| None));
+                    let outcome = Box::new(calibrate(&request));
                     return Ok(Some(Event::Calibrated(outcome)));
                 }
                 Action::Conclude(outcome, _) => {

@@ -39,7 +39,7 @@ fn keep(request: &mut Request, range: Range<usize>) {
 
 /// Calibrates, and holds the outcome to its word.
 fn checked(request: &Request) -> Outcome {
-    let outcome = calibrate(request, &|| None);
+    let outcome = calibrate(request);
     assert!(!outcome.reason.is_empty() && !outcome.message.is_empty());
     assert_eq!(
         outcome.verdict == Verdict::Accepted,

@@ -39,7 +39,7 @@ fn row(case: &Case, trouble: Trouble, single: bool, limits: &Limits) -> Row {
     for seed in 0..logs() {
         let mut log = trouble.log(case, single, seed);
         log.request.limits = limits.clone();
-        let outcome = calibrate(&log.request, &|| None);
+        let outcome = calibrate(&log.request);
         row.logs += 1;
         *row.reasons.entry(outcome.reason).or_default() += 1;
         if let Some(calibration) = outcome.calibration {
@@ -270,7 +270,7 @@ fn a_pause_between_two_turns_costs_nothing() {
                 ..roll
             },
         ];
-        let outcome = calibrate(&log.request, &|| None);
+        let outcome = calibrate(&log.request);
         assert_eq!(outcome.verdict, Verdict::Accepted, "{}", outcome.message);
         let gyro_rms_deg = outcome.gyro_rms_deg.unwrap();
         assert!(gyro_rms_deg < 5.0, "{seed}: {gyro_rms_deg}");

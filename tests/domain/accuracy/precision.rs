@@ -55,7 +55,7 @@ fn the_whole_calibration_is_as_exact_as_its_fit() {
     ] {
         for seed in 0..20 {
             let log = case.log(seed);
-            let bias = |request| calibrate(request, &|| None).bias_mgauss.unwrap();
+            let bias = |request| calibrate(request).bias_mgauss.unwrap();
             let whole = bias(&log.request);
             let alone = bias(&case.log_without_gyro(seed).request);
             for (whole, alone) in whole.iter().zip(&alone) {

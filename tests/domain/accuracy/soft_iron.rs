@@ -30,7 +30,7 @@ fn coupled(case: &Case, seed: u64, coupling: [f64; 3]) -> (Log, [f64; 9]) {
 }
 
 fn outcome(log: &Log) -> Outcome {
-    calibrate(&log.request, &|| None)
+    calibrate(&log.request)
 }
 
 fn spatial(outcome: &Outcome) -> Spatial {

@@ -225,7 +225,7 @@ impl Board {
     /// The calibration under way comes to its end.
     pub fn finish(&mut self) {
         if let Some(request) = self.under_way.take() {
-            let outcome = calibrate(&request, &|| None);
+            let outcome = calibrate(&request);
             self.tell(Event::Calibrated(Box::new(outcome)));
         }
     }
