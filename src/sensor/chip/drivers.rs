@@ -1,7 +1,5 @@
 //! The table of all drivers, and which chip answers: a new chip gets its line here.
 
-use std::sync::LazyLock;
-
 use super::adxl345::ADXL345;
 use super::companion::Companion;
 use super::itg3200::ITG3200;
@@ -19,9 +17,6 @@ pub static MAGNETOMETERS: &[&Driver] = &[&hmc5843::DRIVER, &qmc5883l::DRIVER];
 pub const GYRO_ADDRESSES: [u8; 2] = [0x68, 0x69];
 /// See [`GYRO_ADDRESSES`].
 pub const ACCEL_ADDRESSES: [u8; 2] = [0x53, 0x1D];
-
-/// In the configuration, the magnetometer that answers.
-pub const AUTO: &str = "auto";
 
 /// Magnetometers that headingd cannot read, and where they answer.
 const UNSUPPORTED: &[(u8, &str)] = &[(0x2C, "QMC5883P")];
@@ -129,16 +124,6 @@ pub fn addresses() -> impl Iterator<Item = u8> {
         .chain(GYRO_ADDRESSES)
         .chain(ACCEL_ADDRESSES)
         .chain(unsupported)
-}
-
-/// The words of all magnetometers, as the configuration has them, after "auto".
-pub fn words() -> &'static [&'static str] {
-    static WORDS: LazyLock<Vec<&'static str>> = LazyLock::new(|| {
-        let chips = MAGNETOMETERS.iter().flat_map(|driver| driver.chips);
-        let words = chips.map(|chip| chip.sheet().word);
-        [AUTO].into_iter().chain(words).collect()
-    });
-    &WORDS
 }
 
 #[cfg(test)]

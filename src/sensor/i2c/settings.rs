@@ -2,10 +2,7 @@
 
 use std::path::PathBuf;
 
-use serde::de::Error;
-use serde::{Deserialize, Deserializer, Serialize};
-
-use crate::check::{Fault, settings, within};
+use crate::check::{Fault, settings, within, words};
 use crate::sensor::board::{Board, Companions};
 use crate::sensor::bus::LinuxBus;
 use crate::sensor::chip::drivers;
@@ -40,33 +37,24 @@ settings! {
     also Settings::check_others;
 }
 
-/// Which magnetometer there is: one of the driver table by its word, or the one that answers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(transparent)]
-pub struct MagnetometerChoice(&'static str);
+words! {
+    /// Which magnetometer there is: one of the drivers' by its word, or the one that answers.
+    #[derive(Default)]
+    pub enum MagnetometerChoice {
+        /// The one that answers.
+        #[default]
+        Auto = "auto",
+        Hmc5843 = "hmc5843",
+        Hmc5883 = "hmc5883",
+        Hmc5883l = "hmc5883l",
+        Hmc5983 = "hmc5983",
+        Qmc5883l = "qmc5883l",
+    }
+}
 
 impl MagnetometerChoice {
-    /// The choice with this word, if there is one.
-    pub fn new(word: &str) -> Option<Self> {
-        let known = drivers::words().iter().find(|known| **known == word);
-        known.copied().map(Self)
-    }
-
     pub fn named(self) -> Option<&'static dyn Magnetometer> {
-        drivers::magnetometer(self.0)
-    }
-}
-
-impl Default for MagnetometerChoice {
-    fn default() -> Self {
-        Self(drivers::AUTO)
-    }
-}
-
-impl<'de> Deserialize<'de> for MagnetometerChoice {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let word = String::deserialize(deserializer)?;
-        Self::new(&word).ok_or_else(|| D::Error::unknown_variant(&word, drivers::words()))
+        drivers::magnetometer(self.word())
     }
 }
 

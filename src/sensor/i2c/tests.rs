@@ -31,7 +31,7 @@ fn stick() -> FakeBus {
 fn settings() -> Settings {
     Settings {
         board: Board::Sparkfun9dofStick,
-        magnetometer: MagnetometerChoice::new("hmc5843").unwrap(),
+        magnetometer: MagnetometerChoice::Hmc5843,
         ..Settings::default()
     }
 }

@@ -3,6 +3,16 @@
 use super::*;
 
 #[test]
+fn each_magnetometer_that_has_a_driver_can_be_named() {
+    let chips = drivers::MAGNETOMETERS
+        .iter()
+        .flat_map(|driver| driver.chips);
+    let words = chips.map(|chip| chip.sheet().word);
+    let choices = MagnetometerChoice::WORDS.iter().copied();
+    assert!(choices.eq(["auto"].into_iter().chain(words)));
+}
+
+#[test]
 fn a_qmc5883l_on_a_gy_271_and_the_gyro_beside_it_are_read() {
     let bus = FakeBus::default();
     bus.set(QMC, 0x0D, &[0xFF]);
@@ -34,7 +44,7 @@ fn a_qmc5883l_that_saturates_has_its_coarser_range_and_a_brown_out_is_set_right(
     let bus = FakeBus::default();
     bus.set(QMC, 0x0D, &[0xFF]);
     let settings = Settings {
-        magnetometer: MagnetometerChoice::new("qmc5883l").unwrap(),
+        magnetometer: MagnetometerChoice::Qmc5883l,
         ..alone()
     };
     let magnet = |world: &mut World| world.set(QMC, NOTE, &[1]);
@@ -49,7 +59,7 @@ fn a_qmc5883l_that_saturates_has_its_coarser_range_and_a_brown_out_is_set_right(
 #[test]
 fn an_hmc5883l_that_has_never_measured_is_a_fake_and_one_that_has_is_frozen() {
     let settings = Settings {
-        magnetometer: MagnetometerChoice::new("hmc5883l").unwrap(),
+        magnetometer: MagnetometerChoice::Hmc5883l,
         ..alone()
     };
     for rate_hz in [40.0, 75.0] {
@@ -79,7 +89,7 @@ fn an_hmc5883l_that_has_never_measured_is_a_fake_and_one_that_has_is_frozen() {
 #[test]
 fn a_chip_that_has_measured_is_not_identified_again() {
     let settings = Settings {
-        magnetometer: MagnetometerChoice::default(),
+        magnetometer: MagnetometerChoice::Auto,
         rate_hz: 75.0,
         ..alone()
     };
