@@ -37,6 +37,7 @@ use clipping::ClipWatch;
 pub use clock::TICK_S;
 use clock::{ClockStep, EvenClock};
 use filter::AttitudeFilter;
+pub use filter::TILT_RAD;
 pub use gravity::GRAVITY_M_S2;
 pub use gyro_errors::GYRO_BIAS_WALK_RAD_S;
 use gyro_errors::{GAP_BIAS_RAD_S, RESTART_BIAS_RAD_S};

@@ -6,8 +6,8 @@
 
 mod batch;
 mod calibrator;
-mod core;
 mod disk;
+mod events;
 mod inactivity;
 mod mounting;
 mod north;

@@ -29,7 +29,7 @@ const TURNS_ON: f64 = 0.43;
 /// Limits of that time constant, seconds. The shortest keeps the budget with an unknown bias of 3.3°/s, one deviation.
 const TAU_S: std::ops::RangeInclusive<f64> = 0.4..=20.0;
 /// Tilt error of a board that is not accelerated, by the accelerometer's bias, radians: a hundredth of g.
-const TILT_RAD: f64 = 0.01;
+pub const TILT_RAD: f64 = 0.01;
 /// Share of the acceleration over the time constant that passes for tilt. With half, the deviations of a simulated hand and drone are
 /// 1.3 and 1.4 times their errors, with 0.7 they are 1.4 and 1.5 times.
 const PASSES_FOR_TILT: f64 = 0.5;

@@ -11,7 +11,8 @@ const LIMIT: Duration = Duration::from_millis(100);
 pub(super) struct Inactivity {
     /// Ticks on, whatever arrives: to set a timer anew for each input cost 5 % of the daemon's time (tests/board/cost).
     ticks: Interval,
-    restarted: Instant,
+    /// When input arrived last.
+    pub(super) restarted: Instant,
 }
 
 impl Inactivity {
@@ -28,11 +29,6 @@ impl Inactivity {
     /// Counts anew: input has arrived.
     pub(super) fn restart(&mut self) {
         self.restarted = Instant::now();
-    }
-
-    /// When it was restarted last.
-    pub(super) fn restarted(&self) -> Instant {
-        self.restarted
     }
 
     /// Waits until it fires. Nothing is lost when the wait is given up.
@@ -56,12 +52,12 @@ mod tests {
             for _ in 0..inputs {
                 // Only a test that is held up itself waits for that long here.
                 let fired = timeout(LIMIT / 10, inactivity.fires()).await;
-                assert!(fired.is_err() || inactivity.restarted().elapsed() >= LIMIT);
+                assert!(fired.is_err() || inactivity.restarted.elapsed() >= LIMIT);
                 inactivity.restart();
             }
             let fired = timeout(Duration::from_secs(30), inactivity.fires()).await;
             assert!(fired.is_ok(), "after {inputs} inputs it never fired");
-            assert!(inactivity.restarted().elapsed() >= LIMIT);
+            assert!(inactivity.restarted.elapsed() >= LIMIT);
             inactivity.restart();
         }
     }

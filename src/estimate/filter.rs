@@ -22,7 +22,7 @@
 //! The trace of D is held since only the product of D and h can be seen.
 //!
 //! `filter/begin.rs` starts and restarts the state, `filter/predict.rs` carries it on in time, `filter/correct.rs` corrects it by a sample,
-//! `filter/measured.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and at rest,
+//! `filter/turn_result.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and at rest,
 //! `filter/rest.rs` tells a board at rest from one that swings, and `filter/known.rs` answers what is known.
 
 use nalgebra::{Matrix3, SVector, Vector3};
@@ -40,12 +40,14 @@ mod begin;
 mod correct;
 pub(super) mod gyro_bias;
 pub(super) mod known;
-mod measured;
 mod predict;
 mod rest;
+mod turn_result;
 
 type State = SVector<f64, N>;
 
+/// Deviation of each part of the field before anything is known, as a share of `FIELD_MGAUSS`: 750 mG, more than the strongest on earth.
+const FIELD_SD: f64 = 1.5;
 /// Bias to expect of a gyro, rad/s (2°/s), until the attitude has stated what it knows of it.
 const GYRO_BIAS_RAD_S: f64 = 0.035;
 /// Scale error to expect on an axis of a gyro, of which the attitude has taken out what gravity shows.
@@ -175,7 +177,7 @@ impl Filter {
             FIRST_UNEVENNESS
         };
         let diagonal = [
-            (H, 1.5 * FIELD_MGAUSS),
+            (H, FIELD_SD * FIELD_MGAUSS),
             (M, unevenness * FIELD_MGAUSS),
             (Q, USUAL_UNEVENNESS * FIELD_MGAUSS),
             (G, GYRO_BIAS_RAD_S),

@@ -2,12 +2,11 @@
 
 use nalgebra::Vector3;
 
+use crate::attitude::TILT_RAD;
 use crate::frame::hypot;
 
 /// A board is taken for level within this, radians (3°).
 pub(super) const SD_RAD: f64 = 0.052;
-/// Tilt error of a still board by the bias of its accelerometer, radians.
-const KNOWN_SD_RAD: f64 = 0.01;
 /// The mean direction of body Z over this time is taken for vertical, seconds, and the mean square of its lean shrinks in it.
 const LEVEL_S: f64 = 60.0;
 /// The mean square of the lean grows in this time, seconds.
@@ -16,7 +15,7 @@ const LEANS_S: f64 = 5.0;
 /// Down in body axes with its deviation, radians; a board that does not know it is taken for level.
 pub(super) fn known_or_level(down: Option<(Vector3<f64>, f64)>) -> (Vector3<f64>, f64) {
     match down {
-        Some((down, sd)) => (down, hypot(KNOWN_SD_RAD, sd)),
+        Some((down, sd)) => (down, hypot(TILT_RAD, sd)),
         None => (Vector3::z(), SD_RAD),
     }
 }

@@ -10,6 +10,9 @@ use crate::frame::{add_variance, angle_between_rad};
 const LIKELY: f64 = 4.0;
 /// Before the board has turned this far, the field does not tell iron from north, radians.
 const BEGIN_RAD: f64 = 0.1;
+/// Iron that comes or goes may change by this share of the field more than the disturbance that shows it: part of the change may have been
+/// taken for unevenness.
+const IRON_UNSEEN: f64 = 0.1;
 
 impl Filter {
     /// The frame has been lost: the field in it comes anew from one sample.
@@ -95,7 +98,7 @@ impl Filter {
     /// Iron may have come or gone: the hard iron is as unknown as this disturbance is large, and the field here is as
     /// even as places are.
     pub fn doubt_iron(&mut self, disturbance_mgauss: f64) {
-        let disturbance = disturbance_mgauss + 0.1 * self.strength_rms_mgauss;
+        let disturbance = disturbance_mgauss + IRON_UNSEEN * self.strength_rms_mgauss;
         self.unevenness2 = USUAL_UNEVENNESS.powi(2);
         self.restart(M, self.unevenness2);
         add_variance(&mut self.p, B..B + 3, disturbance * disturbance);

@@ -17,6 +17,8 @@ const GYRO_CROSS: f64 = 0.0028;
 /// Angle random walk of the frame, rad/√s (0.02 °/√s): data sheets state noise densities of 0.005 (MPU-6050) to 0.03 °/s/√Hz
 /// (ITG-3200).
 const ANGLE_WALK_RAD: f64 = 0.000_35;
+/// Share of that walk's variance which is left on a still board: its true turn is 0, so most of the gyro's noise is known.
+const STILL_WALK: f64 = 0.1;
 /// Unevenness is forgotten by turning this far, radians, and at rest in this time, seconds: what people bring near a resting board stays
 /// for minutes.
 const FORGET_RAD: f64 = 0.52;
@@ -42,6 +44,8 @@ const MATRIX_TURN: f64 = 0.067;
 const BY_TILT: f64 = 2.0 / 3.0;
 /// If a turning board finds the field unusually uneven, all of that variance is added to the hard iron, and this share of it to the field.
 const FIELD_SHARE: f64 = 0.003;
+/// A board that turns more slowly, rad/s (3°/s), does not count as turning there: a gyro's bias may be as much.
+const NO_TURN_RAD_S: f64 = 0.05;
 
 impl Filter {
     /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten.
@@ -129,7 +133,7 @@ impl Filter {
         noise_share: f64,
     ) -> Matrix3<f64> {
         let dt = input.period_s;
-        let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.board.still { 0.1 } else { 1.0 }
+        let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.board.still { STILL_WALK } else { 1.0 }
             + GYRO_CROSS.powi(2) * turned_rad
             + input.missed_rad2;
         let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
@@ -161,7 +165,7 @@ impl Filter {
         let dt = input.period_s;
         let unusual = (self.unevenness2 - USUAL_UNEVENNESS.powi(2)).max(0.0);
         let rate = input.turning().norm();
-        let turned = 1.0 - (-2.0 * (rate - 0.05).max(0.0) * dt / FORGET_RAD).exp();
+        let turned = 1.0 - (-2.0 * (rate - NO_TURN_RAD_S).max(0.0) * dt / FORGET_RAD).exp();
         let moved_iron = unusual * turned * strength2;
         let by_tilt2 = BY_TILT * input.board.tilt_error.whole_sd_rad.powi(2);
         let left_out2 = (self.unevenness2 + by_tilt2).min(USUAL_UNEVENNESS.powi(2));
