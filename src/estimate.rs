@@ -179,7 +179,7 @@ impl Estimate {
 
     /// Whether the field points up where the earth's points down at the place of the compass, or the other way round.
     pub fn reversed(&self) -> bool {
-        self.place.as_ref().is_some_and(PlaceEvidence::reversed)
+        self.place.as_ref().is_some_and(|place| place.reversed)
     }
 
     /// What the user should know of the place, once.

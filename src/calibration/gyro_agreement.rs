@@ -142,9 +142,7 @@ fn detrend(mut phases: Vec<Phase>) -> Option<GyroAgreement> {
         return None;
     }
     for stretch in phases.chunk_by_mut(|a, b| a.stretch == b.stretch) {
-        if !together(stretch, PI) {
-            unwrap(stretch);
-        }
+        unwrap(stretch);
     }
     phases = without_lone(phases);
     // Centre each stretch, then one slope through all.
@@ -174,15 +172,6 @@ fn detrend(mut phases: Vec<Phase>) -> Option<GyroAgreement> {
     })
 }
 
-/// Whether all phases of a stretch lie within less than `width`: then nothing needs to be looked for.
-fn together(stretch: &[Phase], width: f64) -> bool {
-    let (least, most) = stretch.iter().fold(
-        (f64::INFINITY, f64::NEG_INFINITY),
-        |(least, most), phase| (least.min(phase.rad), most.max(phase.rad)),
-    );
-    most - least < width
-}
-
 /// Brings each phase to within half a turn of the median of the five before it: a single spike that lands
 /// across the circle must not add a turn.
 fn unwrap(stretch: &mut [Phase]) {
@@ -209,10 +198,6 @@ fn unwrap(stretch: &mut [Phase]) {
 /// Drops phases far from the median of the five about them: spikes that happen to lie on the fitted curve.
 fn without_lone(phases: Vec<Phase>) -> Vec<Phase> {
     const FAR_RAD: f64 = 0.5;
-    let mut stretches = phases.chunk_by(|a, b| a.stretch == b.stretch);
-    if stretches.all(|stretch| together(stretch, FAR_RAD)) {
-        return phases;
-    }
     let mut kept = Vec::with_capacity(phases.len());
     for stretch in phases.chunk_by(|a, b| a.stretch == b.stretch) {
         for (i, phase) in stretch.iter().enumerate() {

@@ -42,7 +42,7 @@ pub(super) struct PlaceEvidence {
     against_s: f64,
     warned: bool,
     /// Whether the field points up where the model's points down, or down where that points up.
-    reversed: bool,
+    pub(super) reversed: bool,
 }
 
 /// How the evidence differs from what was learnt.
@@ -136,11 +136,6 @@ impl PlaceEvidence {
     fn is_mirrored_by(&self, found: &Vector2<f64>) -> bool {
         let near = 3.0 * hypot(LOCAL, GAIN) * self.expected.norm();
         (Vector2::new(found.x, -found.y) - self.expected).norm() < near
-    }
-
-    /// Whether the field points up where the model's points down, or down where that points up.
-    pub(super) fn reversed(&self) -> bool {
-        self.reversed
     }
 
     /// North with this evidence, and without it while anything contradicts it.

@@ -69,7 +69,7 @@ pub(super) async fn serve(
             there = inbox.wait(link) => {
                 there?;
                 client.answer_waiting(&mut inbox).await?;
-                if inbox.is_over() {
+                if inbox.ended {
                     return Ok(());
                 }
                 // A client that asks without end takes turns with the others.

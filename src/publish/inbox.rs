@@ -20,7 +20,8 @@ pub(super) struct Inbox {
     /// Which of them have been looked at, and which are there.
     from: usize,
     to: usize,
-    ended: bool,
+    /// Whether the client has sent its last byte.
+    pub(super) ended: bool,
     allowance: Allowance,
 }
 
@@ -71,10 +72,5 @@ impl Inbox {
             Err(_) => self.allowance.error(now),
         }
         Some(request)
-    }
-
-    /// Whether the client has sent its last byte.
-    pub(super) fn is_over(&self) -> bool {
-        self.ended
     }
 }

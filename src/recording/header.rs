@@ -17,11 +17,11 @@ const MOST_LINES: u64 = 1000;
 /// Reads everything up to and with the line of column names.
 pub(super) fn read<R: BufRead>(log: &str, lines: &mut LogLines<R>) -> Result<Rows, RecordingError> {
     let text = next_line(log, lines)?;
-    let mut header = HeaderLines::begin(text).map_err(|what| wrong(log, lines.number(), what))?;
+    let mut header = HeaderLines::begin(text).map_err(|what| wrong(log, lines.number, what))?;
     loop {
         let text = next_line(log, lines)?;
         let done = header.add(text);
-        if let Some(rows) = done.map_err(|what| wrong(log, lines.number(), what))? {
+        if let Some(rows) = done.map_err(|what| wrong(log, lines.number, what))? {
             return Ok(rows);
         }
     }
@@ -185,16 +185,16 @@ fn next_line<'a, R: BufRead>(
     log: &str,
     lines: &'a mut LogLines<R>,
 ) -> Result<&'a str, RecordingError> {
-    let before = lines.number();
+    let before = lines.number;
     let line = lines.advance().map_err(|source| RecordingError::Read {
         log: log.to_owned(),
         line: before,
         source,
     })?;
     let what = match line {
-        LogLine::Whole => match str::from_utf8(lines.text()) {
+        LogLine::Whole => match str::from_utf8(&lines.text) {
             Ok(text) => return Ok(text),
-            Err(_) => format!("found {}, which is not UTF-8 text", shown(lines.text())),
+            Err(_) => format!("found {}, which is not UTF-8 text", shown(&lines.text)),
         },
         LogLine::TooLong => "the line is longer than 4 KiB".to_owned(),
         LogLine::CutOff | LogLine::End => {

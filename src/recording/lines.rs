@@ -11,7 +11,7 @@ const LONGEST_SKIPPED: u64 = 64 << 20;
 /// What came next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum LogLine {
-    /// A line that ended with LF or CRLF; its text is in the buffer.
+    /// A line that ended with LF or CRLF; its text is kept.
     Whole,
     /// The input ended within a line.
     CutOff,
@@ -24,8 +24,10 @@ pub(super) enum LogLine {
 #[derive(Debug)]
 pub(super) struct LogLines<R> {
     input: R,
-    buffer: Vec<u8>,
-    number: u64,
+    /// The line without its end.
+    pub(super) text: Vec<u8>,
+    /// Its number, from 1.
+    pub(super) number: u64,
     /// The rest of the last line is still to be thrown away.
     skipping: bool,
 }
@@ -34,7 +36,7 @@ impl<R: BufRead> LogLines<R> {
     pub(super) fn new(input: R) -> Self {
         Self {
             input,
-            buffer: Vec::with_capacity(LONGEST_LINE),
+            text: Vec::with_capacity(LONGEST_LINE),
             number: 0,
             skipping: false,
         }
@@ -44,16 +46,16 @@ impl<R: BufRead> LogLines<R> {
         if std::mem::take(&mut self.skipping) {
             self.skip()?;
         }
-        self.buffer.clear();
+        self.text.clear();
         let length = (&mut self.input)
             .take(LONGEST_LINE as u64)
-            .read_until(b'\n', &mut self.buffer)?;
+            .read_until(b'\n', &mut self.text)?;
         if length == 0 {
             return Ok(LogLine::End);
         }
         self.number += 1;
-        if self.buffer.pop_if(|last| *last == b'\n').is_some() {
-            self.buffer.pop_if(|last| *last == b'\r');
+        if self.text.pop_if(|last| *last == b'\n').is_some() {
+            self.text.pop_if(|last| *last == b'\r');
             Ok(LogLine::Whole)
         } else if length == LONGEST_LINE {
             self.skipping = true;
@@ -75,16 +77,6 @@ impl<R: BufRead> LogLines<R> {
             "a line without end is in no log",
         ))
     }
-
-    /// The line without its end.
-    pub(super) fn text(&self) -> &[u8] {
-        &self.buffer
-    }
-
-    /// Its number, from 1.
-    pub(super) fn number(&self) -> u64 {
-        self.number
-    }
 }
 
 #[cfg(test)]
@@ -96,10 +88,10 @@ mod tests {
         let endless = io::repeat(b'1').take(50_000_000).chain(&b"\nnext\n"[..]);
         let mut lines = LogLines::new(io::BufReader::new(endless));
         assert_eq!(lines.advance().unwrap(), LogLine::TooLong);
-        assert_eq!(lines.buffer.capacity(), LONGEST_LINE);
+        assert_eq!(lines.text.capacity(), LONGEST_LINE);
         assert_eq!(lines.advance().unwrap(), LogLine::Whole);
-        assert_eq!(lines.text(), b"next");
-        assert_eq!(lines.number(), 2);
+        assert_eq!(lines.text, b"next");
+        assert_eq!(lines.number, 2);
     }
 
     #[test]

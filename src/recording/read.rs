@@ -103,10 +103,10 @@ impl<R: BufRead> Reader<R> {
     fn row(&mut self) -> Option<Result<Numbered, LineError>> {
         let broken = |what: &str| Err((None, what.to_owned()));
         while !self.done {
-            let before = self.lines.number();
+            let before = self.lines.number;
             let found = match self.lines.advance() {
                 Ok(LogLine::End) => break,
-                Ok(_) if self.lines.text().trim_ascii().is_empty() => continue,
+                Ok(_) if self.lines.text.trim_ascii().is_empty() => continue,
                 Ok(LogLine::Whole) => self.whole_line(),
                 Ok(LogLine::TooLong) => broken("the line is longer than 4 KiB, so it is no row"),
                 // Its last number may have lost digits and still look like a number.
@@ -122,7 +122,7 @@ impl<R: BufRead> Reader<R> {
                     break;
                 }
             };
-            let line = self.lines.number();
+            let line = self.lines.number;
             match found {
                 Ok(Some(entry)) => return Some(Ok((entry, line))),
                 Ok(None) => {}
@@ -135,7 +135,7 @@ impl<R: BufRead> Reader<R> {
 
     /// The entry in the line; `None` where it is a remark, or belongs to the header, repeated.
     fn whole_line(&mut self) -> Result<Option<Entry>, RowFault> {
-        let line = self.lines.text();
+        let line = &self.lines.text[..];
         let known = self.rows.is_known_header(line, &mut self.repeated);
         self.other_header |= known.is_err();
         if known.map_err(|what| (None, what))? {

@@ -3,7 +3,7 @@
 /// Keeps at most so many of what it is given: every first, then every second, then every fourth.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Thin<T> {
-    kept: Vec<T>,
+    pub(super) kept: Vec<T>,
     most: usize,
     every: usize,
     skipped: usize,
@@ -35,10 +35,6 @@ impl<T> Thin<T> {
         self.kept.push(item);
         self.skipped = self.every - 1;
     }
-
-    pub(super) fn items(&self) -> &[T] {
-        &self.kept
-    }
 }
 
 /// At most so many of these, evenly.
@@ -56,11 +52,11 @@ mod tests {
         let mut thin = Thin::to(8);
         for i in 0..100 {
             thin.push(i);
-            assert!(thin.items().len() <= 8);
+            assert!(thin.kept.len() <= 8);
         }
-        let steps: Vec<i32> = thin.items().windows(2).map(|two| two[1] - two[0]).collect();
+        let steps: Vec<i32> = thin.kept.windows(2).map(|two| two[1] - two[0]).collect();
         assert!(
-            thin.items()[0] == 0 && steps.iter().all(|step| *step == 16),
+            thin.kept[0] == 0 && steps.iter().all(|step| *step == 16),
             "{thin:?}"
         );
         assert_eq!(some(&[1, 2, 3, 4, 5], 3), [&1, &3, &5]);

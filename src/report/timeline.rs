@@ -23,7 +23,7 @@ fn hue(condition: Condition) -> Hue {
 
 /// The heading: raw, published, and from true north where that is known.
 pub(super) fn headings(found: &Findings) -> Result<String, ReportError> {
-    let points = some(found.points.items(), MOST);
+    let points = some(&found.points.kept, MOST);
     let mut series = lines(&points, Hue::Raw, |point| point.raw_deg);
     series.extend(lines(&points, Hue::Other, |point| point.true_deg));
     series.extend(lines(&points, Hue::Corrected, |point| point.heading_deg));
@@ -35,7 +35,7 @@ pub(super) fn headings(found: &Findings) -> Result<String, ReportError> {
 
 /// What the daemon says of its heading: one standard deviation.
 pub(super) fn uncertainty(found: &Findings) -> Result<String, ReportError> {
-    let points = some(found.points.items(), MOST);
+    let points = some(&found.points.kept, MOST);
     let series = lines(&points, Hue::Corrected, |point| point.sd_deg);
     let most = points
         .iter()

@@ -99,7 +99,7 @@ impl Chips {
         let magnetometer = self.magnetometer.due_s();
         let companions = [&self.gyro, &self.accel].into_iter().flatten();
         let companions =
-            companions.map(|companion| companion.health.set_up_at_s().unwrap_or(self.tick_s));
+            companions.map(|companion| companion.health.set_up_at_s.unwrap_or(self.tick_s));
         let tick_s = companions.fold(f64::INFINITY, f64::min);
         if (tick_s..tick_s + TOGETHER * self.period_s).contains(&magnetometer) {
             magnetometer

@@ -61,7 +61,7 @@ impl Simulator {
 
     /// Time of the last reading at most, seconds; the first one is at 0. Infinite where the scenario is endless.
     pub fn duration_s(&self) -> f64 {
-        self.motion.duration_s()
+        self.motion.duration_s
     }
 
     /// A log's header for these readings, with the truth in `# key = value` lines.

@@ -34,7 +34,7 @@ impl CompanionPoller {
         clock: &mut dyn Clock,
     ) -> Result<(), ChipError> {
         let now_s = clock.now_s();
-        if self.health.set_up_at_s().is_none_or(|at_s| at_s > now_s) {
+        if self.health.set_up_at_s.is_none_or(|at_s| at_s > now_s) {
             return Ok(());
         }
         let mut failed = None;
@@ -72,7 +72,7 @@ impl CompanionPoller {
 
     /// Reads the chip, if it works.
     pub(super) fn read(&mut self, bus: &mut dyn Bus, now_s: f64) -> Option<InertialSample> {
-        let works = self.health.set_up_at_s().is_none();
+        let works = self.health.set_up_at_s.is_none();
         let chip = self.found.filter(|_| works)?;
         match self.try_read(&chip, bus, now_s) {
             Ok(motion) => {

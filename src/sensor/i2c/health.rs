@@ -13,8 +13,8 @@ const QUIET_S: f64 = 2.0;
 
 pub(super) struct Health {
     what: &'static str,
-    /// When to set it up; `None` while it works.
-    set_up_at_s: Option<f64>,
+    /// When the chip must be set up; `None` while it works.
+    pub(super) set_up_at_s: Option<f64>,
     wait_s: f64,
     in_a_row: u32,
     faults: Option<Faults>,
@@ -38,11 +38,6 @@ impl Health {
             in_a_row: 0,
             faults: None,
         }
-    }
-
-    /// When the chip must be set up; `None` while it works.
-    pub(super) fn set_up_at_s(&self) -> Option<f64> {
-        self.set_up_at_s
     }
 
     pub(super) fn set_up(&mut self) {
@@ -135,7 +130,7 @@ mod tests {
         let mut waits = Vec::new();
         for _ in 0..8 {
             health.failed(now_s, &error(Cause::NoAnswer));
-            let at_s = health.set_up_at_s().unwrap();
+            let at_s = health.set_up_at_s.unwrap();
             waits.push(((at_s - now_s) * 10.0).round() / 10.0);
             now_s = at_s;
         }
@@ -147,6 +142,6 @@ mod tests {
         health.worked(now_s + 2.1);
         assert!(health.trouble().is_none());
         health.failed(now_s + 3.0, &error(Cause::NoBus));
-        assert!((health.set_up_at_s().unwrap() - now_s - 3.1).abs() < 1e-9);
+        assert!((health.set_up_at_s.unwrap() - now_s - 3.1).abs() < 1e-9);
     }
 }

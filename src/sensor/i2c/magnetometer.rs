@@ -62,7 +62,7 @@ impl MagnetometerPoller {
     /// When the next thing is to be done.
     pub(super) fn due_s(&self) -> f64 {
         let measuring_s = self.at_work.as_ref().map(|at_work| at_work.times.due_s);
-        let due_s = self.health.set_up_at_s().or(measuring_s);
+        let due_s = self.health.set_up_at_s.or(measuring_s);
         due_s.unwrap_or(f64::INFINITY)
     }
 
@@ -75,7 +75,7 @@ impl MagnetometerPoller {
         if self.due_s() > clock.now_s() {
             return Ok(None);
         }
-        if self.health.set_up_at_s().is_some() {
+        if self.health.set_up_at_s.is_some() {
             self.start(bus, clock)?;
             self.health.set_up();
         }

@@ -141,7 +141,7 @@ impl Bridge {
         let away_s = now_s - self.looked_s;
         self.looked_s = now_s;
         if away_s > AWAY_S {
-            session.resume();
+            session.frames.resume();
         }
         match read {
             None => None,
@@ -167,8 +167,9 @@ impl Bridge {
                     let taken = origin + Duration::from_secs_f64(reading.t_s);
                     waiting.push_back(SourceEvent::Reading(reading, taken));
                 });
-                if session.protocol() != self.found && session.protocol() != Protocol::Auto {
-                    self.found = session.protocol();
+                let protocol = session.decoder.protocol;
+                if protocol != self.found && protocol != Protocol::Auto {
+                    self.found = protocol;
                     let (port, name) = (self.settings.port.display(), self.found.name());
                     tracing::info!("the device at {port} sends {name}");
                 }
@@ -193,9 +194,9 @@ impl Bridge {
             tracing::warn!("{}: {refused}", self.settings.port.display());
         }
         if gone.is_some() || orders.reopen {
-            if session.lost() > 0 {
+            if session.frames.lost() > 0 {
                 tracing::info!(
-                    frames = session.lost(),
+                    frames = session.frames.lost(),
                     "frames were lost on the way from {}",
                     self.settings.port.display()
                 );

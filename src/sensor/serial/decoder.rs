@@ -55,6 +55,6 @@ impl Decoder {
 
     /// Whether it has lost its place, and only the device can help.
     pub(super) fn is_lost(&self) -> bool {
-        self.protocol == Protocol::RazorBinary && !self.razor_binary.is_aligned()
+        self.protocol == Protocol::RazorBinary && !self.razor_binary.aligned
     }
 }

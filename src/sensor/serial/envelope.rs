@@ -23,7 +23,7 @@ pub(super) struct Envelope {
     /// How far the device's clock may be off, as a share.
     tolerance: f64,
     slope: f64,
-    learnt: bool,
+    pub(super) learnt: bool,
     /// A point of the line: device's clock, ours.
     anchor: Option<(f64, f64)>,
     /// The least delayed arrivals, oldest first: device's clock, ours.
@@ -72,10 +72,6 @@ impl Envelope {
         self.anchor = None;
         self.points.clear();
         self.block = None;
-    }
-
-    pub(super) fn is_learnt(&self) -> bool {
-        self.learnt
     }
 
     /// How late an arrival is, seconds; the first is not.

@@ -24,7 +24,8 @@ pub struct RazorBinary {
     counts_per_gauss: f64,
     /// Less than a frame while aligned, less than a mark while not.
     pending: Vec<u8>,
-    aligned: bool,
+    /// Whether it knows where frames begin; if not, it waits for the answer to `#s01`.
+    pub(super) aligned: bool,
     /// Bytes passed over since the last complaint.
     passed: usize,
     last: [[f32; 3]; 3],
@@ -42,11 +43,6 @@ impl RazorBinary {
             last: [[f32::NAN; 3]; 3],
             still: [0; 3],
         }
-    }
-
-    /// Whether it knows where frames begin; if not, it waits for the answer to `#s01`.
-    pub fn is_aligned(&self) -> bool {
-        self.aligned
     }
 
     /// Hands over what `bytes` complete, in order.

@@ -37,9 +37,9 @@ pub(super) struct Orders {
 #[derive(Debug)]
 pub(super) struct PortSession {
     settings: Settings,
-    decoder: Decoder,
+    pub(super) decoder: Decoder,
     start: Start,
-    frames: SteadyClock,
+    pub(super) frames: SteadyClock,
     device: DeviceClock,
     diagnosis: Diagnosis,
     heard_s: f64,
@@ -82,20 +82,6 @@ impl PortSession {
         }
     }
 
-    pub(super) fn protocol(&self) -> Protocol {
-        self.decoder.protocol
-    }
-
-    /// How many frames were lost on the way.
-    pub(super) fn lost(&self) -> u64 {
-        self.frames.lost()
-    }
-
-    /// Nobody has listened for a while: the next bytes may have waited.
-    pub(super) fn resume(&mut self) {
-        self.frames.resume();
-    }
-
     /// Takes bytes that have arrived at this time, and hands over the readings that they complete; `None`
     /// where the readings that follow have other units.
     pub(super) fn bytes(
@@ -107,41 +93,26 @@ impl PortSession {
     ) {
         self.heard_s = now_s;
         self.diagnosis.bytes(bytes);
-        let (before, mut field) = (self.good, false);
-        self.decoder.feed(bytes, log_rows, |item| {
-            let timed = match item {
-                Item::Frame(ref frame) => Reading {
+        let mut items = Vec::new();
+        self.decoder.feed(bytes, log_rows, |item| items.push(item));
+        let mut field = false;
+        for item in items {
+            let timed = match &item {
+                Item::Frame(frame) => Reading {
                     t_s: self.frames.time(now_s),
                     ..*frame
                 },
-                Item::Timed(ref row) => Reading {
+                Item::Timed(row) => Reading {
                     t_s: self.device.time(row.t_s, now_s),
                     ..*row
                 },
-                Item::NewUnits => return reading(None),
-                other => {
-                    match &other {
-                        Item::Early => self.good_s = now_s,
-                        Item::Synch(id) => self.start.answered(*id),
-                        Item::OtherMode(_) => self.start.order_again(),
-                        // Before the first reading, half a line and a device that starts are no news.
-                        Item::Bad(why) if self.good > 0 => {
-                            self.bad += 1;
-                            if self.bad == self.tell_at {
-                                self.tell_at *= 10;
-                                self.refused = Some(format!(
-                                    "lines refused: {}, readings beside them: {}; the last: {why}",
-                                    self.bad, self.good
-                                ));
-                            }
-                        }
-                        _ => {}
-                    }
-                    // Rows show that the device has booted. It is not told at once, since the first may date from before the reset.
-                    if self.good == 0 && self.diagnosis.first_lacks_header(&other) {
-                        self.patience_s = NEXT_S;
-                    }
-                    return self.diagnosis.item(other);
+                Item::NewUnits => {
+                    reading(None);
+                    continue;
+                }
+                _ => {
+                    self.take_other(item, now_s);
+                    continue;
                 }
             };
             let has_field = timed.field_mgauss.is_some();
@@ -151,14 +122,12 @@ impl PortSession {
             }
             if has_field || timed.rate_rad_s.is_some() || timed.specific_force_m_s2.is_some() {
                 self.good += 1;
+                self.good_s = now_s;
                 reading(Some(timed));
             }
-        });
+        }
         if self.decoder.is_lost() {
             self.start.order_again();
-        }
-        if self.good > before {
-            self.good_s = now_s;
         }
         if field {
             self.field_s = now_s;
@@ -167,12 +136,41 @@ impl PortSession {
         }
     }
 
+    /// Takes what is no reading.
+    fn take_other(&mut self, item: Item, now_s: f64) {
+        match &item {
+            Item::Early => self.good_s = now_s,
+            Item::Synch(id) => self.start.answered(*id),
+            Item::OtherMode(_) => self.start.order_again(),
+            // Before the first reading, half a line and a device that starts are no news.
+            Item::Bad(why) if self.good > 0 => self.count_bad(why),
+            _ => {}
+        }
+        // Rows show that the device has booted. It is not told at once, since the first may date from before the reset.
+        if self.good == 0 && self.diagnosis.first_lacks_header(&item) {
+            self.patience_s = NEXT_S;
+        }
+        self.diagnosis.item(item);
+    }
+
+    /// Counts a line that was refused.
+    fn count_bad(&mut self, why: &str) {
+        self.bad += 1;
+        if self.bad == self.tell_at {
+            self.tell_at *= 10;
+            self.refused = Some(format!(
+                "lines refused: {}, readings beside them: {}; the last: {why}",
+                self.bad, self.good
+            ));
+        }
+    }
+
     /// What the time asks for.
     pub(super) fn orders(&mut self, now_s: f64) -> Orders {
         if now_s - self.heard_s > NEXT_S {
             self.start.ask_again(now_s);
         }
-        let protocol = self.protocol();
+        let protocol = self.decoder.protocol;
         let complain = now_s - self.field_s > self.patience_s;
         if complain {
             self.patience_s = f64::INFINITY;

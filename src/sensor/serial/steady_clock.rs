@@ -70,7 +70,7 @@ impl SteadyClock {
         if late_s > LONGEST_DELAY_S && !self.away {
             self.lost += (late_s / self.period_s) as u64;
             self.envelope.restart();
-        } else if late_s > LATE_SHARE * self.period_s && (self.envelope.is_learnt() || self.away) {
+        } else if late_s > LATE_SHARE * self.period_s && (self.envelope.learnt || self.away) {
             let steady = self.envelope.late(late_s, arrival_s);
             if steady.arrivals >= LATE_FRAMES && steady.lasts_s >= LATE_S {
                 let lost = (steady.least_s / self.period_s).round().max(1.0) as u64;

@@ -28,7 +28,7 @@ pub(super) struct Motion {
     movements: Vec<Movement>,
     wander_start_s: Option<f64>,
     tilt_rad: f64,
-    duration_s: f64,
+    pub(super) duration_s: f64,
     /// The motion begins again after so many seconds, having turned by so much about the vertical.
     repeats: Option<(f64, f64)>,
 }
@@ -139,10 +139,6 @@ impl Motion {
         }
     }
 
-    pub(super) fn duration_s(&self) -> f64 {
-        self.duration_s
-    }
-
     /// The rotation from body (X forward, Y right, Z down) to earth (magnetic north, east, down).
     pub(super) fn attitude(&self, t_s: f64) -> UnitQuaternion<f64> {
         let mut angles: Angles = [0.0; 3];
@@ -238,7 +234,7 @@ mod tests {
     #[test]
     fn the_spatial_motion_ends_level_at_heading_120_with_two_rolls_behind_it() {
         let motion = motion(Scenario::Spatial);
-        let end = motion.attitude(motion.duration_s());
+        let end = motion.attitude(motion.duration_s);
         let (roll, pitch, yaw) = end.euler_angles();
         assert!(roll.abs() < 1e-9 && pitch.abs() < 1e-9);
         assert!((yaw.to_degrees() - 120.0).abs() < 1e-9);
@@ -264,7 +260,7 @@ mod tests {
             turns: 1.3,
             ..Settings::default()
         });
-        assert_eq!(motion.duration_s(), f64::INFINITY);
+        assert_eq!(motion.duration_s, f64::INFINITY);
         let (period_s, _) = motion.repeats.unwrap();
         for round in [1.0, 2.0, 1000.0] {
             let (before, after) = [-1e-4, 1e-4]
@@ -281,7 +277,7 @@ mod tests {
     fn free_motion_shows_the_field_from_all_sides() {
         let motion = motion(Scenario::Free);
         let field = Vector3::new(162.8, 0.0, 526.7).normalize();
-        let seen: Vec<Vector3<f64>> = (0..(motion.duration_s() * 40.0) as i32)
+        let seen: Vec<Vector3<f64>> = (0..(motion.duration_s * 40.0) as i32)
             .map(|i| {
                 motion
                     .attitude(f64::from(i) / 40.0)

@@ -64,7 +64,7 @@ fn the_gyro_says_how_the_attitude_changes() {
             attitude *= nalgebra::UnitQuaternion::from_scaled_axis(step);
             before = rate;
         }
-        let apart = attitude.angle_to(&motion.attitude(motion.duration_s()));
+        let apart = attitude.angle_to(&motion.attitude(motion.duration_s));
         assert!(apart.to_degrees() < 0.5, "{scenario:?}: {apart}");
     }
 }
