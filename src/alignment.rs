@@ -135,22 +135,12 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
         offset_sd: 0.5,
         half_window_s: 1.0,
     };
-    let mut bias = Vector3::zeros();
     let mut mag_found = mag.find(readings)?;
     let mut accel_found = accel.find(readings)?;
-    // What is left of the gyro's bias is found with the axes; a bias found makes these more exact.
-    for _ in 0..2 {
-        let carried = Carried::new(readings, &bias, 1.0);
-        for (sensor, found) in [(&accel, &mut accel_found), (&mag, &mut mag_found)] {
-            if let Some(found) = found {
-                *found = refine(&sensor.data(&carried), found)
-                    .ok_or(AlignmentError::Ambiguous(sensor.name))?;
-            }
-        }
-        if let Some(found) = mag_found.as_ref().or(accel_found.as_ref()) {
-            bias += found.bias_rad_s;
-        }
-    }
+    let bias = refine_all(
+        readings,
+        [(&accel, &mut accel_found), (&mag, &mut mag_found)],
+    )?;
     let carried = Carried::new(readings, &bias, 1.0);
     let vectors = |sensor: &VectorSensor, found: &Option<FoundAxes>| match found {
         Some(found) => sensor.vectors(&carried, found),
@@ -159,31 +149,57 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
     let (fields, forces) = (vectors(&mag, &mag_found), vectors(&accel, &accel_found));
     let sign = sign(&fields, &forces, dips_down);
     let upward = if sign == Sign::Gravity { -1.0 } else { 1.0 };
+    let body = upright(&(force_at_first(&forces) * upward));
+    Ok(Alignment {
+        gyro: Mounting::from_matrix(body).unwrap_or_default(),
+        mag: mag_found.and_then(|found| ChipAlignment::of(&found, &body, 1.0)),
+        accel: accel_found.and_then(|found| ChipAlignment::of(&found, &body, upward)),
+        sign,
+    })
+}
+
+/// Refines the axes that were found, the accelerometer's first; the gyro's bias. What is left of that is found with the axes, and a bias found
+/// makes these more exact.
+fn refine_all(
+    readings: &[Reading],
+    mut sensors: [(&VectorSensor, &mut Option<FoundAxes>); 2],
+) -> Result<Vector3<f64>, AlignmentError> {
+    let mut bias = Vector3::zeros();
+    for _ in 0..2 {
+        let carried = Carried::new(readings, &bias, 1.0);
+        let mut more = Vector3::zeros();
+        for (sensor, found) in &mut sensors {
+            if let Some(found) = found {
+                *found = refine(&sensor.data(&carried), found)
+                    .ok_or(AlignmentError::Ambiguous(sensor.name))?;
+                // The magnetometer's, if there is one.
+                more = found.bias_rad_s;
+            }
+        }
+        bias += more;
+    }
+    Ok(bias)
+}
+
+/// Sum of the forces while the board lay as it is to lie.
+fn force_at_first(forces: &[(f64, Vector3<f64>)]) -> Vector3<f64> {
     let until_s = forces.first().map_or(0.0, |(t_s, _)| t_s + UPRIGHT_S);
-    let up: Vector3<f64> = forces
-        .iter()
-        .take_while(|(t_s, _)| *t_s <= until_s)
-        .map(|(_, force)| force * upward)
-        .sum();
-    let body = upright(&up);
-    let chip = |found: Option<FoundAxes>, sign: f64| {
-        let found = found?;
+    let first = forces.iter().take_while(|(t_s, _)| *t_s <= until_s);
+    first.map(|(_, force)| force).sum()
+}
+
+impl ChipAlignment {
+    /// A chip with these axes in the gyro's, where `body` are the gyro's in the body's.
+    fn of(found: &FoundAxes, body: &Matrix3<f64>, sign: f64) -> Option<Self> {
         let mounting = |matrix: Matrix3<f64>| Mounting::from_matrix(matrix * sign);
-        Some(ChipAlignment {
+        let turn_sd = body * found.turn_sd_rad;
+        Some(Self {
             axes: mounting(body * found.axes)?,
             exact: mounting(body * found.rotation)?,
             turn_deg: (body * found.turn_rad).map(f64::to_degrees).into(),
-            turn_sd_deg: (body * found.turn_sd_rad)
-                .map(|sd| sd.abs().to_degrees())
-                .into(),
+            turn_sd_deg: turn_sd.map(|sd| sd.abs().to_degrees()).into(),
         })
-    };
-    Ok(Alignment {
-        gyro: Mounting::from_matrix(body).unwrap_or_default(),
-        mag: chip(mag_found, 1.0),
-        accel: chip(accel_found, upward),
-        sign,
-    })
+    }
 }
 
 /// A sensor that reads a vector which stands still in the world.

@@ -41,15 +41,29 @@ impl<const D: usize> Work<'_, D> {
         fitted: &Fitted<D, P>,
         outcome: &mut Outcome,
     ) -> Result<String, Refusal> {
-        let Fitted {
-            points,
-            level,
-            best,
-        } = fitted;
-        let reference = self.reference();
-        let position = &best.position;
+        let best = &fitted.best;
         let unusable = || Refusal::new("no_fit", "the fitted scale factors cannot be inverted");
-        let curve = C::new(position, best.reference_mgauss).ok_or_else(unusable)?;
+        let curve = C::new(&best.position, best.reference_mgauss).ok_or_else(unusable)?;
+        let measures = self.measure(fitted, &curve);
+        self.report(fitted, &measures, outcome);
+        verdict::judge(&measures, &self.request.limits)?;
+        let against_gyro = match measures.gyro {
+            Some(gyro) => format!("agrees with the gyro within {:.1} degrees", gyro.rms_deg),
+            None => "no gyro to compare with".to_owned(),
+        };
+        Ok(format!(
+            "{} samples fit within {:.1} milligauss, the fit's own deviation is {:.2} degrees of heading, {against_gyro}",
+            best.used, best.residual_mgauss, measures.heading_sd_deg
+        ))
+    }
+
+    /// Measures all that is judged of a fit.
+    fn measure<C: Curve<D, P>, const P: usize>(
+        &self,
+        fitted: &Fitted<D, P>,
+        curve: &C,
+    ) -> Measures {
+        let Fitted { points, best, .. } = fitted;
         let cutoff = best.cutoff_mgauss;
         let planar = self.plan.mode == Mode::Planar;
         let distances: Vec<Distance<P>> =
@@ -60,49 +74,25 @@ impl<const D: usize> Work<'_, D> {
         let sightings = if planar {
             Vec::new()
         } else {
-            self.sightings(points, |_| &curve, fits)
+            self.sightings(points, |_| curve, fits)
         };
         let dip = gyro_agreement::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
         let heading_sd_deg = correlation(&residuals).sqrt()
             * heading_sd_deg(
                 self.plan.mode,
                 &self.request.mounting,
-                &curve,
+                curve,
                 &best.covariance,
                 dip,
             );
-        let gyro = self.cross_validated::<C, P>(points, &distances, best, fits);
-        let scale = &position[D..2 * D];
+        let scale = &best.position[D..2 * D];
         let mean_scale = scale.iter().sum::<f64>() / D as f64;
-
-        outcome.samples.used = best.used;
-        outcome.reference_mgauss = reference;
-        outcome.residual_mgauss = Some(best.residual_mgauss);
-        outcome.heading_sd_deg = Some(heading_sd_deg);
-        outcome.gyro_rms_deg = gyro.map(|gyro| gyro.rms_deg);
-        outcome.bias_mgauss = Some(position[..D].to_vec());
-        outcome.scale = Some(scale.to_vec());
-        if P > 2 * D {
-            outcome.model = Some(Model::Symmetric);
-            outcome.matrix = Some(rows(&symmetric(&position[D..])).into());
-        }
-        outcome.calibration = Some(Calibration {
-            parameters: self.parameters(position, level),
-            reference_mgauss: reference,
-            strength_mgauss: best.reference_mgauss,
-            residual_mgauss: best.residual_mgauss,
-            heading_sd_deg,
-            covariance: None,
-            gyro_bias_deg_s: None,
-            accel_bias_m_s2: None,
-        });
-
         let directions: Vec<SVector<f64, D>> = points
             .iter()
             .map(|point| SVector::from(curve.correct(point)).normalize())
             .collect();
-        let seen = self.sightings(points, |_| &curve, |_| true);
-        let measures = Measures {
+        let seen = self.sightings(points, |_| curve, |_| true);
+        Measures {
             coverage_deg: planar.then(|| coverage_deg(&directions)),
             direction_spread: (!planar).then(|| direction_spread(&directions)),
             outlier_share: 1.0 - best.used as f64 / points.len() as f64,
@@ -110,26 +100,47 @@ impl<const D: usize> Work<'_, D> {
             residual_share: best.residual_mgauss / (best.reference_mgauss * mean_scale),
             scale: scale.to_vec(),
             strength_mgauss: best.reference_mgauss,
-            reference_given: reference.is_some(),
-            centre_inside: centre_inside(points, &position[..D]),
+            reference_given: self.reference().is_some(),
+            centre_inside: centre_inside(points, &best.position[..D]),
             heading_sd_deg,
-            gyro,
+            gyro: self.cross_validated::<C, P>(points, &distances, best, fits),
             jump: largest_jump(&seen),
-            rest_share: self.rest_share(&seen, &curve, best.reference_mgauss),
+            rest_share: self.rest_share(&seen, curve, best.reference_mgauss),
             dip_spread_deg: gyro_agreement::dip_spread_deg(&sightings),
-        };
-        let judged = verdict::judge(&measures, &self.request.limits);
-        outcome.measures = Some(measures);
-        judged?;
+        }
+    }
 
-        let against_gyro = match gyro {
-            Some(gyro) => format!("agrees with the gyro within {:.1} degrees", gyro.rms_deg),
-            None => "no gyro to compare with".to_owned(),
-        };
-        Ok(format!(
-            "{} samples fit within {:.1} milligauss, the fit's own deviation is {:.2} degrees of heading, {against_gyro}",
-            best.used, best.residual_mgauss, heading_sd_deg
-        ))
+    /// Puts the fit, and what was measured of it, into the outcome.
+    fn report<const P: usize>(
+        &self,
+        fitted: &Fitted<D, P>,
+        measures: &Measures,
+        outcome: &mut Outcome,
+    ) {
+        let Fitted { level, best, .. } = fitted;
+        let position = &best.position;
+        outcome.samples.used = best.used;
+        outcome.reference_mgauss = self.reference();
+        outcome.residual_mgauss = Some(best.residual_mgauss);
+        outcome.heading_sd_deg = Some(measures.heading_sd_deg);
+        outcome.gyro_rms_deg = measures.gyro.map(|gyro| gyro.rms_deg);
+        outcome.bias_mgauss = Some(position[..D].to_vec());
+        outcome.scale = Some(measures.scale.clone());
+        if P > 2 * D {
+            outcome.model = Some(Model::Symmetric);
+            outcome.matrix = Some(rows(&symmetric(&position[D..])).into());
+        }
+        outcome.measures = Some(measures.clone());
+        outcome.calibration = Some(Calibration {
+            parameters: self.parameters(position, level),
+            reference_mgauss: self.reference(),
+            strength_mgauss: best.reference_mgauss,
+            residual_mgauss: best.residual_mgauss,
+            heading_sd_deg: measures.heading_sd_deg,
+            covariance: None,
+            gyro_bias_deg_s: None,
+            accel_bias_m_s2: None,
+        });
     }
 
     fn parameters(&self, position: &[f64], level: &[f64]) -> Parameters {

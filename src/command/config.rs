@@ -72,30 +72,35 @@ fn warnings(config: &Config) -> Vec<String> {
     }
     warnings.extend(mountings_without_effect(config));
     warnings.extend(stale_between_samples(config));
-    let mut north = TrueNorth::new(&config.true_north);
-    if config.source.kind != Some(Kind::Replay) {
-        north.declination_deg(wall_clock::now());
-        warnings.extend(north.news().map(|news| news.text));
-    }
-    let log = &config.source.log;
-    if config.source.kind == Some(Kind::Replay)
-        && let Err(error) = std::fs::File::options()
-            .read(true)
-            // A pipe that nobody writes to yet would be waited for.
-            .custom_flags(libc::O_NONBLOCK)
-            .open(log)
-            .and_then(|file| refuse_folder(&file.metadata()?))
-    {
-        let from = match std::env::current_dir() {
-            Ok(folder) if log.is_relative() => format!(" from {}", folder.display()),
-            _ => String::new(),
-        };
-        warnings.push(format!(
-            "source.log: cannot read {}{from}: {error}",
-            log.display()
-        ));
-    }
+    warnings.extend(match config.source.kind {
+        Some(Kind::Replay) => unreadable_log(&config.source.log),
+        _ => no_true_north(config),
+    });
     warnings
+}
+
+/// Warns of a place of which the model tells no declination today.
+fn no_true_north(config: &Config) -> Option<String> {
+    let mut north = TrueNorth::new(&config.true_north);
+    north.declination_deg(wall_clock::now());
+    north.news().map(|news| news.text)
+}
+
+/// Warns of a log that cannot be replayed.
+fn unreadable_log(log: &Path) -> Option<String> {
+    let error = std::fs::File::options()
+        .read(true)
+        // A pipe that nobody writes to yet would be waited for.
+        .custom_flags(libc::O_NONBLOCK)
+        .open(log)
+        .and_then(|file| refuse_folder(&file.metadata()?))
+        .err()?;
+    let from = match std::env::current_dir() {
+        Ok(folder) if log.is_relative() => format!(" from {}", folder.display()),
+        _ => String::new(),
+    };
+    let log = log.display();
+    Some(format!("source.log: cannot read {log}{from}: {error}"))
 }
 
 /// Warns of a magnetometer that measures so seldom that the state is stale before the next sample.

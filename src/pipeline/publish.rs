@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::{Action, Pipeline};
 use crate::attitude::Pose;
 use crate::condition::Condition;
-use crate::estimate::Sample;
+use crate::estimate::{Fix, Sample};
 use crate::frame::{dip_deg, heading_deg, pitch_and_roll_deg};
 use crate::heading::{Heading, MagStatus};
 use crate::reading::HELD_S;
@@ -15,6 +15,16 @@ const STRENGTH_S: f64 = 0.5;
 /// A sample is not used if the held rate may have missed more rotation than this, radians: with a hand's changes, that is 70 ms after the
 /// gyro's last reading.
 const MOST_HELD_RAD: f64 = 0.02;
+
+/// What a whole field tells.
+struct Found {
+    down: Option<Vector3<f64>>,
+    corrected: Option<Vector3<f64>>,
+    fused: Option<Fix>,
+    instantaneous: Option<Fix>,
+    /// The better of both, if it is certain enough to be published.
+    published: Option<Fix>,
+}
 
 impl Pipeline {
     /// Publishes what a whole field tells.
@@ -28,27 +38,8 @@ impl Pipeline {
         let pose = self.estimate_from(t_s, raw, measured_s);
         actions.extend(self.estimate.take_news().map(Action::Warn));
         let right = self.gyro_is_right();
-        let trusted = pose.is_some() && right;
-        let level = self.intake.attitude.down_and_sd(t_s, trusted);
-        let down = level.map(|(down, _)| down);
-        let calibrated = self.learning.calibrated;
-        let corrected = self.estimate.corrected(raw).filter(|_| calibrated);
-        if let Some(corrected) = &corrected {
-            self.follow_strength(t_s, corrected.norm());
-        }
-        let missed_rad = self.intake.attitude.missed_turn_rad(t_s);
-        let fused =
-            (pose.filter(|_| trusted)).and_then(|pose| self.estimate.fix(&pose, missed_rad));
-        let rate_rad_s = self.rate_rad_s(t_s).map_or(0.0, |rate| rate.norm());
-        let instantaneous = self.estimate.instantaneous(raw, level, rate_rad_s);
-        let best = if trusted { fused } else { instantaneous };
-        if let Some(best) = &best {
-            self.sd_deg = best.sd_deg;
-        }
-        let possible = self.estimate.impossible_mgauss().is_none();
-        let most_sd_deg = self.setup.pipeline.publish_sd_deg;
-        let published = best.filter(|fix| possible && fix.sd_deg <= most_sd_deg);
-        if published.is_some() && self.wanted().is_some() {
+        let found = self.find(t_s, raw, pose.filter(|_| right));
+        if found.published.is_some() && self.wanted().is_some() {
             self.learning.calibrated = true;
         }
         if !right {
@@ -59,31 +50,71 @@ impl Pipeline {
         }
         self.conclude_motion(actions);
         let condition = self.update_condition(actions);
-        let raw_body = self.setup.mountings.mag.to_body(*raw);
-        let mut heading = self.heading(t_s, down.as_ref(), condition);
-        heading.raw_deg = heading_deg(&raw_body, &down.unwrap_or_else(Vector3::z));
-        if let Some(corrected) = corrected {
-            if let Some(published) = published {
-                heading.fused_deg = fused.map(|fix| fix.heading_deg);
-                heading.instantaneous_deg = instantaneous.map(|fix| fix.heading_deg);
-                heading.sd_deg = Some(published.sd_deg);
-            }
-            let measured = self.estimate.measured_axes();
-            heading.field_mgauss = Some(std::array::from_fn(|axis| {
-                measured[axis].then_some(corrected[axis])
-            }));
-            if measured == [true; 3] {
-                heading.strength_mgauss = Some(corrected.norm());
-                heading.dip_deg = down.map(|down| dip_deg(&corrected, &down));
-            }
-            heading.mag_status = match condition {
-                Condition::Disturbed if self.strength_deviation > 0.0 => MagStatus::HighField,
-                Condition::Disturbed => MagStatus::LowField,
-                Condition::Fault => MagStatus::Calibration,
-                _ => MagStatus::Normal,
-            };
-        }
+        let heading = self.whole_heading(t_s, raw, &found, condition);
         actions.push(Action::Publish(heading));
+    }
+
+    /// Finds the heading: by a pose that is to be trusted, if there is one, and by the sample alone.
+    fn find(&mut self, t_s: f64, raw: &Vector3<f64>, pose: Option<Pose>) -> Found {
+        let level = self.intake.attitude.down_and_sd(t_s, pose.is_some());
+        let calibrated = self.learning.calibrated;
+        let corrected = self.estimate.corrected(raw).filter(|_| calibrated);
+        if let Some(corrected) = &corrected {
+            self.follow_strength(t_s, corrected.norm());
+        }
+        let missed_rad = self.intake.attitude.missed_turn_rad(t_s);
+        let fused = pose.and_then(|pose| self.estimate.fix(&pose, missed_rad));
+        let rate_rad_s = self.rate_rad_s(t_s).map_or(0.0, |rate| rate.norm());
+        let instantaneous = self.estimate.instantaneous(raw, level, rate_rad_s);
+        let best = if pose.is_some() { fused } else { instantaneous };
+        if let Some(best) = &best {
+            self.sd_deg = best.sd_deg;
+        }
+        let possible = self.estimate.impossible_mgauss().is_none();
+        let most_sd_deg = self.setup.pipeline.publish_sd_deg;
+        Found {
+            down: level.map(|(down, _)| down),
+            corrected,
+            fused,
+            instantaneous,
+            published: best.filter(|fix| possible && fix.sd_deg <= most_sd_deg),
+        }
+    }
+
+    /// The heading to publish, with all that was found.
+    fn whole_heading(
+        &mut self,
+        t_s: f64,
+        raw: &Vector3<f64>,
+        found: &Found,
+        condition: Condition,
+    ) -> Heading {
+        let raw_body = self.setup.mountings.mag.to_body(*raw);
+        let mut heading = self.heading(t_s, found.down.as_ref(), condition);
+        heading.raw_deg = heading_deg(&raw_body, &found.down.unwrap_or_else(Vector3::z));
+        let Some(corrected) = found.corrected else {
+            return heading;
+        };
+        if let Some(published) = found.published {
+            heading.fused_deg = found.fused.map(|fix| fix.heading_deg);
+            heading.instantaneous_deg = found.instantaneous.map(|fix| fix.heading_deg);
+            heading.sd_deg = Some(published.sd_deg);
+        }
+        let measured = self.estimate.measured_axes();
+        heading.field_mgauss = Some(std::array::from_fn(|axis| {
+            measured[axis].then_some(corrected[axis])
+        }));
+        if measured == [true; 3] {
+            heading.strength_mgauss = Some(corrected.norm());
+            heading.dip_deg = found.down.map(|down| dip_deg(&corrected, &down));
+        }
+        heading.mag_status = match condition {
+            Condition::Disturbed if self.strength_deviation > 0.0 => MagStatus::HighField,
+            Condition::Disturbed => MagStatus::LowField,
+            Condition::Fault => MagStatus::Calibration,
+            _ => MagStatus::Normal,
+        };
+        heading
     }
 
     /// Gives the estimate a sample that was measured at `measured_s`, if it is new and the gyro knows the pose then. Returns the pose at

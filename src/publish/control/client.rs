@@ -1,9 +1,11 @@
 //! One client of the control socket: its lines are orders, and each gets an answer.
 
+use std::io;
 use std::time::{Duration, Instant};
 
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::UnixStream;
+use tokio::net::unix::{OwnedReadHalf, UCred};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{sleep, timeout, timeout_at};
 
@@ -33,79 +35,105 @@ pub(super) async fn serve(
     mut stop: watch::Receiver<bool>,
 ) -> Result<(), ClientError> {
     let peer = stream.peer_cred()?;
-    let (pid, uid, gid) = (peer.pid(), peer.uid(), peer.gid());
     let (reader, mut writer) = stream.into_split();
     let mut reader = BufReader::new(reader);
     let mut line = Vec::new();
     let mut allowance = Allowance::new(Instant::now());
     let mut deadline = tokio::time::Instant::now() + IDLE;
     loop {
-        line.clear();
         let pause = allowance.pause(Instant::now());
-        // Room for the end of the line, or for a byte too many.
-        let mut limited = (&mut reader).take(LONGEST as u64 + 2);
-        let read = async {
-            if let Some(pause) = pause {
-                sleep(pause).await;
-            }
-            timeout_at(deadline, limited.read_until(b'\n', &mut line)).await
-        };
         let count = tokio::select! {
             // An error means that the server is gone, which is a reason to stop as well.
             _ = stop.changed() => return Ok(()),
-            read = read => read.ok().transpose()?,
+            read = read_line(&mut reader, &mut line, pause, deadline) => read?,
         };
         if count == Some(0) {
             return Ok(());
         }
         allowance.bytes(Instant::now(), line.len());
         let text = line.trim_ascii();
-        let silent = count.is_none();
-        let without_end = line.strip_suffix(b"\r\n").or(line.strip_suffix(b"\n"));
-        let too_long = without_end.unwrap_or(&line).len() > LONGEST;
-        let answer = if silent {
-            let message = format!(
-                "no whole request has come for {} s: the connection is closed",
-                IDLE.as_secs()
-            );
-            Answer::refused("timeout", message)
-        } else if too_long {
-            let message =
-                format!("a request has at most {LONGEST} bytes: the connection is closed");
-            Answer::refused("too_long", message)
-        } else if text.is_empty() {
-            // Nothing was asked: the time goes on.
-            allowance.answer(Instant::now());
-            continue;
-        } else {
-            match ControlRequest::parse(text) {
-                Ok(request) => {
-                    let (changes, words) = (request.changes(), request.to_string());
-                    allowance.answer(Instant::now());
-                    let answer = carry_out(request, &orders).await;
-                    let (code, message) = (answer.code, &answer.message);
-                    if changes {
-                        tracing::info!(target: CHANGES, pid, uid, gid, code, "asked for {words}: {message}");
-                    } else {
-                        tracing::debug!(pid, uid, gid, code, "asked for {words}");
-                    }
-                    answer
-                }
-                Err(answer) => {
-                    allowance.error(Instant::now());
-                    let (code, message) = (answer.code, &answer.message);
-                    tracing::info!(pid, uid, gid, code, "a request was refused: {message}");
-                    answer
-                }
+        let farewell = farewell(&line, count.is_none());
+        let is_last = farewell.is_some();
+        let answer = match farewell {
+            Some(farewell) => farewell,
+            None if text.is_empty() => {
+                // Nothing was asked: the time goes on.
+                allowance.answer(Instant::now());
+                continue;
             }
+            None => answer(text, &peer, &mut allowance, &orders).await,
         };
         timeout(WRITE_PATIENCE, writer.write_all(answer.line().as_bytes()))
             .await
             .map_err(|_| ClientError::TooSlow(WRITE_PATIENCE))??;
-        if silent || too_long {
+        if is_last {
             return Ok(());
         }
         deadline = tokio::time::Instant::now() + IDLE;
+    }
+}
+
+/// Reads a line after this pause; how many bytes it has, or `None` if it is not there by the deadline.
+async fn read_line(
+    reader: &mut BufReader<OwnedReadHalf>,
+    line: &mut Vec<u8>,
+    pause: Option<Duration>,
+    deadline: tokio::time::Instant,
+) -> io::Result<Option<usize>> {
+    line.clear();
+    if let Some(pause) = pause {
+        sleep(pause).await;
+    }
+    // Room for the end of the line, or for a byte too many.
+    let mut limited = reader.take(LONGEST as u64 + 2);
+    let read = timeout_at(deadline, limited.read_until(b'\n', line));
+    read.await.ok().transpose()
+}
+
+/// The last answer, to a client that is to be let go.
+fn farewell(line: &[u8], silent: bool) -> Option<Answer> {
+    let without_end = line.strip_suffix(b"\r\n").or(line.strip_suffix(b"\n"));
+    if silent {
+        let message = format!(
+            "no whole request has come for {} s: the connection is closed",
+            IDLE.as_secs()
+        );
+        Some(Answer::refused("timeout", message))
+    } else if without_end.unwrap_or(line).len() > LONGEST {
+        let message = format!("a request has at most {LONGEST} bytes: the connection is closed");
+        Some(Answer::refused("too_long", message))
+    } else {
+        None
+    }
+}
+
+/// Answers a request, and logs who asked.
+async fn answer(
+    text: &[u8],
+    peer: &UCred,
+    allowance: &mut Allowance,
+    orders: &mpsc::Sender<ControlCall>,
+) -> Answer {
+    let (pid, uid, gid) = (peer.pid(), peer.uid(), peer.gid());
+    match ControlRequest::parse(text) {
+        Ok(request) => {
+            let (changes, words) = (request.changes(), request.to_string());
+            allowance.answer(Instant::now());
+            let answer = carry_out(request, orders).await;
+            let (code, message) = (answer.code, &answer.message);
+            if changes {
+                tracing::info!(target: CHANGES, pid, uid, gid, code, "asked for {words}: {message}");
+            } else {
+                tracing::debug!(pid, uid, gid, code, "asked for {words}");
+            }
+            answer
+        }
+        Err(answer) => {
+            allowance.error(Instant::now());
+            let (code, message) = (answer.code, &answer.message);
+            tracing::info!(pid, uid, gid, code, "a request was refused: {message}");
+            answer
+        }
     }
 }
 
