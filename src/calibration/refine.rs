@@ -169,8 +169,7 @@ pub fn accumulate<const P: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::curve::{Diagonal, Symmetric, symmetric};
-    use nalgebra::Vector3;
+    use crate::calibration::curve::Diagonal;
 
     fn refine2(points: &[[f64; 2]], start: &[f64; 4], reference: f64) -> Option<Refined<4>> {
         refine::<Diagonal<2>, 2, 4>(points, start, reference)
@@ -193,24 +192,6 @@ mod tests {
             assert!((found - true_value).abs() < 1e-5, "{:?}", refined.position);
         }
         assert_eq!(refined.used, 200);
-    }
-
-    #[test]
-    fn cross_coupling_is_found_from_a_diagonal_start() {
-        let truth = [10.0, -20.0, 30.0, 0.9, 1.0, 1.1, 0.05, -0.03, 0.08];
-        let matrix = symmetric(&truth[3..]);
-        let points: Vec<[f64; 3]> = (0..600)
-            .map(|i| {
-                let (t, s) = (f64::from(i) * 0.37, f64::from(i) * 0.011);
-                let u = Vector3::new(t.cos() * s.cos(), t.sin() * s.cos(), s.sin());
-                (matrix * u * 550.0 + Vector3::new(10.0, -20.0, 30.0)).into()
-            })
-            .collect();
-        let start = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0];
-        let refined = refine::<Symmetric, 3, 9>(&points, &start, 550.0).unwrap();
-        for (found, true_value) in refined.position.iter().zip(truth) {
-            assert!((found - true_value).abs() < 1e-5, "{:?}", refined.position);
-        }
     }
 
     #[test]

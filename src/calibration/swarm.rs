@@ -213,7 +213,6 @@ pub fn search<const D: usize, const P: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::settings::StopChoice;
 
     const BOX: Bounds<2> = Bounds {
         low: [-90.0, -80.0],
@@ -297,23 +296,6 @@ mod tests {
             BOX.confine(&mut confined, &mut [0.0; 4]);
             assert_eq!(confined, found.position);
         }
-    }
-
-    #[test]
-    fn the_same_seed_gives_the_same_swarm_and_another_another() {
-        let run = |seed| {
-            let settings = Settings {
-                stop: StopChoice::Basic,
-                ..paper(seed)
-            };
-            search(&BOX, &settings, None, bowl)
-        };
-        assert_eq!(run(7), run(7));
-        assert_ne!(run(7).position, run(8).position);
-        assert_eq!(
-            (run(7).fitness.len(), run(7).stop),
-            (1000, Stop::Iterations)
-        );
     }
 
     #[test]

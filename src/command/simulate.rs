@@ -142,17 +142,8 @@ mod tests {
     fn options_reach_the_simulated_board() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("a.csv");
-        let more = [
-            "--scenario",
-            "spatial",
-            "--turns",
-            "-1",
-            "--bias-mgauss",
-            "-5,0,2.5",
-            "--scale",
-            "1,1,1",
-            "--no-gyro",
-        ];
+        let more = "--scenario spatial --turns -1 --bias-mgauss -5,0,2.5 --scale 1,1,1 --no-gyro";
+        let more: Vec<&str> = more.split(' ').collect();
         run(&args(&out, &more).unwrap()).unwrap();
         let replay = Replay::open(&out).unwrap();
         let truth = &replay.header().truth;

@@ -134,24 +134,3 @@ fn open(path: &Path) -> io::Result<File> {
         Err(io::Error::new(ErrorKind::TimedOut, why))
     })
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn good_rows_come_out_and_bad_ones_are_counted() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.csv");
-        let text = "# headingd-log 1\n# sensor = hmc5843\nt_s\n0\nx\n1\n2";
-        std::fs::write(&path, text).unwrap();
-        let mut replay = Replay::open(&path).unwrap();
-        assert_eq!(replay.header().sensor.as_deref(), Some("hmc5843"));
-        let times: Vec<f64> = replay.by_ref().map(|e| e.unwrap().reading.t_s).collect();
-        assert_eq!(times, [0.0, 1.0]);
-        let summary = replay.skips().summary().unwrap();
-        assert!(summary.starts_with("2 rows skipped"), "{summary}");
-        let first = replay.skips().first().unwrap().to_string();
-        assert!(first.contains("a.csv, line 5, column 1 (t_s)"), "{first}");
-    }
-}

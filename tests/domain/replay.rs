@@ -454,29 +454,6 @@ fn a_silent_magnetometer_is_stale_and_recovers() {
     assert!(rms(&errors) < 2.0, "{}", rms(&errors));
 }
 
-/// Its last number may have lost digits, and looks whole.
-#[test]
-fn a_row_without_its_end_is_skipped() {
-    let folder = Folder::new();
-    let (header, mut entries) = simulated(&turning(0.0));
-    entries.truncate(60);
-    let whole = log(&(header, entries));
-    let cut = [&whole[..], b"0.5,100,200,300,,,,,,,1"].concat();
-    let read = |bytes: &[u8]| {
-        let path = folder.file("a.csv", bytes);
-        // `calibrate` reads the same rows, of which there are too few.
-        let calibrated = headingd(&["calibrate", &path, "--json"]);
-        assert_eq!(calibrated.status, 3, "{calibrated:?}");
-        let samples = calibrated.json()["samples"]["total"].clone();
-        (replay(&path, &[]), samples)
-    };
-    let (right, samples) = read(&whole);
-    let (ran, found) = read(&cut);
-    assert_eq!((ran.status, ran.out, found), (0, right.out, samples));
-    let skipped = ran.err.contains("1 row skipped") && ran.err.contains("cut off");
-    assert!(skipped && right.err.is_empty(), "{}", ran.err);
-}
-
 #[test]
 fn rows_that_are_no_rows_are_skipped_and_counted() {
     let folder = Folder::new();

@@ -13,7 +13,6 @@ use headingd::calibration::policy::{Policy, Reason};
 use headingd::store::history::HistoryError;
 use headingd::store::{Contents, History, Identity, Made, Store, StoreError};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
-use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
 
 fn identity() -> Identity {
@@ -179,24 +178,6 @@ fn a_covariance_or_a_bias_of_a_chip_that_cannot_be_one_is_damage() {
     calibration["matrix"][0] = json!(-1.1);
     let error = Contents::from_value(value).unwrap_err().to_string();
     assert!(error.contains("calibration.matrix"), "{error}");
-}
-
-#[test]
-fn no_number_is_rounded_on_its_way() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("out.json");
-    let mut random = rand_xoshiro::Xoshiro256PlusPlus::seed_from_u64(1);
-    for _ in 0..200 {
-        let mut made = made(planar());
-        if let Parameters::Planar(planar) = &mut made.calibration.parameters {
-            planar.bias_mgauss = Vector2::from_fn(|_, _| random.random_range(-500.0..500.0));
-            planar.scale = Vector2::from_fn(|_, _| random.random_range(0.5..2.0));
-        }
-        made.calibration.reference_mgauss = Some(random.random_range(100.0..700.0));
-        let contents = Contents::of(History::of(identity(), made));
-        Store::write_file(&file, &contents).unwrap();
-        assert_eq!(Store::read_file(&file).unwrap(), contents);
-    }
 }
 
 #[test]

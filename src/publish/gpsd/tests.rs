@@ -1,5 +1,4 @@
 use super::*;
-use crate::calibration::outcome::Verdict;
 use crate::condition::Condition;
 use proptest::prelude::*;
 use serde_json::Value;
@@ -114,22 +113,6 @@ fn watch_says_what_is_sent() {
             r#"{"class":"WATCH","enable":true,"json":false,"nmea":true,"raw":0,"scaled":false,"timing":false,"#,
             r#""split24":false,"pps":false,"calibration":false,"state":false,"readings":false,"rate_hz":2.500}"#
         )
-    );
-}
-
-#[test]
-fn calibration_is_the_outcome_with_its_class_before_it() {
-    let outcome = Outcome {
-        verdict: Verdict::Accepted,
-        reason: "accepted",
-        residual_mgauss: Some(1.5),
-        bias_mgauss: Some(vec![1.0, 2.0]),
-        ..Outcome::begun(1, 0)
-    };
-    let plain = serde_json::to_string(&outcome).unwrap();
-    assert_eq!(
-        calibration(&outcome),
-        format!(r#"{{"class":"CALIBRATION",{}"#, &plain[1..])
     );
 }
 
