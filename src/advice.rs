@@ -44,7 +44,8 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "gyro_angle" => "check the gyro's unit; compare the chips' axes and signs with headingd align LOG",
         "reversed_field" =>
             "compare the chips' axes and signs with headingd align LOG; check the sign of true_north.latitude_deg",
-        "gyro_sign" => "compare the chips' axes and signs with headingd align LOG",
+        "gyro_sign" | "mag_axes" | "accel_axes" =>
+            "compare the chips' axes and signs with headingd align LOG",
         "gyro" => "check both mountings; turn more slowly; keep iron away from the board's path",
         "dip" => "check the mountings of magnetometer and accelerometer; keep iron away",
         "jump" => "turn again, level: a magnet was attached or taken away in mid-turn, or the board tilted",
@@ -68,6 +69,8 @@ mod tests {
             "field_changed",
             "gyro_angle",
             "gyro_sign",
+            "mag_axes",
+            "accel_axes",
         ] {
             let advice = next_step(reason).unwrap();
             assert!(advice.ends_with("headingd align LOG"), "{reason}: {advice}");

@@ -21,6 +21,7 @@ mod covariance;
 mod field_turns;
 mod filter;
 mod fix;
+mod gyro_axes;
 mod gyro_check;
 mod gyro_scale;
 mod iron_watch;

@@ -3,7 +3,8 @@
 //! A field that stands still turns against the board as the gyro reads, and iron on the board adds a constant. So the
 //! change of the raw field over a moment is compared with the change that the gyro predicts: a gyro of the wrong sign predicts the
 //! opposite. Gravity turns in the same way, and no iron moves it: where both have turned and the gyro has not, the gyro is dead,
-//! whatever it reads. `gyro_scale` checks the scale, and `field_turns` counts turns that the gyro does not see.
+//! whatever it reads. `gyro_scale` checks the scale, `gyro_axes` the axes, and `field_turns` counts turns that the gyro does not see. Of
+//! gyro, field and gravity, the one that turns another way than the other two is wrong.
 
 use std::f64::consts::PI;
 
@@ -11,6 +12,7 @@ use nalgebra::Vector3;
 
 use super::field_turns::FieldTurns;
 use super::filter::{Filter, Input};
+use super::gyro_axes::{AxesVerdict, GyroAxes};
 use super::gyro_scale::{GyroScale, ScaleVerdict};
 use super::prior::FIELD_MGAUSS;
 use crate::attitude::GRAVITY_M_S2;
@@ -32,6 +34,8 @@ const ALONE: f64 = 0.1;
 const OPPOSES: f64 = -0.3;
 /// The same for gravity. The limit is stricter, since accelerations change the measured gravity too.
 const GRAVITY_OPPOSES: f64 = -0.5;
+/// So many changes must have been seen by then: a filter that has just begun knows little of the iron.
+const LEAST_CHANGES: u32 = 6;
 /// Readings that are the same to the last bit are a real rotation, that of a turntable, only above this correlation.
 const AGREES: f64 = 0.5;
 /// Specific force that is longer or shorter than gravity by more than this share is not gravity.
@@ -42,8 +46,8 @@ const TOGETHER: u32 = 3;
 const MOVED: f64 = 0.1;
 /// A gyro that turns by less than this share of what gravity does is silent.
 const SILENT: f64 = 0.3;
-/// A gyro that was at fault explains the field again from this correlation on.
-const EXPLAINS_AGAIN: f64 = 0.8;
+/// A gyro that was at fault explains the field again from this correlation on: by chance or by a filter that was misled, wrong axes reach 0.8.
+const EXPLAINS_AGAIN: f64 = 0.9;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, are no measurement if the field
 /// changes by so much meanwhile (squares summed: a level turn of 30° at a dip of 65°).
 const CONSTANT_S: f64 = 0.5;
@@ -68,8 +72,12 @@ const RATE_TAU_S: f64 = 1.0;
 pub enum GyroFault {
     /// Field or gravity turn, and the gyro does not measure it.
     Dead,
-    /// Its axes or signs are wrong.
+    /// Its axes or signs are wrong, or those of another chip.
     Sign,
+    /// It is right, and the magnetometer's axes or signs are wrong: gravity turns as it reads.
+    MagAxes,
+    /// It is right, and the accelerometer's axes or signs are wrong: the field turns as it reads.
+    AccelAxes,
     /// Its scale is off by more than 5 %.
     Scale,
 }
@@ -79,6 +87,7 @@ pub enum GyroFault {
 pub(super) struct GyroCheck {
     field: Witness,
     gravity: Witness,
+    axes: GyroAxes,
     unexplained: Unexplained,
     /// The field when gravity's moment began, as a share of its strength, how far the gyro has turned since, radians, and how often both
     /// have moved without it.
@@ -206,9 +215,15 @@ impl Witness {
 
     fn opposes(&self, limit: f64) -> bool {
         let Sums {
-            seen, predicted, ..
+            seen,
+            predicted,
+            count,
+            ..
         } = self.sums;
-        predicted > ALONE * seen && self.sums.enough() && self.sums.correlation() < limit
+        count >= LEAST_CHANGES
+            && predicted > ALONE * seen
+            && self.sums.enough()
+            && self.sums.correlation() < limit
     }
 }
 
@@ -250,7 +265,7 @@ impl GyroCheck {
         };
         let field = input.field_mgauss / strength;
         let disturbed = filter.begun && filter.disturbed();
-        if disturbed && !self.disturbed {
+        if disturbed && !self.disturbed && self.was_right {
             self.scale.begin_anew();
         }
         self.disturbed = disturbed;
@@ -273,9 +288,15 @@ impl GyroCheck {
             if (up.norm() - 1.0).abs() > SHAKEN {
                 self.gravity.moment = None;
             } else {
+                if self.gravity.moment.is_none() {
+                    self.axes.begin(up);
+                } else {
+                    self.axes.turn(&up, &turned_rad);
+                }
                 let change = self.gravity.take(up, up.cross(&turned_rad), dt);
                 if change.counts() {
                     judge = true;
+                    self.axes.end(up, change.larger);
                     self.compare(change.seen, &field);
                 }
             }
@@ -301,6 +322,9 @@ impl GyroCheck {
         if self.fault.is_none() && fault.is_some_and(|fault| fault != GyroFault::Scale) {
             // What was seen before the fault must not end it.
             self.scale.begin_anew();
+            if self.axes.verdict() == AxesVerdict::Right {
+                self.axes = GyroAxes::default();
+            }
         }
         self.fault = fault;
         let right = fault.is_none() && scale == ScaleVerdict::Right;
@@ -370,14 +394,21 @@ impl GyroCheck {
         // The predicted change of the field depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong
         // scale. The check of the scale needs no iron, so it overrules the field. The field overrules gravity: on an arm that swings faster
         // than a pendulum of its length, the measured gravity tilts the opposite way.
-        let opposes = (self.gravity.opposes(GRAVITY_OPPOSES) && !self.field.agrees())
+        let field_agrees = self.field.agrees();
+        let other_axes = self.axes.verdict() == AxesVerdict::Wrong;
+        if other_axes && (field_agrees || scale == ScaleVerdict::Right) {
+            return Some(GyroFault::AccelAxes);
+        }
+        let opposes = other_axes
+            || (self.gravity.opposes(GRAVITY_OPPOSES) && !field_agrees)
             || (self.field.opposes(OPPOSES) && !self.scale.same_way());
         if opposes || scale == ScaleVerdict::Opposed {
             return Some(GyroFault::Sign);
         }
-        // A fault is over when the gyro explains the field again.
+        // A fault is over when the gyro explains the field again. But a filter that was misled from the beginning agrees with what has
+        // misled it.
+        let explained = field_agrees && self.was_right;
         let wrong = self.fault.filter(|fault| {
-            let explained = self.field.sums.correlation() >= EXPLAINS_AGAIN;
             scale != ScaleVerdict::Right && (*fault == GyroFault::Scale || !explained)
         });
         wrong.or((scale == ScaleVerdict::Wrong).then_some(GyroFault::Scale))
@@ -385,6 +416,12 @@ impl GyroCheck {
 
     /// What is wrong, if anything is.
     pub(super) fn fault(&self) -> Option<GyroFault> {
-        self.fault
+        let by_field =
+            self.fault == Some(GyroFault::Sign) && self.axes.verdict() == AxesVerdict::Right;
+        if by_field {
+            Some(GyroFault::MagAxes)
+        } else {
+            self.fault
+        }
     }
 }

@@ -45,6 +45,9 @@ const LEFT: f64 = 0.25;
 /// A scale is wrong when it is further from 1 than 5 %, and than that by three deviations.
 const TOLERANCE: f64 = 0.05;
 const DEVIATIONS: f64 = 3.0;
+/// It is not the scale that is wrong but the axes if no scale explains more than this share of the squared change. Noise and unevenness of 2 %
+/// leave a hundredth of what the least of the moments that count changes.
+const UNEXPLAINED: f64 = 0.3;
 
 /// What the field says of the gyro's scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,7 +55,7 @@ pub(super) enum ScaleVerdict {
     Unknown,
     Right,
     Wrong,
-    /// The gyro turns the other way.
+    /// The gyro turns another way.
     Opposed,
 }
 
@@ -147,8 +150,8 @@ impl GyroScale {
         }
     }
 
-    /// s and its deviation; `None` while the moments do not tell it from iron.
-    fn scale(&self) -> Option<(f64, f64)> {
+    /// s, its deviation, and the share of the squared change that it leaves; `None` while the moments do not tell it from iron.
+    fn scale(&self) -> Option<(f64, f64, f64)> {
         if self.moments < LEAST_MOMENTS {
             return None;
         }
@@ -167,24 +170,25 @@ impl GyroScale {
         // Over an arc a wrong D looks like a wrong scale, as iron does; over full turns, which leave all, it does not.
         let by_matrix2 = self.matrix2 * (1.0 / left - 1.0).max(0.0);
         let variance = scatter2 * inverse[(0, 0)] + by_matrix2;
-        (left > LEFT).then(|| (found[0], variance.sqrt()))
+        (left > LEFT).then(|| (found[0], variance.sqrt(), residual / self.squares))
     }
 
     /// Whether the gyro clearly turns the same way as the field shows, whatever its scale.
     pub(super) fn same_way(&self) -> bool {
         self.scale()
-            .is_some_and(|(scale, sd)| scale > DEVIATIONS * sd)
+            .is_some_and(|(scale, sd, _)| scale > DEVIATIONS * sd)
     }
 
     /// Whether the scale is right, as far as the moments tell.
     pub(super) fn verdict(&self) -> ScaleVerdict {
-        let Some((scale, sd)) = self.scale() else {
+        let Some((scale, sd, unexplained)) = self.scale() else {
             return ScaleVerdict::Unknown;
         };
         let off = (scale - 1.0).abs();
-        if scale < -DEVIATIONS * sd {
+        let wrong = off > TOLERANCE + DEVIATIONS * sd;
+        if scale < -DEVIATIONS * sd || (wrong && unexplained > UNEXPLAINED) {
             ScaleVerdict::Opposed
-        } else if off > TOLERANCE + DEVIATIONS * sd {
+        } else if wrong {
             ScaleVerdict::Wrong
         } else if off < TOLERANCE && sd < TOLERANCE {
             ScaleVerdict::Right
@@ -288,7 +292,7 @@ mod tests {
         let scale = board
             .regression
             .scale()
-            .map_or(f64::NAN, |(scale, _)| scale);
+            .map_or(f64::NAN, |(scale, _, _)| scale);
         (board.regression.verdict(), scale)
     }
 

@@ -214,7 +214,16 @@ impl Pipeline {
             ),
             GyroFault::Sign => (
                 "gyro_sign",
-                "gyro and field turn different ways: check the gyro's axes and signs (in [mounting] or the header) and its unit",
+                "the gyro turns another way than field or gravity: check the axes and signs of gyro and accelerometer (in [mounting] or the \
+                 header), and the gyro's unit",
+            ),
+            GyroFault::MagAxes => (
+                "mag_axes",
+                "the field turns another way than gyro and gravity: check the magnetometer's axes and signs (in [mounting] or the header)",
+            ),
+            GyroFault::AccelAxes => (
+                "accel_axes",
+                "gravity turns another way than gyro and field: check the accelerometer's axes and signs (in [mounting] or the header)",
             ),
             GyroFault::Scale => (
                 "gyro_scale",

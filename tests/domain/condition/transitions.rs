@@ -4,11 +4,13 @@ use headingd::calibration::outcome::Outcome;
 use headingd::calibration::policy::Policy;
 use headingd::condition::SourceFault;
 use headingd::pipeline::{Event, Settings};
+use headingd::reading::{Field, Reading};
 use headingd::true_north::{EarthField, Known};
 use nalgebra::{Rotation3, Vector3};
 
 use super::board::{Board, planar};
-use crate::common::EARTH;
+use super::gyro::swinging;
+use crate::common::{EARTH, carried};
 
 /// What leads to a row's first state, and what happens then.
 type Scenario = (&'static str, fn() -> Board, fn(&mut Board));
@@ -177,6 +179,18 @@ const SCENARIOS: &[Scenario] = &[
         b.gyro = |rate| -rate;
         b.tumble();
     }),
+    ("the magnetometer's axes are exchanged", || Board::new(None), |b| {
+        swing(b, |reading| {
+            let exchanged = |[x, y, z]: Field| [y, x, z.map(|z| -z)];
+            reading.field_mgauss = reading.field_mgauss.map(exchanged);
+        });
+    }),
+    ("the accelerometer's axes are exchanged", || Board::new(None), |b| {
+        swing(b, |reading| {
+            let exchanged = |force: Vector3<f64>| Vector3::new(force.y, force.x, -force.z);
+            reading.specific_force_m_s2 = reading.specific_force_m_s2.map(exchanged);
+        });
+    }),
     ("the gyro has another scale", good, |b| {
         b.gyro = |rate| 1.2 * rate;
         for angle_deg in [300.0, -300.0, 300.0, -300.0, 300.0, -300.0, 300.0] {
@@ -231,6 +245,15 @@ const SCENARIOS: &[Scenario] = &[
         board
     }, |b| b.tell(Event::Fault(None))),
 ];
+
+/// Swings a board about for a minute, after a rest, with readings that a wrong mounting changes.
+fn swing(board: &mut Board, mount: fn(&mut Reading)) {
+    let lies = |t_s: f64| swinging((t_s - 5.0).max(0.0));
+    for mut reading in carried(60.0, lies, |_, rate| rate) {
+        mount(&mut reading);
+        board.tell(Event::Reading(reading));
+    }
+}
 
 /// From, event, to, reason.
 fn table() -> Vec<[&'static str; 4]> {
