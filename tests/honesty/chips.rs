@@ -126,6 +126,7 @@ impl Gyro {
 
 /// The accelerometer.
 pub struct Accelerometer {
+    pub matrix: Matrix3<f64>,
     pub bias: Vector3<f64>,
     pub noise: f64,
     pub silent: bool,
@@ -133,7 +134,7 @@ pub struct Accelerometer {
 
 impl Accelerometer {
     pub fn read(&mut self, force: &Vector3<f64>, rng: &mut Rng) -> Option<Vector3<f64>> {
-        let all = force + self.bias + rng.vector(self.noise);
+        let all = self.matrix * force + self.bias + rng.vector(self.noise);
         (!self.silent).then(|| all.map(|f| (f / FORCE_COUNT).round() * FORCE_COUNT))
     }
 }
@@ -190,6 +191,7 @@ impl Board {
                 every: 1,
             },
             force: Accelerometer {
+                matrix: Matrix3::identity(),
                 bias: Vector3::zeros(),
                 noise: 0.0,
                 silent: false,

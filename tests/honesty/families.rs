@@ -146,6 +146,8 @@ pub const ALL: &[Family] = &[
     family("wrong_gyro_mismounted", 200, CHANGE, handled::mismounted_gyro),
     family("wrong_gyro_swapped", 200, CHANGE, handled::swapped_gyro),
     family("wrong_gyro_turned", 200, CHANGE, handled::turned_gyro),
+    family("wrong_mag_turned", 200, CHANGE, handled::turned_magnetometer),
+    family("wrong_accel_turned", 200, CHANGE, handled::turned_accelerometer),
     family("fault_gyro_zero", 200, FAULT, faults::gyro_zero),
     family("fault_gyro_bias", 200, FAULT, faults::gyro_bias),
     family("fault_gyro_constant", 200, FAULT, faults::gyro_constant),

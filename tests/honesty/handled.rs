@@ -164,8 +164,8 @@ fn moved_fast(rng: &mut Rng, score: &mut Score, rate: f64, accel: f64) -> Scene 
     in_room(rng, &FAIR, parts, s)
 }
 
-/// A gyro that is wrong from the beginning.
-fn wrong_gyro(rng: &mut Rng, score: &mut Score, wrong: fn(&mut Rng, &mut Board)) {
+/// A chip that is wrong from the beginning.
+fn wrong_chip(rng: &mut Rng, score: &mut Score, wrong: fn(&mut Rng, &mut Board)) {
     score.starts_s = 4.0;
     let mut parts = teaching(rng);
     parts.push(free(rng, 60.0));
@@ -176,21 +176,21 @@ fn wrong_gyro(rng: &mut Rng, score: &mut Score, wrong: fn(&mut Rng, &mut Board))
 
 /// It reads 0.5 to 2 times what it should.
 pub fn misread_gyro(rng: &mut Rng, score: &mut Score) {
-    wrong_gyro(rng, score, |rng, board| {
+    wrong_chip(rng, score, |rng, board| {
         board.gyro.fault = GyroFault::Scaled(misread(rng));
     });
 }
 
 /// All of its signs are wrong.
 pub fn negative_gyro(rng: &mut Rng, score: &mut Score) {
-    wrong_gyro(rng, score, |_, board| {
+    wrong_chip(rng, score, |_, board| {
         board.gyro.fault = GyroFault::Scaled(-1.0)
     });
 }
 
 /// Two of its signs are wrong: it is mounted another way round.
 pub fn mismounted_gyro(rng: &mut Rng, score: &mut Score) {
-    wrong_gyro(rng, score, |rng, board| {
+    wrong_chip(rng, score, |rng, board| {
         let axis = rng.uniform(0.0, 3.0) as usize;
         let mut signs = -Vector3::repeat(1.0);
         signs[axis] = 1.0;
@@ -200,7 +200,7 @@ pub fn mismounted_gyro(rng: &mut Rng, score: &mut Score) {
 
 /// Its axes are in another order.
 pub fn swapped_gyro(rng: &mut Rng, score: &mut Score) {
-    wrong_gyro(rng, score, |rng, board| {
+    wrong_chip(rng, score, |rng, board| {
         let by = if rng.chance(0.5) { 1 } else { 2 };
         let order = Matrix3::from_fn(|row, column| f64::from(u8::from((row + by) % 3 == column)));
         board.gyro.matrix = order * board.gyro.matrix;
@@ -209,12 +209,29 @@ pub fn swapped_gyro(rng: &mut Rng, score: &mut Score) {
 
 /// One axis is turned: two axes change places, one with another sign.
 pub fn turned_gyro(rng: &mut Rng, score: &mut Score) {
-    wrong_gyro(rng, score, |rng, board| {
-        let axis = rng.uniform(0.0, 3.0) as usize;
-        let mut about = Vector3::zeros();
-        about[axis] = FRAC_PI_2;
-        board.gyro.matrix = Rotation3::new(about).into_inner() * board.gyro.matrix;
+    wrong_chip(rng, score, |rng, board| {
+        board.gyro.matrix = quarter_turn(rng, 3.0) * board.gyro.matrix;
     });
+}
+
+/// The same with the magnetometer, but not about Z: level turns cannot show that.
+pub fn turned_magnetometer(rng: &mut Rng, score: &mut Score) {
+    wrong_chip(rng, score, |rng, board| {
+        board.mag.matrix = quarter_turn(rng, 2.0) * board.mag.matrix;
+    });
+}
+
+/// And with the accelerometer.
+pub fn turned_accelerometer(rng: &mut Rng, score: &mut Score) {
+    wrong_chip(rng, score, |rng, board| {
+        board.force.matrix = quarter_turn(rng, 3.0) * board.force.matrix;
+    });
+}
+
+/// A quarter of a turn about one of the first so many axes.
+fn quarter_turn(rng: &mut Rng, axes: f64) -> Matrix3<f64> {
+    let axis = rng.uniform(0.0, axes) as usize;
+    Rotation3::new(Vector3::ith(axis, FRAC_PI_2)).into_inner()
 }
 
 /// How many times too much it reads: 0.5 to 2, but not nearly 1.
