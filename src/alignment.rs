@@ -158,8 +158,8 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
     })
 }
 
-/// Refines the axes that were found, the accelerometer's first; the gyro's bias. What is left of that is found with the axes, and a bias found
-/// makes these more exact.
+/// Refines the axes found, and returns the gyro's bias. Both are found together, and a better bias makes the axes more exact. The last
+/// sensor's bias is used: the magnetometer must come last.
 fn refine_all(
     readings: &[Reading],
     mut sensors: [(&VectorSensor, &mut Option<FoundAxes>); 2],
@@ -172,7 +172,6 @@ fn refine_all(
             if let Some(found) = found {
                 *found = refine(&sensor.data(&carried), found)
                     .ok_or(AlignmentError::Ambiguous(sensor.name))?;
-                // The magnetometer's, if there is one.
                 more = found.bias_rad_s;
             }
         }
@@ -181,7 +180,7 @@ fn refine_all(
     Ok(bias)
 }
 
-/// Sum of the forces while the board lay as it is to lie.
+/// Sum of the forces in the first [`UPRIGHT_S`], in which the board lies upright.
 fn force_at_first(forces: &[(f64, Vector3<f64>)]) -> Vector3<f64> {
     let until_s = forces.first().map_or(0.0, |(t_s, _)| t_s + UPRIGHT_S);
     let first = forces.iter().take_while(|(t_s, _)| *t_s <= until_s);

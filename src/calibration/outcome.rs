@@ -70,7 +70,7 @@ pub struct Outcome {
     pub window: Option<Range<usize>>,
     /// What the swarm found, before refinement.
     pub swarm: Option<SwarmReport>,
-    /// How long the calibration took, microseconds, if the caller keeps a clock; unknown in a replay.
+    /// How long the calibration took, microseconds; unknown in a replay and for what motion has taught.
     pub elapsed_us: Option<u64>,
     /// What was judged, where it came to that.
     #[serde(skip)]

@@ -32,7 +32,7 @@ pub enum ConfigAction {
 pub struct ConfigFile {
     /// The configuration file [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml]
     file: Option<PathBuf>,
-    /// The same, as other commands have it
+    /// The same file, named as for other commands
     #[arg(long, value_name = "FILE", conflicts_with = "file")]
     config: Option<PathBuf>,
 }
@@ -74,13 +74,13 @@ fn warnings(config: &Config) -> Vec<String> {
     warnings.extend(stale_between_samples(config));
     warnings.extend(match config.source.kind {
         Some(Kind::Replay) => unreadable_log(&config.source.log),
-        _ => no_true_north(config),
+        _ => unreliable_declination(config),
     });
     warnings
 }
 
-/// Warns of a place of which the model tells no declination today.
-fn no_true_north(config: &Config) -> Option<String> {
+/// Warns of a place where the model's declination is missing or inaccurate today.
+fn unreliable_declination(config: &Config) -> Option<String> {
     let mut north = TrueNorth::new(&config.true_north);
     north.declination_deg(wall_clock::now());
     north.news().map(|news| news.text)

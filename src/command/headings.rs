@@ -110,7 +110,8 @@ impl Headings {
             reader: BufReader::new(stream),
             bytes: Vec::new(),
             line: String::new(),
-            asked: false,
+            // Each daemon greets at once: there is nothing to ask.
+            asked: true,
         };
         headings.greeting()?;
         Ok(headings)
@@ -118,8 +119,6 @@ impl Headings {
 
     fn greeting(&mut self) -> Result<(), Failure> {
         self.set_patience(PATIENCE)?;
-        // Each daemon greets at once: there is nothing to ask.
-        self.asked = true;
         if self.object()?["class"] == "VERSION" {
             return Ok(());
         }
@@ -139,13 +138,14 @@ impl Headings {
 
     /// Asks for something that is always answered.
     fn ask(&mut self) -> Result<(), Failure> {
+        self.asked = true;
         let sent = self.reader.get_mut().write_all(b"?VERSION;\n");
         sent.map_err(|error| unreachable(&self.path, &error))
     }
 
     /// After a silence: a daemon whose source is silent has nothing to send, but answers.
     fn ask_once(&mut self) -> Result<(), Failure> {
-        if std::mem::replace(&mut self.asked, true) {
+        if self.asked {
             return Err(unreachable(&self.path, &ErrorKind::TimedOut.into()));
         }
         self.ask()

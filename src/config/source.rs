@@ -52,9 +52,13 @@ impl Settings {
     }
 
     fn check_log(&self, faults: &mut Vec<Fault>) {
-        if self.kind == Some(Kind::Replay) && self.log.as_os_str().is_empty() {
-            let right = "the path of the log to replay";
-            faults.push(Fault::new("log", "empty", right));
+        let found = match self.log.to_str() {
+            Some("") => "empty",
+            Some("-") => "standard input",
+            _ => return,
+        };
+        if self.kind == Some(Kind::Replay) {
+            faults.push(Fault::new("log", found, "the path of the log to replay"));
         }
     }
 }

@@ -27,14 +27,16 @@ pub(super) fn of_folder(error: &io::Error, key: &str) -> String {
     match error.kind() {
         _ if is_full(error) => "make room on the disk".to_owned(),
         _ if is_out_of_files(error) => OUT_OF_FILES.to_owned(),
-        ErrorKind::FileTooLarge => "raise the limit to the size of files (ulimit -f)".to_owned(),
+        ErrorKind::FileTooLarge => {
+            "raise the limit to the size of files (ulimit -f; LimitFSIZE= in the unit)".to_owned()
+        }
         ErrorKind::NotFound
         | ErrorKind::PermissionDenied
         | ErrorKind::AlreadyExists
         | ErrorKind::NotADirectory
         | ErrorKind::ReadOnlyFilesystem => format!(
-            "set {key} to a folder that this user may write; a service may write /var/lib/headingd, by StateDirectory=headingd \
-             of its unit"
+            "set {key} to a folder that this user may write; for a service, /var/lib/headingd, with StateDirectory=headingd in its \
+             unit"
         ),
         _ => format!("check the disk, or set {key} to a folder on another one"),
     }

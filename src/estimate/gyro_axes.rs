@@ -7,14 +7,16 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-/// So many moments are remembered, most of them of 9°, and fewer than these say nothing: with few, accelerations fit some order by chance.
+/// How many moments are remembered, most of them of 9°.
 const MEMORY: f64 = 30.0;
+/// Fewer moments say nothing: accelerations fit some order by chance.
 const LEAST_MOMENTS: f64 = 12.0;
 /// The axes are those that leave less than a quarter of the squares that all others leave. The best of the others leave no less than 1/3.6
 /// of what the right ones leave, in a million moments of simulated boards, most of them in a hand.
 const TELLS: f64 = 0.25;
-/// They must explain some of the change, too. A drone's force stays upright, and wrong axes that predict little fit that best.
-const LEAVES: f64 = 0.8;
+/// Axes are believed only if they leave less than this share of the squared change. A drone's force stays upright: wrong axes that predict
+/// little fit it best.
+const MOST_LEFT: f64 = 0.8;
 /// Which axis of the gyro is which axis of the board, in all orders.
 const ORDERS: [[usize; 3]; 6] = [
     [0, 1, 2],
@@ -40,8 +42,9 @@ pub(super) enum AxesVerdict {
 /// Compares how gravity turns with what each order and signs of the gyro's axes predict.
 #[derive(Clone, Debug, Default)]
 pub(super) struct GyroAxes {
-    /// f when the moment began, and the change that each entry of P predicts since: a column each, P's columns one after another.
+    /// f when the moment began.
     start: Vector3<f64>,
+    /// The change since then that each entry of P predicts: one column for each, P column by column.
     predicted: SMatrix<f64, 3, 9>,
     /// Sums over moments, of shares of the larger change: of 1, of the squared change, of its products with the columns, and of those with each other.
     moments: f64,
@@ -89,14 +92,14 @@ impl GyroAxes {
 
     fn judge(&mut self) {
         let own = self.left(&ORDERS[0], 0);
-        // What gravity shows on an arm that swings faster than a pendulum of its length.
-        let opposite = self.left(&ORDERS[0], 7);
+        // All signs are wrong: gravity shows this on an arm that swings faster than a pendulum of its length.
+        let opposite = self.left(&ORDERS[0], 0b111);
         let others = ORDERS
             .iter()
             .flat_map(|order| (0..8).map(|signs| self.left(order, signs)))
             .skip(1)
             .fold(f64::MAX, f64::min);
-        let most = LEAVES * self.squares;
+        let most = MOST_LEFT * self.squares;
         if own < most && own < TELLS * others {
             self.verdict = AxesVerdict::Right;
         } else if others < most && others < TELLS * own.min(opposite) {
@@ -131,6 +134,7 @@ mod tests {
     /// accelerations of this share of gravity.
     fn judged(gyro: Matrix3<f64>, accelerations: f64) -> AxesVerdict {
         let mut axes = GyroAxes::default();
+        axes.begin(Vector3::z());
         let mut attitude = Rotation3::identity();
         let dt = 0.02;
         for step in 0..1000 {

@@ -34,7 +34,7 @@ const ALONE: f64 = 0.1;
 const OPPOSES: f64 = -0.3;
 /// The same for gravity. The limit is stricter, since accelerations change the measured gravity too.
 const GRAVITY_OPPOSES: f64 = -0.5;
-/// So many changes must have been seen by then: a filter that has just begun knows little of the iron.
+/// Fewer changes say nothing against the gyro: a filter that has just begun knows little of the iron.
 const LEAST_CHANGES: u32 = 6;
 /// Readings that are the same to the last bit are a real rotation, that of a turntable, only above this correlation.
 const AGREES: f64 = 0.5;
@@ -46,7 +46,7 @@ const TOGETHER: u32 = 3;
 const MOVED: f64 = 0.1;
 /// A gyro that turns by less than this share of what gravity does is silent.
 const SILENT: f64 = 0.3;
-/// A gyro that was at fault explains the field again from this correlation on: by chance or by a filter that was misled, wrong axes reach 0.8.
+/// From this correlation on, a gyro that was at fault explains the field again. Wrong axes reach 0.8, by chance or by a filter that was misled.
 const EXPLAINS_AGAIN: f64 = 0.9;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, are no measurement if the field
 /// changes by so much meanwhile (squares summed: a level turn of 30° at a dip of 65°).
@@ -72,11 +72,11 @@ const RATE_TAU_S: f64 = 1.0;
 pub enum GyroFault {
     /// Field or gravity turn, and the gyro does not measure it.
     Dead,
-    /// Its axes or signs are wrong, or those of another chip.
+    /// The gyro's axes or signs are wrong, or nothing shows yet which chip's are.
     Sign,
-    /// It is right, and the magnetometer's axes or signs are wrong: gravity turns as it reads.
+    /// The magnetometer's axes or signs are wrong: gravity turns as the gyro reads, and the field does not.
     MagAxes,
-    /// It is right, and the accelerometer's axes or signs are wrong: the field turns as it reads.
+    /// The accelerometer's axes or signs are wrong: the field turns as the gyro reads, and gravity does not.
     AccelAxes,
     /// Its scale is off by more than 5 %.
     Scale,
@@ -265,6 +265,7 @@ impl GyroCheck {
         };
         let field = input.field_mgauss / strength;
         let disturbed = filter.begun && filter.disturbed();
+        // At first the axes may be wrong. That looks like one disturbance after the other, and only a longer record shows it.
         if disturbed && !self.disturbed && self.was_right {
             self.scale.begin_anew();
         }
@@ -320,7 +321,7 @@ impl GyroCheck {
         let scale = self.scale.verdict();
         let fault = self.judged(scale);
         if self.fault.is_none() && fault.is_some_and(|fault| fault != GyroFault::Scale) {
-            // What was seen before the fault must not end it.
+            // What was seen before the fault must neither end it nor show the magnetometer to be the wrong one.
             self.scale.begin_anew();
             if self.axes.verdict() == AxesVerdict::Right {
                 self.axes = GyroAxes::default();
@@ -407,21 +408,24 @@ impl GyroCheck {
         }
         // A fault is over when the gyro explains the field again. But a filter that was misled from the beginning agrees with what has
         // misled it.
-        let explained = field_agrees && self.was_right;
-        let wrong = self.fault.filter(|fault| {
-            scale != ScaleVerdict::Right && (*fault == GyroFault::Scale || !explained)
-        });
+        let over = |fault: &GyroFault| match fault {
+            GyroFault::Scale => false,
+            GyroFault::Dead => field_agrees,
+            _ => field_agrees && self.was_right,
+        };
+        let lasts = |fault: &GyroFault| scale != ScaleVerdict::Right && !over(fault);
+        let wrong = self.fault.filter(lasts);
         wrong.or((scale == ScaleVerdict::Wrong).then_some(GyroFault::Scale))
     }
 
     /// What is wrong, if anything is.
     pub(super) fn fault(&self) -> Option<GyroFault> {
-        let by_field =
-            self.fault == Some(GyroFault::Sign) && self.axes.verdict() == AxesVerdict::Right;
-        if by_field {
-            Some(GyroFault::MagAxes)
-        } else {
-            self.fault
+        match self.fault {
+            // Gravity turns as the gyro reads, so it is the field that does not.
+            Some(GyroFault::Sign) if self.axes.verdict() == AxesVerdict::Right => {
+                Some(GyroFault::MagAxes)
+            }
+            fault => fault,
         }
     }
 }

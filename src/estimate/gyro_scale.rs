@@ -45,8 +45,8 @@ const LEFT: f64 = 0.25;
 /// A scale is wrong when it is further from 1 than 5 %, and than that by three deviations.
 const TOLERANCE: f64 = 0.05;
 const DEVIATIONS: f64 = 3.0;
-/// It is not the scale that is wrong but the axes if no scale explains more than this share of the squared change. Noise and unevenness of 2 %
-/// leave a hundredth of what the least of the moments that count changes.
+/// The axes are wrong, not the scale, if the best scale leaves more than this share of the squared change unexplained. Noise and
+/// unevenness of 2 % leave a hundredth of the change of the smallest moment that counts.
 const UNEXPLAINED: f64 = 0.3;
 
 /// What the field says of the gyro's scale.

@@ -219,6 +219,16 @@ mod tests {
 
     const HEAD: &str = "# headingd-log 1\nt_s,mx,my,mz,gx,gy,gz,ax,ay,az,heading_deg\n";
 
+    /// Its last number may have lost digits.
+    #[test]
+    fn a_row_without_its_end_is_refused() {
+        let rows = rows(format!("{HEAD}7,,,,,,,,,,\n8,1,2,3,,,,,,,1").as_bytes());
+        let [Ok(_), Err(row)] = &rows[..] else {
+            panic!("{rows:?}")
+        };
+        assert!(row.what.contains("cut off"), "{row}");
+    }
+
     fn rows(text: &[u8]) -> Vec<Result<Entry, LineError>> {
         Reader::new("a.csv", text)
             .unwrap()

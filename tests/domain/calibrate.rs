@@ -215,7 +215,10 @@ fn what_is_not_known_is_null() {
             json!({"total": mag_rows, "turn": 0, "window": 0, "used": 0})
         );
         let known = "verdict reason message method seed unobserved samples elapsed_us";
-        for key in KEYS.split(' ').filter(|key| !known.contains(key)) {
+        for key in KEYS.split(' ') {
+            if known.split(' ').any(|word| word == key) {
+                continue;
+            }
             assert!(o[key].is_null(), "{key}: {}", o[key]);
         }
         assert!(o["elapsed_us"].is_u64());

@@ -10,8 +10,8 @@ use crate::frame::{add_variance, angle_between_rad};
 const LIKELY: f64 = 4.0;
 /// Before the board has turned this far, the field does not tell iron from north, radians.
 const BEGIN_RAD: f64 = 0.1;
-/// Iron that comes or goes may change by this share of the field more than the disturbance that shows it: part of the change may have been
-/// taken for unevenness.
+/// Share of the field by which iron may have changed beyond the disturbance that showed it: the filter may take part of a change for
+/// unevenness.
 const IRON_UNSEEN: f64 = 0.1;
 
 impl Filter {

@@ -44,7 +44,7 @@ const MATRIX_TURN: f64 = 0.067;
 const BY_TILT: f64 = 2.0 / 3.0;
 /// If a turning board finds the field unusually uneven, all of that variance is added to the hard iron, and this share of it to the field.
 const FIELD_SHARE: f64 = 0.003;
-/// A board that turns more slowly, rad/s (3°/s), does not count as turning there: a gyro's bias may be as much.
+/// Only a rate above this moves that variance to the iron, rad/s (3°/s): a gyro's bias may be as much.
 const NO_TURN_RAD_S: f64 = 0.05;
 
 impl Filter {

@@ -62,7 +62,7 @@ impl Health {
         faults.last_s = now_s;
         if !faults.told.contains(&newest.code) {
             faults.told.push(newest.code);
-            // What is wrong with the whole bus is told once, by the state that follows from the magnetometer's fault.
+            // A fault of the whole bus is logged once, as the state: not for each chip.
             if !["no_bus", "permission"].contains(&newest.code) {
                 tracing::warn!(code = newest.code, "{}", newest.message);
             }

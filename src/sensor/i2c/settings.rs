@@ -38,7 +38,7 @@ settings! {
 }
 
 words! {
-    /// Which magnetometer there is: one of the drivers' by its word, or the one that answers.
+    /// The magnetometer: one of the driver table, by its word, or the one that answers.
     #[derive(Default)]
     pub enum MagnetometerChoice {
         /// The one that answers.
