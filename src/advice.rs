@@ -35,7 +35,9 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
              chips' axes with headingd align LOG",
         "coverage" => "turn further round, or about a second axis too",
         "outliers" => "turn again: something magnetic came or went",
-        "residual" => "turn on the spot, away from iron: the field was not the same all the way round",
+        "residual" =>
+            "turn on the spot, away from iron: the field was not the same all the way round; if this happens everywhere, compare \
+             the chips' axes with headingd align LOG",
         "axis_ratio" => "turn fully and on the spot; check the unit in the log and the chip",
         "scale" => "check the reference field, and the gain or unit of the magnetometer",
         "centre" => "make a full turn: too small a part of the curve was seen",
@@ -65,6 +67,7 @@ mod tests {
     fn what_exchanged_axes_look_like_leads_to_align() {
         for reason in [
             "no_fit",
+            "residual",
             "field_strength",
             "field_changed",
             "gyro_angle",

@@ -58,7 +58,13 @@ pub(super) fn exchange(
     request: &ControlRequest,
     print_refusal: bool,
 ) -> Result<Value, Failure> {
-    let line = exchange_lines(path, request).map_err(|error| unreachable(path, &error))?;
+    let line = exchange_lines(path, request).map_err(|error| {
+        let mut failure = unreachable(path, &error);
+        if request.changes() && is_timeout(&error) {
+            failure.message += "; what was asked may still be done";
+        }
+        failure
+    })?;
     let answer: Value = serde_json::from_str(&line).unwrap_or_default();
     let text = |key: &str| answer[key].as_str();
     let (Some(ok), Some(code), Some(message)) =
@@ -175,7 +181,7 @@ pub(super) fn unreachable(path: &Path, error: &io::Error) -> Failure {
             Failure::UNAVAILABLE,
             format!("headingd has closed {name} without an answer: it is about to stop; try again"),
         ),
-        ErrorKind::WouldBlock | ErrorKind::TimedOut => (
+        _ if is_timeout(error) => (
             Failure::UNAVAILABLE,
             format!("headingd does not answer at {name}: systemctl restart headingd"),
         ),
@@ -185,4 +191,8 @@ pub(super) fn unreachable(path: &Path, error: &io::Error) -> Failure {
         ),
     };
     Failure::new(status, message)
+}
+
+fn is_timeout(error: &io::Error) -> bool {
+    [ErrorKind::WouldBlock, ErrorKind::TimedOut].contains(&error.kind())
 }

@@ -397,13 +397,14 @@ impl GyroCheck {
         // than a pendulum of its length, the measured gravity tilts the opposite way.
         let field_agrees = self.field.agrees();
         let other_axes = self.axes.verdict() == AxesVerdict::Wrong;
-        if other_axes && (field_agrees || scale == ScaleVerdict::Right) {
+        let field_opposes = scale == ScaleVerdict::Opposed
+            || (self.field.opposes(OPPOSES) && !self.scale.same_way());
+        let told = self.fault == Some(GyroFault::AccelAxes) && !field_opposes;
+        if other_axes && (field_agrees || scale == ScaleVerdict::Right || told) {
             return Some(GyroFault::AccelAxes);
         }
-        let opposes = other_axes
-            || (self.gravity.opposes(GRAVITY_OPPOSES) && !field_agrees)
-            || (self.field.opposes(OPPOSES) && !self.scale.same_way());
-        if opposes || scale == ScaleVerdict::Opposed {
+        let gravity_opposes = self.gravity.opposes(GRAVITY_OPPOSES) && !field_agrees;
+        if other_axes || field_opposes || gravity_opposes {
             return Some(GyroFault::Sign);
         }
         // A fault is over when the gyro explains the field again. But a filter that was misled from the beginning agrees with what has

@@ -46,7 +46,8 @@ const LEFT: f64 = 0.25;
 const TOLERANCE: f64 = 0.05;
 const DEVIATIONS: f64 = 3.0;
 /// The axes are wrong, not the scale, if the best scale leaves more than this share of the squared change unexplained. Noise and
-/// unevenness of 2 % leave a hundredth of the change of the smallest moment that counts.
+/// unevenness of 2 % leave a hundredth of the change of the smallest moment that counts. If the field changes by less than `LEAST_RAD` turns it,
+/// the gyro reads far too much.
 const UNEXPLAINED: f64 = 0.3;
 
 /// What the field says of the gyro's scale.
@@ -186,7 +187,9 @@ impl GyroScale {
         };
         let off = (scale - 1.0).abs();
         let wrong = off > TOLERANCE + DEVIATIONS * sd;
-        if scale < -DEVIATIONS * sd || (wrong && unexplained > UNEXPLAINED) {
+        let turns = self.squares > self.moments * LEAST_RAD.powi(2);
+        let other_axes = wrong && turns && unexplained > UNEXPLAINED;
+        if scale < -DEVIATIONS * sd || other_axes {
             ScaleVerdict::Opposed
         } else if wrong {
             ScaleVerdict::Wrong
