@@ -5,8 +5,7 @@
 //! `filter` has the model and its equations, `prior` what a filter starts from.
 //!
 //! Beside the active filter there may be a `rival`, which explains the samples in another way: with the result of a full turn, without
-//! it, or with iron that has just come or gone. While something magnetic is near a resting board, `visit` carries on the filters from
-//! before.
+//! it, or with iron that has just come or gone. `visit` carries on the filters from before something magnetic came near a resting board.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -435,7 +434,7 @@ impl Estimate {
 
     /// Whether it is disturbed, and field and gyro have never agreed: wrong axes look like that.
     pub fn is_doubtful(&self) -> bool {
-        self.proven.is_none() && self.kept.is_none() && self.disturbed()
+        self.disturbed() && self.proven.is_none() && self.kept.is_none()
     }
 
     /// What is wrong with the gyro, if field and gyro show it.

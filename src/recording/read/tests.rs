@@ -1,0 +1,245 @@
+use std::io::{self, BufReader, Read};
+
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+use super::*;
+use crate::reading::Reading;
+
+const HEAD: &str = "# headingd-log 1\nt_s,mx,my,mz,gx,gy,gz,ax,ay,az,heading_deg\n";
+
+/// Its last number may have lost digits.
+#[test]
+fn a_row_without_its_end_is_refused() {
+    let rows = rows(format!("{HEAD}7,,,,,,,,,,\n8,1,2,3,,,,,,,1").as_bytes());
+    let [Ok(_), Err(row)] = &rows[..] else {
+        panic!("{rows:?}")
+    };
+    assert!(row.what.contains("cut off"), "{row}");
+}
+
+fn rows(text: &[u8]) -> Vec<Result<Entry, LineError>> {
+    Reader::new("a.csv", text)
+        .unwrap()
+        .map(Result::unwrap)
+        .collect()
+}
+
+#[test]
+fn units_become_ours() {
+    let text = "# headingd-log 1\n# mag_unit = uT\n# gyro_unit = deg/s\n# accel_unit = g\n\
+                heading_deg,az,ay,ax,gz,gy,gx,mz,my,mx,note,t_s\n\
+                -90,-1,0,2,180,0,0,3,2,1,hello,0.5\r\n";
+    let entry = rows(text.as_bytes()).remove(0).unwrap();
+    let reading = entry.reading;
+    assert_eq!(reading.t_s, 0.5);
+    assert_eq!(
+        reading.field_mgauss,
+        Some([Some(10.0), Some(20.0), Some(30.0)])
+    );
+    assert_eq!(
+        reading.rate_rad_s,
+        Some(Vector3::new(0.0, 0.0, std::f64::consts::PI))
+    );
+    assert_eq!(
+        reading.specific_force_m_s2,
+        Some(Vector3::new(19.6133, 0.0, -9.80665))
+    );
+    assert_eq!(entry.heading_truth_rad, Some(270f64.to_radians()));
+
+    for (unit, first) in [
+        ("mgauss", 2.6),
+        ("gauss", 2600.0),
+        ("nT", 0.026),
+        ("counts\n# counts_per_gauss = 1300", 2.0),
+    ] {
+        let text = format!("# headingd-log 1\n# mag_unit = {unit}\nt_s,mx,my,mz\n0,2.6,0,0\n");
+        let field = rows(text.as_bytes()).remove(0).unwrap().reading;
+        let x = field.whole_field_mgauss().unwrap().x;
+        assert!((x - first).abs() < 1e-12, "{unit}: {x}");
+    }
+}
+
+#[test]
+fn an_empty_cell_is_silence_or_an_overflow_but_never_0() {
+    let text =
+        format!("{HEAD}0,1,,3,,,,,,,\n0,,,,1,2,3,,,,\n\n0,,,,,,,,,,\n0,1,NaN,3,nan,-nan,NAN,,,,\n");
+    let rows = rows(text.as_bytes());
+    let reading = |i: usize| rows[i].as_ref().unwrap().reading;
+    assert_eq!(reading(0).field_mgauss, Some([Some(1.0), None, Some(3.0)]));
+    assert_eq!(reading(0).rate_rad_s, None);
+    assert_eq!(reading(1).field_mgauss, None);
+    assert_eq!(reading(1).rate_rad_s, Some(Vector3::new(1.0, 2.0, 3.0)));
+    assert_eq!(reading(2), Reading::default());
+    assert_eq!(reading(3), reading(0));
+    assert_eq!(rows.len(), 4);
+}
+
+#[test]
+fn a_bad_row_is_named_and_the_next_one_read() {
+    let long = "1".repeat(5000);
+    let good = "7,,,,,,,,,,";
+    for (row, column, why) in [
+        ("8,1,inf,3,,,,,,,", ", column 3 (my)", "1000000 mgauss"),
+        ("8,1,2,0x3,,,,,,,", ", column 4 (mz)", "found \"0x3\""),
+        ("8,1,2,1e7,,,,,,,", ", column 4 (mz)", "found \"1e7\""),
+        ("2e12,,,,,,,,,,", ", column 1 (t_s)", "1000000000000 s"),
+        (",1,2,3,,,,,,,", ", column 1 (t_s)", "empty cell"),
+        ("6.9,1,2,3,,,,,,,", ", column 1 (t_s)", "at least 7"),
+        ("8,,,,1,,3,,,,", ", column 6 (gy)", "gx, gy, gz must be"),
+        ("8,,,,,,,1,2,,", ", column 10 (az)", "ax, ay, az must be"),
+        ("8,,,,,,,,,,361", ", column 11 (heading_deg)", "360 degrees"),
+        ("8,1,2,3", "", "found 4 cells"),
+        (&long, "", "longer than 4 KiB"),
+    ] {
+        let text = format!("{HEAD}{good}\n{row}\n{good}\n");
+        let rows = rows(text.as_bytes());
+        let message = rows[1].as_ref().unwrap_err().to_string();
+        assert!(
+            message.starts_with(&format!("log a.csv, line 4{column}: ")),
+            "{message}"
+        );
+        assert!(message.contains(why), "{message}");
+        assert!(rows.len() == 3 && rows[2].is_ok(), "{row}");
+    }
+}
+
+/// The times that are used, with `|` where a stretch begins, and the lines of those that are dropped.
+fn used(times: &str) -> (String, Vec<u64>) {
+    let text = format!("# headingd-log 1\nt_s\n{}\n", times.replace(' ', "\n"));
+    let mut reader = Reader::new("a.csv", text.as_bytes()).unwrap();
+    let (mut kept, mut dropped) = (Vec::new(), Vec::new());
+    while let Some(row) = reader.next() {
+        match row.unwrap() {
+            Ok(entry) => {
+                kept.extend(reader.begins_stretch().then(|| "|".to_owned()));
+                kept.push(entry.reading.t_s.to_string());
+            }
+            Err(error) => dropped.push(error.line - 2),
+        }
+    }
+    (kept.join(" "), dropped)
+}
+
+#[test]
+fn an_odd_time_is_dropped_and_a_jump_begins_a_stretch() {
+    for (times, right, dropped) in [
+        ("0 1 999999999 2 3", "0 1 2 3", &[3][..]),
+        ("0 1 999999999 888888888 2 3", "0 1 2 3", &[3, 4]),
+        ("0 1 -500 2 3", "0 1 2 3", &[3]),
+        ("999999999 0 1", "999999999 | 0 1", &[]),
+        ("0 1 5000 5001 5002", "0 1 | 5000 5001 5002", &[]),
+        ("50 51 0 1 2", "50 51 | 0 1 2", &[]),
+        ("50 51 0 nonsense 1 2", "50 51 | 0 1 2", &[4]),
+        ("50 51 0 nonsense 52", "50 51 52", &[4, 3]),
+        ("0 30 90 91", "0 30 90 91", &[]),
+        ("0 1 999999999", "0 1", &[3]),
+        ("0 30", "0 30", &[]),
+        ("0 1 0.98 0.99 1.01", "0 1 1.01", &[3, 4]),
+        ("50 51 0 0 0 52", "50 51 52", &[3, 4, 5]),
+        // The ends of a second, either way, …
+        ("7 8 7.5", "7 8", &[3]),
+        ("7 8.1 7.5", "7 7.5", &[2]),
+        ("7 6 6.02", "7", &[2, 3]),
+        ("7 5.9 5.92", "7 | 5.9 5.92", &[]),
+        // … and of a minute.
+        ("7 67 500", "7 67", &[3]),
+        ("7 67.1 67.12", "7 | 67.1 67.12", &[]),
+        ("7 67.1 67.1", "7", &[2, 3]),
+    ] {
+        let (kept, lines) = used(times);
+        assert_eq!((kept.as_str(), &lines[..]), (right, dropped), "{times}");
+    }
+}
+
+#[test]
+fn times_that_are_no_seconds_are_refused() {
+    let checked = |step: f64, count: usize| {
+        // The magnetometer's rows repeat the times: the steps of all rows have the median 0.
+        let row = |i: usize| {
+            let t = i as f64 * step;
+            format!("{t},,,,0,0,{i},,,,\n{t},1,2,3,,,,,,,\n")
+        };
+        let text = HEAD.to_owned() + &(0..count).map(row).collect::<String>();
+        Reader::new("a.csv", text.as_bytes()).unwrap().check_times()
+    };
+    for (step, apart, unit, divisor) in [
+        (5.0, "5", "milliseconds", "1000"),
+        (10_000.0, "10000", "microseconds", "1000000"),
+        (1e7, "10000000", "nanoseconds", "1000000000"),
+    ] {
+        assert_eq!(
+            checked(step, 60).unwrap_err().to_string(),
+            format!(
+                "cannot use log a.csv: the gyro's readings are {apart} apart in column 1 (t_s), as in {unit}, but \
+                 times must be in seconds: divide them by {divisor}"
+            )
+        );
+    }
+    // A logger of 1 Hz, and a log too short to tell.
+    assert!(checked(1.0, 60).is_ok() && checked(10.0, 20).is_ok());
+}
+
+#[test]
+fn milliseconds_are_suspected_in_a_number_that_is_too_large() {
+    for (row, suspected) in [
+        ("1764000000000,,,,,,,,,,", true),
+        ("x,,,,,,,,,,", false),
+        ("nan,,,,,,,,,,", false),
+        ("inf,,,,,,,,,,", false),
+        ("0,1e13,2,3,,,,,,,", false),
+    ] {
+        let rows = rows(format!("{HEAD}{row}\n").as_bytes());
+        let message = rows[0].as_ref().unwrap_err().to_string();
+        let advice = "1000000000000 s; if these are milliseconds, divide by 1000";
+        assert_eq!(message.ends_with(advice), suspected, "{message}");
+        assert_eq!(message.contains("milliseconds"), suspected, "{message}");
+    }
+}
+
+#[test]
+fn bytes_that_are_no_text_spoil_their_line_only() {
+    let text = [HEAD.as_bytes(), b"0,\xff\xfe\0,,,,,,,,,\n1,,,,,,,,,,\n"].concat();
+    let rows = rows(&text);
+    let message = rows[0].as_ref().unwrap_err().to_string();
+    assert!(
+        message.contains("line 3: found bytes that are no text"),
+        "{message}"
+    );
+    assert!(rows[1].is_ok());
+}
+
+#[test]
+fn a_failing_input_ends_the_rows() {
+    struct Broken;
+    impl Read for Broken {
+        fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
+            Err(io::Error::other("unplugged"))
+        }
+    }
+    let text = format!("{HEAD}0,,,,,,,,,,\n");
+    let mut reader = Reader::new("a.csv", BufReader::new(text.as_bytes().chain(Broken))).unwrap();
+    assert!(reader.next().unwrap().unwrap().is_ok());
+    let error = reader.next().unwrap().unwrap_err();
+    assert_eq!(
+        error.to_string(),
+        "cannot read log a.csv after line 3: unplugged"
+    );
+    assert!(reader.next().is_none());
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_make_it_panic(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
+        for head in ["", "# headingd-log 1\n", HEAD] {
+            if let Ok(reader) = Reader::new("a", &[head.as_bytes(), &bytes].concat()[..]) {
+                reader.for_each(drop);
+            }
+        }
+    }
+
+    #[test]
+    fn no_near_row_makes_it_panic(text in "[0-9eE+.,\r\nNnaif-]{0,300}") {
+        Reader::new("a", format!("{HEAD}{text}").as_bytes()).unwrap().for_each(drop);
+    }
+}
