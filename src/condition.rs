@@ -33,6 +33,7 @@
 //! | good | the gyro has another sign | degraded | `gyro_sign` |
 //! | (start) | the magnetometer's axes are exchanged | uncalibrated | `mag_axes` |
 //! | (start) | the accelerometer's axes are exchanged | uncalibrated | `accel_axes` |
+//! | good | the accelerometer reads another unit | degraded | `accel_unit` |
 //! | good | the gyro has another scale | degraded | `gyro_scale` |
 //! | good | the board turns faster than the gyro can tell | degraded | `gyro_clipped` |
 //! | good | up and down are exchanged, by the position | degraded | `reversed_field` |

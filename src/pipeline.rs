@@ -6,6 +6,7 @@
 
 mod active;
 mod collector;
+mod force_unit;
 mod intake;
 mod judge;
 mod learn;

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::Setup;
+use super::force_unit::ForceUnit;
 use super::saturation::{RunState, Saturation};
 use crate::attitude::{Attitude, Lateness, Tick};
 use crate::calibration::model::Calibration;
@@ -19,6 +20,7 @@ pub(super) struct Intake {
     /// The newest measurement of the magnetometer: when it came, and the field.
     newest: Option<(f64, Vector3<f64>)>,
     late: Lateness,
+    pub(super) force_unit: ForceUnit,
 }
 
 impl Intake {
@@ -33,6 +35,7 @@ impl Intake {
             turns: TurnDetector::new(&setup.turn),
             newest: None,
             late: Lateness::default(),
+            force_unit: ForceUnit::default(),
         }
     }
 
@@ -44,6 +47,9 @@ impl Intake {
         mut on_tick: impl FnMut(&Tick, Option<Turn>),
     ) -> (Reading, [RunState; 3]) {
         let (reading, runs) = self.saturation.filter(&self.outliers.filter(reading));
+        if let Some(force) = reading.specific_force_m_s2 {
+            self.force_unit.take(reading.t_s, force.norm());
+        }
         let turns = &mut self.turns;
         self.attitude
             .take(&reading, |tick| on_tick(tick, turns.tick(tick)));
@@ -71,6 +77,7 @@ impl Intake {
         self.renew_attitude(setup, calibration);
         self.newest = None;
         self.late = Lateness::default();
+        self.force_unit = ForceUnit::default();
     }
 
     /// Forgets how the board lay and turned. Gyro and accelerometer keep the biases of this calibration.

@@ -71,7 +71,7 @@ impl Pipeline {
         if !self.learning.calibrated {
             return self.judge_uncalibrated();
         }
-        if let Some((reason, message)) = self.gyro_fault() {
+        if let Some((reason, message)) = self.chip_fault() {
             return self.report_as(Condition::Degraded, reason, message);
         }
         if self.estimate.reversed() {
@@ -122,7 +122,7 @@ impl Pipeline {
             let message = "calibrating on the motion just made";
             return self.report_as(Condition::Calibrating, "calibrating", message);
         }
-        if let Some((reason, message)) = self.gyro_fault() {
+        if let Some((reason, message)) = self.chip_fault() {
             return self.report_as(Condition::Uncalibrated, reason, message);
         }
         if self.wanted().is_none() {
@@ -201,11 +201,16 @@ impl Pipeline {
         self.now_s - self.rate_s <= self.setup.attitude.gap_s
     }
 
-    /// What is wrong with the gyro, as a code and as a sentence.
-    fn gyro_fault(&self) -> Option<(&'static str, &'static str)> {
+    /// What is wrong with gyro or accelerometer, or with how they are mounted, as a code and as a sentence.
+    fn chip_fault(&self) -> Option<(&'static str, &'static str)> {
         if self.intake.attitude.clipping() {
             let message = "the board turns faster than the gyro can measure: turn it more slowly";
             return Some(("gyro_clipped", message));
+        }
+        if self.intake.force_unit.is_wrong() {
+            let message =
+                "what the accelerometer reads is far from gravity: check its unit and its range";
+            return Some(("accel_unit", message));
         }
         Some(match self.estimate.gyro_fault()? {
             GyroFault::Dead => (

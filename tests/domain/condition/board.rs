@@ -31,6 +31,8 @@ pub struct Board {
     pub gyro: fn(Vector3<f64>) -> Vector3<f64>,
     pub with_accel: bool,
     pub accel_bias_m_s2: Vector3<f64>,
+    /// What the accelerometer reads of gravity.
+    pub gravity_m_s2: f64,
     pub overflow: bool,
     /// What axis X of the magnetometer reads all the time.
     pub stuck_mgauss: Option<f64>,
@@ -73,6 +75,7 @@ impl Board {
             gyro: |rate| rate,
             with_accel: true,
             accel_bias_m_s2: Vector3::zeros(),
+            gravity_m_s2: 9.8,
             overflow: false,
             stuck_mgauss: None,
             repeats: 1,
@@ -194,7 +197,7 @@ impl Board {
                 .then(|| (self.gyro)(to_body * rate_deg_s.map(f64::to_radians) + shaken)),
             specific_force_m_s2: self
                 .with_accel
-                .then(|| to_body * Vector3::z() * -9.8 + self.accel_bias_m_s2),
+                .then(|| to_body * Vector3::z() * -self.gravity_m_s2 + self.accel_bias_m_s2),
         }
     }
 

@@ -191,6 +191,10 @@ const SCENARIOS: &[Scenario] = &[
             reading.specific_force_m_s2 = reading.specific_force_m_s2.map(exchanged);
         });
     }),
+    ("the accelerometer reads another unit", good, |b| {
+        b.gravity_m_s2 = 1.0;
+        b.rest(30.0);
+    }),
     ("the gyro has another scale", good, |b| {
         b.gyro = |rate| 1.2 * rate;
         for angle_deg in [300.0, -300.0, 300.0, -300.0, 300.0, -300.0, 300.0] {
