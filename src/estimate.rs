@@ -432,11 +432,6 @@ impl Estimate {
                 || self.iron.moved())
     }
 
-    /// Whether it is disturbed, and field and gyro have never agreed: wrong axes look like that.
-    pub fn is_doubtful(&self) -> bool {
-        self.disturbed() && self.proven.is_none() && self.kept.is_none()
-    }
-
     /// What is wrong with the gyro, if field and gyro show it.
     pub fn gyro_fault(&self) -> Option<GyroFault> {
         self.gyro.fault()
