@@ -207,6 +207,24 @@ pub fn rows(matrix: &Matrix3<f64>) -> SVector<f64, 9> {
     SVector::from_column_slice(matrix.transpose().as_slice())
 }
 
+/// All 48 ways to take each axis to one, or to its opposite. Each has the column and the sign of the entry in each row of its matrix; the
+/// first is the identity.
+pub fn signed_axes() -> impl Iterator<Item = [(usize, f64); 3]> {
+    let orders = [
+        [0, 1, 2],
+        [1, 2, 0],
+        [2, 0, 1],
+        [0, 2, 1],
+        [2, 1, 0],
+        [1, 0, 2],
+    ];
+    let sign = |signs: u8, row: usize| if signs & (1 << row) == 0 { 1.0 } else { -1.0 };
+    let signed = move |order: [usize; 3]| {
+        (0..8).map(move |signs| [0, 1, 2].map(|row| (order[row], sign(signs, row))))
+    };
+    orders.into_iter().flat_map(signed)
+}
+
 /// Adds this variance to that of each of these states.
 pub fn add_variance<const N: usize>(
     covariance: &mut SMatrix<f64, N, N>,

@@ -10,7 +10,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::carried::{KnotPair, SensedKnot};
-use crate::frame::rows;
+use crate::frame::{rows, signed_axes};
 
 /// Deviation of M from three signed axes, entry by entry: 6° of rotation, 10 % of scale and soft iron.
 const ENTRY: f64 = 0.1;
@@ -44,26 +44,16 @@ pub(super) struct SensorData {
 
 /// All rotations that take each axis to one, or its opposite.
 pub(super) fn axes() -> Vec<Matrix3<f64>> {
-    let mut all = Vec::new();
-    for [x, y, z] in [
-        [0, 1, 2],
-        [1, 2, 0],
-        [2, 0, 1],
-        [0, 2, 1],
-        [2, 1, 0],
-        [1, 0, 2],
-    ] {
-        for signs in 0..8 {
-            let mut matrix = Matrix3::zeros();
-            for (row, column) in [x, y, z].into_iter().enumerate() {
-                matrix[(row, column)] = if signs & (1 << row) == 0 { 1.0 } else { -1.0 };
-            }
-            if matrix.determinant() > 0.0 {
-                all.push(matrix);
-            }
+    let matrices = signed_axes().map(|rows| {
+        let mut matrix = Matrix3::zeros();
+        for (row, (column, sign)) in rows.into_iter().enumerate() {
+            matrix[(row, column)] = sign;
         }
-    }
-    all
+        matrix
+    });
+    matrices
+        .filter(|matrix| matrix.determinant() > 0.0)
+        .collect()
 }
 
 /// How well these axes explain the pairs, with the best small rotation, scale, offset, gyro bias and lag beside them: what is

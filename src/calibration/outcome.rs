@@ -1,6 +1,7 @@
 //! The outcome of a calibration: the object that `calibrate --json` prints and class `CALIBRATION` carries.
 
 use std::ops::Range;
+use std::time::Duration;
 
 use serde::Serialize;
 
@@ -81,6 +82,14 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// This outcome of a calibration that took so long.
+    pub fn after(self, elapsed: Duration) -> Self {
+        Self {
+            elapsed_us: Some(elapsed.as_micros() as u64),
+            ..self
+        }
+    }
+
     /// Of a calibration that has only begun, with this seed and so many samples: rejected until it is found to be good.
     pub fn begun(seed: u64, samples: usize) -> Self {
         Self {

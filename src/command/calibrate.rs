@@ -188,8 +188,7 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
         ));
     }
     let begun = Instant::now();
-    let mut outcome = calibrate(&request);
-    outcome.elapsed_us = Some(begun.elapsed().as_micros() as u64);
+    let outcome = calibrate(&request).after(begun.elapsed());
     let outcome = match learnt {
         Some(learnt) => learnt.in_place_of(outcome),
         None => outcome,

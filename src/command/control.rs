@@ -193,6 +193,6 @@ pub(super) fn unreachable(path: &Path, error: &io::Error) -> Failure {
     Failure::new(status, message)
 }
 
-fn is_timeout(error: &io::Error) -> bool {
+pub(super) fn is_timeout(error: &io::Error) -> bool {
     [ErrorKind::WouldBlock, ErrorKind::TimedOut].contains(&error.kind())
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use super::control::{PATIENCE, connect, unreachable};
+use super::control::{PATIENCE, connect, is_timeout, unreachable};
 use super::{Failure, config_file};
 use crate::advice::next_step;
 use crate::config::Config;
@@ -195,9 +195,7 @@ impl Headings {
                 }
                 Ok(true)
             }
-            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
-                Ok(false)
-            }
+            Err(error) if is_timeout(&error) => Ok(false),
             Err(error) => Err(unreachable(&self.path, &error)),
         }
     }

@@ -30,9 +30,7 @@ impl Calibrator {
         };
         let work = move || {
             let begun = Instant::now();
-            let mut outcome = calibrate(&request);
-            outcome.elapsed_us = Some(begun.elapsed().as_micros() as u64);
-            outcome
+            calibrate(&request).after(begun.elapsed())
         };
         let thread = Thread::start("calibration", work)
             .inspect_err(|error| tracing::error!("{error}"))

@@ -7,6 +7,8 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
+use crate::frame::signed_axes;
+
 /// How many moments are remembered, most of them of 9°.
 const MEMORY: f64 = 30.0;
 /// Fewer moments say nothing: accelerations fit some order by chance.
@@ -17,16 +19,6 @@ const TELLS: f64 = 0.25;
 /// Axes are believed only if they leave less than this share of the squared change. A drone's force stays upright: wrong axes that predict
 /// little fit it best.
 const MOST_LEFT: f64 = 0.8;
-/// Which axis of the gyro is which axis of the board, in all orders.
-const ORDERS: [[usize; 3]; 6] = [
-    [0, 1, 2],
-    [1, 2, 0],
-    [2, 0, 1],
-    [0, 2, 1],
-    [2, 1, 0],
-    [1, 0, 2],
-];
-
 /// What gravity says of the axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum AxesVerdict {
@@ -51,7 +43,8 @@ pub(super) struct GyroAxes {
     squares: f64,
     seen: SVector<f64, 9>,
     information: SMatrix<f64, 9, 9>,
-    verdict: AxesVerdict,
+    /// What the moments have said last.
+    pub(super) verdict: AxesVerdict,
 }
 
 impl GyroAxes {
@@ -85,19 +78,14 @@ impl GyroAxes {
         }
     }
 
-    /// What the moments have said last.
-    pub(super) fn verdict(&self) -> AxesVerdict {
-        self.verdict
-    }
-
     fn judge(&mut self) {
-        let own = self.left(&ORDERS[0], 0);
+        let same = |sign| [0, 1, 2].map(|axis| (axis, sign));
+        let own = self.left(&same(1.0));
         // All signs are wrong: gravity shows this on an arm that swings faster than a pendulum of its length.
-        let opposite = self.left(&ORDERS[0], 0b111);
-        let others = ORDERS
-            .iter()
-            .flat_map(|order| (0..8).map(|signs| self.left(order, signs)))
+        let opposite = self.left(&same(-1.0));
+        let others = signed_axes()
             .skip(1)
+            .map(|axes| self.left(&axes))
             .fold(f64::MAX, f64::min);
         let most = MOST_LEFT * self.squares;
         if own < most && own < TELLS * others {
@@ -107,12 +95,9 @@ impl GyroAxes {
         }
     }
 
-    /// The squares of the change that are left if the gyro's axes have this order, and the signs of those whose bit is set are wrong.
-    fn left(&self, order: &[usize; 3], signs: u8) -> f64 {
-        let entries = [0, 1, 2].map(|axis| {
-            let sign = if signs & (1 << axis) == 0 { 1.0 } else { -1.0 };
-            (3 * order[axis] + axis, sign)
-        });
+    /// The squares of the change that are left if P has these axes, as [`signed_axes`] gives them.
+    fn left(&self, axes: &[(usize, f64); 3]) -> f64 {
+        let entries = [0, 1, 2].map(|row| (3 * axes[row].0 + row, axes[row].1));
         let mut left = self.squares;
         for (row, of_row) in entries {
             left -= 2.0 * of_row * self.seen[row];
@@ -150,7 +135,7 @@ mod tests {
                 axes.turn(&force, &(gyro * rate * dt));
             }
         }
-        axes.verdict()
+        axes.verdict
     }
 
     #[test]

@@ -323,7 +323,7 @@ impl GyroCheck {
         if self.fault.is_none() && fault.is_some_and(|fault| fault != GyroFault::Scale) {
             // What was seen before the fault must neither end it nor show the magnetometer to be the wrong one.
             self.scale.begin_anew();
-            if self.axes.verdict() == AxesVerdict::Right {
+            if self.axes.verdict == AxesVerdict::Right {
                 self.axes = GyroAxes::default();
             }
         }
@@ -396,7 +396,7 @@ impl GyroCheck {
         // scale. The check of the scale needs no iron, so it overrules the field. The field overrules gravity: on an arm that swings faster
         // than a pendulum of its length, the measured gravity tilts the opposite way.
         let field_agrees = self.field.agrees();
-        let other_axes = self.axes.verdict() == AxesVerdict::Wrong;
+        let other_axes = self.axes.verdict == AxesVerdict::Wrong;
         let field_opposes = scale == ScaleVerdict::Opposed
             || (self.field.opposes(OPPOSES) && !self.scale.same_way());
         let told = self.fault == Some(GyroFault::AccelAxes) && !field_opposes;
@@ -423,7 +423,7 @@ impl GyroCheck {
     pub(super) fn fault(&self) -> Option<GyroFault> {
         match self.fault {
             // Gravity turns as the gyro reads, so it is the field that does not.
-            Some(GyroFault::Sign) if self.axes.verdict() == AxesVerdict::Right => {
+            Some(GyroFault::Sign) if self.axes.verdict == AxesVerdict::Right => {
                 Some(GyroFault::MagAxes)
             }
             fault => fault,
