@@ -166,6 +166,9 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     })?;
     tell_dropped(survey.dropped());
     tell_skips(&skips)?;
+    if let Some((reason, message)) = survey.chip_fault() {
+        tell(format_args!("at the end of the log: {message} ({reason})"));
+    }
     let empty_axis = survey.empty_axis();
     let thinned_to = survey.thinned_to();
     let (request, learnt) = match survey.conclude() {

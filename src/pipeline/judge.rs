@@ -202,7 +202,7 @@ impl Pipeline {
     }
 
     /// What is wrong with gyro or accelerometer, or with how they are mounted, as a code and as a sentence.
-    fn chip_fault(&self) -> Option<(&'static str, &'static str)> {
+    pub(super) fn chip_fault(&self) -> Option<(&'static str, &'static str)> {
         if self.intake.attitude.clipping() {
             let message = "the board turns faster than the gyro can measure: turn it more slowly";
             return Some(("gyro_clipped", message));

@@ -137,6 +137,11 @@ impl Survey {
         self.intake.outliers.dropped()
     }
 
+    /// What is wrong with gyro or accelerometer at the end of the log, or with how chips are mounted, as a code and as a sentence.
+    pub fn chip_fault(&self) -> Option<(&'static str, &'static str)> {
+        self.motion.as_ref()?.chip_fault()
+    }
+
     /// How many samples are used, if the log is so long that these are not all.
     pub fn thinned_to(&self) -> Option<usize> {
         self.samples.is_thinned().then(|| self.samples.len())

@@ -351,6 +351,24 @@ fn a_turn_in_which_an_axis_clips_is_refused_and_the_axis_named() {
 }
 
 #[test]
+fn a_chip_with_other_axes_is_named_beside_the_verdict() {
+    let folder = Folder::new();
+    let right = log(&simulated(&moving(Scenario::Free)));
+    let right = String::from_utf8(right).unwrap();
+    let ran = calibrate(&folder.file("right.csv", &right), &[]);
+    assert!(!ran.err.contains("axes"), "{ran:?}");
+    for (chip, reason) in [("mag", "mag_axes"), ("accel", "accel_axes")] {
+        let told = format!("# {chip}_axes = +x +y +z");
+        let other = format!("# {chip}_axes = +y -x +z");
+        let wrong = folder.file("wrong.csv", right.replace(&told, &other));
+        let ran = calibrate(&wrong, &[]);
+        assert_eq!(ran.status, 3, "{ran:?}");
+        let named = format!("({reason})\n");
+        assert!(ran.err.contains(&named), "{ran:?}");
+    }
+}
+
+#[test]
 fn each_way_to_fail_has_its_status() {
     let folder = Folder::new();
     let good = folder.log("good.csv", &Settings::default());
