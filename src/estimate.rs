@@ -31,7 +31,9 @@ mod place;
 mod prior;
 mod rival;
 mod strength;
+mod unexplained;
 mod visit;
+mod witness;
 
 use checkpoint::Checkpoint;
 use filter::gyro_bias::BiasLearnt;

@@ -6,8 +6,6 @@
 //! whatever it reads. `gyro_scale` checks the scale, `gyro_axes` the axes, and `field_turns` counts turns that the gyro does not see. Of
 //! gyro, field and gravity, the one that turns another way than the other two is wrong.
 
-use std::f64::consts::PI;
-
 use nalgebra::Vector3;
 
 use super::field_turns::FieldTurns;
@@ -15,27 +13,14 @@ use super::filter::{Filter, Input};
 use super::gyro_axes::{AxesVerdict, GyroAxes};
 use super::gyro_scale::{GyroScale, ScaleVerdict};
 use super::prior::FIELD_MGAUSS;
+use super::unexplained::Unexplained;
+use super::witness::Witness;
 use crate::attitude::GRAVITY_M_S2;
 
-/// A moment ends when the field has changed by this share of it (a turn of 9°), or after this time, seconds.
-const CHANGE: f64 = 0.15;
-const MOMENT_S: f64 = 1.0;
-/// Smaller changes are noise. Larger ones are too large for one moment: the field has jumped.
-const NOISE: f64 = 0.05;
-const JUMP: f64 = 0.6;
-/// Sum of squared changes, as shares of the field, over which evidence is forgotten. A level board at a dip of 70°
-/// adds 0.02 in 25° of turning, a tumbling one in 9°.
-const MEMORY: f64 = 0.15;
-/// Of that, so much must have been seen before anything is said.
-const ENOUGH: f64 = 0.6;
-/// Where the squares of what the gyro predicts are below this share of those of what is seen, a third in rotation, it has not turned.
-const ALONE: f64 = 0.1;
 /// Correlation of both changes below which gyro and field turn different ways.
 const OPPOSES: f64 = -0.3;
 /// The same for gravity. The limit is stricter, since accelerations change the measured gravity too.
 const GRAVITY_OPPOSES: f64 = -0.5;
-/// Fewer changes say nothing against the gyro: a filter that has just begun knows little of the iron.
-const LEAST_CHANGES: u32 = 6;
 /// Readings that are the same to the last bit are a real rotation, that of a turntable, only above this correlation.
 const AGREES: f64 = 0.5;
 /// Specific force that is longer or shorter than gravity by more than this share is not gravity.
@@ -46,23 +31,11 @@ const TOGETHER: u32 = 3;
 const MOVED: f64 = 0.1;
 /// A gyro that turns by less than this share of what gravity does is silent.
 const SILENT: f64 = 0.3;
-/// From this correlation on, a gyro that was at fault explains the field again. Wrong axes reach 0.8, by chance or by a filter that was misled.
-const EXPLAINS_AGAIN: f64 = 0.9;
-/// Readings of the gyro that are the same to the last bit for this long, seconds, are no measurement if the field
-/// changes by so much meanwhile (squares summed: a level turn of 30° at a dip of 65°).
+/// Readings of the gyro that are the same to the last bit for this long, seconds, may be no measurement.
 const CONSTANT_S: f64 = 0.5;
-const CONSTANT_ENOUGH: f64 = 0.04;
 /// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
 const CONSTANT_CHANGES: u32 = 3;
 
-/// A difference between the change seen and the change predicted is explained below this: unevenness (1.5 %) and noise (as much),
-/// each at both ends. Jitter of the sample times, seconds, adds its share of the rate.
-const EXPLAINED: f64 = 0.06;
-const SCATTER_S: f64 = 0.005;
-/// A difference up to this share of the change is explained too: a drone's throttle changes the field during a turn.
-const MOSTLY: f64 = 0.6;
-/// Doubt about the gyro fades by 1/e over this much explained change: two moments.
-const FADES: f64 = 0.3;
 /// While readings are the same to the last bit, they may be no measurement: a moving gyro has noise. The board is then taken to turn
 /// on at its mean rate over this time before, seconds.
 const RATE_TAU_S: f64 = 1.0;
@@ -107,145 +80,6 @@ pub(super) struct GyroCheck {
     unseen_rad: f64,
 }
 
-/// A vector that stands still in the world, as the board has seen it change and as the gyro predicts.
-#[derive(Clone, Debug, Default)]
-struct Witness {
-    moment: Option<Moment>,
-    sums: Sums,
-}
-
-/// Change of the field that the gyro does not explain, as a share of it: in recent moments, and in the current one.
-#[derive(Clone, Copy, Debug, Default)]
-struct Unexplained {
-    recent: f64,
-    current: f64,
-}
-
-/// How a vector has changed since a moment began.
-#[derive(Clone, Copy, Debug)]
-struct VectorChange {
-    /// As it was seen, and the larger of this and what the gyro predicts.
-    seen: f64,
-    larger: f64,
-    /// By how much the gyro misses it.
-    missed: f64,
-    /// Whether the moment ends with it.
-    ended: bool,
-}
-
-impl VectorChange {
-    /// Whether it is evidence: a whole moment's, and neither noise nor a jump.
-    fn counts(&self) -> bool {
-        self.ended && (NOISE..JUMP).contains(&self.larger)
-    }
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Moment {
-    age_s: f64,
-    start: Vector3<f64>,
-    predicted: Vector3<f64>,
-}
-
-/// Squares and products of the changes seen and predicted, forgotten as more of them come.
-#[derive(Clone, Copy, Debug, Default)]
-struct Sums {
-    seen: f64,
-    predicted: f64,
-    both: f64,
-    /// How many changes.
-    count: u32,
-}
-
-impl Sums {
-    fn take(&mut self, seen: &Vector3<f64>, predicted: &Vector3<f64>) {
-        let (seen2, predicted2) = (seen.norm_squared(), predicted.norm_squared());
-        let keep = (-seen2.max(predicted2) / MEMORY).exp();
-        self.seen = self.seen * keep + seen2;
-        self.predicted = self.predicted * keep + predicted2;
-        self.both = self.both * keep + seen.dot(predicted);
-        self.count += 1;
-    }
-
-    fn enough(&self) -> bool {
-        self.seen.max(self.predicted) > ENOUGH * MEMORY
-    }
-
-    fn correlation(&self) -> f64 {
-        self.both / (self.seen * self.predicted).sqrt().max(1e-9)
-    }
-}
-
-impl Witness {
-    /// Takes the vector and the change that the gyro predicts since the sample before.
-    fn take(&mut self, now: Vector3<f64>, change: Vector3<f64>, period_s: f64) -> VectorChange {
-        let moment = self.moment.get_or_insert(Moment {
-            age_s: 0.0,
-            start: now,
-            predicted: -change,
-        });
-        moment.age_s += period_s;
-        moment.predicted += change;
-        let (seen, predicted) = (now - moment.start, moment.predicted);
-        let larger = seen.norm().max(predicted.norm());
-        let change = VectorChange {
-            seen: seen.norm(),
-            larger,
-            missed: (seen - predicted).norm(),
-            ended: larger >= CHANGE || moment.age_s >= MOMENT_S,
-        };
-        if change.ended {
-            self.moment = None;
-        }
-        if change.counts() {
-            self.sums.take(&seen, &predicted);
-        }
-        change
-    }
-
-    /// Whether it has turned by enough to say something, and the gyro, whose readings are the same, has not.
-    fn turns_alone(&self) -> bool {
-        self.sums.seen > CONSTANT_ENOUGH && self.sums.predicted < ALONE * self.sums.seen
-    }
-
-    /// Whether it turns as the gyro does.
-    fn agrees(&self) -> bool {
-        self.sums.enough() && self.sums.correlation() >= EXPLAINS_AGAIN
-    }
-
-    fn opposes(&self, limit: f64) -> bool {
-        let Sums {
-            seen,
-            predicted,
-            count,
-            ..
-        } = self.sums;
-        count >= LEAST_CHANGES
-            && predicted > ALONE * seen
-            && self.sums.enough()
-            && self.sums.correlation() < limit
-    }
-}
-
-impl Unexplained {
-    /// Takes a change, and the rate at which the board turns.
-    fn take(&mut self, change: &VectorChange, rate_rad_s: f64) {
-        let beyond = change.missed - EXPLAINED - rate_rad_s * SCATTER_S;
-        let unexplained = if change.larger < JUMP && change.missed > MOSTLY * change.larger {
-            beyond.max(0.0)
-        } else {
-            0.0
-        };
-        self.current = if change.ended { 0.0 } else { unexplained };
-        if change.ended && unexplained > 0.0 {
-            // Bounded, so that it fades in time: a heading is off by half a turn at most.
-            self.recent = (self.recent + unexplained).min(PI);
-        } else if change.counts() {
-            self.recent *= (-change.larger / FADES).exp();
-        }
-    }
-}
-
 impl GyroCheck {
     /// Takes a sample, and what the filter knows. Whether the sample has shown the gyro to be right. While iron may just have come or gone
     /// (`iron_open`) only a gyro that repeats its reading is judged: that predicts no change, whatever the iron.
@@ -253,8 +87,8 @@ impl GyroCheck {
         let constant = input.board.gyro_constant_s > CONSTANT_S;
         if constant != self.constant {
             self.constant = constant;
-            self.field.sums = Sums::default();
-            self.gravity.sums = Sums::default();
+            self.field.forget();
+            self.gravity.forget();
         }
         let (turned_rad, dt) = (input.turned_rad, input.period_s);
         self.count_unseen(input);
@@ -281,15 +115,15 @@ impl GyroCheck {
         let mut judge = self.scale.take(input, filter) || silent;
         if let Some(force) = input.board.force_m_s2 {
             let up = force / GRAVITY_M_S2;
-            if self.gravity.moment.is_none() {
+            if self.gravity.begins() {
                 self.field_at_start = field;
                 self.turned_rad = 0.0;
             }
             self.turned_rad += turned_rad.norm();
             if (up.norm() - 1.0).abs() > SHAKEN {
-                self.gravity.moment = None;
+                self.gravity.lose_moment();
             } else {
-                if self.gravity.moment.is_none() {
+                if self.gravity.begins() {
                     self.axes.begin(up);
                 } else {
                     self.axes.turn(&up, &turned_rad);
@@ -297,8 +131,8 @@ impl GyroCheck {
                 let change = self.gravity.take(up, up.cross(&turned_rad), dt);
                 if change.counts() {
                     judge = true;
-                    self.axes.end(up, change.larger);
-                    self.compare(change.seen, &field);
+                    self.axes.end(up, change.larger());
+                    self.compare(change.seen.norm(), &field);
                 }
             }
         }
@@ -312,7 +146,8 @@ impl GyroCheck {
             let corrected = inverse * (input.field_mgauss - filter.bias_mgauss());
             let change = matrix * corrected.cross(&turned_rad) / strength;
             let change = self.field.take(field, change, dt);
-            self.unexplained.take(&change, input.rate_rad_s.norm());
+            self.unexplained
+                .take(&change, input.rate_rad_s.norm(), &input.to_frame);
             judge |= change.counts();
         }
         if !judge || (iron_open && !constant && !silent) {
@@ -343,8 +178,9 @@ impl GyroCheck {
 
     /// The gyro has a gap: what has changed meanwhile is no evidence against it.
     pub(super) fn lose_frame(&mut self) {
-        (self.field.moment, self.gravity.moment) = (None, None);
-        self.unexplained.current = 0.0;
+        self.field.lose_moment();
+        self.gravity.lose_moment();
+        self.unexplained.lose_moment();
         self.together = 0;
         self.scale.lose_moment();
         self.turns = FieldTurns::default();
@@ -363,7 +199,7 @@ impl GyroCheck {
 
     /// What the field has turned lately against the gyro, as a share of it.
     pub(super) fn contradicted(&self) -> f64 {
-        self.unexplained.recent + self.unexplained.current
+        self.unexplained.share()
     }
 
     /// How far the board may have turned without the gyro, radians.
@@ -383,12 +219,12 @@ impl GyroCheck {
     fn judged(&self, scale: ScaleVerdict) -> Option<GyroFault> {
         let constant = self.constant
             && (self.gravity.turns_alone()
-                || self.field.turns_alone() && self.field.sums.count >= CONSTANT_CHANGES);
+                || self.field.turns_alone() && self.field.count() >= CONSTANT_CHANGES);
         // A rotation that is the same to the last bit, and not the one that field and gravity show.
         let frozen = self.constant
             && [&self.field, &self.gravity]
                 .iter()
-                .all(|witness| witness.sums.enough() && witness.sums.correlation() < AGREES);
+                .all(|witness| witness.correlates_below(AGREES));
         if self.together >= TOGETHER || constant || frozen || self.turns.gyro_is_silent() {
             return Some(GyroFault::Dead);
         }
