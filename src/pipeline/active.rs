@@ -171,7 +171,7 @@ impl Pipeline {
         outcome.verdict = Verdict::Kept;
         outcome.reason = "less_certain";
         outcome.message =
-            "what is known already is more certain; both are held against the readings that follow"
+            "what is known is more certain than this turn, and stays unless the turn fits the next readings better"
                 .to_owned();
         outcome.calibration = None;
     }
