@@ -56,7 +56,7 @@ impl Daemon {
 
     fn levelling(&self) -> Result<Mounting, Answer> {
         let (down, rate_rad_s) = self.session.pipeline.down().ok_or_else(|| {
-            let message = "no accelerometer tells where down is: set board_axes of [mounting]";
+            let message = "no accelerometer tells where down is: if there is one, ask again in a second; else set board_axes of [mounting]";
             Answer::refused("no_tilt", message)
         })?;
         if rate_rad_s > HELD_RAD_S {
