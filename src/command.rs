@@ -1,10 +1,8 @@
 //! Commands, one file each; the command line; exit statuses.
 
 use std::fmt;
-use std::fs;
 use std::io::{self, Write};
 use std::ops::RangeInclusive;
-use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -30,6 +28,7 @@ mod field;
 mod headings;
 mod monitor;
 mod mounting;
+mod overwrite;
 mod progress;
 mod record;
 mod replay;
@@ -121,21 +120,6 @@ fn output<T>(written: io::Result<T>) -> Result<T, Failure> {
 
 fn print(text: &str) -> Result<(), Failure> {
     write_out(Path::new("-"), text.as_bytes())
-}
-
-/// Refuses to write over the log that is read.
-fn refuse_overwrite(log: &Path, out: &Path) -> Result<(), Failure> {
-    let file = |path| fs::metadata(path).map(|found| (found.dev(), found.ino()));
-    match (file(log), file(out)) {
-        (Ok(log), Ok(written)) if log == written => Err(Failure::new(
-            Failure::CANNOT_CREATE,
-            format!(
-                "cannot write {}: it is the log that is read; name another file",
-                out.display()
-            ),
-        )),
-        _ => Ok(()),
-    }
 }
 
 /// Replaces a file as a whole; "-" is standard output.

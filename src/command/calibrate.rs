@@ -7,8 +7,8 @@ use clap::ValueEnum;
 
 use super::headings::plain_text;
 use super::{
-    Failure, config_file, number, print, print_json, read_log_on, refuse_overwrite, tell,
-    tell_dropped, tell_skips, word, write_calibrations,
+    Failure, config_file, number, overwrite, print, print_json, read_log_on, tell, tell_dropped,
+    tell_skips, word, write_calibrations,
 };
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
@@ -113,7 +113,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     if let Some(out) = &args.out {
-        refuse_overwrite(&args.log, out)?;
+        overwrite::refuse(out, Some(&args.log), args.config.as_deref(), &config)?;
     }
     let (identity, outcome) = calibrated(args, &config)?;
     let written = match (&args.out, outcome.calibration) {

@@ -111,6 +111,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let CalibrationAction::Start { wait: true } = args.action {
         return start_and_wait(&args.target, args.json);
     }
+    if let CalibrationAction::Export { out: Some(out), .. } = &args.action {
+        args.target.refuse_overwrite(out)?;
+    }
     let answer = args.target.ask(&args.action.request()?, args.json)?;
     if let CalibrationAction::Export { out, .. } = &args.action {
         return export(&answer, out.as_deref());

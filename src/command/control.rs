@@ -13,7 +13,7 @@ use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, 
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::{Failure, OrFail, config_file, print_json};
+use super::{Failure, OrFail, config_file, overwrite, print_json};
 use crate::config::Config;
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
@@ -38,6 +38,13 @@ pub struct ControlTarget {
 }
 
 impl ControlTarget {
+    /// Refuses to write over the daemon's own files, as far as its configuration tells them.
+    pub fn refuse_overwrite(&self, out: &Path) -> Result<(), Failure> {
+        let named = self.config.as_deref();
+        let config = config_file::load_for_client(named)?;
+        overwrite::refuse(out, None, named, &config)
+    }
+
     pub(super) fn path(&self) -> Result<PathBuf, Failure> {
         if let Some(path) = &self.socket {
             return Ok(path.clone());

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use super::runtime::{ENDS, Signals, outlive_file_limits, runtime};
-use super::{Failure, config_file, number, refuse_overwrite, tell};
+use super::{Failure, config_file, number, overwrite, tell};
 use crate::config::source::Kind;
 use crate::daemon::record::Recording;
 use crate::logging::Log;
@@ -32,9 +32,9 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
-    if config.source.kind == Some(Kind::Replay) {
-        refuse_overwrite(&config.source.log, &args.out)?;
-    }
+    let replayed = config.source.kind == Some(Kind::Replay);
+    let log = replayed.then_some(config.source.log.as_path());
+    overwrite::refuse(&args.out, log, args.config.as_deref(), &config)?;
     let log = Log::start(&config.log.filter);
     runtime()?.block_on(log.tell_left_out(async {
         outlive_file_limits()?;

@@ -13,8 +13,7 @@ use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
 use super::runtime::runtime;
 use super::{
-    Failure, OrFail, config_file, number, read_log_on, refuse_overwrite, tell, tell_skips,
-    write_out,
+    Failure, OrFail, config_file, number, overwrite, read_log_on, tell, tell_skips, write_out,
 };
 use crate::calibration::model::Calibration;
 use crate::config::Config;
@@ -68,12 +67,15 @@ impl From<ReportError> for Failure {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
+    overwrite::refuse(
+        &args.out,
+        args.log.as_deref(),
+        args.config.as_deref(),
+        &config,
+    )?;
     may_write(&args.out)?;
     let analysis = match &args.log {
-        Some(log) => {
-            refuse_overwrite(log, &args.out)?;
-            of_log(log, &config)?
-        }
+        Some(log) => of_log(log, &config)?,
         None => of_daemon(args, &config)?,
     };
     write_out(&args.out, page(&analysis)?.as_bytes())
