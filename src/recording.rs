@@ -6,6 +6,7 @@
 //! overflow of all three axes from silence.
 
 mod checksum;
+mod columns;
 mod header;
 mod lines;
 mod read;
@@ -20,7 +21,8 @@ use crate::frame::Mountings;
 use crate::reading::Reading;
 
 pub(crate) use checksum::check as check_row;
-pub(crate) use header::{HeaderLines, gives_key, names_columns};
+pub(crate) use columns::names_columns;
+pub(crate) use header::{HeaderLines, gives_key};
 pub(crate) use read::Reader;
 pub(crate) use rows::Rows;
 pub(crate) use time_of_day::{RECORDED_FROM, TimeOfDay};

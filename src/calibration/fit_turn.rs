@@ -36,10 +36,11 @@ pub fn calibrate(request: &Request, outcome: &mut Outcome) -> Result<String, Ref
     if request.samples.len() < LEAST_SAMPLES {
         return Err(Refusal::new(
             "too_few_samples",
-            format!(
-                "there are {} magnetometer samples; at least {LEAST_SAMPLES} are needed",
-                request.samples.len()
-            ),
+            match request.samples.len() {
+                0 => "there are no magnetometer samples: connect the magnetometer, or name its columns mx, my, mz in a log".to_owned(),
+                1 => format!("there is 1 magnetometer sample; at least {LEAST_SAMPLES} are needed"),
+                count => format!("there are {count} magnetometer samples; at least {LEAST_SAMPLES} are needed"),
+            },
         ));
     }
     let usable = |s: &FieldSample| {

@@ -4,11 +4,14 @@ use std::io::BufRead;
 
 use strsim::levenshtein;
 
+use super::columns::{columns, names_columns};
 use super::lines::{LogLine, LogLines};
 use super::rows::{Rows, Rule};
+use super::time_of_day::RECORDED_FROM;
 use super::{
     ACCEL, COLUMNS, GYRO, HEADING, Header, LineError, MAG, MAGIC, RecordingError, VERSION, shown,
 };
+use crate::date::parse_rfc3339;
 use crate::reading::STANDARD_GRAVITY_M_S2;
 
 /// More `#` lines than this are no header.
@@ -82,15 +85,27 @@ impl HeaderLines {
         self.given.contains(&key)
     }
 
-    /// Takes what follows the `#`; text that is no `key = value` is a remark.
+    /// Takes what follows the `#`; text that is no `key = value` is a remark, unless it only lacks the `=`.
     fn add_key(&mut self, comment: &str) -> Result<(), String> {
         let Some((key, value)) = comment.split_once('=') else {
-            return Ok(());
+            return match without_equals(comment) {
+                Some((key, value)) => Err(format!(
+                    "found {}, but between a key and its value must be =: {key} = {value}",
+                    shown(comment.trim().as_bytes())
+                )),
+                None => Ok(()),
+            };
         };
         let (key, value) = (key.trim(), value.trim());
         let Some(known) = KEYS.iter().find(|known| **known == key) else {
             if let Some(meant) = meant(key) {
                 return Err(format!("{key} is no key; {meant} is one"));
+            }
+            if key == RECORDED_FROM && parse_rfc3339(value).is_none() {
+                return Err(format!(
+                    "{key} is {}, but must be a time as 2026-11-21T10:00:00Z",
+                    shown(value.as_bytes())
+                ));
             }
             self.header.truth.push((key.to_owned(), value.to_owned()));
             return Ok(());
@@ -155,6 +170,18 @@ fn meant(key: &str) -> Option<&'static str> {
     let key = key.to_lowercase().replace('-', "_");
     let mut units_and_axes = KEYS.into_iter().filter(|known| *known != "sensor");
     units_and_axes.find(|known| levenshtein(&key, known) <= 2)
+}
+
+/// The key of a unit or of axes, and its value, where a `:` or a space stands in place of the `=`.
+fn without_equals(comment: &str) -> Option<(&'static str, &str)> {
+    let (key, value) = comment
+        .split_once(':')
+        .or_else(|| comment.trim().split_once(' '))?;
+    let key = meant(key.trim())?;
+    let value = value.trim();
+    // More than one word after a space is a sentence, but for axes.
+    let remark = !comment.contains(':') && value.contains(' ') && !key.ends_with("axes");
+    (!remark).then_some((key, value))
 }
 
 impl Rows {
@@ -255,59 +282,6 @@ pub(crate) fn gives_key(line: &str) -> bool {
     key.is_some_and(|(key, _)| KEYS.contains(&key.trim()))
 }
 
-/// Whether a line is one of column names.
-pub(crate) fn names_columns(line: &[u8]) -> bool {
-    line.split(|byte| *byte == b',')
-        .any(|cell| cell.trim_ascii() == b"t_s")
-}
-
-fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
-    let columns: Vec<Option<usize>> = text
-        .split(',')
-        .map(|name| COLUMNS.iter().position(|known| *known == name.trim()))
-        .collect();
-    let has = |index| columns.contains(&Some(index));
-    for (index, name) in COLUMNS.iter().enumerate() {
-        if columns.iter().filter(|c| **c == Some(index)).count() > 1 {
-            return Err(format!("column {name} is named more than once"));
-        }
-    }
-    if !has(0) {
-        return Err(format!(
-            "found {}, but the line of column names must follow the # lines: names with commas between them, t_s among them",
-            shown(text.as_bytes())
-        ));
-    }
-    for first in [MAG, GYRO, ACCEL] {
-        let three = first..first + 3;
-        let missing = three.clone().find(|index| !has(*index));
-        if let (Some(missing), true) = (missing, three.clone().any(has)) {
-            return Err(format!(
-                "column {} is missing, but {} must come together",
-                COLUMNS[missing],
-                COLUMNS[three].join(", ")
-            ));
-        }
-    }
-    if !has(MAG) && text.split(',').any(is_like_mag) {
-        return Err(format!(
-            "found {}, but the magnetometer's columns must be {}",
-            shown(text.as_bytes()),
-            COLUMNS[MAG..GYRO].join(", ")
-        ));
-    }
-    Ok(columns)
-}
-
-/// Whether a column is likely an axis of the magnetometer by another name: `mag_x`, `MagX (uT)`, `m_x`, `Mx`. Not to use it would
-/// leave a log without a field. Other names are free.
-fn is_like_mag(name: &str) -> bool {
-    let name = name.trim().to_lowercase();
-    let short = name.replace(['_', '-', '.', ' '], "");
-    matches!(&*short, "mx" | "my" | "mz")
-        || name.starts_with("mag") && name.contains(['x', 'y', 'z'])
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -324,7 +298,7 @@ mod tests {
             rules,
             ..
         } = rows(
-            "\u{feff}# headingd-log 1\r\n#sensor=hmc5843\r\n# a remark\r\n# mag_unit = counts\r\n\
+            "\u{feff}# headingd-log 1\r\n#sensor=hmc5843\r\n# a remark: mag_unit\r\n# mag_unit is not known\r\n# mag_unit = counts\r\n\
              # counts_per_gauss = 1300\r\n# gyro_axes = -x +y -z\r\n# truth_scale = 1 2 3\r\n\
              # sensor_1 = bmp280\r\n# sensors = 3\r\n\
              az,ax,ay,t_s,magnitude\r\n",
@@ -379,6 +353,33 @@ mod tests {
             ("# headingd-log 1\nt_s,mx,my\n", 2, "mx, my, mz must"),
             ("# headingd-log 1\nt_s,gx,gy,gz,mag_x\n", 2, "be mx, my, mz"),
             ("# headingd-log 1\nt_s,Mx,My,Mz\n", 2, "be mx, my, mz"),
+            (
+                "# headingd-log 1\nt_s,mx,my,mz,gyro_x\n",
+                2,
+                "be gx, gy, gz",
+            ),
+            ("# headingd-log 1\nt_s,AccX (g)\n", 2, "be ax, ay, az"),
+            ("# headingd-log 1\n# mag_unit: uT\n", 2, "mag_unit = uT"),
+            (
+                "# headingd-log 1\n# Gyro Unit: deg/s\n",
+                2,
+                "gyro_unit = deg/s",
+            ),
+            (
+                "# headingd-log 1\n# gyro_unit deg/s\n",
+                2,
+                "gyro_unit = deg/s",
+            ),
+            (
+                "# headingd-log 1\n# mag_axes +y -x +z\n",
+                2,
+                "mag_axes = +y -x +z",
+            ),
+            (
+                "# headingd-log 1\n# recorded_from = 21.11.2026\n",
+                2,
+                "must be a time as",
+            ),
         ] {
             let message = rows(text).unwrap_err();
             assert!(message.contains(why), "{text:?}: {message}");
@@ -391,7 +392,8 @@ mod tests {
 
     #[test]
     fn other_columns_have_any_name() {
-        rows("# headingd-log 1\nt_s,gx,gy,gz,max,mm_x\n").unwrap();
+        rows("# headingd-log 1\nt_s,gx,gy,gz,max,mm_x,accuracy,gyro_temp,azimuth,gyro_x\n")
+            .unwrap();
     }
 
     #[test]

@@ -14,6 +14,8 @@ const FIRST_ROWS: usize = 1000;
 const FEWEST_STEPS: usize = 20;
 /// … and the median step is shorter than this: one of 500 Hz has it in milliseconds.
 const LONG_STEP_S: f64 = 2.0;
+/// Where the median step is 0 and no other is shorter than this, the times are all the same, or in whole seconds.
+const COARSE_STEP_S: f64 = 0.5;
 
 /// Reads a log: the header at once, then an iterator of its rows, in milligauss, rad/s and m/s².
 ///
@@ -75,19 +77,28 @@ impl<R: BufRead> Reader<R> {
         let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
         steps.sort_by(f64::total_cmp);
         let step = steps.get(steps.len() / 2).copied().unwrap_or_default();
-        if steps.len() < FEWEST_STEPS || step < LONG_STEP_S {
+        let fine = |step: &f64| *step > 0.0 && *step < COARSE_STEP_S;
+        let coarse = step == 0.0 && !steps.iter().any(fine);
+        if steps.len() < FEWEST_STEPS || step < LONG_STEP_S && !coarse {
             return Ok(());
         }
-        let (unit, divisor) = match step {
-            ..1e3 => ("milliseconds", 1000),
-            ..1e6 => ("microseconds", 1_000_000),
-            _ => ("nanoseconds", 1_000_000_000),
-        };
         let column = self.rows.place(0).0;
-        let what = format!(
-            "the gyro's readings are {step:.0} apart in column {column} (t_s), as in {unit}, but times must be in seconds: \
-             divide them by {divisor}"
-        );
+        let what = if coarse {
+            format!(
+                "most of the gyro's readings have the same time as the one before in column {column} (t_s), but each needs the \
+                 time at which it was taken, in seconds with their fractions"
+            )
+        } else {
+            let (unit, divisor) = match step {
+                ..1e3 => ("milliseconds", 1000),
+                ..1e6 => ("microseconds", 1_000_000),
+                _ => ("nanoseconds", 1_000_000_000),
+            };
+            format!(
+                "the gyro's readings are {step:.0} apart in column {column} (t_s), as in {unit}, but times must be in seconds: \
+                 divide them by {divisor}"
+            )
+        };
         Err(RecordingError::Times {
             log: self.log,
             what,

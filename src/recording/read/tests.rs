@@ -176,6 +176,11 @@ fn times_that_are_no_seconds_are_refused() {
             )
         );
     }
+    let same = checked(0.0, 60).unwrap_err().to_string();
+    assert!(
+        same.contains("same time as the one before in column 1 (t_s)"),
+        "{same}"
+    );
     // A logger of 1 Hz, and a log too short to tell.
     assert!(checked(1.0, 60).is_ok() && checked(10.0, 20).is_ok());
 }
