@@ -282,6 +282,17 @@ mod tests {
     }
 
     #[test]
+    fn of_a_file_that_is_no_toml_the_first_faults_are_told() {
+        let text = "a,b\n".repeat(100);
+        let error = Config::parse("a.csv", &text).unwrap_err().to_string();
+        assert_eq!(error.lines().count(), 11, "{error}");
+        assert!(
+            error.ends_with("and 90 more: is this a configuration?"),
+            "{error}"
+        );
+    }
+
+    #[test]
     fn syntax_errors_say_what_to_write() {
         #[rustfmt::skip]
         let cases = [

@@ -38,7 +38,7 @@ pub enum CalibrationAction {
         /// Its number; without it, the active one
         number: Option<u64>,
     },
-    /// Lock the active calibration: nothing replaces it, until it is unlocked
+    /// Lock the active calibration: nothing replaces it, until it is unlocked or the mode changes
     Lock,
     /// Unlock the active calibration: every turn is calibrated on again. Mode off stays off
     Unlock,

@@ -29,8 +29,8 @@ pub struct Args {
     /// Headings a second at most, 0.1 to 1000. Without it: one as text, all as JSON, nmea.rate_hz as NMEA
     #[arg(long, value_name = "HZ", value_parser = number("a number", 0.1..=1000.0))]
     pub rate: Option<f64>,
-    /// Stop after so many headings
-    #[arg(long, value_name = "N")]
+    /// Stop after so many headings, 1 or more
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
 }
 

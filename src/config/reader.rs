@@ -22,6 +22,9 @@ struct Target<'i> {
     attempt: fn(DeTable<'i>) -> Result<Vec<Fault>, String>,
 }
 
+/// A file with more syntax errors than this is likely no TOML at all.
+const MOST_SYNTAX_FAULTS: usize = 10;
+
 pub(super) struct TableReader<'i> {
     text: &'i str,
     places: LineIndex,
@@ -65,6 +68,18 @@ impl<'i> TableReader<'i> {
         faults.sort_by_key(|fault| (fault.line, fault.column));
         // The parser has two messages about one colon.
         faults.dedup_by(|next, fault| (next.line, &next.sentence) == (fault.line, &fault.sentence));
+        if let Some(more) = faults
+            .len()
+            .checked_sub(MOST_SYNTAX_FAULTS)
+            .filter(|n| *n > 0)
+        {
+            faults.truncate(MOST_SYNTAX_FAULTS);
+            faults.push(ConfigFault {
+                line: None,
+                column: None,
+                sentence: format!("and {more} more: is this a configuration?"),
+            });
+        }
         Err(faults)
     }
 

@@ -196,7 +196,8 @@ impl DiskWriter {
             }
         }
         if !self.unsaved.sensors.is_empty() && self.attempt().is_err() {
-            tracing::error!("the last calibration or setting could not be kept, and is lost");
+            let directory = self.directory.display();
+            tracing::error!("the last calibrations and settings could not be kept in {directory}");
         }
     }
 
@@ -222,11 +223,12 @@ impl DiskWriter {
             Err(error) => {
                 // A folder that cannot be used has been complained of.
                 if self.store.is_some() || !matches!(error, StoreError::Read { .. }) {
-                    let message = with_remedy(&error);
-                    tracing::error!(
-                        "{message}; starting without a calibration: turn the board once, or bring back a good file and \
-                         restart; the next save (of a calibration, mode or mounting) sets this file aside"
+                    let message = format!(
+                        "{}; without it there is no calibration: turn the board once, or bring back a good file and restart; the next \
+                         save (of a calibration, mode or mounting) sets this file aside",
+                        with_remedy(&error)
                     );
+                    tracing::error!("{message}");
                     lock(&self.fault).get_or_insert(message);
                 }
                 None
@@ -276,7 +278,11 @@ impl DiskWriter {
         };
         while let Some(history) = self.unsaved.sensors.last() {
             if let Some(aside) = store.save(history, self.known.find(&history.identity))? {
-                tracing::warn!("set aside the file that was there: {}", aside.display());
+                let aside = aside.display();
+                tracing::warn!(
+                    "set aside the file that was there, which was not as this daemon had left it: {aside}; if it is good, headingd calibration \
+                     import takes the active calibration from it"
+                );
             }
             tracing::info!("kept the calibrations in {}", self.directory.display());
             self.known.put(history.clone());

@@ -145,9 +145,9 @@ pub enum HistoryError {
         "there is no earlier calibration to go back to: headingd calibration list shows which there are"
     )]
     NothingBefore,
-    /// No calibration is active, in this mode.
-    #[error("no calibration is active: {}", .0.remedy())]
-    NoneActive(Policy),
+    /// No calibration is active, in this mode; whether there are others to go back to.
+    #[error("no calibration is active: {}{}", .0.remedy(), if *.1 { ", or headingd calibration rollback" } else { "" })]
+    NoneActive(Policy, bool),
     /// The active one is locked.
     #[error("the active calibration is locked: headingd calibration unlock lets it go")]
     Locked,
@@ -159,7 +159,7 @@ impl HistoryError {
         match self {
             Self::NoSuchNumber(_) => "no_such_number",
             Self::NothingBefore => "nothing_before",
-            Self::NoneActive(_) => "no_calibration",
+            Self::NoneActive(..) => "no_calibration",
             Self::Locked => "locked",
         }
     }
@@ -211,7 +211,7 @@ impl History {
     pub fn find(&self, number: Option<u64>) -> Result<&KeptCalibration, HistoryError> {
         match number {
             Some(number) => self.entry(number).ok_or(HistoryError::NoSuchNumber(number)),
-            None => self.active().ok_or(HistoryError::NoneActive(self.mode)),
+            None => self.active().ok_or_else(|| self.none_active()),
         }
     }
 
@@ -299,6 +299,10 @@ impl History {
         Ok(before - self.entries.len())
     }
 
+    fn none_active(&self) -> HistoryError {
+        HistoryError::NoneActive(self.mode, !self.entries.is_empty())
+    }
+
     /// Locks the active calibration, or sets another mode.
     ///
     /// # Errors
@@ -306,7 +310,7 @@ impl History {
     /// When a lock is asked for and no calibration is active.
     pub fn set_mode(&mut self, mode: Policy) -> Result<(), HistoryError> {
         if mode == Policy::Locked && self.active.is_none() {
-            return Err(HistoryError::NoneActive(self.mode));
+            return Err(self.none_active());
         }
         self.mode = mode;
         Ok(())

@@ -318,8 +318,9 @@ fn the_oldest_goes_by_number_whatever_the_clock_said() {
     assert_eq!(history.forget(None, false), Ok(1));
     assert_eq!(history.active(), None);
     let refusal = history.forget(None, false).unwrap_err();
-    assert_eq!(refusal, HistoryError::NoneActive(Policy::On));
-    assert!(refusal.to_string().ends_with("turn the board once"));
+    assert_eq!(refusal, HistoryError::NoneActive(Policy::On, true));
+    let right = "turn the board once, or headingd calibration rollback";
+    assert!(refusal.to_string().ends_with(right), "{refusal}");
     history.set_mode(Policy::Off).unwrap();
     let refusal = history.find(None).unwrap_err().to_string();
     assert!(refusal.contains("headingd calibration start"), "{refusal}");
@@ -331,7 +332,7 @@ fn the_oldest_goes_by_number_whatever_the_clock_said() {
 #[test]
 fn a_locked_calibration_neither_goes_nor_is_rolled_back() {
     let mut history = History::new(identity());
-    let refusal = HistoryError::NoneActive(Policy::On);
+    let refusal = HistoryError::NoneActive(Policy::On, false);
     assert_eq!(history.set_mode(Policy::Locked), Err(refusal));
     history.keep(made(planar()), 10);
     history.keep(made(diagonal()), 10);
