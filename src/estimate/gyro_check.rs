@@ -131,7 +131,7 @@ impl GyroCheck {
                 let change = self.gravity.take(up, up.cross(&turned_rad), dt);
                 if change.counts() {
                     judge = true;
-                    self.axes.end(up, change.larger());
+                    self.axes.end(up, change.larger);
                     self.compare(change.seen.norm(), &field);
                 }
             }

@@ -38,7 +38,7 @@ impl Unexplained {
     pub(super) fn take(&mut self, change: &VectorChange, rate_rad_s: f64, to_frame: &Matrix3<f64>) {
         let missed = change.seen - change.predicted;
         let expected = EXPLAINED + rate_rad_s * SCATTER_S;
-        let unexplained = missed.norm() > expected.max(MOSTLY * change.larger());
+        let unexplained = missed.norm() > expected.max(MOSTLY * change.larger);
         self.current = Doubt::default();
         if unexplained && !change.is_jump() {
             let beyond = missed * (1.0 - expected / missed.norm());
@@ -51,7 +51,7 @@ impl Unexplained {
                 self.recent.add(&std::mem::take(&mut self.current));
             }
         } else if change.counts() {
-            let keep = (-change.larger() / FADES).exp();
+            let keep = (-change.larger / FADES).exp();
             self.recent.alone *= keep;
             self.recent.otherwise *= keep;
         }
@@ -89,6 +89,7 @@ mod tests {
         VectorChange {
             seen,
             predicted,
+            larger: seen.norm().max(predicted.norm()),
             ended: true,
         }
     }

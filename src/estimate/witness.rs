@@ -54,24 +54,21 @@ pub(super) struct VectorChange {
     pub(super) seen: Vector3<f64>,
     /// As the gyro predicts.
     pub(super) predicted: Vector3<f64>,
+    /// The length of the larger of both.
+    pub(super) larger: f64,
     /// Whether the moment ends with it.
     pub(super) ended: bool,
 }
 
 impl VectorChange {
-    /// The length of the larger of both.
-    pub(super) fn larger(&self) -> f64 {
-        self.seen.norm().max(self.predicted.norm())
-    }
-
     /// Whether it is too large for one moment.
     pub(super) fn is_jump(&self) -> bool {
-        self.larger() >= JUMP
+        self.larger >= JUMP
     }
 
     /// Whether it is evidence: a whole moment's, and neither noise nor a jump.
     pub(super) fn counts(&self) -> bool {
-        self.ended && (NOISE..JUMP).contains(&self.larger())
+        self.ended && (NOISE..JUMP).contains(&self.larger)
     }
 
     /// Whether the gyro has hardly turned.
@@ -110,12 +107,14 @@ impl Witness {
         });
         moment.age_s += period_s;
         moment.predicted += change;
-        let mut change = VectorChange {
-            seen: now - moment.start,
-            predicted: moment.predicted,
-            ended: false,
+        let (seen, predicted) = (now - moment.start, moment.predicted);
+        let larger = seen.norm().max(predicted.norm());
+        let change = VectorChange {
+            seen,
+            predicted,
+            larger,
+            ended: larger >= CHANGE || moment.age_s >= MOMENT_S,
         };
-        change.ended = change.larger() >= CHANGE || moment.age_s >= MOMENT_S;
         if change.ended {
             self.moment = None;
         }
