@@ -37,9 +37,9 @@ pub fn calibrate(request: &Request, outcome: &mut Outcome) -> Result<String, Ref
         return Err(Refusal::new(
             "too_few_samples",
             match request.samples.len() {
-                0 => "there are no magnetometer samples: connect the magnetometer, or name its columns mx, my, mz in a log".to_owned(),
-                1 => format!("there is 1 magnetometer sample; at least {LEAST_SAMPLES} are needed"),
-                count => format!("there are {count} magnetometer samples; at least {LEAST_SAMPLES} are needed"),
+                0 => "there are no magnetometer samples: connect the magnetometer, or name its columns in the log mx, my and mz"
+                    .to_owned(),
+                count => format!("at least {LEAST_SAMPLES} magnetometer samples are needed, and there are only {count}"),
             },
         ));
     }

@@ -12,6 +12,7 @@ use super::{
     ACCEL, COLUMNS, GYRO, HEADING, Header, LineError, MAG, MAGIC, RecordingError, VERSION, shown,
 };
 use crate::date::parse_rfc3339;
+use crate::frame::Mounting;
 use crate::reading::STANDARD_GRAVITY_M_S2;
 
 /// More `#` lines than this are no header.
@@ -172,16 +173,26 @@ fn meant(key: &str) -> Option<&'static str> {
     units_and_axes.find(|known| levenshtein(&key, known) <= 2)
 }
 
-/// The key of a unit or of axes, and its value, where a `:` or a space stands in place of the `=`.
+/// The key of a unit or of axes, and a value that it may have, where a `:` or a space stands in place of the `=`.
 fn without_equals(comment: &str) -> Option<(&'static str, &str)> {
+    let comment = comment.trim();
     let (key, value) = comment
         .split_once(':')
-        .or_else(|| comment.trim().split_once(' '))?;
-    let key = meant(key.trim())?;
-    let value = value.trim();
-    // More than one word after a space is a sentence, but for axes.
-    let remark = !comment.contains(':') && value.contains(' ') && !key.ends_with("axes");
-    (!remark).then_some((key, value))
+        .or_else(|| comment.split_once(' '))?;
+    let (key, value) = (meant(key.trim())?, value.trim());
+    let names = |units: &[Unit]| {
+        units
+            .iter()
+            .any(|(name, _)| name.eq_ignore_ascii_case(value))
+    };
+    let fits = match key {
+        "mag_unit" => names(&MAG_UNITS),
+        "gyro_unit" => names(&GYRO_UNITS),
+        "accel_unit" => names(&ACCEL_UNITS),
+        "counts_per_gauss" => value.parse::<f64>().is_ok(),
+        _ => value.parse::<Mounting>().is_ok(),
+    };
+    fits.then_some((key, value))
 }
 
 impl Rows {
@@ -298,7 +309,7 @@ mod tests {
             rules,
             ..
         } = rows(
-            "\u{feff}# headingd-log 1\r\n#sensor=hmc5843\r\n# a remark: mag_unit\r\n# mag_unit is not known\r\n# mag_unit = counts\r\n\
+            "\u{feff}# headingd-log 1\r\n#sensor=hmc5843\r\n# a remark: mag_unit\r\n# mag_unit: see the data sheet\r\n# mag_unit = counts\r\n\
              # counts_per_gauss = 1300\r\n# gyro_axes = -x +y -z\r\n# truth_scale = 1 2 3\r\n\
              # sensor_1 = bmp280\r\n# sensors = 3\r\n\
              az,ax,ay,t_s,magnitude\r\n",
