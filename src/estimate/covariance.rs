@@ -25,19 +25,19 @@ const MOVING: [usize; 11] = [H, H + 1, H + 2, E, E + 1, M, M + 1, M + 2, Q, Q + 
 /// All others: b and D, and T, G and S.
 const LASTING: [Range<usize>; 2] = [B..M, T..Q];
 
-/// What a step of time does to the states.
+/// Blocks of the transition matrix F; all others are the identity's.
 pub(super) struct Step {
-    /// The field by itself.
+    /// ∂h/∂h.
     pub(super) field: Matrix3<f64>,
-    /// The field by bias and scale errors of the gyro.
+    /// ∂h/∂G and ∂h/∂S.
     pub(super) by_gyro: SMatrix<f64, 3, 6>,
-    /// What is left of the tilt error.
+    /// ∂ε/∂ε.
     pub(super) tilt: f64,
-    /// The tilt error by the bias of the gyro.
+    /// ∂ε/∂G.
     pub(super) tilt_by_bias: Matrix2x3<f64>,
-    /// What is left of the unevenness.
+    /// ∂m/∂m.
     pub(super) unevenness: f64,
-    /// What is left of the offset of the place.
+    /// ∂q/∂q.
     pub(super) place: f64,
 }
 

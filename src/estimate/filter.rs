@@ -239,9 +239,8 @@ impl Filter {
         }
     }
 
-    /// Takes a sample. With `frozen`, hard iron and matrix stay as they are, and only their uncertainty counts (a Schmidt–Kalman
-    /// filter). While the board is still the field does not change them either; what the gyro reads then still may, since they are
-    /// correlated with its bias.
+    /// Takes a sample. With `frozen`, hard iron and matrix stay as they are, and only their uncertainty counts (a Schmidt–Kalman filter).
+    /// On a still board the field never changes them; the gyro's readings may, since its bias is correlated with them.
     fn take(&mut self, input: &Input, frozen: bool) {
         if input.rests() {
             self.learn_bias_at_rest(input, frozen);
@@ -266,9 +265,8 @@ impl Filter {
         }
     }
 
-    /// Corrects the state by a number that differs by `innovation` from what was expected: its covariance with the state is `cross`, and
-    /// its own variance, noise and all, `variance`.
-    fn measure(&mut self, innovation: f64, cross: &State, variance: f64) {
+    /// Corrects the state by a scalar measurement. `cross` is its covariance with the state, `variance` that of the innovation.
+    fn correct_by_scalar(&mut self, innovation: f64, cross: &State, variance: f64) {
         let gain = cross / variance;
         self.x += gain * innovation;
         subtract(&mut self.p, &gain, cross);

@@ -35,7 +35,7 @@ impl Estimate {
         if !self.active.begun || last.motion.pose.stretch != pose.stretch {
             return None;
         }
-        // No magnetometer measures early: where it seems to, the gyro is late, and the board has turned on meanwhile.
+        // No magnetometer measures early: a negative lag means that the gyro is late, and the board has turned on.
         let gyro_late_s = (-self.active.lag_s()).max(0.0);
         let turned_on = UnitQuaternion::from_scaled_axis(last.motion.rate_rad_s * gyro_late_s);
         let pose = &Pose {
@@ -63,7 +63,7 @@ impl Estimate {
         let by_nose = Vector3::new(nose.y, -nose.x, 0.0) / horizontal2;
         let by_tilt = by_attitude.cross_matrix().transpose() * by_nose;
         let variance = north.variance(&by_field(&field), &by_tilt).max(0.0);
-        // Innovations larger than expected: what is known is known less well than it seems.
+        // Innovations larger than expected: the covariance is too small.
         let variance = variance * self.active.consistency.max(self.iron.excess());
         let sd = hypot(variance.sqrt(), self.doubt_rad(missed_turn_rad));
         Some(Fix::new(wrap_360(heading.to_degrees()), sd))

@@ -13,12 +13,13 @@ use crate::frame::signed_axes;
 const MEMORY: f64 = 30.0;
 /// Fewer moments say nothing: accelerations fit some order by chance.
 const LEAST_MOMENTS: f64 = 12.0;
-/// The axes are those that leave less than a quarter of the squares that all others leave. The best of the others leave no less than 1/3.6
-/// of what the right ones leave, in a million moments of simulated boards, most of them in a hand.
+/// Right axes leave less than a quarter of the squares of all others; wrong ones, of those of the right axes and of their opposite. The
+/// best of the others leave no less than 1/3.6 of what the right ones leave, in a million moments of simulated boards, most of them in a
+/// hand.
 const TELLS: f64 = 0.25;
 /// Axes are believed only if they leave less than this share of the squared change. A drone's force stays upright: wrong axes that predict
 /// little fit it best.
-const MOST_LEFT: f64 = 0.8;
+const MOST_RESIDUAL: f64 = 0.8;
 /// What gravity says of the axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum AxesVerdict {
@@ -80,14 +81,14 @@ impl GyroAxes {
 
     fn judge(&mut self) {
         let same = |sign| [0, 1, 2].map(|axis| (axis, sign));
-        let own = self.left(&same(1.0));
+        let own = self.residual(&same(1.0));
         // All signs are wrong: gravity shows this on an arm that swings faster than a pendulum of its length.
-        let opposite = self.left(&same(-1.0));
+        let opposite = self.residual(&same(-1.0));
         let others = signed_axes()
             .skip(1)
-            .map(|axes| self.left(&axes))
+            .map(|axes| self.residual(&axes))
             .fold(f64::MAX, f64::min);
-        let most = MOST_LEFT * self.squares;
+        let most = MOST_RESIDUAL * self.squares;
         if own < most && own < TELLS * others {
             self.verdict = AxesVerdict::Right;
         } else if others < most && others < TELLS * own.min(opposite) {
@@ -96,16 +97,16 @@ impl GyroAxes {
     }
 
     /// The squares of the change that are left if P has these axes, as [`signed_axes`] gives them.
-    fn left(&self, axes: &[(usize, f64); 3]) -> f64 {
+    fn residual(&self, axes: &[(usize, f64); 3]) -> f64 {
         let entries = [0, 1, 2].map(|row| (3 * axes[row].0 + row, axes[row].1));
-        let mut left = self.squares;
+        let mut residual = self.squares;
         for (row, of_row) in entries {
-            left -= 2.0 * of_row * self.seen[row];
+            residual -= 2.0 * of_row * self.seen[row];
             for (column, of_column) in entries {
-                left += of_row * of_column * self.information[(row, column)];
+                residual += of_row * of_column * self.information[(row, column)];
             }
         }
-        left
+        residual
     }
 }
 

@@ -82,7 +82,7 @@ pub(super) struct GyroCheck {
 
 impl GyroCheck {
     /// Takes a sample, and what the filter knows. Whether the sample has shown the gyro to be right. While iron may just have come or gone
-    /// (`iron_open`) only a gyro that repeats its reading is judged: that predicts no change, whatever the iron.
+    /// (`iron_open`), only a gyro that repeats its reading or misses the field's turns is judged: neither depends on the iron.
     pub(super) fn take(&mut self, input: &Input, filter: &Filter, iron_open: bool) -> bool {
         let constant = input.board.gyro_constant_s > CONSTANT_S;
         if constant != self.constant {
@@ -197,7 +197,7 @@ impl GyroCheck {
         }
     }
 
-    /// What the field has turned lately against the gyro, as a share of it.
+    /// Recent field change that the gyro does not explain, as a share.
     pub(super) fn contradicted(&self) -> f64 {
         self.unexplained.share()
     }

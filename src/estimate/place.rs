@@ -131,8 +131,8 @@ impl PlaceEvidence {
         ))
     }
 
-    /// Whether these parts are the model's with up and down exchanged, as where gravity is taken for the force that holds the board up, or a
-    /// chip lies upside down.
+    /// Whether these parts are the model's with up and down exchanged, as if the accelerometer read gravity, not specific force, or a chip
+    /// is upside down.
     fn is_mirrored_by(&self, found: &Vector2<f64>) -> bool {
         let near = 3.0 * hypot(LOCAL, GAIN) * self.expected.norm();
         (Vector2::new(found.x, -found.y) - self.expected).norm() < near

@@ -71,7 +71,7 @@ impl Estimate {
         let lead = rival.lead;
         if lead > DECIDED {
             self.active = rival.filter.clone();
-            // It explains what follows by another iron.
+            // The proven filter has the old iron.
             self.proven = None;
             self.rival = None;
             self.replaced = true;

@@ -1,4 +1,4 @@
-//! What the field has lately changed by, and the gyro does not explain. Until it is known why, a heading may be off by as much.
+//! Recent change of the field that the gyro does not explain. Until its cause is known, a heading may be off by as much.
 
 use std::f64::consts::PI;
 
@@ -25,8 +25,8 @@ pub(super) struct Unexplained {
 /// Unexplained change, as a share of the field.
 #[derive(Clone, Copy, Debug, Default)]
 struct Doubt {
-    /// While the gyro hardly turned, in the frame: the sum. What comes and goes leaves no doubt: a car that passes, or a turn that
-    /// a dead gyro misses and that is undone.
+    /// While the gyro hardly turned: the vector sum in the frame. A change that reverses leaves no doubt: a passing car, or a turn and its
+    /// return under a dead gyro.
     alone: Vector3<f64>,
     /// While the gyro turned another way: the sum of the lengths. The changes themselves go round and round, and their sum
     /// is small again and again.

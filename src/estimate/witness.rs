@@ -159,7 +159,7 @@ impl Witness {
         self.enough() && self.sums.correlation() < limit
     }
 
-    /// The same of a gyro that has turned, after some changes.
+    /// The same from `LEAST_CHANGES` on, if the gyro has turned.
     pub(super) fn opposes(&self, limit: f64) -> bool {
         self.sums.count >= LEAST_CHANGES
             && self.sums.predicted > ALONE * self.sums.seen

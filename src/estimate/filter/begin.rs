@@ -6,7 +6,7 @@ use super::{Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
 use crate::frame::{add_variance, angle_between_rad};
 
-/// A field that differs from the one before by less than twice the deviation, squared, is the same.
+/// A squared change of the field below this many variances is no change.
 const LIKELY: f64 = 4.0;
 /// Before the board has turned this far, the field does not tell iron from north, radians.
 const BEGIN_RAD: f64 = 0.1;
@@ -81,7 +81,7 @@ impl Filter {
             .fixed_columns_mut::<3>(H)
             .copy_from(&cross.transpose());
         self.p.fixed_view_mut::<3, 3>(H, H).copy_from(&own);
-        // What has just been restarted is 0 at both points.
+        // ε, m and q, just restarted, count as 0 in `about`.
         let mut off = self.x - about;
         for (at, count) in [(E, 2), (M, 3), (Q, 3)] {
             off.rows_mut(at, count).fill(0.0);
@@ -95,8 +95,7 @@ impl Filter {
         self.odd_mgauss = Vector3::zeros();
     }
 
-    /// Iron may have come or gone: the hard iron is as unknown as this disturbance is large, and the field here is as
-    /// even as places are.
+    /// Iron may have come or gone: adds the disturbance to the hard iron's deviation, and resets the unevenness to that of usual places.
     pub fn doubt_iron(&mut self, disturbance_mgauss: f64) {
         let disturbance = disturbance_mgauss + IRON_UNSEEN * self.strength_rms_mgauss;
         self.unevenness2 = USUAL_UNEVENNESS.powi(2);
@@ -111,9 +110,8 @@ impl Filter {
         add_variance(&mut self.p, at..at + 3, variance);
     }
 
-    /// Begins the state: at once from a calibration, else once the board has turned a little, with half of the field
-    /// taken for iron. Returns whether the state has begun and the sample can still be taken: where the field comes from the sample, it
-    /// must not count twice.
+    /// Begins the state: at once from a calibration, else once the board has turned a little, with half of the field taken for iron.
+    /// Returns whether the sample is still to be taken. If the field was computed from it, it must not count twice.
     pub(super) fn begin(&mut self, input: &Input) -> bool {
         let first = *self.first_attitude.get_or_insert(input.to_frame);
         if self.calibrated {
@@ -145,8 +143,7 @@ impl Filter {
 /// A field, milligauss, with its covariance.
 type KnownField = (Vector3<f64>, Matrix3<f64>);
 
-/// Variance on each axis of a disturbance that explains how much more than likely this field differs from the one before, mG²: in the parts
-/// that do not depend on its azimuth.
+/// Variance on each axis, mG², by which the change of the field exceeds `LIKELY`, in the parts that do not depend on its azimuth.
 fn strange2(now: &KnownField, before: &KnownField, vertical_known: bool) -> f64 {
     let beyond = |direction: fn(&Vector3<f64>) -> Vector3<f64>| {
         let [now, before] = [now, before].map(|(field, covariance)| {

@@ -47,7 +47,7 @@ const LEAST_HELD: f64 = 0.01;
 /// The states from b to G.
 const HELD: usize = S - B;
 
-/// The shares, 0 to 1, of what a correction changes of some states that are taken back.
+/// The shares, 0 to 1, of a correction that are taken back.
 pub(super) struct HeldBack {
     pub(super) iron: f64,
     pub(super) matrix: f64,
@@ -116,7 +116,7 @@ impl Filter {
         let squared_at_first = squared;
         if squared > GATE {
             if !self.record_odd(&innovation, &r) {
-                // What rejects a sample explains it no better than what takes it at the gate.
+                // A rejected sample is explained no better than one at the gate.
                 self.log_likelihood -= 0.5 * (GATE + s.determinant().ln());
                 return;
             }
@@ -238,8 +238,8 @@ impl Filter {
         });
     }
 
-    /// Corrects the state, and takes back these shares of what that changes: a partial-update Schmidt–Kalman filter (Brink, J. Guid. Control
-    /// Dyn. 40, 2017). What stays of a covariance is the product of both shares.
+    /// Corrects the state, and takes back these shares of that: a partial-update Schmidt–Kalman filter (Brink, J. Guid. Control Dyn. 40,
+    /// 2017). Covariances take back the product of both shares.
     pub(super) fn correct_partly(&mut self, held: &HeldBack, correct: impl FnOnce(&mut Self)) {
         let held = held.shares();
         if held.amax() == 0.0 {
@@ -259,17 +259,17 @@ impl Filter {
         }
     }
 
-    /// The part of D that stays when a sample corrects the state: half while the field is known as badly as D is at first. The model
-    /// multiplies D by the field, and linearising it neglects the product of their errors. Without this, cars that pass before or in a car's
-    /// first turn teach a wrong D for good.
+    /// The share of a correction of D that is taken back: half if the field's relative deviation is D's initial one. The model multiplies D
+    /// by the field, and linearising it neglects the product of their errors. Without this, cars that pass before or in a car's first turn
+    /// teach a wrong D for good.
     fn matrix_held(&self) -> f64 {
         let unknown2 = self.trace(H, 3) / 3.0;
         share(unknown2, SCALE.powi(2) * self.vector(H).norm_squared())
     }
 
-    /// The part of the gyro's bias that stays: half while the field that it turns is known as badly as it is strong. If the vertical is
-    /// known, that is the horizontal field. Where a field of unknown direction is turned to is unknown, too: linearising takes it for
-    /// known, and teaches in the first seconds a bias that is wrong by five deviations.
+    /// The share of a correction of the gyro's bias that is taken back: half if the field's deviation equals its strength, both of the
+    /// horizontal field if the vertical is known. A field of unknown direction also turns in an unknown direction. Linearising takes that
+    /// for known: without this, the first seconds teach a bias wrong by five deviations.
     fn gyro_bias_held(&self) -> f64 {
         let axes = if self.vertical_known { 2 } else { 3 };
         let unknown2 = self.trace(H, axes) / axes as f64;

@@ -109,8 +109,8 @@ impl Filter {
         self.read_bias(input, REST_RATE_RAD_S.powi(2) / input.period_s, frozen);
     }
 
-    /// Learns the gyro's bias of a still board that may turn slowly: no faster than its field hides, which is the less the longer the field
-    /// has stood still. The turn is the same all the time, so that only what the field tells anew counts.
+    /// Learns the gyro's bias on a still board that may turn slowly: within `hidden_rate_sd_rad_s`, which shrinks while the field stands
+    /// still. The hidden turn is constant, so only newly gained information counts.
     pub(super) fn learn_bias_of_still_board(&mut self, input: &Input, frozen: bool) {
         let information = input.board.hidden_rate_sd_rad_s.powi(-2);
         let gained = information - self.still_information;
@@ -127,7 +127,7 @@ impl Filter {
             for axis in 0..3 {
                 let innovation = input.rate_rad_s[axis] - filter.x[G + axis];
                 let column: State = filter.p.column(G + axis).into();
-                filter.measure(innovation, &column, column[G + axis] + variance);
+                filter.correct_by_scalar(innovation, &column, column[G + axis] + variance);
             }
         });
     }

@@ -32,12 +32,11 @@ const IRON_HIDES: f64 = 0.3;
 /// chip's gain and offset drift while it warms up. Half or twice as much changes no simulated family by more than a few per cent.
 const FIELD_WALK: f64 = 0.0002;
 const IRON_WALK_MGAUSS: f64 = 0.05;
-/// What the model leaves out is the same whenever the board is in the same attitude, and does not average out by swinging to and fro.
-/// It is as much as the unevenness and the tilt error that are measured, up to the unevenness of usual places. So iron and matrix walk by
-/// turning: the iron by this share of it, and of the field, per √rad. Without the tilt error a boat at anchor is falsely sure twice as
-/// often.
+/// Model errors repeat with the attitude, so swinging to and fro does not average them out. As shares of the field, they are as large as
+/// the measured unevenness and tilt error, up to the unevenness of usual places. So iron and matrix walk by turning: the iron by this
+/// multiple of them per √rad. Without the tilt error a boat at anchor is falsely sure twice as often.
 const IRON_TURN: f64 = 0.2;
-/// Walk of each entry of D per √rad, as a multiple of the same share. Half or twice as much keeps the simulated families within their
+/// Walk of each entry of D per √rad, as a multiple of the same shares. Half or twice as much keeps the simulated families within their
 /// limits.
 const MATRIX_TURN: f64 = 0.067;
 /// Mean square over the axes of what a tilt error makes of a field, as a share of both: it moves the field on two of three axes.
@@ -205,8 +204,8 @@ impl Filter {
         }
     }
 
-    /// How far the board has turned since the sample before, radians. A still board that swings turns in steps: all else that
-    /// its gyro reads is noise, which would add up.
+    /// How far the board has turned since the sample before, radians. A still board turns in steps of `SWING_RAD`: less is noise, which
+    /// would add up.
     fn turned_since_last(&mut self, input: &Input) -> f64 {
         if !input.board.still {
             self.last_attitude = input.to_frame;

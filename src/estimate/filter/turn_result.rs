@@ -56,7 +56,7 @@ impl Filter {
             let predicted = jacobian.dot(&self.x);
             let cross = self.p * jacobian;
             let variance = jacobian.dot(&cross) + one.variance;
-            self.measure(one.value - predicted, &cross, variance);
+            self.correct_by_scalar(one.value - predicted, &cross, variance);
         }
     }
 }
