@@ -1,4 +1,4 @@
-//! Where the board points, how it turns and whether it rests: a thin face over the filter VQF.
+//! Where the board points, how it turns and whether it rests: a thin wrapper of the VQF filter.
 //!
 //! Gyro and accelerometer give tilt, gyro bias and orientation on an even clock. Pure: time comes with the readings.
 //!
@@ -102,7 +102,7 @@ pub struct TiltError {
     pub by_bias: f64,
     /// One standard deviation on each horizontal axis, radians.
     pub whole_sd_rad: f64,
-    /// The same without what `by_bias` stands for.
+    /// The same without what `by_bias` and recent levelling add.
     pub sd_rad: f64,
 }
 
@@ -372,7 +372,7 @@ impl Attitude {
         self.rate_changes.held_turn_rad(held_s.max(0.0))
     }
 
-    /// Whether field and force have just jumped: gravity will tell whether the board has turned, unseen by the gyro.
+    /// Whether field and force have just jumped: gravity is being averaged to detect a turn that the gyro missed.
     pub fn may_have_jumped(&self) -> bool {
         self.seam.compares()
     }

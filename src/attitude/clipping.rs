@@ -46,7 +46,7 @@ impl ClipWatch {
         was && !self.clipped
     }
 
-    /// A gyro that turns faster than it can tell reads the same on that axis, while the others go on.
+    /// An axis beyond its full scale repeats its reading, while the others vary.
     fn seek_range(&mut self, rate: &Vector3<f64>) {
         let constant = *rate == self.newest;
         for axis in 0..3 {
@@ -59,7 +59,7 @@ impl ClipWatch {
         self.newest = *rate;
         if rate.amax() > self.largest {
             self.largest = rate.amax();
-            // Whoever reads more has another full scale.
+            // A larger rate shows a larger full scale.
             self.range_deg_s = None;
         }
         let at_largest = |axis: usize| self.same[axis] >= SAME && rate[axis].abs() >= self.largest;

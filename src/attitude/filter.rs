@@ -109,11 +109,11 @@ impl AttitudeFilter {
 
         let missed_rad2 = std::mem::take(&mut self.missed_rad2);
         let before = unit(self.vqf.state().gyr_quat);
-        // Rest shows in the rate as it is read: a bias that is being learnt would look like motion.
+        // VQF detects rest by the rate with its bias: a bias that is being learnt would look like motion.
         let bias = self.errors.bias;
         self.vqf.state_mut().bias = bias.into();
         self.vqf.update_gyr((rate + bias).into());
-        // So near to each other, and normalised, a chord is as good as an arc.
+        // At the midpoint, normalised linear interpolation equals slerp.
         let after = unit(self.vqf.state().gyr_quat);
         let middle = UnitQuaternion::new_normalize(before.lerp(&after, 0.5));
         let to_frame = middle.to_rotation_matrix().into_inner();
@@ -191,8 +191,8 @@ impl AttitudeFilter {
 
     /// What the tilt is off by now.
     pub(super) fn tilt_error(&self) -> TiltError {
-        // Sway tilts the frame of an upright board just as a bias would, so its tilt does not count as the bias's. The same holds at rest,
-        // where the estimate leaves out its tilt error.
+        // On an upright board sway tilts the frame as a bias would, so the tilt is no evidence of the bias. The same holds at rest, where
+        // the estimate leaves out its tilt error.
         let by_bias = if self.vertical_known() && !self.stillness.still() {
             1.0 - self.errors.upright_share()
         } else {

@@ -102,9 +102,9 @@ impl Gravity {
         self.live(t_s).then_some(self.low_passed[0])
     }
 
-    /// Where down is, a unit vector of body axes: an accelerometer feels up, and its bias, m/s², with it. `None` while it is silent. On a
-    /// board that tilts steadily a low pass lags by its time; double smoothing (Brown, 1956) does not, and what is left of the lag is about
-    /// the second difference of the stages.
+    /// Down, a unit vector of body axes, by the specific force less the accelerometer's bias, m/s². `None` while it is silent. On a board
+    /// that tilts steadily a low pass lags by its time; double smoothing (Brown, 1956) does not, and what is left of the lag is about the
+    /// second difference of the stages.
     pub(super) fn down(&self, t_s: f64, bias: &Vector3<f64>) -> Option<Vector3<f64>> {
         let [once, twice, _] = self.low_passed;
         let force = self.live(t_s).then_some(2.0 * once - twice - bias)?;

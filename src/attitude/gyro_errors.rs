@@ -1,8 +1,7 @@
 //! Learns the gyro's bias, scale and cross-axis errors, and the accelerometer's bias, from gravity.
 //!
-//! A board moves, but it does not fly away: its velocity stays bounded, so over seconds the specific force in the frame that
-//! the gyro carries along is the reaction to gravity. An error of the gyro turns that in the frame. A Kalman filter
-//! estimates
+//! A board's velocity stays bounded, so over seconds the mean specific force in the frame that the gyro carries along is the reaction to
+//! gravity. An error of the gyro turns that in the frame. A Kalman filter estimates
 //!
 //! | state | what it is |
 //! |---|---|
@@ -13,9 +12,9 @@
 //! | a | bias that is left in the specific force, body axes, m/s² |
 //! | r | arm, from the point about which a hand turns the board to its chips, body axes, m |
 //!
-//! With R from body to the gyro's frame, it measures in every window that v is R (ω × r), within the velocities that this board has.
-//! Without the arm, the centripetal acceleration of a board that turns about a wrist would look like a bias of its accelerometer.
-//! b, M and a go straight into what is taken out of the readings, so that their states are always 0.
+//! In every window it takes the measurement v = R (ω × r), R from body to the gyro's frame, with the board's mean square velocity as noise.
+//! Without the arm, the centripetal acceleration of a board that turns about a wrist would look like a bias of its accelerometer. b, M and
+//! a go straight into what is taken out of the readings, so that their states are always 0.
 //!
 //! `gyro_errors/predict.rs` carries the state on over a window, `gyro_errors/measure.rs` corrects it.
 
@@ -99,7 +98,7 @@ pub(super) struct GyroErrors {
     velocity: Vector3<f64>,
     /// Mean of up in body axes.
     upright: Vector3<f64>,
-    /// Cosine of the largest angle that up has lately had to it.
+    /// Cosine of the largest recent angle from `upright`.
     least_cos: f64,
     /// Mean squares of velocity and acceleration on an axis.
     speed2: f64,
@@ -323,7 +322,7 @@ impl GyroErrors {
         (beyond / (UPRIGHT.end - UPRIGHT.start)).clamp(0.0, 1.0)
     }
 
-    /// Takes away the vertical of a board that stays upright, body axes.
+    /// Projection that removes an upright board's vertical, body axes.
     fn across(&self) -> Matrix3<f64> {
         let up = self.upright / self.upright.norm().max(1e-9);
         Matrix3::identity() - up * up.transpose() * self.upright_share()

@@ -9,7 +9,7 @@ use super::follow;
 use crate::frame::hypot;
 use crate::reading::HELD_S;
 
-/// The usual repetition grows with one reading and shrinks over ten: one reading of ten may be the same by chance.
+/// `usual_hold_s` grows with one reading and shrinks over ten: one reading of ten may be the same by chance.
 const HOLD_READINGS: (f64, f64) = (1.0, 10.0);
 
 /// A step from one reading to the next is a jump if it exceeds the usual step, a root mean square, by this factor. The largest steps of a

@@ -1,4 +1,4 @@
-//! Seams: the board lies otherwise from one reading to the next, as where two recordings were joined, or where a source lost readings and
+//! Detects seams: from one reading to the next the attitude jumps, as where two recordings were joined, or a source lost readings and
 //! numbered their times anew.
 //!
 //! Field and specific force then jump together, and the gyro measures no such turn. A magnet that snaps onto the board makes both jump as
