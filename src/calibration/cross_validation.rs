@@ -10,8 +10,8 @@ use super::refine::{BIWEIGHT, Refined, accumulate, biweight, refine};
 /// Parts in a cross-validation: each is judged by a fit to the other three.
 const PARTS: usize = 4;
 
-/// A step up to this long, in standard deviations of the noise, is taken as it is. White noise asks for
-/// less; more means that this part differs from the others, and then their noise and weights do too.
+/// Longest step of a refit that is used without iterating, in standard deviations of the noise. White noise makes shorter steps;
+/// a longer one means that this part differs from the others, so that noise and weights change too.
 const SHORT: f64 = 0.15;
 
 /// The samples of a cross-validation, cut into parts.
@@ -21,8 +21,8 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Cuts so many samples at these `cuts`, in order, and each piece into quarters: a part is the same quarter of all pieces. Cut where
-    /// turns begin and end, a part never holds the whole of a turn, without which the others may not determine a fit.
+    /// Cuts the samples at `cuts`, in order, and each piece into quarters: a part is the same quarter of all pieces. With cuts where turns
+    /// begin and end, no part holds a whole turn, without which the others may not determine a fit.
     pub fn new(samples: usize, cuts: impl IntoIterator<Item = usize>) -> Self {
         let mut ranges = Vec::with_capacity(PARTS);
         let mut start = 0;

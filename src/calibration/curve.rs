@@ -117,7 +117,7 @@ pub struct Symmetric {
     reference_mgauss: f64,
 }
 
-/// The entries of A beside its diagonal, in the order of the parameters.
+/// The off-diagonal entries of A, in the order of the parameters.
 pub const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
 /// A symmetric A of its six parameters.

@@ -20,7 +20,7 @@ use crate::frame::rows;
 /// A rest before a turn is compared with this part of the turn, a quarter: over more of it the gyro drifts.
 const FIRST_PART: usize = 4;
 
-/// So many samples are the last, a sixth of a second to a second: what lasts as long is no spike.
+/// How many samples count as the last: a sixth of a second to a second of them, longer than a spike lasts.
 const LAST: usize = 16;
 
 /// Dip assumed for the predicted uncertainty of a heading where the vertical is not known, degrees:
@@ -31,7 +31,7 @@ const USUAL_DIP_DEG: f64 = 68.0;
 const STEEPEST: f64 = 3.7;
 
 impl<const D: usize> Work<'_, D> {
-    /// Measures and judges a fit, and fills in the outcome. The sentence of an acceptance, or a refusal.
+    /// Measures and judges a fit, and fills in the outcome. Returns the message of an acceptance.
     ///
     /// # Errors
     ///
@@ -188,9 +188,9 @@ impl<const D: usize> Work<'_, D> {
         sightings
     }
 
-    /// How far the field at rest before the turn is from that of its first part, in the gyro's frame, over this strength,
-    /// less what the vertical field makes of a rest that was not quite level.
-    /// `None` where nothing was seen at rest, or the gyro was lost between.
+    /// Distance of the field at rest before the turn from the mean field of the turn's first part, in the gyro's frame, as a share of this
+    /// strength, less what the vertical field adds if the board was not level at rest.
+    /// `None` without a sample at rest, or if the gyro was lost in between.
     fn rest_share<C: Curve<D, P>, const P: usize>(
         &self,
         seen: &[Sighting],

@@ -29,8 +29,8 @@ const LEAST_SD_MGAUSS: f64 = 1.0;
 /// The box that an ellipse through these points must lie in, and Hm if none was given.
 ///
 /// The extremes are quantiles, and are believed to within `margin`: four standard deviations of
-/// the noise and 2 % of the range. Scale factors go from what the range itself asks for to what it
-/// would be if the arc had shown less than half of the axis.
+/// the noise and 2 % of the range. The smallest scale factor is that of an axis seen from end to end, the
+/// largest that of an axis of which the arc shows less than half.
 pub fn bounds<const D: usize>(
     points: &[[f64; D]],
     reference_mgauss: Option<f64>,

@@ -18,8 +18,7 @@ use crate::attitude::Pose;
 use crate::frame::hypot;
 use crate::reading::{LEAST_STEPS, SAME_SAMPLES};
 
-/// A smaller swing of the field is no turn, milligauss: a third of what the weakest horizontal field in which a compass is of use, 30 mG,
-/// swings by.
+/// Smallest swing of the field in a turn, milligauss: a third of the swing of the weakest horizontal field that a compass can use, 30 mG.
 const LEAST_SWING_MGAUSS: f64 = 20.0;
 
 /// A calibration needs at least this many samples.
@@ -27,7 +26,7 @@ const LEAST_SAMPLES: usize = 20;
 /// A calibration on a turn needs at least this many: steps of more than 15° count as gaps in its coverage.
 const LEAST_IN_TURN: usize = 24;
 
-/// Calibrates and fills in the outcome as far as it gets. The sentence of an acceptance, or a refusal.
+/// Calibrates and fills in the outcome as far as it gets. Returns the message of an acceptance.
 ///
 /// # Errors
 ///

@@ -52,7 +52,7 @@ pub fn planar(sightings: &[Sighting], normal_body: &Vector3<f64>) -> Option<Gyro
 }
 
 /// In space: the field, turned into the earth frame, keeps its azimuth. Where the vertical is not known,
-/// its direction about the axis of least change.
+/// it keeps its angle in a plane through the mean field.
 pub fn spatial(sightings: &[Sighting]) -> Option<GyroAgreement> {
     let earth = |sighting: &Sighting| sighting.pose.orientation * sighting.field_body;
     let (e1, e2) = if sightings.iter().all(|s| s.pose.vertical_known) {
@@ -84,8 +84,8 @@ struct Phase {
     turned_rad: f64,
 }
 
-/// The phase of each sighting: `turn` is what counts of a rotation vector in body axes, `angle` the phase of a sighting where
-/// the board has turned so far.
+/// The phase of each sighting. `turn` gives the angle that a rotation vector (body axes) counts for, `angle` the phase of a sighting
+/// after that much rotation in all.
 fn phases(
     sightings: &[Sighting],
     turn: impl Fn(&Vector3<f64>) -> f64,
@@ -181,7 +181,7 @@ fn unwrap(stretch: &mut [Phase]) {
         let (before, rest) = stretch.split_at_mut(i);
         let (before, phase) = (&before[i.saturating_sub(5)..], &mut rest[0].rad);
         *phase += turns;
-        // Near to all of them it is near to their median, whichever that is.
+        // A phase near all of them is near their median too.
         if before.iter().all(|b| (*phase - b.rad).abs() < PI) {
             continue;
         }

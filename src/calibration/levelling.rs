@@ -30,7 +30,7 @@ pub fn uneven_tilt<const D: usize>(
     ((squares / n).sqrt() > LEAST_TILT_RAD).then_some(tilt)
 }
 
-/// How much more vertical field than so far assumed explains the residuals, milligauss.
+/// Correction to the assumed vertical field that explains the residuals best, milligauss.
 pub fn vertical_mgauss<const D: usize, const P: usize>(
     points: &[[f64; D]],
     tilt: &[[f64; D]],

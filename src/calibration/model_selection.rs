@@ -11,7 +11,7 @@ use super::uncertainty::correlation;
 /// the wobble of a hand alone, 11.
 const UNSEEN: f64 = 5.0;
 
-/// The entries of A beside its diagonal, by the samples.
+/// Whether the samples show off-diagonal entries of A.
 pub enum SoftIron {
     /// They are there, or were asked for.
     Found(Box<Fitted<3, 9>>),

@@ -60,8 +60,8 @@ fn factor<const F: usize>(moments: &Triangle<F>) -> Triangle<F> {
     r
 }
 
-/// The features' least-squares answer to φ·θ = 1, θ for every feature but the first, which is the
-/// constant: the linear conic fit. `None` if the samples do not determine it.
+/// The least-squares solution θ of φ·θ = 1 over all features but the first, the constant: the linear
+/// conic fit. `None` if the samples do not determine it.
 fn solve_for_one<const F: usize>(moments: &Triangle<F>) -> Option<[f64; F]> {
     // With the constant moved last, the last column of the factor is the transformed right side.
     let mut moved = [[0.0; F]; F];
@@ -222,8 +222,8 @@ impl<const D: usize, const F: usize> Factored<D, F> {
         finite(position)
     }
 
-    /// uᵀQu + lᵀu = 1 as a position: the centre is −Q⁻¹l/2, and A is the inverse square root of what Q is
-    /// about it.
+    /// uᵀQu + lᵀu = 1 as a position: the centre is c = −Q⁻¹l/2, and A is the inverse square root of
+    /// Q/(1 + cᵀQc).
     fn symmetric_conic<const P: usize>(&self, theta: &[f64; F]) -> Option<ParameterVector<P>> {
         let squares = (0..3).map(|axis| theta[1 + 2 * axis]);
         let products = (0..3).map(|pair| 0.5 * theta[7 + pair]);

@@ -62,8 +62,7 @@ pub struct Outcome {
     /// general model only.
     pub alignment_deg: Option<[f64; 3]>,
     /// What the motion did not show, and the calibration therefore says nothing about: `across_plane`, bias and
-    /// scale factor across the plane of a planar calibration's turn; `soft_iron`, the entries of A beside its
-    /// diagonal.
+    /// scale factor across the plane of a planar calibration's turn; `soft_iron`, the off-diagonal entries of A.
     pub unobserved: &'static [&'static str],
     /// How many samples took part.
     pub samples: Samples,
@@ -114,7 +113,7 @@ impl Outcome {
         }
     }
 
-    /// The same, in place of that of full turns, if that was refused and this was not.
+    /// This outcome, if it was accepted and that of full turns rejected; else the latter.
     pub fn in_place_of(self, turns: Self) -> Self {
         if (turns.verdict, self.verdict) != (Verdict::Rejected, Verdict::Accepted) {
             return turns;

@@ -97,8 +97,8 @@ fn leaning(axis: Vector3<f64>) -> impl Fn(&FieldSample) -> Option<Vector3<f64>> 
     move |sample| sample.pose.map(|pose| pose.orientation * axis)
 }
 
-/// What was seen at rest before the turns, and by how much less level it was than they are on average, radians. `None` where
-/// that is too much to compare them.
+/// The sample at rest before the turns, and the angle between its axis and their mean axis, radians. `None` where the angle is too large
+/// for a comparison.
 pub fn level_rest(request: &Request) -> Option<(FieldSample, f64)> {
     let rest = request.rest?;
     let axis = main_axis(&request.turns)?;

@@ -11,8 +11,9 @@ use crate::attitude::Pose;
 use crate::frame::Mounting;
 use crate::turn::Turn;
 
-/// A board that turns by less than this, 0.6°, in this time rests, seconds: a turn of a minute makes 3°.
+/// A board that turns by less than this, 0.6°, …
 const RESTING_RAD: f64 = 0.01;
+/// … in this time, seconds, rests: a turn of a minute makes 3°.
 const REST_S: f64 = 0.5;
 /// Rest is looked for in the last seconds before the turn: the gyro has hardly drifted since.
 const REST_BEFORE_S: f64 = 5.0;
@@ -43,9 +44,9 @@ pub struct Request {
     /// Samples in order of time.
     pub samples: Vec<FieldSample>,
     /// The samples from the start of the first rotation to the end of the last; those at rest before and
-    /// after repeat each other. A live request is all of this.
+    /// after repeat each other. In a live request these are all.
     pub moving: Range<usize>,
-    /// What was seen at rest not long before the first rotation: a motor that runs only in the turn shows between them.
+    /// The sample at rest shortly before the first rotation: its difference from the turn shows a motor that runs only in the turn.
     pub rest: Option<FieldSample>,
     /// The full turns among them, in order.
     pub turns: Vec<CompletedTurn>,
@@ -91,8 +92,8 @@ impl Request {
     }
 }
 
-/// The earliest sample at rest of the last seconds among these, which are in order of time and end where a turn begins, with the median
-/// field of that rest: a single sample may be a spike.
+/// The earliest sample at rest within the last seconds of these, with the median field of that rest: a single sample may be a spike.
+/// The samples are in order of time and end where a turn begins.
 pub fn last_rest<'a>(
     samples: impl DoubleEndedIterator<Item = &'a FieldSample> + Clone,
 ) -> Option<FieldSample> {
@@ -137,8 +138,8 @@ fn begin_of_last_rest<'a>(
     rest
 }
 
-/// Those of these samples, in order of time, that were taken from one moment to another. Both moments belong to it: between
-/// a sample at the beginning and one at the end the board has turned all the way.
+/// The samples, in order of time, from one moment to another. Both moments are included: only between the samples at both ends
+/// has the board turned all the way.
 pub fn during(samples: &[FieldSample], from_s: f64, to_s: f64) -> Range<usize> {
     let start = samples.partition_point(|sample| sample.t_s < from_s);
     let end = samples.partition_point(|sample| sample.t_s <= to_s);

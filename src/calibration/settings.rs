@@ -47,7 +47,7 @@ words! {
     /// Which samples the swarm sees.
     #[derive(Default)]
     pub enum WindowChoice {
-        /// RIST's range of interest inside the first full turn.
+        /// RIST's range of interest, inside full turns.
         #[default]
         Rist = "rist",
         /// Everything from the start of the first turn to the end of the last.

@@ -76,7 +76,7 @@ impl Thinned {
         }
     }
 
-    /// Keeps what is to be kept; how many of these are in turns, or may still be.
+    /// Thins once; returns how many of the rest are in turns, or may still be.
     fn keep(&mut self, turns: &[Turn], open_from_s: f64) -> usize {
         let mut inside = 0;
         let (between, within) = (self.between, self.within);

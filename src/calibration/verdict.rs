@@ -28,8 +28,8 @@ settings! {
         /// Largest scale factor where a reference field was given.
         scale_max: f64 = 5.0, 1.0..=100.0, "";
         /// Largest predicted uncertainty of a heading, RMS over all headings, degrees. Real boards reach
-        /// 0.6 to 0.8 under the diagonal model. In a turn the largest error is two to three times as much, and at 1.5
-        /// a car that passed went through with an error of 4.4°.
+        /// 0.6 to 0.8 under the diagonal model. In a turn the largest error is two to three times as much. At 1.5
+        /// a turn that a passing car disturbed was accepted with an error of 4.4°.
         heading_sd_deg: f64 = 1.0, 0.01..=20.0, "degrees";
         /// Largest disagreement of corrected heading and gyro, RMS, degrees. A wobbling hand and a
         /// magnetometer that is 3° askew on its board make 7°.
