@@ -20,7 +20,7 @@ use vertical::Vertical;
 /// Past this share of a turn, the detector about the vertical takes precedence.
 const ABOUT_TO_TURN: f64 = 0.9;
 
-/// A board that turns all the way round is not turned faster than this on the average, degrees a second: such rates have another unit.
+/// Highest mean rate of a full turn, degrees a second: a faster one means that the gyro's unit is wrong.
 const FASTEST_DEG_S: f64 = 360.0;
 
 /// A full turn that the board has made.

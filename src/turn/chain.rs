@@ -84,7 +84,7 @@ pub(super) struct Chain {
     net: f64,
     least: (usize, f64),
     most: (usize, f64),
-    /// The larger of the rotations since then, with the open link's.
+    /// The larger of the net rotations since those two, with the open link.
     span: f64,
 }
 

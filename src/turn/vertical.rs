@@ -79,7 +79,7 @@ impl Vertical {
         rise.max(fall) / self.angle
     }
 
-    /// Rotation since the least and since the most noted, both above 0 where they are rotation.
+    /// By how much the net rotation has risen since its least note, and fallen since its most, radians.
     fn spans(&self, now: &Note) -> (f64, f64) {
         let at = |index: usize| self.notes.get(index).map_or(now.angle, |note| note.angle);
         (now.angle - at(self.least), at(self.most) - now.angle)
@@ -145,7 +145,7 @@ impl Vertical {
         *before
     }
 
-    /// A rest fills no memory; what is too old goes.
+    /// Adds a note when due, but a rest fills no memory; drops those too old.
     fn keep_notes(&mut self, now: &Note, at_rest: bool) {
         let oldest_s = now.t_s - self.time_limit_s;
         let mut changed = false;
