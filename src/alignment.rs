@@ -25,7 +25,7 @@ const UNRELATED: f64 = 0.4;
 const CLEAR: f64 = 0.6;
 /// A dip within this (a sine) does not tell up from down.
 const LEVEL_FIELD: f64 = 0.2;
-/// The board lay as it is to lie for this long at the beginning, seconds.
+/// At the beginning the board lies upright for this long, seconds.
 const UPRIGHT_S: f64 = 1.0;
 
 /// One chip beside the gyro.
@@ -35,7 +35,7 @@ pub struct ChipAlignment {
     pub axes: Mounting,
     /// The same with the small rotation in it.
     pub exact: Mounting,
-    /// That rotation about the body's axes, degrees, and its standard deviation.
+    /// That rotation about the body's axes, degrees.
     pub turn_deg: [f64; 3],
     /// One standard deviation of it, about each axis.
     pub turn_sd_deg: [f64; 3],
@@ -57,9 +57,9 @@ pub struct Alignment {
 /// What an accelerometer reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sign {
-    /// Specific force, which points up at rest: the field then points into the ground as it should here.
+    /// Specific force, which points up at rest: the field then dips as it should here.
     Force,
-    /// Gravity: else the field would point out of the ground.
+    /// Gravity: taken for specific force, the field would dip the wrong way.
     Gravity,
     /// Not known, for want of a field that points up or down; taken for specific force.
     Unknown,
@@ -188,7 +188,7 @@ fn force_at_first(forces: &[(f64, Vector3<f64>)]) -> Vector3<f64> {
 }
 
 impl ChipAlignment {
-    /// A chip with these axes in the gyro's, where `body` are the gyro's in the body's.
+    /// The alignment of a chip found in gyro axes; `body` takes gyro axes to body axes.
     fn of(found: &FoundAxes, body: &Matrix3<f64>, sign: f64) -> Option<Self> {
         let mounting = |matrix: Matrix3<f64>| Mounting::from_matrix(matrix * sign);
         let turn_sd = body * found.turn_sd_rad;

@@ -25,7 +25,7 @@ const LEAST: f64 = 1e-4;
 const ROUNDS: usize = 4;
 /// A pair whose residual is so many times the median is left out: a disturbance, or a gyro at the end of its range.
 const OUTLIER: f64 = 4.0;
-/// The evidence is scattered over fewer independent samples than there are pairs: fields are uneven, gyros have scale errors.
+/// Factor on standard deviations: the pairs are not independent, since fields are uneven and gyros have scale errors.
 const DOUBT: f64 = 1.5;
 
 /// M's entries beside its axes (9), c (3), the gyro's bias (3) and the lag (1).
@@ -159,7 +159,7 @@ struct PairEquations {
 }
 
 impl PairEquations {
-    /// Of all pairs, with vectors about as this matrix and offset make them. M is the axes and the unknown entries.
+    /// The equations of all pairs, linearised at this matrix and offset. M is the axes plus the unknown entries.
     fn all(
         data: &SensorData,
         axes: &Matrix3<f64>,
@@ -193,7 +193,7 @@ impl PairEquations {
     }
 }
 
-/// The least squares, with what is to be expected of each unknown.
+/// The least-squares solution, with a prior for each unknown.
 struct Solution {
     found: SVector<f64, UNKNOWN>,
     inverse: SMatrix<f64, UNKNOWN, UNKNOWN>,
