@@ -172,7 +172,7 @@ impl Store {
         };
         contents.put(history.clone());
         let text = text(&path, &contents)?;
-        // Only with the new file safe on disk is anything changed.
+        // Nothing is changed before the new file is safe on disk.
         let new = disk::written(&self.directory, FILE_NAME, text.as_bytes()).map_err(fail)?;
         let aside = reason.map(|reason| disk::set_aside(&path, reason));
         let aside = aside.transpose().map_err(fail)?;

@@ -11,7 +11,7 @@ use crate::calibration::policy::{Policy, Reason};
 use crate::frame::Mounting;
 
 /// The largest number that a file may hold: far above what any daemon saves in its life, and far enough below the
-/// end of `u64`, and of what every JSON program counts exactly, that saving goes on behind it.
+/// largest `u64`, and the largest integer that every JSON program reads exactly, for numbers to go on after it.
 const LARGEST_NUMBER: u64 = 1_000_000_000_000;
 
 /// Two mountings that differ by less, in any of the nine numbers, are the same: libraries differ in the last digit of a sine.
@@ -47,12 +47,12 @@ impl fmt::Display for Identity {
 pub struct BoardMounting {
     /// Board axes along body X, Y, Z.
     pub board_axes: Mounting,
-    /// The same by the configuration, in place of which it was told.
+    /// The configured mounting that it replaced when it was told.
     pub configured: Mounting,
 }
 
 impl BoardMounting {
-    /// Whether it still holds: a configuration that says something else since then was the last to be changed.
+    /// Whether it still holds: a configuration that differs from the one it replaced was changed later, and takes precedence.
     pub fn holds(&self, configured: &Mounting) -> bool {
         let difference = self.configured.rotation() - configured.rotation();
         difference.amax() < SAME
