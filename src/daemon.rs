@@ -216,8 +216,7 @@ impl Daemon {
         self.run(notice).await
     }
 
-    /// The same, with other notices than the last one too. `notice` waits for the next; nothing may be lost when
-    /// the wait is given up.
+    /// The same, with every kind of notice. `notice` waits for the next one; it must be cancel safe.
     pub async fn run(mut self, notice: impl AsyncFnMut() -> Notice) -> Result<(), DaemonError> {
         let ended = self.serve(notice).await;
         self.service.stopping();

@@ -10,8 +10,7 @@ use crate::store::BoardMounting;
 const HELD_RAD_S: f64 = 0.1;
 
 impl Daemon {
-    /// Tells how the board is mounted, after a change if there is one: it is level now, its heading is this now, or it is as the
-    /// configuration says.
+    /// Tells how the board is mounted, after setting it, if asked to: `level` now, at `heading_deg` now, or as configured (`reset`).
     pub(super) fn mount(
         &mut self,
         level: bool,
@@ -69,7 +68,7 @@ impl Daemon {
         })
     }
 
-    /// What makes the heading of now this one.
+    /// The rotation that makes the heading this one.
     fn turning(&self, wanted_deg: f64) -> Result<Mounting, Answer> {
         let latest = self.publisher.latest();
         let turning_deg_min = latest.as_ref().and_then(|heading| heading.turn_deg_min);

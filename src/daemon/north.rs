@@ -14,7 +14,7 @@ pub(super) struct North {
 }
 
 impl North {
-    /// A gpsd says where a log is replayed, and not where it was recorded: it is not asked.
+    /// A replayed log uses no gpsd: that knows where the log is replayed, not where it was recorded.
     pub(super) fn new(config: &Config) -> Self {
         let gpsd = Gpsd::parse(&config.true_north.gpsd);
         Self {

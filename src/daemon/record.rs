@@ -97,7 +97,7 @@ impl Recording {
             }
             ReadingsFrom::Service(client) => from_service(*client, recorder, stop).await,
             ReadingsFrom::Source(source) => {
-                alone(*source, self.config.source.pace(), recorder, stop).await
+                from_source(*source, self.config.source.pace(), recorder, stop).await
             }
         };
         let end = match early {
@@ -151,8 +151,8 @@ async fn from_service(
     Ok(ended?)
 }
 
-/// The source and the recorder, and nothing between them.
-async fn alone(
+/// Records straight from the source, without serving headings.
+async fn from_source(
     mut source: SourceTask,
     speed: f64,
     mut recorder: Recorder,

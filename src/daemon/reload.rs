@@ -33,7 +33,7 @@ pub(super) struct Prepared {
     config: Config,
     /// The keys that change.
     keys: Vec<String>,
-    /// None if what runs is as wanted.
+    /// None if the running session can stay.
     session: Option<Box<Session>>,
 }
 
@@ -52,7 +52,7 @@ impl Reload {
         prepared.unwrap_or_else(|| Err("the thread of the reload panicked".to_owned()))
     }
 
-    /// Waits up to `patience` for the session that will not begin to let go of the store, and returns whether it did.
+    /// Waits up to `patience` for the reload under way, whose session never starts, to release the store; returns whether it did.
     pub(super) async fn close(self, patience: Duration) -> bool {
         match self.thread {
             Some(thread) => thread.end(patience).await.is_some(),
@@ -62,7 +62,7 @@ impl Reload {
 }
 
 impl Daemon {
-    /// Begins a reload, or has it follow the one under way: the last that is wanted counts.
+    /// Begins a reload. While one is under way, the newest request waits, in place of older ones.
     pub(super) fn begin_reload(&mut self, new: NewConfig) {
         if self.reload.is_busy() {
             self.reload.next = Some(new);

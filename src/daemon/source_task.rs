@@ -255,8 +255,8 @@ fn replay_log(
     }
 }
 
-/// Hands out readings, each at its time and with whether it begins a new stretch. The event that ends them; `None` if
-/// nobody wants any more.
+/// Sends readings, each at its time, and says where a stretch begins. Returns the event that ends them; `None` if it is stopped,
+/// or if nobody listens.
 fn play(
     mut next: impl FnMut() -> Option<Result<(Reading, bool), RecordingError>>,
     speed: f64,
