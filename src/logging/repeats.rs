@@ -1,4 +1,4 @@
-//! Leaves out what is said again and again, and says how often it was.
+//! Limits how many lines a call site may log, and says how many were left out.
 
 use std::collections::HashMap;
 use std::fmt::{Debug, Write};
@@ -39,8 +39,8 @@ impl<L> Repeats<L> {
     }
 }
 
-/// What each place in the program has said of late, and what of it was left out and has not been told yet. There are no
-/// more entries than such places.
+/// For each call site, how many lines it has logged of late, and how many were left out and not reported yet. There are
+/// at most as many entries as call sites.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LeftOut(Arc<Mutex<HashMap<Identifier, CallSite>>>);
 
@@ -119,7 +119,7 @@ impl<S: Subscriber, L: Layer<S>> Layer<S> for Repeats<L> {
     }
 }
 
-/// The message of an event, without its other fields: a time of day makes no news.
+/// The message of an event, without its other fields.
 struct Words(String);
 
 impl Visit for Words {
