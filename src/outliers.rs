@@ -19,7 +19,7 @@ const LARGEST_FORCE_M_S2: f64 = 400.0;
 /// Stronger than any magnetometer of such boards measures, milligauss.
 const LARGEST_FIELD_MGAUSS: f64 = 1e5;
 
-/// Neighbours are no longer apart, seconds.
+/// Neighbours are at most this far apart, seconds.
 const GAP_S: f64 = 0.5;
 /// Times jitter: neighbours are taken as apart by at least this, seconds.
 const SHORTEST_S: f64 = 0.002;
@@ -27,7 +27,7 @@ const SHORTEST_S: f64 = 0.002;
 const STEEPER: f64 = 3.0;
 /// … and "of late" is this long, seconds.
 const LATELY_S: f64 = 0.5;
-/// So many in a row may be dropped; then the sensor measures that, and it is no fault on the way.
+/// At most this many in a row are dropped: what persists is what the sensor measures.
 const IN_A_ROW: u32 = 2;
 
 /// A change that is no leap whatever went before: so much, and so much a second. 90 °/s, and 3000 °/s².

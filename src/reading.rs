@@ -24,7 +24,7 @@ pub const HELD_S: f64 = 0.2;
 /// With noise of one step, a working axis of a magnetometer repeats a number this often in a row in fewer than 1 of 5000 cases.
 pub(crate) const SAME_SAMPLES: usize = 10;
 
-/// A working axis that should have changed by more than so many of its steps, and repeats a number, is stuck or at the end of its range.
+/// An axis that repeats a number where it should have changed by more than this many of its steps is stuck, or at the end of its range.
 pub(crate) const LEAST_STEPS: f64 = 2.0;
 
 /// A magnetometer's three axes in milligauss, chip axes. `None` is an axis that overflowed: the chip

@@ -169,7 +169,7 @@ impl Service {
     }
 }
 
-/// A status is one line: the next would be something else.
+/// A status is one line: a second would be another assignment.
 fn status(text: &str) -> String {
     format!("STATUS={}", text.trim().replace('\n', "; "))
 }

@@ -8,7 +8,7 @@ const LASTING_S: f64 = 3.0;
 const STEADY_RAD_S: f64 = 0.0175;
 /// … and the mean field within this share of it. A turn of 1.2 °/s moves it further at a dip of 70°.
 const STILL_SHARE: f64 = 0.02;
-/// Time constant of the means, seconds: less than a tenth of the noise at 100 Hz.
+/// Time constant of the means, seconds. At 100 Hz they have less than a tenth of the noise.
 const MEAN_S: f64 = 0.5;
 /// What the rate was at rest is known for so long, seconds: a bias changes, and a slow turn is told sooner.
 const KNOWN_S: f64 = 60.0;

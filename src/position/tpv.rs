@@ -7,8 +7,8 @@ use serde::Deserialize;
 use crate::date;
 use crate::true_north::Position;
 
-/// A fix in two dimensions has latitude and longitude, one in three the altitude too.
-const PLANE: u8 = 2;
+/// gpsd's `mode` of a 2D fix, which has latitude and longitude; a 3D fix has the altitude too.
+const FIX_2D: u8 = 2;
 
 #[derive(Deserialize)]
 struct Tpv {
@@ -27,7 +27,7 @@ struct Tpv {
 /// Position, and time since 1970, of a line that has a fix in it.
 pub(super) fn read(line: &[u8]) -> Option<(Position, Option<Duration>)> {
     let tpv: Tpv = serde_json::from_slice(line).ok()?;
-    if tpv.class != "TPV" || tpv.mode < PLANE {
+    if tpv.class != "TPV" || tpv.mode < FIX_2D {
         return None;
     }
     let within = |value: f64, most: f64| (value.abs() <= most).then_some(value);
