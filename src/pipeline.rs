@@ -1,4 +1,4 @@
-//! The whole journey of a reading, as a pure state machine: an event in, actions out.
+//! From readings to headings, as a pure state machine: an event in, actions out.
 //!
 //! No clock, no file, no thread: time comes with the events, and what takes long or touches the world
 //! goes out as an action. A calibration is an action whose outcome comes back as an event: live, when
@@ -38,7 +38,7 @@ use saturation::RunState;
 pub use survey::{EmptyAxis, Survey, Surveyed};
 
 settings! {
-    /// Settings of the pipeline itself; those of its rooms stand with them.
+    /// Settings of the pipeline itself; its modules have their own.
     #[derive(Copy)]
     pub struct Settings {
         /// A magnetometer sample older than this is stale, and no heading is published.
@@ -91,7 +91,7 @@ pub enum Event {
     Reading(Reading),
     /// The times of the readings that follow have nothing to do with those before.
     NewStretch,
-    /// It is this late on the source's clock, seconds, and nothing was read.
+    /// Nothing was read up to this time of the source's clock, seconds.
     Silence(f64),
     /// The source is broken, and this is what is wrong; `None` when it works again.
     Fault(Option<SourceFault>),
@@ -99,7 +99,7 @@ pub enum Event {
     Calibrated(Box<Outcome>),
     /// When to calibrate without being asked.
     Policy(Policy),
-    /// Calibrate on the next motion, whatever the policy, until that gives an answer.
+    /// Calibrate on each motion, whatever the policy, until one is not refused.
     Start,
     /// Give up what was started, and a calibration that is under way.
     Cancel,
@@ -239,8 +239,8 @@ impl Pipeline {
         }
     }
 
-    /// Takes an event. `carry_out` carries an action out; what comes of it, such as the outcome of a calibration, is
-    /// the next event. A calibration that ends asks for another now and then, so this goes on until nothing is asked for.
+    /// Takes an event. `carry_out` carries an action out; what comes of it, such as the outcome of a calibration, is the next event. The
+    /// end of a calibration may ask for the next one, so this repeats until no action is left.
     ///
     /// # Errors
     ///

@@ -59,7 +59,7 @@ impl Pipeline {
         self.refresh(actions);
     }
 
-    /// Makes another calibration the active one, or none: without one, only what is turned from now on counts.
+    /// Makes another calibration the active one, or none: then earlier turns are forgotten.
     pub(super) fn activate(&mut self, calibration: Option<Calibration>, actions: &mut Vec<Action>) {
         self.forget_estimate(calibration);
         if calibration.is_none() {
@@ -114,7 +114,7 @@ impl Pipeline {
         };
         if job.unwanted {
             let message =
-                "given up: it was cancelled, or something else was ordered while it was computed";
+                "discarded: it was cancelled, or another command arrived while it was computed";
             *outcome = outcome.refused(Refusal::new("cancelled", message));
             if self.learning.calibrated {
                 outcome.verdict = Verdict::Kept;
@@ -176,7 +176,7 @@ impl Pipeline {
         outcome.calibration = None;
     }
 
-    /// Before the first reading there is nothing to say of the condition.
+    /// Updates the condition, but not before the first reading.
     fn refresh(&mut self, actions: &mut Vec<Action>) {
         if self.readings_s.is_some() {
             self.update_condition(actions);

@@ -13,7 +13,7 @@ use crate::turn::Turn;
 const FASTEST_MAG_HZ: f64 = 220.0;
 
 /// Two turns that follow each other within this time and about the same axis calibrate together, seconds: as in the paper's tests. More
-/// would make every further turn of a board that keeps turning dearer than the one before.
+/// than two would cost more with each turn of a board that keeps turning.
 const TURNS_FOLLOW_S: f64 = 3.0;
 
 /// A planar calibration is of use for headings only if its turn was about the vertical, within this angle.

@@ -39,8 +39,8 @@ impl Intake {
         }
     }
 
-    /// Takes a reading, and calls `on_tick` with each tick that it completes and the full turn that ends with the tick. Returns what sensors
-    /// have measured of the reading, and the state of each axis of the magnetometer.
+    /// Takes a reading, and calls `on_tick` with each tick that it completes and the full turn that ends with the tick. Returns the reading
+    /// without what is no measurement, and the state of each magnetometer axis.
     pub(super) fn take(
         &mut self,
         reading: &Reading,
@@ -71,7 +71,8 @@ impl Intake {
         Some(t_s - self.late.take(t_s))
     }
 
-    /// Forgets all motion: the times that follow have nothing to do with those before. The gyro keeps the bias of this calibration.
+    /// Forgets all motion: the times that follow have nothing to do with those before. Gyro and accelerometer keep this calibration's
+    /// biases.
     pub(super) fn begin_stretch(&mut self, setup: &Setup, calibration: Option<&Calibration>) {
         self.saturation.begin_stretch();
         self.renew_attitude(setup, calibration);

@@ -126,7 +126,8 @@ impl Pipeline {
             return self.report_as(Condition::Uncalibrated, reason, message);
         }
         if self.wanted().is_none() {
-            let message = "told not to calibrate by itself: headingd calibration start, and then turn the board";
+            let message =
+                "automatic calibration is off: run headingd calibration start, then turn the board";
             return self.report_as(Condition::Uncalibrated, "mode_off", message);
         }
         if self.intake.turns.progress() >= TURNING_FROM {

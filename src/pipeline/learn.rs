@@ -25,8 +25,8 @@ pub(super) struct Learning {
     pub(super) initial: Option<Calibration>,
     /// Whether there has been a calibration worth a heading.
     pub(super) calibrated: bool,
-    /// What was last kept, its deviation, degrees, and when. A turn's calibration does not know its own: the place and how the chips
-    /// lie to each other are not in it.
+    /// What was last kept, its deviation, degrees, and when. A turn's calibration starts without a deviation: its own leaves out the place
+    /// and the rotation between chips.
     last: Option<Parameters>,
     last_sd_deg: Option<f64>,
     pub(super) last_s: f64,
@@ -52,7 +52,7 @@ impl Learning {
         (self.last_sd_deg, self.last_s) = (Some(sd_deg), t_s);
     }
 
-    /// How far this hard iron, chip axes, is from what was last kept, as far as that knew it, milligauss.
+    /// Distance of this hard iron, chip axes, from the last kept, in its plane if it is planar, milligauss.
     fn moved_mgauss(&self, bias_mgauss: &Vector3<f64>) -> f64 {
         match &self.last {
             None => 0.0,

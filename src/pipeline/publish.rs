@@ -186,7 +186,7 @@ impl Pipeline {
         }
     }
 
-    /// A reading that overflowed still counts and still tells the tilt, but no field and no heading.
+    /// Publishes a reading that overflowed with its tilt, but without field and heading.
     pub(super) fn publish_without_field(&mut self, t_s: f64, actions: &mut Vec<Action>) {
         let condition = self.update_condition(actions);
         let down = self.intake.attitude.down(t_s);
@@ -208,7 +208,7 @@ impl Pipeline {
         attitude.pose_at(t_s).map(|_| attitude.rate_rad_s())
     }
 
-    /// One with nothing in it but time, tilt, and what gyro and accelerometer say.
+    /// A heading with only time, tilt, condition, rate and specific force.
     fn heading(&mut self, t_s: f64, down: Option<&Vector3<f64>>, condition: Condition) -> Heading {
         self.seq += 1;
         let tilt = down.map(pitch_and_roll_deg);

@@ -165,7 +165,7 @@ impl Survey {
         let fits_turns = self.fits_turns();
         let settings = self.setup.calibration;
         let needs_gyro = self.plane.is_none() && settings.mode != ModeChoice::Spatial;
-        // Of a log this short it does not matter what it lacks besides.
+        // Two samples or fewer are refused as too few.
         if needs_gyro && !self.has_gyro && self.samples.len() > 2 {
             return Surveyed::NoPlane;
         }
