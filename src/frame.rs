@@ -73,7 +73,8 @@ impl Mounting {
         }
     }
 
-    /// The rotation that makes this direction of body axes body Z, and turns no heading. `None` where body X is vertical.
+    /// The rotation that makes this direction of body axes body Z, and turns no heading. `None` where body X is within 10° of the
+    /// vertical.
     pub fn levelling(down: &Vector3<f64>) -> Option<Self> {
         let (forward, right) = horizontal(down)?;
         let rows = [forward.transpose(), right.transpose(), down.transpose()];
@@ -261,14 +262,15 @@ pub fn to_tenths(heading_deg: f64) -> f64 {
 }
 
 /// Heading of body X, degrees clockwise from magnetic north, of a field in body axes over a horizontal
-/// plane with this `down`. `None` where field or body X is vertical.
+/// plane with this `down`. `None` where the field is vertical, or body X within 10° of it.
 pub fn heading_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> Option<f64> {
     let (forward, right) = horizontal(down)?;
     let (north, east) = (field_body.dot(&forward), -field_body.dot(&right));
     (hypot(north, east) > 1e-9).then(|| wrap_360(east.atan2(north).to_degrees()))
 }
 
-/// Unit vectors over a horizontal plane with this `down`: where body X points, and right of it. `None` where it is vertical.
+/// Unit vectors over a horizontal plane with this `down`: where body X points, and right of it. `None` within 10° of the
+/// vertical.
 fn horizontal(down: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let forward = Unit::try_new(Vector3::x() - down * down.x, 0.17)?;
     Some((*forward, down.cross(&forward)))

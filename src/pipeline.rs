@@ -45,9 +45,9 @@ settings! {
         stale_s: f64 = 0.5, 0.1..=10.0, "seconds";
         /// Samples are kept this long for a calibration, and so the first of two turns may be this old.
         buffer_s: f64 = 120.0, 10.0..=600.0, "seconds";
-        /// A heading is published once its deviation is below this.
+        /// A heading is published while its deviation is at most this.
         publish_sd_deg: f64 = 10.0, 1.0..=45.0, "degrees";
-        /// The state is `good` once the deviation is below this, and `degraded` with reason `learning` before.
+        /// The state is `good` while the deviation is at most this, else `degraded` with reason `learning`.
         good_sd_deg: f64 = 3.0, 0.5..=20.0, "degrees";
     }
     compares Settings::check_order;

@@ -23,7 +23,7 @@ const LEAST_MGAUSS: f64 = 100.0;
 const LEAST_M_S2: f64 = 3.0;
 /// Jumps of both within this time are one, seconds: the chips are read one after the other.
 const TOGETHER_S: f64 = 0.05;
-/// Gravity is the mean specific force over this time, seconds: it is off by 12 to 25° where a hand changes its velocity by 1 to 2 m/s.
+/// Gravity is the mean specific force over this time, seconds: it is off by 12 to 22° where a hand changes its velocity by 1 to 2 m/s.
 const SEEN_S: f64 = 0.5;
 /// A larger angle is a seam, radians (34°).
 const ELSEWHERE_RAD: f64 = 0.6;

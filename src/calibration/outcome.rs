@@ -66,7 +66,7 @@ pub struct Outcome {
     pub unobserved: &'static [&'static str],
     /// How many samples took part.
     pub samples: Samples,
-    /// RIST's window: samples counted from 0 over the total; `end` is the first one outside.
+    /// What the swarm saw, from its first to its last sample, counted from 0 over the total; `end` is the first one outside.
     pub window: Option<Range<usize>>,
     /// What the swarm found, before refinement.
     pub swarm: Option<SwarmReport>,
@@ -167,9 +167,9 @@ impl Outcome {
 pub struct Samples {
     /// In the buffer or log; a value that the source holds counts once.
     pub total: usize,
-    /// In the turns.
+    /// In the turns; all, without a turn or if the setting `window` is `all`.
     pub turn: usize,
-    /// In RIST's window: what the swarm saw.
+    /// What the swarm saw, by default RIST's windows.
     pub window: usize,
     /// In the refinement, with a weight above 0: outliers are left out.
     pub used: usize,
@@ -191,7 +191,7 @@ pub struct SwarmReport {
     /// The same after each iteration.
     #[serde(skip)]
     pub fitness: Vec<f64>,
-    /// The samples that it saw: RIST's windows.
+    /// The samples that it saw, by default RIST's windows.
     #[serde(skip)]
     pub windows: Vec<Range<usize>>,
     /// The global best's bias, milligauss.

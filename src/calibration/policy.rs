@@ -6,7 +6,7 @@ words! {
     /// Whether the daemon calibrates by itself.
     #[derive(Default)]
     pub enum Policy {
-        /// On every turn that is seen.
+        /// On every full turn, and on other motion.
         #[default]
         On = "on",
         /// Only on request.

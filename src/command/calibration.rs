@@ -40,7 +40,7 @@ pub enum CalibrationAction {
     },
     /// Lock the active calibration: nothing replaces it, until it is unlocked or the mode changes
     Lock,
-    /// Unlock the active calibration: every turn is calibrated on again. Mode off stays off
+    /// Unlock the active calibration: turns and other motion calibrate again. Mode off stays off
     Unlock,
     /// Make an earlier calibration the active one
     Rollback {

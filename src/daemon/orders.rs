@@ -263,7 +263,7 @@ fn brief(value: f64) -> f64 {
 
 fn mode_answer(mode: Policy) -> Answer {
     let message = match mode {
-        Policy::On => "mode on: every turn is calibrated on",
+        Policy::On => "mode on: full turns and other motion calibrate",
         Policy::Off => {
             "mode off: nothing is calibrated unless headingd calibration start asks for it"
         }

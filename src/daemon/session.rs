@@ -15,7 +15,7 @@ use crate::pipeline::Pipeline;
 use crate::recording::TimeOfDay;
 use crate::store::Identity;
 
-/// What is still to be written is waited for this long: a stop takes less than a second.
+/// A stop waits this long for what is still to be written, so that it takes less than two seconds with everything else.
 pub(super) const DISK_PATIENCE: Duration = Duration::from_millis(600);
 
 /// Everything between the device and the clients, under one configuration.

@@ -46,7 +46,7 @@ const LEFT: f64 = 0.25;
 const TOLERANCE: f64 = 0.05;
 const DEVIATIONS: f64 = 3.0;
 /// The axes are wrong, not the scale, if the best scale leaves more than this share of the squared change unexplained. Noise and
-/// unevenness of 2 % leave a hundredth of the change of the smallest moment that counts. A field that changes less
+/// unevenness of 2 % leave 4 % of the squared change of the smallest moment that counts. A field that changes less
 /// than by a turn of `LEAST_RAD` says nothing of the axes: the gyro reads far too much.
 const UNEXPLAINED: f64 = 0.3;
 

@@ -19,8 +19,8 @@ const ALONE: f64 = 0.1;
 const LEAST_CHANGES: u32 = 6;
 /// From this correlation on, a gyro that was at fault explains the vector again. Wrong axes reach 0.8, by chance or by a filter that was misled.
 const EXPLAINS_AGAIN: f64 = 0.9;
-/// Readings of the gyro that are the same to the last bit are no measurement if the squared changes meanwhile add up to this: a level turn
-/// of 30° at a dip of 65°.
+/// Readings of the gyro that are the same to the last bit are no measurement if the squared changes meanwhile add up to this: two
+/// moments, in a level turn of 41° at a dip of 65°.
 const CONSTANT_ENOUGH: f64 = 0.04;
 
 /// The changes of recent moments, seen and predicted.

@@ -81,11 +81,8 @@ impl Pipeline {
         if self.field_is_disturbed() {
             if self.strength_deviation.abs() > STRENGTH_TOLERANCE {
                 let percent = 100.0 * (1.0 + self.strength_deviation);
-                // In steps, or every sample would be news.
-                let message = format!(
-                    "the field has {:.0} % of the strength it should have",
-                    (percent / 10.0).round() * 10.0
-                );
+                let message =
+                    format!("the field has {percent:.0} % of the strength it should have");
                 return self.report_as(Condition::Disturbed, "field_strength", message);
             }
             let message = "the field is not what the motion predicts: something magnetic is near";

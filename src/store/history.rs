@@ -220,8 +220,8 @@ impl History {
         self.mode == Policy::Locked && self.active.is_some()
     }
 
-    /// Makes a calibration the active one, and lets go of the oldest ones beyond `most`, but not of the one that was active: somebody may have
-    /// gone back to it.
+    /// Makes a calibration the active one, and drops the oldest ones beyond `most`, but not the one that was active, unless `most` is 1:
+    /// somebody may have gone back to it.
     pub fn keep(&mut self, made: Made, most: usize) {
         if self.last_number >= LARGEST_NUMBER {
             self.renumber();
