@@ -88,13 +88,13 @@ impl fmt::Display for CheckReport {
             )?;
         }
         for axis in &self.self_test {
-            let measured = axis.test.measured.map_or("overflow".to_owned(), whole);
+            let measured = axis.measured.map_or("overflow".to_owned(), whole);
             let passed = if axis.passed { "good" } else { "NOT GOOD" };
-            let (low, high) = axis.test.limits;
+            let (low, high) = axis.limits;
             writeln!(
                 out,
                 "  self-test {}: {measured} counts, expected {:.0} ({low:.0} to {high:.0}): {passed}",
-                axis.axis, axis.test.expected
+                axis.axis, axis.expected
             )?;
         }
         if let (Some(field), Some(rate_hz)) = (self.field_mgauss, self.mag_rate_hz) {

@@ -95,7 +95,7 @@ fn a_good_board_is_well() {
         report
             .self_test
             .iter()
-            .all(|axis| axis.test.measured == Some(429.0) && axis.passed)
+            .all(|axis| axis.measured == Some(429.0) && axis.passed)
     );
     assert!((report.mag_rate_hz.unwrap() - 40.0).abs() < 1.0);
     assert!((99.0..=125.0).contains(&report.gyro_rate_hz.unwrap()));
