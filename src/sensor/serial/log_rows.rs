@@ -21,14 +21,9 @@ pub(super) const HEADER_S: f64 = 15.0;
 const STEP_S: (f64, f64) = (0.001, 1.0);
 
 /// Bytes in, readings out.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct LogRows {
     lines: SerialLines,
-    rows: Wire,
-}
-
-#[derive(Debug, Default)]
-struct Wire {
     /// How the daemon holds the chips to be mounted.
     board: Mountings,
     /// A header on its way.
@@ -58,53 +53,44 @@ impl LogRows {
     /// Readings come out in the axes of chips that are mounted like this, whatever the header says.
     pub fn new(board: Mountings) -> Self {
         Self {
-            lines: SerialLines::default(),
-            rows: Wire::new(board),
-        }
-    }
-
-    /// The port has been opened anew. Rows of the `same_device` mean what they meant before; another one must send a header if the last one
-    /// did: rows in other units or axes would give wrong headings.
-    pub fn reopen(&mut self, same_device: bool) {
-        self.lines = SerialLines::default();
-        let rows = &mut self.rows;
-        if same_device {
-            (rows.header, rows.first) = (None, true);
-        } else {
-            *rows = Wire {
-                has_header: rows.has_header,
-                ..Wire::new(rows.board)
-            };
-        }
-    }
-
-    /// Goes on with what another one knows of the same device, whose port was opened anew.
-    pub fn take_over(&mut self, last: Self) {
-        let board = self.rows.board;
-        *self = last;
-        self.reopen(true);
-        self.rows.board = board;
-        self.rows.turn();
-    }
-
-    /// Hands over what `bytes` complete, in order.
-    pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
-        self.lines.feed(bytes, |line| match line {
-            SerialLine::Whole(line) => self.rows.line(line, &mut found),
-            SerialLine::TooLong => found(Item::TooLong),
-        });
-    }
-}
-
-impl Wire {
-    fn new(board: Mountings) -> Self {
-        Self {
             board,
             turns: [Matrix3::identity(); 3],
             first: true,
             last_s: f64::INFINITY,
             ..Self::default()
         }
+    }
+
+    /// The port has been opened anew. Rows of the `same_device` mean what they meant before; another one must send a header if the last one
+    /// did: rows in other units or axes would give wrong headings.
+    pub fn reopen(&mut self, same_device: bool) {
+        if same_device {
+            self.lines = SerialLines::default();
+            (self.header, self.first) = (None, true);
+        } else {
+            *self = Self {
+                has_header: self.has_header,
+                ..Self::new(self.board)
+            };
+        }
+    }
+
+    /// Goes on with what another one knows of the same device, whose port was opened anew.
+    pub fn take_over(&mut self, last: Self) {
+        let board = self.board;
+        *self = Self { board, ..last };
+        self.reopen(true);
+        self.turn();
+    }
+
+    /// Hands over what `bytes` complete, in order.
+    pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
+        let mut lines = std::mem::take(&mut self.lines);
+        lines.feed(bytes, |line| match line {
+            SerialLine::Whole(line) => self.line(line, &mut found),
+            SerialLine::TooLong => found(Item::TooLong),
+        });
+        self.lines = lines;
     }
 
     fn line(&mut self, line: &[u8], found: &mut impl FnMut(Item)) {
