@@ -148,25 +148,23 @@ impl Bridge {
             Some(Err(error)) => Some(error.to_string()),
             Some(Ok(0)) => Some("it has hung up".to_owned()),
             Some(Ok(count)) => {
-                let (waiting, origin) = (&mut self.waiting, self.origin);
-                let (trouble, last_s) = (&mut self.trouble, &mut self.last_s);
-                let bytes = &self.bytes[..count];
-                session.bytes(bytes, &mut self.log_rows, now_s, |reading| {
+                for reading in session.bytes(&self.bytes[..count], &mut self.log_rows, now_s) {
                     let Some(mut reading) = reading else {
                         tracing::warn!(
                             "the device has sent a header: its rows before were read in other units"
                         );
-                        return waiting.push_back(SourceEvent::NewStretch);
+                        self.waiting.push_back(SourceEvent::NewStretch);
+                        continue;
                     };
-                    if reading.field_mgauss.is_some() && trouble.take().is_some() {
-                        waiting.push_back(SourceEvent::Fault(None));
+                    if reading.field_mgauss.is_some() && self.trouble.take().is_some() {
+                        self.waiting.push_back(SourceEvent::Fault(None));
                     }
                     // Each port has a clock of its own.
-                    reading.t_s = reading.t_s.max(*last_s);
-                    *last_s = reading.t_s;
-                    let taken = origin + Duration::from_secs_f64(reading.t_s);
-                    waiting.push_back(SourceEvent::Reading(reading, taken));
-                });
+                    reading.t_s = reading.t_s.max(self.last_s);
+                    self.last_s = reading.t_s;
+                    let taken = self.origin + Duration::from_secs_f64(reading.t_s);
+                    self.waiting.push_back(SourceEvent::Reading(reading, taken));
+                }
                 let protocol = session.decoder.protocol;
                 if protocol != self.found && protocol != Protocol::Auto {
                     self.found = protocol;

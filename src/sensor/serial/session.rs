@@ -11,8 +11,6 @@ use super::steady_clock::SteadyClock;
 use crate::condition::SourceFault;
 use crate::reading::Reading;
 
-/// The Razor's loop (`OUTPUT__DATA_INTERVAL`), seconds.
-const RAZOR_PERIOD_S: f64 = 0.02;
 /// A device of unknown kind is listened to before it is asked.
 const LISTEN_S: f64 = 2.0;
 /// A device has this long to boot, to be asked and to send its first reading; more than the authors' client
@@ -68,7 +66,7 @@ impl PortSession {
             settings: settings.clone(),
             decoder: Decoder::new(settings),
             start: Start::at(now_s + listen_s),
-            frames: SteadyClock::new(RAZOR_PERIOD_S),
+            frames: SteadyClock::default(),
             device: DeviceClock::default(),
             diagnosis: Diagnosis::default(),
             heard_s: now_s,
@@ -82,18 +80,17 @@ impl PortSession {
         }
     }
 
-    /// Takes bytes that have arrived at this time, and hands over the readings that they complete; `None`
-    /// where the readings that follow have other units.
+    /// Takes bytes that have arrived at this time: the readings that they complete, and `None` where the readings that
+    /// follow have other units.
     pub(super) fn bytes(
         &mut self,
         bytes: &[u8],
         log_rows: &mut LogRows,
         now_s: f64,
-        mut reading: impl FnMut(Option<Reading>),
-    ) {
+    ) -> Vec<Option<Reading>> {
         self.heard_s = now_s;
         self.diagnosis.bytes(bytes);
-        let mut items = Vec::new();
+        let (mut items, mut readings) = (Vec::new(), Vec::new());
         self.decoder.feed(bytes, log_rows, |item| items.push(item));
         let mut field = false;
         for item in items {
@@ -107,7 +104,7 @@ impl PortSession {
                     ..*row
                 },
                 Item::NewUnits => {
-                    reading(None);
+                    readings.push(None);
                     continue;
                 }
                 _ => {
@@ -123,7 +120,7 @@ impl PortSession {
             if has_field || timed.rate_rad_s.is_some() || timed.specific_force_m_s2.is_some() {
                 self.good += 1;
                 self.good_s = now_s;
-                reading(Some(timed));
+                readings.push(Some(timed));
             }
         }
         if self.decoder.is_lost() {
@@ -134,6 +131,7 @@ impl PortSession {
             self.patience_s = NEXT_S;
             self.diagnosis = Diagnosis::default();
         }
+        readings
     }
 
     /// Takes what is no reading.
@@ -208,7 +206,7 @@ mod tests {
             let lines = lines
                 .replace("{t}", &now_s.to_string())
                 .replace("{i}", &(i % 10).to_string());
-            session.bytes(lines.as_bytes(), rows, now_s, |_| ());
+            session.bytes(lines.as_bytes(), rows, now_s);
             session.orders(now_s)
         };
         (1..=10 * seconds).map(said).collect()
@@ -259,7 +257,7 @@ mod tests {
         let plain = "x\n0.1,1,2,3,0,0,1\n0.2,1,2,3,0,0,2\n";
         let mut told = Vec::new();
         for (lines, now_s) in [(plain, 1.0), (plain, 2.1), (&wrong, 2.2), (plain, 2.3)] {
-            session.bytes(lines.as_bytes(), &mut rows, now_s, |_| ());
+            session.bytes(lines.as_bytes(), &mut rows, now_s);
             let trouble = session.orders(now_s).trouble;
             told.extend(trouble.map(|trouble| (now_s, trouble)));
         }

@@ -5,6 +5,8 @@
 
 use super::envelope::Envelope;
 
+/// The Razor's loop (`OUTPUT__DATA_INTERVAL`), seconds.
+const RAZOR_PERIOD_S: f64 = 0.02;
 /// How far the device's period may be off from what it is taken for, as a share.
 const TOLERANCE: f64 = 0.1;
 /// Nothing delays a frame by more, seconds, while we listen: whatever should have come in the meantime is lost.
@@ -42,12 +44,11 @@ struct Rate {
     other_s: Option<f64>,
 }
 
-impl SteadyClock {
-    /// For a device that sends a frame every `period_s` seconds or so.
-    pub fn new(period_s: f64) -> Self {
+impl Default for SteadyClock {
+    fn default() -> Self {
         Self {
-            period_s,
-            envelope: Envelope::new(TOLERANCE, LATE_STEP_SHARE * period_s),
+            period_s: RAZOR_PERIOD_S,
+            envelope: Envelope::new(TOLERANCE, LATE_STEP_SHARE * RAZOR_PERIOD_S),
             count: 0,
             lost: 0,
             last_s: f64::NEG_INFINITY,
@@ -55,7 +56,9 @@ impl SteadyClock {
             rate: None,
         }
     }
+}
 
+impl SteadyClock {
     /// The time of the frame that has arrived, seconds on the clock of the arrivals. Times never decrease, and
     /// are never later than the arrival.
     pub fn time(&mut self, arrival_s: f64) -> f64 {
