@@ -203,34 +203,3 @@ pub(crate) fn shown(text: &[u8]) -> String {
         format!("{text:?}")
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn rows(text: &str) -> Vec<Result<Entry, LineError>> {
-        let reader = Reader::new("a.csv", text.as_bytes()).unwrap();
-        reader.map(Result::unwrap).collect()
-    }
-
-    #[test]
-    fn a_header_that_is_repeated_is_no_row_and_rows_after_another_are_refused() {
-        let head = "# headingd-log 1\n# mag_unit = uT\nt_s,mx,my,mz\n";
-        let text = format!("{head}0,1,2,3\n{head}# a remark\n0.1,1,2,3\n");
-        assert!(rows(&text).iter().all(Result::is_ok));
-        // A header without the unit has the default's.
-        let shorter = head.replace("# mag_unit = uT\n", "");
-        for other in ["# mag_unit = gauss", "t_s,my,mx,mz", shorter.trim_end()] {
-            let found = rows(&format!("{text}{other}\n0.2,1,2,3\n"));
-            let [Ok(_), Ok(_), Err(line), Err(row)] = &found[..] else {
-                panic!("{found:?}");
-            };
-            assert!(
-                line.what.contains(other.lines().last().unwrap())
-                    && line.what.contains("split the log"),
-                "{line}"
-            );
-            assert!(row.what.contains("after another header"), "{row}");
-        }
-    }
-}

@@ -64,7 +64,7 @@ impl<R: BufRead> Reader<R> {
     }
 
     pub fn header(&self) -> &Header {
-        self.rows.header()
+        &self.rows.header
     }
 
     /// Looks at the first rows for times that are in another unit.

@@ -24,9 +24,9 @@ pub(super) struct Rule {
 /// How to read a log's rows, and its header.
 #[derive(Clone, Debug)]
 pub struct Rows {
-    pub(super) header: Header,
+    pub(crate) header: Header,
     /// For each column of the log, its index in [`COLUMNS`]; `None` if it is unknown.
-    pub(super) columns: Vec<Option<usize>>,
+    pub(crate) columns: Vec<Option<usize>>,
     /// For each of [`COLUMNS`].
     pub(super) rules: [Rule; COLUMNS.len()],
     /// The header's lines that say how to read the rows.
@@ -37,15 +37,6 @@ pub struct Rows {
 pub(super) type RowFault = (Option<usize>, String);
 
 impl Rows {
-    pub fn header(&self) -> &Header {
-        &self.header
-    }
-
-    /// How many cells a row has.
-    pub fn columns(&self) -> usize {
-        self.columns.len()
-    }
-
     /// True for a remark, and for a repeated line of this log's header (some devices send it again); false for a row. A line of
     /// another header is an error. `repeated` counts the lines since the first of the header that is being repeated, if one is.
     pub(super) fn is_known_header(

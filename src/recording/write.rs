@@ -1,6 +1,5 @@
 //! Writing a log.
 
-use std::fmt::{self, Write as _};
 use std::io::{self, Write};
 
 use super::{COLUMNS, Entry, Header, MAGIC, VERSION};
@@ -34,7 +33,7 @@ impl Header {
 #[derive(Debug)]
 pub struct Writer<W: Write> {
     output: W,
-    line: String,
+    line: Vec<u8>,
 }
 
 impl<W: Write> Writer<W> {
@@ -47,7 +46,7 @@ impl<W: Write> Writer<W> {
         output.write_all(header.text().as_bytes())?;
         Ok(Self {
             output,
-            line: String::new(),
+            line: Vec::new(),
         })
     }
 
@@ -58,8 +57,8 @@ impl<W: Write> Writer<W> {
     /// When writing fails.
     pub fn write(&mut self, entry: &Entry) -> io::Result<usize> {
         self.line.clear();
-        row(&mut self.line, entry).map_err(io::Error::other)?;
-        self.output.write_all(self.line.as_bytes())?;
+        row(&mut self.line, entry)?;
+        self.output.write_all(&self.line)?;
         Ok(self.line.len())
     }
 
@@ -87,7 +86,7 @@ pub fn written(header: &Header, entries: impl IntoIterator<Item = Entry>) -> io:
     Ok(log)
 }
 
-fn row(line: &mut String, entry: &Entry) -> fmt::Result {
+fn row(line: &mut Vec<u8>, entry: &Entry) -> io::Result<()> {
     let reading = &entry.reading;
     write!(line, "{}", reading.t_s)?;
     // Nine decimals hide what the way through radians adds to a heading.
@@ -98,10 +97,10 @@ fn row(line: &mut String, entry: &Entry) -> fmt::Result {
     for cell in cells {
         match cell.filter(|n| n.is_finite()) {
             Some(number) => write!(line, ",{number}")?,
-            None => line.push(','),
+            None => line.push(b','),
         }
     }
-    line.push('\n');
+    line.push(b'\n');
     Ok(())
 }
 

@@ -153,6 +153,27 @@ fn an_odd_time_is_dropped_and_a_jump_begins_a_stretch() {
 }
 
 #[test]
+fn a_header_that_is_repeated_is_no_row_and_rows_after_another_are_refused() {
+    let head = "# headingd-log 1\n# mag_unit = uT\nt_s,mx,my,mz\n";
+    let text = format!("{head}0,1,2,3\n{head}# a remark\n0.1,1,2,3\n");
+    assert!(rows(text.as_bytes()).iter().all(Result::is_ok));
+    // A header without the unit has the default's.
+    let shorter = head.replace("# mag_unit = uT\n", "");
+    for other in ["# mag_unit = gauss", "t_s,my,mx,mz", shorter.trim_end()] {
+        let found = rows(format!("{text}{other}\n0.2,1,2,3\n").as_bytes());
+        let [Ok(_), Ok(_), Err(line), Err(row)] = &found[..] else {
+            panic!("{found:?}");
+        };
+        assert!(
+            line.what.contains(other.lines().last().unwrap())
+                && line.what.contains("split the log"),
+            "{line}"
+        );
+        assert!(row.what.contains("after another header"), "{row}");
+    }
+}
+
+#[test]
 fn times_that_are_no_seconds_are_refused() {
     let checked = |step: f64, count: usize| {
         // The magnetometer's rows repeat the times: the steps of all rows have the median 0.

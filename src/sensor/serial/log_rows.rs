@@ -156,7 +156,7 @@ impl LogRows {
         let Some(rows) = &self.rows else {
             return;
         };
-        let (theirs, ours, named) = (rows.header().mountings, self.board, self.named);
+        let (theirs, ours, named) = (rows.header.mountings, self.board, self.named);
         let turn = |named, theirs: Mounting, ours: Mounting| match named && theirs != ours {
             true => ours.rotation().transpose() * theirs.rotation(),
             false => Matrix3::identity(),
@@ -182,7 +182,7 @@ impl LogRows {
                 && self
                     .rows
                     .as_ref()
-                    .is_none_or(|rows| rows.columns() != cells)
+                    .is_none_or(|rows| rows.columns.len() != cells)
             {
                 self.rows = Some(Rows::plain(cells).ok_or_else(|| {
                     format!("{cells} cells, but without a header a row must have 4, 7, 10 or 11")
