@@ -39,7 +39,7 @@ use crate::config::source::Settings;
 use crate::pipeline::{Action, Event};
 use crate::publish::control::status::{OutcomeSummary, StatusCounts};
 use crate::publish::control::{Control, ControlCall};
-use crate::publish::outputs::Outputs;
+use crate::publish::outputs;
 use crate::publish::server::{BindError, Publisher, Server};
 use crate::recording::RecordingError;
 use crate::service::{Service, sockets};
@@ -105,7 +105,8 @@ pub struct Daemon {
     socket: PathBuf,
     orders: mpsc::Receiver<ControlCall>,
     publisher: Publisher,
-    outputs: Outputs,
+    /// UDP, TCP and the pseudo terminal.
+    outputs: JoinSet<()>,
     service: Service,
     inactivity: Inactivity,
     begun: Instant,
@@ -193,7 +194,7 @@ impl Daemon {
             }),
             socket: served,
             orders,
-            outputs: Outputs::open(&config.udp, &config.tcp, &config.pty, &publisher),
+            outputs: outputs::open(&config.udp, &config.tcp, &config.pty, &publisher),
             publisher,
             service,
             inactivity: Inactivity::new(),
@@ -245,7 +246,7 @@ impl Daemon {
             self.session.close().await;
         };
         let (served, (), ()) = tokio::join!(served, controlled, closed);
-        self.outputs.close().await;
+        self.outputs.shutdown().await;
         self.closing.join_all().await;
         ended?;
         served.map_err(|source| DaemonError::Serve {

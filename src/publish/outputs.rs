@@ -37,51 +37,35 @@ impl Format {
     }
 }
 
-/// The outputs at work. They end when this is dropped.
-#[derive(Debug, Default)]
-pub struct Outputs {
-    tasks: JoinSet<()>,
-}
-
-impl Outputs {
-    /// Opens those that are on. One that cannot be had is logged, and headings go out without it; TCP is tried
-    /// again. Needs a runtime.
-    pub fn open(
-        udp: &udp::Settings,
-        tcp: &tcp::Settings,
-        pty: &pty::Settings,
-        publisher: &Publisher,
-    ) -> Self {
-        let mut tasks = JoinSet::new();
-        let lines = |format| HeadingLines::new(publisher.feed.clone(), format);
-        if let Some(to) = udp.to()
-            && let Some(socket) = opened("udp.to", to, udp::open(to), WITHOUT)
-        {
-            tracing::info!("sending {} over UDP to {to}", udp.format.name());
-            tasks.spawn(udp::run(socket, to, lines(udp.format)));
-        }
-        if let Some(listen) = tcp.listen() {
-            let listener = opened("tcp.listen", listen, tcp::open(listen), "will try again");
-            tasks.spawn(tcp::run(
-                listener,
-                listen,
-                publisher.feed.clone(),
-                tcp.format,
-            ));
-        }
-        if let Some(path) = pty.path()
-            && let Some(pty) = opened("pty.path", path.display(), pty::Pty::open(path), WITHOUT)
-        {
-            tracing::info!("writing NMEA 0183 to {}", path.display());
-            tasks.spawn(pty.run(lines(Format::Nmea)));
-        }
-        Self { tasks }
+/// Opens the outputs that are on. One that cannot be had is logged, and headings go out without it; TCP is tried again.
+/// Needs a runtime. To shut the tasks down ends the outputs, with nothing left behind.
+pub fn open(
+    udp: &udp::Settings,
+    tcp: &tcp::Settings,
+    pty: &pty::Settings,
+    publisher: &Publisher,
+) -> JoinSet<()> {
+    let mut tasks = JoinSet::new();
+    let lines = |format| HeadingLines::new(publisher.feed.clone(), format);
+    if let Some(to) = address(&udp.to)
+        && let Some(socket) = opened("udp.to", to, udp::open(to), WITHOUT)
+    {
+        tracing::info!("sending {} over UDP to {to}", udp.format.name());
+        tasks.spawn(udp::run(socket, to, lines(udp.format)));
     }
-
-    /// Ends them all, with nothing left behind.
-    pub async fn close(mut self) {
-        self.tasks.shutdown().await;
+    if let Some(listen) = address(&tcp.listen) {
+        let listener = opened("tcp.listen", listen, tcp::open(listen), "will try again");
+        let feed = publisher.feed.clone();
+        tasks.spawn(tcp::run(listener, listen, feed, tcp.format));
     }
+    let path = pty.path.as_path();
+    if !path.as_os_str().is_empty()
+        && let Some(pty) = opened("pty.path", path.display(), pty::Pty::open(path), WITHOUT)
+    {
+        tracing::info!("writing NMEA 0183 to {}", path.display());
+        tasks.spawn(pty.run(lines(Format::Nmea)));
+    }
+    tasks
 }
 
 /// What follows from an output that cannot be had.

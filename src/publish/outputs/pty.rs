@@ -30,11 +30,6 @@ settings! {
 }
 
 impl Settings {
-    /// The path, if there is to be a port.
-    pub fn path(&self) -> Option<&Path> {
-        Some(self.path.as_path()).filter(|path| !path.as_os_str().is_empty())
-    }
-
     fn check_path(&self, faults: &mut Vec<Fault>) {
         let right = "an absolute path, as \"/run/headingd/nmea\", or empty";
         absolute_or_empty(faults, "path", &self.path, right);

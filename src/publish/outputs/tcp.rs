@@ -15,7 +15,7 @@ use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
 use super::lines::HeadingLines;
-use super::{Format, address, check_address};
+use super::{Format, check_address};
 use crate::check::{Fault, settings};
 use crate::publish::feed::Feed;
 
@@ -52,11 +52,6 @@ settings! {
 }
 
 impl Settings {
-    /// Where they connect, if anywhere.
-    pub fn listen(&self) -> Option<SocketAddr> {
-        address(&self.listen)
-    }
-
     fn check_address(&self, faults: &mut Vec<Fault>) {
         faults.extend(check_address("listen", &self.listen));
     }

@@ -6,7 +6,7 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket as StdSocket};
 use tokio::net::UdpSocket;
 
 use super::lines::HeadingLines;
-use super::{Format, address, check_address};
+use super::{Format, check_address};
 use crate::check::{Fault, settings};
 
 settings! {
@@ -23,11 +23,6 @@ settings! {
 }
 
 impl Settings {
-    /// Where they go, if anywhere.
-    pub fn to(&self) -> Option<SocketAddr> {
-        address(&self.to)
-    }
-
     fn check_address(&self, faults: &mut Vec<Fault>) {
         faults.extend(check_address("to", &self.to));
     }

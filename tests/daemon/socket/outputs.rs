@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use headingd::check::Check;
 use headingd::heading::Heading;
 use headingd::publish::nmea::sentences;
-use headingd::publish::outputs::{Format, Outputs, pty, tcp, udp};
+use headingd::publish::outputs::{self, Format, pty, tcp, udp};
 use rustix::io::ioctl_fionread;
 use serde_json::Value;
 use tokio::io::AsyncReadExt;
@@ -76,11 +76,11 @@ fn own_address() -> SocketAddr {
 async fn each_heading_is_a_datagram() {
     let rig = rig(|_| {});
     let (receiver, udp) = receiver().await;
-    let outputs = Outputs::open(&udp, &off(), &off(), &rig.publisher);
+    let mut outputs = outputs::open(&udp, &off(), &off(), &rig.publisher);
     for right in [1.0, 2.0, 3.0].map(|degrees| publish(&rig, degrees)) {
         assert_eq!(received(&receiver).await, right);
     }
-    outputs.close().await;
+    outputs.shutdown().await;
 }
 
 #[tokio::test]
@@ -88,20 +88,20 @@ async fn signal_k_comes_as_deltas() {
     let rig = rig(|_| {});
     let (receiver, mut udp) = receiver().await;
     udp.format = Format::SignalK;
-    let outputs = Outputs::open(&udp, &off(), &off(), &rig.publisher);
+    let mut outputs = outputs::open(&udp, &off(), &off(), &rig.publisher);
     publish(&rig, 57.0);
     let delta: Value = serde_json::from_str(&received(&receiver).await).unwrap();
     let first = &delta["updates"][0]["values"][0];
     assert_eq!(first["path"], "navigation.headingMagnetic");
     assert_eq!(first["value"], 0.994838);
-    outputs.close().await;
+    outputs.shutdown().await;
 }
 
 #[tokio::test]
 async fn whoever_connects_gets_what_comes_from_then_on() {
     let rig = rig(|_| {});
     let port = own_address();
-    let outputs = Outputs::open(&off(), &tcp_on(port), &off(), &rig.publisher);
+    let mut outputs = outputs::open(&off(), &tcp_on(port), &off(), &rig.publisher);
     let mut clients = Vec::new();
     for _ in 0..8 {
         let client = TcpStream::connect(port).await.unwrap();
@@ -133,7 +133,7 @@ async fn whoever_connects_gets_what_comes_from_then_on() {
             text += std::str::from_utf8(&bytes[..count]).unwrap();
         }
     }
-    outputs.close().await;
+    outputs.shutdown().await;
     until("the port to close", || StdTcpStream::connect(port).is_err()).await;
 }
 
@@ -145,7 +145,7 @@ async fn a_port_has_the_newest_heading_alone_until_it_is_read() {
     // What an earlier daemon left.
     symlink("/dev/pts/nowhere", &path).unwrap();
     let settings = pty::Settings { path: path.clone() };
-    let outputs = Outputs::open(&off(), &off(), &settings, &rig.publisher);
+    let mut outputs = outputs::open(&off(), &off(), &settings, &rig.publisher);
     let mut port = File::options().read(true).write(true).open(&path).unwrap();
     let unread = |port: &File, right: &str| ioctl_fionread(port).unwrap() == right.len() as u64;
     // Each is of another length.
@@ -158,7 +158,7 @@ async fn a_port_has_the_newest_heading_alone_until_it_is_read() {
     let mut bytes = vec![0; right.len()];
     port.read_exact(&mut bytes).unwrap();
     assert_eq!(String::from_utf8(bytes).unwrap(), right);
-    outputs.close().await;
+    outputs.shutdown().await;
     assert!(fs::symlink_metadata(&path).is_err());
 }
 
@@ -172,7 +172,7 @@ async fn what_cannot_be_had_is_done_without_and_tcp_is_tried_again() {
     port.set_port(10111);
     let taken = TcpListener::bind(port).unwrap();
     let (receiver, udp) = receiver().await;
-    let outputs = Outputs::open(
+    let mut outputs = outputs::open(
         &udp,
         &tcp_on(port),
         &pty::Settings { path: path.clone() },
@@ -182,7 +182,7 @@ async fn what_cannot_be_had_is_done_without_and_tcp_is_tried_again() {
     assert_eq!(received(&receiver).await, right);
     drop(taken);
     until("TCP", || StdTcpStream::connect(port).is_ok()).await;
-    outputs.close().await;
+    outputs.shutdown().await;
     assert_eq!(fs::read_link(&path).unwrap(), Path::new("/dev/null"));
 }
 
@@ -190,7 +190,7 @@ async fn what_cannot_be_had_is_done_without_and_tcp_is_tried_again() {
 async fn who_could_not_keep_up_goes_on_with_the_newest() {
     let rig = rig(|settings| settings.backlog = 8);
     let (receiver, udp) = receiver().await;
-    let outputs = Outputs::open(&udp, &off(), &off(), &rig.publisher);
+    let mut outputs = outputs::open(&udp, &off(), &off(), &rig.publisher);
     // Nobody takes any of these meanwhile.
     for degrees in 1..=20 {
         publish(&rig, f64::from(degrees));
@@ -205,7 +205,7 @@ async fn who_could_not_keep_up_goes_on_with_the_newest() {
     })
     .await;
     assert_eq!(str::from_utf8(&bytes[..count]).unwrap(), right);
-    outputs.close().await;
+    outputs.shutdown().await;
 }
 
 #[test]
