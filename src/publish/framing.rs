@@ -120,7 +120,6 @@ mod tests {
     use serde_json::{Deserializer, Value};
 
     use super::*;
-    use crate::publish::request::WatchRequest;
 
     fn fed(requests: &mut Requests, mut bytes: &[u8]) -> Vec<Result<ClientRequest, String>> {
         let found = std::iter::from_fn(|| requests.next(&mut bytes)).collect();
@@ -145,22 +144,6 @@ mod tests {
                 assert_eq!(requests(&format!("{text}{end}")), [Ok(request.clone())]);
             }
         }
-    }
-
-    #[test]
-    fn several_requests_share_a_line_and_a_string_may_hold_a_semicolon() {
-        assert_eq!(
-            requests("?POLL;?WATCH={\"device\":\"a;\\\"}b\"}; ?VERSION\n"),
-            [
-                Ok(ClientRequest::Poll),
-                Ok(ClientRequest::Watch(WatchRequest {
-                    enable: true,
-                    device: Some("a;\"}b".into()),
-                    ..WatchRequest::default()
-                })),
-                Ok(ClientRequest::Version)
-            ]
-        );
     }
 
     #[test]

@@ -139,19 +139,6 @@ mod tests {
         assert!(header("# headingd-log 2\n").is_err());
     }
 
-    #[test]
-    fn other_objects_do_not_matter_and_an_older_service_hands_out_nothing() {
-        for (text, right) in [
-            (super::super::gpsd::version(), Object::Other),
-            (
-                r#"{"class":"WATCH","enable":true,"json":true}"#.into(),
-                Object::Watch { readings: false },
-            ),
-        ] {
-            assert_eq!(serde_json::from_str::<Object>(&text).unwrap(), right);
-        }
-    }
-
     fn vector(limit: f64) -> impl Strategy<Value = Option<Vector3<f64>>> {
         prop::option::of(prop::array::uniform3(-limit..limit).prop_map(Vector3::from))
     }

@@ -117,34 +117,6 @@ fn watch_says_what_is_sent() {
 }
 
 #[test]
-fn the_other_objects_are_json_with_their_class_first() {
-    let odd = Device {
-        path: "/dev/\"odd\"".into(),
-        activated: Some("2026-11-21T10:00:00Z".into()),
-        sensor: None,
-        bps: None,
-    };
-    for (text, class) in [
-        (version(), "VERSION"),
-        (device(&odd, None), "DEVICE"),
-        (devices(&odd, None), "DEVICES"),
-        (watch(&WatchPolicy::default()), "WATCH"),
-        (poll(None, None), "POLL"),
-        (
-            poll(Some(r#"{"class":"ATT"}"#), Some("2026-11-21T10:00:00Z")),
-            "POLL",
-        ),
-        (error("\u{7}?"), "ERROR"),
-    ] {
-        assert!(
-            text.starts_with(&format!(r#"{{"class":"{class}""#)),
-            "{text}"
-        );
-        serde_json::from_str::<Value>(&text).unwrap();
-    }
-}
-
-#[test]
 fn a_device_has_all_of_gpsds_keys() {
     let board = Device {
         path: "/dev/ttyUSB0".into(),
