@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::{Failure, print, print_json, read_log_on, tell, tell_skips};
+use super::read_log::{read_log_on, tell_skips};
+use super::{Failure, print, print_json, tell};
 use crate::alignment::{Alignment, ChipAlignment, Sign, align};
 use crate::frame::{Mounting, rounded};
 use crate::sensor::replay::Replay;

@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use clap::ValueEnum;
 
-use super::headings::plain_text;
+use super::read_log::{read_log_on, tell_dropped, tell_skips};
+use super::wording::plain_text;
 use super::{
-    Failure, config_file, number, overwrite, print, print_json, read_log_on, tell, tell_dropped,
-    tell_skips, word, write_calibrations,
+    Failure, config_file, number, overwrite, print, print_json, tell, word, write_calibrations,
 };
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};

@@ -9,9 +9,7 @@ use serde_json::Value;
 
 use super::control::{PATIENCE, connect, is_timeout, unreachable};
 use super::{Failure, config_file};
-use crate::advice::next_step;
 use crate::config::Config;
-use crate::frame::to_tenths;
 
 /// No message is longer, bytes: that of a board with all its remarks is the longest.
 const LONGEST: u64 = 1 << 20;
@@ -53,31 +51,6 @@ impl DaemonSockets {
             control: config.control.path(headings),
         }
     }
-}
-
-/// A heading to steer by, as text: the true one where it is known, with its uncertainty, one standard deviation.
-pub(super) fn heading_text(
-    true_deg: Option<f64>,
-    magnetic_deg: Option<f64>,
-    sd_deg: Option<f64>,
-) -> Option<String> {
-    let (degrees, north) = match true_deg {
-        Some(degrees) => (degrees, "true"),
-        None => (magnetic_deg?, "magnetic"),
-    };
-    let sd = sd_deg.map_or(String::new(), |sd| format!(" ± {sd:.1}°"));
-    Some(format!("{:05.1}° {north}{sd}", to_tenths(degrees)))
-}
-
-/// A condition or a verdict as text.
-pub(super) fn plain_text(word: &str, reason: &str, message: &str) -> String {
-    format!("{word} ({reason}): {message}")
-}
-
-/// The same with what to do.
-pub(super) fn reason_text(word: &str, reason: &str, message: &str) -> String {
-    let advice = next_step(reason).map(|advice| format!("\nwhat to do: {advice}"));
-    plain_text(word, reason, message) + &advice.unwrap_or_default()
 }
 
 /// A connection to the socket for headings.

@@ -13,15 +13,6 @@ const PARTS: u64 = 1000;
 /// How many rows of a log are read between two looks at how far that is.
 const ROWS_A_LOOK: u64 = 8192;
 
-/// Length of a bar of text, characters.
-const BAR: usize = 20;
-
-/// How much is done, 0 to 1, as text.
-pub fn bar(share: f64) -> String {
-    let done = ((share * BAR as f64) as usize).min(BAR);
-    format!("[{}{}]", "#".repeat(done), ".".repeat(BAR - done))
-}
-
 /// A bar, from nothing to all of the work. Dropped, it is removed.
 #[derive(Debug)]
 pub struct Progress {

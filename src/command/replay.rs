@@ -3,7 +3,8 @@
 use std::io::{self, BufWriter, StdoutLock, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Failure, config_file, output, read_log, tell, tell_dropped, tell_skips};
+use super::read_log::{read_log, tell_dropped, tell_skips};
+use super::{Failure, config_file, output, tell};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;

@@ -11,10 +11,9 @@ use tempfile::tempfile_in;
 use super::control::{daemon_status, exchange};
 use super::headings::{DaemonSockets, Headings};
 use super::progress::Progress;
+use super::read_log::{read_log_on, tell_skips};
 use super::runtime::runtime;
-use super::{
-    Failure, OrFail, config_file, number, overwrite, read_log_on, tell, tell_skips, write_out,
-};
+use super::{Failure, OrFail, config_file, number, overwrite, tell, write_out};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
 use crate::config::source::Kind;

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use tokio::signal::unix::SignalKind;
 
+use super::failure::log_status;
 use super::runtime::{ENDS, Signals, outlive_file_limits, runtime};
-use super::{Failure, config_file, log_status};
+use super::{Failure, config_file};
 use crate::config::Config;
 use crate::daemon::{Daemon, DaemonError, NewConfig, Notice};
 use crate::logging::Log;

@@ -2,7 +2,7 @@
 
 use super::calibration::line;
 use super::control::{self, ControlTarget};
-use super::headings::{heading_text, plain_text, reason_text};
+use super::wording::{heading_text, plain_text, reason_text, span};
 use super::{Failure, print, print_json};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::{DaemonStatus, FolderSummary};
@@ -91,34 +91,11 @@ fn heading(status: &DaemonStatus) -> String {
     }
 }
 
-/// A time span in two units.
-pub(super) fn span(seconds: u64) -> String {
-    let (minutes, hours, days) = (seconds / 60, seconds / 3600, seconds / 86_400);
-    match (days, hours, minutes) {
-        (0, 0, 0) => format!("{seconds} s"),
-        (0, 0, _) => format!("{minutes} min {} s", seconds % 60),
-        (0, _, _) => format!("{hours} h {} min", minutes % 60),
-        _ => format!("{days} d {} h", hours % 24),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use serde_json::json;
 
     use super::*;
-
-    #[test]
-    fn spans_have_the_units_that_matter() {
-        for (seconds, text) in [
-            (0, "0 s"),
-            (61, "1 min 1 s"),
-            (7_260, "2 h 1 min"),
-            (200_000, "2 d 7 h"),
-        ] {
-            assert_eq!(span(seconds), text);
-        }
-    }
 
     #[test]
     fn every_trouble_is_shown() {

@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 
 use super::control::{ControlTarget, daemon_status};
-use super::headings::{Headings, reason_text};
+use super::headings::Headings;
 use super::progress::Progress;
+use super::wording::reason_text;
 use super::{Failure, print, print_json, tell, text};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;

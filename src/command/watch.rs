@@ -4,7 +4,8 @@ use std::io::{self, Write};
 
 use serde_json::{Value, json};
 
-use super::headings::{HeadingTarget, Headings, heading_text, reason_text};
+use super::headings::{HeadingTarget, Headings};
+use super::wording::{heading_text, reason_text};
 use super::{Failure, number, output, text};
 
 /// Headings as text are for people, who read one a second.

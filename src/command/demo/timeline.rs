@@ -5,7 +5,7 @@ use std::io::{self, IsTerminal};
 
 use serde_json::Value;
 
-use super::super::progress::bar;
+use super::super::wording::bar;
 use super::super::{Failure, text};
 use crate::config::Config;
 use crate::frame::{to_tenths, wrap_pi};

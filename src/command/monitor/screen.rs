@@ -8,10 +8,8 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph, Wrap};
 use serde_json::Value;
 
-use super::super::headings::heading_text;
-use super::super::progress::bar;
-use super::super::status::span;
 use super::super::text;
+use super::super::wording::{bar, heading_text, span};
 use super::palette::Palette;
 use super::rose::Rose;
 use super::scatter::scatter;

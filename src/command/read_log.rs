@@ -1,0 +1,65 @@
+//! A log read to its end, and what of it could not be used.
+
+use super::progress::Progress;
+use super::{Failure, tell};
+use crate::recording::{Entry, RecordingError, Skips};
+use crate::sensor::replay::Replay;
+
+/// Reads a log to its end, beside a bar on a terminal. Hands over each entry, and whether a new stretch begins with it.
+pub fn read_log(
+    mut log: Replay,
+    mut take: impl FnMut(Entry, bool) -> Result<(), Failure>,
+) -> Result<Skips, Failure> {
+    let mut bar = Progress::new();
+    while let Some(entry) = log.next() {
+        take(entry?, log.begins_stretch())?;
+        bar.follow(&log);
+    }
+    if log.skips().is_empty() {
+        let log = log.name().to_owned();
+        return Err(RecordingError::Empty { log }.into());
+    }
+    Ok(log.skips().clone())
+}
+
+/// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
+const STRETCHES_APART_S: f64 = 10.0;
+
+/// Like `read_log`, with times that go on where those of the log jump.
+pub fn read_log_on(
+    log: Replay,
+    mut take: impl FnMut(Entry, bool) -> Result<(), Failure>,
+) -> Result<Skips, Failure> {
+    let (mut last_s, mut later_s) = (0.0, 0.0);
+    read_log(log, |mut entry, begins_stretch| {
+        if begins_stretch {
+            later_s = last_s + STRETCHES_APART_S - entry.reading.t_s;
+        }
+        entry.reading.t_s += later_s;
+        last_s = entry.reading.t_s;
+        take(entry, begins_stretch)
+    })
+}
+
+/// Says on standard error that rows of a log were skipped, if some were; that most were is a failure.
+pub fn tell_skips(skips: &Skips) -> Result<(), Failure> {
+    let Some(summary) = skips.summary() else {
+        return Ok(());
+    };
+    if skips.are_most() {
+        let message = format!("most of the log cannot be used: {summary}");
+        return Err(Failure::new(Failure::DATA, message));
+    }
+    tell(summary);
+    Ok(())
+}
+
+/// Says on standard error how many values of a log were dropped that no sensor can have taken, if some were.
+pub fn tell_dropped(count: u64) {
+    if count > 0 {
+        let values = if count == 1 { "value" } else { "values" };
+        tell(format_args!(
+            "{count} {values} dropped that no sensor can have taken"
+        ));
+    }
+}
