@@ -15,4 +15,3 @@ mod turn;
 
 pub use analysis::Analysis;
 pub use page::page;
-pub use plot::ReportError;

@@ -86,18 +86,13 @@ impl Headings {
             // Each daemon greets at once: there is nothing to ask.
             asked: true,
         };
-        headings.greeting()?;
-        Ok(headings)
-    }
-
-    fn greeting(&mut self) -> Result<(), Failure> {
-        self.set_patience(PATIENCE)?;
-        if self.object()?["class"] == "VERSION" {
-            return Ok(());
+        headings.set_patience(PATIENCE)?;
+        if headings.object()?["class"] == "VERSION" {
+            return Ok(headings);
         }
         let message = format!(
             "{} is not headingd's socket for headings: name that with --socket, or the configuration with --config",
-            self.path.display()
+            path.display()
         );
         Err(Failure::new(Failure::DATA, message))
     }

@@ -82,20 +82,18 @@ fn play(
     keep: &mut Keep,
 ) -> Result<(), Failure> {
     lines.greet()?;
-    pipeline.play(Event::Policy(keep.history.mode), |action| {
-        carry_out(action, &mut lines, keep)
-    })?;
+    let mode = keep.history.mode;
+    let mut play = |event, lines: &mut JsonLines| {
+        pipeline.play(event, |action| carry_out(action, lines, keep))
+    };
+    play(Event::Policy(mode), &mut lines)?;
     let skips = read_log(replay, |entry, begins_stretch| {
         if begins_stretch {
-            pipeline.play(Event::NewStretch, |action| {
-                carry_out(action, &mut lines, keep)
-            })?;
+            play(Event::NewStretch, &mut lines)?;
             lines.time.begin_stretch();
         }
         lines.time.at(entry.reading.t_s);
-        pipeline.play(Event::Reading(entry.reading), |action| {
-            carry_out(action, &mut lines, keep)
-        })
+        play(Event::Reading(entry.reading), &mut lines)
     })?;
     output(lines.out.flush())?;
     tell_dropped(pipeline.dropped());

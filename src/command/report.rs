@@ -21,7 +21,7 @@ use crate::position::{Follower, Gpsd};
 use crate::publish::control::ControlRequest;
 use crate::publish::raw::{self, Object};
 use crate::recording::{Header, TimeOfDay};
-use crate::report::{Analysis, ReportError, page};
+use crate::report::{Analysis, page};
 use crate::sensor::replay::Replay;
 use crate::store::Contents;
 use crate::true_north::TrueNorth;
@@ -58,12 +58,6 @@ pub struct Args {
     pub config: Option<PathBuf>,
 }
 
-impl From<ReportError> for Failure {
-    fn from(error: ReportError) -> Self {
-        Self::new(Self::DATA, error)
-    }
-}
-
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = config_file::load(args.config.as_deref())?;
     overwrite::refuse(
@@ -77,7 +71,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Some(log) => of_log(log, &config)?,
         None => of_daemon(args, &config)?,
     };
-    write_out(&args.out, page(&analysis)?.as_bytes())
+    let page = page(&analysis).map_err(|error| Failure::new(Failure::DATA, error))?;
+    write_out(&args.out, page.as_bytes())
 }
 
 /// Refuses a page that could not be written in the end, after a day of listening perhaps.

@@ -1,7 +1,5 @@
 //! The page: text, tables and figures in one file, light or dark as the reader has it.
 
-use std::fmt::Write;
-
 use super::analysis::{Analysis, Findings, Judged, Point};
 use super::html::{escaped, verdict};
 use super::plot::{Hue, ReportError};
@@ -163,10 +161,8 @@ fn conditions(found: &Findings) -> String {
         "<details><summary>Conditions</summary><table>\n<tr><th>from, s</th><th>condition</th><th>reason</th><th>message</th></tr>\n",
     );
     for report in &found.changes {
-        // Writing to a String never fails.
-        let _ = writeln!(
-            out,
-            "<tr><td>{:.1}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+        out += &format!(
+            "<tr><td>{:.1}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n",
             report.t_s.max(found.first_s.unwrap_or(0.0)),
             report.condition.word(),
             report.reason,

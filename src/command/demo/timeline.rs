@@ -1,6 +1,6 @@
 //! What a person sees of the demo, made from what its client reads.
 
-use std::fmt::{self, Write};
+use std::fmt;
 use std::io::{self, IsTerminal};
 
 use serde_json::Value;
@@ -150,10 +150,7 @@ impl Timeline {
             ("turn", turn) => format!("full turn, number {turn}"),
             _ => "calibration by motion".to_owned(),
         });
-        let mut add = |line: &str| {
-            // Writing to a String cannot fail.
-            let _ = writeln!(shown, "{INDENT}{line}");
-        };
+        let mut add = |line: &str| shown += &format!("{INDENT}{line}\n");
         if let (Some(start), Some(end), Some(total)) = (
             outcome["window"]["start"].as_u64(),
             outcome["window"]["end"].as_u64(),
@@ -187,8 +184,7 @@ impl Timeline {
             ("published heading  ", &self.published),
             ("raw heading        ", &self.raw_after),
         ] {
-            // Writing to a String cannot fail.
-            let _ = writeln!(shown, "{INDENT}{what}{score}");
+            shown += &format!("{INDENT}{what}{score}\n");
         }
         shown
     }
