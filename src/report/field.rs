@@ -2,6 +2,8 @@
 
 use std::f64::consts::TAU;
 
+use nalgebra::Vector3;
+
 use super::analysis::Judged;
 use super::plot::{AxisScale, Band, Chart, Hue, ReportError, Series};
 use super::thin::some;
@@ -22,10 +24,10 @@ pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
     };
     let samples = some(&turned.samples, MOST);
     let strengths = turned.samples.iter();
-    let strength = mean(strengths.map(|seen| norm(&seen.corrected_mgauss)));
+    let strength = mean(strengths.map(|seen| seen.corrected_mgauss.norm()));
     let mut svg = String::new();
     for [a, b] in pairs {
-        let dots = |hue, of: fn(&Seen) -> &[f64]| {
+        let dots = |hue, of: fn(&Seen) -> &Vector3<f64>| {
             let points = samples.iter().map(|seen| (of(seen)[*a], of(seen)[*b]));
             Series::dots(hue, points)
         };
@@ -47,8 +49,8 @@ pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
 /// Strength of the field before and after (Figure 6b).
 pub(super) fn strength(turned: &Turned) -> Result<String, ReportError> {
     let samples = some(&turned.samples, MOST);
-    let line = |hue, of: fn(&Seen) -> &[f64]| {
-        Series::line(hue, samples.iter().map(|seen| (seen.t_s, norm(of(seen)))))
+    let line = |hue, of: fn(&Seen) -> &Vector3<f64>| {
+        Series::line(hue, samples.iter().map(|seen| (seen.t_s, of(seen).norm())))
     };
     let series = vec![
         line(Hue::Raw, |seen| &seen.raw_mgauss),
@@ -87,10 +89,6 @@ pub(super) fn window(judged: &Judged) -> Result<String, ReportError> {
         }
     }
     chart.svg()
-}
-
-fn norm(field: &[f64]) -> f64 {
-    field.iter().map(|part| part * part).sum::<f64>().sqrt()
 }
 
 pub(super) fn mean(values: impl Iterator<Item = f64>) -> f64 {

@@ -7,12 +7,12 @@ use crate::calibration::FieldSample;
 use crate::calibration::model::Mode;
 use crate::frame::heading_deg;
 
-/// One sample, along the axes that were calibrated: two in the plane of a turn, three in space.
+/// One sample, along the axes that were calibrated: two in the plane of a turn, and then 0, or three in space.
 #[derive(Clone, Debug)]
 pub(super) struct Seen {
     pub(super) t_s: f64,
-    pub(super) raw_mgauss: Vec<f64>,
-    pub(super) corrected_mgauss: Vec<f64>,
+    pub(super) raw_mgauss: Vector3<f64>,
+    pub(super) corrected_mgauss: Vector3<f64>,
     /// Where the gyro knew the board's attitude.
     pub(super) headings: Option<Headings3>,
 }
@@ -62,12 +62,9 @@ impl Turned {
         let end = turns.iter().map(|turn| turn.samples.end).max();
         let samples = all.get(start.unwrap_or(0)..end.unwrap_or(all.len()))?;
         let seen = samples.iter().map(|sample| {
-            let raw: Vec<f64> = basis
-                .iter()
-                .map(|axis| axis.dot(&sample.field_mgauss))
-                .collect();
-            let corrected = inverse * (padded(&raw, 0.0) - bias);
-            let corrected = corrected.as_slice()[..basis.len()].to_vec();
+            let along = |axis: &Vector3<f64>| axis.dot(&sample.field_mgauss);
+            let raw = Vector3::from_fn(|index, _| basis.get(index).map_or(0.0, along));
+            let corrected = inverse * (raw - bias);
             let parts = basis.iter().zip(&corrected);
             let field: Vector3<f64> = parts.map(|(axis, part)| axis * *part).sum();
             Seen {
