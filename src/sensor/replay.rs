@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use crate::recording::{Entry, Header, Reader, RecordingError, Skips};
 
-/// A named pipe that nobody has opened for writing by then is no log.
+/// Longest wait for somebody to open a named pipe for writing.
 const PIPE_PATIENCE: Duration = Duration::from_secs(5);
 
 /// An open log: an iterator of its good rows that counts the bad ones.

@@ -126,7 +126,7 @@ pub trait Magnetometer: Sync {
         compare(bus, self.sheet().name, self.sheet().address, &registers)
     }
 
-    /// What a chip is that identifies itself as this one and has never delivered a new measurement, if imitations are
+    /// The error for a chip that identifies itself as this one but never delivers a new measurement, if imitations are
     /// known to do that.
     fn imitation(&self) -> Option<ChipError> {
         None

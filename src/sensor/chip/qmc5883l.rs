@@ -75,7 +75,7 @@ impl Magnetometer for Qmc5883l {
         bus.read(ADDRESS, DATA, &mut bytes)?;
         let raw = little_endian(&bytes);
         let saturated = |count: &i16| !(SHEET.counts.0..=SHEET.counts.1).contains(count);
-        // Which axis the flag is for does not show, unless one is at its end.
+        // The flag names no axis: unless one is saturated, all count as overflowed.
         let all = status & OVL != 0 && !raw.iter().any(saturated);
         Ok(Some(if all { [i16::MIN; 3] } else { raw }))
     }

@@ -56,7 +56,7 @@ pub(crate) struct FoundMagnetometer {
 
 impl CheckReport {
     fn problem(&mut self, code: &'static str, message: String) {
-        // The chips are tried more than once, the second time with the name of their part before the sentence.
+        // The chips are tried more than once; a later message repeats the first, behind the chip's role.
         if !self
             .problems
             .iter()
@@ -302,7 +302,7 @@ fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, observed: &Obs
     }
     let rate_hz = (observed.fields.len() + observed.overflows) as f64 / READING_S;
     report.mag_rate_hz = Some(rate_hz);
-    // A chip may have a slower rate than was asked for as its fastest.
+    // The chip's fastest rate may be slower than the configured one.
     let wanted_hz = expected.i2c.rate_hz.min(50.0);
     if rate_hz < RATE_SHARE * wanted_hz - 1.0 / READING_S {
         report.problem("rate", slow("magnetometer", rate_hz, wanted_hz));

@@ -8,7 +8,7 @@ use crate::sensor::bus::LinuxBus;
 use crate::sensor::chip::drivers;
 use crate::sensor::chip::magnetometer::Magnetometer;
 
-/// The rate that is kept by single measurements: the paper's, which no chip has of its own.
+/// The paper's rate. No chip offers it: single measurements are triggered at this rate.
 pub const STEADY_HZ: f64 = 40.0;
 
 settings! {
@@ -63,8 +63,8 @@ impl Settings {
         LinuxBus::path(self.bus)
     }
 
-    /// The name under which a calibration is kept: that of the chip that the configuration names. An unnamed one may
-    /// not be known yet; all are read in the same unit and order. The name is older than chips of another family.
+    /// The name under which a calibration is kept: that of the configured chip. Without one, the chip may not be known
+    /// yet; all are read in the same unit and order. The name `hmc58xx` predates chips of other families.
     pub fn sensor(&self) -> &'static str {
         let named = self.magnetometer.named();
         named.map_or("hmc58xx", |chip| chip.sheet().word)

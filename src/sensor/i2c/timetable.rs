@@ -1,4 +1,4 @@
-//! When a measurement of the magnetometer is started, and when it is looked for: learnt from when it was ready.
+//! Schedules the magnetometer: when to start a measurement, and when to poll for it, learnt from when it was ready.
 
 /// A chip that is not ready when it should be is looked at again after this, seconds.
 const LOOK_S: f64 = 0.002;
@@ -14,12 +14,12 @@ pub(super) struct Timetable {
     pub(super) due_s: f64,
     /// When the measurement that is waited for began: as a single one, or after the last one.
     pub(super) measuring_since_s: Option<f64>,
-    /// When the last single measurement was to begin.
+    /// Scheduled start of this single measurement or the next.
     slot_s: f64,
-    /// How long after the beginning of a measurement it is looked for: as learnt.
+    /// Delay from the start of a measurement to its first poll, as learnt.
     patience_s: f64,
     looked: bool,
-    /// So many in a row were found at the first look.
+    /// Measurements in a row that were ready at the first poll.
     at_once: u32,
 }
 

@@ -20,7 +20,7 @@ use crate::sensor::SourceEvent;
 
 /// Interval at which `stop` is checked.
 const LOOK: Duration = Duration::from_millis(50);
-/// A bridge that has not looked at the port for this long was stopped or held up: bytes have waited.
+/// If the port was not read for this long, the process was stopped or delayed, and bytes have waited.
 const AWAY_S: f64 = 0.2;
 /// Pauses before the port is tried again, the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(3));
@@ -124,7 +124,7 @@ impl Bridge {
                 self.port = Some((stream, session));
             }
             Err(trouble) => {
-                // That it is not there is no news after it was unplugged.
+                // After "unplugged" was reported, "no_device" says nothing new.
                 if !(trouble.code == "no_device" && self.trouble == Some("unplugged")) {
                     self.complain(trouble);
                 }
@@ -159,7 +159,7 @@ impl Bridge {
                     if reading.field_mgauss.is_some() && self.trouble.take().is_some() {
                         self.waiting.push_back(SourceEvent::Fault(None));
                     }
-                    // Each port has a clock of its own.
+                    // Each port has its own clock, but times never decrease.
                     reading.t_s = reading.t_s.max(self.last_s);
                     self.last_s = reading.t_s;
                     let taken = self.origin + Duration::from_secs_f64(reading.t_s);

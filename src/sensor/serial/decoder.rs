@@ -1,4 +1,4 @@
-//! The codec that a device asks for, or all of them until one understands it.
+//! The codec that the settings name; for `auto`, both text codecs until one fits.
 
 use super::Item;
 use super::log_rows::LogRows;
@@ -44,7 +44,7 @@ impl Decoder {
         if self.protocol == Protocol::Razor {
             return;
         }
-        // A line that the one understands is a remark or a fault to the other.
+        // A line of either protocol is a remark or a fault to the other's codec.
         log_rows.feed(bytes, |item| {
             if matches!(item, Item::Timed(_) | Item::Early) {
                 self.protocol = Protocol::LogRows;
@@ -53,7 +53,7 @@ impl Decoder {
         });
     }
 
-    /// Whether it has lost its place, and only the device can help.
+    /// Whether binary frames are misaligned until the device answers `#s01`.
     pub(super) fn is_lost(&self) -> bool {
         self.protocol == Protocol::RazorBinary && !self.razor_binary.aligned
     }

@@ -7,7 +7,7 @@ use crate::condition::SourceFault;
 
 /// A text has hardly any byte that is no character; wrong speeds and binary numbers have many.
 const ODD_SHARE: f64 = 0.1;
-/// After so many good rows without a field, it is not the last refused line that had it.
+/// After so many good rows without a field, the last refused line is not the reason.
 const MANY_ROWS: u32 = 100;
 
 /// What has come since the last field.
@@ -56,14 +56,14 @@ impl Diagnosis {
         match item {
             Item::OtherMode(mode) => self.other_mode = Some(mode),
             Item::TooLong => self.too_long = true,
-            // The first is half a line, as a rule.
+            // The last one is kept: the first is usually half a line.
             Item::Bad(why) => {
                 self.bad = Some(why);
                 self.garbled = true;
                 self.rows = 0;
             }
             Item::BadHeader(why) => self.header = Some(why),
-            // Without lines that were not understood, it is the device that lacks the numbers.
+            // Without a garbled line since the last frame, the device could not read its sensors.
             Item::Frame(_) => self.unread |= !std::mem::take(&mut self.garbled),
             Item::Timed(_) => self.rows = self.rows.saturating_add(1),
             Item::Early => self.early = true,

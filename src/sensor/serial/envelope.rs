@@ -1,8 +1,8 @@
-//! The straight line under a cloud of arrivals: when things happened, by those that were least delayed.
+//! The straight line under a cloud of arrivals: estimates when items were sent, from the least delayed arrivals.
 //!
-//! What is sent at even intervals arrives late by whatever the USB and the system take, never early. So the
-//! arrivals lie on or above the line that the device's clock draws, and the lower hull of a few seconds of
-//! them finds it: where it stands, and by how much the device's clock is fast or slow.
+//! What is sent at even intervals arrives late by whatever the USB and the system take, never early. So the arrivals lie on
+//! or above the line of the device's clock, and the lower hull of a few seconds of them finds its offset and its slope: by
+//! how much the device's clock is fast or slow.
 //!
 //! Arrivals that are late may catch up, as buffered ones do, or stay late. The line learns nothing until that is clear.
 
@@ -29,7 +29,7 @@ pub(super) struct Envelope {
     /// The least delayed arrivals, oldest first: device's clock, ours.
     points: VecDeque<(f64, f64)>,
     block: Option<Block>,
-    /// Late arrivals that come nearer to the line than this, seconds, are catching up.
+    /// Late arrivals that come nearer to the line by more than this, seconds, are catching up.
     late_step_s: f64,
     late: Option<LateRun>,
 }
@@ -66,7 +66,7 @@ impl Envelope {
         }
     }
 
-    /// Forgets where the line stood, but not its slope. The next arrival is on it.
+    /// Forgets the line's offset, but not its slope. The next arrival sets the offset.
     pub(super) fn restart(&mut self) {
         self.late = None;
         self.anchor = None;

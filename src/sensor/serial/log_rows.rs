@@ -143,7 +143,7 @@ impl LogRows {
         }
     }
 
-    /// The first sign of a header ends what rows mean without one.
+    /// Once a sign of a header has come, rows without one no longer count.
     fn heard_header(&mut self) {
         if !self.has_header {
             self.has_header = true;
@@ -218,7 +218,7 @@ impl LogRows {
     }
 }
 
-/// A field in other axes; an axis into which one that overflowed enters is unknown.
+/// Rotates a field. An axis that depends on an overflowed one is unknown.
 fn turned(turn: &Matrix3<f64>, field: Field) -> Field {
     std::array::from_fn(|row| {
         (0..3)

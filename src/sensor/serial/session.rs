@@ -24,7 +24,7 @@ const REOPEN_S: f64 = 12.0;
 #[derive(Debug, Default)]
 pub(super) struct Orders {
     pub(super) send: Option<&'static [u8]>,
-    /// To be told, once.
+    /// A fault to report, once.
     pub(super) trouble: Option<SourceFault>,
     /// How many lines were refused, to be told in the log.
     pub(super) refused: Option<String>,
@@ -140,7 +140,7 @@ impl PortSession {
             Item::Early => self.good_s = now_s,
             Item::Synch(id) => self.start.answered(*id),
             Item::OtherMode(_) => self.start.order_again(),
-            // Before the first reading, half a line and a device that starts are no news.
+            // Before the first reading, half a line and boot messages are normal.
             Item::Bad(why) if self.good > 0 => self.count_bad(why),
             _ => {}
         }

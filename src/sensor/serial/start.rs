@@ -1,6 +1,6 @@
 //! Starts the Razor: asks until it answers, then selects its output.
 //!
-//! Opening the port resets the board, which is deaf for a second or two and then sends angles. As its
+//! Opening the port resets the board, which ignores input for a second or two and then sends angles. As its
 //! authors' own client does (`C++/RazorAHRS.cpp`), `#s00` is repeated until `#SYNCH00` comes back.
 
 use super::settings::Protocol;

@@ -9,7 +9,7 @@ use super::envelope::Envelope;
 const RAZOR_PERIOD_S: f64 = 0.02;
 /// How far the device's period may be off from what it is taken for, as a share.
 const TOLERANCE: f64 = 0.1;
-/// Nothing delays a frame by more, seconds, while we listen: whatever should have come in the meantime is lost.
+/// Longest delay of a frame while the port is read, seconds. One that comes later means that frames were lost.
 const LONGEST_DELAY_S: f64 = 0.5;
 /// Arrivals all late by more than this share of a period mean that frames were lost.
 const LATE_SHARE: f64 = 0.6;

@@ -33,8 +33,8 @@ enum ObservedRate {
     NoData,
 }
 
-/// Identifies the chip at 0x1E by its registers "H43". Unless the configuration names it, it is then written to: it
-/// keeps the averaging bits of CRA or does not, and measures at 50 or at 75 Hz.
+/// Identifies the chip at 0x1E by its registers "H43". Unless the configuration names the variant, CRA is written to find it:
+/// it keeps the averaging bits or not, and measures at 50 or at 75 Hz.
 pub(super) fn identify(
     bus: &mut dyn Bus,
     clock: &mut dyn Clock,
@@ -149,7 +149,7 @@ fn told_by(changes: &[DataChange]) -> Option<ObservedRate> {
     if last.before_s - first.after_s < PERIODS as f64 * PERIOD_LIMIT_S {
         Some(ObservedRate::Fast)
     } else if last.after_s - first.before_s > measured * PERIOD_LIMIT_S
-        // Measurements that look the same make the mean period longer, and some of the others stay short.
+        // Identical measurements make the mean period longer, but leave some periods short.
         && window.windows(2).filter(short).count() <= 1
     {
         Some(ObservedRate::Slow)
