@@ -19,7 +19,7 @@ use crate::true_north::{Position, TrueNorth};
 /// How many headings are kept for the figures.
 const MOST_HEADINGS: usize = 4000;
 
-/// How many verdicts and warnings are listed, and changes of condition drawn.
+/// How many verdicts, warnings and changes of condition are kept.
 const MOST_EVENTS: usize = 1000;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -65,7 +65,7 @@ pub(super) struct Findings {
     /// The newest heading that was published.
     pub(super) newest: Option<Point>,
     pub(super) points: Thin<Point>,
-    /// The first report of each condition and reason.
+    /// The first report of each run with one condition and reason.
     pub(super) changes: Vec<Report>,
     /// Verdicts with their times, of turns and of motion; without the swarm, whose fitness is long.
     pub(super) verdicts: Vec<(f64, Box<Outcome>)>,

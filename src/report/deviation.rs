@@ -9,7 +9,7 @@ use crate::frame::{wrap_360, wrap_pi};
 /// Headings of the card.
 const CARD: usize = 12;
 
-/// One sample held against the gyro, whose heading counts from the corrected field's mean.
+/// One sample compared with the gyro, whose heading is offset to the corrected field's mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Held {
     pub(super) t_s: f64,
@@ -21,7 +21,7 @@ pub(super) struct Held {
     pub(super) after_deg: f64,
 }
 
-/// Holds all samples with a pose against the gyro, each of its stretches by itself.
+/// Compares all samples that have a pose with the gyro, each stretch with its own offset.
 pub(super) fn held(turned: &Turned) -> Vec<Held> {
     let samples = turned.samples.iter();
     let known: Vec<(f64, Headings3)> = samples

@@ -34,7 +34,7 @@ pub(super) struct Turned {
     pub(super) axes: Vec<String>,
 }
 
-/// Steeper than this, body X has no heading worth the name: cosine of 60 degrees to the horizontal.
+/// Steeper than this, body X has no useful heading: cosine of 60 degrees to the vertical.
 const LEVEL: f64 = 0.5;
 
 impl Turned {
