@@ -50,7 +50,7 @@ pub struct LockFile {
 
 #[derive(Debug)]
 pub enum LockError {
-    /// Another has it: this process, if its number is known.
+    /// Another process holds it; its number, if known.
     Held(Option<u32>),
     System(io::Error),
 }
@@ -66,7 +66,7 @@ impl LockFile {
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => return Err(LockError::Held(holder(&mut file))),
-                // Not every file system has locks. There all goes on as if there were only one.
+                // Some file systems have no locks. There, carry on as if no other daemon existed.
                 Err(TryLockError::Error(error)) if is_unsupported(&error) => tracing::warn!(
                     "cannot lock {}, so two daemons would not notice each other there: {error}",
                     path.display()
@@ -81,14 +81,14 @@ impl LockFile {
             writable.map_err(LockError::System)?;
             let own = OwnFile::new(path, &found);
             let lock = Self { own, file };
-            // Where there is no room for it, nobody is told who has the lock.
+            // On a full disk this fails, and others cannot name the holder.
             let _ = lock.sign();
             return Ok(lock);
         }
         Err(LockError::Held(None))
     }
 
-    /// The same, but where this process has it already, that one.
+    /// Like `take`, but shares a lock that this process already holds.
     pub fn share(path: &Path) -> Result<Arc<Self>, LockError> {
         let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
         shared.retain(|lock| lock.strong_count() > 0);
