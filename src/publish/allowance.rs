@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 /// Debt at which a client has to wait: 100 answers or 10 errors at once.
 const MOST: Duration = Duration::from_millis(200);
 
-/// A client that waits is read again once its debt has fallen to this. Waiting for a little more than nothing would wake the daemon for each answer.
+/// A client that waits is read again once its debt has fallen to this: shorter waits would wake the daemon for each answer.
 const REST: Duration = Duration::from_millis(100);
 
 /// An answer: 500 a second.

@@ -47,7 +47,7 @@ where
     let listener = UnixListener::from_std(door.socket.listener)?;
     let (stop, stopped) = watch::channel(false);
     let mut clients: JoinSet<Result<(), ClientError>> = JoinSet::new();
-    // Whose they are.
+    // The user of each client's task.
     let mut held: HashMap<Id, u32> = HashMap::new();
     let own = geteuid().as_raw();
     let mut shutdown = pin!(shutdown);

@@ -27,7 +27,7 @@ impl Connection {
         Ok(Self { stream })
     }
 
-    /// Waits for bytes; how many there are. None means that the client has left.
+    /// Waits for bytes, and returns how many came; 0 means that the client has left.
     pub(super) async fn read(&self, bytes: &mut [u8]) -> io::Result<usize> {
         let read = self
             .stream

@@ -39,9 +39,9 @@ impl Requests {
         }
     }
 
-    /// The next request that `bytes` complete; what belongs to it is taken from them, and they are all taken where there
-    /// is none. One that cannot be understood is an error text for the client; after one that is too long everything up
-    /// to the next newline is thrown away.
+    /// Returns the next request that `bytes` complete, and advances `bytes` past it; past all of them if none is complete.
+    /// A request that cannot be understood is an error text for the client; after one that is too long, everything up to
+    /// the next newline is discarded.
     pub fn next(&mut self, bytes: &mut &[u8]) -> Option<Result<ClientRequest, String>> {
         while let Some((&byte, rest)) = bytes.split_first() {
             *bytes = rest;

@@ -17,7 +17,7 @@ const CHUNK: usize = 1024;
 pub(super) struct Inbox {
     requests: Requests,
     bytes: [u8; CHUNK],
-    /// Which of them have been looked at, and which are there.
+    /// `bytes[from..to]` has been read, but not cut into requests yet.
     from: usize,
     to: usize,
     /// Whether the client has sent its last byte.

@@ -64,8 +64,8 @@ fn yes() -> bool {
 }
 
 impl WatchRequest {
-    /// Changes `policy` accordingly. With each `enable` headings go out as `ATT` unless `json` is set to false, or as NMEA
-    /// 0183 alone unless it is set to true; states, calibrations and raw readings come beside them.
+    /// Changes `policy` accordingly. Where `json` is not given, `enable` turns `ATT` on unless NMEA 0183 is on. States,
+    /// calibrations and raw readings are independent of both.
     pub fn apply(&self, policy: &mut WatchPolicy) {
         policy.enable = self.enable;
         policy.nmea = self.nmea.unwrap_or(policy.nmea);

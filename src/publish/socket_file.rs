@@ -250,7 +250,7 @@ pub(super) fn right_path(path: &Path) -> Result<(), Fault> {
 
 /// Permissions as a number, if they are ones that a socket may have: at most `most`.
 pub(super) fn right_mode(mode: &str, most: u32) -> Result<u32, Fault> {
-    // A sign is no part of a mode, but would be of a number.
+    // `from_str_radix` would accept a sign.
     let octal = mode.bytes().all(|b| matches!(b, b'0'..=b'7'));
     let bits = u32::from_str_radix(mode, 8).ok().filter(|_| octal);
     bits.filter(|bits| bits & !most == 0 && bits & 0o600 == 0o600)

@@ -33,7 +33,7 @@ impl Answer {
         }
     }
 
-    /// With something more; what is null is not known, and left out.
+    /// Adds a key; null means unknown, and is left out.
     pub fn with(mut self, key: &str, value: impl Into<Value>) -> Self {
         let value = value.into();
         if !value.is_null() {
@@ -42,7 +42,7 @@ impl Answer {
         self
     }
 
-    /// With all that is known of this.
+    /// Adds all keys of `what`, without nulls.
     pub(crate) fn with_all(mut self, what: &impl Serialize) -> Self {
         // What a command reads can always be written.
         let mut value = serde_json::to_value(what).unwrap_or_default();

@@ -149,7 +149,7 @@ async fn carry_out(request: ControlRequest, orders: &mpsc::Sender<ControlCall>) 
     }
     match timeout(PATIENCE, answer).await {
         Ok(answer) => answer.unwrap_or_else(|_| ending()),
-        // To ask again might change it again: roll back to the one before, for instance.
+        // Asking again could change more: a second rollback goes one further back.
         Err(_) => Answer::refused(
             "not_kept",
             format!(

@@ -38,7 +38,7 @@ impl Settings {
 
 pub(super) struct Pty {
     ours: File,
-    /// The program's side, held open: else a port that nobody has open would be an error.
+    /// The program's side, held open: otherwise writes fail while no program has the port open.
     theirs: OwnedFd,
     _link: PortLink,
 }
