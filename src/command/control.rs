@@ -132,11 +132,11 @@ fn exchange_lines(path: &Path, request: &ControlRequest) -> io::Result<String> {
     Ok(answer)
 }
 
-/// Connects. A daemon that hangs takes no connections, and with enough of them waiting the system would wait with them.
+/// Connects, with a timeout: once the queue of a hung daemon is full, connect(2) would block.
 pub(super) fn connect(path: &Path) -> io::Result<UnixStream> {
     let flags = SocketFlags::CLOEXEC;
     let socket = socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None)?;
-    // It is for connecting as well.
+    // Linux applies it to connect(2) as well.
     set_socket_timeout(&socket, Timeout::Send, Some(PATIENCE))?;
     net::connect(&socket, &SocketAddrUnix::new(path)?)?;
     Ok(socket.into())

@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 const NO_TERMINAL: &str = "cannot use the terminal";
 
-/// Becomes true when somebody wants it to end: then the terminal is given back as it was.
+/// Becomes true on a signal that ends the command, so that the terminal is restored first.
 fn stop_signals() -> Result<Arc<AtomicBool>, Failure> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGTERM, SIGINT, SIGHUP] {

@@ -1,5 +1,5 @@
-//! How far a command is that takes longer than a second: on standard error, where indicatif shows nothing unless that is a
-//! terminal.
+//! Shows the progress of commands that take longer than a second, on standard error. Unless that is a terminal, indicatif
+//! shows nothing.
 
 use std::time::Duration;
 

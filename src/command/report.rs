@@ -166,7 +166,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
                     if let Some(position) = gpsd.as_mut().and_then(Follower::news) {
                         analysis.put_position(position);
                     }
-                    // A board without a clock of its own has the receiver's.
+                    // A computer without a real-time clock uses the receiver's time.
                     let now = || wall_clock::now().or_else(|| gpsd.as_ref()?.now());
                     analysis.take(row.reading(), live.then(now).flatten());
                 }

@@ -21,8 +21,8 @@ pub(super) const ENDS: [SignalKind; 3] = [
     SignalKind::hangup(),
 ];
 
-/// Where files may not grow beyond a limit (`ulimit -f`), a write that would is an error, as on a full disk, and not the end of
-/// the process. Needs a runtime.
+/// Makes a write beyond the limit on file sizes (`ulimit -f`) an error, as on a full disk, instead of the end of the process.
+/// Needs a runtime.
 pub(super) fn outlive_file_limits() -> Result<(), Failure> {
     let kind = SignalKind::from_raw(libc::SIGXFSZ);
     // Once caught it stays so, whether or not anybody listens.

@@ -103,7 +103,7 @@ impl Show {
     fn update(&mut self, status: &DaemonStatus) {
         let word = status.cal_state.as_deref().unwrap_or("starting");
         let said = match status.reason.as_deref() {
-            // Its message is about learning by motion, and that would spoil the turn.
+            // Its message asks for other motion, which would spoil the turn.
             Some("learning") => "waiting for a turn: once all the way round, level".to_owned(),
             _ => format!("{word}: {}", status.message),
         };

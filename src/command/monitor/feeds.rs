@@ -99,7 +99,7 @@ fn look_after(
     let mut said = None;
     loop {
         let status = daemon_status(&sockets.control).map_err(|failure| failure.message);
-        // An answer comes after the status that follows from it: what the next key does depends on that.
+        // An answer is sent after the new status, on which the effect of the next key depends.
         let news = [Some(News::Status(status.map(Box::new))), said.take()];
         if news
             .into_iter()
