@@ -19,7 +19,7 @@ use crate::logging::Log;
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example: headingd record --out turn.csv --duration 60")]
 pub struct Args {
-    /// The log to write; an existing one is replaced. "-" is standard output
+    /// The log to write; an existing one is replaced by the first reading. "-" is standard output
     #[arg(long, value_name = "LOG")]
     pub out: PathBuf,
     /// The configuration file [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
@@ -60,10 +60,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             begun.elapsed().as_secs_f64()
         );
         match ended {
-            Ok(()) if readings == 0 => Err(Failure::new(
-                Failure::IO,
-                format!("{summary}: nothing came from {from}, and the log is empty"),
-            )),
+            Ok(()) if readings == 0 => {
+                let log = if there { "stays as it was" } else { "is empty" };
+                Err(Failure::new(
+                    Failure::IO,
+                    format!("{summary}: nothing came from {from}, and the log {log}"),
+                ))
+            }
             // Not even the log could be made.
             Err(error) if readings == 0 => Err(error.into()),
             ended => {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
+use tempfile::tempfile_in;
 use tokio::sync::oneshot;
 
 use super::thread::{Shared, Thread, lock};
@@ -24,6 +25,8 @@ const QUEUE: usize = 4096;
 const FLUSH: Duration = Duration::from_secs(1);
 /// Rows that wait for a flush, besides the header, bytes.
 const BUFFER: usize = 8192;
+/// This name of a log is standard output.
+const STDOUT: &str = "-";
 /// Pause before a ring tries again what has failed.
 const RETRY: Duration = Duration::from_secs(5);
 
@@ -49,7 +52,7 @@ impl RecordError {
 
 /// Where the readings go.
 enum Destination {
-    /// Into one file; `-` is standard output.
+    /// Into one file, or [`STDOUT`].
     File(PathBuf),
     /// Into a ring of files.
     Ring(Settings),
@@ -166,10 +169,14 @@ struct RecorderThread {
 
 impl RecorderThread {
     fn record(&mut self) -> Result<(), RecordError> {
-        // A named file is opened at once, so that an error is reported at once. A ring opens its next file, and removes the
-        // oldest, only when there is a reading to write: a daemon that restarts again and again without one must not remove the
-        // logs that show why.
-        let mut opened = match self.destination {
+        // A named file is opened at once, so that an error is reported at once. A log that is there is replaced, and a ring opens
+        // its next file and removes the oldest, only when there is a reading to write: without one, as again and again where a
+        // daemon restarts, no log is lost.
+        let mut opened = match &self.destination {
+            Destination::File(path) if path != Path::new(STDOUT) && path.is_file() => {
+                may_replace(path).map_err(RecordError::of(true, path))?;
+                None
+            }
             Destination::File(_) => Some(self.open()?),
             Destination::Ring(_) => None,
         };
@@ -198,7 +205,7 @@ impl RecorderThread {
 
     fn open(&self) -> Result<(PathBuf, File), RecordError> {
         Ok(match &self.destination {
-            Destination::File(path) if path == Path::new("-") => {
+            Destination::File(path) if path == Path::new(STDOUT) => {
                 let path = PathBuf::from("standard output");
                 let descriptor = io::stdout().as_fd().try_clone_to_owned();
                 let file = descriptor.map_err(RecordError::of(true, &path))?.into();
@@ -289,6 +296,16 @@ impl RecorderThread {
             }
         }
     }
+}
+
+/// Refuses what [`RecorderThread::open`] could not put a log in the place of. The file stays as it is.
+fn may_replace(file: &Path) -> io::Result<()> {
+    let Err(error) = File::options().write(true).open(file) else {
+        return Ok(());
+    };
+    // A file of somebody else may be removed where a new one can be made.
+    let folder = file.parent().filter(|folder| *folder != Path::new(""));
+    tempfile_in(folder.unwrap_or(Path::new("."))).map_or(Err(error), |_| Ok(()))
 }
 
 /// Discards readings for this long. Returns whether more may come.

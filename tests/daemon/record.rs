@@ -456,6 +456,28 @@ fn an_empty_recording_is_a_failure() {
     assert!(!said.contains("headingd: recording"), "{said}");
 }
 
+#[test]
+fn a_log_stays_until_there_is_a_reading_to_replace_it() {
+    let rig = Rig::new(1.0, "kind = \"i2c\"\n[i2c]\nbus = 255\n");
+    let out = rig.path("keep.csv");
+    fs::write(&out, "a log").unwrap();
+    let said = record(&rig, &out, &["--duration", "0.5"]).ends(74);
+    assert!(said.contains("and the log stays as it was"), "{said}");
+    assert_eq!(fs::read(&out).unwrap(), b"a log");
+    // What could not be replaced is refused without a reading, too.
+    let program = Path::new("/proc/self/exe");
+    let said = record(&rig, program, &["--duration", "0.5"]).ends(73);
+    assert!(
+        said.contains("cannot begin recording /proc/self/exe: "),
+        "{said}"
+    );
+
+    let rig = Rig::new(1.0, "");
+    let said = record(&rig, &out, &["--duration", "0.5"]).ends(0);
+    assert!(said.contains("keep.csv, which is replaced"), "{said}");
+    assert!(!recorded(&out).is_empty());
+}
+
 /// What the first reader of a pipe has taken is lost to a second.
 #[test]
 fn without_a_socket_a_pipe_is_opened_once() {
