@@ -192,12 +192,16 @@ impl RecorderThread {
                 tracing::info!("recording into {}", path.display());
             }
             let mut log = OpenLog::begin(path, file, &self.header)?;
-            let full = match first {
-                Ok(first) => self.fill(&mut log, first)?,
-                Err(_) => false,
+            let filled = match first {
+                Ok(first) => self.fill(&mut log, first),
+                Err(_) => Ok(false),
             };
-            self.flush(&mut log)?;
-            if !full {
+            let ended = filled.and_then(|full| self.flush(&mut log).map(|()| !full));
+            // The disk has the room of a removed log again only when that is closed.
+            if self.has_lost(&log.path) {
+                let log = log.path.display();
+                tracing::info!("somebody has removed {log}: what follows goes into another file");
+            } else if ended? {
                 return Ok(());
             }
         }
@@ -224,7 +228,13 @@ impl RecorderThread {
         })
     }
 
-    /// Writes readings until there are no more, or the file has its full size; whether it has.
+    /// Whether somebody has removed this log of the ring. What cannot be found out is taken to be there.
+    fn has_lost(&self, log: &Path) -> bool {
+        matches!(self.destination, Destination::Ring(_)) && matches!(log.try_exists(), Ok(false))
+    }
+
+    /// Writes readings until there are no more, or the ring needs another file, since this one has its full size or is gone; whether it
+    /// does.
     fn fill(&mut self, log: &mut OpenLog, first: Reading) -> Result<bool, RecordError> {
         let most_bytes = match &self.destination {
             Destination::File(_) => u64::MAX,
@@ -247,6 +257,9 @@ impl RecorderThread {
                 Err(RecvTimeoutError::Timeout) => {
                     self.flush(log)?;
                     flushed = Instant::now();
+                    if self.has_lost(&log.path) {
+                        return Ok(true);
+                    }
                 }
                 Err(RecvTimeoutError::Disconnected) => return Ok(false),
             }
@@ -266,8 +279,8 @@ impl RecorderThread {
         Ok(())
     }
 
-    /// Attempts this; for a ring, retries until it succeeds. A full disk costs the ring's oldest files; where that does not help, readings
-    /// are discarded meanwhile.
+    /// Attempts this; for a ring, retries until it succeeds, or its log is gone. A full disk costs the ring's oldest files; where that
+    /// does not help, readings are discarded meanwhile.
     fn retrying<T>(
         &self,
         mut attempt: impl FnMut() -> Result<T, RecordError>,
@@ -277,6 +290,9 @@ impl RecorderThread {
                 (Err(error), Destination::Ring(settings)) => (error, &settings.directory),
                 (done, _) => return done,
             };
+            if !error.at_start && self.has_lost(&error.path) {
+                return Err(error);
+            }
             if remedy::is_full(&error.source)
                 && let Ok(Some(oldest)) = ring::remove_oldest(ring)
             {

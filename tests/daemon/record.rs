@@ -342,11 +342,8 @@ fn a_daemon_that_reads_nothing_removes_no_log_of_its_ring() {
     assert_eq!(files(&ring), before);
 }
 
-#[test]
-fn a_full_disk_interrupts_the_recording_and_not_the_headings() {
-    let rig = Rig::new(1.0, "");
-    let ring = into_ring(&rig, 50.0, LONG, "");
-    // No file may become longer than 64 KiB: what a full disk is, without filling one.
+/// A service whose recording fails: no file may become longer than 64 KiB, which is what a full disk is, without filling one.
+fn on_a_full_disk(rig: &Rig) -> Process {
     let script = "ulimit -S -f 64; exec \"$0\" run --config \"$1\"";
     let process = rig.spawn(
         Command::new("bash")
@@ -355,6 +352,44 @@ fn a_full_disk_interrupts_the_recording_and_not_the_headings() {
             .arg(rig.path("headingd.toml")),
     );
     process.says("until then nothing is recorded");
+    process
+}
+
+/// Removes a log of a service's ring, and waits until the service has closed it and goes on in another.
+fn removed(process: &Process, log: &Path) {
+    fs::remove_file(log).unwrap();
+    until("another log", || {
+        fs::metadata(log).is_ok_and(|log| log.len() > 0)
+    });
+    let open = fs::read_dir(format!("/proc/{}/fd", process.id())).unwrap();
+    let files = open.filter_map(|file| fs::read_link(file.unwrap().path()).ok());
+    let gone = format!("{} (deleted)", log.display());
+    assert!(files.into_iter().all(|file| file != Path::new(&gone)));
+}
+
+/// The disk has no room for anything until the file is closed.
+#[test]
+fn a_log_that_is_removed_is_closed_on_a_full_disk_too() {
+    let rig = Rig::new(1.0, "");
+    let service = service(&rig, 1.0);
+    let log = by_itself(&rig);
+    until("a log", || {
+        fs::metadata(&log).is_ok_and(|log| log.len() > 0)
+    });
+    removed(&service, &log);
+    drop(service);
+
+    let rig = Rig::new(1.0, "");
+    into_ring(&rig, 50.0, LONG, "");
+    let process = on_a_full_disk(&rig);
+    removed(&process, &by_itself(&rig));
+}
+
+#[test]
+fn a_full_disk_interrupts_the_recording_and_not_the_headings() {
+    let rig = Rig::new(1.0, "");
+    let ring = into_ring(&rig, 50.0, LONG, "");
+    let process = on_a_full_disk(&rig);
     let mut client = rig.client();
     let first = client.find("ATT", |_| true)["seq"].as_u64().unwrap();
     client.find("ATT", |att| att["seq"].as_u64() > Some(first + 100));
