@@ -408,19 +408,6 @@ impl Estimate {
         std::array::from_fn(|axis| sd[axis] < limit)
     }
 
-    /// Expected strength of the corrected field, milligauss.
-    pub fn strength_mgauss(&self) -> f64 {
-        match &self.kept {
-            Some(kept) if !self.active.begun => kept.strength_mgauss,
-            _ => self.active.strength_mgauss(),
-        }
-    }
-
-    /// The horizontal part of the field, milligauss.
-    pub fn horizontal_mgauss(&self) -> f64 {
-        self.active.field().xy().norm()
-    }
-
     /// The hard iron, magnetometer chip axes, milligauss.
     pub fn bias_mgauss(&self) -> Vector3<f64> {
         self.mounting.to_chip(self.active.bias_mgauss())

@@ -1,4 +1,6 @@
-//! Strengths that no field of the earth has: the magnetometer's unit or range is wrong.
+//! How strong the field is, and strengths that no field of the earth has: the magnetometer's unit or range is wrong.
+
+use nalgebra::Vector3;
 
 use super::Estimate;
 use crate::reading::EARTH_MGAUSS;
@@ -9,6 +11,31 @@ const CERTAIN: f64 = 3.0;
 pub(super) const MOST_RAW_MGAUSS: f64 = 14_000.0;
 
 impl Estimate {
+    /// Strength of a corrected field, milligauss: of its part in the plane, where that is all that is measured. `None` where less is.
+    pub fn measured_strength_mgauss(&self, corrected: &Vector3<f64>) -> Option<f64> {
+        // By a kept planar calibration, which may lie askew to the body axes, the field has no other part.
+        if self.kept_alone().is_some() {
+            return Some(corrected.norm());
+        }
+        let measured = self.measured_axes();
+        let part = Vector3::from_fn(|axis, _| if measured[axis] { corrected[axis] } else { 0.0 });
+        let unknown = measured.iter().filter(|known| !**known).count();
+        (unknown < 2).then(|| part.norm())
+    }
+
+    /// Expected strength of the corrected field, milligauss.
+    pub fn strength_mgauss(&self) -> f64 {
+        match &self.kept {
+            Some(kept) if !self.active.begun => kept.strength_mgauss,
+            _ => self.active.strength_mgauss(),
+        }
+    }
+
+    /// The horizontal part of the field, milligauss.
+    pub fn horizontal_mgauss(&self) -> f64 {
+        self.active.field().xy().norm()
+    }
+
     /// Strength of the field, milligauss, rounded to two digits, if the earth's is certainly nowhere like that.
     pub fn impossible_mgauss(&self) -> Option<f64> {
         self.strength_beyond(CERTAIN)

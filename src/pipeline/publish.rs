@@ -104,8 +104,8 @@ impl Pipeline {
         heading.field_mgauss = Some(std::array::from_fn(|axis| {
             measured[axis].then_some(corrected[axis])
         }));
+        heading.strength_mgauss = self.estimate.measured_strength_mgauss(&corrected);
         if measured == [true; 3] {
-            heading.strength_mgauss = Some(corrected.norm());
             heading.dip_deg = found.down.map(|down| dip_deg(&corrected, &down));
         }
         heading.mag_status = match condition {

@@ -6,6 +6,7 @@ use std::process::Stdio;
 use crate::common::{
     Folder, Log, Ran, apart_deg, command, headingd, log, moving, of_class, rms, simulated, turning,
 };
+use headingd::frame::hypot;
 use headingd::recording::Entry;
 use headingd::sensor::simulator::{Scenario, Settings};
 use serde_json::Value;
@@ -230,6 +231,34 @@ fn headings_come_with_the_calibration_and_are_right() {
             let errors = errors_deg(&lines, &entries, key);
             assert!(errors.len() > 400, "{}", errors.len());
             assert_within(&format!("{turns} turns, {key}"), &errors, largest, typical);
+        }
+    }
+}
+
+#[test]
+fn level_turns_tell_the_strength_in_their_plane() {
+    let folder = Folder::new();
+    let ((header, mut entries), calibration) = with_calibration(&folder, "a.csv");
+    let horizontal_mgauss = Settings::default().horizontal_mgauss;
+    // By the estimate, and by the kept calibration alone.
+    for gyro in [true, false] {
+        for entry in entries.iter_mut().filter(|_| !gyro) {
+            entry.reading.rate_rad_s = None;
+        }
+        let path = folder.file("b.csv", log(&(header.clone(), entries.clone())));
+        let lines = lines(&path, &["--calibration", &calibration]);
+        let atts = of_class(&lines, "ATT");
+        assert!(atts.len() > 400, "{}", atts.len());
+        for att in &atts {
+            let number = |key| att.get(key).and_then(Value::as_f64);
+            let [Some(x), Some(y), Some(length), None] =
+                ["mag_x", "mag_y", "mag_len", "mag_z"].map(number)
+            else {
+                panic!("with a gyro {gyro}: {att}");
+            };
+            assert!((length - hypot(x, y)).abs() < 1.0, "{att}");
+            // The scale is known as far as the axes' mean is 1.
+            assert!((length / horizontal_mgauss - 1.0).abs() < 0.15, "{att}");
         }
     }
 }
