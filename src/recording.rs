@@ -131,7 +131,7 @@ pub enum RecordingError {
     },
 }
 
-/// One line that cannot be used. Behind a row the reader continues.
+/// One line that cannot be used, or only its true value. The reader goes on after it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("log {log}, line {line}{}: {what}", column.map(|c| format!(", column {} ({})", c.0, c.1)).unwrap_or_default())]
 pub struct LineError {
@@ -145,21 +145,37 @@ pub struct LineError {
     pub what: String,
 }
 
-/// Counts the rows that a consumer skipped, and keeps the first error: the one worth showing.
+impl LineError {
+    /// Whether the row can be used all the same.
+    fn costs_truth_only(&self) -> bool {
+        self.column
+            .is_some_and(|(_, name)| name == COLUMNS[HEADING])
+    }
+}
+
+/// Counts the rows that a consumer skipped and the true values that were dropped, and keeps the first error of each: the one worth
+/// showing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Skips {
     kept: u64,
     count: u64,
     first: Option<LineError>,
+    truths: u64,
+    first_truth: Option<LineError>,
 }
 
 impl Skips {
-    /// The entry, or `None` for a bad row, which is counted.
+    /// The entry, or `None` for a bad row or true value, which is counted.
     pub fn keep(&mut self, row: Result<Entry, LineError>) -> Option<Entry> {
         match row {
             Ok(entry) => {
                 self.kept += 1;
                 Some(entry)
+            }
+            Err(error) if error.costs_truth_only() => {
+                self.truths += 1;
+                self.first_truth.get_or_insert(error);
+                None
             }
             Err(error) => {
                 self.count += 1;
@@ -179,11 +195,22 @@ impl Skips {
         self.count > self.kept
     }
 
-    /// For people: how many rows were skipped, and why the first; `None` if none was.
+    /// For people: how many rows were skipped and how many true values dropped, and why the first; `None` if none was.
     pub fn summary(&self) -> Option<String> {
-        let first = self.first.as_ref()?;
-        let rows = if self.count == 1 { "row" } else { "rows" };
-        Some(format!("{} {rows} skipped; the first: {first}", self.count))
+        let skipped = self.first.as_ref().map(|first| {
+            let rows = if self.count == 1 { "row" } else { "rows" };
+            format!("{} {rows} skipped; the first: {first}", self.count)
+        });
+        let dropped = self.first_truth.as_ref().map(|first| {
+            let values = if self.truths == 1 { "value" } else { "values" };
+            let name = COLUMNS[HEADING];
+            format!(
+                "{} {values} of {name} dropped; the first: {first}",
+                self.truths
+            )
+        });
+        let told: Vec<String> = skipped.into_iter().chain(dropped).collect();
+        (!told.is_empty()).then(|| told.join("; "))
     }
 
     /// The first skipped row's error.

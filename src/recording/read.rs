@@ -19,8 +19,9 @@ const COARSE_STEP_S: f64 = 0.5;
 
 /// Reads a log: the header at once, then an iterator of its rows, in milligauss, rad/s and m/s².
 ///
-/// A row that cannot be used is an inner error, and the next row follows it; an outer error means
-/// that the input failed, and is the last item. The times of the entries never decrease within a stretch.
+/// A row that cannot be used is an inner error, and the next row follows it; a true value that cannot be used is one, too, and
+/// its row follows without it. An outer error means that the input failed, and is the last item. The times of the entries never
+/// decrease within a stretch.
 #[derive(Debug)]
 pub struct Reader<R> {
     pub(crate) log: String,
@@ -32,6 +33,8 @@ pub struct Reader<R> {
     repeated: Option<usize>,
     last_s: Option<f64>,
     begins_stretch: bool,
+    /// A row whose true value has just been refused.
+    without_truth: Option<Numbered>,
     /// A row whose time is doubtful until the next one is known, and that one.
     doubtful: Option<Numbered>,
     next: Option<Numbered>,
@@ -56,6 +59,7 @@ impl<R: BufRead> Reader<R> {
             repeated: None,
             last_s: None,
             begins_stretch: false,
+            without_truth: None,
             doubtful: None,
             next: None,
             failure: None,
@@ -110,8 +114,11 @@ impl<R: BufRead> Reader<R> {
         self.begins_stretch
     }
 
-    /// The next row that can be understood, or why one cannot; `None` at the end.
+    /// The next row that can be understood, or why one or its true value cannot; `None` at the end.
     fn row(&mut self) -> Option<Result<Numbered, LineError>> {
+        if let Some(row) = self.without_truth.take() {
+            return Some(Ok(row));
+        }
         let broken = |what: &str| Err((None, what.to_owned()));
         while !self.done {
             let before = self.lines.number;
@@ -135,7 +142,11 @@ impl<R: BufRead> Reader<R> {
             };
             let line = self.lines.number;
             match found {
-                Ok(Some(entry)) => return Some(Ok((entry, line))),
+                Ok(Some((entry, None))) => return Some(Ok((entry, line))),
+                Ok(Some((entry, Some(fault)))) => {
+                    self.without_truth = Some((entry, line));
+                    return Some(Err(self.line_error(line, fault)));
+                }
                 Ok(None) => {}
                 Err(fault) => return Some(Err(self.line_error(line, fault))),
             }
@@ -144,8 +155,8 @@ impl<R: BufRead> Reader<R> {
         None
     }
 
-    /// The entry in the line; `None` where it is a remark, or belongs to the header, repeated.
-    fn whole_line(&mut self) -> Result<Option<Entry>, RowFault> {
+    /// The entry in the line, and what is wrong with its true value; `None` where it is a remark, or belongs to the header, repeated.
+    fn whole_line(&mut self) -> Result<Option<(Entry, Option<RowFault>)>, RowFault> {
         let line = &self.lines.text[..];
         let known = self.rows.is_known_header(line, &mut self.repeated);
         self.other_header |= known.is_err();

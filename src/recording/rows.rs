@@ -33,8 +33,11 @@ pub struct Rows {
     pub(super) lines: Vec<String>,
 }
 
-/// What is wrong with a row: the column, if one cell is to blame, and what was found.
+/// What is wrong with a row, or with its true value: the column, if one cell is to blame, and what was found.
 pub(super) type RowFault = (Option<usize>, String);
+
+/// A row's numbers in our units, in the order of [`COLUMNS`].
+type Cells = [Option<f64>; COLUMNS.len()];
 
 impl Rows {
     /// True for a remark, and for a repeated line of this log's header (some devices send it again); false for a row. A line of
@@ -70,15 +73,20 @@ impl Rows {
         ))
     }
 
-    /// One row, without its line's end. Its time may be anything.
+    /// One row of a device, without its line's end. Its time may be anything.
     pub fn row(&self, line: &[u8]) -> Result<Entry, String> {
-        self.entry(line).map_err(|(column, what)| match column {
+        let told = |(column, what)| match column {
             Some(column) => {
                 let (number, name) = self.place(column);
                 format!("column {number} ({name}): {what}")
             }
             None => what,
-        })
+        };
+        match self.entry(line).map_err(told)? {
+            (entry, None) => Ok(entry),
+            // Over a line it is a sign of lost bytes, which may have spoilt the other cells too.
+            (_, Some(fault)) => Err(told(fault)),
+        }
     }
 
     /// Number of one of [`COLUMNS`] in the log, from 1, and its name.
@@ -88,16 +96,17 @@ impl Rows {
         (number, COLUMNS[column])
     }
 
-    /// One row, without its line's end. Whether its time follows the time of the row before is not asked.
-    pub(super) fn entry(&self, line: &[u8]) -> Result<Entry, RowFault> {
+    /// One row, without its line's end, and what is wrong with its true value, if anything: that is only there to compare with.
+    /// Whether its time follows the time of the row before is not asked.
+    pub(super) fn entry(&self, line: &[u8]) -> Result<(Entry, Option<RowFault>), RowFault> {
         let (line, _) = check_row(line).map_err(|what| (None, what))?;
-        let cells = self.cells(line)?;
+        let (cells, truth_fault) = self.cells(line)?;
         let t_s = cells[0].ok_or((
             Some(0),
             "found an empty cell, but each row must have its time in seconds".to_owned(),
         ))?;
         let field = [cells[MAG], cells[MAG + 1], cells[MAG + 2]];
-        Ok(Entry {
+        let entry = Entry {
             reading: Reading {
                 t_s,
                 field_mgauss: field.iter().any(Option::is_some).then_some(field),
@@ -105,11 +114,12 @@ impl Rows {
                 specific_force_m_s2: vector(&cells, ACCEL)?,
             },
             heading_truth_rad: cells[HEADING].map(|deg| wrap_360(deg).to_radians()),
-        })
+        };
+        Ok((entry, truth_fault))
     }
 
-    /// The row's numbers in our units, in the order of [`COLUMNS`].
-    fn cells(&self, line: &[u8]) -> Result<[Option<f64>; COLUMNS.len()], RowFault> {
+    /// The row's numbers, and what is wrong with its true value, if anything.
+    fn cells(&self, line: &[u8]) -> Result<(Cells, Option<RowFault>), RowFault> {
         let text = str::from_utf8(line).map_err(|error| {
             let rest = shown(&line[error.valid_up_to()..]);
             (None, format!("found bytes that are no text: {rest}"))
@@ -129,6 +139,7 @@ impl Rows {
             return Err((None, what));
         }
         let mut cells = [None; COLUMNS.len()];
+        let mut truth_fault = None;
         for (column, cell) in self.columns.iter().zip(text.split(',')) {
             let Some(column) = *column else { continue };
             let cell = cell.trim_ascii();
@@ -147,6 +158,7 @@ impl Rows {
                         Ok(number) if column == 0 && number.is_finite() => {
                             "; if these are milliseconds, divide by 1000"
                         }
+                        Err(_) if column != 0 => "; leave the cell empty if the value is unknown",
                         _ => "",
                     };
                     let right = format!(
@@ -155,18 +167,19 @@ impl Rows {
                         unit = rule.unit
                     );
                     let what = format!("found {}, but must be {right}", shown(cell.as_bytes()));
-                    return Err((Some(column), what));
+                    let fault = (Some(column), what);
+                    if column != HEADING {
+                        return Err(fault);
+                    }
+                    truth_fault = Some(fault);
                 }
             }
         }
-        Ok(cells)
+        Ok((cells, truth_fault))
     }
 }
 
-fn vector(
-    cells: &[Option<f64>; COLUMNS.len()],
-    first: usize,
-) -> Result<Option<Vector3<f64>>, RowFault> {
+fn vector(cells: &Cells, first: usize) -> Result<Option<Vector3<f64>>, RowFault> {
     match [cells[first], cells[first + 1], cells[first + 2]] {
         [Some(x), Some(y), Some(z)] => Ok(Some(Vector3::new(x, y, z))),
         [None, None, None] => Ok(None),

@@ -5,6 +5,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::reading::Reading;
+use crate::recording::Skips;
 
 const HEAD: &str = "# headingd-log 1\nt_s,mx,my,mz,gx,gy,gz,ax,ay,az,heading_deg\n";
 
@@ -82,13 +83,13 @@ fn a_bad_row_is_named_and_the_next_one_read() {
     for (row, column, why) in [
         ("8,1,inf,3,,,,,,,", ", column 3 (my)", "1000000 mgauss"),
         ("8,1,2,0x3,,,,,,,", ", column 4 (mz)", "found \"0x3\""),
+        ("8,1,2,NA,,,,,,,", ", column 4 (mz)", "leave the cell empty"),
         ("8,1,2,1e7,,,,,,,", ", column 4 (mz)", "found \"1e7\""),
         ("2e12,,,,,,,,,,", ", column 1 (t_s)", "1000000000000 s"),
         (",1,2,3,,,,,,,", ", column 1 (t_s)", "empty cell"),
         ("6.9,1,2,3,,,,,,,", ", column 1 (t_s)", "at least 7"),
         ("8,,,,1,,3,,,,", ", column 6 (gy)", "gx, gy, gz must be"),
         ("8,,,,,,,1,2,,", ", column 10 (az)", "ax, ay, az must be"),
-        ("8,,,,,,,,,,361", ", column 11 (heading_deg)", "360 degrees"),
         ("8,1,2,3", "", "found 4 cells"),
         (&long, "", "longer than 4 KiB"),
     ] {
@@ -102,6 +103,32 @@ fn a_bad_row_is_named_and_the_next_one_read() {
         assert!(message.contains(why), "{message}");
         assert!(rows.len() == 3 && rows[2].is_ok(), "{row}");
     }
+}
+
+#[test]
+fn a_bad_true_value_is_named_and_costs_only_itself() {
+    let text = format!(
+        "{HEAD}7,1,2,3,,,,,,,90\n8,1,2,3,,,,,,,999\n9,1,2,3,,,,,,,null\n9.1,1,x,3,,,,,,,\n"
+    );
+    let mut skips = Skips::default();
+    let kept = rows(text.as_bytes());
+    let kept: Vec<Entry> = kept.into_iter().filter_map(|row| skips.keep(row)).collect();
+    let found: Vec<(f64, bool)> = kept
+        .iter()
+        .map(|entry| (entry.reading.t_s, entry.heading_truth_rad.is_some()))
+        .collect();
+    assert_eq!(found, [(7.0, true), (8.0, false), (9.0, false)]);
+    assert!(
+        kept.iter()
+            .all(|entry| entry.reading.field_mgauss.is_some())
+    );
+    assert_eq!(
+        skips.summary().unwrap(),
+        "1 row skipped; the first: log a.csv, line 6, column 3 (my): found \"x\", but must be a number from -1000000 to 1000000 \
+         mgauss; leave the cell empty if the value is unknown; 2 values of heading_deg dropped; the first: log a.csv, line 4, \
+         column 11 (heading_deg): found \"999\", but must be a number from -360 to 360 degrees"
+    );
+    assert!(!skips.are_most());
 }
 
 /// The times that are used, with `|` where a stretch begins, and the lines of those that are dropped.
