@@ -233,13 +233,14 @@ impl Filter {
     /// Carries the state on to a sample that is no measurement.
     pub(super) fn pass(&mut self, input: &Input) {
         if self.begun {
-            self.predict(input);
+            self.predict(input, false);
             self.innovation = None;
             self.odd = None;
         }
     }
 
-    /// Takes a sample. With `frozen`, hard iron and matrix stay as they are, and only their uncertainty counts (a Schmidt–Kalman filter).
+    /// Takes a sample. With `frozen`, hard iron and matrix stay as they are, and so does their uncertainty, which counts (a Schmidt–Kalman
+    /// filter).
     /// On a still board the field never changes them; the gyro's readings may, since its bias is correlated with them.
     fn take(&mut self, input: &Input, frozen: bool) {
         if input.rests() {
@@ -256,7 +257,7 @@ impl Filter {
         if !self.begun && !self.begin(input) {
             return;
         }
-        let forgotten = self.predict(input);
+        let forgotten = self.predict(input, frozen);
         // A board that does not turn cannot tell iron from north: what changes then is the place or the frame.
         self.correct(input, frozen || input.board.still);
         self.measure_unevenness(input, forgotten, frozen);

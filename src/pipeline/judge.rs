@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use super::{Action, Pipeline};
+use crate::calibration::policy::Policy;
 use crate::condition::{Condition, Report};
 use crate::estimate::GyroFault;
 
@@ -103,8 +104,15 @@ impl Pipeline {
         // NaN is not certain.
         let certain = self.sd_deg <= self.setup.pipeline.good_sd_deg;
         if !certain {
+            let first = match self.wanted() {
+                Some(_) => "",
+                None if self.policy == Policy::Locked => {
+                    "a locked calibration learns nothing: run headingd calibration unlock, then "
+                }
+                None => "calibration is off: run headingd calibration mode on, then ",
+            };
             let message = format!(
-                "the heading is still uncertain: move the board about, and {}",
+                "the heading is still uncertain: {first}move the board about, and {}",
                 self.estimate.motion_wanted()
             );
             return self.report_as(Condition::Degraded, "learning", message);

@@ -3,6 +3,7 @@
 use headingd::calibration::calibrate;
 use headingd::calibration::model::{Calibration, Parameters, Planar};
 use headingd::calibration::outcome::{Outcome, Verdict};
+use headingd::calibration::policy::Policy;
 use headingd::condition::Condition;
 use headingd::heading::Heading;
 use headingd::pipeline::{Action, Event, Pipeline, Setup, Survey, Surveyed};
@@ -503,18 +504,36 @@ fn what_a_clipped_axis_taught_before_it_was_recognised_is_forgotten() {
 /// about the vertical, always of the same sign.
 #[test]
 fn a_motion_that_repeats_for_hours_teaches_no_wrong_gyro() {
-    let lasts_s = 9600.0;
-    let settings = moving(Scenario::Endless);
+    let last = endless(9600.0, f64::INFINITY);
+    let error_deg = rms(&last.iter().map(|(off_deg, _)| *off_deg).collect::<Vec<_>>());
+    assert!(error_deg < 0.25, "{error_deg}");
+}
+
+/// Nothing is learnt of it, and nothing forgotten.
+#[test]
+fn a_locked_calibration_stays_as_certain_as_it_was() {
+    for (off_deg, sd_deg) in endless(1500.0, 120.0) {
+        assert!(off_deg < 2.0 && sd_deg < 3.0, "{off_deg} {sd_deg}");
+    }
+}
+
+/// A board that goes on moving, and whose calibration is locked from then on. Returns the error and the deviation of each heading of
+/// the last ten minutes, degrees.
+fn endless(lasts_s: f64, locked_from_s: f64) -> Vec<(f64, f64)> {
     let mut pipeline = Pipeline::new(Setup::default(), None);
-    let (mut actions, mut errors_deg) = (Vec::new(), Vec::new());
-    let entries = Simulator::new(settings).take_while(|entry| entry.reading.t_s < lasts_s);
-    for entry in entries {
+    let (mut actions, mut last) = (Vec::new(), Vec::new());
+    let entries = Simulator::new(moving(Scenario::Endless));
+    for entry in entries.take_while(|entry| entry.reading.t_s < lasts_s) {
+        if entry.reading.t_s >= locked_from_s && pipeline.wanted().is_some() {
+            pipeline.handle(Event::Policy(Policy::Locked), &mut actions);
+        }
         pipeline.handle(Event::Reading(entry.reading), &mut actions);
         for action in std::mem::take(&mut actions) {
             match action {
                 Action::Publish(heading) if heading.t_s > lasts_s - 600.0 => {
                     let truth = entry.heading_truth_rad.unwrap().to_degrees();
-                    errors_deg.push(apart_deg(heading.fused_deg.unwrap(), truth));
+                    let off_deg = apart_deg(heading.fused_deg.unwrap(), truth);
+                    last.push((off_deg, heading.sd_deg.unwrap()));
                 }
                 Action::Calibrate(request) => {
                     let outcome = Box::new(calibrate(&request));
@@ -525,8 +544,7 @@ fn a_motion_that_repeats_for_hours_teaches_no_wrong_gyro() {
             }
         }
     }
-    let error_deg = rms(&errors_deg);
-    assert!(error_deg < 0.25, "{error_deg}");
+    last
 }
 
 /// It never learns the vertical field, and its headings need it only as far as the board tilts.

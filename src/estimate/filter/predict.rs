@@ -47,8 +47,9 @@ const FIELD_SHARE: f64 = 0.003;
 const NO_TURN_RAD_S: f64 = 0.05;
 
 impl Filter {
-    /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten.
-    pub(super) fn predict(&mut self, input: &Input) -> f64 {
+    /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten. With `frozen`, hard iron and matrix do not
+    /// walk: no sample would reduce their variance again, and headings would be lost within minutes.
+    pub(super) fn predict(&mut self, input: &Input, frozen: bool) -> f64 {
         self.still = input.board.still;
         self.vertical_known = input.vertical_known;
         let (r, dt, still) = (input.to_frame, input.period_s, input.board.still);
@@ -110,7 +111,7 @@ impl Filter {
         let uneven = self.unevenness_ahead2(still) * strength2;
         let place = self.place2 * strength2;
         let noise = self.frame_noise(input, &h, turned_rad, noise_share);
-        self.add_walks(input, strength2, turned_rad);
+        self.add_walks(input, strength2, turned_rad, frozen);
         let gained = |kept: f64, variance: f64| (1.0 - kept * kept) * variance;
         let tilt2 = gained(tilt_kept, input.board.tilt_error.sd_rad.powi(2)) + input.missed_rad2;
         add_variance(&mut self.p, M..M + 3, gained(kept, uneven));
@@ -159,8 +160,8 @@ impl Filter {
         }
     }
 
-    /// Adds the walks of field, hard iron, matrix and gyro bias.
-    fn add_walks(&mut self, input: &Input, strength2: f64, turned_rad: f64) {
+    /// Adds the walks of field and gyro bias, and, unless they are `frozen`, of hard iron and matrix.
+    fn add_walks(&mut self, input: &Input, strength2: f64, turned_rad: f64, frozen: bool) {
         let dt = input.period_s;
         let unusual = (self.unevenness2 - USUAL_UNEVENNESS.powi(2)).max(0.0);
         let rate = input.turning().norm();
@@ -174,8 +175,11 @@ impl Filter {
             + moved_iron
             + IRON_TURN.powi(2) * left_out2 * strength2 * turned_rad;
         add_variance(&mut self.p, H..H + 3, field);
-        add_variance(&mut self.p, B..B + 3, iron);
         add_variance(&mut self.p, G..G + 3, GYRO_BIAS_WALK_RAD_S.powi(2) * dt);
+        if frozen {
+            return;
+        }
+        add_variance(&mut self.p, B..B + 3, iron);
         let matrix_walk = MATRIX_TURN.powi(2) * left_out2 * turned_rad;
         add_variance(&mut self.p, D..D + 9, matrix_walk);
         // D's trace is held: of its entries, row by row, 0, 4 and 8 are on the diagonal.
