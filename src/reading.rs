@@ -14,6 +14,10 @@ pub const STRONGEST_MGAUSS: f64 = 670.0;
 /// wrong.
 pub const EARTH_MGAUSS: RangeInclusive<f64> = 110.0..=2.0 * STRONGEST_MGAUSS;
 
+/// Weakest horizontal field that a compass may find, milligauss: half of the 60 below which, near the magnetic poles, the World Magnetic Model
+/// warns of using one.
+pub const LEAST_HORIZONTAL_MGAUSS: f64 = 30.0;
+
 /// Standard gravity, m/s².
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 

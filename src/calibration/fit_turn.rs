@@ -16,10 +16,11 @@ use super::windows::windows;
 use super::{coverage, levelling};
 use crate::attitude::Pose;
 use crate::frame::hypot;
-use crate::reading::{LEAST_STEPS, SAME_SAMPLES};
+use crate::reading::{LEAST_HORIZONTAL_MGAUSS, LEAST_STEPS, SAME_SAMPLES};
 
-/// Smallest swing of the field in a turn, milligauss: a third of the swing of the weakest horizontal field that a compass can use, 30 mG.
-const LEAST_SWING_MGAUSS: f64 = 20.0;
+/// Smallest swing of the field in a turn, milligauss: a third of that of the weakest horizontal field. A weaker one is refused with the fit,
+/// which says how strong it is.
+const LEAST_SWING_MGAUSS: f64 = 2.0 * LEAST_HORIZONTAL_MGAUSS / 3.0;
 
 /// A calibration needs at least this many samples.
 const LEAST_SAMPLES: usize = 20;

@@ -3,7 +3,7 @@
 use super::gyro_agreement::GyroAgreement;
 use super::jump::Jump;
 use crate::check::settings;
-use crate::reading::EARTH_MGAUSS;
+use crate::reading::{EARTH_MGAUSS, LEAST_HORIZONTAL_MGAUSS};
 
 pub mod imported;
 
@@ -176,8 +176,8 @@ fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = (Limit, &'static str, &
     let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
     let given = |scale: f64| m.reference_given.then_some(scale);
     let strength = (!m.reference_given).then_some(m.strength_mgauss);
-    // Near the magnetic poles the horizontal part may be as weak as it likes.
     let whole = strength.filter(|_| m.direction_spread.is_some());
+    let in_plane = strength.filter(|_| m.direction_spread.is_none());
     let drift = m.gyro.map(|gyro| percent(gyro.drift_share));
     let rms_deg = m.gyro.map(|gyro| gyro.rms_deg);
     let jump = m.jump.filter(|jump| jump.share > LEAST_JUMP_SHARE).map(|jump| jump.times_usual);
@@ -197,6 +197,8 @@ fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = (Limit, &'static str, &
          "the earth's is 220 to 670 mG: check the unit and the range of the magnetometer"),
         ("field_unit", "strength of the field", "mG", whole, AtLeast(*EARTH_MGAUSS.start()),
          "the earth's is 220 to 670 mG: check the unit and the range of the magnetometer"),
+        ("field_unit", "strength of the field in the plane of the turn", "mG", in_plane, AtLeast(LEAST_HORIZONTAL_MGAUSS),
+         "the earth's horizontal field is 60 to 420 mG where a compass works: check the unit and the range of the magnetometer"),
         ("coverage", "coverage of the circle", "degrees", m.coverage_deg, AtLeast(l.coverage_deg),
          "turn the board further round, or more slowly"),
         ("coverage", "spread of the field's directions", "", m.direction_spread, AtLeast(l.direction_spread),

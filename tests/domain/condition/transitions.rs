@@ -347,6 +347,17 @@ fn a_horizontal_field_that_is_far_too_strong_is_a_fault_on_a_level_board_too() {
     assert_eq!(board.state(), ("fault", "field_unit"));
 }
 
+/// Microtesla taken for milligauss: the vertical field of a board that turns level is not known.
+#[test]
+fn a_turn_in_a_horizontal_field_that_no_compass_works_in_is_refused() {
+    let mut board = Board::new(None);
+    board.earth_mgauss *= 0.1;
+    board.bias_mgauss *= 0.1;
+    board.rest(4.0);
+    board.turn(400.0);
+    assert_eq!(board.verdict(), ("rejected", "field_unit"));
+}
+
 /// The field's vertical part is not measured on a board that turns level, and its horizontal part alone is a field of the earth.
 #[test]
 fn a_raw_field_that_no_compass_works_in_is_a_fault_on_a_level_board_too() {
