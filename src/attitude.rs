@@ -118,6 +118,8 @@ pub struct BoardState {
     pub hidden_rate_sd_rad_s: f64,
     /// The gyro's bias as learnt so far.
     pub gyro_bias: GyroBias,
+    /// M, the gyro's scale and cross-axis errors that are taken out of the rates: it reads (I + M) times the rate.
+    pub gyro_matrix: Matrix3<f64>,
     /// What the tilt is off by.
     pub tilt_error: TiltError,
     /// For how long the gyro has read the same to the last bit, seconds, beyond the usual repetition of its readings.
@@ -337,6 +339,7 @@ impl Attitude {
             still: self.still(),
             hidden_rate_sd_rad_s: self.filter.field_motion.hidden_rate_sd_rad_s(t_s),
             gyro_bias: self.filter.errors.gyro_bias(),
+            gyro_matrix: self.filter.errors.matrix,
             tilt_error: self.filter.tilt_error(),
             gyro_constant_s: self.rate_changes.constant_s(),
             force_m_s2: self.filter.gravity.low_passed(t_s),

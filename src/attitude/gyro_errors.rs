@@ -86,7 +86,8 @@ const UPRIGHT: std::ops::Range<f64> = 0.8..0.95;
 pub(super) struct GyroErrors {
     /// Body axes, rad/s.
     pub(super) bias: Vector3<f64>,
-    matrix: Matrix3<f64>,
+    /// M.
+    pub(super) matrix: Matrix3<f64>,
     largest_bias_rad_s: f64,
     /// a as it is taken out, body axes, m/s², and r.
     pub(super) force_bias: Vector3<f64>,

@@ -318,6 +318,7 @@ impl Input {
                 still: false,
                 hidden_rate_sd_rad_s: f64::INFINITY,
                 gyro_bias: GyroBias::default(),
+                gyro_matrix: Matrix3::zeros(),
                 tilt_error: TiltError {
                     tau_s: 2.0,
                     by_bias: 0.0,

@@ -1,5 +1,7 @@
 //! Headings and their deviations, from what the estimate knows.
 
+use std::f64::consts::PI;
+
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::strength::MOST_RAW_MGAUSS;
@@ -10,9 +12,11 @@ use crate::reading::STRONGEST_MGAUSS;
 
 /// Deviation of a heading of which nothing is known, degrees: half a turn.
 pub const UNKNOWN_SD_DEG: f64 = 180.0;
-/// Weight of a contradiction between field and gyro in the deviation of a moving board's heading: the gyro is wrong in one of five,
-/// √(1/5).
+/// Weight of a contradiction between field and gyro in the deviation of a heading: the gyro is wrong in one of five, √(1/5).
 const DOUBT: f64 = 0.45;
+/// A wrong scale of the gyro turns the field in the frame by its share of the turn from the mean heading, radians: half a turn at most, any of
+/// them as likely.
+const TURNED_RAD: f64 = PI / 1.732;
 /// Body X this near the vertical (sine of 10°) has no heading.
 const NO_HEADING: f64 = 0.17;
 
@@ -66,6 +70,7 @@ impl Estimate {
         // Innovations larger than expected: the covariance is too small.
         let variance = variance * self.active.consistency.max(self.iron.excess());
         let sd = hypot(variance.sqrt(), self.doubt_rad(missed_turn_rad));
+        let sd = hypot(sd, self.scale_doubt_rad());
         Some(Fix::new(wrap_360(heading.to_degrees()), sd))
     }
 
@@ -87,6 +92,11 @@ impl Estimate {
         // Neither the filter nor the check of the gyro has explained these yet, so they count in full.
         let unseen = hypot(missed, hypot(self.gyro.unseen_rad(), missed_turn_rad));
         hypot(contradicted, unseen)
+    }
+
+    /// What north may be off by because the gyro's scale is probably wrong, radians.
+    fn scale_doubt_rad(&self) -> f64 {
+        DOUBT * TURNED_RAD * self.gyro.suspected_scale()
     }
 
     /// Without an accelerometer the board is taken for level on average; the further it is from that, the less
@@ -159,7 +169,8 @@ impl Estimate {
         }
         let slope = by_field(&self.active.field());
         let variance = (slope.transpose() * self.active.field_covariance() * slope)[0];
-        variance.max(0.0).sqrt().to_degrees().min(UNKNOWN_SD_DEG)
+        let sd = hypot(variance.max(0.0).sqrt(), self.scale_doubt_rad());
+        sd.to_degrees().min(UNKNOWN_SD_DEG)
     }
 }
 

@@ -70,6 +70,7 @@ pub(super) struct GyroCheck {
     constant: bool,
     fault: Option<GyroFault>,
     scale: GyroScale,
+    suspected_scale: f64,
     /// The field's turns, until the gyro has been shown to be right: later a magnet that turns beside the board is the likelier cause.
     turns: FieldTurns,
     was_right: bool,
@@ -154,6 +155,7 @@ impl GyroCheck {
             return false;
         }
         let scale = self.scale.verdict();
+        self.suspected_scale = self.scale.suspected();
         let fault = self.judged(scale);
         if self.fault.is_none() && fault.is_some_and(|fault| fault != GyroFault::Scale) {
             // What was seen before the fault must neither end it nor show the magnetometer to be the wrong one.
@@ -200,6 +202,11 @@ impl GyroCheck {
     /// Recent field change that the gyro does not explain, as a share.
     pub(super) fn contradicted(&self) -> f64 {
         self.unexplained.share()
+    }
+
+    /// How far the gyro's scale is from 1, if that is probably more than a right gyro's, though perhaps not certainly; else 0.
+    pub(super) fn suspected_scale(&self) -> f64 {
+        self.suspected_scale
     }
 
     /// How far the board may have turned without the gyro, radians.

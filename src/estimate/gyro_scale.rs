@@ -7,7 +7,8 @@
 //! dy/dt = s D (D⁻¹ (y − b) × ω)
 //! ```
 //!
-//! where s is how fast the board turns over how fast the gyro reads that it does: 1 where the gyro is right. Over a moment the
+//! where s is how fast the board turns over how fast the gyro reads that it does: 1 where the gyro is right. ω is the reading less its bias, with
+//! the scale errors that gravity has shown: of a gyro that is off by 10 %, gravity soon shows half. Over a moment the
 //! change of y is linear in s and in s b, so that a regression over moments gives both, and their deviations. The hard iron is
 //! estimated here and not taken from the filter, since a filter that a wrong gyro has misled agrees with that gyro. D and the
 //! magnetometer's lag are the filter's. Without D, soft iron of 5 % changes s by as much where the board swings about one attitude.
@@ -94,7 +95,8 @@ impl GyroScale {
         let (bias, variance) = filter.gyro_bias();
         let bias_sd = variance.max().sqrt();
         let field = input.field_mgauss / FIELD_MGAUSS;
-        let turned_rad = input.turned_rad - bias * input.period_s;
+        let free_rad = input.turned_rad - bias * input.period_s;
+        let turned_rad = free_rad + input.board.gyro_matrix * free_rad;
         let step = self.moment.map(|moment| (field - moment.last).norm());
         let most = NO_TURN + MOST_BY_TURNING * turned_rad.norm();
         if step.is_some_and(|step| step > most) {
@@ -174,6 +176,14 @@ impl GyroScale {
         (left > LEFT).then(|| (found[0], variance.sqrt(), residual / self.squares))
     }
 
+    /// How far the scale is from 1, if that is probably too far, though perhaps not certainly; else 0.
+    pub(super) fn suspected(&self) -> f64 {
+        self.scale().map_or(0.0, |(scale, sd, _)| {
+            let off = (scale - 1.0).abs();
+            if off > TOLERANCE + sd { off } else { 0.0 }
+        })
+    }
+
     /// Whether the gyro clearly turns the same way as the field shows, whatever its scale.
     pub(super) fn same_way(&self) -> bool {
         self.scale()
@@ -230,6 +240,8 @@ mod tests {
         attitude: Rotation3<f64>,
         iron_mgauss: Vector3<f64>,
         soft: Matrix3<f64>,
+        /// The scale error that gravity has shown, and that is taken out of the rates.
+        taken: f64,
         step: u16,
     }
 
@@ -249,6 +261,7 @@ mod tests {
                 attitude: Rotation3::identity(),
                 iron_mgauss: Vector3::new(900.0, -600.0, 900.0),
                 soft,
+                taken: 0.0,
                 step: 0,
             }
         }
@@ -266,11 +279,13 @@ mod tests {
                 let field = self.soft * (self.attitude.inverse() * earth)
                     + self.iron_mgauss
                     + Vector3::from_fn(noise);
-                let input = Input {
-                    turned_rad: rate * (reads * dt),
+                let read = rate * (reads / (1.0 + self.taken));
+                let mut input = Input {
+                    turned_rad: read * dt,
                     period_s: dt,
-                    ..Input::turning_at(Matrix3::identity(), rate * reads, field)
+                    ..Input::turning_at(Matrix3::identity(), read, field)
                 };
+                input.board.gyro_matrix.fill_diagonal(self.taken);
                 self.regression.take(&input, &self.filter);
                 self.step += 1;
             }
@@ -323,6 +338,32 @@ mod tests {
                 assert_eq!(found, verdict, "{reads}: {scale}");
                 assert!((scale * reads - 1.0).abs() < 0.03, "{reads}: {scale}");
             }
+        }
+    }
+
+    /// Gravity shows a part of a wrong scale, and has not shown it at first.
+    #[test]
+    fn what_is_taken_out_of_the_rates_does_not_hide_a_wrong_scale() {
+        let none = Matrix3::identity();
+        let mut board = TurnedBoard::new(none, none);
+        for taken in [0.0, 0.03, 0.05] {
+            board.taken = taken;
+            board.turn(300, 1.1, |t_s| tumbling(t_s) * 3.0);
+        }
+        let (scale, _, _) = board.regression.scale().unwrap();
+        assert!((scale * 1.1 - 1.0).abs() < 0.03, "{scale}");
+        assert_eq!(board.regression.verdict(), ScaleVerdict::Wrong);
+    }
+
+    /// Probably more than a right gyro's, but not certainly.
+    #[test]
+    fn a_scale_near_the_limit_is_suspected() {
+        for (reads, suspected) in [(1.0, 0.0), (1.03, 0.0), (1.075, 0.07)] {
+            let none = Matrix3::identity();
+            let mut board = TurnedBoard::new(none, none);
+            board.turn(1000, reads, |t_s| tumbling(t_s) * 3.0);
+            let found = board.regression.suspected();
+            assert!((found - suspected).abs() < 0.01, "{reads}: {found}");
         }
     }
 

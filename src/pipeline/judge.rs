@@ -225,8 +225,8 @@ impl Pipeline {
             ),
             GyroFault::Sign => (
                 "gyro_sign",
-                "the gyro turns another way than field or gravity: check the axes and signs of gyro and accelerometer (in [mounting] or the \
-                 header), and the gyro's unit",
+                "the gyro turns another way than field or gravity: check the axes and signs of all chips (in [mounting] or the header), \
+                 and the gyro's unit",
             ),
             GyroFault::MagAxes => (
                 "mag_axes",
