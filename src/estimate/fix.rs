@@ -70,7 +70,7 @@ impl Estimate {
         // Innovations larger than expected: the covariance is too small.
         let variance = variance * self.active.consistency.max(self.iron.excess());
         let sd = hypot(variance.sqrt(), self.doubt_rad(missed_turn_rad));
-        let sd = hypot(sd, self.scale_doubt_rad());
+        let sd = hypot(sd, hypot(self.scale_doubt_rad(), self.frozen_doubt_rad()));
         Some(Fix::new(wrap_360(heading.to_degrees()), sd))
     }
 
@@ -97,6 +97,16 @@ impl Estimate {
     /// What north may be off by because the gyro's scale is probably wrong, radians.
     fn scale_doubt_rad(&self) -> f64 {
         DOUBT * TURNED_RAD * self.gyro.suspected_scale()
+    }
+
+    /// What the heading may be off because a frozen calibration does not learn iron that has come or gone, radians.
+    fn frozen_doubt_rad(&self) -> f64 {
+        if !self.frozen {
+            return 0.0;
+        }
+        let field = self.active.field();
+        let unusual = self.active.unusual_unevenness2().sqrt();
+        unusual * field.norm() / field.xy().norm().max(1.0)
     }
 
     /// Without an accelerometer the board is taken for level on average; the further it is from that, the less

@@ -504,36 +504,55 @@ fn what_a_clipped_axis_taught_before_it_was_recognised_is_forgotten() {
 /// about the vertical, always of the same sign.
 #[test]
 fn a_motion_that_repeats_for_hours_teaches_no_wrong_gyro() {
-    let last = endless(9600.0, f64::INFINITY);
-    let error_deg = rms(&last.iter().map(|(off_deg, _)| *off_deg).collect::<Vec<_>>());
+    let last = endless(9600.0, f64::INFINITY, 0.0);
+    let errors_deg: Vec<f64> = last.iter().map(|heading| heading.unwrap().0).collect();
+    let error_deg = rms(&errors_deg);
     assert!(error_deg < 0.25, "{error_deg}");
 }
 
 /// Nothing is learnt of it, and nothing forgotten.
 #[test]
 fn a_locked_calibration_stays_as_certain_as_it_was() {
-    for (off_deg, sd_deg) in endless(1500.0, 120.0) {
+    for heading in endless(1500.0, 120.0, 0.0) {
+        let (off_deg, sd_deg) = heading.unwrap();
         assert!(off_deg < 2.0 && sd_deg < 3.0, "{off_deg} {sd_deg}");
     }
 }
 
-/// A board that goes on moving, and whose calibration is locked from then on. Returns the error and the deviation of each heading of
-/// the last ten minutes, degrees.
-fn endless(lasts_s: f64, locked_from_s: f64) -> Vec<(f64, f64)> {
+#[test]
+fn beside_a_locked_calibration_iron_that_comes_makes_headings_uncertain() {
+    let headings = endless(900.0, 120.0, 100.0);
+    let normalised: Vec<f64> = headings
+        .iter()
+        .flatten()
+        .map(|(off, sd)| off / sd)
+        .collect();
+    let nerr = rms(&normalised);
+    assert!(nerr < 1.5, "{nerr}");
+}
+
+/// A board that goes on moving. From `locked_from_s` on its calibration is locked, and a magnet is on it. Returns the error and the deviation
+/// of each heading of the last ten minutes, degrees; `None` where there was no heading.
+fn endless(lasts_s: f64, locked_from_s: f64, magnet_mgauss: f64) -> Vec<Option<(f64, f64)>> {
     let mut pipeline = Pipeline::new(Setup::default(), None);
     let (mut actions, mut last) = (Vec::new(), Vec::new());
     let entries = Simulator::new(moving(Scenario::Endless));
-    for entry in entries.take_while(|entry| entry.reading.t_s < lasts_s) {
-        if entry.reading.t_s >= locked_from_s && pipeline.wanted().is_some() {
-            pipeline.handle(Event::Policy(Policy::Locked), &mut actions);
+    for mut entry in entries.take_while(|entry| entry.reading.t_s < lasts_s) {
+        if entry.reading.t_s >= locked_from_s {
+            if pipeline.wanted().is_some() {
+                pipeline.handle(Event::Policy(Policy::Locked), &mut actions);
+            }
+            if let Some([x, ..]) = &mut entry.reading.field_mgauss {
+                *x = x.map(|x| x + magnet_mgauss);
+            }
         }
         pipeline.handle(Event::Reading(entry.reading), &mut actions);
         for action in std::mem::take(&mut actions) {
             match action {
                 Action::Publish(heading) if heading.t_s > lasts_s - 600.0 => {
                     let truth = entry.heading_truth_rad.unwrap().to_degrees();
-                    let off_deg = apart_deg(heading.fused_deg.unwrap(), truth);
-                    last.push((off_deg, heading.sd_deg.unwrap()));
+                    let off_deg = heading.fused_deg.map(|deg| apart_deg(deg, truth));
+                    last.push(off_deg.zip(heading.sd_deg));
                 }
                 Action::Calibrate(request) => {
                     let outcome = Box::new(calibrate(&request));

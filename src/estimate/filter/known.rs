@@ -96,6 +96,12 @@ impl Filter {
         self.noise2.sqrt()
     }
 
+    /// By how much the field is more uneven than usual places are: variance on each axis, as a share of the field's square. On a board that
+    /// turns that means iron that has come or gone.
+    pub fn unusual_unevenness2(&self) -> f64 {
+        (self.unevenness2 - USUAL_UNEVENNESS.powi(2)).max(0.0)
+    }
+
     /// Whether the field here is not the earth's: it has just jumped, is far off, or is more uneven than places are.
     pub fn disturbed(&self) -> bool {
         self.jumped

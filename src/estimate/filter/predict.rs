@@ -163,7 +163,7 @@ impl Filter {
     /// Adds the walks of field and gyro bias, and, unless they are `frozen`, of hard iron and matrix.
     fn add_walks(&mut self, input: &Input, strength2: f64, turned_rad: f64, frozen: bool) {
         let dt = input.period_s;
-        let unusual = (self.unevenness2 - USUAL_UNEVENNESS.powi(2)).max(0.0);
+        let unusual = self.unusual_unevenness2();
         let rate = input.turning().norm();
         let turned = 1.0 - (-2.0 * (rate - NO_TURN_RAD_S).max(0.0) * dt / FORGET_RAD).exp();
         let moved_iron = unusual * turned * strength2;
