@@ -243,6 +243,12 @@ impl Pipeline {
         })
     }
 
+    /// Whether nothing is known to be wrong with the axes of magnetometer and accelerometer: a single sample has no heading without both.
+    pub(super) fn axes_are_right(&self) -> bool {
+        let fault = self.estimate.gyro_fault();
+        !matches!(fault, Some(GyroFault::MagAxes | GyroFault::AccelAxes))
+    }
+
     /// Whether nothing is known to be wrong with the gyro.
     pub(super) fn gyro_is_right(&self) -> bool {
         self.estimate.gyro_fault().is_none()

@@ -70,7 +70,7 @@ impl Pipeline {
         if let Some(best) = &best {
             self.sd_deg = best.sd_deg;
         }
-        let possible = self.estimate.impossible_mgauss().is_none();
+        let possible = self.estimate.impossible_mgauss().is_none() && self.axes_are_right();
         let most_sd_deg = self.setup.pipeline.publish_sd_deg;
         Found {
             down: level.map(|(down, _)| down),
