@@ -8,6 +8,7 @@ use super::lines::{LogLine, LogLines};
 use super::rows::{RowFault, Rows};
 use super::stretch::{self, TimeOrder};
 use super::{Entry, Header, LineError, RecordingError};
+use crate::reading::Reading;
 
 /// The unit of the times is checked on the first 1000 rows, if they hold at least 20 steps between gyro readings …
 const FIRST_ROWS: usize = 1000;
@@ -74,39 +75,20 @@ impl<R: BufRead> Reader<R> {
     /// Looks at the first rows for times that are in another unit.
     pub fn check_times(mut self) -> Result<(), RecordingError> {
         let rows = from_fn(|| self.row()).take(FIRST_ROWS).flatten();
-        let readings = rows.map(|(entry, _)| entry.reading);
-        let times: Vec<f64> = readings
-            .filter_map(|reading| reading.rate_rad_s.map(|_| reading.t_s))
-            .collect();
-        let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        steps.sort_by(f64::total_cmp);
-        let step = steps.get(steps.len() / 2).copied().unwrap_or_default();
-        let fine = |step: &f64| *step > 0.0 && *step < COARSE_STEP_S;
-        let coarse = step == 0.0 && !steps.iter().any(fine);
-        if steps.len() < FEWEST_STEPS || step < LONG_STEP_S && !coarse {
-            return Ok(());
-        }
+        let readings: Vec<Reading> = rows.map(|(entry, _)| entry.reading).collect();
+        let has_rate: fn(&Reading) -> bool = |reading| reading.rate_rad_s.is_some();
+        let has_field: fn(&Reading) -> bool = |reading| reading.field_mgauss.is_some();
         let column = self.rows.place(0).0;
-        let what = if coarse {
-            format!(
-                "most of the gyro's readings have the same time as the one before in column {column} (t_s), but each needs the \
-                 time at which it was taken, in seconds with their fractions"
-            )
-        } else {
-            let (unit, divisor) = match step {
-                ..1e3 => ("milliseconds", 1000),
-                ..1e6 => ("microseconds", 1_000_000),
-                _ => ("nanoseconds", 1_000_000_000),
-            };
-            format!(
-                "the gyro's readings are {step:.0} apart in column {column} (t_s), as in {unit}, but times must be in seconds: \
-                 divide them by {divisor}"
-            )
-        };
-        Err(RecordingError::Times {
-            log: self.log,
-            what,
-        })
+        for (sensor, has) in [("gyro", has_rate), ("magnetometer", has_field)] {
+            let times = readings.iter().filter(|one| has(one)).map(|one| one.t_s);
+            if let Some(what) = fault_of_times(sensor, times.collect(), column) {
+                return Err(RecordingError::Times {
+                    log: self.log,
+                    what,
+                });
+            }
+        }
+        Ok(())
     }
 
     /// Whether a new stretch begins with the last entry: its time has nothing to do with those before.
@@ -227,6 +209,33 @@ impl<R: BufRead> Iterator for Reader<R> {
             }
         }
     }
+}
+
+/// What is wrong with the times of a sensor's readings, which stand in this column.
+fn fault_of_times(sensor: &str, times: Vec<f64>, column: usize) -> Option<String> {
+    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    let step = steps.get(steps.len() / 2).copied().unwrap_or_default();
+    let fine = |step: &f64| *step > 0.0 && *step < COARSE_STEP_S;
+    let coarse = step == 0.0 && !steps.iter().any(fine);
+    if steps.len() < FEWEST_STEPS || step < LONG_STEP_S && !coarse {
+        return None;
+    }
+    if coarse {
+        return Some(format!(
+            "most of the {sensor}'s readings have the same time as the one before in column {column} (t_s), but each needs the time at \
+             which it was taken, in seconds with their fractions"
+        ));
+    }
+    let (unit, divisor) = match step {
+        ..1e3 => ("milliseconds", 1000),
+        ..1e6 => ("microseconds", 1_000_000),
+        _ => ("nanoseconds", 1_000_000_000),
+    };
+    Some(format!(
+        "the {sensor}'s readings are {step:.0} apart in column {column} (t_s), as in {unit}, but times must be in seconds: divide them by \
+         {divisor}"
+    ))
 }
 
 #[cfg(test)]

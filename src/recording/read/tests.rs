@@ -229,6 +229,20 @@ fn times_that_are_no_seconds_are_refused() {
         same.contains("same time as the one before in column 1 (t_s)"),
         "{same}"
     );
+    // A gyro of 1 kHz in milliseconds could be one of 1 Hz; the magnetometer tells.
+    let row = |i: usize| {
+        let field = if i.is_multiple_of(10) { "1,2,3" } else { ",," };
+        format!("{i},{field},0,0,{i},,,,\n")
+    };
+    let fast = HEAD.to_owned() + &(0..600).map(row).collect::<String>();
+    let fast = Reader::new("a.csv", fast.as_bytes()).unwrap().check_times();
+    let told = fast.unwrap_err().to_string();
+    assert!(
+        told.contains(
+            "the magnetometer's readings are 10 apart in column 1 (t_s), as in milliseconds"
+        ),
+        "{told}"
+    );
     // A logger of 1 Hz, and a log too short to tell.
     assert!(checked(1.0, 60).is_ok() && checked(10.0, 20).is_ok());
 }
