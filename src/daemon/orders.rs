@@ -224,7 +224,8 @@ impl Daemon {
             strength_mgauss: brief(calibration.strength_mgauss),
         };
         let board = history.board(&session.config.mounting.board());
-        let degrees = |angle: Option<f64>| angle.map(|angle| brief(angle).rem_euclid(360.0));
+        // The remainder has another last digit.
+        let degrees = |angle: Option<f64>| Some(brief(brief(angle?).rem_euclid(360.0)));
         Answer::done(message).with_all(&DaemonStatus {
             cal_state: report.map(|report| report.condition.word().to_owned()),
             reason: report.map(|report| report.reason.to_owned()),

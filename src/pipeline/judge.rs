@@ -104,17 +104,17 @@ impl Pipeline {
         // NaN is not certain.
         let certain = self.sd_deg <= self.setup.pipeline.good_sd_deg;
         if !certain {
-            let first = match self.wanted() {
-                Some(_) => "",
-                None if self.policy == Policy::Locked => {
-                    "a locked calibration learns nothing: run headingd calibration unlock, then "
-                }
-                None => "calibration is off: run headingd calibration mode on, then ",
-            };
-            let message = format!(
-                "the heading is still uncertain: {first}move the board about, and {}",
+            let mut message = format!(
+                "the heading is still uncertain: move the board about, and {}",
                 self.estimate.motion_wanted()
             );
+            if self.wanted().is_none() {
+                message += if self.policy == Policy::Locked {
+                    "; if that does not help, run headingd calibration unlock: a locked calibration learns nothing"
+                } else {
+                    "; if that does not help, run headingd calibration mode on: in mode off nothing is learnt"
+                };
+            }
             return self.report_as(Condition::Degraded, "learning", message);
         }
         let message = "the field is as the estimate expects it";
