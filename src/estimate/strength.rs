@@ -11,13 +11,17 @@ const CERTAIN: f64 = 3.0;
 pub(super) const MOST_RAW_MGAUSS: f64 = 14_000.0;
 
 impl Estimate {
-    /// Strength of a corrected field, milligauss: of its part in the plane, where that is all that is measured. `None` where less is.
-    pub fn measured_strength_mgauss(&self, corrected: &Vector3<f64>) -> Option<f64> {
+    /// Strength of a corrected field of which these axes are measured, milligauss: of its part in the plane, where that is all. `None` where
+    /// less is.
+    pub fn measured_strength_mgauss(
+        &self,
+        corrected: &Vector3<f64>,
+        measured: [bool; 3],
+    ) -> Option<f64> {
         // By a kept planar calibration, which may lie askew to the body axes, the field has no other part.
         if self.kept_alone().is_some() {
             return Some(corrected.norm());
         }
-        let measured = self.measured_axes();
         let part = Vector3::from_fn(|axis, _| if measured[axis] { corrected[axis] } else { 0.0 });
         let unknown = measured.iter().filter(|known| !**known).count();
         (unknown < 2).then(|| part.norm())

@@ -104,7 +104,7 @@ impl Pipeline {
         heading.field_mgauss = Some(std::array::from_fn(|axis| {
             measured[axis].then_some(corrected[axis])
         }));
-        heading.strength_mgauss = self.estimate.measured_strength_mgauss(&corrected);
+        heading.strength_mgauss = self.estimate.measured_strength_mgauss(&corrected, measured);
         if measured == [true; 3] {
             heading.dip_deg = found.down.map(|down| dip_deg(&corrected, &down));
         }
