@@ -15,6 +15,7 @@ use crate::frame::{Mountings, hypot};
 use crate::reading::Reading;
 
 mod bias_jump;
+mod bias_walk;
 mod clipping;
 mod clock;
 mod field_motion;
@@ -33,13 +34,13 @@ mod tests;
 mod trim;
 
 use bias_jump::{BiasJumps, FOUND_AFTER_S};
+pub use bias_walk::BiasWalk;
 use clipping::ClipWatch;
 pub use clock::TICK_S;
 use clock::{ClockStep, EvenClock};
 use filter::AttitudeFilter;
 pub use filter::TILT_RAD;
 pub use gravity::GRAVITY_M_S2;
-pub use gyro_errors::GYRO_BIAS_WALK_RAD_S;
 use gyro_errors::{GAP_BIAS_RAD_S, RESTART_BIAS_RAD_S};
 pub use lateness::Lateness;
 pub use past::BoardMotion;
@@ -89,6 +90,8 @@ pub struct GyroBias {
     /// Variance, (rad/s)², that has been added on each axis since the start, where the gyro may have been started again or its bias has
     /// jumped.
     pub doubted2: f64,
+    /// Variance, (rad/s)², by which it has walked on each axis since the start.
+    pub walked2: f64,
     /// How often the bias has been forgotten since the start.
     pub begun_anew: u32,
 }

@@ -108,8 +108,6 @@ pub struct Estimate {
     last: Option<Sample>,
     /// The gyro's bias at the last sample. It stays when the frame is lost.
     gyro_bias: Option<GyroBias>,
-    /// Time since the attitude last learnt of that bias, seconds: it learns in steps.
-    bias_age_s: f64,
     gyro: GyroCheck,
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
@@ -139,7 +137,6 @@ impl Estimate {
             frozen: false,
             last: None,
             gyro_bias: None,
-            bias_age_s: 0.0,
             gyro: GyroCheck::default(),
             proven: None,
             suspended: None,
@@ -208,11 +205,7 @@ impl Estimate {
         let right = self.gyro.take(&input, checked, iron_open);
         let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
         // At rest the filters read the bias themselves.
-        self.learn_of_gyro_bias(
-            sample,
-            period_s,
-            unbroken && !at_fault && !sample.board.still,
-        );
+        self.learn_of_gyro_bias(sample, unbroken && !at_fault && !sample.board.still);
         if at_fault {
             return self.follow_gyro_fault(&input, lost);
         }
@@ -245,14 +238,10 @@ impl Estimate {
     }
 
     /// Tells the filters how the attitude's gyro bias has changed. If that was `measured`, those that follow the samples learn from it.
-    fn learn_of_gyro_bias(&mut self, sample: &Sample, period_s: f64, measured: bool) {
+    fn learn_of_gyro_bias(&mut self, sample: &Sample, measured: bool) {
         let after = sample.board.gyro_bias;
         let before = self.gyro_bias.replace(after).unwrap_or(after);
-        self.bias_age_s += period_s;
-        let learnt = BiasLearnt::between(&before, &after, self.bias_age_s, measured);
-        if after.covariance != before.covariance {
-            self.bias_age_s = 0.0;
-        }
+        let learnt = BiasLearnt::between(&before, &after, measured);
         let rival = self.rival.as_mut().map(|one| &mut one.filter);
         let following = [Some(&mut self.active), rival].into_iter().flatten();
         let kept = self.visit.filters().chain(self.trial.filter());

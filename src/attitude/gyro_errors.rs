@@ -23,6 +23,7 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::GyroBias;
+use super::bias_walk::{BiasWalk, LEAST_WALK_RAD_S};
 use super::gravity::GRAVITY_M_S2;
 use crate::frame::add_variance;
 use measure::DOUBTED;
@@ -71,13 +72,11 @@ const ACCELERATION_M_S2: f64 = 1.0;
 /// A larger velocity than this, m/s, is an error of another state: no vehicle that steers by a compass keeps up a fifth of g for
 /// 30 s. The filter is then too sure of that error to correct it, and begins anew.
 const MOST_SPEED_M_S: f64 = 60.0;
-/// Walk of a gyro's bias, rad/s per √s: 0.3°/s in an hour of warming up.
-pub const GYRO_BIAS_WALK_RAD_S: f64 = 0.000_087;
 /// Walk of an accelerometer's bias, m/s² per √s: 5 thousandths of g in an hour, ten kelvin of an ADXL345 or MPU-6050.
 const FORCE_BIAS_WALK_M_S2: f64 = 0.000_8;
-/// A gyro's bias after a gap differs by this on an axis, rad/s (0.3°/s), its walk of an hour: times do not tell how long a chip or its recorder
+/// A gyro's bias after a gap differs by this on an axis, rad/s (0.3°/s), its least walk of an hour: times do not tell how long a chip or its recorder
 /// was off.
-pub(super) const GAP_BIAS_RAD_S: f64 = 60.0 * GYRO_BIAS_WALK_RAD_S;
+pub(super) const GAP_BIAS_RAD_S: f64 = 60.0 * LEAST_WALK_RAD_S;
 /// A board that keeps within 18° of its mean up surely stays upright, one that has left 37° does not; cosines. Rotation about the vertical
 /// of an upright board shows in gravity only as far as it sways, and accelerations sway with it.
 const UPRIGHT: std::ops::Range<f64> = 0.8..0.95;
@@ -108,12 +107,14 @@ pub(super) struct GyroErrors {
     expected_share: f64,
     p: ErrorCovariance,
     window: Window,
+    bias_walk: BiasWalk,
     /// Walk of the times of the gyro's readings, s²/s.
     pub(super) timing_walk_s2: f64,
     /// Mean rates with the bias, one a window of rest, that are not believed yet, rad/s.
     resting: VecDeque<Vector3<f64>>,
     /// Counts, see [`GyroBias`].
     doubted2: f64,
+    walked2: f64,
     begun_anew: u32,
 }
 
@@ -151,9 +152,11 @@ impl GyroErrors {
             expected_share: 1.0,
             p,
             window: Window::default(),
+            bias_walk: BiasWalk::default(),
             timing_walk_s2: 0.0,
             resting: VecDeque::with_capacity(DOUBTED + 1),
             doubted2: 0.0,
+            walked2: 0.0,
             begun_anew: 0,
         }
     }
@@ -175,6 +178,7 @@ impl GyroErrors {
     pub(super) fn doubt_bias(&mut self, sd_rad_s: f64) {
         let variance = sd_rad_s * sd_rad_s;
         self.doubted2 += variance;
+        self.bias_walk.doubt(variance);
         add_variance(&mut self.p, B..B + 3, variance);
     }
 
@@ -203,6 +207,7 @@ impl GyroErrors {
             rad_s: self.bias,
             covariance: self.bias_covariance(),
             doubted2: self.doubted2,
+            walked2: self.walked2,
             begun_anew: self.begun_anew,
         }
     }
@@ -269,9 +274,15 @@ impl GyroErrors {
             }
         }
         self.expect_larger_force_bias();
-        let (gyro, force) = (GYRO_BIAS_WALK_RAD_S.powi(2), FORCE_BIAS_WALK_M_S2.powi(2));
-        add_variance(&mut self.p, B..B + 3, gyro * window.s);
-        add_variance(&mut self.p, A..A + 3, force * window.s);
+        let (bias, seen) = (self.bias_covariance(), self.across());
+        let walked2 = self.bias_walk.take(&self.bias, &bias, &seen, window.s);
+        self.walked2 += walked2;
+        add_variance(&mut self.p, B..B + 3, walked2);
+        add_variance(
+            &mut self.p,
+            A..A + 3,
+            FORCE_BIAS_WALK_M_S2.powi(2) * window.s,
+        );
     }
 
     /// A chip that shows a larger bias than was expected may show a still larger one: the expected deviation doubles.
@@ -298,6 +309,7 @@ impl GyroErrors {
     /// Carries on the counts of errors that are forgotten.
     pub(super) fn take_place_of(&mut self, before: &Self) {
         self.doubted2 = before.doubted2;
+        self.walked2 = before.walked2;
         self.begun_anew = before.begun_anew + 1;
     }
 

@@ -48,7 +48,6 @@ impl Estimate {
         let learnt = BiasLearnt::between(
             &kept.sample.board.gyro_bias,
             &last.board.gyro_bias,
-            meanwhile.period_s,
             !last.board.still,
         );
         let rival = kept.rival.as_mut().map(|rival| &mut rival.filter);

@@ -15,7 +15,7 @@
 //! | D | soft iron, scale factors and rotation between the chips; trace held at 3; the state has D − I, row by row | turning |
 //! | m | unevenness of the field here, in the frame, milligauss | forgotten by turning and moving, and slowly at rest |
 //! | T | lag of the magnetometer behind the gyro, seconds | nothing |
-//! | G | what is left of the gyro's bias, body axes, rad/s | what the attitude takes out of the rates; a slow walk |
+//! | G | what is left of the gyro's bias, body axes, rad/s | what the attitude takes out of the rates; its walk, see `attitude/bias_walk.rs` |
 //! | S | scale error of each axis of the gyro | nothing |
 //! | q | offset of the place as a whole, in the frame, milligauss | forgotten in `PLACE_LASTS_S` of motion, kept at rest |
 //!
@@ -29,7 +29,7 @@ use nalgebra::{Matrix3, SVector, Vector3};
 
 use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T, subtract};
 use super::prior::{FIELD_MGAUSS, Measured, Prior, USUAL_UNEVENNESS};
-use crate::attitude::BoardState;
+use crate::attitude::{BiasWalk, BoardState};
 #[cfg(test)]
 use crate::attitude::{GyroBias, TiltError};
 use crate::frame::add_variance;
@@ -157,6 +157,7 @@ pub(super) struct Filter {
     rest: RestWatch,
     /// What the field has told of the gyro's bias on each axis since the board came to lie still: information, (rad/s)⁻².
     still_information: f64,
+    gyro_bias_walk: BiasWalk,
     /// Orientation when the board last moved or swung, body to frame.
     last_attitude: Matrix3<f64>,
     /// Sum of the log-likelihoods of the samples taken, but for the constant that each has.
@@ -212,6 +213,7 @@ impl Filter {
             still: false,
             rest: RestWatch::default(),
             still_information: 0.0,
+            gyro_bias_walk: BiasWalk::default(),
             last_attitude: Matrix3::identity(),
             log_likelihood: 0.0,
             consistency: 1.0,

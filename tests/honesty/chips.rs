@@ -94,6 +94,9 @@ pub struct Gyro {
     pub noise: f64,
     /// Random walk of the bias, rad/s after a second.
     pub walk: f64,
+    /// By how much the bias is still to change as the chip warms up, rad/s, and in which time that falls to 1/e, seconds.
+    pub warming: Vector3<f64>,
+    pub warms_in_s: f64,
     /// Rate per specific force.
     pub by_force: Matrix3<f64>,
     pub range: f64,
@@ -110,7 +113,9 @@ impl Gyro {
         dt_s: f64,
         rng: &mut Rng,
     ) -> Vector3<f64> {
-        self.bias += rng.vector(self.walk * dt_s.sqrt());
+        let warmed = self.warming * (dt_s / self.warms_in_s).min(1.0);
+        self.warming -= warmed;
+        self.bias += warmed + rng.vector(self.walk * dt_s.sqrt());
         let seen = match self.fault {
             GyroFault::Zero => return Vector3::zeros(),
             GyroFault::Constant(rate) => return rate,
@@ -185,6 +190,8 @@ impl Board {
                 bias: Vector3::zeros(),
                 noise: 0.0,
                 walk: 0.0,
+                warming: Vector3::zeros(),
+                warms_in_s: f64::INFINITY,
                 by_force: Matrix3::zeros(),
                 range: 2000.0 * RAD,
                 fault: GyroFault::None,
@@ -255,6 +262,13 @@ impl Board {
             board.pause_every_s = rng.uniform(0.5, 3.0);
         }
         board
+    }
+
+    /// The gyro warms up: a typical bias changes by 0.16 (MPU-6050) to 0.32 °/s (ITG-3200) a kelvin, and a board gets 3 to 10 K warmer in
+    /// minutes.
+    pub fn warm_up(&mut self, rng: &mut Rng) {
+        self.gyro.warming = rng.vector(1.0 * RAD);
+        self.gyro.warms_in_s = rng.log_uniform(100.0, 600.0);
     }
 
     /// The accelerometer is as delivered: offsets are typically up to 35 milli-g (ADXL345) or 50 (MPU-6050), of which 25 is about the RMS.

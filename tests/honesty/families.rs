@@ -47,6 +47,11 @@ const VEHICLE: Limits = Limits {
     good: Some(0.8),
     ..NONE
 };
+/// The `nerr` of a board at rest, as below.
+const WARMING_AT_REST: Limits = Limits {
+    nerr: Some((0.5, 1.5)),
+    ..VEHICLE
+};
 /// Neither a heading that takes a second after each silence nor one in the long curves of a motorway is always `good`.
 const NOT_ALWAYS_GOOD: Limits = Limits {
     good: None,
@@ -148,6 +153,10 @@ pub const ALL: &[Family] = &[
     family("wrong_gyro_turned", 200, CHANGE, handled::turned_gyro),
     family("wrong_mag_turned", 200, CHANGE, handled::turned_magnetometer),
     family("wrong_accel_turned", 200, CHANGE, handled::turned_accelerometer),
+    family("warming_hand", 200, VEHICLE, handled::warming_hand),
+    family("warming_at_rest", 200, WARMING_AT_REST, handled::warming_at_rest),
+    family("warming_car", 200, VEHICLE, vehicles::warming_car),
+    family("warming_robot", 200, VEHICLE, vehicles::warming_robot),
     family("fault_gyro_zero", 200, FAULT, faults::gyro_zero),
     family("fault_gyro_bias", 200, FAULT, faults::gyro_bias),
     family("fault_gyro_constant", 200, FAULT, faults::gyro_constant),

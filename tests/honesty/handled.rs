@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::chips::{Board, Draw, GyroFault};
 use crate::drive::{Scene, run};
-use crate::motion::{Hand, Part};
+use crate::motion::{Hand, Part, length_s};
 use crate::random::Rng;
 use crate::score::{From, Score};
 use crate::world::World;
@@ -162,6 +162,35 @@ fn moved_fast(rng: &mut Rng, score: &mut Score, rate: f64, accel: f64) -> Scene 
     let s = 120.0;
     let parts = vec![Part::Rest(3.0), Part::Free { s, rate, accel }];
     in_room(rng, &FAIR, parts, s)
+}
+
+/// Free motion for five minutes, while the board warms up.
+pub fn warming_hand(rng: &mut Rng, score: &mut Score) {
+    score.errors_from = From::Time(30.0);
+    score.learnt_by_s = 30.0;
+    let parts = vec![Part::Free {
+        s: 305.0,
+        rate: rng.uniform(0.6, 2.0),
+        accel: rng.uniform(0.5, 3.0),
+    }];
+    let mut scene = in_room(rng, &ROUGH, parts, 300.0);
+    scene.board.warm_up(rng);
+    run(scene, rng, score);
+}
+
+/// Ten minutes at rest after a good calibration, while the board warms up.
+pub fn warming_at_rest(rng: &mut Rng, score: &mut Score) {
+    let mut parts = teaching(rng);
+    let rests_s = length_s(&parts);
+    parts.push(Part::Rest(600.0));
+    parts.push(free(rng, 30.0));
+    score.starts_s = 4.0;
+    score.learnt_by_s = 60.0;
+    score.errors_from = From::Time(rests_s);
+    let length = length_s(&parts);
+    let mut scene = in_room(rng, &FAIR, parts, length);
+    scene.board.warm_up(rng);
+    run(scene, rng, score);
 }
 
 /// A chip that is wrong from the beginning.

@@ -74,6 +74,13 @@ pub fn untrimmed_car(rng: &mut Rng, score: &mut Score) {
     run(scene, rng, score);
 }
 
+/// The same while the board warms up.
+pub fn warming_car(rng: &mut Rng, score: &mut Score) {
+    let mut scene = driven(USUAL, rng, score);
+    scene.board.warm_up(rng);
+    run(scene, rng, score);
+}
+
 /// A car over hills: their slopes look like acceleration, and the other way round.
 pub fn car_on_hills(rng: &mut Rng, score: &mut Score) {
     let (grade_deg, camber_deg) = HILLS;
@@ -179,6 +186,13 @@ pub fn blind_robot(rng: &mut Rng, score: &mut Score) {
     let mut scene = on_floor(rng, score);
     scene.board.force.silent = true;
     score.faults = vec![(0.0, f64::INFINITY)];
+    run(scene, rng, score);
+}
+
+/// The robot on a floor of usual iron, while its board warms up.
+pub fn warming_robot(rng: &mut Rng, score: &mut Score) {
+    let mut scene = on_floor(rng, score);
+    scene.board.warm_up(rng);
     run(scene, rng, score);
 }
 

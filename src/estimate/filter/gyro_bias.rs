@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::correct::HeldBack;
 use super::{Filter, Input, State};
-use crate::attitude::{GYRO_BIAS_WALK_RAD_S, GyroBias};
+use crate::attitude::GyroBias;
 use crate::estimate::covariance::{G, N, subtract};
 use crate::frame::add_variance;
 
@@ -35,12 +35,12 @@ pub struct BiasLearnt {
 }
 
 impl BiasLearnt {
-    /// From one bias to another, known `period_s` later. Only the change itself counts unless it was `measured`.
-    pub fn between(before: &GyroBias, after: &GyroBias, period_s: f64, measured: bool) -> Self {
+    /// From one bias to a later one. Only the change itself counts unless it was `measured`.
+    pub fn between(before: &GyroBias, after: &GyroBias, measured: bool) -> Self {
         let shift_rad_s = after.rad_s - before.rad_s;
         // The attitude's bias has walked meanwhile, as the filter's has.
-        let walk2 = GYRO_BIAS_WALK_RAD_S.powi(2) * period_s;
-        let walked = before.covariance + Matrix3::identity() * walk2;
+        let walked2 = after.walked2 - before.walked2;
+        let walked = before.covariance + Matrix3::identity() * walked2;
         let mut learnt = Self {
             shift_rad_s,
             covariance: after.covariance,
@@ -67,6 +67,7 @@ impl Filter {
     pub fn follow_gyro_bias(&mut self, learnt: &BiasLearnt) {
         if !self.begun || learnt.forgotten {
             self.clear(G, 3);
+            self.gyro_bias_walk.begin_window();
             self.still_information = 0.0;
             let mut own = self.p.fixed_view_mut::<3, 3>(G, G);
             own.copy_from(&learnt.covariance);
@@ -77,6 +78,7 @@ impl Filter {
         left -= learnt.shift_rad_s;
         if learnt.doubted2 > 0.0 {
             self.still_information = 0.0;
+            self.gyro_bias_walk.doubt(learnt.doubted2);
             add_variance(&mut self.p, G..G + 3, learnt.doubted2);
         }
     }
@@ -197,7 +199,7 @@ mod tests {
             begun_anew,
             ..GyroBias::default()
         };
-        let anew = BiasLearnt::between(&bias(0.001, 0), &bias(0.05, 1), 0.1, false);
+        let anew = BiasLearnt::between(&bias(0.001, 0), &bias(0.05, 1), false);
         filter.learn_of_gyro_bias(&anew, false);
         filter.learn_bias_of_still_board(&still(0.01), false);
         let (_, left) = filter.gyro_bias();
@@ -207,7 +209,7 @@ mod tests {
     /// A filter that has begun, and knows what the attitude does of the gyro.
     fn begun_with(bias: &GyroBias) -> Filter {
         let mut filter = Filter::new(&Prior::unknown());
-        filter.learn_of_gyro_bias(&BiasLearnt::between(bias, bias, 0.0, false), false);
+        filter.learn_of_gyro_bias(&BiasLearnt::between(bias, bias, false), false);
         filter.begun = true;
         filter
     }
@@ -224,7 +226,7 @@ mod tests {
             ..before
         };
         let mut filter = begun_with(&before);
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&before, &after, 0.0, true), false);
+        filter.learn_of_gyro_bias(&BiasLearnt::between(&before, &after, true), false);
         // The attitude's bias is the mean of what it had and of what it measured, each weighted by its information.
         let (had, gained) = (1.0 / 0.05f64.powi(2), 1.0 / 0.01f64.powi(2));
         let information = had + TAKEN * (gained - had);
@@ -234,12 +236,13 @@ mod tests {
         let expected = measured * (TAKEN * (gained - had)) / information - after.rad_s;
         assert!((left - expected).norm() < 1e-9, "{left} {expected}");
 
+        let walked2 = 0.0007f64.powi(2);
         let walked = GyroBias {
-            covariance: after.covariance
-                + Matrix3::identity() * GYRO_BIAS_WALK_RAD_S.powi(2) * 60.0,
+            covariance: after.covariance + Matrix3::identity() * walked2,
+            walked2,
             ..after
         };
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&after, &walked, 60.0, true), false);
+        filter.learn_of_gyro_bias(&BiasLearnt::between(&after, &walked, true), false);
         let (still_left, same) = filter.gyro_bias();
         assert!((still_left - left).norm() < 1e-12 && (same - variance).norm() < 1e-12);
 
@@ -247,9 +250,9 @@ mod tests {
         let doubted = GyroBias {
             covariance: walked.covariance + Matrix3::identity() * doubted2,
             doubted2,
-            ..after
+            ..walked
         };
-        let doubts = BiasLearnt::between(&walked, &doubted, 0.0, true);
+        let doubts = BiasLearnt::between(&walked, &doubted, true);
         assert!(!doubts.forgotten);
         filter.learn_of_gyro_bias(&doubts, false);
         let (still_left, more) = filter.gyro_bias();
@@ -271,7 +274,7 @@ mod tests {
             ..GyroBias::default()
         };
         let mut filter = begun_with(&certain);
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&certain, &anew, 0.1, true), false);
+        filter.learn_of_gyro_bias(&BiasLearnt::between(&certain, &anew, true), false);
         assert_eq!(
             filter.gyro_bias(),
             (Vector3::zeros(), anew.covariance.diagonal())
@@ -292,7 +295,7 @@ mod tests {
             covariance: bias.covariance * 0.01,
             ..bias
         };
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&bias, &known, 1.0, false), false);
+        filter.learn_of_gyro_bias(&BiasLearnt::between(&bias, &known, false), false);
         assert_eq!(filter.gyro_bias().1, bias.covariance.diagonal());
     }
 }

@@ -5,7 +5,6 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::{
     DISTURBED, FORGET_MOVING_S, Filter, Input, PLACE_LASTS_S, SWING_RAD, USUAL_UNEVENNESS,
 };
-use crate::attitude::GYRO_BIAS_WALK_RAD_S;
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
 use crate::frame::{add_variance, angle_between_rad};
 use crate::reading::STRONGEST_MGAUSS;
@@ -175,7 +174,10 @@ impl Filter {
             + moved_iron
             + IRON_TURN.powi(2) * left_out2 * strength2 * turned_rad;
         add_variance(&mut self.p, H..H + 3, field);
-        add_variance(&mut self.p, G..G + 3, GYRO_BIAS_WALK_RAD_S.powi(2) * dt);
+        let gyro_bias = input.board.gyro_bias.rad_s + self.vector(G);
+        let uncertain: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
+        let walked2 = (self.gyro_bias_walk).take(&gyro_bias, &uncertain, &Matrix3::identity(), dt);
+        add_variance(&mut self.p, G..G + 3, walked2);
         if frozen {
             return;
         }
