@@ -90,7 +90,7 @@ pub struct GyroBias {
     /// Variance, (rad/s)², that has been added on each axis since the start, where the gyro may have been started again or its bias has
     /// jumped.
     pub doubted2: f64,
-    /// Variance, (rad/s)², by which it has walked on each axis since the start.
+    /// Variance, (rad/s)², that its walk has added on each axis since the start.
     pub walked2: f64,
     /// How often the bias has been forgotten since the start.
     pub begun_anew: u32,

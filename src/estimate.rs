@@ -205,7 +205,8 @@ impl Estimate {
         let right = self.gyro.take(&input, checked, iron_open);
         let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
         // At rest the filters read the bias themselves.
-        self.learn_of_gyro_bias(sample, unbroken && !at_fault && !sample.board.still);
+        let measured = unbroken && !at_fault && !sample.board.still;
+        self.learn_of_gyro_bias(sample, measured, lost || at_fault);
         if at_fault {
             return self.follow_gyro_fault(&input, lost);
         }
@@ -237,8 +238,9 @@ impl Estimate {
         self.iron.take(&self.active, period_s);
     }
 
-    /// Tells the filters how the attitude's gyro bias has changed. If that was `measured`, those that follow the samples learn from it.
-    fn learn_of_gyro_bias(&mut self, sample: &Sample, measured: bool) {
+    /// Tells the filters how the attitude's gyro bias has changed. If that was `measured`, those that follow the samples learn from it. If
+    /// they `wait`, since this sample does not follow on the last or the gyro is at fault, their bias walks as the attitude's.
+    fn learn_of_gyro_bias(&mut self, sample: &Sample, measured: bool, wait: bool) {
         let after = sample.board.gyro_bias;
         let before = self.gyro_bias.replace(after).unwrap_or(after);
         let learnt = BiasLearnt::between(&before, &after, measured);
@@ -246,11 +248,17 @@ impl Estimate {
         let following = [Some(&mut self.active), rival].into_iter().flatten();
         let kept = self.visit.filters().chain(self.trial.filter());
         for filter in following.chain(kept) {
+            if wait {
+                filter.walk_meanwhile(&learnt);
+            }
             filter.learn_of_gyro_bias(&learnt, self.frozen);
         }
-        let suspended = self.suspended.as_mut().map(|one| &mut one.filter);
-        for filter in [self.proven.as_mut(), suspended].into_iter().flatten() {
-            filter.follow_gyro_bias(&learnt);
+        if let Some(suspended) = &mut self.suspended {
+            suspended.filter.follow_gyro_bias(&learnt);
+        }
+        if let Some(proven) = &mut self.proven {
+            proven.walk_meanwhile(&learnt);
+            proven.follow_gyro_bias(&learnt);
         }
     }
 

@@ -1,8 +1,8 @@
 //! How fast the gyro's bias walks, by how it moves.
 //!
-//! A filter that expects a slow walk follows a chip that warms up too late: by data sheets its bias changes by 0.16 (MPU-6050) to 0.32 °/s
-//! (ITG-3200) a kelvin, and a board gets some kelvin warmer within minutes. Over a window of length T, a filter with covariance P and
-//! walk q expects its bias to move by the variance P_before + q T − P_after. The walk is set so that the bias moves by as much:
+//! If a filter expects a slow walk, it lags behind the bias of a chip that warms up. Data sheets allow 0.16 (MPU-6050) to 0.32 °/s
+//! (ITG-3200) a kelvin, and a board gets some kelvin warmer within minutes. A filter with covariance P and walk q expects its estimate
+//! to move by P_before + q T − P_after (a variance) within a time T. The walk is raised or lowered until the estimate moves by as much:
 //! covariance matching (Mehra, IEEE Trans. Autom. Control 17, 1972).
 
 use nalgebra::{Matrix3, Vector3};
@@ -13,24 +13,30 @@ pub(super) const LEAST_WALK_RAD_S: f64 = 0.000_087;
 const MOST_WALK_RAD_S: f64 = 0.0025;
 /// Length of a window, seconds: some time constants of a filter whose bias drifts. Half or twice as much serves as well.
 const WINDOW_S: f64 = 30.0;
-/// The share of what a window shows that counts: the square of a single move scatters by as much as its mean.
+/// Share of a window's excess that is added to the walk: the square of one move scatters by as much as its mean.
 const COUNTS: f64 = 0.5;
 
 /// Follows the walk of a filter's bias.
 #[derive(Clone, Debug, Default)]
 pub struct BiasWalk {
-    /// Bias and covariance when the window began, body axes.
-    before: Option<(Vector3<f64>, Matrix3<f64>)>,
-    window_s: f64,
-    /// Variance that has been added on each axis since then, (rad/s)².
-    added2: f64,
+    window: Option<Window>,
     /// Walk beyond the least one, (rad/s)² per second.
     beyond2: f64,
 }
 
+/// What the filter knew when a window began, body axes, and the variances that it has added on each axis since, (rad/s)².
+#[derive(Clone, Debug)]
+struct Window {
+    bias: Vector3<f64>,
+    covariance: Matrix3<f64>,
+    s: f64,
+    walked2: f64,
+    doubted2: f64,
+}
+
 impl BiasWalk {
-    /// Takes the bias that a filter has learnt, body axes, rad/s, its covariance, and the projection on what the filter sees of it. Returns the variance
-    /// by which the bias walks on each axis within `period_s`, (rad/s)².
+    /// Takes a filter's estimate of the bias, body axes, rad/s, and its covariance. `seen` removes the directions that the filter does not
+    /// see. Returns the variance, (rad/s)², that the filter is to add on each axis for the next `period_s`.
     pub fn take(
         &mut self,
         bias: &Vector3<f64>,
@@ -38,32 +44,52 @@ impl BiasWalk {
         seen: &Matrix3<f64>,
         period_s: f64,
     ) -> f64 {
-        if self.window_s >= WINDOW_S {
-            if let Some((bias_before, covariance_before)) = self.before.take() {
-                let added = Matrix3::identity() * self.added2;
-                let expected = seen * (covariance_before + added - covariance) * seen;
-                let moved2 = (seen * (bias - bias_before)).norm_squared();
-                let more = (moved2 - expected.trace().max(0.0)) / (seen.trace() * self.window_s);
-                let most2 = MOST_WALK_RAD_S.powi(2) - LEAST_WALK_RAD_S.powi(2);
-                self.beyond2 = (self.beyond2 + COUNTS * more).clamp(0.0, most2);
-            }
-            self.begin_window();
+        if let Some(before) = self.window.take_if(|window| window.s >= WINDOW_S) {
+            self.match_walk(&before, bias, covariance, seen);
         }
-        self.before.get_or_insert((*bias, *covariance));
-        let walk2 = (LEAST_WALK_RAD_S.powi(2) + self.beyond2) * period_s;
-        self.window_s += period_s;
-        self.added2 += walk2;
-        walk2
+        let walked2 = (LEAST_WALK_RAD_S.powi(2) + self.beyond2) * period_s;
+        let window = self.window.get_or_insert(Window {
+            bias: *bias,
+            covariance: *covariance,
+            s: 0.0,
+            walked2: 0.0,
+            doubted2: 0.0,
+        });
+        window.s += period_s;
+        window.walked2 += walked2;
+        walked2
+    }
+
+    fn match_walk(
+        &mut self,
+        before: &Window,
+        bias: &Vector3<f64>,
+        covariance: &Matrix3<f64>,
+        seen: &Matrix3<f64>,
+    ) {
+        let added = Matrix3::identity() * (before.walked2 + before.doubted2);
+        let expected = seen * (before.covariance + added - covariance) * seen;
+        let expected2 = expected.trace().max(0.0);
+        let moved2 = (seen * (bias - before.bias)).norm_squared();
+        // A bias that is still being learnt moves by chance much further than it walks, so it shows little of its walk.
+        let axes = seen.norm_squared();
+        let by_walk = axes * before.walked2;
+        let counts = COUNTS * by_walk / expected2.max(by_walk);
+        let excess = (moved2 - expected2) / (axes * before.s);
+        let most2 = MOST_WALK_RAD_S.powi(2) - LEAST_WALK_RAD_S.powi(2);
+        self.beyond2 = (self.beyond2 + counts * excess).clamp(0.0, most2);
     }
 
     /// The filter has added this variance on each axis, (rad/s)², for another reason.
     pub fn doubt(&mut self, variance: f64) {
-        self.added2 += variance;
+        if let Some(window) = &mut self.window {
+            window.doubted2 += variance;
+        }
     }
 
-    /// The filter has forgotten the bias.
+    /// What has moved before does not count: the filter has forgotten the bias.
     pub fn begin_window(&mut self) {
-        (self.before, self.window_s, self.added2) = (None, 0.0, 0.0);
+        self.window = None;
     }
 }
 
@@ -77,15 +103,19 @@ mod tests {
     /// Noise of a rate over one second, °/s.
     const NOISE_DEG_S: f64 = 0.2;
 
-    /// A Kalman filter follows the three biases that this one makes, °/s by the time. What it is off by at the end and what it expects, °/s, and how many
-    /// times the least walk its walk is.
-    fn follow(bias_deg_s: impl Fn(f64) -> f64) -> (f64, f64, f64) {
+    /// A Kalman filter follows a bias, °/s by the time, that is the same on three axes and that it first expects within this deviation. Returns
+    /// its error after these seconds, the error that it expects, °/s, and its walk as a multiple of the least.
+    fn follow(
+        seconds: i32,
+        expected_deg_s: f64,
+        bias_deg_s: impl Fn(f64) -> f64,
+    ) -> (f64, f64, f64) {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
         let mut walk = BiasWalk::default();
         let noise = NOISE_DEG_S.to_radians();
-        let (mut bias, mut variance) = (Vector3::zeros(), noise * noise);
+        let (mut bias, mut variance) = (Vector3::zeros(), expected_deg_s.to_radians().powi(2));
         let truth = |second: i32| Vector3::repeat(bias_deg_s(f64::from(second)).to_radians());
-        for second in 0..600 {
+        for second in 0..seconds {
             // Twelve of these have the variance 1.
             let one = |rng: &mut Xoshiro256PlusPlus| {
                 (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0
@@ -97,21 +127,29 @@ mod tests {
             let covariance = Matrix3::identity() * variance;
             variance += walk.take(&bias, &covariance, &Matrix3::identity(), 1.0);
         }
-        let off = (bias - truth(599)).norm() / 3f64.sqrt();
+        let off = (bias - truth(seconds - 1)).norm() / 3f64.sqrt();
         let times = (1.0 + walk.beyond2 / LEAST_WALK_RAD_S.powi(2)).sqrt();
         (off.to_degrees(), variance.sqrt().to_degrees(), times)
     }
 
     #[test]
     fn a_bias_that_stays_walks_as_little_as_expected() {
-        let (off, expected, times) = follow(|_| 0.4);
+        let (off, expected, times) = follow(600, 0.2, |_| 0.4);
         assert!(off < 2.0 * expected, "{off} {expected}");
         assert!(times < 1.5, "{times}");
     }
 
     #[test]
+    fn a_bias_that_is_learnt_does_not_walk() {
+        for bias_deg_s in [0.0, 2.0, 5.0] {
+            let (_, _, times) = follow(61, 3.3, |_| bias_deg_s);
+            assert!(times < 2.0, "{times} with {bias_deg_s} °/s");
+        }
+    }
+
+    #[test]
     fn a_bias_that_drifts_is_followed() {
-        let (off, expected, times) = follow(|t_s| t_s / 120.0);
+        let (off, expected, times) = follow(600, 0.2, |t_s| t_s / 120.0);
         assert!(times > 3.0, "{times}");
         assert!(off < 2.0 * expected, "{off} {expected}");
         // With the least walk it is off by 0.34°/s.
@@ -120,7 +158,7 @@ mod tests {
 
     #[test]
     fn a_drift_that_ends_leaves_the_least_walk() {
-        let (_, _, times) = follow(|t_s| t_s.min(120.0) / 120.0);
+        let (_, _, times) = follow(600, 0.2, |t_s| t_s.min(120.0) / 120.0);
         assert!(times < 1.5, "{times}");
     }
 

@@ -112,7 +112,7 @@ pub(super) struct GyroErrors {
     pub(super) timing_walk_s2: f64,
     /// Mean rates with the bias, one a window of rest, that are not believed yet, rad/s.
     resting: VecDeque<Vector3<f64>>,
-    /// Counts, see [`GyroBias`].
+    /// Sums and counts since the start, see [`GyroBias`].
     doubted2: f64,
     walked2: f64,
     begun_anew: u32,
@@ -278,11 +278,8 @@ impl GyroErrors {
         let walked2 = self.bias_walk.take(&self.bias, &bias, &seen, window.s);
         self.walked2 += walked2;
         add_variance(&mut self.p, B..B + 3, walked2);
-        add_variance(
-            &mut self.p,
-            A..A + 3,
-            FORCE_BIAS_WALK_M_S2.powi(2) * window.s,
-        );
+        let force2 = FORCE_BIAS_WALK_M_S2.powi(2) * window.s;
+        add_variance(&mut self.p, A..A + 3, force2);
     }
 
     /// A chip that shows a larger bias than was expected may show a still larger one: the expected deviation doubles.
@@ -306,10 +303,12 @@ impl GyroErrors {
         *self = anew;
     }
 
-    /// Carries on the counts of errors that are forgotten.
+    /// The errors are forgotten, but not what is summed and counted since the start, nor how fast the bias walks.
     pub(super) fn take_place_of(&mut self, before: &Self) {
         self.doubted2 = before.doubted2;
         self.walked2 = before.walked2;
+        self.bias_walk = before.bias_walk.clone();
+        self.bias_walk.begin_window();
         self.begun_anew = before.begun_anew + 1;
     }
 

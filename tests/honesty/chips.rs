@@ -264,7 +264,7 @@ impl Board {
         board
     }
 
-    /// The gyro warms up: a typical bias changes by 0.16 (MPU-6050) to 0.32 °/s (ITG-3200) a kelvin, and a board gets 3 to 10 K warmer in
+    /// The gyro warms up: data sheets allow its bias 0.16 (MPU-6050) to 0.32 °/s (ITG-3200) a kelvin, and a board gets 3 to 10 K warmer in
     /// minutes.
     pub fn warm_up(&mut self, rng: &mut Rng) {
         self.gyro.warming = rng.vector(1.0 * RAD);

@@ -47,9 +47,8 @@ const VEHICLE: Limits = Limits {
     good: Some(0.8),
     ..NONE
 };
-/// The `nerr` of a board at rest, as below.
 const WARMING_AT_REST: Limits = Limits {
-    nerr: Some((0.5, 1.5)),
+    nerr: REST.nerr,
     ..VEHICLE
 };
 /// Neither a heading that takes a second after each silence nor one in the long curves of a motorway is always `good`.

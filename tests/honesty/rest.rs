@@ -1,7 +1,5 @@
 //! Eight hours at rest after a good calibration.
 
-use nalgebra::Vector3;
-
 use crate::drive::{Now, run};
 use crate::handled::{FAIR, in_room, teaching};
 use crate::motion::length_s;
@@ -25,15 +23,11 @@ pub fn eight_hours(rng: &mut Rng, score: &mut Score) {
     // A share of 1 % in any direction, as slow as a day or as fast as a lift.
     let swell = rng.direction() * (0.01 * scene.world.strength());
     let period_s = rng.log_uniform(30.0, 6.0 * 3600.0);
-    // An ITG-3200 warms up by some degrees, at some hundredths of a degree a second each, besides its random walk.
-    let warming: Vector3<f64> = rng.vector(0.1f64.to_radians());
-    let base = scene.board.gyro.bias;
-    let mut walked = Vector3::zeros();
-    let scene = scene.with(move |now: &Now, world, board, rng| {
+    // The last third of a kelvin that an ITG-3200 gets warmer, besides the random walk of its bias.
+    scene.board.gyro.warming = rng.vector(0.1f64.to_radians());
+    scene.board.gyro.warms_in_s = 900.0;
+    let scene = scene.with(move |now: &Now, world, _, _| {
         world.added = swell * (std::f64::consts::TAU * now.t_s / period_s).sin();
-        let warm = 1.0 - (-now.t_s / 900.0).exp();
-        walked += rng.vector(board.gyro.walk * 0.2);
-        board.gyro.bias = base + walked + warming * warm;
     });
     run(scene, rng, score);
     score.other = vec![score.drift_deg];

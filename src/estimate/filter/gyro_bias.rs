@@ -27,8 +27,10 @@ pub struct BiasLearnt {
     covariance: Matrix3<f64>,
     /// The attitude has begun anew: it knows less than before.
     forgotten: bool,
-    /// Variance that the attitude has added on each axis, (rad/s)²: the gyro may have been started again, or its bias has jumped.
+    /// Variances that the attitude has added on each axis, (rad/s)²: the gyro may have been started again, or its bias has jumped; and its
+    /// bias has walked.
     doubted2: f64,
+    walked2: f64,
     /// What the attitude has measured of the bias that is left, times `TAKEN`: information matrix and vector. 0 if that does not count.
     information: Matrix3<f64>,
     weighted: Vector3<f64>,
@@ -38,10 +40,10 @@ impl BiasLearnt {
     /// From one bias to a later one. Only the change itself counts unless it was `measured`.
     pub fn between(before: &GyroBias, after: &GyroBias, measured: bool) -> Self {
         let shift_rad_s = after.rad_s - before.rad_s;
-        // The attitude's bias has walked meanwhile, as the filter's has.
         let walked2 = after.walked2 - before.walked2;
         let walked = before.covariance + Matrix3::identity() * walked2;
         let mut learnt = Self {
+            walked2,
             shift_rad_s,
             covariance: after.covariance,
             forgotten: after.begun_anew != before.begun_anew,
@@ -81,6 +83,12 @@ impl Filter {
             self.gyro_bias_walk.doubt(learnt.doubted2);
             add_variance(&mut self.p, G..G + 3, learnt.doubted2);
         }
+    }
+
+    /// The bias of a filter that does not follow the samples walks as far as the attitude's.
+    pub fn walk_meanwhile(&mut self, learnt: &BiasLearnt) {
+        self.gyro_bias_walk.doubt(learnt.walked2);
+        add_variance(&mut self.p, G..G + 3, learnt.walked2);
     }
 
     /// Follows the attitude's bias, and learns what the attitude has measured of it. With `frozen`, hard iron and matrix stay as they are.

@@ -51,6 +51,11 @@ impl Filter {
         self.p.fixed_view::<3, 3>(H, H).into()
     }
 
+    /// Covariance of the gyro's bias, body axes, (rad/s)².
+    pub fn gyro_bias_covariance(&self) -> Matrix3<f64> {
+        self.p.fixed_view::<3, 3>(G, G).into()
+    }
+
     /// D.
     pub fn matrix(&self) -> Matrix3<f64> {
         Matrix3::identity() + Matrix3::from_row_slice(self.x.fixed_rows::<9>(D).as_slice())

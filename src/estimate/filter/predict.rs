@@ -135,10 +135,9 @@ impl Filter {
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.board.still { STILL_WALK } else { 1.0 }
             + GYRO_CROSS.powi(2) * turned_rad
             + input.missed_rad2;
-        let bias: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
-        let bias = bias * (1.0 - noise_share).powi(2);
+        let bias = self.gyro_bias_covariance() * (1.0 - noise_share).powi(2);
         let axes = if input.vertical_known { 2..3 } else { 0..3 };
-        let uncertain: Matrix3<f64> = self.p.fixed_view::<3, 3>(H, H).into();
+        let uncertain = self.field_covariance();
         let mut noise = Matrix3::zeros();
         for axis in axes {
             let lever = input.to_frame.row(axis);
@@ -174,9 +173,10 @@ impl Filter {
             + moved_iron
             + IRON_TURN.powi(2) * left_out2 * strength2 * turned_rad;
         add_variance(&mut self.p, H..H + 3, field);
-        let gyro_bias = input.board.gyro_bias.rad_s + self.vector(G);
-        let uncertain: Matrix3<f64> = self.p.fixed_view::<3, 3>(G, G).into();
-        let walked2 = (self.gyro_bias_walk).take(&gyro_bias, &uncertain, &Matrix3::identity(), dt);
+        let bias = input.board.gyro_bias.rad_s + self.vector(G);
+        let uncertain = self.gyro_bias_covariance();
+        let walk = &mut self.gyro_bias_walk;
+        let walked2 = walk.take(&bias, &uncertain, &Matrix3::identity(), dt);
         add_variance(&mut self.p, G..G + 3, walked2);
         if frozen {
             return;
