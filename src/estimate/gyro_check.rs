@@ -31,6 +31,11 @@ const TOGETHER: u32 = 3;
 const MOVED: f64 = 0.1;
 /// A gyro that turns by less than this share of what gravity does is silent.
 const SILENT: f64 = 0.3;
+/// The attitude begins anew if with this gyro the board would move faster than boards do. If it has so often within this time, twice within half a
+/// minute, the gyro's scale may be off by half, though its bias is never known well enough to measure that. A car on a motorway causes it
+/// once in some minutes.
+const AGAINST_GRAVITY: f64 = 1.5;
+const AGAINST_GRAVITY_S: f64 = 60.0;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, may be no measurement.
 const CONSTANT_S: f64 = 0.5;
 /// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
@@ -71,6 +76,10 @@ pub(super) struct GyroCheck {
     fault: Option<GyroFault>,
     scale: GyroScale,
     suspected_scale: f64,
+    /// How often the attitude had begun anew at the last sample, and how often it has in the last `AGAINST_GRAVITY_S`, until the gyro has been
+    /// shown to be right.
+    begun_anew: Option<u32>,
+    against_gravity: f64,
     /// The field's turns, until the gyro has been shown to be right: later a magnet that turns beside the board is the likelier cause.
     turns: FieldTurns,
     was_right: bool,
@@ -111,6 +120,10 @@ impl GyroCheck {
         }
         if !self.was_right {
             self.turns.take(input);
+            let now = input.board.gyro_bias.begun_anew;
+            let more = now - self.begun_anew.replace(now).unwrap_or(now);
+            self.against_gravity *= (-dt / AGAINST_GRAVITY_S).exp();
+            self.against_gravity += f64::from(more);
         }
         let silent = self.turns.gyro_is_silent();
         let mut judge = self.scale.take(input, filter) || silent;
@@ -155,7 +168,7 @@ impl GyroCheck {
             return false;
         }
         let scale = self.scale.verdict();
-        self.suspected_scale = self.scale.suspected();
+        self.suspected_scale = self.scale.suspected(self.was_right);
         let fault = self.judged(scale);
         if self.fault.is_none() && fault.is_some_and(|fault| fault != GyroFault::Scale) {
             // What was seen before the fault must neither end it nor show the magnetometer to be the wrong one.
@@ -169,6 +182,7 @@ impl GyroCheck {
         if right {
             self.was_right = true;
             self.turns = FieldTurns::default();
+            self.against_gravity = 0.0;
         }
         right
     }
@@ -186,6 +200,7 @@ impl GyroCheck {
         self.together = 0;
         self.scale.lose_moment();
         self.turns = FieldTurns::default();
+        self.begun_anew = None;
     }
 
     /// A gyro that reads the same again and again does not see how the board turns.
@@ -206,6 +221,9 @@ impl GyroCheck {
 
     /// How far the gyro's scale is from 1, if that is probably more than a right gyro's, though perhaps not certainly; else 0.
     pub(super) fn suspected_scale(&self) -> f64 {
+        if self.against_gravity >= AGAINST_GRAVITY {
+            return 1.0;
+        }
         self.suspected_scale
     }
 

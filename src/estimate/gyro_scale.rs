@@ -43,6 +43,11 @@ const SCATTER: f64 = 0.01;
 /// Least share of the information on s that must be left when the iron is found from the same moments. An arc of 100° leaves a
 /// quarter; a shorter one does not tell a scale from iron.
 const LEFT: f64 = 0.25;
+/// The same until the gyro has been shown to be right. Four moments (of which a little over three are left, as older ones are forgotten) have more
+/// components than there are unknowns, even on a level board. The scale must then be off by more deviations.
+const FIRST_MOMENTS: f64 = 3.0;
+const FIRST_LEFT: f64 = 0.1;
+const FIRST_DEVIATIONS: f64 = 2.0;
 /// A scale is wrong when it is further from 1 than 5 %, and than that by three deviations.
 const TOLERANCE: f64 = 0.05;
 const DEVIATIONS: f64 = 3.0;
@@ -155,7 +160,12 @@ impl GyroScale {
 
     /// s, its deviation, and the share of the squared change that it leaves; `None` while the moments do not tell it from iron.
     fn scale(&self) -> Option<(f64, f64, f64)> {
-        if self.moments < LEAST_MOMENTS {
+        self.scale_by(LEAST_MOMENTS, LEFT)
+    }
+
+    /// The same by at least so many moments, which leave at least this share of the information on s.
+    fn scale_by(&self, least_moments: f64, least_left: f64) -> Option<(f64, f64, f64)> {
+        if self.moments < least_moments {
             return None;
         }
         let mut information = self.information;
@@ -173,15 +183,23 @@ impl GyroScale {
         // Over an arc a wrong D looks like a wrong scale, as iron does; over full turns, which leave all, it does not.
         let by_matrix2 = self.matrix2 * (1.0 / left - 1.0).max(0.0);
         let variance = scatter2 * inverse[(0, 0)] + by_matrix2;
-        (left > LEFT).then(|| (found[0], variance.sqrt(), residual / self.squares))
+        (left > least_left).then(|| (found[0], variance.sqrt(), residual / self.squares))
     }
 
-    /// How far the scale is from 1, if that is probably too far, though perhaps not certainly; else 0.
-    pub(super) fn suspected(&self) -> f64 {
-        self.scale().map_or(0.0, |(scale, sd, _)| {
+    /// How far the scale is from 1, if that is probably too far, though perhaps not certainly; else 0. A gyro that has not been shown to be
+    /// right is suspected by less evidence: nothing else protects the first headings.
+    pub(super) fn suspected(&self, was_right: bool) -> f64 {
+        let beyond = |(scale, sd, _): (f64, f64, f64), deviations: f64| {
             let off = (scale - 1.0).abs();
-            if off > TOLERANCE + sd { off } else { 0.0 }
-        })
+            (off > TOLERANCE + deviations * sd).then_some(off)
+        };
+        let first = || {
+            self.scale_by(FIRST_MOMENTS, FIRST_LEFT)
+                .filter(|_| !was_right)
+        };
+        let later = self.scale().and_then(|found| beyond(found, 1.0));
+        let found = later.or_else(|| beyond(first()?, FIRST_DEVIATIONS));
+        found.unwrap_or(0.0)
     }
 
     /// Whether the gyro clearly turns the same way as the field shows, whatever its scale.
@@ -362,9 +380,25 @@ mod tests {
             let none = Matrix3::identity();
             let mut board = TurnedBoard::new(none, none);
             board.turn(1000, reads, |t_s| tumbling(t_s) * 3.0);
-            let found = board.regression.suspected();
+            let found = board.regression.suspected(true);
             assert!((found - suspected).abs() < 0.01, "{reads}: {found}");
         }
+    }
+
+    #[test]
+    fn the_first_arc_of_a_gyro_that_reads_half_is_suspected() {
+        let level = |_: f64| Vector3::z() * 3.0;
+        let suspected = |reads, was_right| {
+            let none = Matrix3::identity();
+            let mut board = TurnedBoard::new(none, none);
+            // 138°.
+            board.turn(40, reads, level);
+            board.regression.suspected(was_right)
+        };
+        assert_eq!(suspected(1.0, false), 0.0);
+        let found = suspected(0.5, false);
+        assert!((found - 1.0).abs() < 0.2, "{found}");
+        assert_eq!(suspected(0.5, true), 0.0);
     }
 
     /// About a horizontal axis, 75° to either side.
