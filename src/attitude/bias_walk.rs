@@ -19,14 +19,14 @@ const COUNTS: f64 = 0.5;
 /// Follows the walk of a filter's bias.
 #[derive(Clone, Debug, Default)]
 pub struct BiasWalk {
-    window: Option<Window>,
+    window: Option<WalkWindow>,
     /// Walk beyond the least one, (rad/s)² per second.
     beyond2: f64,
 }
 
 /// What the filter knew when a window began, body axes, and the variances that it has added on each axis since, (rad/s)².
 #[derive(Clone, Debug)]
-struct Window {
+struct WalkWindow {
     bias: Vector3<f64>,
     covariance: Matrix3<f64>,
     s: f64,
@@ -48,7 +48,7 @@ impl BiasWalk {
             self.match_walk(&before, bias, covariance, seen);
         }
         let walked2 = (LEAST_WALK_RAD_S.powi(2) + self.beyond2) * period_s;
-        let window = self.window.get_or_insert(Window {
+        let window = self.window.get_or_insert(WalkWindow {
             bias: *bias,
             covariance: *covariance,
             s: 0.0,
@@ -62,7 +62,7 @@ impl BiasWalk {
 
     fn match_walk(
         &mut self,
-        before: &Window,
+        before: &WalkWindow,
         bias: &Vector3<f64>,
         covariance: &Matrix3<f64>,
         seen: &Matrix3<f64>,

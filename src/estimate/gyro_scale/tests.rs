@@ -1,0 +1,224 @@
+//! A board turns in the earth's field, with gyros that are right and wrong.
+
+use nalgebra::Rotation3;
+
+use super::*;
+use crate::estimate::prior::Prior;
+
+/// A board that turns in the earth's field, and the check of its gyro.
+struct TurnedBoard {
+    regression: GyroScale,
+    filter: Filter,
+    attitude: Rotation3<f64>,
+    iron_mgauss: Vector3<f64>,
+    soft: Matrix3<f64>,
+    /// The scale error that gravity has shown, and that is taken out of the rates.
+    taken: f64,
+    step: u16,
+}
+
+impl TurnedBoard {
+    /// A board with this soft iron, and a filter that has learnt it and is sure of it, or has learnt another and is not.
+    fn new(soft: Matrix3<f64>, learnt: Matrix3<f64>) -> Self {
+        let unknown = Prior::unknown();
+        let doubt = if soft == learnt { 0.0 } else { 1.0 };
+        let filter = Filter::new(&Prior {
+            matrix: learnt,
+            covariance: unknown.covariance * doubt,
+            ..unknown
+        });
+        Self {
+            regression: GyroScale::default(),
+            filter,
+            attitude: Rotation3::identity(),
+            iron_mgauss: Vector3::new(900.0, -600.0, 900.0),
+            soft,
+            taken: 0.0,
+            step: 0,
+        }
+    }
+
+    /// Turns on for so many steps of 20 ms at this rate, rad/s at a time in seconds, with a gyro that reads so many times what it
+    /// should.
+    fn turn(&mut self, steps: u16, reads: f64, rate_rad_s: impl Fn(f64) -> Vector3<f64>) {
+        let earth = Vector3::new(260.0, 0.0, -590.0);
+        let dt = 0.02;
+        for _ in 0..steps {
+            let rate = rate_rad_s(f64::from(self.step) * dt);
+            self.attitude *= Rotation3::new(rate * dt);
+            // Two counts of a chip, in turn on each axis.
+            let noise = |axis, _| 2.0 - 4.0 * f64::from((self.step + axis as u16) % 2);
+            let field = self.soft * (self.attitude.inverse() * earth)
+                + self.iron_mgauss
+                + Vector3::from_fn(noise);
+            let read = rate * (reads / (1.0 + self.taken));
+            let mut input = Input {
+                turned_rad: read * dt,
+                period_s: dt,
+                ..Input::turning_at(Matrix3::identity(), read, field)
+            };
+            input.board.gyro_matrix.fill_diagonal(self.taken);
+            self.regression.take(&input, &self.filter);
+            self.step += 1;
+        }
+    }
+}
+
+/// A board without soft iron.
+fn judged(reads: f64, rate_rad_s: impl Fn(f64) -> Vector3<f64>) -> (ScaleVerdict, f64) {
+    let none = Matrix3::identity();
+    judged_with(reads, none, none, rate_rad_s)
+}
+
+/// A board that has turned for 20 s.
+fn judged_with(
+    reads: f64,
+    soft: Matrix3<f64>,
+    learnt: Matrix3<f64>,
+    rate_rad_s: impl Fn(f64) -> Vector3<f64>,
+) -> (ScaleVerdict, f64) {
+    let mut board = TurnedBoard::new(soft, learnt);
+    board.turn(1000, reads, rate_rad_s);
+    let scale = board
+        .regression
+        .scale()
+        .map_or(f64::NAN, |(scale, _, _)| scale);
+    (board.regression.verdict(), scale)
+}
+
+fn tumbling(t_s: f64) -> Vector3<f64> {
+    Vector3::new((0.7 * t_s).sin(), (0.45 * t_s).cos(), 1.0)
+}
+
+#[test]
+fn a_wrong_scale_shows_beside_any_iron() {
+    for (reads, verdict) in [
+        (1.0, ScaleVerdict::Right),
+        (1.03, ScaleVerdict::Right),
+        (1.2, ScaleVerdict::Wrong),
+        (0.8, ScaleVerdict::Wrong),
+        (2.0, ScaleVerdict::Wrong),
+        (0.5, ScaleVerdict::Wrong),
+        (0.25, ScaleVerdict::Wrong),
+        (4.0, ScaleVerdict::Wrong),
+        (-1.0, ScaleVerdict::Opposed),
+    ] {
+        // Fast enough beside a bias that is not known.
+        let speed = f64::max(2.0 / f64::abs(reads), 3.0);
+        for motion in [tumbling, |_| Vector3::z()] {
+            let (found, scale) = judged(reads, |t_s| motion(t_s) * speed);
+            assert_eq!(found, verdict, "{reads}: {scale}");
+            assert!((scale * reads - 1.0).abs() < 0.03, "{reads}: {scale}");
+        }
+    }
+}
+
+/// Gravity shows a part of a wrong scale, and has not shown it at first.
+#[test]
+fn what_is_taken_out_of_the_rates_does_not_hide_a_wrong_scale() {
+    let none = Matrix3::identity();
+    let mut board = TurnedBoard::new(none, none);
+    for taken in [0.0, 0.03, 0.05] {
+        board.taken = taken;
+        board.turn(300, 1.1, |t_s| tumbling(t_s) * 3.0);
+    }
+    let (scale, _, _) = board.regression.scale().unwrap();
+    assert!((scale * 1.1 - 1.0).abs() < 0.03, "{scale}");
+    assert_eq!(board.regression.verdict(), ScaleVerdict::Wrong);
+}
+
+/// Probably more than a right gyro's, but not certainly.
+#[test]
+fn a_scale_near_the_limit_is_suspected() {
+    for (reads, suspected) in [(1.0, 0.0), (1.03, 0.0), (1.075, 0.07)] {
+        let none = Matrix3::identity();
+        let mut board = TurnedBoard::new(none, none);
+        board.turn(1000, reads, |t_s| tumbling(t_s) * 3.0);
+        let found = board.regression.suspected(true);
+        assert!((found - suspected).abs() < 0.01, "{reads}: {found}");
+    }
+}
+
+#[test]
+fn the_first_arc_of_a_gyro_that_reads_half_is_suspected() {
+    let level = |_: f64| Vector3::z() * 3.0;
+    let suspected = |reads, was_right| {
+        let none = Matrix3::identity();
+        let mut board = TurnedBoard::new(none, none);
+        // 138°.
+        board.turn(40, reads, level);
+        board.regression.suspected(was_right)
+    };
+    assert_eq!(suspected(1.0, false), 0.0);
+    let found = suspected(0.5, false);
+    assert!((found - 1.0).abs() < 0.2, "{found}");
+    assert_eq!(suspected(0.5, true), 0.0);
+}
+
+/// About a horizontal axis, 75° to either side.
+fn swinging(t_s: f64) -> Vector3<f64> {
+    Vector3::y() * (1.3 * 3.0 * (3.0 * t_s).cos())
+}
+
+const SOFT: Matrix3<f64> = Matrix3::new(1.08, 0.04, 0.0, 0.04, 0.96, -0.03, 0.0, -0.03, 0.96);
+
+#[test]
+fn soft_iron_does_not_look_like_a_wrong_scale() {
+    for motion in [tumbling, swinging] {
+        for (reads, verdict) in [(1.0, ScaleVerdict::Right), (1.25, ScaleVerdict::Wrong)] {
+            let (found, scale) = judged_with(reads, SOFT, SOFT, motion);
+            assert_eq!(found, verdict, "{scale}");
+            assert!((scale * reads - 1.0).abs() < 0.01, "{scale}");
+        }
+    }
+}
+
+#[test]
+fn a_wrong_scale_shows_whatever_soft_iron_was_learnt() {
+    let none = Matrix3::identity();
+    for (soft, learnt) in [(SOFT, none), (none, SOFT)] {
+        for reads in [0.8, 1.25] {
+            let (found, scale) = judged_with(reads, soft, learnt, tumbling);
+            assert_eq!(found, ScaleVerdict::Wrong, "{reads}: {scale}");
+        }
+        let (found, scale) = judged_with(1.0, soft, learnt, tumbling);
+        assert_ne!(found, ScaleVerdict::Wrong, "{scale}");
+    }
+}
+
+/// The Z axis of an HMC5883L reads a tenth less than the others. A roll of 86° to either side turns the field toward Z and away.
+#[test]
+fn an_axis_of_another_scale_does_not_look_like_a_wrong_scale_of_the_gyro_over_an_arc() {
+    let chip = Matrix3::from_diagonal(&Vector3::new(1.0, 1.05, 0.9));
+    let roll = |t_s: f64| Vector3::x() * (1.5 * 3.0 * (3.0 * t_s).cos());
+    let (found, scale) = judged_with(1.0, chip, Matrix3::identity(), roll);
+    assert!(scale < 0.9, "{scale}");
+    assert_ne!(found, ScaleVerdict::Wrong, "{scale}");
+}
+
+#[test]
+fn swinging_to_and_fro_does_not_tell_a_scale_from_iron() {
+    // 25° to either side.
+    let swings = |t_s: f64| Vector3::z() * (0.44 * 4.0 * (4.0 * t_s).cos());
+    assert_eq!(judged(0.5, swings).0, ScaleVerdict::Unknown);
+}
+
+#[test]
+fn a_slow_turn_does_not_tell_a_scale_from_a_bias_that_is_not_known() {
+    let slow = |_| Vector3::z() * 0.5;
+    assert_eq!(judged(0.5, slow).0, ScaleVerdict::Unknown);
+}
+
+#[test]
+fn iron_that_comes_in_mid_turn_is_no_wrong_scale() {
+    let none = Matrix3::identity();
+    let mut board = TurnedBoard::new(none, none);
+    let level = |_| Vector3::z() * 2.0;
+    board.turn(80, 1.0, level);
+    board.iron_mgauss.x -= 150.0;
+    for _ in 0..160 {
+        board.turn(1, 1.0, level);
+        assert_ne!(board.regression.verdict(), ScaleVerdict::Wrong);
+    }
+    assert_eq!(board.regression.verdict(), ScaleVerdict::Right);
+}
