@@ -257,8 +257,7 @@ impl Estimate {
             suspended.filter.follow_gyro_bias(&learnt);
         }
         if let Some(proven) = &mut self.proven {
-            proven.walk_meanwhile(&learnt);
-            proven.follow_gyro_bias(&learnt);
+            proven.wait(&learnt);
         }
     }
 

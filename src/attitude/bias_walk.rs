@@ -14,9 +14,9 @@ const MOST_WALK_RAD_S: f64 = 0.0025;
 /// Length of a window, seconds: some time constants of a filter whose bias drifts. Half or twice as much serves as well.
 const WINDOW_S: f64 = 30.0;
 /// Share of a window's excess that is added to the walk: the square of one move scatters by as much as its mean.
-const COUNTS: f64 = 0.5;
+const GAIN: f64 = 0.5;
 
-/// Follows the walk of a filter's bias.
+/// Measures how fast a filter's bias walks.
 #[derive(Clone, Debug, Default)]
 pub struct BiasWalk {
     window: Option<WalkWindow>,
@@ -74,10 +74,10 @@ impl BiasWalk {
         // A bias that is still being learnt moves by chance much further than it walks, so it shows little of its walk.
         let axes = seen.norm_squared();
         let by_walk = axes * before.walked2;
-        let counts = COUNTS * by_walk / expected2.max(by_walk);
+        let gain = GAIN * by_walk / expected2.max(by_walk);
         let excess = (moved2 - expected2) / (axes * before.s);
         let most2 = MOST_WALK_RAD_S.powi(2) - LEAST_WALK_RAD_S.powi(2);
-        self.beyond2 = (self.beyond2 + counts * excess).clamp(0.0, most2);
+        self.beyond2 = (self.beyond2 + gain * excess).clamp(0.0, most2);
     }
 
     /// The filter has added this variance on each axis, (rad/s)², for another reason.
@@ -87,7 +87,7 @@ impl BiasWalk {
         }
     }
 
-    /// What has moved before does not count: the filter has forgotten the bias.
+    /// Begins a new window, since the filter has forgotten the bias: what it moved by before does not count.
     pub fn begin_window(&mut self) {
         self.window = None;
     }

@@ -224,7 +224,7 @@ impl Daemon {
             strength_mgauss: brief(calibration.strength_mgauss),
         };
         let board = history.board(&session.config.mounting.board());
-        // The remainder has another last digit.
+        // Rounded again, since the remainder has more digits.
         let degrees = |angle: Option<f64>| Some(brief(brief(angle?).rem_euclid(360.0)));
         Answer::done(message).with_all(&DaemonStatus {
             cal_state: report.map(|report| report.condition.word().to_owned()),

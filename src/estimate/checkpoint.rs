@@ -56,8 +56,7 @@ impl Estimate {
             filter.pass(&meanwhile);
         }
         if let Some(proven) = &mut kept.proven {
-            proven.walk_meanwhile(&learnt);
-            proven.follow_gyro_bias(&learnt);
+            proven.wait(&learnt);
         }
         self.active = kept.active;
         self.rival = kept.rival;

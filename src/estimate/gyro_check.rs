@@ -31,11 +31,11 @@ const TOGETHER: u32 = 3;
 const MOVED: f64 = 0.1;
 /// A gyro that turns by less than this share of what gravity does is silent.
 const SILENT: f64 = 0.3;
-/// The attitude begins anew if with this gyro the board would move faster than boards do. If it has so often within this time, twice within half a
-/// minute, the gyro's scale may be off by half, though its bias is never known well enough to measure that. A car on a motorway causes it
-/// once in some minutes.
-const AGAINST_GRAVITY: f64 = 1.5;
-const AGAINST_GRAVITY_S: f64 = 60.0;
+/// The attitude begins anew when the readings would mean a speed that boards do not reach. A gyro of half the scale causes that every ten seconds,
+/// and its bias is then never known well enough to measure the scale; a car on a motorway causes it once in some minutes. So the
+/// gyro is suspected from two restarts within half a minute on: each counts 1 and fades over this time, seconds.
+const RESTARTS: f64 = 1.5;
+const RESTARTS_FADE_S: f64 = 60.0;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, may be no measurement.
 const CONSTANT_S: f64 = 0.5;
 /// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
@@ -76,10 +76,10 @@ pub(super) struct GyroCheck {
     fault: Option<GyroFault>,
     scale: GyroScale,
     suspected_scale: f64,
-    /// How often the attitude had begun anew at the last sample, and how often it has in the last `AGAINST_GRAVITY_S`, until the gyro has been
-    /// shown to be right.
+    /// Until the gyro has been shown to be right: how often the attitude had begun anew at the last sample, and its recent restarts, which
+    /// fade.
     begun_anew: Option<u32>,
-    against_gravity: f64,
+    restarts: f64,
     /// The field's turns, until the gyro has been shown to be right: later a magnet that turns beside the board is the likelier cause.
     turns: FieldTurns,
     was_right: bool,
@@ -122,8 +122,8 @@ impl GyroCheck {
             self.turns.take(input);
             let now = input.board.gyro_bias.begun_anew;
             let more = now - self.begun_anew.replace(now).unwrap_or(now);
-            self.against_gravity *= (-dt / AGAINST_GRAVITY_S).exp();
-            self.against_gravity += f64::from(more);
+            self.restarts *= (-dt / RESTARTS_FADE_S).exp();
+            self.restarts += f64::from(more);
         }
         let silent = self.turns.gyro_is_silent();
         let mut judge = self.scale.take(input, filter) || silent;
@@ -182,7 +182,7 @@ impl GyroCheck {
         if right {
             self.was_right = true;
             self.turns = FieldTurns::default();
-            self.against_gravity = 0.0;
+            self.restarts = 0.0;
         }
         right
     }
@@ -221,7 +221,7 @@ impl GyroCheck {
 
     /// How far the gyro's scale is from 1, if that is probably more than a right gyro's, though perhaps not certainly; else 0.
     pub(super) fn suspected_scale(&self) -> f64 {
-        if self.against_gravity >= AGAINST_GRAVITY {
+        if self.restarts >= RESTARTS {
             return 1.0;
         }
         self.suspected_scale

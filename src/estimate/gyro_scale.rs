@@ -46,8 +46,8 @@ const SCATTER: f64 = 0.01;
 /// Least share of the information on s that must be left when the iron is found from the same moments. An arc of 100° leaves a
 /// quarter; a shorter one does not tell a scale from iron.
 const LEFT: f64 = 0.25;
-/// The same until the gyro has been shown to be right. Four moments (of which a little over three are left, as older ones are forgotten) have more
-/// components than there are unknowns, even on a level board. The scale must then be off by more deviations.
+/// The same for the first headings, before the gyro has been shown to be right. Four moments count as a little over three, since older ones are
+/// forgotten; even on a level board they have more components than there are unknowns. The scale must then be off by more deviations.
 const FIRST_MOMENTS: f64 = 3.0;
 const FIRST_LEFT: f64 = 0.1;
 const FIRST_DEVIATIONS: f64 = 2.0;
@@ -95,6 +95,30 @@ struct TurnedMoment {
     /// Integrals of D⁻¹ y × ω and of ω.
     predicted: Vector3<f64>,
     turned_rad: Vector3<f64>,
+}
+
+/// What the regression finds.
+struct FoundScale {
+    /// s and its deviation.
+    scale: f64,
+    sd: f64,
+    /// The share of the squared change that it leaves.
+    unexplained: f64,
+    moments: f64,
+    /// The share of the information on s that is left when the iron is found from the same moments.
+    left: f64,
+}
+
+impl FoundScale {
+    /// Whether the moments tell the scale from iron.
+    fn is_enough(&self) -> bool {
+        self.moments >= LEAST_MOMENTS && self.left > LEFT
+    }
+
+    /// How far the scale is from 1.
+    fn off(&self) -> f64 {
+        (self.scale - 1.0).abs()
+    }
 }
 
 impl GyroScale {
@@ -161,14 +185,14 @@ impl GyroScale {
         }
     }
 
-    /// s, its deviation, and the share of the squared change that it leaves; `None` while the moments do not tell it from iron.
-    fn scale(&self) -> Option<(f64, f64, f64)> {
-        self.scale_by(LEAST_MOMENTS, LEFT)
+    /// What the moments say of the scale; `None` while they do not tell it from iron.
+    fn scale(&self) -> Option<FoundScale> {
+        self.regress().filter(FoundScale::is_enough)
     }
 
-    /// The same by at least so many moments, which leave at least this share of the information on s.
-    fn scale_by(&self, least_moments: f64, least_left: f64) -> Option<(f64, f64, f64)> {
-        if self.moments < least_moments {
+    /// What the moments say, however little that is.
+    fn regress(&self) -> Option<FoundScale> {
+        if self.moments < FIRST_MOMENTS {
             return None;
         }
         let mut information = self.information;
@@ -186,41 +210,52 @@ impl GyroScale {
         // Over an arc a wrong D looks like a wrong scale, as iron does; over full turns, which leave all, it does not.
         let by_matrix2 = self.matrix2 * (1.0 / left - 1.0).max(0.0);
         let variance = scatter2 * inverse[(0, 0)] + by_matrix2;
-        (left > least_left).then(|| (found[0], variance.sqrt(), residual / self.squares))
+        Some(FoundScale {
+            scale: found[0],
+            sd: variance.sqrt(),
+            unexplained: residual / self.squares,
+            moments: self.moments,
+            left,
+        })
     }
 
     /// How far the scale is from 1, if that is probably too far, though perhaps not certainly; else 0. A gyro that has not been shown to be
     /// right is suspected by less evidence: nothing else protects the first headings.
     pub(super) fn suspected(&self, was_right: bool) -> f64 {
-        let beyond = |(scale, sd, _): (f64, f64, f64), deviations: f64| {
-            let off = (scale - 1.0).abs();
-            (off > TOLERANCE + deviations * sd).then_some(off)
+        let Some(found) = self.regress() else {
+            return 0.0;
         };
-        let first = || {
-            self.scale_by(FIRST_MOMENTS, FIRST_LEFT)
-                .filter(|_| !was_right)
+        let deviations = if found.is_enough() {
+            1.0
+        } else if !was_right && found.left > FIRST_LEFT {
+            FIRST_DEVIATIONS
+        } else {
+            return 0.0;
         };
-        let later = self.scale().and_then(|found| beyond(found, 1.0));
-        let found = later.or_else(|| beyond(first()?, FIRST_DEVIATIONS));
-        found.unwrap_or(0.0)
+        let off = found.off();
+        if off > TOLERANCE + deviations * found.sd {
+            off
+        } else {
+            0.0
+        }
     }
 
     /// Whether the gyro clearly turns the same way as the field shows, whatever its scale.
     pub(super) fn same_way(&self) -> bool {
         self.scale()
-            .is_some_and(|(scale, sd, _)| scale > DEVIATIONS * sd)
+            .is_some_and(|found| found.scale > DEVIATIONS * found.sd)
     }
 
     /// Whether the scale is right, as far as the moments tell.
     pub(super) fn verdict(&self) -> ScaleVerdict {
-        let Some((scale, sd, unexplained)) = self.scale() else {
+        let Some(found) = self.scale() else {
             return ScaleVerdict::Unknown;
         };
-        let off = (scale - 1.0).abs();
+        let (off, sd) = (found.off(), found.sd);
         let wrong = off > TOLERANCE + DEVIATIONS * sd;
         let turns = self.squares > self.moments * LEAST_RAD.powi(2);
-        let other_axes = wrong && turns && unexplained > UNEXPLAINED;
-        if scale < -DEVIATIONS * sd || other_axes {
+        let other_axes = wrong && turns && found.unexplained > UNEXPLAINED;
+        if found.scale < -DEVIATIONS * sd || other_axes {
             ScaleVerdict::Opposed
         } else if wrong {
             ScaleVerdict::Wrong

@@ -88,22 +88,25 @@ pub fn perfect(rng: &mut Rng, score: &mut Score) {
     run(Scene::new(world, board, hand, 120.0), rng, score);
 }
 
-/// Any motion at once, 90 s.
+/// How long a board tumbles unless it warms up, seconds.
+const TUMBLES_S: f64 = 90.0;
+
+/// Any motion at once.
 pub fn tumbling(rng: &mut Rng, score: &mut Score) {
-    let scene = tumble(rng, score);
+    let scene = tumble(rng, score, TUMBLES_S);
     run(scene, rng, score);
 }
 
 /// The same with an accelerometer as delivered.
 pub fn untrimmed(rng: &mut Rng, score: &mut Score) {
-    let mut scene = tumble(rng, score);
+    let mut scene = tumble(rng, score, TUMBLES_S);
     scene.board.untrim(rng);
     run(scene, rng, score);
 }
 
 /// Tumbling, read by a host that polls 13 to 60 times a second, over a line that loses some readings.
 pub fn in_bursts(rng: &mut Rng, score: &mut Score) {
-    let mut scene = tumble(rng, score);
+    let mut scene = tumble(rng, score, TUMBLES_S);
     scene.board.polls_every_s = rng.uniform(0.016, 0.075);
     // As in the recorded logs: 15 bytes at 115,200 baud.
     scene.board.apart_s = (0.0012, 0.0016);
@@ -111,15 +114,16 @@ pub fn in_bursts(rng: &mut Rng, score: &mut Score) {
     run(scene, rng, score);
 }
 
-fn tumble(rng: &mut Rng, score: &mut Score) -> Scene {
+/// Free motion for so many seconds.
+fn tumble(rng: &mut Rng, score: &mut Score, length_s: f64) -> Scene {
     score.errors_from = From::Time(30.0);
     score.learnt_by_s = 30.0;
     let parts = vec![Part::Free {
-        s: 95.0,
+        s: length_s + 5.0,
         rate: rng.uniform(0.6, 2.0),
         accel: rng.uniform(0.5, 3.0),
     }];
-    in_room(rng, &ROUGH, parts, 90.0)
+    in_room(rng, &ROUGH, parts, length_s)
 }
 
 /// Tumbling with what a model says of the place's field.
@@ -164,16 +168,9 @@ fn moved_fast(rng: &mut Rng, score: &mut Score, rate: f64, accel: f64) -> Scene 
     in_room(rng, &FAIR, parts, s)
 }
 
-/// Free motion for five minutes, while the board warms up.
+/// Tumbling for five minutes, while the board warms up.
 pub fn warming_hand(rng: &mut Rng, score: &mut Score) {
-    score.errors_from = From::Time(30.0);
-    score.learnt_by_s = 30.0;
-    let parts = vec![Part::Free {
-        s: 305.0,
-        rate: rng.uniform(0.6, 2.0),
-        accel: rng.uniform(0.5, 3.0),
-    }];
-    let mut scene = in_room(rng, &ROUGH, parts, 300.0);
+    let mut scene = tumble(rng, score, 300.0);
     scene.board.warm_up(rng);
     run(scene, rng, score);
 }

@@ -91,6 +91,12 @@ impl Filter {
         add_variance(&mut self.p, G..G + 3, learnt.walked2);
     }
 
+    /// Follows the attitude's bias while no samples are followed.
+    pub fn wait(&mut self, learnt: &BiasLearnt) {
+        self.walk_meanwhile(learnt);
+        self.follow_gyro_bias(learnt);
+    }
+
     /// Follows the attitude's bias, and learns what the attitude has measured of it. With `frozen`, hard iron and matrix stay as they are.
     pub fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, frozen: bool) {
         self.follow_gyro_bias(learnt);

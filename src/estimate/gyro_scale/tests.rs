@@ -82,7 +82,7 @@ fn judged_with(
     let scale = board
         .regression
         .scale()
-        .map_or(f64::NAN, |(scale, _, _)| scale);
+        .map_or(f64::NAN, |found| found.scale);
     (board.regression.verdict(), scale)
 }
 
@@ -122,7 +122,7 @@ fn what_is_taken_out_of_the_rates_does_not_hide_a_wrong_scale() {
         board.taken = taken;
         board.turn(300, 1.1, |t_s| tumbling(t_s) * 3.0);
     }
-    let (scale, _, _) = board.regression.scale().unwrap();
+    let scale = board.regression.scale().unwrap().scale;
     assert!((scale * 1.1 - 1.0).abs() < 0.03, "{scale}");
     assert_eq!(board.regression.verdict(), ScaleVerdict::Wrong);
 }
