@@ -17,8 +17,10 @@ mod vertical;
 use chain::Chain;
 use vertical::Vertical;
 
-/// Past this share of a turn, the detector about the vertical takes precedence.
+/// Past this share of a turn, the detector about the vertical takes precedence …
 const ABOUT_TO_TURN: f64 = 0.9;
+/// … for this much more rotation, radians (20°), unless it waits for the rest of a turn.
+const PATIENCE_RAD: f64 = 0.35;
 
 /// Highest mean rate of a full turn, degrees a second: a faster one means that the gyro's unit is wrong.
 const FASTEST_DEG_S: f64 = 360.0;
@@ -83,8 +85,14 @@ impl TurnDetector {
             self.vertical = Vertical::new(&self.settings);
             None
         };
-        let patient = self.vertical.progress() > ABOUT_TO_TURN;
-        let turn = vertical.or_else(|| self.chain.tick(tick, patient));
+        let patience_rad = if self.vertical.waits() {
+            f64::INFINITY
+        } else if self.vertical.progress() > ABOUT_TO_TURN {
+            PATIENCE_RAD
+        } else {
+            0.0
+        };
+        let turn = vertical.or_else(|| self.chain.tick(tick, patience_rad));
         if turn.is_some() {
             // The other detector must not count the same rotation again.
             self.reset();

@@ -12,8 +12,6 @@ use crate::attitude::{TICK_S, Tick};
 const LINK_RAD: f64 = 20.0 * PI / 180.0;
 /// A link begins when this much of it has been turned, radians: a rest before does not belong to it.
 const BEGUN_RAD: f64 = 2.0 * PI / 180.0;
-/// A patient chain waits for this much more rotation, radians.
-const PATIENCE_RAD: f64 = 20.0 * PI / 180.0;
 /// Turns about an axis this near to the vertical are left to the detector about the vertical, degrees.
 const UPRIGHT_DEG: f64 = 30.0;
 
@@ -108,9 +106,9 @@ impl Chain {
         self.span / self.angle
     }
 
-    /// Takes a tick. `patient`: the detector about the vertical, which trims the start more finely, is about to find a turn;
-    /// such a turn is left to it.
-    pub(super) fn tick(&mut self, tick: &Tick, patient: bool) -> Option<Turn> {
+    /// Takes a tick. `patience_rad`: the detector about the vertical, which trims the start more finely, is about to find a turn;
+    /// such a turn is left to it for this much more rotation.
+    pub(super) fn tick(&mut self, tick: &Tick, patience_rad: f64) -> Option<Turn> {
         let oldest_s = tick.t_s - self.time_limit_s;
         if self.links.front().is_some_and(|l| l.start_s < oldest_s) {
             self.links.pop_front();
@@ -148,10 +146,7 @@ impl Chain {
             let (first, _) = if rise > fall { self.least } else { self.most };
             let turn = self.close(tick.t_s, first);
             let upright = |turn: &Turn| turn.from_vertical_deg.is_some_and(|deg| deg < UPRIGHT_DEG);
-            if !(patient
-                && self.span < self.angle + PATIENCE_RAD
-                && turn.is_some_and(|t| upright(&t)))
-            {
+            if self.span >= self.angle + patience_rad || !turn.is_some_and(|t| upright(&t)) {
                 return turn;
             }
         }

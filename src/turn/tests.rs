@@ -96,7 +96,38 @@ fn going_back_takes_away() {
         back.turn(Vector3::z(), 280.0, 60.0);
         assert!(turns(&back).is_empty());
         back.turn(Vector3::z(), 40.0, 60.0);
+        back.rest(2.0);
         assert_eq!(turns(&back).len(), 1);
+    }
+}
+
+#[test]
+fn a_turn_begins_after_the_fidgeting_before_it() {
+    let mut board = rested();
+    board.turn(Vector3::x(), 20.0, 40.0);
+    board.turn(Vector3::z(), -50.0, 40.0);
+    board.turn(Vector3::z(), 80.0, 40.0);
+    board.turn(Vector3::x(), -20.0, 40.0);
+    board.rest(2.0);
+    let begins_s = board.t_s;
+    board.turn(Vector3::z(), 352.0, 45.0);
+    board.rest(2.0);
+    let found = turns(&board);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!((found[0].start_s - begins_s).abs() < 0.3, "{found:?}");
+}
+
+#[test]
+fn where_the_board_stops_short_the_fidgeting_before_a_turn_is_part_of_it() {
+    for board in [rested, blind] {
+        let mut board = board();
+        board.turn(Vector3::z(), -50.0, 40.0);
+        board.turn(Vector3::z(), 80.0, 40.0);
+        board.rest(2.0);
+        board.turn(Vector3::z(), 300.0, 45.0);
+        board.rest(2.0);
+        let found = turns(&board);
+        assert_eq!(found.len(), 1, "{found:?}");
     }
 }
 

@@ -17,6 +17,12 @@ const CREEP_RAD_S: f64 = 3.0 * PI / 180.0;
 const CREEP_S: f64 = 0.5;
 /// How far orientation may lag behind the integrated rate: bias at rest, levelling.
 const SLACK_RAD: f64 = 15.0 * PI / 180.0;
+/// A board that turned back by more than this has begun anew, radians: a hand that turns it wavers by less.
+const BACK_RAD: f64 = 10.0 * PI / 180.0;
+/// A board that turned on by so much of a turn is about to complete it, …
+const HALF_MADE: f64 = 0.5;
+/// … unless it stands still for so long, seconds.
+const STOPPED_S: f64 = 1.0;
 /// A body tipped further than this from where it started has no heading to compare.
 const TIPPED_RAD: f64 = 90.0 * PI / 180.0;
 
@@ -27,6 +33,8 @@ const LOOKS: usize = 30;
 enum Look {
     Turn(Turn),
     NotYet,
+    /// A turn, but a better one is about to be complete.
+    Wait,
     /// Nothing that begins at this note can become a turn.
     NeverFrom(usize),
 }
@@ -57,6 +65,8 @@ pub(super) struct Vertical {
     most: usize,
     /// A candidate has been looked at and refused: not again before this time.
     next_look_s: f64,
+    /// It was refused since a better one is about to be complete.
+    waits: bool,
 }
 
 impl Vertical {
@@ -70,7 +80,13 @@ impl Vertical {
             least: 0,
             most: 0,
             next_look_s: f64::NEG_INFINITY,
+            waits: false,
         }
+    }
+
+    /// Whether a turn has been made, and the board turns on to a better one.
+    pub(super) fn waits(&self) -> bool {
+        self.waits
     }
 
     pub(super) fn progress(&self) -> f64 {
@@ -99,6 +115,7 @@ impl Vertical {
         if now.t_s < self.next_look_s {
             return None;
         }
+        self.waits = false;
         for _ in 0..LOOKS {
             let (rise, fall) = self.spans(&now);
             if rise.max(fall) < self.angle {
@@ -108,6 +125,10 @@ impl Vertical {
             match self.look(&now, if rise > fall { 1.0 } else { -1.0 }) {
                 Look::Turn(turn) => return Some(turn),
                 Look::NotYet => break,
+                Look::Wait => {
+                    self.waits = true;
+                    break;
+                }
                 Look::NeverFrom(start) => {
                     // Nothing that began there can become a turn any more; something later may.
                     self.notes.drain(..=start);
@@ -178,7 +199,24 @@ impl Vertical {
 
     /// Looks closely at the rotation since the extreme note: trims its start, asks the orientation.
     fn look(&self, now: &Note, sign: f64) -> Look {
-        let start = self.trim(if sign > 0.0 { self.least } else { self.most }, now, sign);
+        let extreme = if sign > 0.0 { self.least } else { self.most };
+        let creep_rad_s = self.creep_rad_s(extreme, now, sign);
+        let goes_on = |from: &Note, to: &Note| {
+            (to.angle - from.angle) * sign >= creep_rad_s * (to.t_s - from.t_s)
+        };
+        let steady = self.steady(extreme, goes_on, sign);
+        let made = (now.angle - self.notes[steady].angle) * sign;
+        let before = (self.notes[steady].angle - self.notes[extreme].angle) * sign;
+        let whole = made >= self.angle;
+        let a_while_ago = self
+            .notes
+            .iter()
+            .rfind(|note| now.t_s - note.t_s >= STOPPED_S);
+        let turns_on = a_while_ago.is_some_and(|then| goes_on(then, now));
+        if !whole && before > BACK_RAD && made >= HALF_MADE * self.angle && turns_on {
+            return Look::Wait;
+        }
+        let start = self.trim(if whole { steady } else { extreme }, goes_on);
         let first = &self.notes[start];
         let angle = (now.angle - first.angle) * sign;
         let Some(heading) = self.heading_since(start, now) else {
@@ -199,31 +237,51 @@ impl Vertical {
         })
     }
 
-    /// The note at which the turn began: after the extreme one, past any creeping.
-    fn trim(&self, extreme: usize, now: &Note, sign: f64) -> usize {
+    /// Slowest rotation that belongs to the turn since a note, rad/s: a turn that is slow throughout does not creep at its start.
+    fn creep_rad_s(&self, extreme: usize, now: &Note, sign: f64) -> f64 {
         let from = self.notes[extreme].angle;
         let half_way = from + 0.5 * (now.angle - from);
         let last_below = self
             .notes
             .iter()
             .rfind(|note| (note.angle - half_way) * sign < 0.0);
-        // A turn that is slow throughout does not creep at its start.
         let late_rate = last_below.map_or(f64::INFINITY, |note| {
             (now.angle - note.angle).abs() / (now.t_s - note.t_s).max(NOTE_S)
         });
-        let creep = CREEP_RAD_S.min(late_rate / 4.0);
-        let mut start = extreme;
-        while let Some(here) = self.notes.get(start) {
-            let later = |note: &&Note| note.t_s - here.t_s >= CREEP_S;
-            let Some(ahead) = self.notes.range(start..).find(later) else {
-                break;
-            };
-            if (ahead.angle - here.angle) * sign >= creep * (ahead.t_s - here.t_s) {
+        CREEP_RAD_S.min(late_rate / 4.0)
+    }
+
+    /// The note since which the board has turned without a stop and never back; `extreme` if it always has. What a hand did with the
+    /// board before that may have tilted it.
+    fn steady(&self, extreme: usize, goes_on: impl Fn(&Note, &Note) -> bool, sign: f64) -> usize {
+        let mut steady = self.notes.len() - 1;
+        for i in (extreme..self.notes.len()).rev() {
+            let here = &self.notes[i];
+            let back = (here.angle - self.notes[steady].angle) * sign;
+            let ahead = self.ahead(i, STOPPED_S);
+            if back > BACK_RAD || ahead.is_some_and(|ahead| !goes_on(here, ahead)) {
                 break;
             }
-            start += 1;
+            if back <= 0.0 {
+                steady = i;
+            }
         }
-        start
+        steady
+    }
+
+    /// The first note that is so many seconds later than this one.
+    fn ahead(&self, index: usize, seconds: f64) -> Option<&Note> {
+        let from_s = self.notes[index].t_s + seconds;
+        self.notes.range(index..).find(|note| note.t_s >= from_s)
+    }
+
+    /// The note at which the turn began: after this one, past any creeping.
+    fn trim(&self, from: usize, goes_on: impl Fn(&Note, &Note) -> bool) -> usize {
+        let creeps = |&start: &usize| {
+            let ahead = self.ahead(start, CREEP_S);
+            ahead.is_some_and(|ahead| !goes_on(&self.notes[start], ahead))
+        };
+        (from..).find(|start| !creeps(start)).unwrap_or(from)
     }
 
     /// How far the heading has come round since a note, by orientation; `None` if the body was tipped over.
