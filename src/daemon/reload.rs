@@ -125,7 +125,11 @@ impl Daemon {
                     self.concluded = None;
                 }
                 // Those that have ended are forgotten: a daemon may reload for years.
-                while self.closing.try_join_next().is_some() {}
+                while let Some(closed) = self.closing.try_join_next() {
+                    if let Ok(Err(error)) = closed {
+                        tracing::error!("{error}");
+                    }
+                }
                 self.closing.spawn(last.close());
                 self.publisher.device(self.session.source.device());
                 self.start_session()?;
