@@ -291,11 +291,7 @@ impl Daemon {
                     path: self.socket.clone(),
                     source: io::Error::other("the server has stopped"),
                 }),
-                // A calibration under way ends first: its turn is not made again.
-                prepared = self.reload.prepared(), if !self.session.calibrator.is_busy() => {
-                    self.end_reload(prepared).await?;
-                    self.inactivity.restart();
-                }
+                () = self.reload.prepared() => {}
                 outcome = self.session.calibrator.outcome() => {
                     self.handle(Event::Calibrated(Box::new(outcome)));
                     self.inactivity.restart();
@@ -308,6 +304,15 @@ impl Daemon {
                 () = self.inactivity.fires() => {
                     self.inactivity.restart();
                     self.take_silence();
+                }
+            }
+            if self.reload.is_prepared() {
+                // A calibration under way ends first, unless it takes long: its turn is not made again.
+                if self.reload.replaces_session() && self.session.calibrator.is_busy() {
+                    self.session.calibrator.hurry();
+                } else {
+                    self.end_reload().await?;
+                    self.inactivity.restart();
                 }
             }
             self.tick(fresh);
