@@ -4,6 +4,7 @@
 //! samples with the gyro's poses. The ratios stand in a table at the end.
 
 use std::hint::black_box;
+use std::sync::atomic::AtomicBool;
 
 use argmin::core::{CostFunction, Error, Executor};
 use argmin::solver::particleswarm::ParticleSwarm;
@@ -69,7 +70,13 @@ fn main() {
         ..Settings::default()
     };
     let basic_s = least(&mut criterion, BASIC, || {
-        black_box(swarm::<2, 4, 5>(black_box(&points), &ranges, &paper));
+        let never = AtomicBool::new(false);
+        black_box(swarm::<2, 4, 5>(
+            black_box(&points),
+            &ranges,
+            &paper,
+            &never,
+        ));
     });
 
     let bias = |axis: usize| ranges.bias_range(axis, ranges.scale_max[axis]);

@@ -36,14 +36,21 @@ mod request;
 mod uncertainty;
 mod windows;
 
+use std::sync::atomic::AtomicBool;
+
 use outcome::{Outcome, Verdict};
 
 pub use request::{CompletedTurn, FieldSample, Request, during, last_rest};
 
 /// Calibrates.
 pub fn calibrate(request: &Request) -> Outcome {
+    calibrate_unless(request, &AtomicBool::new(false))
+}
+
+/// Calibrates, and gives up soon after somebody sets `cancelled`. Left alone, it gives what [`calibrate`] does.
+pub fn calibrate_unless(request: &Request, cancelled: &AtomicBool) -> Outcome {
     let mut outcome = Outcome::begun(request.settings.seed, request.samples.len());
-    match fit_turn::calibrate(request, &mut outcome) {
+    match fit_turn::calibrate(request, cancelled, &mut outcome) {
         Ok(message) => {
             outcome.verdict = Verdict::Accepted;
             (outcome.reason, outcome.message) = ("good", message);

@@ -17,6 +17,7 @@ mod recorder;
 mod reload;
 mod remedy;
 mod ring;
+mod room;
 mod sensor_store;
 mod service_client;
 mod session;
@@ -76,6 +77,8 @@ pub enum DaemonError {
     Listen(#[from] ListenError),
     #[error(transparent)]
     Store(StoreError),
+    #[error("the last calibrations and settings are lost: {0}")]
+    NotKept(String),
     #[error("cannot go on serving on {}: {source}", path.display())]
     Serve { path: PathBuf, source: io::Error },
     #[error(transparent)]
@@ -99,7 +102,7 @@ pub struct Daemon {
     session: Box<Session>,
     reload: Reload,
     /// Sessions that are over, but not all of what they kept is on disk.
-    closing: JoinSet<()>,
+    closing: JoinSet<Result<(), DaemonError>>,
     server: Serving,
     control: Option<Serving>,
     socket: PathBuf,
@@ -240,23 +243,31 @@ impl Daemon {
         };
         let closed = async {
             // Only whoever holds the store last can wait for the disk: the session, and not a reload.
-            if !self.reload.close(DISK_PATIENCE).await && self.session.store.is_shared() {
-                tracing::error!("{UNANSWERED}");
+            let reloaded = self.reload.close(DISK_PATIENCE).await;
+            let unanswered = !reloaded && self.session.store.is_shared();
+            let closed = self.session.close().await;
+            match unanswered {
+                true => Err(DaemonError::NotKept(UNANSWERED.to_owned())),
+                false => closed,
             }
-            self.session.close().await;
         };
-        let (served, (), ()) = tokio::join!(served, controlled, closed);
+        let (served, (), closed) = tokio::join!(served, controlled, closed);
         self.outputs.shutdown().await;
-        self.closing.join_all().await;
-        ended?;
-        served.map_err(|source| DaemonError::Serve {
+        let closed_before = self.closing.join_all().await;
+        let served = served.map_err(|source| DaemonError::Serve {
             path: self.socket,
             source,
-        })?;
-        match source {
+        });
+        let used = match source {
             SourceState::Over(Some(summary)) => Err(DaemonError::Unusable(summary)),
             _ => Ok(()),
-        }
+        };
+        let ends = [ended, served, closed, used].into_iter();
+        let mut errors = ends.chain(closed_before).filter_map(Result::err);
+        // The exit status can tell only of one.
+        let first = errors.next();
+        errors.for_each(|error| tracing::error!("{error}"));
+        first.map_or(Ok(()), Err)
     }
 
     /// Serves until it is told to stop, or there is nothing more to serve.
@@ -280,11 +291,7 @@ impl Daemon {
                     path: self.socket.clone(),
                     source: io::Error::other("the server has stopped"),
                 }),
-                // A calibration under way ends first: its turn is not made again.
-                prepared = self.reload.prepared(), if !self.session.calibrator.is_busy() => {
-                    self.end_reload(prepared).await?;
-                    self.inactivity.restart();
-                }
+                () = self.reload.prepared() => {}
                 outcome = self.session.calibrator.outcome() => {
                     self.handle(Event::Calibrated(Box::new(outcome)));
                     self.inactivity.restart();
@@ -297,6 +304,15 @@ impl Daemon {
                 () = self.inactivity.fires() => {
                     self.inactivity.restart();
                     self.take_silence();
+                }
+            }
+            if self.reload.is_prepared() {
+                // A calibration under way ends first, unless it takes long: its turn is not made again.
+                if self.reload.replaces_session() && self.session.calibrator.is_busy() {
+                    self.session.calibrator.hurry();
+                } else {
+                    self.end_reload().await?;
+                    self.inactivity.restart();
                 }
             }
             self.tick(fresh);

@@ -277,6 +277,11 @@ impl Pipeline {
         self.job.is_some()
     }
 
+    /// Whether a calibration is under way whose outcome will be discarded.
+    pub fn has_given_up(&self) -> bool {
+        self.job.is_some_and(|job| job.unwanted)
+    }
+
     /// How much of a full turn is completed, 0 to 1; not known while the source or the magnetometer is silent.
     pub fn progress(&self) -> Option<f64> {
         let condition = self.report.as_ref()?.condition;

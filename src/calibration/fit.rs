@@ -1,5 +1,7 @@
 //! One fit in two or three dimensions: box, swarm, refinement.
 
+use std::sync::atomic::AtomicBool;
+
 use nalgebra::SMatrix;
 
 use super::curve::{Curve, ParameterVector};
@@ -105,11 +107,12 @@ pub fn without_spikes<const D: usize>(points: &[[f64; D]]) -> Vec<[f64; D]> {
     kept.map(|(point, _)| *point).collect()
 }
 
-/// Runs the swarm over points in their box with these settings. `None` if nothing in it has a fit value. F = 2·D + 1.
+/// Runs the swarm over points in their box with these settings, until it is `cancelled`. `None` if nothing in it has a fit value. F = 2·D + 1.
 pub fn swarm<const D: usize, const P: usize, const F: usize>(
     points: &[[f64; D]],
     bounds: &Bounds<D>,
     settings: &Settings,
+    cancelled: &AtomicBool,
 ) -> Option<SwarmResult<P>> {
     let reference_mgauss = bounds.reference_mgauss;
     let found = match settings.profile {
@@ -117,11 +120,12 @@ pub fn swarm<const D: usize, const P: usize, const F: usize>(
             let normal = Normalizer::new(&bounds.low, &bounds.high);
             let objective = Factored::<D, F>::new(normal, points, reference_mgauss);
             let fit_value = |position: &_| objective.fit_value(position);
-            search(bounds, settings, objective.conic(), fit_value)
+            search(bounds, settings, objective.conic(), fit_value, cancelled)
         }
-        Profile::Paper => search(bounds, settings, None, |position| {
-            direct(points, position, reference_mgauss)
-        }),
+        Profile::Paper => {
+            let fit_value = |position: &_| direct(points, position, reference_mgauss);
+            search(bounds, settings, None, fit_value, cancelled)
+        }
     };
     found.fit_value.is_finite().then_some(found)
 }

@@ -1,6 +1,7 @@
 //! Fits a turn: from samples to parameters, in two or three dimensions.
 
 use std::ops::Range;
+use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
 
@@ -8,7 +9,8 @@ use super::curve::{Diagonal, ParameterVector, Symmetric};
 use super::fit::{self, Fitted};
 use super::model::{Mode, Model};
 use super::model_selection::{SoftIron, select_model};
-use super::outcome::{Outcome, SwarmReport};
+use super::mpsot::Stop;
+use super::outcome::{CANCELLED, Outcome, SwarmReport};
 use super::plane::{self, Plan};
 use super::request::{FieldSample, Request};
 use super::verdict::Refusal;
@@ -27,12 +29,16 @@ const LEAST_SAMPLES: usize = 20;
 /// A calibration on a turn needs at least this many: steps of more than 15° count as gaps in its coverage.
 const LEAST_IN_TURN: usize = 24;
 
-/// Calibrates and fills in the outcome as far as it gets. Returns the message of an acceptance.
+/// Calibrates, unless it is `cancelled`, and fills in the outcome as far as it gets. Returns the message of an acceptance.
 ///
 /// # Errors
 ///
 /// The refusal, if the samples do not allow a fit, or if the fit does not deserve trust.
-pub fn calibrate(request: &Request, outcome: &mut Outcome) -> Result<String, Refusal> {
+pub fn calibrate(
+    request: &Request,
+    cancelled: &AtomicBool,
+    outcome: &mut Outcome,
+) -> Result<String, Refusal> {
     if request.samples.len() < LEAST_SAMPLES {
         return Err(Refusal::new(
             "too_few_samples",
@@ -83,6 +89,7 @@ pub fn calibrate(request: &Request, outcome: &mut Outcome) -> Result<String, Ref
             let work = Work {
                 request,
                 plan: &plan,
+                cancelled,
                 project: &project,
             };
             let fitted = work.fit::<4, 5>(outcome)?;
@@ -93,6 +100,7 @@ pub fn calibrate(request: &Request, outcome: &mut Outcome) -> Result<String, Ref
             let work = Work {
                 request,
                 plan: &plan,
+                cancelled,
                 project: &project,
             };
             let fitted = work.fit::<6, 7>(outcome)?;
@@ -112,6 +120,7 @@ pub fn calibrate(request: &Request, outcome: &mut Outcome) -> Result<String, Ref
 pub struct Work<'a, const D: usize> {
     pub request: &'a Request,
     pub plan: &'a Plan,
+    pub cancelled: &'a AtomicBool,
     /// A sample's components along the axes that are calibrated.
     pub project: &'a dyn Fn(&FieldSample) -> [f64; D],
 }
@@ -175,7 +184,11 @@ impl<const D: usize> Work<'_, D> {
             .collect();
         let seen = fit::without_spikes(&seen);
         let bounds = fit::bounds(&seen, reference).ok_or_else(no_motion)?;
-        let swarm = fit::swarm::<D, P, F>(&seen, &bounds, settings).ok_or_else(no_motion)?;
+        let swarm = fit::swarm::<D, P, F>(&seen, &bounds, settings, self.cancelled);
+        let swarm = swarm.ok_or_else(no_motion)?;
+        if swarm.stop == Stop::Cancelled {
+            return Err(Refusal::new("cancelled", CANCELLED));
+        }
         outcome.swarm = Some(SwarmReport {
             profile: settings.profile.word(),
             particles: settings.particles,

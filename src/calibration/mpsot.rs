@@ -17,6 +17,8 @@ words! {
         Error = "error",
         /// Level 3: the parameters no longer change.
         Change = "change",
+        /// None of the paper's: somebody gave the calibration up.
+        Cancelled = "cancelled",
     }
 }
 

@@ -24,6 +24,10 @@ words! {
     }
 }
 
+/// What is said of a calibration whose outcome nobody wants any more.
+pub const CANCELLED: &str =
+    "discarded: it was cancelled, or another command arrived while it was computed";
+
 /// Everything that is known about one calibration. Unknown is `None`, and null in JSON. Flat keys come
 /// first: some clients stop reading an object at its first array.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]

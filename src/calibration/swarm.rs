@@ -1,5 +1,7 @@
 //! Basic particle swarm optimisation: Equations 5 and 6 and the steps of section 3.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use rand::{Rng, RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
@@ -147,7 +149,7 @@ impl<const P: usize> Particle<P> {
     }
 }
 
-/// Runs a swarm in a box. `start` is where one particle begins, if something good is known; the others
+/// Runs a swarm in a box, until its rule or `cancelled` stops it. `start` is where one particle begins, if something good is known; the others
 /// begin at random positions with random velocities within the limit. A fit value that is not a
 /// number never becomes a best.
 pub fn search<const D: usize, const P: usize>(
@@ -155,6 +157,7 @@ pub fn search<const D: usize, const P: usize>(
     settings: &Settings,
     start: Option<ParameterVector<P>>,
     fit_value: impl Fn(&ParameterVector<P>) -> f64,
+    cancelled: &AtomicBool,
 ) -> SwarmResult<P> {
     let coefficients = match settings.profile {
         Profile::Standard => CONSTRICTION,
@@ -183,6 +186,7 @@ pub fn search<const D: usize, const P: usize>(
         .collect();
 
     let mut watch = ConvergenceMonitor::new(settings);
+    let given_up = || cancelled.load(Ordering::Relaxed).then_some(Stop::Cancelled);
     loop {
         for particle in &mut swarm {
             let fit = fit_value(&particle.position);
@@ -194,7 +198,8 @@ pub fn search<const D: usize, const P: usize>(
             }
         }
         fitness.push(global_fit);
-        if let Some(stop) = watch.iterated(&global_best, global_fit) {
+        let stop = watch.iterated(&global_best, global_fit);
+        if let Some(stop) = stop.or_else(given_up) {
             return SwarmResult {
                 position: global_best,
                 fit_value: global_fit,
@@ -212,6 +217,9 @@ pub fn search<const D: usize, const P: usize>(
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicUsize;
+
+    use super::super::settings::StopChoice;
     use super::*;
 
     const BOX: Bounds<2> = Bounds {
@@ -286,7 +294,7 @@ mod tests {
     #[test]
     fn constriction_converges_and_mpsot_stops_it() {
         for seed in 0..20 {
-            let found = search(&BOX, &standard(seed), None, bowl);
+            let found = search(&BOX, &standard(seed), None, bowl, &AtomicBool::new(false));
             assert_eq!(found.stop, Stop::Change);
             assert!(
                 found.fitness.len() < 300 && found.fit_value < 0.1,
@@ -306,7 +314,8 @@ mod tests {
             ..standard(1)
         };
         let start = [12.1, 18.0, 1.1, 1.2];
-        assert!(search(&BOX, &settings, Some(start), bowl).fit_value <= bowl(&start));
+        let found = search(&BOX, &settings, Some(start), bowl, &AtomicBool::new(false));
+        assert!(found.fit_value <= bowl(&start));
     }
 
     #[test]
@@ -318,7 +327,25 @@ mod tests {
                 bowl(position)
             }
         };
-        let found = search(&BOX, &paper(1), None, fit_value);
+        let found = search(&BOX, &paper(1), None, fit_value, &AtomicBool::new(false));
         assert!(found.fit_value.is_finite() && found.position[0] <= 10.0);
+    }
+
+    #[test]
+    fn one_that_is_cancelled_stops_after_its_iteration() {
+        let settings = Settings {
+            stop: StopChoice::Basic,
+            max_iterations: 100_000,
+            ..standard(1)
+        };
+        let cancelled = AtomicBool::new(false);
+        let evaluated = AtomicUsize::new(0);
+        let fit_value = |position: &ParameterVector<4>| {
+            let count = evaluated.fetch_add(1, Ordering::Relaxed) + 1;
+            cancelled.store(count > 10 * settings.particles, Ordering::Relaxed);
+            bowl(position)
+        };
+        let found = search(&BOX, &settings, None, fit_value, &cancelled);
+        assert_eq!((found.stop, found.fitness.len()), (Stop::Cancelled, 11));
     }
 }

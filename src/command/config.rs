@@ -6,12 +6,20 @@ use std::path::{Path, PathBuf};
 use clap::Subcommand;
 
 use super::{Failure, OrFail, config_file, print, tell};
+use crate::calibration;
+use crate::calibration::settings::Profile;
 use crate::config::Config;
 use crate::config::source::{Kind, Settings};
 use crate::frame::{Mounting, Mountings};
 use crate::sensor::replay::refuse_folder;
 use crate::true_north::TrueNorth;
 use crate::wall_clock;
+
+/// Samples of a turn, about.
+const SAMPLES: u64 = 250;
+
+/// Particles times iterations that take about a second: on a fast machine less, on a small board more.
+const MOST_WORK: u64 = 10_000_000;
 
 /// Check a configuration file or show the effective settings
 #[derive(Clone, Debug, clap::Args)]
@@ -72,6 +80,7 @@ fn warnings(config: &Config) -> Vec<String> {
     }
     warnings.extend(mountings_without_effect(config));
     warnings.extend(stale_between_samples(config));
+    warnings.extend(long_calibration(&config.calibration));
     warnings.extend(match config.source.kind {
         Some(Kind::Replay) => unreadable_log(&config.source.log),
         _ => unreliable_declination(config),
@@ -115,6 +124,24 @@ fn stale_between_samples(config: &Config) -> Option<String> {
         format!(
             "with {key} = {rate_hz}, headings may be stale between two samples: set heading.stale_s, which is {stale_s}, to \
              {least_s:.1} or more"
+        )
+    })
+}
+
+/// Warns of a swarm that may keep a board busy for many seconds.
+fn long_calibration(settings: &calibration::settings::Settings) -> Option<String> {
+    // The paper's profile sums over all samples for each particle.
+    let cost = match settings.profile {
+        Profile::Standard => 1,
+        Profile::Paper => SAMPLES,
+    };
+    let steps = settings.particles as u64 * settings.max_iterations as u64;
+    let work = steps * cost;
+    (work > MOST_WORK).then(|| {
+        format!(
+            "calibration.particles times calibration.max_iterations is {steps}: a calibration may take {} s or more, a reload gives it up, \
+             and with source.speed above 1 headings wait for it",
+            work / MOST_WORK
         )
     })
 }
@@ -237,6 +264,14 @@ mod tests {
         }
         let old = format!("{board}[heading]\nmisfit_s = 60.0\n");
         assert!(of(&old)[0].starts_with("line 6: heading.misfit_s no longer exists"));
+        let long = of(&format!(
+            "{board}[calibration]\nparticles = 1000\nmax_iterations = 100000\n"
+        ));
+        assert!(long[0].contains("may take 10 s"), "{long:?}");
+        let paper = of(&format!(
+            "{board}[calibration]\nprofile = \"paper\"\nstop = \"basic\"\n"
+        ));
+        assert!(paper.is_empty(), "{paper:?}");
         let seldom = of(&format!("{board}rate_hz = 1\n"));
         assert!(seldom[0].contains("set heading.stale_s"), "{seldom:?}");
         let pole = format!("{board}[true_north]\nlatitude_deg = 86\nlongitude_deg = 139\n");

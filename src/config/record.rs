@@ -1,6 +1,6 @@
 //! Table `[record]`: raw readings kept in a ring of log files.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::check::{Fault, absolute_or_empty, settings};
 
@@ -19,6 +19,11 @@ settings! {
 }
 
 impl Settings {
+    /// The folder, if anything is to be recorded.
+    pub fn directory(&self) -> Option<&Path> {
+        (!self.directory.as_os_str().is_empty()).then_some(&self.directory)
+    }
+
     fn check_directory(&self, faults: &mut Vec<Fault>) {
         let right = "an absolute path, or empty";
         absolute_or_empty(faults, "directory", &self.directory, right);

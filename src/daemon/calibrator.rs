@@ -1,11 +1,18 @@
 //! Calibrates on a thread of its own, one calibration at a time.
 
 use std::future::pending;
-use std::time::Instant;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use tokio::time::timeout_at;
 
 use super::thread::Thread;
 use crate::calibration::outcome::Outcome;
-use crate::calibration::{Request, calibrate};
+use crate::calibration::{Request, calibrate_unless};
+
+/// Whoever waits for the end of a calibration waits this long: many times what one takes with the usual settings.
+const PATIENCE: Duration = Duration::from_millis(500);
 
 #[derive(Default)]
 pub(super) struct Calibrator {
@@ -15,6 +22,10 @@ pub(super) struct Calibrator {
 struct RunningCalibration {
     /// None if it could not be started.
     thread: Option<Thread<Outcome>>,
+    /// Whether nobody wants the outcome any more.
+    cancelled: Arc<AtomicBool>,
+    /// It is given up then: somebody waits for its end.
+    deadline: Option<Instant>,
     /// The outcome if the thread fails: the pipeline waits for one.
     failed: Outcome,
 }
@@ -28,14 +39,38 @@ impl Calibrator {
                 .to_owned(),
             ..Outcome::begun(request.settings.seed, request.samples.len())
         };
+        let cancelled = Arc::new(AtomicBool::new(false));
+        let its_own = Arc::clone(&cancelled);
         let work = move || {
             let begun = Instant::now();
-            calibrate(&request).after(begun.elapsed())
+            calibrate_unless(&request, &its_own).after(begun.elapsed())
         };
         let thread = Thread::start("calibration", work)
             .inspect_err(|error| tracing::error!("{error}"))
             .ok();
-        self.running = Some(RunningCalibration { thread, failed });
+        self.running = Some(RunningCalibration {
+            thread,
+            cancelled,
+            deadline: None,
+            failed,
+        });
+    }
+
+    /// Gives up the calibration under way, if there is one: its outcome comes at once.
+    pub(super) fn cancel(&mut self) {
+        if let Some(running) = &self.running {
+            running.cancelled.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Somebody waits for the end of the calibration under way: from now on it has a deadline.
+    pub(super) fn hurry(&mut self) {
+        if let Some(running) = &mut self.running
+            && !running.cancelled.load(Ordering::Relaxed)
+        {
+            let deadline = || Instant::now() + PATIENCE;
+            running.deadline.get_or_insert_with(deadline);
+        }
     }
 
     pub(super) fn is_busy(&self) -> bool {
@@ -48,9 +83,22 @@ impl Calibrator {
         let Some(running) = &mut self.running else {
             return pending().await;
         };
-        let outcome = match &mut running.thread {
-            Some(thread) => thread.outcome().await,
-            None => None,
+        let outcome = match (&mut running.thread, running.deadline) {
+            (Some(thread), Some(deadline)) => {
+                match timeout_at(deadline.into(), thread.outcome()).await {
+                    Ok(outcome) => outcome,
+                    Err(_) => {
+                        tracing::warn!(
+                            "the calibration under way takes too long, and is given up: turn the board again"
+                        );
+                        running.deadline = None;
+                        running.cancelled.store(true, Ordering::Relaxed);
+                        thread.outcome().await
+                    }
+                }
+            }
+            (Some(thread), None) => thread.outcome().await,
+            (None, _) => None,
         };
         let outcome = outcome.unwrap_or_else(|| running.failed.clone());
         self.running = None;

@@ -5,20 +5,21 @@ use std::sync::mpsc::{self, RecvTimeoutError, TrySendError};
 use std::time::Duration;
 
 use super::DaemonError;
-use super::remedy::with_remedy;
+use super::remedy::{lacks_room, with_remedy};
+use super::room::Room;
 use super::thread::{Shared, Thread, lock};
 use crate::publish::control::status::FolderSummary;
 use crate::store::{Contents, History, Identity, Store, StoreError};
 
-/// Pauses before a save that failed is tried again: the first, doubled each time up to the last.
-const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(60));
+/// Pauses before a save that failed is tried again: the first, doubled each time up to the last. Other programs, too, take room
+/// as soon as there is some.
+const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(5));
 
 /// How many jobs wait for the disk.
 const WAITING_JOBS: usize = 16;
 
-/// What is logged at the end of a daemon that has waited for the disk long enough.
-pub(super) const UNANSWERED: &str =
-    "the store has not finished writing: the last calibration or setting may be lost";
+/// Why a daemon that has waited for the disk long enough may have lost something.
+pub(super) const UNANSWERED: &str = "the store has not finished writing";
 
 /// Told when something is on disk, or why it is not.
 pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
@@ -28,8 +29,10 @@ pub(super) struct Disk {
     queue: mpsc::SyncSender<Job>,
     /// The newest history of each sensor, until the thread saves it.
     newest: Shared<Contents>,
-    thread: Thread,
+    /// Ends with an error if something could not be saved.
+    thread: Thread<Result<(), String>>,
     pub(super) directory: PathBuf,
+    pub(super) room: Room,
     /// What is wrong with the store now, for people.
     fault: Shared<Option<String>>,
 }
@@ -42,7 +45,7 @@ enum Job {
 
 impl Disk {
     pub(super) fn open(directory: &Path) -> Result<Self, DaemonError> {
-        let (newest, fault) = (Shared::default(), Shared::default());
+        let (newest, fault, room) = (Shared::default(), Shared::default(), Room::default());
         let (store, error) = match Store::claim(directory) {
             // Each would take the other's calibrations for a mistake.
             Err(error @ StoreError::InUse { .. }) => return Err(DaemonError::Store(error)),
@@ -66,6 +69,7 @@ impl Disk {
             unsaved: Contents::default(),
             reopen: error.is_some(),
             pause: PAUSES.0,
+            room: room.clone(),
             fault: fault.clone(),
         };
         Ok(Self {
@@ -73,6 +77,7 @@ impl Disk {
             newest,
             thread: Thread::start("store", move || writer.run(&jobs))?,
             directory: directory.to_owned(),
+            room,
             fault,
         })
     }
@@ -106,12 +111,12 @@ impl Disk {
         FolderSummary::of(&self.directory, lock(&self.fault).clone())
     }
 
-    /// Waits until everything is written, unless that takes longer than `patience`.
-    pub(super) async fn close(self, patience: Duration) {
+    /// Waits until everything is written, unless that takes longer than `patience`. An error says what stood in the way.
+    pub(super) async fn close(self, patience: Duration) -> Result<(), DaemonError> {
         drop(self.queue);
-        if self.thread.end(patience).await.is_none() {
-            tracing::error!("{UNANSWERED}");
-        }
+        let ended = self.thread.end(patience).await;
+        let ended = ended.unwrap_or_else(|| Err(UNANSWERED.to_owned()));
+        ended.map_err(DaemonError::NotKept)
     }
 }
 
@@ -166,11 +171,12 @@ struct DiskWriter {
     /// The next attempt opens the folder anew: it may be another by then. Until that succeeds, the last one stays locked.
     reopen: bool,
     pause: Duration,
+    room: Room,
     fault: Shared<Option<String>>,
 }
 
 impl DiskWriter {
-    fn run(mut self, jobs: &mpsc::Receiver<Job>) {
+    fn run(mut self, jobs: &mpsc::Receiver<Job>) -> Result<(), String> {
         loop {
             let failing = self.reopen || !self.unsaved.sensors.is_empty();
             let job = if failing {
@@ -195,10 +201,10 @@ impl DiskWriter {
                 Err(RecvTimeoutError::Disconnected) => break,
             }
         }
-        if !self.unsaved.sensors.is_empty() && self.attempt().is_err() {
-            let directory = self.directory.display();
-            tracing::error!("the last calibrations and settings could not be kept in {directory}");
+        if self.unsaved.sensors.is_empty() {
+            return Ok(());
         }
+        self.attempt()
     }
 
     fn take_newest(&mut self) {
@@ -239,7 +245,7 @@ impl DiskWriter {
     /// Saves what is unsaved; where nothing is, sees whether the folder works now.
     fn attempt(&mut self) -> Result<(), String> {
         let told = lock(&self.fault).is_some();
-        match self.save() {
+        match self.save_making_room() {
             Ok(()) => {
                 if told {
                     tracing::info!(
@@ -262,6 +268,27 @@ impl DiskWriter {
                 }
                 *lock(&self.fault) = Some(message.clone());
                 Err(message)
+            }
+        }
+    }
+
+    /// Saves; on a full disk the ring of logs gives room, and takes none until everything is saved.
+    fn save_making_room(&mut self) -> Result<(), StoreError> {
+        loop {
+            match self.save() {
+                Err(error) if lacks_room(&error) && !self.unsaved.sensors.is_empty() => {
+                    let Some(log) = self.room.claim(&self.directory) else {
+                        return Err(error);
+                    };
+                    let log = log.display();
+                    tracing::warn!(
+                        "the disk is full: removed the oldest log {log} to keep a calibration"
+                    );
+                }
+                saved => {
+                    self.room.release();
+                    return saved;
+                }
             }
         }
     }
@@ -308,6 +335,7 @@ mod tests {
             unsaved: Contents::default(),
             reopen: false,
             pause: PAUSES.0,
+            room: Room::default(),
             fault: Shared::default(),
         }
     }
@@ -319,8 +347,9 @@ mod tests {
         let disk = Disk {
             queue,
             newest: Shared::default(),
-            thread: Thread::start("test", || ()).unwrap(),
+            thread: Thread::start("test", || Ok(())).unwrap(),
             directory: folder.path().to_owned(),
+            room: Room::default(),
             fault: Shared::default(),
         };
         let identity = Identity::new("hmc5843", Mounting::default());
@@ -345,7 +374,7 @@ mod tests {
             ..writer(folder.path())
         };
         drop(disk.queue);
-        writer.run(&jobs);
+        writer.run(&jobs).unwrap();
         assert_eq!(answers.try_recv().unwrap(), Ok(()));
         assert_eq!(*lock(&disk.fault), None);
         let kept = Store::contents(folder.path()).unwrap();

@@ -105,6 +105,9 @@ impl Daemon {
             self.carry_out(action);
         }
         self.actions = actions;
+        if self.session.pipeline.has_given_up() {
+            self.session.calibrator.cancel();
+        }
         if let Some(field) = self.session.north.true_north.take_field() {
             self.handle(Event::Place(field));
         }

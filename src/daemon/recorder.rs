@@ -1,7 +1,9 @@
 //! Writes raw readings into logs, on a thread of its own: a slow or full disk delays no heading.
 
+mod open_log;
+
 use std::fs::{self, File};
-use std::io::{self, BufWriter, ErrorKind};
+use std::io::{self, ErrorKind};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -10,25 +12,23 @@ use std::time::{Duration, Instant};
 use tempfile::tempfile_in;
 use tokio::sync::oneshot;
 
+use super::room::Room;
 use super::thread::{Shared, Thread, lock};
 use super::{DaemonError, remedy, ring};
 use crate::config::record::Settings;
-use crate::date;
 use crate::publish::control::status::FolderSummary;
 use crate::reading::Reading;
-use crate::recording::{Entry, Header, RECORDED_FROM, Writer};
-use crate::wall_clock;
+use crate::recording::{Entry, Header};
+use open_log::OpenLog;
 
 /// Readings that may wait for the disk: some ten seconds of them.
 const QUEUE: usize = 4096;
 /// Interval at which readings are handed to the system, which writes them to disk: a daemon that is killed loses no more.
 const FLUSH: Duration = Duration::from_secs(1);
-/// Rows that wait for a flush, besides the header, bytes.
-const BUFFER: usize = 8192;
 /// This name of a log is standard output.
 const STDOUT: &str = "-";
-/// Pause before a ring tries again what has failed.
-const RETRY: Duration = Duration::from_secs(5);
+/// Pause before a ring tries again what has failed. The store may wait for a removed log to be closed.
+const RETRY: Duration = Duration::from_secs(1);
 
 #[derive(Debug, thiserror::Error)]
 #[error("cannot {} recording {}: {source}", if *at_start { "begin" } else { "go on with" }, path.display())]
@@ -75,20 +75,28 @@ pub(super) type Ending = oneshot::Receiver<(u64, Result<(), RecordError>)>;
 impl Recorder {
     /// Starts to record into one file. What becomes of it comes out of the second value.
     pub(super) fn file(path: &Path, header: Header) -> Result<(Self, Ending), DaemonError> {
-        Self::start(Destination::File(path.to_owned()), header)
+        Self::start(Destination::File(path.to_owned()), header, Room::default())
     }
 
-    /// Starts to record into a ring of files, if the settings say so.
-    pub(super) fn ring(settings: &Settings, header: Header) -> Result<Option<Self>, DaemonError> {
-        if settings.directory.as_os_str().is_empty() {
+    /// Starts to record into a ring of files, if the settings say so. It takes no room that the store needs.
+    pub(super) fn ring(
+        settings: &Settings,
+        header: Header,
+        room: Room,
+    ) -> Result<Option<Self>, DaemonError> {
+        if settings.directory().is_none() {
             return Ok(None);
         }
         // A failure has been logged: a ring goes on after it.
-        let (recorder, _) = Self::start(Destination::Ring(settings.clone()), header)?;
+        let (recorder, _) = Self::start(Destination::Ring(settings.clone()), header, room)?;
         Ok(Some(recorder))
     }
 
-    fn start(destination: Destination, header: Header) -> Result<(Self, Ending), DaemonError> {
+    fn start(
+        destination: Destination,
+        header: Header,
+        room: Room,
+    ) -> Result<(Self, Ending), DaemonError> {
         let (queue, readings) = sync_channel(QUEUE);
         let (sender, ending) = oneshot::channel();
         let fault = Shared::default();
@@ -100,6 +108,7 @@ impl Recorder {
             destination,
             header,
             readings,
+            room,
             written: 0,
             fault: Shared::clone(&fault),
         };
@@ -161,6 +170,7 @@ struct RecorderThread {
     destination: Destination,
     header: Header,
     readings: Receiver<Reading>,
+    room: Room,
     /// How many readings are in the log.
     written: u64,
     /// Why nothing is recorded now, for people; it has been complained of.
@@ -186,7 +196,10 @@ impl RecorderThread {
             let (path, file) = match opened.take() {
                 Some(opened) => opened,
                 None if first.is_err() => return Ok(()),
-                None => self.retrying(|| self.open())?,
+                None => {
+                    self.give_way(None)?;
+                    self.retrying(|| self.open())?
+                }
             };
             if self.written == 0 && matches!(self.destination, Destination::Ring(_)) {
                 tracing::info!("recording into {}", path.display());
@@ -200,7 +213,7 @@ impl RecorderThread {
             // The disk has the room of a removed log again only when that is closed.
             if self.has_lost(&log.path) {
                 let log = log.path.display();
-                tracing::info!("somebody has removed {log}: what follows goes into another file");
+                tracing::info!("{log} has been removed: what follows goes into another file");
             } else if ended? {
                 return Ok(());
             }
@@ -251,6 +264,7 @@ impl RecorderThread {
                         heading_truth_rad: None,
                     };
                     // A row that cannot be written is not buffered either, so that it can be written again.
+                    self.give_way(Some(&log.path))?;
                     bytes += self.retrying(|| log.write(&entry))?;
                     self.written += 1;
                 }
@@ -272,6 +286,7 @@ impl RecorderThread {
     }
 
     fn flush(&self, log: &mut OpenLog) -> Result<(), RecordError> {
+        self.give_way(Some(&log.path))?;
         self.retrying(|| log.flush())?;
         if lock(&self.fault).take().is_some() {
             tracing::info!("recording again");
@@ -290,11 +305,10 @@ impl RecorderThread {
                 (Err(error), Destination::Ring(settings)) => (error, &settings.directory),
                 (done, _) => return done,
             };
-            if !error.at_start && self.has_lost(&error.path) {
-                return Err(error);
-            }
             if remedy::is_full(&error.source)
-                && let Ok(Some(oldest)) = ring::remove_oldest(ring)
+                && !self.room.is_claimed()
+                && !self.must_close(&error)
+                && let Ok(Some(oldest)) = ring::remove_oldest(ring, 1)
             {
                 tracing::info!(
                     "the disk is full: removed the oldest log {}",
@@ -302,15 +316,45 @@ impl RecorderThread {
                 );
                 continue;
             }
-            let remedy = remedy::of_folder(&error.source, "record.directory");
-            let message = format!("{error}; {remedy}");
-            if lock(&self.fault).replace(message.clone()).is_none() {
-                tracing::error!("{message}; until then nothing is recorded, and headings go on");
+            if !self.pause(&error) {
+                return Err(error);
             }
-            if !discard(&self.readings, RETRY) {
+            self.give_way((!error.at_start).then_some(&error.path))?;
+        }
+    }
+
+    /// Waits while the store needs the room on the disk: a calibration goes first.
+    fn give_way(&self, log: Option<&Path>) -> Result<(), RecordError> {
+        while self.room.is_claimed()
+            && let Destination::Ring(settings) = &self.destination
+        {
+            let why = "the store has no room for a calibration, and goes first";
+            let place = log.unwrap_or(&settings.directory);
+            let error =
+                RecordError::of(log.is_none(), place)(io::Error::new(ErrorKind::StorageFull, why));
+            if !self.pause(&error) {
                 return Err(error);
             }
         }
+        Ok(())
+    }
+
+    /// Complains of this error of a ring, and discards readings for a while. Returns whether it may be tried again.
+    fn pause(&self, error: &RecordError) -> bool {
+        if self.must_close(error) {
+            return false;
+        }
+        let remedy = remedy::of_folder(&error.source, "record.directory");
+        let message = format!("{error}; {remedy}");
+        if lock(&self.fault).replace(message.clone()).is_none() {
+            tracing::error!("{message}; until then nothing is recorded, and headings go on");
+        }
+        discard(&self.readings, RETRY)
+    }
+
+    /// Whether the log in which this failed is gone.
+    fn must_close(&self, error: &RecordError) -> bool {
+        !error.at_start && self.has_lost(&error.path)
     }
 }
 
@@ -336,37 +380,6 @@ fn discard(readings: &Receiver<Reading>, time: Duration) -> bool {
     }
 }
 
-struct OpenLog {
-    path: PathBuf,
-    writer: Writer<BufWriter<File>>,
-}
-
-impl OpenLog {
-    /// Writes the header, with the present time unless it has that of a replayed log.
-    fn begin(path: PathBuf, file: File, header: &Header) -> Result<Self, RecordError> {
-        let mut header = header.clone();
-        if !header.truth.iter().any(|(key, _)| key == RECORDED_FROM)
-            && let Some(time) = wall_clock::now().map(date::rfc3339)
-        {
-            header.truth.push((RECORDED_FROM.to_owned(), time));
-        }
-        // The buffer holds the whole header: on a full disk the flush fails, and is retried.
-        let buffer = BufWriter::with_capacity(BUFFER + header.text().len(), file);
-        let writer = Writer::new(buffer, &header).map_err(RecordError::of(true, &path))?;
-        Ok(Self { path, writer })
-    }
-
-    fn write(&mut self, entry: &Entry) -> Result<u64, RecordError> {
-        let length = self.writer.write(entry);
-        Ok(length.map_err(RecordError::of(false, &self.path))? as u64)
-    }
-
-    fn flush(&mut self) -> Result<(), RecordError> {
-        let flushed = self.writer.flush();
-        flushed.map_err(RecordError::of(false, &self.path))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -377,6 +390,7 @@ mod tests {
             destination,
             header: Header::default(),
             readings: sync_channel(1).1,
+            room: Room::default(),
             written: 0,
             fault: Shared::default(),
         }
@@ -406,18 +420,6 @@ mod tests {
         assert!(folder.path().join("record-000003.csv").exists());
         assert!(attempt(0).is_err());
         assert!(folder.path().join("record-000003.csv").exists());
-    }
-
-    #[test]
-    fn a_header_of_any_length_waits_for_a_disk_that_is_full() {
-        let header = Header {
-            truth: vec![("remark".to_owned(), "x".repeat(3 * BUFFER))],
-            ..Header::default()
-        };
-        let path = PathBuf::from("/dev/full");
-        let file = File::options().write(true).open(&path).unwrap();
-        let mut log = OpenLog::begin(path, file, &header).unwrap();
-        assert!(log.flush().is_err());
     }
 
     #[test]

@@ -26,10 +26,12 @@ pub struct NewConfig {
 pub(super) struct Reload {
     /// It may hold the store.
     thread: Option<Thread<Result<Prepared, String>>>,
+    /// What has come of it: a calibration may have to end first.
+    prepared: Option<Result<Prepared, String>>,
     next: Option<NewConfig>,
 }
 
-pub(super) struct Prepared {
+struct Prepared {
     config: Config,
     /// The keys that change.
     keys: Vec<String>,
@@ -39,21 +41,33 @@ pub(super) struct Prepared {
 
 impl Reload {
     pub(super) fn is_busy(&self) -> bool {
-        self.thread.is_some()
+        self.thread.is_some() || self.is_prepared()
     }
 
-    /// Waits for the next session; for ever, if no reload is under way. Nothing is lost when the wait is given up.
-    pub(super) async fn prepared(&mut self) -> Result<Prepared, String> {
+    /// Whether it is time for [`Daemon::end_reload`].
+    pub(super) fn is_prepared(&self) -> bool {
+        self.prepared.is_some()
+    }
+
+    /// Whether it ends the running session.
+    pub(super) fn replaces_session(&self) -> bool {
+        matches!(&self.prepared, Some(Ok(prepared)) if prepared.session.is_some())
+    }
+
+    /// Waits for the next session; for ever, if none is being prepared. Nothing is lost when the wait is given up.
+    pub(super) async fn prepared(&mut self) {
         let Some(thread) = &mut self.thread else {
             return std::future::pending().await;
         };
         let prepared = thread.outcome().await;
         self.thread = None;
-        prepared.unwrap_or_else(|| Err("the thread of the reload panicked".to_owned()))
+        let panicked = || Err("the thread of the reload panicked".to_owned());
+        self.prepared = Some(prepared.unwrap_or_else(panicked));
     }
 
     /// Waits up to `patience` for the reload under way, whose session never starts, to release the store; returns whether it did.
     pub(super) async fn close(self, patience: Duration) -> bool {
+        drop(self.prepared);
         match self.thread {
             Some(thread) => thread.end(patience).await.is_some(),
             None => true,
@@ -82,18 +96,16 @@ impl Daemon {
         self.service.ready();
     }
 
-    /// Goes on with the next session, or as before if it cannot be had. What stands in the way is logged.
-    pub(super) async fn end_reload(
-        &mut self,
-        prepared: Result<Prepared, String>,
-    ) -> Result<(), DaemonError> {
-        match prepared {
-            Err(message) => self.not_reloaded(&message),
-            Ok(Prepared {
+    /// Goes on with the next session, once it is prepared, or as before if it cannot be had. What stands in the way is logged.
+    pub(super) async fn end_reload(&mut self) -> Result<(), DaemonError> {
+        match self.reload.prepared.take() {
+            None => return Ok(()),
+            Some(Err(message)) => self.not_reloaded(&message),
+            Some(Ok(Prepared {
                 config,
                 keys,
                 session: None,
-            }) => {
+            })) => {
                 match &keys[..] {
                     [] => tracing::info!("reloaded: nothing has changed"),
                     keys => {
@@ -110,11 +122,11 @@ impl Daemon {
                 self.session.config = config;
                 self.service.ready();
             }
-            Ok(Prepared {
+            Some(Ok(Prepared {
                 keys,
                 session: Some(mut session),
                 ..
-            }) => {
+            })) => {
                 // Both may have the same device.
                 self.session.source.stop().await;
                 session.take_over(&mut self.session);
@@ -125,7 +137,11 @@ impl Daemon {
                     self.concluded = None;
                 }
                 // Those that have ended are forgotten: a daemon may reload for years.
-                while self.closing.try_join_next().is_some() {}
+                while let Some(closed) = self.closing.try_join_next() {
+                    if let Ok(Err(error)) = closed {
+                        tracing::error!("{error}");
+                    }
+                }
                 self.closing.spawn(last.close());
                 self.publisher.device(self.session.source.device());
                 self.start_session()?;

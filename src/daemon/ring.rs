@@ -22,12 +22,13 @@ pub(super) fn next(directory: &Path, most: usize) -> io::Result<(PathBuf, File)>
     Ok((path, file))
 }
 
-/// Removes the oldest file, unless it is the only one, and returns its path.
-pub(super) fn remove_oldest(directory: &Path) -> io::Result<Option<PathBuf>> {
-    let [oldest, _, ..] = numbers(directory)?[..] else {
+/// Removes the oldest file and returns its path, unless there are no more than `spared`.
+pub(super) fn remove_oldest(directory: &Path, spared: usize) -> io::Result<Option<PathBuf>> {
+    let numbers = numbers(directory)?;
+    let Some(oldest) = numbers.first().filter(|_| numbers.len() > spared) else {
         return Ok(None);
     };
-    let path = path(directory, oldest);
+    let path = path(directory, *oldest);
     fs::remove_file(&path)?;
     Ok(Some(path))
 }

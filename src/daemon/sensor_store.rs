@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::DaemonError;
 use super::disk::{Disk, Then};
+use super::room::Room;
 use crate::publish::control::status::FolderSummary;
 use crate::store::{History, Identity, Made, Settings};
 
@@ -112,6 +113,12 @@ impl SensorStore {
         disk.map_or_else(FolderSummary::off, |disk| disk.summary())
     }
 
+    /// The room on the store's disk. Where nothing is kept, none is ever claimed.
+    pub(super) fn room(&self) -> Room {
+        let disk = self.disk.as_ref();
+        disk.map(|disk| disk.room.clone()).unwrap_or_default()
+    }
+
     /// Whether another session has the same disk.
     pub(super) fn is_shared(&self) -> bool {
         let disk = self.disk.as_ref();
@@ -119,10 +126,11 @@ impl SensorStore {
     }
 
     /// Waits until everything is on disk, unless that takes longer than `patience`, or another session goes on writing
-    /// there.
-    pub(super) async fn close(self, patience: Duration) {
-        if let Some(disk) = self.disk.and_then(Arc::into_inner) {
-            disk.close(patience).await;
+    /// there. An error says what could not be kept.
+    pub(super) async fn close(self, patience: Duration) -> Result<(), DaemonError> {
+        match self.disk.and_then(Arc::into_inner) {
+            Some(disk) => disk.close(patience).await,
+            None => Ok(()),
         }
     }
 }
@@ -149,7 +157,7 @@ mod tests {
             other.history_mut().mode = mode;
             other.history_mut().last_number = last_number;
             other.save(Box::new(|_| ()));
-            other.close(Duration::from_secs(30)).await;
+            other.close(Duration::from_secs(30)).await.unwrap();
         }
         let mut here = open("here", &Running::default());
         here.history_mut().last_number = 5;

@@ -65,8 +65,8 @@ impl Session {
             let pace = config.source.pace();
             tracing::info!("{sensor} from {name}, {pace} times real time");
         }
-        let recorder = Recorder::ring(&config.record, header.clone())?;
         let store = SensorStore::open(&config.store, identity, running)?;
+        let recorder = Recorder::ring(&config.record, header.clone(), store.room())?;
         let is_log = config.source.kind == Some(Kind::Replay);
         // On the heap: on the stack each move of its 28 kB touches as many pages again, and the daemon keeps them.
         Ok(Box::new(Self {
@@ -106,6 +106,7 @@ impl Session {
                 "[mounting] has changed: what headingd mounting told of the board before is not used any more"
             );
         }
+        self.store.room().set_ring(self.config.record.directory());
         self.north.start();
         self.last.1 = Instant::now();
         self.source.start(self.config.source.pace())
@@ -124,16 +125,14 @@ impl Session {
         matches!(self.state, SourceState::Over(_)) && !self.calibrator.is_busy()
     }
 
-    /// Stops the session, flushing pending writes up to a deadline.
-    pub(super) async fn close(mut self: Box<Self>) {
+    /// Stops the session, flushing pending writes up to a deadline. An error says what the store could not keep.
+    pub(super) async fn close(mut self: Box<Self>) -> Result<(), DaemonError> {
         self.source.stop().await;
-        let recorder = self.recorder.take();
-        let recorded = async {
-            if let Some(recorder) = recorder {
-                recorder.close(DISK_PATIENCE).await;
-            }
-        };
-        tokio::join!(self.store.close(DISK_PATIENCE), recorded);
+        // First the ring: the store may need the room of its open log.
+        if let Some(recorder) = self.recorder.take() {
+            recorder.close(DISK_PATIENCE).await;
+        }
+        self.store.close(DISK_PATIENCE).await
     }
 }
 

@@ -53,8 +53,8 @@ async fn reload(daemon: &mut Daemon) {
         load: Box::new(move || Ok(config)),
         applied: Box::new(|_| ()),
     });
-    let prepared = daemon.reload.prepared().await;
-    daemon.end_reload(prepared).await.unwrap();
+    daemon.reload.prepared().await;
+    daemon.end_reload().await.unwrap();
 }
 
 fn reading() -> SourceEvent {

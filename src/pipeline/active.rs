@@ -4,7 +4,7 @@ use super::intake::expect_force_bias;
 use super::learn::Learning;
 use super::{Action, Pipeline};
 use crate::calibration::model::Calibration;
-use crate::calibration::outcome::{Outcome, Verdict};
+use crate::calibration::outcome::{CANCELLED, Outcome, Verdict};
 use crate::calibration::policy::{Policy, Reason};
 use crate::calibration::verdict::Refusal;
 use crate::estimate::UNKNOWN_SD_DEG;
@@ -113,9 +113,7 @@ impl Pipeline {
             return;
         };
         if job.unwanted {
-            let message =
-                "discarded: it was cancelled, or another command arrived while it was computed";
-            *outcome = outcome.refused(Refusal::new("cancelled", message));
+            *outcome = outcome.refused(Refusal::new("cancelled", CANCELLED));
             if self.learning.calibrated {
                 outcome.verdict = Verdict::Kept;
             }

@@ -2,6 +2,7 @@
 
 mod commands;
 pub mod link;
+mod long;
 mod mounting;
 mod orders;
 mod socket;

@@ -10,6 +10,7 @@ mod north;
 mod record;
 mod reload;
 mod rig;
+mod room;
 mod run;
 mod serial;
 mod service;

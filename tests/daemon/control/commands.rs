@@ -263,7 +263,8 @@ fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
     assert_eq!((status, out.as_str()), (74, ""), "{err}");
     assert!(err.contains("(not_kept)"), "{err}");
     client.heading();
-    let said = process.stop();
+    process.signal("TERM");
+    let said = process.ends(74);
     let complaint = "ERROR cannot keep calibrations in folder";
     assert_eq!(said.matches(complaint).count(), 1, "{said}");
 

@@ -50,9 +50,23 @@ fn a_store_that_fails_shows_in_the_status_and_catches_up_when_it_works() {
 }
 
 #[test]
+fn what_cannot_be_kept_at_the_end_is_said_once_and_is_no_good_end() {
+    let rig = Rig::new(FAST, LONG);
+    fs::write(rig.path("store"), "").unwrap();
+    let (mut process, mut client) = rig.watched();
+    client.accepted();
+    process.signal("TERM");
+    let said = process.ends(74);
+    let lost =
+        "headingd: the last calibrations and settings are lost: cannot keep calibrations in folder";
+    assert_eq!(said.matches(lost).count(), 1, "{said}");
+}
+
+#[test]
 fn a_folder_that_cannot_be_made_is_not_taken_for_an_empty_one() {
     let rig = Rig::new(FAST, LONG);
-    rig.configure(FAST, "/proc/none".as_ref(), LONG);
+    // Before the end there is nothing to keep.
+    rig.configure(1.0, "/proc/none".as_ref(), LONG);
     let (mut process, _client) = rig.watched();
     let said = process.stop();
     assert!(

@@ -1,6 +1,7 @@
 //! Many logs of every case, each fitted as the product fits it: worked once, looked at by several tests.
 
 use std::sync::OnceLock;
+use std::sync::atomic::AtomicBool;
 
 use headingd::calibration::curve::{Diagonal, ParameterVector};
 use headingd::calibration::fit;
@@ -115,7 +116,8 @@ fn trial<const D: usize, const P: usize, const F: usize>(case: &Case, log: &Log)
     let reference = case.reference_mgauss();
     let seen = fit::without_spikes(&points);
     let bounds = fit::bounds(&seen, Some(reference)).unwrap();
-    let swarm = fit::swarm::<D, P, F>(&seen, &bounds, &log.request.settings).unwrap();
+    let settings = &log.request.settings;
+    let swarm = fit::swarm::<D, P, F>(&seen, &bounds, settings, &AtomicBool::new(false)).unwrap();
     let refine = |start| {
         fit::refine_and_normalize::<Diagonal<D>, D, P>(&points, start, reference, true).unwrap()
     };

@@ -1,6 +1,8 @@
 //! The objective falls towards 0 as the scale grows without bound with the centre far outside the data. The
 //! box that is taken from the data keeps the swarm out of that trap.
 
+use std::sync::atomic::AtomicBool;
+
 use headingd::calibration::curve::Diagonal;
 use headingd::calibration::fit;
 use headingd::calibration::objective::{Factored, Normalizer};
@@ -54,9 +56,8 @@ fn a_wide_box_is_a_trap() {
             seed,
             ..Settings::default()
         };
-        let found = search(&wide, &settings, None, |position| {
-            objective.fit_value(position)
-        });
+        let fit_value = |position: &_| objective.fit_value(position);
+        let found = search(&wide, &settings, None, fit_value, &AtomicBool::new(false));
         let truth = fit::refine_and_normalize::<Diagonal<2>, 2, 4>(
             &points,
             &true_position(&log),
