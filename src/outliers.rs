@@ -17,7 +17,7 @@ const BEYOND_RANGE: f64 = 1.15;
 /// Stronger than any accelerometer of such boards measures, m/s² (16 g on each axis and more).
 const LARGEST_FORCE_M_S2: f64 = 400.0;
 /// Stronger than any magnetometer of such boards measures, milligauss.
-const LARGEST_FIELD_MGAUSS: f64 = 1e5;
+pub const LARGEST_FIELD_MGAUSS: f64 = 1e5;
 
 /// Neighbours are at most this far apart, seconds.
 const GAP_S: f64 = 0.5;
@@ -41,7 +41,25 @@ pub struct Outliers {
     largest_rate_rad_s: f64,
     rate: Neighbours,
     force: Neighbours,
-    dropped: u64,
+    dropped: Dropped,
+}
+
+/// How many values of each sensor were dropped.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Dropped {
+    /// Of the gyro.
+    pub rates: u64,
+    /// Of the accelerometer.
+    pub forces: u64,
+    /// Of the magnetometer.
+    pub fields: u64,
+}
+
+impl Dropped {
+    /// Of all sensors together.
+    pub fn total(&self) -> u64 {
+        self.rates + self.forces + self.fields
+    }
 }
 
 impl Outliers {
@@ -54,7 +72,7 @@ impl Outliers {
             // as it is.
             rate: Neighbours::new(USUAL_RATE, Some(Vector3::zeros())),
             force: Neighbours::new(USUAL_FORCE, None),
-            dropped: 0,
+            dropped: Dropped::default(),
         }
     }
 
@@ -74,17 +92,23 @@ impl Outliers {
             let mut axes = field.iter().flatten();
             axes.all(|axis| axis.abs() <= LARGEST_FIELD_MGAUSS)
         });
-        let lost = [
-            kept.rate_rad_s.is_none() && reading.rate_rad_s.is_some(),
-            kept.specific_force_m_s2.is_none() && reading.specific_force_m_s2.is_some(),
-            kept.field_mgauss.is_none() && reading.field_mgauss.is_some(),
-        ];
-        self.dropped += lost.into_iter().map(u64::from).sum::<u64>();
+        let lost = |kept: bool, read: bool| u64::from(read && !kept);
+        let Dropped {
+            rates,
+            forces,
+            fields,
+        } = &mut self.dropped;
+        *rates += lost(kept.rate_rad_s.is_some(), reading.rate_rad_s.is_some());
+        *forces += lost(
+            kept.specific_force_m_s2.is_some(),
+            reading.specific_force_m_s2.is_some(),
+        );
+        *fields += lost(kept.field_mgauss.is_some(), reading.field_mgauss.is_some());
         kept
     }
 
     /// How many values were dropped.
-    pub fn dropped(&self) -> u64 {
+    pub fn dropped(&self) -> Dropped {
         self.dropped
     }
 }
@@ -195,7 +219,7 @@ mod tests {
                         (0..100).map(|i| if i == at { absurd } else { ramp(i) }),
                     );
                     assert_eq!(found, [at], "{absurd} in {base}");
-                    assert_eq!(outliers.dropped(), 1);
+                    assert_eq!(outliers.dropped().total(), 1);
                 }
             }
         }
@@ -279,7 +303,7 @@ mod tests {
                 let rate = [0; 3].map(|_| random.random_range(-noise..noise));
                 outliers.filter(&turning(f64::from(i) * period_s, rate));
             }
-            assert_eq!(outliers.dropped(), 0, "{period_s}");
+            assert_eq!(outliers.dropped().total(), 0, "{period_s}");
         }
     }
 
@@ -300,6 +324,6 @@ mod tests {
         let kept = outliers.filter(&wrong);
         assert_eq!((kept.field_mgauss, kept.specific_force_m_s2), (None, None));
         assert_eq!(kept.rate_rad_s, good.rate_rad_s);
-        assert_eq!(outliers.dropped(), 2);
+        assert_eq!(outliers.dropped().total(), 2);
     }
 }

@@ -28,6 +28,7 @@ use crate::estimate::{Estimate, Sample, UNKNOWN_SD_DEG};
 use crate::frame::Mountings;
 use crate::frozen::{Frozen, FrozenWatch};
 use crate::heading::Heading;
+pub use crate::outliers::Dropped;
 use crate::reading::Reading;
 use crate::true_north::EarthField;
 use crate::turn::{self, Turn};
@@ -171,6 +172,8 @@ pub struct Pipeline {
     readings_s: Option<(f64, f64)>,
     whole_field_s: f64,
     overflow_s: f64,
+    /// When the magnetometer last read more than any chip measures, seconds.
+    absurd_s: f64,
     rate_s: f64,
     /// Strength of the corrected field over the expected one, less 1, low-passed, and the time of the newest row in it.
     strength_deviation: f64,
@@ -205,6 +208,7 @@ impl Pipeline {
             readings_s: None,
             whole_field_s: f64::NEG_INFINITY,
             overflow_s: f64::NEG_INFINITY,
+            absurd_s: f64::NEG_INFINITY,
             rate_s: f64::NEG_INFINITY,
             strength_deviation: 0.0,
             strength_s: f64::NEG_INFINITY,
@@ -290,7 +294,7 @@ impl Pipeline {
     }
 
     /// How many values were dropped since no sensor can have taken them.
-    pub fn dropped(&self) -> u64 {
+    pub fn dropped(&self) -> Dropped {
         self.intake.outliers.dropped()
     }
 
@@ -303,7 +307,11 @@ impl Pipeline {
         }
         let mut turn = None;
         let newest_turn = |_: &_, ended: Option<Turn>| turn = ended.or(turn.take());
+        let read_field = reading.field_mgauss.is_some();
         let (reading, runs) = &self.intake.take(reading, newest_turn);
+        if read_field && reading.field_mgauss.is_none() {
+            self.absurd_s = reading.t_s;
+        }
         for (axis, run) in runs.iter().enumerate() {
             match run {
                 RunState::NoRun => self.estimate.drop_checkpoint(axis),

@@ -43,7 +43,7 @@ pub fn calibrate(
         return Err(Refusal::new(
             "too_few_samples",
             match request.samples.len() {
-                0 => "there are no magnetometer samples: connect the magnetometer, or name its columns in the log mx, my and mz"
+                0 => "there are no magnetometer samples that can be used: connect the magnetometer, name its columns in the log mx, my and mz, or check its unit"
                     .to_owned(),
                 count => format!("at least {LEAST_SAMPLES} magnetometer samples are needed, and there are only {count}"),
             },

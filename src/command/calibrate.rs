@@ -164,9 +164,10 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
         survey.take(&entry.reading, begins_stretch);
         Ok(())
     })?;
-    tell_dropped(survey.dropped());
+    tell_dropped(&survey.dropped());
     tell_skips(&skips)?;
-    if let Some((reason, message)) = survey.chip_fault() {
+    let fault = survey.fault();
+    if let Some((reason, message)) = &fault {
         tell(format_args!("at the end of the log: {message} ({reason})"));
     }
     let empty_axis = survey.empty_axis();
@@ -195,6 +196,12 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     let outcome = match learnt {
         Some(learnt) => learnt.in_place_of(outcome),
         None => outcome,
+    };
+    let outcome = match fault {
+        Some((reason @ "field_unit", message)) if outcome.verdict == Verdict::Accepted => {
+            outcome.refused(Refusal::new(reason, message))
+        }
+        _ => outcome,
     };
     Ok((identity, because_empty(outcome, empty_axis, args.plane)))
 }

@@ -2,6 +2,7 @@
 
 use super::progress::Progress;
 use super::{Failure, tell};
+use crate::pipeline::Dropped;
 use crate::recording::{Entry, RecordingError, Skips};
 use crate::sensor::replay::Replay;
 
@@ -55,11 +56,21 @@ pub fn tell_skips(skips: &Skips) -> Result<(), Failure> {
 }
 
 /// Says on standard error how many values of a log were dropped that no sensor can have taken, if some were.
-pub fn tell_dropped(count: u64) {
-    if count > 0 {
+pub fn tell_dropped(dropped: &Dropped) {
+    let Dropped {
+        rates,
+        forces,
+        fields,
+    } = *dropped;
+    let sensors = [
+        ("gyro", rates),
+        ("accelerometer", forces),
+        ("magnetometer", fields),
+    ];
+    for (sensor, count) in sensors.into_iter().filter(|(_, count)| *count > 0) {
         let values = if count == 1 { "value" } else { "values" };
         tell(format_args!(
-            "{count} {values} dropped that no sensor can have taken"
+            "{count} {values} of the {sensor} dropped that no sensor can have taken"
         ));
     }
 }

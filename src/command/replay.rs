@@ -96,7 +96,7 @@ fn play(
         play(Event::Reading(entry.reading), &mut lines)
     })?;
     output(lines.out.flush())?;
-    tell_dropped(pipeline.dropped());
+    tell_dropped(&pipeline.dropped());
     tell_skips(&skips)
 }
 

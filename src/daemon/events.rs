@@ -177,7 +177,7 @@ impl Daemon {
 
     pub(super) fn counts(&self) -> StatusCounts {
         StatusCounts {
-            values_dropped: self.counts.values_dropped + self.session.pipeline.dropped(),
+            values_dropped: self.counts.values_dropped + self.session.pipeline.dropped().total(),
             ..self.counts.clone()
         }
     }

@@ -56,18 +56,17 @@ impl Estimate {
         let (strength, least, most) = if raw > MOST_RAW_MGAUSS {
             (raw, raw, raw)
         } else if self.active.begun {
-            let strength = self.active.strength_mgauss();
-            let variance = self.active.field_covariance().diagonal();
-            let sd = variance.sum().sqrt();
+            let field = self.active.field();
             // The vertical field of a board that stays level is not measured.
-            let (measured, measured_sd) = match self.measured_axes() == [true; 3] {
-                true => (strength, sd),
-                false => (self.horizontal_mgauss(), variance.xy().sum().sqrt()),
+            let measured = match self.measured_axes() == [true; 3] {
+                true => field,
+                false => Vector3::new(field.x, field.y, 0.0),
             };
+            let strength = self.active.strength_mgauss();
             (
                 strength,
-                measured - deviations * measured_sd,
-                strength + deviations * sd,
+                measured.norm() - deviations * self.sd_along(&measured),
+                strength + deviations * self.sd_along(&field),
             )
         } else {
             return None;
@@ -76,6 +75,15 @@ impl Estimate {
         (!possible).then(|| {
             let digit = 10f64.powf(strength.log10().floor() - 1.0);
             (strength / digit).round() * digit
+        })
+    }
+
+    /// Deviation of the field along this vector, milligauss.
+    fn sd_along(&self, field_mgauss: &Vector3<f64>) -> f64 {
+        let along = field_mgauss.try_normalize(f64::MIN_POSITIVE);
+        along.map_or(f64::INFINITY, |along| {
+            let covariance = self.active.field_covariance();
+            along.dot(&(covariance * along)).sqrt()
         })
     }
 }

@@ -6,6 +6,7 @@ use super::{Action, Pipeline};
 use crate::calibration::policy::Policy;
 use crate::condition::{Condition, Report};
 use crate::estimate::GyroFault;
+use crate::outliers::LARGEST_FIELD_MGAUSS;
 
 /// A field that was disturbed is called so until it has been calm for this long, seconds.
 const CALM_S: f64 = 3.0;
@@ -52,6 +53,9 @@ impl Pipeline {
         if let Some(frozen) = self.frozen {
             return self.report_as(Condition::Fault, frozen.code, frozen.message);
         }
+        if let Some(message) = self.wrong_unit() {
+            return self.report_as(Condition::Fault, "field_unit", message);
+        }
         if self.now_s - self.whole_field_s > self.setup.pipeline.stale_s {
             let (reason, message) = if self.overflow_s > self.whole_field_s {
                 (
@@ -65,9 +69,6 @@ impl Pipeline {
                 )
             };
             return self.report_as(Condition::Stale, reason, message);
-        }
-        if let Some(strength) = self.estimate.impossible_mgauss() {
-            return self.report_as(Condition::Fault, "field_unit", wrong_strength(strength));
         }
         if !self.learning.calibrated {
             return self.judge_uncalibrated();
@@ -205,6 +206,19 @@ impl Pipeline {
 
     fn gyro_is_live(&self) -> bool {
         self.now_s - self.rate_s <= self.setup.attitude.gap_s
+    }
+
+    /// What is wrong with the magnetometer's unit, if it certainly is.
+    pub(super) fn wrong_unit(&self) -> Option<String> {
+        let fresh = |read_s: f64| self.now_s - read_s <= self.setup.pipeline.stale_s;
+        if fresh(self.whole_field_s) {
+            return self.estimate.impossible_mgauss().map(wrong_strength);
+        }
+        fresh(self.absurd_s).then(|| {
+            format!(
+                "the magnetometer reads more than {LARGEST_FIELD_MGAUSS} mG, and no chip measures that: check its unit"
+            )
+        })
     }
 
     /// What is wrong with gyro or accelerometer, or with how they are mounted, as a code and as a sentence.

@@ -1,5 +1,7 @@
 //! A whole log looked through once, for one calibration of all that is in it.
 
+use std::borrow::Cow;
+
 use nalgebra::Vector3;
 
 use super::collector::is_level;
@@ -10,6 +12,7 @@ use crate::calibration::plane::show_space;
 use crate::calibration::settings::{ModeChoice, WindowChoice};
 use crate::calibration::thinning::Thinned;
 use crate::calibration::{CompletedTurn, FieldSample, Request, during, last_rest};
+use crate::outliers::Dropped;
 use crate::reading::{Field, Reading};
 use crate::turn::Turn;
 
@@ -133,13 +136,18 @@ impl Survey {
     }
 
     /// How many values were dropped that no sensor can have taken.
-    pub fn dropped(&self) -> u64 {
+    pub fn dropped(&self) -> Dropped {
         self.intake.outliers.dropped()
     }
 
-    /// What is wrong with gyro or accelerometer at the end of the log, or with how chips are mounted, as a code and as a sentence.
-    pub fn chip_fault(&self) -> Option<(&'static str, &'static str)> {
-        self.motion.as_ref()?.chip_fault()
+    /// What is wrong with a sensor at the end of the log, or with how chips are mounted, as a code and as a sentence.
+    pub fn fault(&self) -> Option<(&'static str, Cow<'static, str>)> {
+        let motion = self.motion.as_ref()?;
+        let unit = motion
+            .wrong_unit()
+            .map(|message| ("field_unit", message.into()));
+        let chip = || motion.chip_fault();
+        unit.or_else(|| chip().map(|(code, message)| (code, message.into())))
     }
 
     /// How many samples are used, if the log is so long that these are not all.

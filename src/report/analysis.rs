@@ -148,7 +148,7 @@ impl Analysis {
 
     /// Values that no sensor can have taken.
     pub(super) fn dropped(&self) -> u64 {
-        self.pipeline.dropped()
+        self.pipeline.dropped().total()
     }
 
     fn handle(&mut self, event: Event) {

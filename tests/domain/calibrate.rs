@@ -563,6 +563,28 @@ fn a_turn_about_a_level_axis_leaves_the_calibration_to_motion() {
     assert_eq!(accepted(&log, &["--mode", "planar"])["method"], "turn");
 }
 
+/// The circle of a turn may be as wide as the earth's field allows; what the tilts show is not.
+#[test]
+fn a_field_too_strong_for_the_earth_is_refused_though_its_turn_fits() {
+    let folder = Folder::new();
+    let demo = Settings {
+        scenario: Scenario::Demo,
+        ..Settings::default()
+    };
+    for (times, part) in [(3.0, "mG strong"), (1000.0, "no chip measures that")] {
+        let log = folder.changed_log("a.csv", &demo, |reading| {
+            if let Some(field) = &mut reading.field_mgauss {
+                *field = field.map(|axis| axis.map(|mgauss| times * mgauss));
+            }
+        });
+        let ran = headingd(&["calibrate", &log]);
+        assert_eq!(ran.status, 3, "{ran:?}");
+        assert!(ran.err.contains(part), "{}", ran.err);
+        let played = headingd(&["replay", &log]);
+        assert!(played.out.contains("field_unit"), "{}", played.err);
+    }
+}
+
 /// As where the columns of gyro and magnetometer are exchanged.
 #[test]
 fn rates_that_no_gyro_has_are_told() {
@@ -574,7 +596,10 @@ fn rates_that_no_gyro_has_are_told() {
     });
     let ran = headingd(&["calibrate", &log]);
     assert_eq!(ran.status, 2, "{ran:?}");
-    for part in ["values dropped that no sensor", "its columns and units"] {
+    for part in [
+        "values of the gyro dropped that no sensor",
+        "its columns and units",
+    ] {
         assert!(ran.err.contains(part), "{part}: {}", ran.err);
     }
 }
