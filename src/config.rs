@@ -386,6 +386,24 @@ mod tests {
     }
 
     #[test]
+    fn a_float_without_a_fraction_is_shown_as_the_integer_that_is_wanted() {
+        for (key, found, right) in [
+            ("calibration.seed", "1e9", "1000000000"),
+            ("simulator.seed", "1_0e8", "1000000000"),
+            ("i2c.bus", "1.0", "1"),
+            ("serial.baud", "57.6e3", "57600"),
+        ] {
+            let right = format!(
+                "file.toml:1: {key} is {found}, but must be an integer, without a point or an exponent: {right}"
+            );
+            assert_eq!(faults(&format!("{key} = {found}")), [right]);
+        }
+        // Where that is not in the range, the range is told.
+        let bus = faults("i2c.bus = 1e9");
+        assert!(bus[0].ends_with("a whole number, from 0 to 255"), "{bus:?}");
+    }
+
+    #[test]
     fn a_table_is_no_number() {
         for (line, text) in [
             (2, "[simulator]\nnoise_mgauss = { a = 1 }"),

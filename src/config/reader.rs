@@ -7,7 +7,7 @@ use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
 use super::retired;
 use super::syntax::{self, LineIndex, column};
-use super::words::{beyond, explain, quoted, suggest};
+use super::words::{as_integer, beyond, explain, quoted, suggest};
 use super::{Config, ConfigFault, Table};
 use crate::check::{Check, Fault};
 
@@ -23,6 +23,17 @@ struct Target {
 }
 
 impl Target {
+    /// Reads and checks a table with one more key.
+    fn with<'v>(
+        &self,
+        mut table: DeTable<'v>,
+        key: &Key<'v>,
+        value: Value<'v>,
+    ) -> Result<Vec<Fault>, String> {
+        table.insert(key.clone(), value);
+        (self.attempt)(table)
+    }
+
     /// The key of this table without which it would not have this fault.
     fn cause(&self, table: &DeTable<'_>, fault: &Fault) -> Option<String> {
         let is_cause = |key: &&Key<'_>| {
@@ -258,10 +269,7 @@ impl<'i> TableReader<'i> {
             (DeValue::Array(found), Some(numbers)) => found.len() > numbers.len(),
             _ => false,
         };
-        let attempt = |mut table: DeTable<'i>, value: Value<'i>| {
-            table.insert(key.clone(), value);
-            (target.attempt)(table)
-        };
+        let attempt = |table: DeTable<'i>, value: Value<'i>| target.with(table, key, value);
         let mut message = match attempt(DeTable::new(), value.clone()) {
             Ok(_) if too_many => String::new(),
             Ok(_) => return Ok(()),
@@ -282,6 +290,14 @@ impl<'i> TableReader<'i> {
         if let Some(numbers) = numbers {
             let default = toml::Value::Array(numbers.clone());
             let right = format!("{} numbers, as the default is: {default}", numbers.len());
+            return Err(Fault::new(&dotted, found, right).to_string());
+        }
+        if let (Some(_), Some(written)) = (beyond(&message), as_integer(value.get_ref()))
+            && let Ok(integer) = DeValue::parse(&written)
+            && let Ok(faults) = target.with(good.clone(), key, integer)
+            && !faults.iter().any(|fault| fault.key == name)
+        {
+            let right = format!("an integer, without a point or an exponent: {written}");
             return Err(Fault::new(&dotted, found, right).to_string());
         }
         // Checks the number as if it had the right type: the fault then names the range.
