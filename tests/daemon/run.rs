@@ -208,6 +208,21 @@ fn a_log_of_which_most_is_skipped_is_a_failure_as_for_replay() {
     assert!(said.contains(summary), "{said}");
 }
 
+#[test]
+fn a_log_without_a_row_is_a_failure() {
+    let rig = Rig::new(1.0, "");
+    let log = rig.path("log.csv");
+    fs::write(&log, "# headingd-log 1\nt_s,mx,my,mz\n").unwrap();
+    rig.replay(1.0, &log);
+    let right = "headingd: log LOG has no reading: it ends after the line of column names, but rows must follow";
+    let right = right.replace("LOG", log.to_str().unwrap());
+    let record = ["record", "--out", &rig.text("out.csv")];
+    for arguments in [&["run"][..], &record] {
+        let said = rig.spawn(&mut rig.command(arguments)).ends(65);
+        assert!(said.contains(&right), "{said}");
+    }
+}
+
 /// The system would wait for ever for somebody to write to it.
 #[test]
 fn a_pipe_is_no_configuration_and_without_an_end_no_log() {
