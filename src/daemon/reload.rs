@@ -33,6 +33,8 @@ pub(super) struct Prepared {
     config: Config,
     /// The keys that change.
     keys: Vec<String>,
+    /// Others wait for a restart.
+    waits: bool,
     /// None if the running session can stay.
     session: Option<Box<Session>>,
 }
@@ -92,9 +94,13 @@ impl Daemon {
             Ok(Prepared {
                 config,
                 keys,
+                waits,
                 session: None,
             }) => {
                 match &keys[..] {
+                    [] if waits => {
+                        tracing::info!("reloaded: nothing changes without a restart");
+                    }
                     [] => tracing::info!("reloaded: nothing has changed"),
                     keys => {
                         tracing::info!("reloaded: {}; headings go on as before", keys.join(", "));
@@ -163,7 +169,8 @@ fn is_north(key: &str) -> bool {
 fn prepare(new: NewConfig, config: &Config, running: &Running) -> Result<Prepared, String> {
     let wanted = (new.load)()?;
     let change = config.change(&wanted).map_err(|error| error.to_string())?;
-    if !change.at_start.is_empty() {
+    let waits = !change.at_start.is_empty();
+    if waits {
         tracing::warn!(
             "changes only with a restart: {}",
             change.at_start.join(", ")
@@ -182,6 +189,7 @@ fn prepare(new: NewConfig, config: &Config, running: &Running) -> Result<Prepare
     Ok(Prepared {
         config,
         keys: change.now,
+        waits,
         session,
     })
 }
