@@ -223,6 +223,16 @@ fn a_log_without_a_row_is_a_failure() {
     }
 }
 
+#[test]
+fn a_client_that_falls_behind_is_let_go_and_the_log_says_how_far() {
+    let rig = Rig::new(FAST, LONG);
+    rig.edit("[socket]\n", "[socket]\nwrite_timeout_s = 0.1\n");
+    let (process, _sleeper) = rig.watched();
+    process.says(" messages behind, and in 100ms has not read enough of them");
+    let said = process.said();
+    assert!(!said.contains("it is 0 messages"), "{said}");
+}
+
 /// The system would wait for ever for somebody to write to it.
 #[test]
 fn a_pipe_is_no_configuration_and_without_an_end_no_log() {
