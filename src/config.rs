@@ -3,6 +3,7 @@
 //! Each room owns its settings: defaults, ranges, units. This file only says which table belongs to which room. A
 //! configuration is refused early and in full, with every fault at once.
 
+mod across;
 mod change;
 pub(crate) mod log;
 pub(crate) mod mounting;
@@ -17,8 +18,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::check::{Check, Fault};
-use crate::position::Gpsd;
+use crate::check::Check;
 use crate::publish::outputs::{pty, tcp, udp};
 use crate::publish::{control, nmea, server};
 use crate::sensor::{i2c, serial, simulator};
@@ -162,9 +162,13 @@ impl Config {
         let config = Self::read(&mut reader);
         // Between tables that are wrong in themselves there is nothing to compare.
         if reader.is_good() {
-            reader.collect("", config.check_across());
+            for (fault, other) in config.check_across() {
+                reader.collect(fault, Some(other));
+            }
         }
-        reader.collect("", config.check_gpsd());
+        for fault in config.check_gpsd() {
+            reader.collect(fault, None);
+        }
         if reader.is_good() {
             Ok(config)
         } else {
@@ -182,33 +186,6 @@ impl Config {
             calibration: self.calibration.clone(),
             verdict: self.verdict.clone(),
         }
-    }
-
-    /// What is wrong between tables that are right in themselves. The keys are `table.key`.
-    fn check_across(&self) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        if self.source.kind == Some(source::Kind::Serial) && self.serial.port.as_os_str().is_empty()
-        {
-            let right = "the path of the serial port, best one in /dev/serial/by-id";
-            faults.push(Fault::new("serial.port", "empty", right));
-        }
-        if self.control.path(&self.socket.socket) == self.socket.socket {
-            let found = format!("{:?}, as socket.socket is", self.socket.socket);
-            let right = "another path than that of the socket for headings";
-            faults.push(Fault::new("control.socket", found, right));
-        }
-        faults
-    }
-
-    /// What is wrong with the address of a gpsd, which its own table cannot parse.
-    fn check_gpsd(&self) -> Vec<Fault> {
-        let gpsd = &self.true_north.gpsd;
-        if gpsd.is_empty() || Gpsd::parse(gpsd).is_some() {
-            return Vec::new();
-        }
-        let right =
-            "an address in numbers with a port, as \"127.0.0.1:2947\", an absolute path, or empty";
-        vec![Fault::new("true_north.gpsd", format!("{gpsd:?}"), right)]
     }
 }
 
@@ -337,6 +314,22 @@ mod tests {
     }
 
     #[test]
+    fn a_conflict_is_told_at_the_line_of_a_key_that_the_file_has_and_only_if_each_is_right() {
+        #[rustfmt::skip]
+        let cases = [
+            ("[heading]\nstale_s = 1\npublish_sd_deg = 2\n",
+             "file.toml:3: heading.good_sd_deg is 3, but must be at most publish_sd_deg, which is 2"),
+            ("[heading]\npublish_sd_deg = 2\ngood_sd_deg = 4\n",
+             "file.toml:3: heading.good_sd_deg is 4, but must be at most publish_sd_deg, which is 2"),
+            ("[heading]\n\npublish_sd_deg = 0.1\n",
+             "file.toml:3: heading.publish_sd_deg is 0.1, but must be from 1 to 45 degrees"),
+        ];
+        for (text, right) in cases {
+            assert_eq!(faults(text), [right]);
+        }
+    }
+
+    #[test]
     fn a_key_that_is_wrong_by_itself_is_named_whatever_else_is_wrong() {
         for (text, keys) in [
             (
@@ -393,6 +386,24 @@ mod tests {
     }
 
     #[test]
+    fn a_float_without_a_fraction_is_shown_as_the_integer_that_is_wanted() {
+        for (key, found, right) in [
+            ("calibration.seed", "1e9", "1000000000"),
+            ("simulator.seed", "1_0e8", "1000000000"),
+            ("i2c.bus", "1.0", "1"),
+            ("serial.baud", "57.6e3", "57600"),
+        ] {
+            let right = format!(
+                "file.toml:1: {key} is {found}, but must be an integer, without a point or an exponent: {right}"
+            );
+            assert_eq!(faults(&format!("{key} = {found}")), [right]);
+        }
+        // Where that is not in the range, the range is told.
+        let bus = faults("i2c.bus = 1e9");
+        assert!(bus[0].ends_with("a whole number, from 0 to 255"), "{bus:?}");
+    }
+
+    #[test]
     fn a_table_is_no_number() {
         for (line, text) in [
             (2, "[simulator]\nnoise_mgauss = { a = 1 }"),
@@ -410,7 +421,7 @@ mod tests {
     fn what_a_kind_needs_is_asked_for() {
         assert_eq!(
             faults("[source]\nkind = \"replay\""),
-            ["file.toml:1: source.log is empty, but must be the path of the log to replay"]
+            ["file.toml:2: source.log is empty, but must be the path of the log to replay"]
         );
         let serial = faults("[source]\nkind = \"serial\"");
         assert!(

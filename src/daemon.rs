@@ -69,7 +69,8 @@ pub enum DaemonError {
     NothingToRecord { service: ListenError },
     #[error(transparent)]
     Replay(#[from] RecordingError),
-    #[error("most of the log cannot be used: {0}")]
+    /// There was no reading, or most of them cannot be used; and why.
+    #[error("{0}")]
     Unusable(String),
     #[error(transparent)]
     Bind(#[from] BindError),

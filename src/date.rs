@@ -9,8 +9,15 @@ use time::{Date, OffsetDateTime};
 /// receiver's weeks begin anew after 1024. It is 2020-01-01.
 pub const CREDIBLE: Duration = Duration::from_secs(1_577_836_800);
 
-/// As RFC 3339 has it, in UTC and to the millisecond.
+/// The year 9999 begins: what is timed from here on may leave the years that RFC 3339 can write.
+pub const LATEST: Duration = Duration::from_secs(253_370_764_800);
+
+/// The last moment of the year 9999, to the millisecond.
+const END: Duration = Duration::from_millis(253_402_300_799_999);
+
+/// As RFC 3339 has it, in UTC and to the millisecond; beyond the year 9999 its last moment.
 pub fn rfc3339(since_1970: Duration) -> String {
+    let since_1970 = since_1970.min(END);
     let date = date(since_1970);
     let seconds = since_1970.as_secs();
     let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
@@ -61,6 +68,7 @@ mod tests {
             (1_709_251_199_999, "2024-02-29T23:59:59.999Z"),
             (1_795_271_132_250, "2026-11-21T14:25:32.250Z"),
             (4_107_542_400_000, "2100-03-01T00:00:00.000Z"),
+            (253_402_300_799_999, "9999-12-31T23:59:59.999Z"),
         ] {
             let moment = Duration::from_millis(milliseconds);
             assert_eq!(rfc3339(moment), text);
@@ -77,5 +85,9 @@ mod tests {
             assert_eq!(parse_rfc3339(wrong), None, "{wrong}");
         }
         assert_eq!(date(Duration::MAX), Date::MAX);
+        assert_eq!(rfc3339(LATEST), "9999-01-01T00:00:00.000Z");
+        for beyond in [END + Duration::from_secs(1), Duration::MAX] {
+            assert_eq!(rfc3339(beyond), rfc3339(END));
+        }
     }
 }

@@ -28,7 +28,6 @@ use crate::estimate::{Estimate, Sample, UNKNOWN_SD_DEG};
 use crate::frame::Mountings;
 use crate::frozen::{Frozen, FrozenWatch};
 use crate::heading::Heading;
-pub use crate::outliers::Dropped;
 use crate::reading::Reading;
 use crate::true_north::EarthField;
 use crate::turn::{self, Turn};
@@ -36,6 +35,7 @@ use intake::Intake;
 use learn::Learning;
 use saturation::RunState;
 
+pub use crate::outliers::Dropped;
 pub use survey::{EmptyAxis, Survey, Surveyed};
 
 settings! {

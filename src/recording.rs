@@ -93,13 +93,21 @@ pub enum RecordingError {
     /// The header is wrong, so no row could be understood.
     #[error("cannot read the header of {0}")]
     Header(LineError),
-    /// There is no row, or not even a whole header.
+    /// There is not even a whole header.
     #[error(
         "log {log} has no reading: it must begin with \"# {} {}\" and its column names, and rows must follow",
         MAGIC,
         VERSION
     )]
     Empty {
+        /// The log's name.
+        log: String,
+    },
+    /// There is a whole header, and no row.
+    #[error(
+        "log {log} has no reading: it ends after the line of column names, but rows must follow, one a reading"
+    )]
+    NoRows {
         /// The log's name.
         log: String,
     },

@@ -25,7 +25,7 @@ pub enum SourceEvent {
     NewStretch,
     /// The source has a fault and keeps trying; `None` when it works again.
     Fault(Option<SourceFault>),
-    /// There are no more readings; if most of what there was could not be used, why.
+    /// There are no more readings; if there were none, or most could not be used, why.
     End(Option<String>),
     /// The source has failed for good.
     Broken(SourceFault),

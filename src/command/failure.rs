@@ -72,6 +72,7 @@ pub fn log_status(error: &RecordingError) -> u8 {
     match error {
         RecordingError::Header { .. }
         | RecordingError::Empty { .. }
+        | RecordingError::NoRows { .. }
         | RecordingError::Times { .. } => Failure::DATA,
         RecordingError::Open { .. } | RecordingError::Read { .. } => Failure::NO_INPUT,
     }

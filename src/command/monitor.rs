@@ -8,6 +8,7 @@ mod scatter;
 mod screen;
 mod view;
 
+use std::env;
 use std::io::{self, IsTerminal};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,7 +21,7 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
 use super::headings::HeadingTarget;
-use super::{Failure, OrFail};
+use super::{Failure, OrFail, tell, watch};
 use crate::publish::control::ControlRequest;
 use feeds::Feeds;
 use palette::Palette;
@@ -32,8 +33,9 @@ const REDRAW: Duration = Duration::from_millis(200);
 /// Watch the running daemon on the terminal
 ///
 /// Shows the heading with its uncertainty, the condition and what to do next, the field before and after its
-/// correction, and how good the calibration is. Needs a terminal of 80 columns and 24 lines; it works without colour
-/// (NO_COLOR) and over ssh. Keys: c calibrates on the next turn, x gives that up, l locks and unlocks the calibration,
+/// correction, and how good the calibration is. Made for 80 columns and 24 lines: a smaller terminal has the heading, the
+/// condition, and what else there is room for; one that knows no escape sequences (TERM=dumb) has the lines of headingd
+/// watch. It works without colour (NO_COLOR) and over ssh. Keys: c calibrates on the next turn, x gives that up, l locks and unlocks the calibration,
 /// r rolls back to the one before, v tells that the board is level now, q ends.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
@@ -45,6 +47,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if !io::stdout().is_terminal() || !io::stdin().is_terminal() {
         let message = "monitor needs a terminal: for programs there is headingd watch";
         return Err(Failure::new(Failure::USAGE, message));
+    }
+    if env::var_os("TERM").is_some_and(|term| term == "dumb") {
+        tell("TERM=dumb has no screen to draw on: headings come as headingd watch prints them");
+        return watch::run(&watch::Args::text(args.target.clone()));
     }
     let sockets = args.target.sockets()?;
     let feeds = Feeds::open(&sockets)?;

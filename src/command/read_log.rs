@@ -18,7 +18,7 @@ pub fn read_log(
     }
     if log.skips().is_empty() {
         let log = log.name().to_owned();
-        return Err(RecordingError::Empty { log }.into());
+        return Err(RecordingError::NoRows { log }.into());
     }
     Ok(log.skips().clone())
 }

@@ -77,10 +77,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 /// Refuses a page that could not be written in the end, after a day of listening perhaps.
 fn may_write(out: &Path) -> Result<(), Failure> {
-    if out.is_dir() {
-        let message = format!("cannot write {}: it is a folder", out.display());
-        return Err(Failure::new(Failure::CANNOT_CREATE, message));
-    }
     if out == Path::new("-") {
         return Ok(());
     }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::check::{Check, Fault};
-use crate::command::{Failure, OrFail, word, write_out};
+use crate::command::{Failure, OrFail, seed, word, write_out};
 use crate::recording::written;
 use crate::sensor::simulator::{Scenario, Settings, Simulator};
 
@@ -25,7 +25,7 @@ pub struct Args {
     pub scenario: Scenario,
 
     /// Number that fixes all noise; another one gives another log of the same motion
-    #[arg(long, value_name = "N", default_value_t = Settings::default().seed)]
+    #[arg(long, value_name = "N", value_parser = seed, default_value_t = Settings::default().seed)]
     pub seed: u64,
 
     /// Turns about the vertical, -100 to 100; negative is counter-clockwise. Not used by "free"

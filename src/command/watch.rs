@@ -36,6 +36,17 @@ pub struct Args {
 }
 
 impl Args {
+    /// All headings of this daemon as text.
+    pub fn text(target: HeadingTarget) -> Self {
+        Self {
+            target,
+            json: false,
+            nmea: false,
+            rate: None,
+            count: None,
+        }
+    }
+
     fn watch(&self) -> Value {
         let mut watch =
             json!({ "enable": true, "json": !self.nmea, "nmea": self.nmea, "state": !self.nmea });

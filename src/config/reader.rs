@@ -7,7 +7,7 @@ use toml::de::{DeString, DeTable, DeValue, ValueDeserializer};
 
 use super::retired;
 use super::syntax::{self, LineIndex, column};
-use super::words::{beyond, explain, quoted, suggest};
+use super::words::{as_integer, beyond, explain, quoted, suggest};
 use super::{Config, ConfigFault, Table};
 use crate::check::{Check, Fault};
 
@@ -16,10 +16,35 @@ type Value<'i> = Spanned<DeValue<'i>>;
 
 /// The settings that a table is read into, without their type: the search for wrong keys is then compiled once, and not
 /// for each of 20 tables.
-struct Target<'i> {
+struct Target {
     table: Table,
     /// Reads and checks the settings; the deserialiser's message if it cannot read them.
-    attempt: fn(DeTable<'i>) -> Result<Vec<Fault>, String>,
+    attempt: fn(DeTable<'_>) -> Result<Vec<Fault>, String>,
+}
+
+impl Target {
+    /// Reads and checks a table with one more key.
+    fn with<'v>(
+        &self,
+        mut table: DeTable<'v>,
+        key: &Key<'v>,
+        value: Value<'v>,
+    ) -> Result<Vec<Fault>, String> {
+        table.insert(key.clone(), value);
+        (self.attempt)(table)
+    }
+
+    /// The key of this table without which it would not have this fault.
+    fn cause(&self, table: &DeTable<'_>, fault: &Fault) -> Option<String> {
+        let is_cause = |key: &&Key<'_>| {
+            let mut without = table.clone();
+            without.remove(key.get_ref().as_ref());
+            let faults = (self.attempt)(without).unwrap_or_default();
+            !faults.iter().any(|found| found.key == fault.key)
+        };
+        let key = table.keys().find(is_cause)?;
+        Some(key.get_ref().to_string())
+    }
 }
 
 /// A file with more syntax errors than this is likely no TOML at all.
@@ -124,8 +149,9 @@ impl<'i> TableReader<'i> {
             },
         };
         let count = self.faults.len();
-        let usable = Spanned::new(0..0, DeValue::Table(self.usable(&target)));
-        let settings = T::deserialize(ValueDeserializer::from(usable))
+        let usable = self.usable(&target);
+        let table = Spanned::new(0..0, DeValue::Table(usable.clone()));
+        let settings = T::deserialize(ValueDeserializer::from(table))
             .expect("each of these keys was read by itself");
         // A key that cannot be used has its default here; comparing that with other keys would report faults that are not in the
         // file.
@@ -134,13 +160,21 @@ impl<'i> TableReader<'i> {
         } else {
             settings.check_keys()
         };
-        self.collect(&format!("{name}."), faults);
+        for found in faults {
+            let other = target.cause(&usable, &found);
+            let dotted = |key: &str| format!("{name}.{key}");
+            let fault = Fault {
+                key: dotted(&found.key),
+                ..found
+            };
+            self.collect(fault, other.map(|other| dotted(&other)).as_deref());
+        }
         settings
     }
 
     /// What can be used of a table, with the faults of the rest collected. Key by key, since a deserialiser stops at its
     /// first error.
-    fn usable(&mut self, target: &Target<'i>) -> DeTable<'i> {
+    fn usable(&mut self, target: &Target) -> DeTable<'i> {
         let name = target.table.name;
         let mut usable = DeTable::new();
         let Some((key, value)) = find(&self.root, name) else {
@@ -186,14 +220,13 @@ impl<'i> TableReader<'i> {
         retired.into_iter().map(|(_, sentence)| sentence).collect()
     }
 
-    /// Collects faults that settings found in themselves; with `below` before them their keys are `table.key`.
-    pub(super) fn collect(&mut self, below: &str, faults: Vec<Fault>) {
-        for found in faults {
-            let key = format!("{below}{}", found.key);
-            let at = position(&self.root, &key);
-            let sentence = Fault { key, ..found }.to_string();
-            self.faults.push(fault(&self.places, at, sentence));
-        }
+    /// Collects a fault that settings found in themselves, of the key `table.key`. One that has its default is reported at the
+    /// `other` key, which contradicts it.
+    pub(super) fn collect(&mut self, found: Fault, other: Option<&str>) {
+        let at = key_position(&self.root, &found.key)
+            .or_else(|| key_position(&self.root, other?))
+            .or_else(|| table_position(&self.root, &found.key));
+        self.faults.push(fault(&self.places, at, found.to_string()));
     }
 
     /// Whether all was well so far.
@@ -211,7 +244,7 @@ impl<'i> TableReader<'i> {
     /// What is wrong with one key alone; `good` are others of its table.
     fn probe(
         &self,
-        target: &Target<'i>,
+        target: &Target,
         good: &DeTable<'i>,
         key: &Key<'i>,
         value: &Value<'i>,
@@ -236,10 +269,7 @@ impl<'i> TableReader<'i> {
             (DeValue::Array(found), Some(numbers)) => found.len() > numbers.len(),
             _ => false,
         };
-        let attempt = |mut table: DeTable<'i>, value: Value<'i>| {
-            table.insert(key.clone(), value);
-            (target.attempt)(table)
-        };
+        let attempt = |table: DeTable<'i>, value: Value<'i>| target.with(table, key, value);
         let mut message = match attempt(DeTable::new(), value.clone()) {
             Ok(_) if too_many => String::new(),
             Ok(_) => return Ok(()),
@@ -260,6 +290,14 @@ impl<'i> TableReader<'i> {
         if let Some(numbers) = numbers {
             let default = toml::Value::Array(numbers.clone());
             let right = format!("{} numbers, as the default is: {default}", numbers.len());
+            return Err(Fault::new(&dotted, found, right).to_string());
+        }
+        if let (Some(_), Some(written)) = (beyond(&message), as_integer(value.get_ref()))
+            && let Ok(integer) = DeValue::parse(&written)
+            && let Ok(faults) = target.with(good.clone(), key, integer)
+            && !faults.iter().any(|fault| fault.key == name)
+        {
+            let right = format!("an integer, without a point or an exponent: {written}");
             return Err(Fault::new(&dotted, found, right).to_string());
         }
         // Checks the number as if it had the right type: the fault then names the range.
@@ -304,16 +342,18 @@ fn fault(places: &LineIndex, at: Option<usize>, sentence: String) -> ConfigFault
     }
 }
 
-/// The place of `table.key` in the text, or that of its table if the key is not there.
-fn position(root: &DeTable<'_>, dotted: &str) -> Option<usize> {
-    let (table, name) = dotted.split_once('.').unwrap_or((dotted, ""));
-    let (mut key, value) = find(root, table)?;
-    if let DeValue::Table(table) = value.get_ref()
-        && let Some((inner, _)) = find(table, name)
-    {
-        key = inner;
-    }
+/// The place of `table.key` in the text.
+fn key_position(root: &DeTable<'_>, dotted: &str) -> Option<usize> {
+    let (table, name) = dotted.split_once('.')?;
+    let (_, value) = find(root, table)?;
+    let (key, _) = find(value.get_ref().as_table()?, name)?;
     Some(key.span().start)
+}
+
+/// The place of the table of `table.key`.
+fn table_position(root: &DeTable<'_>, dotted: &str) -> Option<usize> {
+    let table = dotted.split('.').next()?;
+    Some(find(root, table)?.0.span().start)
 }
 
 #[cfg(test)]

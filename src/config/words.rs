@@ -1,6 +1,7 @@
 //! Says what a deserialiser found wrong in the words of a user.
 
 use strsim::levenshtein;
+use toml::de::DeValue;
 
 use crate::check::Fault;
 
@@ -46,6 +47,17 @@ pub(super) fn beyond(message: &str) -> Option<&'static str> {
         "u64" | "usize" => Some("9223372036854775807"),
         _ => None,
     }
+}
+
+/// A number without a fraction, written as a float (`1e9`, `40.0`), as an integer; `None` for any other value.
+pub(super) fn as_integer(value: &DeValue<'_>) -> Option<String> {
+    /// Beyond it, a float may stand for several integers.
+    const MOST: f64 = 9e15;
+    let DeValue::Float(float) = value else {
+        return None;
+    };
+    let number: f64 = float.as_str().parse().ok()?;
+    (number.fract() == 0.0 && number.abs() < MOST).then(|| format!("{number:.0}"))
 }
 
 /// A key as it must be written: in quotes, with escapes, unless it is bare.

@@ -35,6 +35,8 @@ struct Prepared {
     config: Config,
     /// The keys that change.
     keys: Vec<String>,
+    /// Others wait for a restart.
+    waits: bool,
     /// None if the running session can stay.
     session: Option<Box<Session>>,
 }
@@ -104,9 +106,13 @@ impl Daemon {
             Some(Ok(Prepared {
                 config,
                 keys,
+                waits,
                 session: None,
             })) => {
                 match &keys[..] {
+                    [] if waits => {
+                        tracing::info!("reloaded: nothing changes without a restart");
+                    }
                     [] => tracing::info!("reloaded: nothing has changed"),
                     keys => {
                         tracing::info!("reloaded: {}; headings go on as before", keys.join(", "));
@@ -179,7 +185,8 @@ fn is_north(key: &str) -> bool {
 fn prepare(new: NewConfig, config: &Config, running: &Running) -> Result<Prepared, String> {
     let wanted = (new.load)()?;
     let change = config.change(&wanted).map_err(|error| error.to_string())?;
-    if !change.at_start.is_empty() {
+    let waits = !change.at_start.is_empty();
+    if waits {
         tracing::warn!(
             "changes only with a restart: {}",
             change.at_start.join(", ")
@@ -198,6 +205,7 @@ fn prepare(new: NewConfig, config: &Config, running: &Running) -> Result<Prepare
     Ok(Prepared {
         config,
         keys: change.now,
+        waits,
         session,
     })
 }

@@ -42,7 +42,7 @@ pub(super) enum SourceState {
     /// It has a fault, and keeps trying.
     Faulty,
     Broken,
-    /// At its end; and why most of it could not be used, if so.
+    /// At its end; and why there was no reading, or most could not be used, if so.
     Over(Option<String>),
 }
 

@@ -250,7 +250,7 @@ fn replay_log(
         tracing::warn!("{summary}");
     }
     match end {
-        Some(SourceEvent::End(_)) if skips.are_most() => Some(SourceEvent::End(skips.summary())),
+        Some(SourceEvent::End(_)) => Some(SourceEvent::End(replay.unusable())),
         end => end,
     }
 }

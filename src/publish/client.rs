@@ -29,8 +29,13 @@ const MOST_ANSWERS: usize = 16;
 pub(super) enum ClientError {
     #[error("the connection broke: {0}")]
     Broken(#[from] io::Error),
-    #[error("it took nothing for {0:?}")]
-    TooSlow(Duration),
+    #[error(
+        "it is {messages} messages behind, and in {patience:?} has not read enough of them to be sent more; let it read faster, \
+         ask for fewer (rate_hz in ?WATCH), or raise socket.write_timeout_s"
+    )]
+    TooSlow { messages: usize, patience: Duration },
+    #[error("it has not read its answer within {0:?}")]
+    Unread(Duration),
 }
 
 /// Serves one client until it leaves, breaks, is too slow, or `stop` says that the server stops.
@@ -291,14 +296,23 @@ impl Client<'_> {
     }
 
     async fn send_lines(&mut self) -> Result<(), ClientError> {
-        let written = self
-            .link
-            .write_all(self.lines.as_bytes(), self.write_timeout);
+        let patience = self.write_timeout;
+        let written = self.link.write_all(self.lines.as_bytes(), patience);
         written.await.map_err(|error| match error.kind() {
-            ErrorKind::TimedOut => ClientError::TooSlow(self.write_timeout),
+            ErrorKind::TimedOut => ClientError::TooSlow {
+                messages: self.behind(),
+                patience,
+            },
             _ => ClientError::Broken(error),
         })?;
         self.lines.clear();
         Ok(())
+    }
+
+    /// How many messages wait: those on their way, and those that have been published since, lost ones included.
+    fn behind(&self) -> usize {
+        let published = self.ring.as_ref().map_or(0, broadcast::Receiver::len);
+        let readings = self.readings.as_ref().map_or(0, broadcast::Receiver::len);
+        self.lines.matches(LINE_END).count() + published + readings
     }
 }

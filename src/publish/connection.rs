@@ -3,6 +3,7 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream as StdStream;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use rustix::net::sockopt::set_socket_send_buffer_size;
@@ -15,8 +16,14 @@ use tokio::time::timeout;
 /// thousand clients that have stalled would take more than the unit's MemoryMax=.
 const SEND_BUFFER: usize = 32 << 10;
 
+/// What is written at a time to a client that has once let its buffer run full, bytes. The system makes room again for
+/// each part that has been read whole: of larger ones a slow reader might not finish any in time.
+const PART: usize = 512;
+
 pub(super) struct Connection {
     stream: AsyncFd<StdStream>,
+    /// The buffer has been full.
+    slow: AtomicBool,
 }
 
 impl Connection {
@@ -24,7 +31,8 @@ impl Connection {
         let stream = stream.into_std()?;
         set_socket_send_buffer_size(&stream, SEND_BUFFER)?;
         let stream = watched(stream, Interest::READABLE)?;
-        Ok(Self { stream })
+        let slow = AtomicBool::new(false);
+        Ok(Self { stream, slow })
     }
 
     /// Waits for bytes, and returns how many came; 0 means that the client has left.
@@ -40,16 +48,21 @@ impl Connection {
         }
     }
 
-    /// Writes all of this. The error is `TimedOut` where the other end has taken nothing for this long.
+    /// Writes all of this. The error is `TimedOut` where the other end has not read enough for another part within this time.
     pub(super) async fn write_all(&self, mut bytes: &[u8], patience: Duration) -> io::Result<()> {
         // Linux wakes a writer only when most of the buffer is free. A slow reader may have read something although the wait
         // timed out: one more write tells.
         let mut waited_in_vain = false;
         while !bytes.is_empty() {
-            match self.stream.get_ref().write(bytes) {
+            let most = match self.slow.load(Ordering::Relaxed) {
+                true => PART,
+                false => usize::MAX,
+            };
+            match self.stream.get_ref().write(&bytes[..bytes.len().min(most)]) {
                 Ok(0) => return Err(ErrorKind::WriteZero.into()),
                 Ok(count) => (bytes, waited_in_vain) = (&bytes[count..], false),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    self.slow.store(true, Ordering::Relaxed);
                     if waited_in_vain {
                         return Err(ErrorKind::TimedOut.into());
                     }
@@ -78,4 +91,38 @@ impl Connection {
 #[expect(deprecated)]
 fn watched(stream: StdStream, interest: Interest) -> io::Result<AsyncFd<StdStream>> {
     AsyncFd::with_interest(stream, interest)
+}
+
+#[cfg(test)]
+mod tests {
+    use rustix::io::ioctl_fionread;
+    use tokio::io::AsyncReadExt;
+
+    use super::*;
+
+    /// Patience with a client of which it is known whether it reads.
+    const NONE: Duration = Duration::from_millis(1);
+
+    #[tokio::test]
+    async fn whoever_reads_a_little_at_a_time_gets_more() {
+        let (ours, mut theirs) = UnixStream::pair().unwrap();
+        let connection = Connection::new(ours).unwrap();
+        let line = [b'x'; 500];
+        while connection.write_all(&line, NONE).await.is_ok() {}
+        let unread = |theirs: &UnixStream| ioctl_fionread(theirs).unwrap();
+        // Until nothing is left of what was written while there was room.
+        let mut before = unread(&theirs);
+        let mut read = 0;
+        while read < before {
+            read += theirs.read_exact(&mut [0; 2048]).await.unwrap() as u64;
+            let left = unread(&theirs);
+            let error = connection.write_all(&[b'x'; 1 << 16], NONE).await;
+            assert_eq!(error.unwrap_err().kind(), ErrorKind::TimedOut);
+            assert!(unread(&theirs) > left, "after {read} bytes");
+        }
+        // Whoever reads nothing gets nothing.
+        before = unread(&theirs);
+        connection.write_all(&line, NONE).await.unwrap_err();
+        assert_eq!(unread(&theirs), before);
+    }
 }

@@ -40,7 +40,7 @@ settings! {
         request_limit_bytes: usize = 1024, 128..=65536, "bytes";
         /// How many messages a client may fall behind before it loses headings.
         backlog: usize = 64, 8..=4096, "messages";
-        /// How long a client may take nothing of what is sent to it.
+        /// How long a client that is behind may read less than what makes room for more, some 2 KiB.
         write_timeout_s: f64 = 5.0, 0.1..=60.0, "seconds";
     }
     also Settings::check_socket;

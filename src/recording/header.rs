@@ -11,7 +11,7 @@ use super::time_of_day::RECORDED_FROM;
 use super::{
     ACCEL, COLUMNS, GYRO, HEADING, Header, LineError, MAG, MAGIC, RecordingError, VERSION, shown,
 };
-use crate::date::parse_rfc3339;
+use crate::date::{LATEST, parse_rfc3339};
 use crate::frame::Mounting;
 use crate::reading::STANDARD_GRAVITY_M_S2;
 
@@ -102,9 +102,9 @@ impl HeaderLines {
             if let Some(meant) = meant(key) {
                 return Err(format!("{key} is no key; {meant} is one"));
             }
-            if key == RECORDED_FROM && parse_rfc3339(value).is_none() {
+            if key == RECORDED_FROM && parse_rfc3339(value).is_none_or(|time| time >= LATEST) {
                 return Err(format!(
-                    "{key} is {}, but must be a time as 2026-11-21T10:00:00Z",
+                    "{key} is {}, but must be a time from 1970 to 9998, as 2026-11-21T10:00:00Z",
                     shown(value.as_bytes())
                 ));
             }
@@ -389,7 +389,13 @@ mod tests {
             (
                 "# headingd-log 1\n# recorded_from = 21.11.2026\n",
                 2,
-                "must be a time as",
+                "must be a time from 1970 to 9998, as 2026-",
+            ),
+            // Its readings would go on into the year 10000.
+            (
+                "# headingd-log 1\n# recorded_from = 9999-12-31T23:59:59Z\n",
+                2,
+                "must be a time from 1970 to 9998",
             ),
         ] {
             let message = rows(text).unwrap_err();

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::Header;
-use crate::date::parse_rfc3339;
+use crate::date::{LATEST, parse_rfc3339};
 
 /// The key of a header under which the time of the first reading is.
 pub const RECORDED_FROM: &str = "recorded_from";
@@ -25,11 +25,11 @@ impl TimeOfDay {
     }
 
     /// Takes the time of a reading; how long that was after the beginning of 1970, if the log says so. The first one is
-    /// that of the header.
+    /// that of the header. None after the year 9998: a clock that says so is wrong, as in the header.
     pub fn at(&mut self, t_s: f64) -> Option<Duration> {
         let first_s = *self.first_s.get_or_insert(t_s);
         let since = Duration::try_from_secs_f64(t_s - first_s).ok()?;
-        self.begun?.checked_add(since)
+        self.begun?.checked_add(since).filter(|time| *time < LATEST)
     }
 
     /// The times of the readings that follow have nothing to do with those before.
@@ -58,7 +58,10 @@ mod tests {
                 "2026-11-21T10:01:00.500Z"
             ]
         );
-        assert_eq!(of_log.at(1e300), None);
+        // 1e12 is the latest time of a row: some 30,000 years.
+        for late_s in [1e12, 1e300] {
+            assert_eq!(of_log.at(late_s), None);
+        }
         of_log.begin_stretch();
         assert_eq!(of_log.at(0.0), None);
         assert_eq!(TimeOfDay::new(&header("yesterday")).at(0.0), None);

@@ -77,6 +77,17 @@ impl Replay {
     pub fn skips(&self) -> &Skips {
         &self.skips
     }
+
+    /// Why the log, read to its end, is of no use: it has no row, or most of them were skipped. `None` if it is of use.
+    pub fn unusable(&self) -> Option<String> {
+        if self.skips.is_empty() {
+            let log = self.name().to_owned();
+            return Some(RecordingError::NoRows { log }.to_string());
+        }
+        let summary = self.skips.summary()?;
+        let most = self.skips.are_most();
+        most.then(|| format!("most of the log cannot be used: {summary}"))
+    }
 }
 
 impl Iterator for Replay {

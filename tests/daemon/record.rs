@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread::JoinHandle;
 
-use crate::rig::{LONG, Process, Rig, long, until};
+use crate::rig::{LONG, Process, Rig, leave_dead_socket, long, until};
 use headingd::reading::Reading;
 use headingd::recording::Header;
 use headingd::sensor::replay::Replay;
@@ -266,7 +266,16 @@ fn without_a_socket_it_is_recorded_all_the_same() {
 #[test]
 fn a_log_that_cannot_be_written_ends_the_command() {
     let rig = Rig::new(1.0, LONG);
+    let _socket = leave_dead_socket(rig.path("dead.sock"));
+    fs::create_dir(rig.path("folder")).unwrap();
+    let [socket, folder] = ["dead.sock", "folder"].map(|name| rig.text(name));
     for (out, status, part) in [
+        (
+            &socket[..],
+            73,
+            "dead.sock: it is a socket; name a file, or - for standard output",
+        ),
+        (&folder, 73, "folder: it is a folder; name a file in it"),
         (
             "/dev/full",
             74,

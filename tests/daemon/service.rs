@@ -156,6 +156,9 @@ fn a_reload_keeps_clients_and_the_active_calibration() {
     rig.edit("backlog = 4096", "backlog = 99");
     process.signal("HUP");
     process.says("changes only with a restart: socket.backlog");
+    process.says("reloaded: nothing changes without a restart");
+    let said = process.said();
+    assert_eq!(said.matches("nothing has changed").count(), 1, "{said}");
 
     process.signal("USR1");
     process.says("summary: ");

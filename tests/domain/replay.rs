@@ -590,11 +590,14 @@ fn a_log_of_which_most_is_skipped_is_a_failure() {
 fn each_command_tells_a_log_without_a_row_and_reads_standard_input() {
     let folder = Folder::new();
     let page = folder.path("a.html");
-    for text in [
-        "",
-        "# headingd-log 1\n# a remark\n",
-        "# headingd-log 1\nt_s,mx,my,mz",
-        "# headingd-log 1\nt_s,mx,my,mz\n",
+    let header =
+        "it must begin with \"# headingd-log 1\" and its column names, and rows must follow";
+    let rows = "it ends after the line of column names, but rows must follow, one a reading";
+    for (text, why) in [
+        ("", header),
+        ("# headingd-log 1\n# a remark\n", header),
+        ("# headingd-log 1\nt_s,mx,my,mz", header),
+        ("# headingd-log 1\nt_s,mx,my,mz\n", rows),
     ] {
         let path = folder.file("a.csv", text);
         for arguments in [
@@ -608,10 +611,7 @@ fn each_command_tells_a_log_without_a_row_and_reads_standard_input() {
             let output = command.args(arguments).stdin(log).output().unwrap();
             let err = String::from_utf8(output.stderr).unwrap();
             assert_eq!(output.status.code(), Some(65), "{arguments:?}: {err}");
-            assert_eq!(
-                err,
-                "headingd: log - has no reading: it must begin with \"# headingd-log 1\" and its column names, and rows must follow\n"
-            );
+            assert_eq!(err, format!("headingd: log - has no reading: {why}\n"));
         }
     }
 }

@@ -20,7 +20,7 @@ impl Palette {
         let locale = set("LC_ALL").or(set("LC_CTYPE")).or(set("LANG"));
         let locale = locale.unwrap_or_default().to_lowercase();
         Self {
-            colour: !no_colour() && set("TERM").is_none_or(|term| term != "dumb"),
+            colour: !no_colour(),
             unicode: locale.contains("utf-8") || locale.contains("utf8"),
         }
     }

@@ -1,9 +1,9 @@
-//! The screen as a whole, for 80 columns and 24 lines or more.
+//! The screen as a whole: made for 80 columns and 24 lines. On a smaller one the panel takes all, its heading first.
 
 use std::time::Instant;
 
 use ratatui::Frame;
-use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::layout::{Constraint, Layout, Rect, Size};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph, Wrap};
 use serde_json::Value;
@@ -25,7 +25,20 @@ const KEYS: &str = "c calibrate  x cancel  l lock/unlock  r roll back  v level  
 /// Width of what a line of the panel begins with.
 const NAME: usize = 12;
 
+/// A panel of fewer columns has no room for that.
+const NARROW: u16 = 40;
+
+/// Rose and planes of the field are drawn from this size on.
+const LEAST: Size = Size {
+    width: 64,
+    height: 21,
+};
+
 pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {
+    let size = frame.area().as_size();
+    if size.width < LEAST.width || size.height < LEAST.height {
+        return draw_panel_alone(view, style, now, frame);
+    }
     let width = usize::from(frame.area().width);
     let said = last_line(view, width);
     // An answer of the daemon may be longer than the screen is wide, and a wrapped line is not quite full.
@@ -61,11 +74,40 @@ pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame
         ..left
     };
     frame.render_widget(rose, inside);
-    let lines = panel(view, style, att, now);
+    let lines = panel(view, style, att, now, NAME);
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), right);
     scatters(view, style, bottom, frame);
     let said = Paragraph::new(said).wrap(Wrap { trim: true });
     frame.render_widget(said.style(style.strong()), keys);
+}
+
+/// Heading and state first, and what else there is room for. A question or an answer takes the room of what matters less.
+fn draw_panel_alone(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {
+    let area = frame.area();
+    let width = usize::from(area.width);
+    let said = match &view.asking {
+        None if view.said.is_empty() => String::new(),
+        _ => last_line(view, width),
+    };
+    let said_lines = said.chars().count().div_ceil((9 * width / 10).max(1));
+    // Two lines are for heading and state.
+    let said_lines = (said_lines as u16).min(area.height.saturating_sub(2));
+    let [top, bottom] =
+        Layout::vertical([Constraint::Min(0), Constraint::Length(said_lines)]).areas(area);
+    let is_narrow = area.width < NARROW;
+    let mut att = view.att(now).clone();
+    // The heading takes one line.
+    if let Some(att) = att.as_object_mut() {
+        att.remove("raw_heading");
+        if is_narrow {
+            att.remove("heading_sd");
+        }
+    }
+    let name = if is_narrow { 0 } else { NAME };
+    let lines = panel(view, style, &att, now, name);
+    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), top);
+    let said = Paragraph::new(said).wrap(Wrap { trim: true });
+    frame.render_widget(said.style(style.strong()), bottom);
 }
 
 /// A question, or what the last key has led to, or the keys.
@@ -79,23 +121,31 @@ fn last_line(view: &View, width: usize) -> String {
     }
 }
 
-fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value, now: Instant) -> Vec<Line<'a>> {
+/// The lines of the panel. The names before them are `width` wide; with 0, heading and state have none.
+fn panel<'a>(
+    view: &'a View,
+    style: &Palette,
+    att: &'a Value,
+    now: Instant,
+    width: usize,
+) -> Vec<Line<'a>> {
     let mut lines = Vec::new();
     let [true_deg, magnetic_deg, sd_deg] =
         ["heading", "mheading", "heading_sd"].map(|key| att[key].as_f64());
-    let shown = heading_text(true_deg, magnetic_deg, sd_deg).unwrap_or("none".to_owned());
+    let none = if width > 0 { "none" } else { "no heading" };
+    let shown = heading_text(true_deg, magnetic_deg, sd_deg).unwrap_or(none.to_owned());
     let raw = att["raw_heading"].as_f64();
     let raw = raw.map_or(String::new(), |raw| {
         format!("   (raw {:05.1}°)", to_tenths(raw))
     });
     lines.push(Line::from(vec![
-        Span::from(format!("{:NAME$}", "heading")),
+        Span::from(first_name("heading", width)),
         Span::styled(shown, style.strong()),
         Span::styled(raw, style.raw()),
     ]));
-    state(view, style, &mut lines);
+    state(view, style, width, &mut lines);
     let mut add = |name: &str, value: String| {
-        lines.push(Line::from(format!("{name:NAME$}{value}")));
+        lines.push(Line::from(named(name, width, &value)));
     };
     let status = view.answered();
     add("field", field(att, status));
@@ -132,11 +182,28 @@ fn panel<'a>(view: &'a View, style: &Palette, att: &'a Value, now: Instant) -> V
     lines
 }
 
+/// What a line begins with that needs no name where there is no room.
+fn first_name(name: &str, width: usize) -> String {
+    match width {
+        0 => String::new(),
+        _ => format!("{name:width$}"),
+    }
+}
+
+/// A line with its name.
+fn named(name: &str, width: usize, value: &str) -> String {
+    match (width, name) {
+        (0, "") => value.to_owned(),
+        (0, _) => format!("{name} {value}"),
+        _ => format!("{name:width$}{value}"),
+    }
+}
+
 /// The condition, why, what to do, and how far that is.
-fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
+fn state<'a>(view: &'a View, style: &Palette, width: usize, lines: &mut Vec<Line<'a>>) {
     if let Some(why) = &view.lost {
         lines.push(Line::from(vec![
-            Span::from(format!("{:NAME$}", "state")),
+            Span::from(first_name("state", width)),
             Span::styled(" lost ", style.badge("lost")),
         ]));
         lines.push(Line::from(why.as_str()));
@@ -152,7 +219,7 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
     let armed = armed.map(|_| "calibrates on the next turn".to_owned());
     let more: Vec<String> = [reason_alone, mode, armed].into_iter().flatten().collect();
     lines.push(Line::from(vec![
-        Span::from(format!("{:NAME$}", "state")),
+        Span::from(first_name("state", width)),
         Span::styled(format!(" {word} "), style.badge(word)),
         Span::from(format!(" {}", more.join(", "))),
     ]));
@@ -165,15 +232,11 @@ fn state<'a>(view: &'a View, style: &Palette, lines: &mut Vec<Line<'a>>) {
         .and_then(|status| status.progress)
         .filter(|share| *share > 0.0);
     if let Some(share) = view.state["progress"].as_f64().or(turned) {
-        lines.push(Line::from(format!(
-            "{:NAME$}{} {:3.0} %",
-            "progress",
-            bar(share),
-            100.0 * share
-        )));
+        let progress = format!("{} {:3.0} %", bar(share), 100.0 * share);
+        lines.push(Line::from(named("progress", width, &progress)));
         let missing = view.directions.missing();
         if !missing.is_empty() {
-            lines.push(Line::from(format!("{:NAME$}{missing}", "missing")));
+            lines.push(Line::from(named("missing", width, &missing)));
         }
     }
 }

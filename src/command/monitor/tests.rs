@@ -11,6 +11,7 @@ use super::feeds::News;
 use super::palette::Palette;
 use super::screen;
 use super::view::View;
+use crate::publish::control::ControlRequest;
 
 const PLAIN: Palette = Palette {
     colour: false,
@@ -215,6 +216,42 @@ fn plain_terminals_get_ascii_and_any_size_is_drawn() {
     assert_eq!(strange, "");
     for (width, height) in [(1, 1), (20, 5), (40, 12), (79, 23), (200, 60)] {
         drawn(&view, &ascii, now, width, height);
+    }
+}
+
+#[test]
+fn a_small_terminal_has_heading_and_state_first_whatever_is_asked() {
+    let now = Instant::now();
+    let mut view = fed(
+        &[
+            json!({"class": "STATE", "cal_state": "degraded", "reason": "learning", "message": "move the board about"}),
+            json!({"class": "ATT", "t_s": 1.0, "seq": 1, "mheading": 271.3, "heading_sd": 14.83, "raw_heading": 240.0}),
+        ],
+        now,
+    );
+    for (asking, said) in [
+        (false, ""),
+        (true, ""),
+        (false, "that turn is calibrated on"),
+    ] {
+        let question = ("is the board level now?", ControlRequest::Cancel {});
+        view.asking = asking.then_some(question);
+        view.said = said.to_owned();
+        for (width, height) in [(20, 5), (20, 2), (40, 12), (63, 24), (80, 20)] {
+            let screen = lines(&drawn(&view, &PLAIN, now, width, height));
+            let all = screen.join("\n");
+            assert!(screen[0].contains("271.3° magnetic"), "{all}");
+            assert!(screen[1].contains("degraded  learning"), "{all}");
+            let last: Vec<&str> = screen[2..]
+                .iter()
+                .flat_map(|line| line.split_whitespace())
+                .collect();
+            let last = last.join(" ");
+            assert!(
+                !asking || height < 5 || last.contains("level now?"),
+                "{all}"
+            );
+        }
     }
 }
 

@@ -65,7 +65,7 @@ pub(super) async fn serve(
         };
         timeout(WRITE_PATIENCE, writer.write_all(answer.line().as_bytes()))
             .await
-            .map_err(|_| ClientError::TooSlow(WRITE_PATIENCE))??;
+            .map_err(|_| ClientError::Unread(WRITE_PATIENCE))??;
         if is_last {
             return Ok(());
         }

@@ -42,6 +42,11 @@ fn lines_of(columns: u16) -> Winsize {
 
 impl Screen {
     fn monitor(rig: &Rig) -> Self {
+        Self::on("xterm", rig)
+    }
+
+    /// On a terminal of this kind.
+    fn on(kind: &str, rig: &Rig) -> Self {
         let (pty, name) = pty();
         let open = || {
             let node = rustix::fs::open(&name, OFlags::RDWR | OFlags::NOCTTY, Mode::empty());
@@ -50,7 +55,7 @@ impl Screen {
         let mut command = program();
         command
             .args(["monitor", "--socket", &rig.text("heading.sock")])
-            .env("TERM", "xterm")
+            .env("TERM", kind)
             .env("LC_ALL", "C.UTF-8")
             .env("NO_COLOR", "1")
             .stdin(open());
@@ -168,6 +173,17 @@ fn a_signal_ends_it_and_gives_the_terminal_back() {
     screen.process.stop();
     let modes = tcgetattr(&screen.master).unwrap().local_modes;
     assert!(modes.contains(LocalModes::ICANON | LocalModes::ECHO));
+}
+
+#[test]
+fn a_terminal_without_escape_sequences_gets_none() {
+    let rig = Rig::new(FAST, LONG);
+    let (_process, mut client) = rig.watched();
+    client.heading();
+    let mut screen = Screen::on("dumb", &rig);
+    screen.shows("° magnetic ± ");
+    assert!(!screen.seen.contains('\u{1b}'), "{}", screen.seen);
+    assert!(screen.seen.contains("headingd watch"), "{}", screen.seen);
 }
 
 #[test]
