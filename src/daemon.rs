@@ -309,11 +309,14 @@ impl Daemon {
             }
             if self.reload.is_prepared() {
                 // A calibration under way ends first, unless it takes long: its turn is not made again.
-                if self.reload.replaces_session() && self.session.calibrator.is_busy() {
-                    self.session.calibrator.hurry();
-                } else {
-                    self.end_reload().await?;
-                    self.inactivity.restart();
+                match self.reload.waits_until() {
+                    Some(deadline) if self.session.calibrator.is_busy() => {
+                        self.session.calibrator.hurry(deadline);
+                    }
+                    _ => {
+                        self.end_reload().await?;
+                        self.inactivity.restart();
+                    }
                 }
             }
             self.tick(fresh);

@@ -3,16 +3,13 @@
 use std::future::pending;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use tokio::time::timeout_at;
 
 use super::thread::Thread;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::{Request, calibrate_unless};
-
-/// Whoever waits for the end of a calibration waits this long: many times what one takes with the usual settings.
-const PATIENCE: Duration = Duration::from_millis(500);
 
 #[derive(Default)]
 pub(super) struct Calibrator {
@@ -63,13 +60,12 @@ impl Calibrator {
         }
     }
 
-    /// Somebody waits for the end of the calibration under way: from now on it has a deadline.
-    pub(super) fn hurry(&mut self) {
+    /// Somebody waits for the end of the calibration under way, and no longer than until the deadline.
+    pub(super) fn hurry(&mut self, deadline: Instant) {
         if let Some(running) = &mut self.running
             && !running.cancelled.load(Ordering::Relaxed)
         {
-            let deadline = || Instant::now() + PATIENCE;
-            running.deadline.get_or_insert_with(deadline);
+            running.deadline = Some(deadline);
         }
     }
 

@@ -13,6 +13,9 @@ use crate::calibration::policy::Reason;
 use crate::config::Config;
 use crate::pipeline::Event;
 
+/// A reload waits this long for calibrations: many times what one takes with the usual settings, on a busy board too.
+const PATIENCE: Duration = Duration::from_secs(2);
+
 /// A configuration to go on with.
 pub struct NewConfig {
     /// Reads it; may block.
@@ -28,6 +31,8 @@ pub(super) struct Reload {
     thread: Option<Thread<Result<Prepared, String>>>,
     /// What has come of it: a calibration may have to end first.
     prepared: Option<Result<Prepared, String>>,
+    /// Calibrations are given up then, so that it can end.
+    deadline: Option<Instant>,
     next: Option<NewConfig>,
 }
 
@@ -51,9 +56,10 @@ impl Reload {
         self.prepared.is_some()
     }
 
-    /// Whether it ends the running session.
-    pub(super) fn replaces_session(&self) -> bool {
-        matches!(&self.prepared, Some(Ok(prepared)) if prepared.session.is_some())
+    /// Until when it waits for a calibration, if it ends the running session.
+    pub(super) fn waits_until(&self) -> Option<Instant> {
+        let replaces = matches!(&self.prepared, Some(Ok(prepared)) if prepared.session.is_some());
+        self.deadline.filter(|_| replaces)
     }
 
     /// Waits for the next session; for ever, if none is being prepared. Nothing is lost when the wait is given up.
@@ -65,6 +71,7 @@ impl Reload {
         self.thread = None;
         let panicked = || Err("the thread of the reload panicked".to_owned());
         self.prepared = Some(prepared.unwrap_or_else(panicked));
+        self.deadline = Some(Instant::now() + PATIENCE);
     }
 
     /// Waits up to `patience` for the reload under way, whose session never starts, to release the store; returns whether it did.
