@@ -36,8 +36,10 @@ const GAP_S: f64 = 0.3;
 /// for each radian that the gyro reads: the strongest field on earth, 670 mG, and a gyro that reads half of the true rate.
 const NO_TURN: f64 = 0.1;
 const MOST_BY_TURNING: f64 = 2.7;
-/// A moment counts if what is not known of the gyro's bias is below this share of its rate: below what the scale may be off.
+/// A moment counts in full if what is not known of the gyro's bias is below this share of its rate, which is below what the scale may be
+/// off; and by that much less where more is not known, up to the second share: then the bias could be most of what is found.
 const BIAS_SHARE: f64 = 0.03;
+const MOST_BIAS_SHARE: f64 = 0.3;
 /// So many moments are remembered, ten radians of turning, and fewer than these say nothing: there are four unknowns.
 const MEMORY: f64 = 40.0;
 const LEAST_MOMENTS: f64 = 8.0;
@@ -78,6 +80,8 @@ pub(super) struct GyroScale {
     seen: Vector4<f64>,
     squares: f64,
     moments: f64,
+    /// Sum over moments: what is not known of the bias, as a share of the rate, where that is more than `BIAS_SHARE`.
+    bias_share: f64,
     /// Mean variance of the entries of the filter's D at the last moment.
     matrix2: f64,
 }
@@ -150,26 +154,30 @@ impl GyroScale {
             return false;
         }
         let change = field - moment.first;
-        let counts = angle_rad > LEAST_RAD && bias_sd * moment.age_s < BIAS_SHARE * angle_rad;
+        let bias_share = bias_sd * moment.age_s / angle_rad;
+        let counts = angle_rad > LEAST_RAD && bias_share < MOST_BIAS_SHARE;
         self.moment = TurnedMoment::begin(field, filter);
         if counts {
-            self.learn(&moment, &change);
+            self.learn(&moment, &change, bias_share);
             self.matrix2 = filter.matrix_variance();
         }
         counts
     }
 
-    fn learn(&mut self, moment: &TurnedMoment, change: &Vector3<f64>) {
+    fn learn(&mut self, moment: &TurnedMoment, change: &Vector3<f64>, bias_share: f64) {
         let mut slopes = Matrix3x4::zeros();
         slopes.set_column(0, &(moment.d * moment.predicted));
         slopes
             .fixed_columns_mut::<3>(1)
             .copy_from(&(moment.d * moment.turned_rad.cross_matrix() * moment.inverse));
-        let keep = 1.0 - 1.0 / MEMORY;
-        self.information = self.information * keep + slopes.transpose() * slopes;
-        self.seen = self.seen * keep + slopes.transpose() * change;
-        self.squares = self.squares * keep + change.norm_squared();
-        self.moments = self.moments * keep + 1.0;
+        let weight = (BIAS_SHARE / bias_share).min(1.0);
+        let keep = 1.0 - weight / MEMORY;
+        self.information = self.information * keep + weight * slopes.transpose() * slopes;
+        self.seen = self.seen * keep + weight * slopes.transpose() * change;
+        self.squares = self.squares * keep + weight * change.norm_squared();
+        self.moments = self.moments * keep + weight;
+        let counted = if weight < 1.0 { bias_share } else { 0.0 };
+        self.bias_share = self.bias_share * keep + weight * counted;
     }
 
     /// Samples are missing.
@@ -209,7 +217,8 @@ impl GyroScale {
         let scatter2 = (residual / (3.0 * self.moments - 4.0)).max(SCATTER.powi(2));
         // Over an arc a wrong D looks like a wrong scale, as iron does; over full turns, which leave all, it does not.
         let by_matrix2 = self.matrix2 * (1.0 / left - 1.0).max(0.0);
-        let variance = scatter2 * inverse[(0, 0)] + by_matrix2;
+        let by_bias = self.bias_share / self.moments;
+        let variance = scatter2 * inverse[(0, 0)] + by_matrix2 + by_bias.powi(2);
         Some(FoundScale {
             scale: found[0],
             sd: variance.sqrt(),

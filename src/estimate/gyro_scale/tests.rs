@@ -210,6 +210,15 @@ fn a_slow_turn_does_not_tell_a_scale_from_a_bias_that_is_not_known() {
 }
 
 #[test]
+fn a_scale_of_half_shows_though_the_bias_is_not_known_well() {
+    // To 2 degrees a second on each axis, and the gyro reads 30.
+    let found = judged(0.5, |t_s| tumbling(t_s) * 0.9);
+    assert_eq!(found.0, ScaleVerdict::Wrong, "{}", found.1);
+    let found = judged(1.0, |t_s| tumbling(t_s) * 0.45);
+    assert_eq!(found.0, ScaleVerdict::Unknown, "{}", found.1);
+}
+
+#[test]
 fn iron_that_comes_in_mid_turn_is_no_wrong_scale() {
     let none = Matrix3::identity();
     let mut board = TurnedBoard::new(none, none);
