@@ -225,6 +225,7 @@ impl Daemon {
     pub async fn run(mut self, notice: impl AsyncFnMut() -> Notice) -> Result<(), DaemonError> {
         let ended = self.serve(notice).await;
         self.service.stopping();
+        self.handle(Event::End);
         let source = self.session.state.clone();
         // Clients that still wait for an answer are told that none will come.
         drop(self.orders);

@@ -110,6 +110,8 @@ pub enum Event {
     Mounted(Box<Mountings>),
     /// The earth's field where the compass is; `None` where that is not known any more.
     Place(Option<EarthField>),
+    /// Nothing follows: what is worth keeping is kept now.
+    End,
 }
 
 /// What a pipeline wants done.
@@ -240,6 +242,7 @@ impl Pipeline {
             Event::Activate(calibration) => self.activate(calibration.map(|one| *one), actions),
             Event::Mounted(mountings) => self.mount(*mountings),
             Event::Place(field) => self.estimate.put_place(field.as_ref()),
+            Event::End => self.conclude_motion(true, actions),
         }
     }
 

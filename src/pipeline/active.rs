@@ -166,6 +166,10 @@ impl Pipeline {
             outcome.heading_sd_deg = Some(sd_deg);
             return;
         }
+        if let Some(known) = self.conclude_as_known() {
+            *outcome = known;
+            return;
+        }
         outcome.verdict = Verdict::Kept;
         outcome.reason = "less_certain";
         outcome.message =

@@ -46,6 +46,11 @@ impl Learning {
         }
     }
 
+    /// Whether what is learnt may be kept again.
+    pub(super) fn is_due(&self, now_s: f64) -> bool {
+        now_s - self.last_s >= KEEP_EVERY_S
+    }
+
     /// Something has been kept.
     pub(super) fn keep(&mut self, parameters: &Parameters, sd_deg: f64, t_s: f64) {
         self.last = Some(*parameters);
@@ -63,6 +68,22 @@ impl Learning {
 }
 
 impl Pipeline {
+    /// What the estimate knows, as the outcome of a turn that knows less; `None` if a calibration has been kept, or no heading is worth it.
+    pub(super) fn conclude_as_known(&mut self) -> Option<Outcome> {
+        let sd_deg = self.estimate.north_sd_deg();
+        let certain = sd_deg <= self.setup.pipeline.publish_sd_deg && !self.estimate.disturbed();
+        let possible = self.estimate.unlikely_mgauss().is_none();
+        if self.learning.last.is_some() || !certain || !possible {
+            return None;
+        }
+        let calibration = self.learnt_calibration()?;
+        let outcome = Outcome::of_motion(calibration, self.estimate.measured_axes())?;
+        self.learning.calibrated = true;
+        self.learning
+            .keep(&calibration.parameters, sd_deg, self.now_s);
+        Some(outcome)
+    }
+
     /// What the estimate knows, as a calibration to keep; `None` before the estimate has begun.
     pub(super) fn learnt_calibration(&self) -> Option<Calibration> {
         let calibration = self.estimate.calibration()?;
@@ -96,11 +117,10 @@ impl Pipeline {
     }
 
     /// Reports what the estimate has learnt when that is good for the first time, much better than what is kept, or different from it: where
-    /// the iron has moved, or a rival has replaced the estimate.
-    pub(super) fn conclude_motion(&mut self, actions: &mut Vec<Action>) {
+    /// the iron has moved, or a rival has replaced the estimate. `due`: the last time is long enough ago.
+    pub(super) fn conclude_motion(&mut self, due: bool, actions: &mut Vec<Action>) {
         let sd_deg = self.estimate.north_sd_deg();
         let replaced = self.estimate.take_replaced();
-        let due = self.now_s - self.learning.last_s >= KEEP_EVERY_S;
         let good_sd_deg = self.setup.pipeline.good_sd_deg;
         let possible = self.estimate.unlikely_mgauss().is_none();
         let good = sd_deg <= good_sd_deg && !self.estimate.disturbed() && possible;

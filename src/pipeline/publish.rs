@@ -48,7 +48,8 @@ impl Pipeline {
         if self.estimate.disturbed() || !right {
             self.disturbed_s = t_s;
         }
-        self.conclude_motion(actions);
+        let due = self.learning.is_due(t_s);
+        self.conclude_motion(due, actions);
         let condition = self.update_condition(actions);
         let heading = self.whole_heading(t_s, raw, &found, condition);
         actions.push(Action::Publish(heading));

@@ -732,3 +732,47 @@ fn a_turn_has_the_sample_at_its_beginning_and_that_at_its_end_live_as_of_a_log()
         assert_eq!(ends, [turn.start_s, turn.end_s]);
     }
 }
+
+/// So slow that what the motion has taught is more certain than the turn.
+#[test]
+fn a_first_turn_that_knows_less_keeps_what_is_known() {
+    let slow = Settings {
+        turns: 1.05,
+        turn_deg_s: 4.0,
+        ..Settings::default()
+    };
+    let played = play(&readings(&slow), None, 0);
+    let [(_, outcome)] = &played.outcomes[..] else {
+        panic!("{:?}", played.outcomes);
+    };
+    assert_eq!(outcome.verdict, Verdict::Accepted, "{outcome:?}");
+    assert!(outcome.calibration.is_some() && outcome.method == "motion");
+}
+
+/// What is learnt is kept once a minute at most, and at the end.
+#[test]
+fn the_end_keeps_what_has_been_learnt_since_the_turn() {
+    let demo = Settings {
+        scenario: Scenario::Demo,
+        ..Settings::default()
+    };
+    let mut pipeline = Pipeline::new(Setup::default(), None);
+    let mut kept = Vec::new();
+    for event in (readings(&demo).into_iter().map(Event::Reading)).chain([Event::End]) {
+        let played = pipeline.play(event, |action| {
+            Ok::<_, ()>(match action {
+                Action::Calibrate(request) => {
+                    Some(Event::Calibrated(Box::new(calibrate(&request))))
+                }
+                Action::Conclude(outcome, _) => {
+                    kept.extend(outcome.calibration.map(|one| (outcome.method, one)));
+                    None
+                }
+                _ => None,
+            })
+        });
+        played.unwrap();
+    }
+    let methods: Vec<_> = kept.iter().map(|(method, _)| *method).collect();
+    assert_eq!(methods, ["turn", "motion"]);
+}
