@@ -178,9 +178,12 @@ impl Pipeline {
         outcome.calibration = None;
     }
 
-    /// Updates the condition, but not before the first reading.
+    /// Updates the condition after a command, but not before the first reading. What would help may have changed, though the condition has
+    /// not.
     fn refresh(&mut self, actions: &mut Vec<Action>) {
         if self.readings_s.is_some() {
+            let message = self.judge().message;
+            self.report.take_if(|last| last.message != message);
             self.update_condition(actions);
         }
     }

@@ -46,7 +46,7 @@ impl Pipeline {
     }
 
     /// The first condition that applies, worst first.
-    fn judge(&self) -> Report {
+    pub(super) fn judge(&self) -> Report {
         if let Some(fault) = &self.fault {
             return self.report_as(Condition::Fault, fault.code, fault.message.clone());
         }

@@ -776,3 +776,32 @@ fn the_end_keeps_what_has_been_learnt_since_the_turn() {
     let methods: Vec<_> = kept.iter().map(|(method, _)| *method).collect();
     assert_eq!(methods, ["turn", "motion"]);
 }
+
+#[test]
+fn what_would_help_follows_the_mode_though_the_condition_stays() {
+    let mut pipeline = Pipeline::new(Setup::default(), None);
+    let mut message = String::new();
+    let mut play = |event, message: &mut String| {
+        let played = pipeline.play(event, |action| {
+            Ok::<_, ()>(match action {
+                Action::Calibrate(request) => {
+                    Some(Event::Calibrated(Box::new(calibrate(&request))))
+                }
+                Action::Report(report) => {
+                    *message = report.message.into_owned();
+                    None
+                }
+                _ => None,
+            })
+        });
+        played.unwrap();
+    };
+    for reading in readings(&Settings::default()) {
+        play(Event::Reading(reading), &mut message);
+    }
+    assert!(message.starts_with("the heading is still uncertain"));
+    for (mode, told) in [(Policy::Locked, true), (Policy::On, false)] {
+        play(Event::Policy(mode), &mut message);
+        assert_eq!(message.contains("unlock"), told, "{message}");
+    }
+}
