@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::strength::MOST_RAW_MGAUSS;
 use super::{Estimate, Fix, kept, level};
@@ -71,6 +71,8 @@ impl Estimate {
         let variance = variance * self.active.consistency.max(self.iron.excess());
         let sd = hypot(variance.sqrt(), self.doubt_rad(missed_turn_rad));
         let sd = hypot(sd, hypot(self.scale_doubt_rad(), self.frozen_doubt_rad()));
+        let sd = hypot(sd, reversed_rad(&field, &north.field_covariance));
+        let sd = if self.is_credible() { sd } else { PI };
         Some(Fix::new(wrap_360(heading.to_degrees()), sd))
     }
 
@@ -174,14 +176,26 @@ impl Estimate {
 
     /// Deviation of north in the gyro's frame, degrees: that of every heading of a level board.
     pub fn north_sd_deg(&self) -> f64 {
-        if !self.active.begun {
+        if !self.active.begun || !self.is_credible() {
             return UNKNOWN_SD_DEG;
         }
         let slope = by_field(&self.active.field());
-        let variance = (slope.transpose() * self.active.field_covariance() * slope)[0];
+        let covariance = self.active.field_covariance();
+        let variance = (slope.transpose() * covariance * slope)[0];
         let sd = hypot(variance.max(0.0).sqrt(), self.scale_doubt_rad());
+        let sd = hypot(sd, reversed_rad(&self.active.field(), &covariance));
         sd.to_degrees().min(UNKNOWN_SD_DEG)
     }
+}
+
+/// What north may be off by because the horizontal field may point the other way, radians. A board that has turned about one horizontal
+/// axis knows the field across that axis, and along it cannot tell the field from iron: where all of the horizontal field lies along
+/// the axis, its slope says nothing of that. The tail of the normal distribution beyond z is at most exp(−z²/2) / 2.
+fn reversed_rad(field: &Vector3<f64>, covariance: &Matrix3<f64>) -> f64 {
+    let north = Vector3::new(field.x, field.y, 0.0);
+    let variance = north.dot(&(covariance * north)) / north.norm_squared();
+    let squared = north.norm_squared() / variance;
+    PI * (0.5 * (-0.5 * squared).exp()).sqrt()
 }
 
 /// Slope of the heading by the field, radians a milligauss: minus that of the field's azimuth. For a field within 1 mG of the

@@ -3,10 +3,12 @@
 use nalgebra::Vector3;
 
 use super::Estimate;
-use crate::reading::EARTH_MGAUSS;
+use crate::reading::{EARTH_MGAUSS, STRONGEST_MGAUSS};
 
 /// A strength is certain within so many deviations of the whole field.
 const CERTAIN: f64 = 3.0;
+/// A strength is known well within this share: as well as the gain of the chips.
+const KNOWN_WELL: f64 = 0.1;
 /// No compass works beside iron that makes a raw field stronger than this, milligauss: it is beyond all three axes of a chip for 8 gauss.
 pub(super) const MOST_RAW_MGAUSS: f64 = 14_000.0;
 
@@ -76,6 +78,16 @@ impl Estimate {
             let digit = 10f64.powf(strength.log10().floor() - 1.0);
             (strength / digit).round() * digit
         })
+    }
+
+    /// Whether the earth may have such a horizontal field. One that is not known well must be as weak as the earth's is without iron: a board that turns
+    /// about one horizontal axis cannot tell field from iron along that axis, and with small errors of chips both grow without limit.
+    pub(super) fn is_credible(&self) -> bool {
+        let field = self.active.field();
+        let horizontal = Vector3::new(field.x, field.y, 0.0);
+        let strength = horizontal.norm();
+        let known_well = self.sd_along(&horizontal) < KNOWN_WELL * strength;
+        strength <= STRONGEST_MGAUSS || known_well && self.unlikely_mgauss().is_none()
     }
 
     /// Deviation of the field along this vector, milligauss.

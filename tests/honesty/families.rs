@@ -56,6 +56,11 @@ const NOT_ALWAYS_GOOD: Limits = Limits {
     good: None,
     ..VEHICLE
 };
+/// There may be no heading at all.
+const ONE_AXIS: Limits = Limits {
+    false_share: Some(0.001),
+    ..NONE
+};
 const CHANGE: Limits = Limits {
     told: Some((5.0, 0.95)),
     false_share: Some(0.001),
@@ -121,6 +126,7 @@ pub const ALL: &[Family] = &[
     family("tumbling", 500, TUMBLING, handled::tumbling),
     family("tumbling_untrimmed", 200, TUMBLING, handled::untrimmed),
     family("tumbling_in_bursts", 200, VEHICLE, handled::in_bursts),
+    family("one_axis", 200, ONE_AXIS, handled::one_axis),
     family("place_known", 200, PLACE, handled::place_known),
     family("place_wrong", 200, PLACE, handled::place_wrong),
     family("car", 500, CAR, vehicles::car),

@@ -126,6 +126,33 @@ fn tumble(rng: &mut Rng, score: &mut Score, length_s: f64) -> Scene {
     in_room(rng, &ROUGH, parts, length_s)
 }
 
+/// A board that only ever turns about one axis of its own, which is level within 10°: along that axis field and iron look the same.
+pub fn one_axis(rng: &mut Rng, score: &mut Score) {
+    let axis = if rng.sign() > 0.0 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
+    let leans = Part::Roll {
+        axis: axis.yxz(),
+        deg: rng.uniform(-10.0, 10.0),
+        s: 2.0,
+    };
+    let turns = rng.sign() * rng.uniform(8.0, 20.0);
+    let turns = Part::Roll {
+        axis,
+        deg: 360.0 * turns,
+        s: 60.0,
+    };
+    let scene = in_room(
+        rng,
+        &FAIR,
+        vec![leans, Part::Rest(3.0), turns, Part::Level(5.0)],
+        70.0,
+    );
+    run(scene, rng, score);
+}
+
 /// Tumbling with what a model says of the place's field.
 pub fn place_known(rng: &mut Rng, score: &mut Score) {
     score.place_off_deg.get_or_insert(0.0);
