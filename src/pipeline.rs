@@ -175,7 +175,7 @@ pub struct Pipeline {
     whole_field_s: f64,
     overflow_s: f64,
     /// When the magnetometer last read more than any chip measures, seconds.
-    absurd_s: f64,
+    implausible_s: f64,
     rate_s: f64,
     /// Strength of the corrected field over the expected one, less 1, low-passed, and the time of the newest row in it.
     strength_deviation: f64,
@@ -210,7 +210,7 @@ impl Pipeline {
             readings_s: None,
             whole_field_s: f64::NEG_INFINITY,
             overflow_s: f64::NEG_INFINITY,
-            absurd_s: f64::NEG_INFINITY,
+            implausible_s: f64::NEG_INFINITY,
             rate_s: f64::NEG_INFINITY,
             strength_deviation: 0.0,
             strength_s: f64::NEG_INFINITY,
@@ -313,7 +313,7 @@ impl Pipeline {
         let read_field = reading.field_mgauss.is_some();
         let (reading, runs) = &self.intake.take(reading, newest_turn);
         if read_field && reading.field_mgauss.is_none() {
-            self.absurd_s = reading.t_s;
+            self.implausible_s = reading.t_s;
         }
         for (axis, run) in runs.iter().enumerate() {
             match run {

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::strength::MOST_RAW_MGAUSS;
+use super::strength::{MOST_RAW_MGAUSS, horizontal, sd_along};
 use super::{Estimate, Fix, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
@@ -192,10 +192,9 @@ impl Estimate {
 /// axis knows the field across that axis, and along it cannot tell the field from iron: where all of the horizontal field lies along
 /// the axis, its slope says nothing of that. The tail of the normal distribution beyond z is at most exp(−z²/2) / 2.
 fn reversed_rad(field: &Vector3<f64>, covariance: &Matrix3<f64>) -> f64 {
-    let north = Vector3::new(field.x, field.y, 0.0);
-    let variance = north.dot(&(covariance * north)) / north.norm_squared();
-    let squared = north.norm_squared() / variance;
-    PI * (0.5 * (-0.5 * squared).exp()).sqrt()
+    let north = horizontal(field);
+    let deviations = north.norm() / sd_along(covariance, &north);
+    PI * (0.5 * (-0.5 * deviations.powi(2)).exp()).sqrt()
 }
 
 /// Slope of the heading by the field, radians a milligauss: minus that of the field's azimuth. For a field within 1 mG of the

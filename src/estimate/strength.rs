@@ -1,6 +1,6 @@
 //! How strong the field is, and strengths that no field of the earth has: the magnetometer's unit or range is wrong.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::Estimate;
 use crate::reading::{EARTH_MGAUSS, STRONGEST_MGAUSS};
@@ -62,13 +62,14 @@ impl Estimate {
             // The vertical field of a board that stays level is not measured.
             let measured = match self.measured_axes() == [true; 3] {
                 true => field,
-                false => Vector3::new(field.x, field.y, 0.0),
+                false => horizontal(&field),
             };
             let strength = self.active.strength_mgauss();
+            let covariance = self.active.field_covariance();
             (
                 strength,
-                measured.norm() - deviations * self.sd_along(&measured),
-                strength + deviations * self.sd_along(&field),
+                measured.norm() - deviations * sd_along(&covariance, &measured),
+                strength + deviations * sd_along(&covariance, &field),
             )
         } else {
             return None;
@@ -80,22 +81,29 @@ impl Estimate {
         })
     }
 
-    /// Whether the earth may have such a horizontal field. One that is not known well must be as weak as the earth's is without iron: a board that turns
-    /// about one horizontal axis cannot tell field from iron along that axis, and with small errors of chips both grow without limit.
+    /// Whether the earth may have such a horizontal field. One that is not known well must be as weak as the earth's is without iron: a
+    /// board that turns about one horizontal axis cannot tell field from iron along that axis, and with small errors of chips both grow
+    /// without limit.
     pub(super) fn is_credible(&self) -> bool {
-        let field = self.active.field();
-        let horizontal = Vector3::new(field.x, field.y, 0.0);
-        let strength = horizontal.norm();
-        let known_well = self.sd_along(&horizontal) < KNOWN_WELL * strength;
-        strength <= STRONGEST_MGAUSS || known_well && self.unlikely_mgauss().is_none()
+        let strength = self.horizontal_mgauss();
+        let known_well = || {
+            let along = horizontal(&self.active.field());
+            sd_along(&self.active.field_covariance(), &along) < KNOWN_WELL * strength
+        };
+        strength <= STRONGEST_MGAUSS || known_well() && self.unlikely_mgauss().is_none()
     }
+}
 
-    /// Deviation of the field along this vector, milligauss.
-    fn sd_along(&self, field_mgauss: &Vector3<f64>) -> f64 {
-        let along = field_mgauss.try_normalize(f64::MIN_POSITIVE);
-        along.map_or(f64::INFINITY, |along| {
-            let covariance = self.active.field_covariance();
-            along.dot(&(covariance * along)).sqrt()
-        })
-    }
+/// The horizontal part of a field in the frame.
+pub(super) fn horizontal(field: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(field.x, field.y, 0.0)
+}
+
+/// Deviation of a field with this covariance along a vector; of a vector without length, that in all directions together.
+pub(super) fn sd_along(covariance: &Matrix3<f64>, vector: &Vector3<f64>) -> f64 {
+    let variance = match vector.try_normalize(f64::MIN_POSITIVE) {
+        Some(along) => along.dot(&(covariance * along)),
+        None => covariance.trace(),
+    };
+    variance.sqrt()
 }

@@ -214,7 +214,7 @@ impl Pipeline {
         if fresh(self.whole_field_s) {
             return self.estimate.impossible_mgauss().map(wrong_strength);
         }
-        fresh(self.absurd_s).then(|| {
+        fresh(self.implausible_s).then(|| {
             format!(
                 "the magnetometer reads more than {LARGEST_FIELD_MGAUSS} mG, and no chip measures that: check its unit"
             )

@@ -70,18 +70,34 @@ impl Learning {
 impl Pipeline {
     /// What the estimate knows, as the outcome of a turn that knows less; `None` if a calibration has been kept, or no heading is worth it.
     pub(super) fn conclude_as_known(&mut self) -> Option<Outcome> {
-        let sd_deg = self.estimate.north_sd_deg();
-        let certain = sd_deg <= self.setup.pipeline.publish_sd_deg && !self.estimate.disturbed();
-        let possible = self.estimate.unlikely_mgauss().is_none();
-        if self.learning.last.is_some() || !certain || !possible {
+        if self.learning.last.is_some() || !self.is_known_within(self.setup.pipeline.publish_sd_deg)
+        {
             return None;
         }
-        let calibration = self.learnt_calibration()?;
-        let outcome = Outcome::of_motion(calibration, self.estimate.measured_axes())?;
+        let outcome = self.keep_what_is_known()?;
         self.learning.calibrated = true;
-        self.learning
-            .keep(&calibration.parameters, sd_deg, self.now_s);
         Some(outcome)
+    }
+
+    /// Whether the estimate is as certain as this, and nothing speaks against it.
+    fn is_known_within(&self, sd_deg: f64) -> bool {
+        self.estimate.north_sd_deg() <= sd_deg
+            && !self.estimate.disturbed()
+            && self.estimate.unlikely_mgauss().is_none()
+    }
+
+    /// Takes note that what the estimate knows is kept, and returns it as an outcome.
+    fn keep_what_is_known(&mut self) -> Option<Outcome> {
+        let outcome = self.outcome_of_motion()?;
+        let parameters = outcome.calibration?.parameters;
+        let sd_deg = self.estimate.north_sd_deg();
+        self.learning.keep(&parameters, sd_deg, self.now_s);
+        Some(outcome)
+    }
+
+    /// What the estimate knows, as an outcome; `None` before it has begun.
+    fn outcome_of_motion(&self) -> Option<Outcome> {
+        Outcome::of_motion(self.learnt_calibration()?, self.estimate.measured_axes())
     }
 
     /// What the estimate knows, as a calibration to keep; `None` before the estimate has begun.
@@ -122,8 +138,7 @@ impl Pipeline {
         let sd_deg = self.estimate.north_sd_deg();
         let replaced = self.estimate.take_replaced();
         let good_sd_deg = self.setup.pipeline.good_sd_deg;
-        let possible = self.estimate.unlikely_mgauss().is_none();
-        let good = sd_deg <= good_sd_deg && !self.estimate.disturbed() && possible;
+        let good = self.is_known_within(good_sd_deg);
         let last_sd_deg = self.learning.last_sd_deg;
         if last_sd_deg.is_none() && self.estimate.has_begun() {
             self.learning.last_sd_deg = Some(sd_deg);
@@ -138,15 +153,15 @@ impl Pipeline {
             }
             return;
         }
-        let (Some(reason), Some(calibration)) = (self.wanted(), self.learnt_calibration()) else {
+        let Some(reason) = self.wanted() else {
+            return;
+        };
+        let Some(outcome) = self.keep_what_is_known() else {
             return;
         };
         self.armed = false;
         self.refused = None;
-        self.learning
-            .keep(&calibration.parameters, sd_deg, self.now_s);
-        let outcome = Outcome::of_motion(calibration, self.estimate.measured_axes());
-        actions.extend(outcome.map(|outcome| Action::Conclude(Box::new(outcome), reason)));
+        actions.push(Action::Conclude(Box::new(outcome), reason));
     }
 
     /// The calibration learnt so far, and its limits. It is accepted if it is as certain as one that the daemon would keep, and otherwise
@@ -172,8 +187,7 @@ impl Pipeline {
             ),
             limit("predicted heading uncertainty", "degrees", sd_deg, most),
         ];
-        let outcome =
-            Outcome::of_motion(self.learnt_calibration()?, self.estimate.measured_axes())?;
+        let outcome = self.outcome_of_motion()?;
         let outcome = match self.objection_to_motion(&limits) {
             Some(refusal) => outcome.refused(refusal),
             None => outcome,

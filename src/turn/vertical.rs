@@ -281,7 +281,9 @@ impl Vertical {
             let ahead = self.ahead(start, CREEP_S);
             ahead.is_some_and(|ahead| !goes_on(&self.notes[start], ahead))
         };
-        (from..).find(|start| !creeps(start)).unwrap_or(from)
+        (from..self.notes.len())
+            .find(|start| !creeps(start))
+            .unwrap_or(from)
     }
 
     /// How far the heading has come round since a note, by orientation; `None` if the body was tipped over.

@@ -749,6 +749,20 @@ fn a_first_turn_that_knows_less_keeps_what_is_known() {
     assert!(outcome.calibration.is_some() && outcome.method == "motion");
 }
 
+/// Gives the pipeline an event, calibrates as it asks, and shows all other actions.
+fn step(pipeline: &mut Pipeline, event: Event, mut show: impl FnMut(Action)) {
+    let played = pipeline.play(event, |action| {
+        Ok::<_, ()>(match action {
+            Action::Calibrate(request) => Some(Event::Calibrated(Box::new(calibrate(&request)))),
+            other => {
+                show(other);
+                None
+            }
+        })
+    });
+    played.unwrap();
+}
+
 /// What is learnt is kept once a minute at most, and at the end.
 #[test]
 fn the_end_keeps_what_has_been_learnt_since_the_turn() {
@@ -757,23 +771,14 @@ fn the_end_keeps_what_has_been_learnt_since_the_turn() {
         ..Settings::default()
     };
     let mut pipeline = Pipeline::new(Setup::default(), None);
-    let mut kept = Vec::new();
+    let mut methods = Vec::new();
     for event in (readings(&demo).into_iter().map(Event::Reading)).chain([Event::End]) {
-        let played = pipeline.play(event, |action| {
-            Ok::<_, ()>(match action {
-                Action::Calibrate(request) => {
-                    Some(Event::Calibrated(Box::new(calibrate(&request))))
-                }
-                Action::Conclude(outcome, _) => {
-                    kept.extend(outcome.calibration.map(|one| (outcome.method, one)));
-                    None
-                }
-                _ => None,
-            })
+        step(&mut pipeline, event, |action| {
+            if let Action::Conclude(outcome, _) = action {
+                methods.extend(outcome.calibration.map(|_| outcome.method));
+            }
         });
-        played.unwrap();
     }
-    let methods: Vec<_> = kept.iter().map(|(method, _)| *method).collect();
     assert_eq!(methods, ["turn", "motion"]);
 }
 
@@ -781,27 +786,19 @@ fn the_end_keeps_what_has_been_learnt_since_the_turn() {
 fn what_would_help_follows_the_mode_though_the_condition_stays() {
     let mut pipeline = Pipeline::new(Setup::default(), None);
     let mut message = String::new();
-    let mut play = |event, message: &mut String| {
-        let played = pipeline.play(event, |action| {
-            Ok::<_, ()>(match action {
-                Action::Calibrate(request) => {
-                    Some(Event::Calibrated(Box::new(calibrate(&request))))
-                }
-                Action::Report(report) => {
-                    *message = report.message.into_owned();
-                    None
-                }
-                _ => None,
-            })
+    let mut told = |event| {
+        step(&mut pipeline, event, |action| {
+            if let Action::Report(report) = action {
+                message = report.message.into_owned();
+            }
         });
-        played.unwrap();
+        message.clone()
     };
-    for reading in readings(&Settings::default()) {
-        play(Event::Reading(reading), &mut message);
-    }
-    assert!(message.starts_with("the heading is still uncertain"));
-    for (mode, told) in [(Policy::Locked, true), (Policy::On, false)] {
-        play(Event::Policy(mode), &mut message);
-        assert_eq!(message.contains("unlock"), told, "{message}");
+    let readings = readings(&Settings::default()).into_iter();
+    let before = readings.map(|reading| told(Event::Reading(reading))).last();
+    assert!(before.is_some_and(|message| message.starts_with("the heading is still uncertain")));
+    for (mode, unlock) in [(Policy::Locked, true), (Policy::On, false)] {
+        let message = told(Event::Policy(mode));
+        assert_eq!(message.contains("unlock"), unlock, "{message}");
     }
 }
