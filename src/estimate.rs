@@ -30,6 +30,7 @@ mod level;
 mod place;
 mod prior;
 mod rival;
+mod shaking;
 mod strength;
 mod unexplained;
 mod visit;
@@ -201,8 +202,8 @@ impl Estimate {
             self.forget_checkpoints();
         }
         let iron_open = self.trial.filter().is_some();
-        let checked = (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter);
-        let right = self.gyro.take(&input, checked, iron_open);
+        let followed = (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter);
+        let right = self.gyro.take(&input, followed, iron_open);
         let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
         // At rest the filters read the bias themselves.
         let measured = unbroken && !at_fault && !sample.board.still;
@@ -296,6 +297,11 @@ impl Estimate {
         self.lose_frame();
     }
 
+    /// The filter that follows the samples.
+    fn followed(&self) -> &Filter {
+        (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter)
+    }
+
     /// Whether it follows the samples: until then there is only the calibration that it starts with.
     pub fn has_begun(&self) -> bool {
         self.active.begun
@@ -326,7 +332,7 @@ impl Estimate {
 
     /// Estimated lag of the magnetometer behind the gyro, seconds, 0 to `MOST_LAG_S`.
     pub fn lag_s(&self) -> f64 {
-        self.active.lag_s().clamp(0.0, MOST_LAG_S)
+        self.followed().lag_s().clamp(0.0, MOST_LAG_S)
     }
 
     /// The frame is lost: drops the last sample and the rival. The next sample begins a new frame.

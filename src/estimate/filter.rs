@@ -299,6 +299,15 @@ impl Filter {
 }
 
 #[cfg(test)]
+impl Filter {
+    /// The same, sure that the magnetometer does not lag.
+    pub(super) fn without_lag(mut self) -> Self {
+        self.clear(T, 1);
+        self
+    }
+}
+
+#[cfg(test)]
 impl Input {
     /// A sample, 0.1 s after the one before, of a board that turns in this attitude.
     pub(super) fn turning_at(

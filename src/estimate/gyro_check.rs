@@ -13,18 +13,16 @@ use super::filter::{Filter, Input};
 use super::gyro_axes::{AxesVerdict, GyroAxes};
 use super::gyro_scale::{GyroScale, ScaleVerdict};
 use super::prior::FIELD_MGAUSS;
+use super::shaking::Shaking;
 use super::unexplained::Unexplained;
 use super::witness::Witness;
 use crate::attitude::GRAVITY_M_S2;
 
-/// Correlation of both changes below which gyro and field turn different ways.
-const OPPOSES: f64 = -0.3;
-/// The same for gravity. The limit is stricter, since accelerations change the measured gravity too.
-const GRAVITY_OPPOSES: f64 = -0.5;
+/// Correlation of both changes below which gyro and field turn different ways. That of `LEAST_CHANGES` which have nothing to do with each other
+/// has a deviation of 0.25.
+const OPPOSES: f64 = -0.45;
 /// Readings that are the same to the last bit are a real rotation, that of a turntable, only above this correlation.
 const AGREES: f64 = 0.5;
-/// Specific force that is longer or shorter than gravity by more than this share is not gravity.
-const SHAKEN: f64 = 0.1;
 /// A gyro is dead when gravity and field have moved together so often in a row, each by so much (6°), without it. A car that
 /// brakes moves gravity, one that passes it the field; both at once are a chance.
 const TOGETHER: u32 = 3;
@@ -65,9 +63,10 @@ pub enum GyroFault {
 pub(super) struct GyroCheck {
     field: Witness,
     gravity: Witness,
+    shaking: Shaking,
     axes: GyroAxes,
     unexplained: Unexplained,
-    /// The field when gravity's moment began, as a share of its strength, how far the gyro has turned since, radians, and how often both
+    /// The field when gravity's moment began, as a share of `FIELD_MGAUSS`, how far the gyro has turned since, radians, and how often both
     /// have moved without it.
     field_at_start: Vector3<f64>,
     turned_rad: f64,
@@ -129,14 +128,13 @@ impl GyroCheck {
         let mut judge = self.scale.take(input, filter) || silent;
         if let Some(force) = input.board.force_m_s2 {
             let up = force / GRAVITY_M_S2;
+            let usual = input.field_mgauss / FIELD_MGAUSS;
             if self.gravity.begins() {
-                self.field_at_start = field;
+                self.field_at_start = usual;
                 self.turned_rad = 0.0;
             }
             self.turned_rad += turned_rad.norm();
-            if (up.norm() - 1.0).abs() > SHAKEN {
-                self.gravity.lose_moment();
-            } else {
+            if self.shaking.is_gravity(&up, &input.rate_rad_s, dt) {
                 if self.gravity.begins() {
                     self.axes.begin(up);
                 } else {
@@ -146,8 +144,10 @@ impl GyroCheck {
                 if change.counts() {
                     judge = true;
                     self.axes.end(up, change.larger);
-                    self.compare(change.seen.norm(), &field);
+                    self.compare(change.seen.norm(), (usual - self.field_at_start).norm());
                 }
+            } else {
+                self.gravity.lose_moment();
             }
         }
         // A gyro that repeats its reading is judged with unknown iron, too: a dead one predicts no change, whatever the iron.
@@ -232,11 +232,11 @@ impl GyroCheck {
         self.unseen_rad
     }
 
-    /// Gravity has changed by `seen` in a moment.
-    fn compare(&mut self, seen: f64, field: &Vector3<f64>) {
-        if self.turned_rad > SILENT * seen {
+    /// Gravity and field have changed by these shares in a moment.
+    fn compare(&mut self, gravity: f64, field: f64) {
+        if self.turned_rad > SILENT * gravity.min(field) {
             self.together = 0;
-        } else if seen > MOVED && (field - self.field_at_start).norm() > MOVED {
+        } else if gravity.min(field) > MOVED {
             self.together += 1;
         }
     }
@@ -254,8 +254,7 @@ impl GyroCheck {
             return Some(GyroFault::Dead);
         }
         // The predicted change of the field depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong
-        // scale. The check of the scale needs no iron, so it overrules the field. The field overrules gravity: on an arm that swings faster
-        // than a pendulum of its length, the measured gravity tilts the opposite way.
+        // scale. The check of the scale needs no iron, so it overrules the field.
         let field_agrees = self.field.agrees();
         let other_axes = self.axes.verdict == AxesVerdict::Wrong;
         let field_opposes = scale == ScaleVerdict::Opposed
@@ -264,8 +263,7 @@ impl GyroCheck {
         if other_axes && (field_agrees || scale == ScaleVerdict::Right || told) {
             return Some(GyroFault::AccelAxes);
         }
-        let gravity_opposes = self.gravity.opposes(GRAVITY_OPPOSES) && !field_agrees;
-        if other_axes || field_opposes || gravity_opposes {
+        if other_axes || field_opposes {
             return Some(GyroFault::Sign);
         }
         // A fault is over when the gyro explains the field again. But a filter that was misled from the beginning agrees with what has

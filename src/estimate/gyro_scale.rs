@@ -36,10 +36,11 @@ const GAP_S: f64 = 0.3;
 /// for each radian that the gyro reads: the strongest field on earth, 670 mG, and a gyro that reads half of the true rate.
 const NO_TURN: f64 = 0.1;
 const MOST_BY_TURNING: f64 = 2.7;
-/// A moment counts in full if what is not known of the gyro's bias is below this share of its rate, which is below what the scale may be
-/// off; and by that much less where more is not known, up to the second share: then the bias could be most of what is found.
-const BIAS_SHARE: f64 = 0.03;
-const MOST_BIAS_SHARE: f64 = 0.3;
+/// A moment counts in full if what is not known of its rotation is below this share of it, which is below what the scale may be
+/// off; and by that much less where more is not known, up to the second share: then that could be most of what is found. Not known are the
+/// gyro's bias, and where the rate changes the magnetometer's lag.
+const UNKNOWN_SHARE: f64 = 0.03;
+const MOST_UNKNOWN_SHARE: f64 = 0.3;
 /// So many moments are remembered, ten radians of turning, and fewer than these say nothing: there are four unknowns.
 const MEMORY: f64 = 40.0;
 const LEAST_MOMENTS: f64 = 8.0;
@@ -53,12 +54,16 @@ const LEFT: f64 = 0.25;
 const FIRST_MOMENTS: f64 = 3.0;
 const FIRST_LEFT: f64 = 0.1;
 const FIRST_DEVIATIONS: f64 = 2.0;
+/// The same for a gyro that turns the opposite way: no iron looks like that, if the moments fit.
+const OPPOSED_MOMENTS: f64 = 5.0;
 /// A scale is wrong when it is further from 1 than 5 %, and than that by three deviations.
 const TOLERANCE: f64 = 0.05;
 const DEVIATIONS: f64 = 3.0;
-/// The axes are wrong, not the scale, if the best scale leaves more than this share of the squared change unexplained. Noise and
-/// unevenness of 2 % leave 4 % of the squared change of the smallest moment that counts. A field that changes less
-/// than by a turn of `LEAST_RAD` says nothing of the axes: the gyro reads far too much.
+/// And when it leaves less than this share of the squared change unexplained: iron that passes leaves a tenth and more. Noise and
+/// unevenness of 2 % leave 4 % of the squared change of the smallest moment that counts. A field that changes less than by a turn of
+/// `LEAST_RAD` may be all noise: the gyro reads far too much.
+const FITS: f64 = 0.06;
+/// The axes are wrong, not the scale, if the best scale leaves more than this share, unless the field may be all noise.
 const UNEXPLAINED: f64 = 0.3;
 
 /// What the field says of the gyro's scale.
@@ -80,8 +85,8 @@ pub(super) struct GyroScale {
     seen: Vector4<f64>,
     squares: f64,
     moments: f64,
-    /// Sum over moments: what is not known of the bias, as a share of the rate, where that is more than `BIAS_SHARE`.
-    bias_share: f64,
+    /// Sum over moments: what is not known of the rotation, as a share of it, where that is more than `UNKNOWN_SHARE`.
+    unknown_share: f64,
     /// Mean variance of the entries of the filter's D at the last moment.
     matrix2: f64,
 }
@@ -99,6 +104,8 @@ struct TurnedMoment {
     /// Integrals of D⁻¹ y × ω and of ω.
     predicted: Vector3<f64>,
     turned_rad: Vector3<f64>,
+    /// Of the first sample.
+    rate_rad_s: Vector3<f64>,
 }
 
 /// What the regression finds.
@@ -140,7 +147,7 @@ impl GyroScale {
         }
         let unbroken = input.period_s <= GAP_S && step.is_some_and(|step| step <= JUMP);
         let Some(mut moment) = self.moment.filter(|_| unbroken) else {
-            self.moment = TurnedMoment::begin(field, filter);
+            self.moment = TurnedMoment::begin(field, input, filter);
             return false;
         };
         let mean = 0.5 * (moment.last + field);
@@ -154,30 +161,31 @@ impl GyroScale {
             return false;
         }
         let change = field - moment.first;
-        let bias_share = bias_sd * moment.age_s / angle_rad;
-        let counts = angle_rad > LEAST_RAD && bias_share < MOST_BIAS_SHARE;
-        self.moment = TurnedMoment::begin(field, filter);
+        let by_lag = filter.lag_left_s(input) * (input.rate_rad_s - moment.rate_rad_s).norm();
+        let unknown_share = (bias_sd * moment.age_s + by_lag) / angle_rad;
+        let counts = angle_rad > LEAST_RAD && unknown_share < MOST_UNKNOWN_SHARE;
+        self.moment = TurnedMoment::begin(field, input, filter);
         if counts {
-            self.learn(&moment, &change, bias_share);
+            self.learn(&moment, &change, unknown_share);
             self.matrix2 = filter.matrix_variance();
         }
         counts
     }
 
-    fn learn(&mut self, moment: &TurnedMoment, change: &Vector3<f64>, bias_share: f64) {
+    fn learn(&mut self, moment: &TurnedMoment, change: &Vector3<f64>, unknown_share: f64) {
         let mut slopes = Matrix3x4::zeros();
         slopes.set_column(0, &(moment.d * moment.predicted));
         slopes
             .fixed_columns_mut::<3>(1)
             .copy_from(&(moment.d * moment.turned_rad.cross_matrix() * moment.inverse));
-        let weight = (BIAS_SHARE / bias_share).min(1.0);
+        let weight = (UNKNOWN_SHARE / unknown_share).min(1.0);
         let keep = 1.0 - weight / MEMORY;
         self.information = self.information * keep + weight * slopes.transpose() * slopes;
         self.seen = self.seen * keep + weight * slopes.transpose() * change;
         self.squares = self.squares * keep + weight * change.norm_squared();
         self.moments = self.moments * keep + weight;
-        let counted = if weight < 1.0 { bias_share } else { 0.0 };
-        self.bias_share = self.bias_share * keep + weight * counted;
+        let counted = if weight < 1.0 { unknown_share } else { 0.0 };
+        self.unknown_share = self.unknown_share * keep + weight * counted;
     }
 
     /// Samples are missing.
@@ -217,8 +225,8 @@ impl GyroScale {
         let scatter2 = (residual / (3.0 * self.moments - 4.0)).max(SCATTER.powi(2));
         // Over an arc a wrong D looks like a wrong scale, as iron does; over full turns, which leave all, it does not.
         let by_matrix2 = self.matrix2 * (1.0 / left - 1.0).max(0.0);
-        let by_bias = self.bias_share / self.moments;
-        let variance = scatter2 * inverse[(0, 0)] + by_matrix2 + by_bias.powi(2);
+        let by_unknown = self.unknown_share / self.moments;
+        let variance = scatter2 * inverse[(0, 0)] + by_matrix2 + by_unknown.powi(2);
         Some(FoundScale {
             scale: found[0],
             sd: variance.sqrt(),
@@ -257,16 +265,24 @@ impl GyroScale {
 
     /// Whether the scale is right, as far as the moments tell.
     pub(super) fn verdict(&self) -> ScaleVerdict {
-        let Some(found) = self.scale() else {
+        let Some(found) = self.regress() else {
             return ScaleVerdict::Unknown;
         };
         let (off, sd) = (found.off(), found.sd);
+        let opposed = found.scale < -DEVIATIONS * sd;
+        let fits = found.unexplained < FITS;
+        if opposed && fits && found.moments > OPPOSED_MOMENTS && found.left > FIRST_LEFT {
+            return ScaleVerdict::Opposed;
+        }
+        if !found.is_enough() {
+            return ScaleVerdict::Unknown;
+        }
         let wrong = off > TOLERANCE + DEVIATIONS * sd;
         let turns = self.squares > self.moments * LEAST_RAD.powi(2);
         let other_axes = wrong && turns && found.unexplained > UNEXPLAINED;
-        if found.scale < -DEVIATIONS * sd || other_axes {
+        if opposed || other_axes {
             ScaleVerdict::Opposed
-        } else if wrong {
+        } else if wrong && (fits || !turns) {
             ScaleVerdict::Wrong
         } else if off < TOLERANCE && sd < TOLERANCE {
             ScaleVerdict::Right
@@ -277,7 +293,7 @@ impl GyroScale {
 }
 
 impl TurnedMoment {
-    fn begin(field: Vector3<f64>, filter: &Filter) -> Option<Self> {
+    fn begin(field: Vector3<f64>, input: &Input, filter: &Filter) -> Option<Self> {
         let d = filter.matrix();
         Some(Self {
             age_s: 0.0,
@@ -287,6 +303,7 @@ impl TurnedMoment {
             last: field,
             predicted: Vector3::zeros(),
             turned_rad: Vector3::zeros(),
+            rate_rad_s: input.rate_rad_s,
         })
     }
 }

@@ -1,5 +1,7 @@
 //! A board turns in the earth's field, with gyros that are right and wrong.
 
+use std::collections::VecDeque;
+
 use nalgebra::Rotation3;
 
 use super::*;
@@ -9,7 +11,8 @@ use crate::estimate::prior::Prior;
 struct TurnedBoard {
     regression: GyroScale,
     filter: Filter,
-    attitude: Rotation3<f64>,
+    /// The attitudes of the newest samples, the newest first. The magnetometer shows the last.
+    attitudes: VecDeque<Rotation3<f64>>,
     iron_mgauss: Vector3<f64>,
     soft: Matrix3<f64>,
     /// The scale error that gravity has shown, and that is taken out of the rates.
@@ -26,11 +29,12 @@ impl TurnedBoard {
             matrix: learnt,
             covariance: unknown.covariance * doubt,
             ..unknown
-        });
+        })
+        .without_lag();
         Self {
             regression: GyroScale::default(),
             filter,
-            attitude: Rotation3::identity(),
+            attitudes: [Rotation3::identity()].into(),
             iron_mgauss: Vector3::new(900.0, -600.0, 900.0),
             soft,
             taken: 0.0,
@@ -45,12 +49,15 @@ impl TurnedBoard {
         let dt = 0.02;
         for _ in 0..steps {
             let rate = rate_rad_s(f64::from(self.step) * dt);
-            self.attitude *= Rotation3::new(rate * dt);
+            let shown = self.attitudes.pop_back().unwrap();
+            let newest = self.attitudes.front().unwrap_or(&shown);
+            self.attitudes
+                .push_front(newest * Rotation3::new(rate * dt));
+            let shown = self.attitudes.back().unwrap();
             // Two counts of a chip, in turn on each axis.
             let noise = |axis, _| 2.0 - 4.0 * f64::from((self.step + axis as u16) % 2);
-            let field = self.soft * (self.attitude.inverse() * earth)
-                + self.iron_mgauss
-                + Vector3::from_fn(noise);
+            let field =
+                self.soft * (shown.inverse() * earth) + self.iron_mgauss + Vector3::from_fn(noise);
             let read = rate * (reads / (1.0 + self.taken));
             let mut input = Input {
                 turned_rad: read * dt,
@@ -230,4 +237,26 @@ fn iron_that_comes_in_mid_turn_is_no_wrong_scale() {
         assert_ne!(board.regression.verdict(), ScaleVerdict::Wrong);
     }
     assert_eq!(board.regression.verdict(), ScaleVerdict::Right);
+}
+
+#[test]
+fn a_lag_that_is_not_known_does_not_make_a_shaken_gyro_look_wrong() {
+    // 30° to either side about each axis, three times a second, while it tumbles, and the magnetometer shows it 60 ms late.
+    let shaken = |t_s: f64| {
+        let phase = 19.0 * t_s;
+        let rates = [phase, 0.93 * phase, 1.08 * phase].map(|phase| 10.0 * phase.cos());
+        Vector3::from(rates) + tumbling(t_s)
+    };
+    let judged = |known: bool| {
+        let none = Matrix3::identity();
+        let mut board = TurnedBoard::new(none, none);
+        board.attitudes = [Rotation3::identity(); 4].into();
+        if !known {
+            board.filter = Filter::new(&Prior::unknown());
+        }
+        board.turn(1000, 1.0, shaken);
+        board.regression.verdict()
+    };
+    assert_eq!(judged(false), ScaleVerdict::Unknown);
+    assert_eq!(judged(true), ScaleVerdict::Opposed);
 }

@@ -1,0 +1,87 @@
+//! Whether the accelerometer shows gravity, or how the board is shaken.
+//!
+//! Two signs of shaking: the specific force is longer or shorter than gravity, or the rate of rotation changes fast. A board at the end
+//! of a lever that swings with the angular frequency w has accelerations of w² times the lever's length for each radian that it turns, and
+//! gravity changes by g: on a hand at the end of an arm that swings faster than a pendulum of the arm's length, the measured gravity
+//! turns the opposite way, though its length hardly changes.
+
+use nalgebra::Vector3;
+
+/// Specific force that is longer or shorter than gravity by more than this share is not gravity.
+const LENGTH: f64 = 0.1;
+/// Nor is it in a motion in which it has been longer or shorter for more than this share of the time lately: accelerations across gravity
+/// hardly change its length.
+const MOST_TIME: f64 = 0.2;
+/// Lately: over this time, seconds.
+const LATELY_S: f64 = 3.0;
+/// The rate is compared with its mean over this time, seconds.
+const MEAN_S: f64 = 0.1;
+/// A motion is fast if the mean square of the difference exceeds this share of the rate's: (w τ)² / (1 + (w τ)²), with τ `MEAN_S` and w
+/// the 3.7 rad/s of a pendulum of 0.7 m, an arm.
+const FAST: f64 = 0.12;
+/// A board whose rate is below this, (18°/s)², is not shaken by turning: the difference is then the gyro's noise.
+const TURNS2: f64 = 0.1;
+
+/// Means of the recent motion.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Shaking {
+    /// Share of the time in which the specific force was not as long as gravity.
+    time: f64,
+    mean_rad_s: Vector3<f64>,
+    rate2: f64,
+    difference2: f64,
+}
+
+impl Shaking {
+    /// Takes a specific force, as a share of gravity, and the rate of rotation, rad/s. Whether that force is gravity.
+    pub(super) fn is_gravity(&mut self, up: &Vector3<f64>, rate: &Vector3<f64>, dt: f64) -> bool {
+        let share = (dt / LATELY_S).min(1.0);
+        let long_or_short = (up.norm() - 1.0).abs() > LENGTH;
+        self.time += share * (f64::from(long_or_short) - self.time);
+        self.mean_rad_s += (dt / MEAN_S).min(1.0) * (rate - self.mean_rad_s);
+        self.rate2 += share * (rate.norm_squared() - self.rate2);
+        self.difference2 += share * ((rate - self.mean_rad_s).norm_squared() - self.difference2);
+        let fast = self.rate2 > TURNS2 && self.difference2 > FAST * self.rate2;
+        !long_or_short && !fast && self.time < MOST_TIME
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DT: f64 = 0.01;
+
+    /// The share of ten seconds in which the force of a board on a lever of this length that swings by 30° about the horizontal with this
+    /// angular frequency, rad/s, is taken for gravity.
+    fn believed(lever_m: f64, frequency: f64) -> f64 {
+        let mut shaking = Shaking::default();
+        let believed = (0..1000).filter(|&step| {
+            let phase = frequency * f64::from(step) * DT;
+            let (angle, rate) = (0.52 * phase.sin(), 0.52 * frequency * phase.cos());
+            let along = -0.52 * frequency.powi(2) * phase.sin() * lever_m / 9.81;
+            let across = rate.powi(2) * lever_m / 9.81;
+            let up = Vector3::new(angle.sin() + along, 0.0, angle.cos() + across);
+            shaking.is_gravity(&up, &(Vector3::y() * rate), DT)
+        });
+        believed.count() as f64 / 1000.0
+    }
+
+    #[test]
+    fn a_slow_swing_shows_gravity_and_a_fast_one_does_not() {
+        assert!(believed(0.1, 2.0) > 0.9);
+        // The length hardly changes, and the direction turns the opposite way.
+        assert!(believed(0.1, 12.0) < 0.2);
+        assert!(believed(0.7, 6.0) < 0.2);
+    }
+
+    #[test]
+    fn a_board_pushed_to_and_fro_does_not_show_gravity() {
+        let mut shaking = Shaking::default();
+        let believed = (0..1000).filter(|&step| {
+            let pushed = 0.7 * (f64::from(step) * DT * 8.0).sin();
+            shaking.is_gravity(&Vector3::new(pushed, 0.0, 1.0), &Vector3::zeros(), DT)
+        });
+        assert!(believed.count() < 200);
+    }
+}
