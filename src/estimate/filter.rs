@@ -53,8 +53,8 @@ const GYRO_BIAS_RAD_S: f64 = 0.035;
 /// Scale error to expect on an axis of a gyro, of which the attitude has taken out what gravity shows.
 const GYRO_SCALE: f64 = 0.01;
 /// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering. On recorders
-/// it is 16 ms, and 60 ms at most.
-const LAG_S: f64 = 0.015;
+/// it is 16 ms, and 60 ms at most, which is three deviations. With 15 ms, a board that only pitches at first takes a lag of 56 ms for iron.
+const LAG_S: f64 = 0.02;
 /// Jitter of the times of samples, seconds: that of a bus which the kernel polls. Any value from 1 to 5 ms gives nearly the same simulated figures.
 const JITTER_S: f64 = 0.002;
 /// Tilt error of the frame until the attitude states its own, radians.
