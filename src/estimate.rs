@@ -202,7 +202,7 @@ impl Estimate {
             self.forget_checkpoints();
         }
         let iron_open = self.trial.filter().is_some();
-        let followed = (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter);
+        let followed = following(&self.active, self.suspended.as_deref());
         let right = self.gyro.take(&input, followed, iron_open);
         let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
         // At rest the filters read the bias themselves.
@@ -297,11 +297,6 @@ impl Estimate {
         self.lose_frame();
     }
 
-    /// The filter that follows the samples.
-    fn followed(&self) -> &Filter {
-        (self.suspended.as_ref()).map_or(&self.active, |one| &one.filter)
-    }
-
     /// Whether it follows the samples: until then there is only the calibration that it starts with.
     pub fn has_begun(&self) -> bool {
         self.active.begun
@@ -332,7 +327,9 @@ impl Estimate {
 
     /// Estimated lag of the magnetometer behind the gyro, seconds, 0 to `MOST_LAG_S`.
     pub fn lag_s(&self) -> f64 {
-        self.followed().lag_s().clamp(0.0, MOST_LAG_S)
+        following(&self.active, self.suspended.as_deref())
+            .lag_s()
+            .clamp(0.0, MOST_LAG_S)
     }
 
     /// The frame is lost: drops the last sample and the rival. The next sample begins a new frame.
@@ -427,6 +424,11 @@ impl Estimate {
     pub fn gyro_fault(&self) -> Option<GyroFault> {
         self.gyro.fault()
     }
+}
+
+/// The filter that follows the samples.
+fn following<'a>(active: &'a Filter, suspended: Option<&'a Suspended>) -> &'a Filter {
+    suspended.map_or(active, |one| &one.filter)
 }
 
 /// A filter that knows what a calibration says of a magnetometer mounted like this, or nothing.

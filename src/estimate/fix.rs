@@ -164,7 +164,7 @@ impl Estimate {
         let own = (east.transpose() * covariance * east)[0];
         let tilt = tilt_sd * vertical;
         let sd = (own + tilt * tilt).sqrt() / horizontal;
-        let sd = hypot(sd, rate_rad_s * self.active.lag_rms_s());
+        let sd = hypot(sd, rate_rad_s * self.active.lag_beyond_s(0.0));
         Some(Fix::new(heading, sd))
     }
 

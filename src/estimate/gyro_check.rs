@@ -18,17 +18,16 @@ use super::unexplained::Unexplained;
 use super::witness::Witness;
 use crate::attitude::GRAVITY_M_S2;
 
-/// Correlation of both changes below which gyro and field turn different ways. That of `LEAST_CHANGES` which have nothing to do with each other
-/// has a deviation of 0.25.
-const OPPOSES: f64 = -0.45;
 /// Readings that are the same to the last bit are a real rotation, that of a turntable, only above this correlation.
 const AGREES: f64 = 0.5;
-/// A gyro is dead when gravity and field have moved together so often in a row, each by so much (6°), without it. A car that
+/// A gyro is dead when gravity and field have moved together so often in a row, each by so much of itself (6°), without it. A car that
 /// brakes moves gravity, one that passes it the field; both at once are a chance.
 const TOGETHER: u32 = 3;
 const MOVED: f64 = 0.1;
-/// A gyro that turns by less than this share of what gravity does is silent.
+/// A gyro that turns by less than this share of what gravity and field do is silent.
 const SILENT: f64 = 0.3;
+/// The weakest field on earth, milligauss: a filter that has just begun may believe in a weaker one, of which noise is a large share.
+const WEAKEST_MGAUSS: f64 = 220.0;
 /// The attitude begins anew when the readings would mean a speed that boards do not reach. A gyro of half the scale causes that every ten seconds,
 /// and its bias is then never known well enough to measure the scale; a car on a motorway causes it once in some minutes. So the
 /// gyro is suspected from two restarts within half a minute on: each counts 1 and fades over this time, seconds.
@@ -66,8 +65,8 @@ pub(super) struct GyroCheck {
     shaking: Shaking,
     axes: GyroAxes,
     unexplained: Unexplained,
-    /// The field when gravity's moment began, as a share of `FIELD_MGAUSS`, how far the gyro has turned since, radians, and how often both
-    /// have moved without it.
+    /// The field when gravity's moment began, milligauss, how far the gyro has turned since, radians, and how often both have moved without
+    /// it.
     field_at_start: Vector3<f64>,
     turned_rad: f64,
     together: u32,
@@ -126,30 +125,7 @@ impl GyroCheck {
         }
         let silent = self.turns.gyro_is_silent();
         let mut judge = self.scale.take(input, filter) || silent;
-        if let Some(force) = input.board.force_m_s2 {
-            let up = force / GRAVITY_M_S2;
-            let usual = input.field_mgauss / FIELD_MGAUSS;
-            if self.gravity.begins() {
-                self.field_at_start = usual;
-                self.turned_rad = 0.0;
-            }
-            self.turned_rad += turned_rad.norm();
-            if self.shaking.is_gravity(&up, &input.rate_rad_s, dt) {
-                if self.gravity.begins() {
-                    self.axes.begin(up);
-                } else {
-                    self.axes.turn(&up, &turned_rad);
-                }
-                let change = self.gravity.take(up, up.cross(&turned_rad), dt);
-                if change.counts() {
-                    judge = true;
-                    self.axes.end(up, change.larger);
-                    self.compare(change.seen.norm(), (usual - self.field_at_start).norm());
-                }
-            } else {
-                self.gravity.lose_moment();
-            }
-        }
+        judge |= self.take_gravity(input, strength);
         // A gyro that repeats its reading is judged with unknown iron, too: a dead one predicts no change, whatever the iron.
         let known = constant || filter.iron_known_within(strength);
         if filter.begun && known {
@@ -185,6 +161,33 @@ impl GyroCheck {
             self.restarts = 0.0;
         }
         right
+    }
+
+    /// Compares how gravity turns with the gyro, and with the field, whose strength is this, milligauss. Whether the sample ended a moment.
+    fn take_gravity(&mut self, input: &Input, strength: f64) -> bool {
+        let turned_rad = input.turned_rad;
+        let up = input.board.force_m_s2.map(|force| force / GRAVITY_M_S2);
+        let shown =
+            |up: &Vector3<f64>| (self.shaking).is_gravity(up, &input.rate_rad_s, input.period_s);
+        let Some(up) = up.filter(shown) else {
+            self.gravity.lose_moment();
+            return false;
+        };
+        if self.gravity.begins() {
+            self.field_at_start = input.field_mgauss;
+            self.turned_rad = 0.0;
+            self.axes.begin(up);
+        } else {
+            self.turned_rad += turned_rad.norm();
+            self.axes.turn(&up, &turned_rad);
+        }
+        let change = (self.gravity).take(up, up.cross(&turned_rad), input.period_s);
+        if change.counts() {
+            self.axes.end(up, change.larger);
+            let by_field = (input.field_mgauss - self.field_at_start).norm();
+            self.compare(change.seen.norm(), by_field / strength.max(WEAKEST_MGAUSS));
+        }
+        change.counts()
     }
 
     /// Iron has come or gone, as far as is known: what the field has shown before is no evidence any more.
@@ -234,9 +237,9 @@ impl GyroCheck {
 
     /// Gravity and field have changed by these shares in a moment.
     fn compare(&mut self, gravity: f64, field: f64) {
-        if self.turned_rad > SILENT * gravity.min(field) {
+        if self.turned_rad > SILENT * gravity {
             self.together = 0;
-        } else if gravity.min(field) > MOVED {
+        } else if gravity.min(field) > MOVED && self.turned_rad < SILENT * field {
             self.together += 1;
         }
     }
@@ -257,8 +260,8 @@ impl GyroCheck {
         // scale. The check of the scale needs no iron, so it overrules the field.
         let field_agrees = self.field.agrees();
         let other_axes = self.axes.verdict == AxesVerdict::Wrong;
-        let field_opposes = scale == ScaleVerdict::Opposed
-            || (self.field.opposes(OPPOSES) && !self.scale.same_way());
+        let field_opposes =
+            scale == ScaleVerdict::Opposed || (self.field.opposes() && !self.scale.same_way());
         let told = self.fault == Some(GyroFault::AccelAxes) && !field_opposes;
         if other_axes && (field_agrees || scale == ScaleVerdict::Right || told) {
             return Some(GyroFault::AccelAxes);

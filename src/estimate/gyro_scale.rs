@@ -36,9 +36,9 @@ const GAP_S: f64 = 0.3;
 /// for each radian that the gyro reads: the strongest field on earth, 670 mG, and a gyro that reads half of the true rate.
 const NO_TURN: f64 = 0.1;
 const MOST_BY_TURNING: f64 = 2.7;
-/// A moment counts in full if what is not known of its rotation is below this share of it, which is below what the scale may be
-/// off; and by that much less where more is not known, up to the second share: then that could be most of what is found. Not known are the
-/// gyro's bias, and where the rate changes the magnetometer's lag.
+/// A moment counts in full if its rotation is known to this share, which is less than the scale may be off. If less is known, it counts
+/// by that much less; beyond the second share it does not count. Uncertain are the gyro's bias and, where the rate changes, the magnetometer's
+/// lag.
 const UNKNOWN_SHARE: f64 = 0.03;
 const MOST_UNKNOWN_SHARE: f64 = 0.3;
 /// So many moments are remembered, ten radians of turning, and fewer than these say nothing: there are four unknowns.
@@ -59,10 +59,10 @@ const OPPOSED_MOMENTS: f64 = 5.0;
 /// A scale is wrong when it is further from 1 than 5 %, and than that by three deviations.
 const TOLERANCE: f64 = 0.05;
 const DEVIATIONS: f64 = 3.0;
-/// And when it leaves less than this share of the squared change unexplained: iron that passes leaves a tenth and more. Noise and
+/// The best scale must also leave less than this share of the squared change unexplained: iron that passes leaves more. Noise and
 /// unevenness of 2 % leave 4 % of the squared change of the smallest moment that counts. A field that changes less than by a turn of
 /// `LEAST_RAD` may be all noise: the gyro reads far too much.
-const FITS: f64 = 0.06;
+const FITS: f64 = 0.1;
 /// The axes are wrong, not the scale, if the best scale leaves more than this share, unless the field may be all noise.
 const UNEXPLAINED: f64 = 0.3;
 
@@ -147,7 +147,7 @@ impl GyroScale {
         }
         let unbroken = input.period_s <= GAP_S && step.is_some_and(|step| step <= JUMP);
         let Some(mut moment) = self.moment.filter(|_| unbroken) else {
-            self.moment = TurnedMoment::begin(field, input, filter);
+            self.moment = TurnedMoment::begin(input, filter);
             return false;
         };
         let mean = 0.5 * (moment.last + field);
@@ -161,10 +161,11 @@ impl GyroScale {
             return false;
         }
         let change = field - moment.first;
-        let by_lag = filter.lag_left_s(input) * (input.rate_rad_s - moment.rate_rad_s).norm();
+        let by_lag =
+            filter.lag_beyond_s(input.lag_s) * (input.rate_rad_s - moment.rate_rad_s).norm();
         let unknown_share = (bias_sd * moment.age_s + by_lag) / angle_rad;
         let counts = angle_rad > LEAST_RAD && unknown_share < MOST_UNKNOWN_SHARE;
-        self.moment = TurnedMoment::begin(field, input, filter);
+        self.moment = TurnedMoment::begin(input, filter);
         if counts {
             self.learn(&moment, &change, unknown_share);
             self.matrix2 = filter.matrix_variance();
@@ -193,8 +194,8 @@ impl GyroScale {
         self.moment = None;
     }
 
-    /// Iron may have come or gone, or the gyro may have changed: what was seen before has nothing to do with what follows. Fewer moments
-    /// than a verdict needs remain: if the gyro reads a quarter of the true rate, each turn looks like iron that has changed.
+    /// Iron may have come or gone, or the gyro may have changed: what was seen before has nothing to do with what follows. Few moments
+    /// remain: if the gyro reads a quarter of the true rate, each turn looks like iron that has changed.
     pub(super) fn begin_anew(&mut self) {
         if self.moments >= LEAST_MOMENTS {
             *self = Self::default();
@@ -293,7 +294,8 @@ impl GyroScale {
 }
 
 impl TurnedMoment {
-    fn begin(field: Vector3<f64>, input: &Input, filter: &Filter) -> Option<Self> {
+    fn begin(input: &Input, filter: &Filter) -> Option<Self> {
+        let field = input.field_mgauss / FIELD_MGAUSS;
         let d = filter.matrix();
         Some(Self {
             age_s: 0.0,

@@ -38,7 +38,7 @@ impl Shaking {
         let share = (dt / LATELY_S).min(1.0);
         let long_or_short = (up.norm() - 1.0).abs() > LENGTH;
         self.time += share * (f64::from(long_or_short) - self.time);
-        self.mean_rad_s += (dt / MEAN_S).min(1.0) * (rate - self.mean_rad_s);
+        self.mean_rad_s += dt / (MEAN_S + dt) * (rate - self.mean_rad_s);
         self.rate2 += share * (rate.norm_squared() - self.rate2);
         self.difference2 += share * ((rate - self.mean_rad_s).norm_squared() - self.difference2);
         let fast = self.rate2 > TURNS2 && self.difference2 > FAST * self.rate2;
@@ -52,16 +52,17 @@ mod tests {
 
     const DT: f64 = 0.01;
 
-    /// The share of ten seconds in which the force of a board on a lever of this length that swings by 30° about the horizontal with this
-    /// angular frequency, rad/s, is taken for gravity.
-    fn believed(lever_m: f64, frequency: f64) -> f64 {
+    /// The share of ten seconds in which the force of a board on a lever of this length is taken for gravity. It swings by this angle
+    /// about the horizontal with this angular frequency, rad/s, so slightly that the force's length hardly changes.
+    fn believed(lever_m: f64, swing_rad: f64, frequency: f64) -> f64 {
         let mut shaking = Shaking::default();
         let believed = (0..1000).filter(|&step| {
             let phase = frequency * f64::from(step) * DT;
-            let (angle, rate) = (0.52 * phase.sin(), 0.52 * frequency * phase.cos());
-            let along = -0.52 * frequency.powi(2) * phase.sin() * lever_m / 9.81;
+            let (angle, rate) = (swing_rad * phase.sin(), swing_rad * frequency * phase.cos());
+            let along = -angle * frequency.powi(2) * lever_m / 9.81;
             let across = rate.powi(2) * lever_m / 9.81;
             let up = Vector3::new(angle.sin() + along, 0.0, angle.cos() + across);
+            assert!((up.norm() - 1.0).abs() < LENGTH);
             shaking.is_gravity(&up, &(Vector3::y() * rate), DT)
         });
         believed.count() as f64 / 1000.0
@@ -69,10 +70,9 @@ mod tests {
 
     #[test]
     fn a_slow_swing_shows_gravity_and_a_fast_one_does_not() {
-        assert!(believed(0.1, 2.0) > 0.9);
-        // The length hardly changes, and the direction turns the opposite way.
-        assert!(believed(0.1, 12.0) < 0.2);
-        assert!(believed(0.7, 6.0) < 0.2);
+        assert!(believed(0.1, 0.3, 3.0) > 0.9);
+        // What is felt turns the opposite way.
+        assert!(believed(0.2, 0.1, 10.0) < 0.1);
     }
 
     #[test]

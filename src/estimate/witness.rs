@@ -17,6 +17,9 @@ const ENOUGH: f64 = 0.6;
 const ALONE: f64 = 0.1;
 /// Fewer changes say nothing against the gyro: a filter that has just begun knows little of the iron.
 const LEAST_CHANGES: u32 = 6;
+/// The vector turns another way than the gyro below this correlation. That of `LEAST_CHANGES` that have nothing to do with the gyro has a
+/// deviation of 0.25.
+const OPPOSES: f64 = -0.45;
 /// From this correlation on, a gyro that was at fault explains the vector again. Wrong axes reach 0.8, by chance or by a filter that was misled.
 const EXPLAINS_AGAIN: f64 = 0.9;
 /// Readings of the gyro that are the same to the last bit are no measurement if the squared changes meanwhile add up to this: two
@@ -159,11 +162,11 @@ impl Witness {
         self.enough() && self.sums.correlation() < limit
     }
 
-    /// The same from `LEAST_CHANGES` on, if the gyro has turned.
-    pub(super) fn opposes(&self, limit: f64) -> bool {
+    /// Whether it turns another way than the gyro, which has turned.
+    pub(super) fn opposes(&self) -> bool {
         self.sums.count >= LEAST_CHANGES
             && self.sums.predicted > ALONE * self.sums.seen
-            && self.correlates_below(limit)
+            && self.correlates_below(OPPOSES)
     }
 
     fn enough(&self) -> bool {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SymmetricEigen, Vector3};
 
-use super::{DISTURBED, Filter, Input, USUAL_UNEVENNESS};
+use super::{DISTURBED, Filter, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, T};
 use crate::frame::hypot;
 
@@ -91,14 +91,9 @@ impl Filter {
         self.x[T]
     }
 
-    /// Root mean square of what that lag may be, seconds.
-    pub fn lag_rms_s(&self) -> f64 {
-        hypot(self.x[T], self.p[(T, T)].max(0.0).sqrt())
-    }
-
-    /// Root mean square of what that lag may be beyond the one that a sample is corrected for, seconds.
-    pub fn lag_left_s(&self, input: &Input) -> f64 {
-        hypot(self.x[T] - input.lag_s, self.p[(T, T)].max(0.0).sqrt())
+    /// Root mean square of what that lag may be beyond this, seconds.
+    pub fn lag_beyond_s(&self, corrected_s: f64) -> f64 {
+        hypot(self.x[T] - corrected_s, self.p[(T, T)].max(0.0).sqrt())
     }
 
     /// White noise of a sample, one standard deviation, milligauss.

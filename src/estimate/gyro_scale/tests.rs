@@ -21,16 +21,23 @@ struct TurnedBoard {
 }
 
 impl TurnedBoard {
-    /// A board with this soft iron, and a filter that has learnt it and is sure of it, or has learnt another and is not.
+    /// A board with this soft iron, and a filter that has learnt it and is sure of it, or has learnt another and is not. The magnetometer
+    /// does not lag, and the filter knows that.
     fn new(soft: Matrix3<f64>, learnt: Matrix3<f64>) -> Self {
+        let mut board = Self::of_unknown_lag(soft, learnt);
+        board.filter = board.filter.without_lag();
+        board
+    }
+
+    /// The same, and the filter does not know the lag.
+    fn of_unknown_lag(soft: Matrix3<f64>, learnt: Matrix3<f64>) -> Self {
         let unknown = Prior::unknown();
         let doubt = if soft == learnt { 0.0 } else { 1.0 };
         let filter = Filter::new(&Prior {
             matrix: learnt,
             covariance: unknown.covariance * doubt,
             ..unknown
-        })
-        .without_lag();
+        });
         Self {
             regression: GyroScale::default(),
             filter,
@@ -249,11 +256,12 @@ fn a_lag_that_is_not_known_does_not_make_a_shaken_gyro_look_wrong() {
     };
     let judged = |known: bool| {
         let none = Matrix3::identity();
-        let mut board = TurnedBoard::new(none, none);
+        let mut board = if known {
+            TurnedBoard::new(none, none)
+        } else {
+            TurnedBoard::of_unknown_lag(none, none)
+        };
         board.attitudes = [Rotation3::identity(); 4].into();
-        if !known {
-            board.filter = Filter::new(&Prior::unknown());
-        }
         board.turn(1000, 1.0, shaken);
         board.regression.verdict()
     };
