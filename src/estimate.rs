@@ -58,8 +58,6 @@ const FALSE_ALARM_S: f64 = 5.0;
 /// Mean normalised innovation squared for each degree of freedom from which samples contradict the estimate: twice the deviation that it
 /// expects.
 const CONTRADICTED: f64 = 4.0;
-/// Twice the longest lag of a magnetometer on any recorder, 60 ms, seconds.
-const MOST_LAG_S: f64 = 0.12;
 
 /// Limits of the time between two samples, seconds. The lower one keeps quotients finite. After a longer pause, in which the gyro alone
 /// has carried the frame, the frame begins anew from the iron: a gyro bias known to 0.5°/s has then turned it by 5°.
@@ -325,11 +323,11 @@ impl Estimate {
         }
     }
 
-    /// Estimated lag of the magnetometer behind the gyro, seconds, 0 to `MOST_LAG_S`.
+    /// Estimated lag of the magnetometer behind the gyro, seconds, 0 to 0.12.
     pub fn lag_s(&self) -> f64 {
         following(&self.active, self.suspended.as_deref())
             .lag_s()
-            .clamp(0.0, MOST_LAG_S)
+            .max(0.0)
     }
 
     /// The frame is lost: drops the last sample and the rival. The next sample begins a new frame.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::{FORGET_MOVING_S, Filter, Input, JITTER_S};
+use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, LAG_RANGE_S};
 use crate::estimate::covariance::{B, D, E, G, H, M, N, Q, S, Sensitivity, T, subtract};
 use crate::estimate::prior::SCALE;
 use crate::reading::STRONGEST_MGAUSS;
@@ -231,6 +231,7 @@ impl Filter {
         self.correct_partly(&held, |filter| {
             let before = filter.vector(H);
             filter.x += gain * innovation;
+            filter.x[T] = filter.x[T].clamp(*LAG_RANGE_S.start(), *LAG_RANGE_S.end());
             if filter.still {
                 filter.keep_strength_and_dip(&before);
             }
