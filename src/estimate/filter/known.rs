@@ -179,3 +179,36 @@ impl SeenNorth {
             + 2.0 * (by_field.transpose() * self.cross * tilt)[0]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Rotation3;
+
+    use super::super::{Input, LAG_RANGE_S};
+    use super::*;
+    use crate::estimate::prior::Prior;
+
+    /// The lag that is found where the magnetometer of a board that swings shows what was or will be then, seconds.
+    fn found_s(late_s: f64) -> f64 {
+        let mut filter = Filter::new(&Prior::unknown());
+        let angle = |t_s: f64| Rotation3::new(Vector3::z() * (3.0 * t_s).sin());
+        for step in 0..300 {
+            let t_s = 0.1 * f64::from(step);
+            let rate = Vector3::z() * (3.0 * (3.0 * t_s).cos());
+            let field = angle(t_s - late_s).inverse() * Vector3::new(60.0, 190.0, -420.0);
+            let input = Input::turning_at(angle(t_s).into_inner(), rate, field);
+            filter.correct(&input, false);
+        }
+        filter.lag_s()
+    }
+
+    #[test]
+    fn the_lag_is_within_what_chips_have() {
+        let found = found_s(0.05);
+        assert!((found - 0.05).abs() < 0.01, "{found}");
+        for late_s in [0.3, -0.15] {
+            let found = found_s(late_s);
+            assert!(LAG_RANGE_S.contains(&found), "{late_s}: {found}");
+        }
+    }
+}
