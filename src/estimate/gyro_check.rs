@@ -3,8 +3,9 @@
 //! A field that stands still turns against the board as the gyro reads, and iron on the board adds a constant. So the
 //! change of the raw field over a moment is compared with the change that the gyro predicts: a gyro of the wrong sign predicts the
 //! opposite. Gravity turns in the same way, and no iron moves it: where both have turned and the gyro has not, the gyro is dead,
-//! whatever it reads. `gyro_scale` checks the scale, `gyro_axes` the axes, and `field_turns` counts turns that the gyro does not see. Of
-//! gyro, field and gravity, the one that turns another way than the other two is wrong.
+//! whatever it reads. `shaking` tells whether what the accelerometer measures is gravity, `gyro_scale` checks the scale, `gyro_axes` the axes,
+//! and `field_turns` counts turns that the gyro does not see. Of gyro, field and gravity, the one that turns another way than the other two is
+//! wrong.
 
 use nalgebra::Vector3;
 
