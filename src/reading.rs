@@ -10,9 +10,12 @@ use nalgebra::Vector3;
 /// The strongest field of the earth, milligauss.
 pub const STRONGEST_MGAUSS: f64 = 670.0;
 
-/// Strengths that a compass may find, milligauss: half to twice the earth's 220 to 670. Outside, its magnetometer's unit or range is
+/// The weakest field of the earth, milligauss.
+pub const WEAKEST_MGAUSS: f64 = 220.0;
+
+/// Strengths that a compass may find, milligauss: half to twice the earth's. Outside, its magnetometer's unit or range is
 /// wrong.
-pub const EARTH_MGAUSS: RangeInclusive<f64> = 110.0..=2.0 * STRONGEST_MGAUSS;
+pub const EARTH_MGAUSS: RangeInclusive<f64> = 0.5 * WEAKEST_MGAUSS..=2.0 * STRONGEST_MGAUSS;
 
 /// Weakest horizontal field that a compass may find, milligauss: half of the 60 below which, near the magnetic poles, the World Magnetic Model
 /// warns of using one.

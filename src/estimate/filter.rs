@@ -57,8 +57,9 @@ const GYRO_SCALE: f64 = 0.01;
 /// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering. On recorders
 /// it is 16 ms, and 60 ms at most, which is three deviations. With 15 ms, a board that only pitches at first takes a lag of 56 ms for iron.
 const LAG_S: f64 = 0.02;
-/// Any lag is within this: twice the longest, and a recorder may deliver the gyro as late as the magnetometer elsewhere, which then seems early.
-/// On a board that is shaken at first, a lag beyond it can match the motion's phase as well.
+/// Limits of the lag, seconds. The upper one is twice the longest on any recorder. The lower one is for recorders on which the gyro is late
+/// instead, so that the magnetometer seems early. On a board that is shaken at first, a lag beyond these limits may fit the phase of the motion as
+/// well as the true one.
 const LAG_RANGE_S: RangeInclusive<f64> = -0.06..=0.12;
 /// Jitter of the times of samples, seconds: that of a bus which the kernel polls. Any value from 1 to 5 ms gives nearly the same simulated figures.
 const JITTER_S: f64 = 0.002;

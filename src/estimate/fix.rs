@@ -179,11 +179,12 @@ impl Estimate {
         if !self.active.begun || !self.is_credible() {
             return UNKNOWN_SD_DEG;
         }
-        let slope = by_field(&self.active.field());
+        let field = self.active.field();
         let covariance = self.active.field_covariance();
+        let slope = by_field(&field);
         let variance = (slope.transpose() * covariance * slope)[0];
         let sd = hypot(variance.max(0.0).sqrt(), self.scale_doubt_rad());
-        let sd = hypot(sd, reversed_rad(&self.active.field(), &covariance));
+        let sd = hypot(sd, reversed_rad(&field, &covariance));
         sd.to_degrees().min(UNKNOWN_SD_DEG)
     }
 }

@@ -18,6 +18,7 @@ use super::shaking::Shaking;
 use super::unexplained::Unexplained;
 use super::witness::Witness;
 use crate::attitude::GRAVITY_M_S2;
+use crate::reading::WEAKEST_MGAUSS;
 
 /// Readings that are the same to the last bit are a real rotation, that of a turntable, only above this correlation.
 const AGREES: f64 = 0.5;
@@ -27,8 +28,6 @@ const TOGETHER: u32 = 3;
 const MOVED: f64 = 0.1;
 /// A gyro that turns by less than this share of what gravity and field do is silent.
 const SILENT: f64 = 0.3;
-/// The weakest field on earth, milligauss: a filter that has just begun may believe in a weaker one, of which noise is a large share.
-const WEAKEST_MGAUSS: f64 = 220.0;
 /// The attitude begins anew when the readings would mean a speed that boards do not reach. A gyro of half the scale causes that every ten seconds,
 /// and its bias is then never known well enough to measure the scale; a car on a motorway causes it once in some minutes. So the
 /// gyro is suspected from two restarts within half a minute on: each counts 1 and fades over this time, seconds.
@@ -125,8 +124,9 @@ impl GyroCheck {
             self.restarts += f64::from(more);
         }
         let silent = self.turns.gyro_is_silent();
-        let mut judge = self.scale.take(input, filter) || silent;
-        judge |= self.take_gravity(input, strength);
+        let by_scale = self.scale.take(input, filter);
+        let by_gravity = self.take_gravity(input, strength);
+        let mut judge = by_scale || by_gravity || silent;
         // A gyro that repeats its reading is judged with unknown iron, too: a dead one predicts no change, whatever the iron.
         let known = constant || filter.iron_known_within(strength);
         if filter.begun && known {
@@ -164,16 +164,19 @@ impl GyroCheck {
         right
     }
 
-    /// Compares how gravity turns with the gyro, and with the field, whose strength is this, milligauss. Whether the sample ended a moment.
+    /// Compares how gravity turns with the gyro, and with the field, whose strength is this, milligauss. Whether the sample ended a moment that
+    /// counts.
     fn take_gravity(&mut self, input: &Input, strength: f64) -> bool {
-        let turned_rad = input.turned_rad;
-        let up = input.board.force_m_s2.map(|force| force / GRAVITY_M_S2);
-        let shown =
-            |up: &Vector3<f64>| (self.shaking).is_gravity(up, &input.rate_rad_s, input.period_s);
-        let Some(up) = up.filter(shown) else {
+        let (turned_rad, dt) = (input.turned_rad, input.period_s);
+        let Some(force) = input.board.force_m_s2 else {
             self.gravity.lose_moment();
             return false;
         };
+        let up = force / GRAVITY_M_S2;
+        if !self.shaking.take(&up, &input.rate_rad_s, dt) {
+            self.gravity.lose_moment();
+            return false;
+        }
         if self.gravity.begins() {
             self.field_at_start = input.field_mgauss;
             self.turned_rad = 0.0;
@@ -182,11 +185,13 @@ impl GyroCheck {
             self.turned_rad += turned_rad.norm();
             self.axes.turn(&up, &turned_rad);
         }
-        let change = (self.gravity).take(up, up.cross(&turned_rad), input.period_s);
+        let change = self.gravity.take(up, up.cross(&turned_rad), dt);
         if change.counts() {
             self.axes.end(up, change.larger);
-            let by_field = (input.field_mgauss - self.field_at_start).norm();
-            self.compare(change.seen.norm(), by_field / strength.max(WEAKEST_MGAUSS));
+            // A filter that has just begun may believe in a weaker field than any on earth, of which noise is a large share.
+            let strength = strength.max(WEAKEST_MGAUSS);
+            let by_field = (input.field_mgauss - self.field_at_start).norm() / strength;
+            self.compare(change.seen.norm(), by_field);
         }
         change.counts()
     }

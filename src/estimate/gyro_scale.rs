@@ -37,8 +37,7 @@ const GAP_S: f64 = 0.3;
 const NO_TURN: f64 = 0.1;
 const MOST_BY_TURNING: f64 = 2.7;
 /// A moment counts in full if its rotation is known to this share, which is less than the scale may be off. If less is known, it counts
-/// by that much less; beyond the second share it does not count. Uncertain are the gyro's bias and, where the rate changes, the magnetometer's
-/// lag.
+/// by that much less; beyond the second share it does not count. The gyro's bias is uncertain and, where the rate changes, so is the magnetometer's lag.
 const UNKNOWN_SHARE: f64 = 0.03;
 const MOST_UNKNOWN_SHARE: f64 = 0.3;
 /// So many moments are remembered, ten radians of turning, and fewer than these say nothing: there are four unknowns.
@@ -194,8 +193,8 @@ impl GyroScale {
         self.moment = None;
     }
 
-    /// Iron may have come or gone, or the gyro may have changed: what was seen before has nothing to do with what follows. Few moments
-    /// remain: if the gyro reads a quarter of the true rate, each turn looks like iron that has changed.
+    /// Iron may have come or gone, or the gyro may have changed: what was seen before has nothing to do with what follows. Fewer than
+    /// `LEAST_MOMENTS` are kept: if the gyro reads a quarter of the true rate, each turn looks like iron that has changed.
     pub(super) fn begin_anew(&mut self) {
         if self.moments >= LEAST_MOMENTS {
             *self = Self::default();

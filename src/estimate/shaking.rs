@@ -1,48 +1,49 @@
 //! Whether the accelerometer shows gravity, or how the board is shaken.
 //!
-//! Two signs of shaking: the specific force is longer or shorter than gravity, or the rate of rotation changes fast. A board at the end
-//! of a lever that swings with the angular frequency w has accelerations of w² times the lever's length for each radian that it turns, and
-//! gravity changes by g: on a hand at the end of an arm that swings faster than a pendulum of the arm's length, the measured gravity
-//! turns the opposite way, though its length hardly changes.
+//! There are two signs of shaking: the specific force is longer or shorter than gravity, or the rate of rotation changes fast. If a lever
+//! swings with the angular frequency w, each radian changes the acceleration of the board at its end by w² times the lever's length, and
+//! gravity in body axes by g. On an arm that swings faster than a pendulum of its length, the specific force therefore turns the opposite way,
+//! though its length hardly changes.
 
 use nalgebra::Vector3;
 
 /// Specific force that is longer or shorter than gravity by more than this share is not gravity.
 const LENGTH: f64 = 0.1;
-/// Nor is it in a motion in which it has been longer or shorter for more than this share of the time lately: accelerations across gravity
-/// hardly change its length.
-const MOST_TIME: f64 = 0.2;
-/// Lately: over this time, seconds.
-const LATELY_S: f64 = 3.0;
+/// If its length has been off for more than this share of the recent time, it is not gravity either: accelerations across gravity hardly
+/// change its length.
+const MOST_OFF: f64 = 0.2;
+/// Length of the recent time, seconds.
+const RECENT_S: f64 = 3.0;
 /// The rate is compared with its mean over this time, seconds.
 const MEAN_S: f64 = 0.1;
 /// A motion is fast if the mean square of the difference exceeds this share of the rate's: (w τ)² / (1 + (w τ)²), with τ `MEAN_S` and w
 /// the 3.7 rad/s of a pendulum of 0.7 m, an arm.
 const FAST: f64 = 0.12;
-/// A board whose rate is below this, (18°/s)², is not shaken by turning: the difference is then the gyro's noise.
+/// A board whose mean square rate is below this, (18°/s)², is not shaken by turning: the difference is then the gyro's noise.
 const TURNS2: f64 = 0.1;
 
 /// Means of the recent motion.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shaking {
     /// Share of the time in which the specific force was not as long as gravity.
-    time: f64,
+    off: f64,
     mean_rad_s: Vector3<f64>,
+    /// Mean squares of the rate, and of its difference from the mean, (rad/s)².
     rate2: f64,
     difference2: f64,
 }
 
 impl Shaking {
     /// Takes a specific force, as a share of gravity, and the rate of rotation, rad/s. Whether that force is gravity.
-    pub(super) fn is_gravity(&mut self, up: &Vector3<f64>, rate: &Vector3<f64>, dt: f64) -> bool {
-        let share = (dt / LATELY_S).min(1.0);
-        let long_or_short = (up.norm() - 1.0).abs() > LENGTH;
-        self.time += share * (f64::from(long_or_short) - self.time);
+    pub(super) fn take(&mut self, up: &Vector3<f64>, rate: &Vector3<f64>, dt: f64) -> bool {
+        let share = (dt / RECENT_S).min(1.0);
+        let off = (up.norm() - 1.0).abs() > LENGTH;
+        self.off += share * (f64::from(off) - self.off);
         self.mean_rad_s += dt / (MEAN_S + dt) * (rate - self.mean_rad_s);
         self.rate2 += share * (rate.norm_squared() - self.rate2);
         self.difference2 += share * ((rate - self.mean_rad_s).norm_squared() - self.difference2);
         let fast = self.rate2 > TURNS2 && self.difference2 > FAST * self.rate2;
-        !long_or_short && !fast && self.time < MOST_TIME
+        !off && !fast && self.off < MOST_OFF
     }
 }
 
@@ -63,7 +64,7 @@ mod tests {
             let across = rate.powi(2) * lever_m / 9.81;
             let up = Vector3::new(angle.sin() + along, 0.0, angle.cos() + across);
             assert!((up.norm() - 1.0).abs() < LENGTH);
-            shaking.is_gravity(&up, &(Vector3::y() * rate), DT)
+            shaking.take(&up, &(Vector3::y() * rate), DT)
         });
         believed.count() as f64 / 1000.0
     }
@@ -71,7 +72,7 @@ mod tests {
     #[test]
     fn a_slow_swing_shows_gravity_and_a_fast_one_does_not() {
         assert!(believed(0.1, 0.3, 3.0) > 0.9);
-        // What is felt turns the opposite way.
+        // The specific force turns the opposite way.
         assert!(believed(0.2, 0.1, 10.0) < 0.1);
     }
 
@@ -80,7 +81,7 @@ mod tests {
         let mut shaking = Shaking::default();
         let believed = (0..1000).filter(|&step| {
             let pushed = 0.7 * (f64::from(step) * DT * 8.0).sin();
-            shaking.is_gravity(&Vector3::new(pushed, 0.0, 1.0), &Vector3::zeros(), DT)
+            shaking.take(&Vector3::new(pushed, 0.0, 1.0), &Vector3::zeros(), DT)
         });
         assert!(believed.count() < 200);
     }

@@ -17,8 +17,8 @@ const ENOUGH: f64 = 0.6;
 const ALONE: f64 = 0.1;
 /// Fewer changes say nothing against the gyro: a filter that has just begun knows little of the iron.
 const LEAST_CHANGES: u32 = 12;
-/// The vector turns another way than the gyro below this correlation. That of `LEAST_CHANGES` that have nothing to do with the gyro has a
-/// deviation of 0.2.
+/// The vector turns another way than the gyro below this correlation. If the changes have nothing to do with the gyro, the correlation of
+/// `LEAST_CHANGES` has a deviation of 0.2.
 const OPPOSES: f64 = -0.45;
 /// From this correlation on, a gyro that was at fault explains the vector again. Wrong axes reach 0.8, by chance or by a filter that was misled.
 const EXPLAINS_AGAIN: f64 = 0.9;

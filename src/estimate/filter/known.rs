@@ -184,11 +184,11 @@ impl SeenNorth {
 mod tests {
     use nalgebra::Rotation3;
 
-    use super::super::{Input, LAG_RANGE_S};
     use super::*;
+    use crate::estimate::filter::{Input, LAG_RANGE_S};
     use crate::estimate::prior::Prior;
 
-    /// The lag that is found where the magnetometer of a board that swings shows what was or will be then, seconds.
+    /// The lag found on a board that swings and whose magnetometer is this late, or early if negative, seconds.
     fn found_s(late_s: f64) -> f64 {
         let mut filter = Filter::new(&Prior::unknown());
         let angle = |t_s: f64| Rotation3::new(Vector3::z() * (3.0 * t_s).sin());

@@ -12,7 +12,8 @@ use crate::reading::STRONGEST_MGAUSS;
 /// The second order of an uncertain gyro bias is small: any time near this one will do, seconds.
 const BIAS_DRAWN_S: f64 = 1.0;
 /// Walk of the frame by a gyro's cross-axis errors, one standard deviation, radians per √rad turned. Gravity leaves part of a
-/// cross-axis error of 1 % (data sheets: 2 % at most), which turns the frame another way in each radian. With 0.0028 boards that turn fast are too sure, with 0.004 drones not sure enough.
+/// cross-axis error of 1 % (data sheets: 2 % at most), which turns the frame another way in each radian. With 0.0028 boards that turn
+/// fast are too sure, with 0.004 drones not sure enough.
 const GYRO_CROSS: f64 = 0.0035;
 /// Angle random walk of the frame, rad/√s (0.02 °/√s): data sheets state noise densities of 0.005 (MPU-6050) to 0.03 °/s/√Hz
 /// (ITG-3200).

@@ -56,10 +56,9 @@ impl TurnedBoard {
         let dt = 0.02;
         for _ in 0..steps {
             let rate = rate_rad_s(f64::from(self.step) * dt);
-            let shown = self.attitudes.pop_back().unwrap();
-            let newest = self.attitudes.front().unwrap_or(&shown);
-            self.attitudes
-                .push_front(newest * Rotation3::new(rate * dt));
+            let newest = self.attitudes[0] * Rotation3::new(rate * dt);
+            self.attitudes.push_front(newest);
+            self.attitudes.pop_back();
             let shown = self.attitudes.back().unwrap();
             // Two counts of a chip, in turn on each axis.
             let noise = |axis, _| 2.0 - 4.0 * f64::from((self.step + axis as u16) % 2);

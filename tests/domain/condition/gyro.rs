@@ -69,7 +69,8 @@ fn a_gyro_on_a_swinging_arm_has_no_wrong_sign() {
     assert_eq!(board.state(), ("good", "good"));
 }
 
-/// A hand pushes it to and fro and hardly turns it: what is felt tilts, and while little is known, so does what is taken for the field.
+/// A hand pushes it to and fro and hardly turns it: the specific force tilts, and a filter that has just begun does not know the field's
+/// strength, of which a change is a share.
 #[test]
 fn a_gyro_on_a_board_that_is_pushed_is_not_dead() {
     let lies = |t_s: f64| {
