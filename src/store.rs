@@ -199,14 +199,18 @@ impl Store {
         }
     }
 
-    /// What any calibration file holds.
+    /// What any calibration file holds; `-` is standard input.
     ///
     /// # Errors
     ///
     /// When the file cannot be read, or does not hold calibrations.
     pub fn read_file(path: &Path) -> Result<Contents, StoreError> {
         let mut bytes = Vec::new();
-        File::open(path)
+        let opened: io::Result<Box<dyn Read>> = match path.to_str() {
+            Some("-") => Ok(Box::new(io::stdin())),
+            _ => File::open(path).map(|file| Box::new(file) as _),
+        };
+        opened
             .and_then(|file| file.take(LONGEST + 1).read_to_end(&mut bytes))
             .map_err(|error| StoreError::Read(path.to_owned(), error))?;
         let unreadable = |why| StoreError::Unreadable(path.to_owned(), why);

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::Subcommand;
+use clap::{Subcommand, value_parser};
 use serde_json::Value;
 
 use super::control::{self, ControlTarget};
@@ -36,6 +36,7 @@ pub enum CalibrationAction {
     /// Show a calibration with its parameters
     Show {
         /// Its number; without it, the active one
+        #[arg(value_parser = value_parser!(u64).range(1..))]
         number: Option<u64>,
     },
     /// Lock the active calibration: nothing replaces it, until it is unlocked or the mode changes
@@ -45,11 +46,13 @@ pub enum CalibrationAction {
     /// Make an earlier calibration the active one
     Rollback {
         /// Its number; without it, the one saved before the active one
+        #[arg(value_parser = value_parser!(u64).range(1..))]
         number: Option<u64>,
     },
     /// Forget the active calibration, or another one
     Forget {
         /// Its number; without it, the active one
+        #[arg(value_parser = value_parser!(u64).range(1..))]
         number: Option<u64>,
         /// Forget all calibrations of this sensor
         #[arg(long, conflicts_with = "number")]
@@ -58,6 +61,7 @@ pub enum CalibrationAction {
     /// Write a calibration to a file, or to standard output
     Export {
         /// Its number; without it, the active one
+        #[arg(value_parser = value_parser!(u64).range(1..))]
         number: Option<u64>,
         /// The file; an existing one is replaced. "-" is standard output, as it is without this
         #[arg(long, value_name = "FILE")]
@@ -65,7 +69,7 @@ pub enum CalibrationAction {
     },
     /// Make the calibration in a file the active one: one that export or "headingd calibrate --out" wrote
     Import {
-        /// The file
+        /// The file; "-" is standard input
         file: PathBuf,
     },
     /// Calibrate on the next turn, even if there is a calibration and the mode is off
@@ -179,7 +183,7 @@ pub(super) fn line(calibration: &CalibrationSummary) -> String {
         calibration.residual_mgauss.map(|n| format!("{n:.1} mG")),
     );
     add(
-        "heading",
+        calibration.certainty_of(),
         calibration.heading_sd_deg.map(|n| format!("{n:.2} deg")),
     );
     add(

@@ -175,12 +175,26 @@ impl Daemon {
         if history.is_locked() {
             return Err(HistoryError::Locked.into());
         }
-        let made = Made {
-            reason: Some(Reason::Import),
-            ..entry.made
+        let Made {
+            calibration,
+            saved_unix_s,
+            ..
+        } = entry.made;
+        // One that is kept already becomes active again: copies of it would drive out the others.
+        let same = |kept: &&KeptCalibration| {
+            kept.made.calibration == calibration && kept.made.saved_unix_s == saved_unix_s
         };
-        let number = self.session.store.keep(made);
-        Ok(self.activated(number, made.calibration))
+        let number = match history.entries.iter().find(same) {
+            Some(same) => {
+                let number = Some(same.number);
+                self.session.store.history_mut().roll_back(number)?.number
+            }
+            None => self.session.store.keep(Made {
+                reason: Some(Reason::Import),
+                ..entry.made
+            }),
+        };
+        Ok(self.activated(number, calibration))
     }
 
     fn activated(&mut self, number: u64, calibration: Calibration) -> Answer {

@@ -142,7 +142,7 @@ fn a_good_board_shows_its_heading_field_and_calibration() {
         "state        good  mode locked",
         "field       525 of 520 mG (+1 %), dip 72.3° of 72.9°",
         "calibration 4, planar by turn, 2 min 0 s old",
-        "            residual 1.9 mG, heading 0.1°, gyro 0.8°",
+        "            residual 1.9 mG, fit 0.1°, gyro 0.8°",
         "last        rejected (coverage)",
         "errors      faults 1, dropped 3, missed 0",
         "clients 2, up 1 h 1 min",

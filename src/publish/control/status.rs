@@ -64,6 +64,17 @@ pub(crate) struct CalibrationSummary {
     pub(crate) samples: Option<usize>,
 }
 
+impl CalibrationSummary {
+    /// What its deviation is of: that of a turn is of the fit alone, which knows nothing of the place, and of how the
+    /// chips lie to each other.
+    pub(crate) fn certainty_of(&self) -> &'static str {
+        match self.method.as_deref() {
+            Some("turn") => "fit",
+            _ => "heading",
+        }
+    }
+}
+
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct OutcomeSummary {

@@ -1,13 +1,13 @@
 //! `headingd status` and `headingd calibration`: what they print, and how they end.
 
-use std::fs::{self, Permissions};
+use std::fs::{self, File, Permissions};
 use std::io::{Read, Write};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::os::unix::net::UnixListener;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::link::Link;
 use crate::rig::{FAST, LONG, Rig, finished, full_socket, headingd, leave_dead_socket};
@@ -84,9 +84,24 @@ fn every_command_does_what_it_says() {
         err.ends_with("exported.json: No such file or directory (os error 2)\n"),
         "{err}"
     );
-    let next = number + 1;
+    // One that is kept already is not kept twice.
     assert_eq!(
         run(&["import", &file]),
+        format!("calibration {number} is active\n")
+    );
+    let mut changed: Value = serde_json::from_str(&exported).unwrap();
+    let bias = &mut changed["sensors"][0]["history"][0]["calibration"]["bias_mgauss"][0];
+    *bias = json!(bias.as_f64().unwrap() + 1.0);
+    fs::write(&file, changed.to_string()).unwrap();
+    let arguments = ["calibration", "import", "-", "--config", &config];
+    let import = Command::new(env!("CARGO_BIN_EXE_headingd"))
+        .args(arguments)
+        .stdin(File::open(&file).unwrap())
+        .output()
+        .unwrap();
+    let next = number + 1;
+    assert_eq!(
+        String::from_utf8(import.stdout).unwrap(),
         format!("calibration {next} is active\n")
     );
     assert!(run(&["show"]).contains("\"bias_mgauss\""));
@@ -210,6 +225,7 @@ fn each_way_to_fail_has_its_status_and_its_remedy() {
             vec!["calibration", "forget", "1", "--all"],
             "cannot be used with",
         ),
+        (2, vec!["calibration", "rollback", "0"], "0 is not in 1.."),
         (
             66,
             vec!["calibration", "import", &missing, "--socket", &socket],
