@@ -10,7 +10,7 @@ settings! {
     pub struct Settings {
         /// A folder, absolute; it is made if it is missing. Empty: nothing is recorded.
         directory: PathBuf = PathBuf::new();
-        /// How many files are kept; then the oldest goes.
+        /// How many full files are kept; then the oldest goes. Shorter ones count by their size.
         files: usize = 12, 2..=1000, "files";
         /// How long a file becomes.
         file_mib: u64 = 32, 1..=1024, "MiB";
@@ -22,6 +22,11 @@ impl Settings {
     /// The folder, if anything is to be recorded.
     pub fn directory(&self) -> Option<&Path> {
         (!self.directory.as_os_str().is_empty()).then_some(&self.directory)
+    }
+
+    /// How long a file becomes, bytes.
+    pub fn file_bytes(&self) -> u64 {
+        self.file_mib << 20
     }
 
     fn check_directory(&self, faults: &mut Vec<Fault>) {

@@ -236,8 +236,10 @@ impl RecorderThread {
                 let file = File::create(path).map_err(RecordError::of(true, path))?;
                 (path.clone(), file)
             }
-            Destination::Ring(settings) => ring::next(&settings.directory, settings.files)
-                .map_err(RecordError::of(true, &settings.directory))?,
+            Destination::Ring(settings) => {
+                ring::next(&settings.directory, settings.files, settings.file_bytes())
+                    .map_err(RecordError::of(true, &settings.directory))?
+            }
         })
     }
 
@@ -251,7 +253,7 @@ impl RecorderThread {
     fn fill(&mut self, log: &mut OpenLog, first: Reading) -> Result<bool, RecordError> {
         let most_bytes = match &self.destination {
             Destination::File(_) => u64::MAX,
-            Destination::Ring(settings) => settings.file_mib << 20,
+            Destination::Ring(settings) => settings.file_bytes(),
         };
         let mut bytes = 0;
         let mut next = Ok(first);
@@ -400,7 +402,8 @@ mod tests {
     fn a_full_disk_costs_the_oldest_logs_of_a_ring_but_not_the_newest() {
         let folder = tempfile::tempdir().unwrap();
         for _ in 0..3 {
-            ring::next(folder.path(), 3).unwrap();
+            let (path, _) = ring::next(folder.path(), 3, 1).unwrap();
+            fs::write(path, "row").unwrap();
         }
         let recorder = recorder(Destination::Ring(Settings {
             directory: folder.path().to_owned(),

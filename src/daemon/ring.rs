@@ -7,15 +7,29 @@ use std::path::{Path, PathBuf};
 
 const PREFIX: &str = "record-";
 const SUFFIX: &str = ".csv";
+/// No ring has more files, however short: a folder that a program lists at each start stays small.
+const MOST_FILES: usize = 1000;
 
-/// Makes room for another file among at most `most`, and makes it.
-pub(super) fn next(directory: &Path, most: usize) -> io::Result<(PathBuf, File)> {
+/// Makes room for another file, and makes it. With it, the room of `files` files of `full` bytes is enough for all: a
+/// daemon that restarts again and again leaves short ones, which would drive out long ones if each counted alike.
+pub(super) fn next(directory: &Path, files: usize, full: u64) -> io::Result<(PathBuf, File)> {
     fs::create_dir_all(directory)?;
     let numbers = numbers(directory)?;
     let next = numbers.last().map_or(1, |last| last + 1);
-    let excess = (numbers.len() + 1).saturating_sub(most);
-    for number in &numbers[..excess.min(numbers.len())] {
-        fs::remove_file(path(directory, *number))?;
+    let mut room = full.saturating_mul(files as u64 - 1);
+    let mut kept = 0;
+    for number in numbers.iter().rev() {
+        let path = path(directory, *number);
+        // A file's last row, and its header, may reach beyond its full size.
+        let size = fs::metadata(&path)?.len().min(full);
+        if size <= room && kept + 1 < MOST_FILES {
+            room -= size;
+            kept += 1;
+        } else {
+            // None that is older stays, either: the ring has no gaps.
+            room = 0;
+            fs::remove_file(path)?;
+        }
     }
     let path = path(directory, next);
     let file = File::create_new(&path)?;
@@ -62,12 +76,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let ring = folder.path().join("a/b");
         for _ in 0..5 {
-            next(&ring, 3).unwrap();
+            let (path, _) = next(&ring, 3, 10).unwrap();
+            fs::write(path, "12345678901").unwrap();
         }
         for other in ["record-x.csv", "record-1.csv", "notes.txt"] {
             fs::write(ring.join(other), "").unwrap();
         }
-        let (path, _) = next(&ring, 2).unwrap();
+        let (path, _) = next(&ring, 2, 10).unwrap();
         assert!(path.ends_with("record-000006.csv"), "{path:?}");
         let mut left: Vec<String> = fs::read_dir(&ring)
             .unwrap()
@@ -84,5 +99,33 @@ mod tests {
                 "record-x.csv"
             ]
         );
+    }
+
+    #[test]
+    fn short_files_do_not_drive_out_a_long_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let (long, _) = next(folder.path(), 3, 100).unwrap();
+        fs::write(&long, [0; 100]).unwrap();
+        for _ in 0..20 {
+            let (short, _) = next(folder.path(), 3, 100).unwrap();
+            fs::write(short, [0; 5]).unwrap();
+        }
+        assert!(long.exists());
+        assert_eq!(numbers(folder.path()).unwrap().len(), 21);
+        next(folder.path(), 3, 100).unwrap();
+        assert!(long.exists());
+        next(folder.path(), 2, 100).unwrap();
+        assert!(!long.exists());
+        assert_eq!(numbers(folder.path()).unwrap().len(), 22);
+    }
+
+    #[test]
+    fn a_ring_has_a_thousand_files_at_most() {
+        let folder = tempfile::tempdir().unwrap();
+        for _ in 0..MOST_FILES + 5 {
+            next(folder.path(), 2, 1 << 20).unwrap();
+        }
+        let left = numbers(folder.path()).unwrap();
+        assert_eq!((left.len(), left[0]), (MOST_FILES, 6));
     }
 }
