@@ -2,10 +2,15 @@
 //!
 //! It is fed by every magnetometer sample, and its covariance answers every question: which way the board points and
 //! how certainly, whether that may be published, whether the field is disturbed, and how good the calibration is.
-//! `filter` has the model and its equations, `prior` what a filter starts from.
+//! `filter` has the model and its equations, `covariance` where each parameter stands in it, `prior` what a filter starts from.
 //!
 //! Beside the active filter there may be a `rival`, which explains the samples in another way: with the result of a full turn, without
-//! it, or with iron that has just come or gone. `visit` carries on the filters from before something magnetic came near a resting board.
+//! it, or with iron that has just come or gone (`iron_watch`). `visit` carries on the filters from before something magnetic came near a
+//! resting board; `checkpoint` has what was known before an axis may have been saturated.
+//!
+//! `gyro_check` compares the gyro with field and gravity, `place` the field with the earth's. The other files answer: `fix` gives the
+//! heading and its deviation (`level`: where down is, and how certainly; `kept`: headings by a stored calibration alone), `strength` the
+//! field's strength, `learnt` the calibration.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -17,12 +22,9 @@ use crate::true_north::EarthField;
 
 mod checkpoint;
 mod covariance;
-mod field_turns;
 mod filter;
 mod fix;
-mod gyro_axes;
 mod gyro_check;
-mod gyro_scale;
 mod iron_watch;
 mod kept;
 mod learnt;
@@ -30,11 +32,8 @@ mod level;
 mod place;
 mod prior;
 mod rival;
-mod shaking;
 mod strength;
-mod unexplained;
 mod visit;
-mod witness;
 
 use checkpoint::Checkpoint;
 use filter::gyro_bias::BiasLearnt;

@@ -3,22 +3,30 @@
 //! A field that stands still turns against the board as the gyro reads, and iron on the board adds a constant. So the
 //! change of the raw field over a moment is compared with the change that the gyro predicts: a gyro of the wrong sign predicts the
 //! opposite. Gravity turns in the same way, and no iron moves it: where both have turned and the gyro has not, the gyro is dead,
-//! whatever it reads. `shaking` tells whether what the accelerometer measures is gravity, `gyro_scale` checks the scale, `gyro_axes` the axes,
+//! whatever it reads. `shaking` tells whether what the accelerometer measures is gravity, `scale` checks the scale, `axes` the axes,
 //! and `field_turns` counts turns that the gyro does not see. Of gyro, field and gravity, the one that turns another way than the other two is
 //! wrong.
 
 use nalgebra::Vector3;
 
-use super::field_turns::FieldTurns;
 use super::filter::{Filter, Input};
-use super::gyro_axes::{AxesVerdict, GyroAxes};
-use super::gyro_scale::{GyroScale, ScaleVerdict};
 use super::prior::FIELD_MGAUSS;
-use super::shaking::Shaking;
-use super::unexplained::Unexplained;
-use super::witness::Witness;
 use crate::attitude::GRAVITY_M_S2;
 use crate::reading::WEAKEST_MGAUSS;
+
+mod axes;
+mod field_turns;
+mod scale;
+mod shaking;
+mod unexplained;
+mod witness;
+
+use axes::{AxesVerdict, GyroAxes};
+use field_turns::FieldTurns;
+use scale::{GyroScale, ScaleVerdict};
+use shaking::Shaking;
+use unexplained::Unexplained;
+use witness::Witness;
 
 /// Readings that are the same to the last bit are a real rotation, that of a turntable, only above this correlation.
 const AGREES: f64 = 0.5;

@@ -16,8 +16,8 @@
 
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
-use super::filter::{Filter, Input};
-use super::prior::{FIELD_MGAUSS, IRON};
+use crate::estimate::filter::{Filter, Input};
+use crate::estimate::prior::{FIELD_MGAUSS, IRON};
 
 #[cfg(test)]
 mod tests;

@@ -9,8 +9,8 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 
-use super::filter::Input;
-use super::prior::FIELD_MGAUSS;
+use crate::estimate::filter::Input;
+use crate::estimate::prior::FIELD_MGAUSS;
 use crate::frame::wrap_pi;
 
 /// A gyro is silent after so many turns of the field, radians. The first one finds the middle.
