@@ -278,7 +278,7 @@ fn play(
         if new_stretch {
             tracing::warn!(
                 t_s = reading.t_s,
-                "the time of the log jumps: what was known of the board's motion is over"
+                "a new stretch of the log begins: what was known of the board's motion is over"
             );
             // What lies between the two was never recorded, and is not waited for.
             origin = None;

@@ -71,7 +71,7 @@ impl Intake {
         Some(t_s - self.late.take(t_s))
     }
 
-    /// Forgets all motion: the times that follow have nothing to do with those before. Gyro and accelerometer keep this calibration's
+    /// Forgets all motion: what follows does not go on from what was before. Gyro and accelerometer keep this calibration's
     /// biases.
     pub(super) fn begin_stretch(&mut self, setup: &Setup, calibration: Option<&Calibration>) {
         self.saturation.begin_stretch();

@@ -6,7 +6,7 @@ use std::iter::from_fn;
 use super::header;
 use super::lines::{LogLine, LogLines};
 use super::rows::{RowFault, Rows};
-use super::stretch::{self, TimeOrder};
+use super::stretch::{self, DroppedRows, TimeOrder};
 use super::{Entry, Header, LineError, RecordingError};
 use crate::reading::Reading;
 
@@ -33,6 +33,7 @@ pub struct Reader<R> {
     /// How many lines of a header have been repeated since its first.
     repeated: Option<usize>,
     last_s: Option<f64>,
+    dropped: DroppedRows,
     begins_stretch: bool,
     /// A row whose true value has just been refused.
     without_truth: Option<Numbered>,
@@ -59,6 +60,7 @@ impl<R: BufRead> Reader<R> {
             other_header: false,
             repeated: None,
             last_s: None,
+            dropped: DroppedRows::default(),
             begins_stretch: false,
             without_truth: None,
             doubtful: None,
@@ -91,7 +93,7 @@ impl<R: BufRead> Reader<R> {
         Ok(())
     }
 
-    /// Whether a new stretch begins with the last entry: its time has nothing to do with those before.
+    /// Whether a new stretch begins with the last entry: its time has nothing to do with those before, or motion was lost before it.
     pub fn begins_stretch(&self) -> bool {
         self.begins_stretch
     }
@@ -156,6 +158,7 @@ impl<R: BufRead> Reader<R> {
     fn judged(&mut self, (entry, line): Numbered, order: TimeOrder) -> Result<Entry, LineError> {
         let t_s = entry.reading.t_s;
         if let (TimeOrder::Odd, Some(last_s)) = (order, self.last_s) {
+            self.dropped.take(&entry.reading, last_s - t_s);
             let what = if t_s < last_s {
                 format!("found time {t_s}, but must be at least {last_s}, that of the row before")
             } else {
@@ -166,7 +169,8 @@ impl<R: BufRead> Reader<R> {
             return Err(self.line_error(line, (Some(0), what)));
         }
         self.last_s = Some(t_s);
-        self.begins_stretch = order == TimeOrder::Jump;
+        let lost_motion = std::mem::take(&mut self.dropped).lost_motion();
+        self.begins_stretch = order == TimeOrder::Jump || lost_motion;
         Ok(entry)
     }
 

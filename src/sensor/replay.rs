@@ -68,7 +68,7 @@ impl Replay {
         (position as f64 / self.bytes.max(1) as f64).min(1.0)
     }
 
-    /// Whether the time of the last entry has nothing to do with those before: what was known of the motion is over.
+    /// Whether a new stretch begins with the last entry: what was known of the motion is over.
     pub fn begins_stretch(&self) -> bool {
         self.reader.begins_stretch()
     }

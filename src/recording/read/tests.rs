@@ -180,6 +180,45 @@ fn an_odd_time_is_dropped_and_a_jump_begins_a_stretch() {
 }
 
 #[test]
+fn a_clock_that_is_set_back_loses_motion_and_a_late_row_does_not() {
+    let stretches = |hundredths: &[i32], cells: &str| {
+        let row = |t: &i32| format!("{},{cells}\n", f64::from(*t) / 100.0);
+        let rows: String = hundredths.iter().map(row).collect();
+        let units = "# gyro_unit = rad/s\n# mag_unit = mgauss\n";
+        let text = format!("# headingd-log 1\n{units}t_s,gx,gy,gz,mx,my,mz\n{rows}");
+        let mut reader = Reader::new("a.csv", text.as_bytes()).unwrap();
+        let mut begun = Vec::new();
+        while let Some(row) = reader.next() {
+            if let Ok(entry) = row.unwrap()
+                && reader.begins_stretch()
+            {
+                begun.push(entry.reading.t_s);
+            }
+        }
+        begun
+    };
+    let both = "0,0,0.1,200,0,400";
+    let set_back: Vec<i32> = (0..50).chain(40..60).collect();
+    assert_eq!(stretches(&set_back, both), [0.49]);
+    // Rows of one chip alone may be late.
+    assert!(stretches(&set_back, ",,,200,0,400").is_empty());
+    assert!(stretches(&set_back, "0,0,0.1,,,").is_empty());
+    for (late, begun) in [
+        (&[0, 30, 10, 11, 12, 13, 14, 15, 31][..], 0),
+        (&[0, 30, 10, 11, 12, 13, 14, 15, 16, 31], 1),
+        // Not one after the other, …
+        (&[0, 30, 10, 31, 18, 32], 0),
+        // … in no order, …
+        (&[0, 60, 10, 55, 50, 54, 61], 0),
+        // … and far off.
+        (&[100, 101, 500_000, 900_000, 102], 0),
+        (&[102, 90, 500_000, 103], 0),
+    ] {
+        assert_eq!(stretches(late, both).len(), begun, "{late:?}");
+    }
+}
+
+#[test]
 fn a_header_that_is_repeated_is_no_row_and_rows_after_another_are_refused() {
     let head = "# headingd-log 1\n# mag_unit = uT\nt_s,mx,my,mz\n";
     let text = format!("{head}0,1,2,3\n{head}# a remark\n0.1,1,2,3\n");
