@@ -21,9 +21,10 @@
 //!
 //! The trace of D is held since only the product of D and h can be seen.
 //!
-//! `filter/begin.rs` starts and restarts the state, `filter/predict.rs` carries it on in time, `filter/correct.rs` corrects it by a sample,
-//! `filter/turn_result.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and at rest,
-//! `filter/rest.rs` tells a board at rest from one that swings, and `filter/known.rs` answers what is known.
+//! `filter/begin.rs` starts and restarts the state, `filter/predict.rs` carries it on in time, and `filter/correct.rs` corrects it by a
+//! sample. `filter/unevenness.rs` measures noise and unevenness, `filter/turn_result.rs` puts in the result of a full turn,
+//! `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and at rest, `filter/rest.rs` tells a board at rest from one that
+//! swings, and `filter/known.rs` answers what is known.
 
 use std::ops::RangeInclusive;
 
@@ -45,6 +46,7 @@ pub(super) mod known;
 mod predict;
 mod rest;
 mod turn_result;
+mod unevenness;
 
 type State = SVector<f64, N>;
 
