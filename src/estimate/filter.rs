@@ -22,9 +22,9 @@
 //! The trace of D is held since only the product of D and h can be seen.
 //!
 //! `filter/begin.rs` starts and restarts the state, `filter/predict.rs` carries it on in time, and `filter/correct.rs` corrects it by a
-//! sample. `filter/unevenness.rs` measures noise and unevenness, `filter/turn_result.rs` puts in the result of a full turn,
-//! `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and at rest, `filter/rest.rs` tells a board at rest from one that
-//! swings, and `filter/known.rs` answers what is known.
+//! sample; `filter/whiteness.rs` finds how much that tells. `filter/unevenness.rs` measures noise and unevenness,
+//! `filter/turn_result.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and at rest,
+//! `filter/rest.rs` tells a board at rest from one that swings, and `filter/known.rs` answers what is known.
 
 use std::ops::RangeInclusive;
 
@@ -36,8 +36,9 @@ use crate::attitude::{BiasWalk, BoardState};
 #[cfg(test)]
 use crate::attitude::{GyroBias, TiltError};
 use crate::frame::add_variance;
-use correct::LEAST_NOISE_MGAUSS;
 use rest::RestWatch;
+use unevenness::LEAST_NOISE_MGAUSS;
+use whiteness::Whiteness;
 
 mod begin;
 mod correct;
@@ -47,6 +48,7 @@ mod predict;
 mod rest;
 mod turn_result;
 mod unevenness;
+mod whiteness;
 
 type State = SVector<f64, N>;
 
@@ -155,6 +157,7 @@ pub(super) struct Filter {
     place2: f64,
     noise2: f64,
     innovation: Option<Vector3<f64>>,
+    whiteness: Whiteness,
     odd: Option<Vector3<f64>>,
     jumped: bool,
     /// In the frame, milligauss: the sum of recent jumps of the field, and the innovation of an odd sample that was rejected.
@@ -214,6 +217,7 @@ impl Filter {
             place2: USUAL_UNEVENNESS.powi(2),
             noise2: prior.noise_mgauss.powi(2).max(LEAST_NOISE_MGAUSS.powi(2)),
             innovation: None,
+            whiteness: Whiteness::default(),
             odd: None,
             jumped: false,
             jumps_mgauss: Vector3::zeros(),
@@ -245,6 +249,7 @@ impl Filter {
         if self.begun {
             self.predict(input, false);
             self.innovation = None;
+            self.whiteness.interrupt();
             self.odd = None;
         }
     }

@@ -89,6 +89,7 @@ impl Filter {
         let field = field + jacobian * off;
         self.x.fixed_rows_mut::<3>(H).copy_from(&field);
         self.innovation = None;
+        self.whiteness.interrupt();
         self.odd = None;
         self.jumped = false;
         self.jumps_mgauss = Vector3::zeros();

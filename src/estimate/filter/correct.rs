@@ -7,8 +7,6 @@ use crate::estimate::covariance::{B, D, E, G, H, M, N, S, Sensitivity, T, subtra
 use crate::estimate::prior::SCALE;
 use crate::reading::STRONGEST_MGAUSS;
 
-/// Least white noise of a sample, milligauss; an HMC5883L's data sheet has 2.
-pub(super) const LEAST_NOISE_MGAUSS: f64 = 1.5;
 /// The normalised innovation squared is averaged over this time, seconds.
 const CONSISTENCY_S: f64 = 2.0;
 /// Largest value of one sample in that average.
@@ -80,13 +78,10 @@ impl Filter {
         let weigh = |cross: &_| {
             let s = sensitivity.squared(cross) + Matrix3::identity() * white;
             let inverse = s.try_inverse()?;
-            Some((
-                s,
-                inverse,
-                (innovation.transpose() * inverse * innovation)[0],
-            ))
+            let weighted = inverse * innovation;
+            Some((s, inverse, weighted, innovation.dot(&weighted)))
         };
-        let Some((mut s, mut inverse, mut squared)) = weigh(&cross) else {
+        let Some((mut s, mut inverse, mut weighted, mut squared)) = weigh(&cross) else {
             return;
         };
         self.measure_noise(&innovation, dt);
@@ -96,6 +91,7 @@ impl Filter {
         let squared_at_first = squared;
         if squared > GATE {
             if !self.record_odd(&innovation, &r) {
+                self.whiteness.interrupt();
                 // A rejected sample is explained no better than one at the gate.
                 self.log_likelihood -= 0.5 * (GATE + s.determinant().ln());
                 return;
@@ -110,12 +106,15 @@ impl Filter {
             let Some(again) = weigh(&cross) else {
                 return;
             };
-            (s, inverse, squared) = again;
+            (s, inverse, weighted, squared) = again;
         } else {
             self.odd = None;
         }
         // At rest a large innovation means that the surroundings have changed; it does not test what is known.
-        if !input.board.still {
+        if input.board.still {
+            self.whiteness.interrupt();
+        } else {
+            self.whiteness.take(&innovation, &weighted, dt);
             let now = (squared_at_first / 3.0).min(CONSISTENCY_MOST);
             self.consistency += (dt / CONSISTENCY_S).min(1.0) * (now - self.consistency);
         }
@@ -195,7 +194,8 @@ impl Filter {
         again
     }
 
-    /// x ← x + K ν, P ← P − K Cᵀ, where D and G are corrected only in part, and with `frozen` neither b nor D.
+    /// x ← x + K ν, P ← P − K Cᵀ. D and G are corrected only in part. If innovations repeat (`whiteness`), so is b. With `frozen`, b and D
+    /// stay.
     fn update(
         &mut self,
         gain: &SMatrix<f64, N, 3>,
@@ -203,10 +203,11 @@ impl Filter {
         innovation: &Vector3<f64>,
         frozen: bool,
     ) {
+        let repeats = self.whiteness.held();
         let held = HeldBack {
-            iron: f64::from(frozen),
-            matrix: self.matrix_held().max(f64::from(frozen)),
-            gyro_bias: self.gyro_bias_held(),
+            iron: repeats.max(f64::from(frozen)),
+            matrix: self.matrix_held().max(repeats).max(f64::from(frozen)),
+            gyro_bias: self.gyro_bias_held().max(repeats),
         };
         self.correct_partly(&held, |filter| {
             let before = filter.vector(H);
@@ -306,6 +307,26 @@ mod tests {
         let sample = Input::turning_at(Matrix3::identity(), Vector3::zeros(), earth);
         filter.correct(&sample, false);
         filter.p[(G + 2, G + 2)] / before
+    }
+
+    #[test]
+    fn an_innovation_that_repeats_teaches_less_of_the_iron() {
+        // The variance of the hard iron that a sample leaves after 5 s of such innovations.
+        let variance = |wave: &dyn Fn(f64) -> f64| {
+            let mut filter = Filter::new(&Prior::unknown());
+            let earth = Vector3::new(60.0, 190.0, -420.0);
+            filter.x.fixed_rows_mut::<3>(H).copy_from(&earth);
+            for step in 0..50 {
+                let innovation = Vector3::z() * wave(f64::from(step) * 0.1);
+                (filter.whiteness).take(&innovation, &(innovation / 25.0), 0.1);
+            }
+            let sample = Input::turning_at(Matrix3::identity(), Vector3::zeros(), earth);
+            filter.correct(&sample, false);
+            filter.p[(B, B)]
+        };
+        let white = variance(&|_| 0.0);
+        let hum = variance(&|t_s| 20.0 * (std::f64::consts::TAU * 0.5 * t_s).sin());
+        assert!(hum > 1.2 * white, "{hum} and {white} mG²");
     }
 
     /// How far a sample moves for each radian of tilt error.

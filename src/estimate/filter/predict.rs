@@ -165,8 +165,12 @@ impl Filter {
         let dt = input.period_s;
         let unusual = self.unusual_unevenness2();
         let rate = input.turning().norm();
-        let turned = 1.0 - (-2.0 * (rate - NO_TURN_RAD_S).max(0.0) * dt / FORGET_RAD).exp();
-        let moved_iron = unusual * turned * strength2;
+        let moved_iron = if unusual > 0.0 {
+            let turned = 1.0 - (-2.0 * (rate - NO_TURN_RAD_S).max(0.0) * dt / FORGET_RAD).exp();
+            unusual * turned * strength2
+        } else {
+            0.0
+        };
         let by_tilt2 = BY_TILT * input.board.tilt_error.whole_sd_rad.powi(2);
         let left_out2 = (self.unevenness2 + by_tilt2).min(USUAL_UNEVENNESS.powi(2));
         let moving_s = if input.board.still { 0.0 } else { dt };

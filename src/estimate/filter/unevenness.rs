@@ -2,10 +2,11 @@
 
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-use super::correct::LEAST_NOISE_MGAUSS;
 use super::{Filter, Input};
 use crate::estimate::covariance::{M, N, Q, subtract};
 
+/// Least white noise of a sample, milligauss; an HMC5883L's data sheet has 2.
+pub(super) const LEAST_NOISE_MGAUSS: f64 = 1.5;
 /// The noise is measured over this time, seconds.
 const NOISE_TAU_S: f64 = 2.0;
 /// Largest weight of one sample in the measured noise, for long periods.
