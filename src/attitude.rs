@@ -359,6 +359,11 @@ impl Attitude {
         self.filter.rate_rad_s
     }
 
+    /// The gyro's bias that is taken out of the rates, body axes, rad/s.
+    pub fn gyro_bias_rad_s(&self) -> Vector3<f64> {
+        self.filter.errors.gyro_bias().rad_s
+    }
+
     /// Delay of the gyro's readings that their times do not show, seconds: mean and deviation. Poses are older than their times by as much.
     pub fn unobservable_delay_s(&self) -> f64 {
         self.rate_late.unobservable_s()

@@ -203,10 +203,20 @@ impl Pipeline {
         Some((down, rate_rad_s.map_or(0.0, |rate| rate.norm())))
     }
 
-    /// Rate of the board, body axes, rad/s; `None` while the gyro is silent.
+    /// Rate of the board, body axes, rad/s, without the bias that attitude and estimate have found; `None` while the gyro is silent.
     fn rate_rad_s(&self, t_s: f64) -> Option<Vector3<f64>> {
         let attitude = &self.intake.attitude;
-        attitude.pose_at(t_s).map(|_| attitude.rate_rad_s())
+        attitude.pose_at(t_s)?;
+        let by_attitude = attitude.rate_rad_s();
+        let (Some(sample), Some((left, _))) = (&self.sample, self.estimate.gyro_bias()) else {
+            return Some(by_attitude);
+        };
+        if !self.gyro_is_right() {
+            return Some(by_attitude);
+        }
+        // The attitude may have learnt of the bias since the sample.
+        let learnt = attitude.gyro_bias_rad_s() - sample.board.gyro_bias.rad_s;
+        Some(by_attitude + learnt - left)
     }
 
     /// A heading with only time, tilt, condition, rate and specific force.

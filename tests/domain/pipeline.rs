@@ -566,6 +566,33 @@ fn endless(lasts_s: f64, locked_from_s: f64, magnet_mgauss: f64) -> Vec<Option<(
     last
 }
 
+/// Of a board that stays nearly level gravity says nothing of the gyro's bias about the vertical. The field does.
+#[test]
+fn a_bias_that_jumps_does_not_stay_in_the_rate_of_turn() {
+    let entries = Simulator::new(moving(Scenario::Endless));
+    let steady: Vec<Reading> = entries
+        .map(|entry| entry.reading)
+        .take_while(|reading| reading.t_s < 300.0)
+        .collect();
+    let jumped: Vec<Reading> = (steady.iter())
+        .map(|reading| Reading {
+            rate_rad_s: reading.rate_rad_s.map(|rate| match reading.t_s < 150.0 {
+                true => rate,
+                false => rate + Vector3::z() * 1.5_f64.to_radians(),
+            }),
+            ..*reading
+        })
+        .collect();
+    let [steady, jumped] = [steady, jumped].map(|readings| play(&readings, None, 0).headings);
+    let turns = |heading: &Heading| heading.turn_deg_min.map(|turn| turn / 60.0);
+    let off: Vec<f64> = std::iter::zip(&steady, &jumped)
+        .filter(|(heading, _)| heading.t_s > 240.0)
+        .filter_map(|(steady, jumped)| Some(turns(jumped)? - turns(steady)?))
+        .collect();
+    let off_deg_s = rms(&off);
+    assert!(off.len() > 1000 && off_deg_s < 0.3, "{off_deg_s}");
+}
+
 /// It never learns the vertical field, and its headings need it only as far as the board tilts.
 #[test]
 fn a_level_board_without_an_accelerometer_gets_headings() {
