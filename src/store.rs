@@ -199,19 +199,24 @@ impl Store {
         }
     }
 
-    /// What any calibration file holds; `-` is standard input.
+    /// What any calibration file holds.
     ///
     /// # Errors
     ///
     /// When the file cannot be read, or does not hold calibrations.
     pub fn read_file(path: &Path) -> Result<Contents, StoreError> {
+        let file = File::open(path).map_err(|error| StoreError::Read(path.to_owned(), error))?;
+        Self::read_from(path, file)
+    }
+
+    /// The same of what is open already, by this name.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be read, or does not hold calibrations.
+    pub fn read_from(path: &Path, input: impl Read) -> Result<Contents, StoreError> {
         let mut bytes = Vec::new();
-        let opened: io::Result<Box<dyn Read>> = match path.to_str() {
-            Some("-") => Ok(Box::new(io::stdin())),
-            _ => File::open(path).map(|file| Box::new(file) as _),
-        };
-        opened
-            .and_then(|file| file.take(LONGEST + 1).read_to_end(&mut bytes))
+        (input.take(LONGEST + 1).read_to_end(&mut bytes))
             .map_err(|error| StoreError::Read(path.to_owned(), error))?;
         let unreadable = |why| StoreError::Unreadable(path.to_owned(), why);
         if bytes.len() as u64 > LONGEST {

@@ -1,7 +1,9 @@
 //! `headingd calibration`: looks after the calibrations of a running daemon.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
+use clap::builder::RangedU64ValueParser;
 use clap::{Subcommand, value_parser};
 use serde_json::Value;
 
@@ -12,7 +14,7 @@ use crate::calibration::model::Mode;
 use crate::calibration::policy::{Policy, Reason};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::CalibrationSummary;
-use crate::store::{Contents, Store};
+use crate::store::{Contents, Store, StoreError};
 
 /// Look after the calibration of the running daemon
 ///
@@ -36,7 +38,7 @@ pub enum CalibrationAction {
     /// Show a calibration with its parameters
     Show {
         /// Its number; without it, the active one
-        #[arg(value_parser = value_parser!(u64).range(1..))]
+        #[arg(value_parser = number())]
         number: Option<u64>,
     },
     /// Lock the active calibration: nothing replaces it, until it is unlocked or the mode changes
@@ -46,13 +48,13 @@ pub enum CalibrationAction {
     /// Make an earlier calibration the active one
     Rollback {
         /// Its number; without it, the one saved before the active one
-        #[arg(value_parser = value_parser!(u64).range(1..))]
+        #[arg(value_parser = number())]
         number: Option<u64>,
     },
     /// Forget the active calibration, or another one
     Forget {
         /// Its number; without it, the active one
-        #[arg(value_parser = value_parser!(u64).range(1..))]
+        #[arg(value_parser = number())]
         number: Option<u64>,
         /// Forget all calibrations of this sensor
         #[arg(long, conflicts_with = "number")]
@@ -61,7 +63,7 @@ pub enum CalibrationAction {
     /// Write a calibration to a file, or to standard output
     Export {
         /// Its number; without it, the active one
-        #[arg(value_parser = value_parser!(u64).range(1..))]
+        #[arg(value_parser = number())]
         number: Option<u64>,
         /// The file; an existing one is replaced. "-" is standard output, as it is without this
         #[arg(long, value_name = "FILE")]
@@ -101,7 +103,7 @@ impl CalibrationAction {
             Self::Export { number, .. } => ControlRequest::Export { number },
             // Read here too: what is wrong is told with the file's name.
             Self::Import { ref file } => ControlRequest::Import {
-                file: (Store::read_file(file)?.to_value())
+                file: (contents_of(file)?.to_value())
                     .map_err(|why| Failure::new(Failure::DATA, why))?,
             },
             Self::Start { .. } => ControlRequest::Start {},
@@ -109,6 +111,18 @@ impl CalibrationAction {
             Self::Mode { mode } => ControlRequest::Mode { mode },
         })
     }
+}
+
+fn contents_of(file: &Path) -> Result<Contents, StoreError> {
+    if file == Path::new("-") {
+        return Store::read_from(Path::new("standard input"), io::stdin());
+    }
+    Store::read_file(file)
+}
+
+/// The number of a calibration.
+fn number() -> RangedU64ValueParser {
+    value_parser!(u64).range(1..)
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -183,7 +197,7 @@ pub(super) fn line(calibration: &CalibrationSummary) -> String {
         calibration.residual_mgauss.map(|n| format!("{n:.1} mG")),
     );
     add(
-        calibration.certainty_of(),
+        calibration.deviation_label(),
         calibration.heading_sd_deg.map(|n| format!("{n:.2} deg")),
     );
     add(

@@ -10,7 +10,7 @@ settings! {
     pub struct Settings {
         /// A folder, absolute; it is made if it is missing. Empty: nothing is recorded.
         directory: PathBuf = PathBuf::new();
-        /// How many full files are kept; then the oldest goes. Shorter ones count by their size.
+        /// How many full files have room; beyond that the oldest goes. A file that is not full counts by its size.
         files: usize = 12, 2..=1000, "files";
         /// How long a file becomes.
         file_mib: u64 = 32, 1..=1024, "MiB";

@@ -184,7 +184,11 @@ impl Daemon {
         let same = |kept: &&KeptCalibration| {
             kept.made.calibration == calibration && kept.made.saved_unix_s == saved_unix_s
         };
-        let number = match history.entries.iter().find(same) {
+        let kept = history
+            .active()
+            .into_iter()
+            .chain(history.entries.iter().rev());
+        let number = match kept.into_iter().find(same) {
             Some(same) => {
                 let number = Some(same.number);
                 self.session.store.history_mut().roll_back(number)?.number

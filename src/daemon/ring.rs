@@ -10,26 +10,28 @@ const SUFFIX: &str = ".csv";
 /// No ring has more files, however short: a folder that a program lists at each start stays small.
 const MOST_FILES: usize = 1000;
 
-/// Makes room for another file, and makes it. With it, the room of `files` files of `full` bytes is enough for all: a
-/// daemon that restarts again and again leaves short ones, which would drive out long ones if each counted alike.
+/// Makes room for another file, and makes it. With it, all have room in `files` files of `full` bytes. A daemon that restarts again
+/// and again leaves short files; if each counted alike, they would drive out the long ones.
 pub(super) fn next(directory: &Path, files: usize, full: u64) -> io::Result<(PathBuf, File)> {
     fs::create_dir_all(directory)?;
     let numbers = numbers(directory)?;
     let next = numbers.last().map_or(1, |last| last + 1);
+    // A file's header and its last row may reach beyond its full size.
+    let size = |number: &u64| {
+        let found = fs::symlink_metadata(path(directory, *number));
+        found.map_or(0, |found| found.len().min(full))
+    };
     let mut room = full.saturating_mul(files as u64 - 1);
-    let mut kept = 0;
-    for number in numbers.iter().rev() {
-        let path = path(directory, *number);
-        // A file's last row, and its header, may reach beyond its full size.
-        let size = fs::metadata(&path)?.len().min(full);
-        if size <= room && kept + 1 < MOST_FILES {
-            room -= size;
-            kept += 1;
-        } else {
-            // None that is older stays, either: the ring has no gaps.
-            room = 0;
-            fs::remove_file(path)?;
-        }
+    let fits = |number: &&u64| {
+        let left = room.checked_sub(size(number));
+        room = left.unwrap_or_default();
+        left.is_some()
+    };
+    let kept = (numbers.iter().rev().take(MOST_FILES - 1))
+        .take_while(fits)
+        .count();
+    for number in &numbers[..numbers.len() - kept] {
+        fs::remove_file(path(directory, *number))?;
     }
     let path = path(directory, next);
     let file = File::create_new(&path)?;

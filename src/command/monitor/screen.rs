@@ -280,7 +280,7 @@ fn calibration(found: Option<&CalibrationSummary>) -> [String; 2] {
     }
     let known = [
         ("residual", found.residual_mgauss, " mG"),
-        (found.certainty_of(), found.heading_sd_deg, "°"),
+        (found.deviation_label(), found.heading_sd_deg, "°"),
         ("gyro", found.gyro_rms_deg, "°"),
     ];
     let parts = known.iter().filter_map(|(name, value, unit)| {

@@ -65,9 +65,9 @@ pub(crate) struct CalibrationSummary {
 }
 
 impl CalibrationSummary {
-    /// What its deviation is of: that of a turn is of the fit alone, which knows nothing of the place, and of how the
+    /// Names what `heading_sd_deg` measures. A turn gives the deviation of its fit alone: the fit knows neither the place nor how the
     /// chips lie to each other.
-    pub(crate) fn certainty_of(&self) -> &'static str {
+    pub(crate) fn deviation_label(&self) -> &'static str {
         match self.method.as_deref() {
             Some("turn") => "fit",
             _ => "heading",
