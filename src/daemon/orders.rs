@@ -175,30 +175,19 @@ impl Daemon {
         if history.is_locked() {
             return Err(HistoryError::Locked.into());
         }
-        let Made {
-            calibration,
-            saved_unix_s,
-            ..
-        } = entry.made;
-        // One that is kept already becomes active again: copies of it would drive out the others.
-        let same = |kept: &&KeptCalibration| {
-            kept.made.calibration == calibration && kept.made.saved_unix_s == saved_unix_s
+        let made = Made {
+            reason: Some(Reason::Import),
+            ..entry.made
         };
-        let kept = history
-            .active()
-            .into_iter()
-            .chain(history.entries.iter().rev());
-        let number = match kept.into_iter().find(same) {
-            Some(same) => {
-                let number = Some(same.number);
-                self.session.store.history_mut().roll_back(number)?.number
+        // Copies of one that is kept already would drive out the others.
+        let number = match history.number_of(&made) {
+            Some(number) => {
+                let history = self.session.store.history_mut();
+                history.roll_back(Some(number))?.number
             }
-            None => self.session.store.keep(Made {
-                reason: Some(Reason::Import),
-                ..entry.made
-            }),
+            None => self.session.store.keep(made),
         };
-        Ok(self.activated(number, calibration))
+        Ok(self.activated(number, made.calibration))
     }
 
     fn activated(&mut self, number: u64, calibration: Calibration) -> Answer {

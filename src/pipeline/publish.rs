@@ -207,16 +207,9 @@ impl Pipeline {
     fn rate_rad_s(&self, t_s: f64) -> Option<Vector3<f64>> {
         let attitude = &self.intake.attitude;
         attitude.pose_at(t_s)?;
-        let by_attitude = attitude.rate_rad_s();
-        let (Some(sample), Some((left, _))) = (&self.sample, self.estimate.gyro_bias()) else {
-            return Some(by_attitude);
-        };
-        if !self.gyro_is_right() {
-            return Some(by_attitude);
-        }
-        // The attitude may have learnt of the bias since the sample.
-        let learnt = attitude.gyro_bias_rad_s() - sample.board.gyro_bias.rad_s;
-        Some(by_attitude + learnt - left)
+        let removed = attitude.gyro_bias_rad_s();
+        let bias = self.gyro_bias().map_or(removed, |(bias, _)| bias);
+        Some(attitude.rate_rad_s() + (removed - bias))
     }
 
     /// A heading with only time, tilt, condition, rate and specific force.

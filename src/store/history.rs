@@ -215,6 +215,15 @@ impl History {
         }
     }
 
+    /// The number of this calibration, if it is kept already: of copies that of the active one, else of the newest.
+    pub fn number_of(&self, made: &Made) -> Option<u64> {
+        let same = |kept: &&KeptCalibration| {
+            kept.made.calibration == made.calibration && kept.made.saved_unix_s == made.saved_unix_s
+        };
+        let mut active_first = self.active().into_iter().chain(self.entries.iter().rev());
+        Some(active_first.find(same)?.number)
+    }
+
     /// Whether the active calibration must not be replaced.
     pub fn is_locked(&self) -> bool {
         self.mode == Policy::Locked && self.active.is_some()

@@ -1,12 +1,12 @@
 //! How much a sample tells of the hard iron, the matrix and the gyro's bias: less if its innovation repeats the one before.
 //!
-//! Innovations are white where the model holds. What the model leaves out makes them alike: a hum, an acceleration that tilts the frame. The
-//! filter takes each for new noise, and so for new evidence. A hum of 20 mG at 2 Hz taught a robot twice its field within minutes, and
-//! headings that were wrong by 27° at a deviation of 1.4°.
+//! Innovations are white where the model holds. What the model leaves out makes them alike: a hum, an acceleration that tilts the frame. If
+//! each of them counts as new evidence, a hum of 20 mG at 2 Hz teaches a robot twice its field within minutes, and headings that are wrong
+//! by 27° at a deviation of 1.4°.
 //!
 //! N samples of noise with the correlation ρ from one to the next tell as much as N (1 − ρ) / (1 + ρ) white ones (Bayley & Hammersley,
-//! J. R. Stat. Soc. Suppl. 8, 1946, for AR(1)). Here ρ is what exceeds the usual correlation, and the variance falls by that share of what
-//! it would fall by.
+//! J. R. Stat. Soc. Suppl. 8, 1946, for AR(1)). Here ρ is what exceeds the usual correlation. A sample reduces the variance by that share of
+//! what it otherwise would.
 
 use nalgebra::Vector3;
 
@@ -18,7 +18,6 @@ const MOST_WEIGHT: f64 = 0.5;
 /// Correlation that needs no cause: recorded chips have up to 0.15 in motion, those that a hand shakes up to 0.3; a hum of 20 mG has 0.5 to 0.7.
 /// With 0.2 a hand that shakes and swings the board has headings that are off by more than 2.5° in 26 instead of 23 % of the logs.
 const USUAL: f64 = 0.3;
-
 /// Mean normalised square of an innovation on three axes.
 const EXPECTED: f64 = 3.0;
 
@@ -68,7 +67,7 @@ impl Whiteness {
         if self.product <= USUAL * self.square {
             return 0.0;
         }
-        // At most 1 − USUAL but for innovations that fade, so that something is always learnt.
+        // A correlation is at most 1; while innovations fade, the quotient of the two means may be more.
         let correlation = (self.product / self.square - USUAL).min(1.0 - USUAL);
         (2.0 * correlation / (1.0 + correlation)).sqrt()
     }
