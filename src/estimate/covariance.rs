@@ -115,6 +115,13 @@ impl Sensitivity {
     /// P Jᵀ.
     pub(super) fn cross(&self, p: &Covariance) -> SMatrix<f64, N, 3> {
         let columns = &p.data.0;
+        let mut here = [[0.0; N]; 3];
+        for (from, sums) in here.iter_mut().enumerate() {
+            let [h, m, q] = [H, M, Q].map(|at| &columns[at + from]);
+            for (state, sum) in sums.iter_mut().enumerate() {
+                *sum = h[state] + m[state] + q[state];
+            }
+        }
         let mut cross = SMatrix::<f64, N, 3>::zeros();
         for axis in 0..3 {
             let field: [f64; 3] = std::array::from_fn(|from| self.field[(axis, from)]);
@@ -124,8 +131,7 @@ impl Sensitivity {
             for (state, sum) in sums.iter_mut().enumerate() {
                 let mut all = columns[B + axis][state] + lag * columns[T][state];
                 for from in 0..3 {
-                    let here = columns[H + from][state] + columns[M + from][state];
-                    all += field[from] * (here + columns[Q + from][state]);
+                    all += field[from] * here[from][state];
                     all += self.row[from] * row_of_d[from][state];
                 }
                 *sum = all + tilt[0] * columns[E][state] + tilt[1] * columns[E + 1][state];
@@ -159,10 +165,12 @@ pub(super) fn subtract<const K: usize>(
     cross: &SMatrix<f64, N, K>,
 ) {
     for (index, column) in p.data.0.iter_mut().enumerate() {
+        let lower = &mut column[index..];
         let factors: [f64; K] = std::array::from_fn(|k| cross[(index, k)]);
-        for (row, value) in column.iter_mut().enumerate().skip(index) {
+        let gains: [&[f64]; K] = std::array::from_fn(|k| &gain.data.0[k][index..][..lower.len()]);
+        for (row, value) in lower.iter_mut().enumerate() {
             for k in 0..K {
-                *value -= gain.data.0[k][row] * factors[k];
+                *value -= gains[k][row] * factors[k];
             }
         }
     }
