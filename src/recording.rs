@@ -87,56 +87,29 @@ pub struct Entry {
     pub heading_truth_rad: Option<f64>,
 }
 
-/// Why a log cannot be read, or not any further.
+/// Why a log cannot be read, or not any further; the text names the log.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// The header is wrong, so no row could be understood.
-    #[error("cannot read the header of {0}")]
-    Header(LineError),
-    /// There is not even a whole header.
-    #[error(
-        "log {log} has no reading: it must begin with \"# {} {}\" and its column names, and rows must follow",
-        MAGIC,
-        VERSION
-    )]
-    Empty {
-        /// The log's name.
-        log: String,
-    },
+    /// What was read cannot be used as a log.
+    #[error("{0}")]
+    Data(String),
+    /// The log cannot be opened, or its input failed.
+    #[error("{0}")]
+    Input(String),
+}
+
+impl RecordingError {
     /// There is a whole header, and no row.
-    #[error(
-        "log {log} has no reading: it ends after the line of column names, but rows must follow, one a reading"
-    )]
-    NoRows {
-        /// The log's name.
-        log: String,
-    },
-    /// The times are not in seconds.
-    #[error("cannot use log {log}: {what}")]
-    Times {
-        /// The log's name.
-        log: String,
-        /// What they look like, and what would be right.
-        what: String,
-    },
-    /// The file cannot be opened.
-    #[error("cannot open log {log}: {source}")]
-    Open {
-        /// The log's name.
-        log: String,
-        /// The error of the system.
-        source: io::Error,
-    },
-    /// The source of the bytes failed.
-    #[error("cannot read log {log} after line {line}: {source}")]
-    Read {
-        /// The log's name.
-        log: String,
-        /// The last line that was read, from 1; 0 if none was.
-        line: u64,
-        /// The error of the system.
-        source: io::Error,
-    },
+    pub fn no_rows(log: &str) -> Self {
+        Self::Data(format!(
+            "log {log} has no reading: it ends after the line of column names, but rows must follow, one a reading"
+        ))
+    }
+
+    /// The input failed after this line, from 1; 0 if none was read.
+    fn broken_off(log: &str, line: u64, source: io::Error) -> Self {
+        Self::Input(format!("cannot read log {log} after line {line}: {source}"))
+    }
 }
 
 /// One line that cannot be used, or only its true value. The reader goes on after it.

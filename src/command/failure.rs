@@ -70,11 +70,8 @@ impl<T, E: fmt::Display> OrFail<T> for Result<T, E> {
 /// The status of a log that cannot be used.
 pub fn log_status(error: &RecordingError) -> u8 {
     match error {
-        RecordingError::Header { .. }
-        | RecordingError::Empty { .. }
-        | RecordingError::NoRows { .. }
-        | RecordingError::Times { .. } => Failure::DATA,
-        RecordingError::Open { .. } | RecordingError::Read { .. } => Failure::NO_INPUT,
+        RecordingError::Data(_) => Failure::DATA,
+        RecordingError::Input(_) => Failure::NO_INPUT,
     }
 }
 

@@ -17,8 +17,7 @@ pub fn read_log(
         bar.follow(&log);
     }
     if log.skips().is_empty() {
-        let log = log.name().to_owned();
-        return Err(RecordingError::NoRows { log }.into());
+        return Err(RecordingError::no_rows(log.name()).into());
     }
     Ok(log.skips().clone())
 }

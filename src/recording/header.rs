@@ -211,12 +211,13 @@ impl Rows {
 }
 
 fn wrong(log: &str, line: u64, what: String) -> RecordingError {
-    RecordingError::Header(LineError {
+    let error = LineError {
         log: log.to_owned(),
         line,
         column: None,
         what,
-    })
+    };
+    RecordingError::Data(format!("cannot read the header of {error}"))
 }
 
 fn next_line<'a, R: BufRead>(
@@ -224,11 +225,9 @@ fn next_line<'a, R: BufRead>(
     lines: &'a mut LogLines<R>,
 ) -> Result<&'a str, RecordingError> {
     let before = lines.number;
-    let line = lines.advance().map_err(|source| RecordingError::Read {
-        log: log.to_owned(),
-        line: before,
-        source,
-    })?;
+    let line = lines
+        .advance()
+        .map_err(|source| RecordingError::broken_off(log, before, source))?;
     let what = match line {
         LogLine::Whole => match str::from_utf8(&lines.text) {
             Ok(text) => return Ok(text),
@@ -236,8 +235,9 @@ fn next_line<'a, R: BufRead>(
         },
         LogLine::TooLong => "the line is longer than 4 KiB".to_owned(),
         LogLine::CutOff | LogLine::End => {
-            let log = log.to_owned();
-            return Err(RecordingError::Empty { log });
+            return Err(RecordingError::Data(format!(
+                "log {log} has no reading: it must begin with \"# {MAGIC} {VERSION}\" and its column names, and rows must follow"
+            )));
         }
     };
     Err(wrong(log, before + 1, what))

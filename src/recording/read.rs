@@ -84,10 +84,10 @@ impl<R: BufRead> Reader<R> {
         for (sensor, has) in [("gyro", has_rate), ("magnetometer", has_field)] {
             let times = readings.iter().filter(|one| has(one)).map(|one| one.t_s);
             if let Some(what) = fault_of_times(sensor, times.collect(), column) {
-                return Err(RecordingError::Times {
-                    log: self.log,
-                    what,
-                });
+                let log = self.log;
+                return Err(RecordingError::Data(format!(
+                    "cannot use log {log}: {what}"
+                )));
             }
         }
         Ok(())
@@ -116,11 +116,7 @@ impl<R: BufRead> Reader<R> {
                     broken("the log ends here without the end of the line: the row was cut off")
                 }
                 Err(source) => {
-                    self.failure = Some(RecordingError::Read {
-                        log: self.log.clone(),
-                        line: before,
-                        source,
-                    });
+                    self.failure = Some(RecordingError::broken_off(&self.log, before, source));
                     break;
                 }
             };

@@ -33,10 +33,8 @@ impl Replay {
     /// When the log cannot be opened, its header cannot be understood, or its times are not in seconds.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let log = path.display().to_string();
-        let failed = |source| RecordingError::Open {
-            log: log.clone(),
-            source,
-        };
+        let failed =
+            |source: io::Error| RecordingError::Input(format!("cannot open log {log}: {source}"));
         let file = open(path).map_err(failed)?;
         let mut shared = file.try_clone().map_err(failed)?;
         let found = file.metadata().map_err(failed)?;
@@ -81,8 +79,7 @@ impl Replay {
     /// Why the log, read to its end, is of no use: it has no row, or most of them were skipped. `None` if it is of use.
     pub fn unusable(&self) -> Option<String> {
         if self.skips.is_empty() {
-            let log = self.name().to_owned();
-            return Some(RecordingError::NoRows { log }.to_string());
+            return Some(RecordingError::no_rows(self.name()).to_string());
         }
         let summary = self.skips.summary()?;
         let most = self.skips.are_most();
