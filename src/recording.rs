@@ -126,15 +126,7 @@ pub struct LineError {
     pub what: String,
 }
 
-impl LineError {
-    /// Whether the row can be used all the same.
-    fn costs_truth_only(&self) -> bool {
-        self.column
-            .is_some_and(|(_, name)| name == COLUMNS[HEADING])
-    }
-}
-
-/// Counts the rows that a consumer skipped and the true values that were dropped, and keeps the first error of each: the one worth
+/// Counts the rows that were skipped and the true values that were dropped, and keeps the first error of each: the one worth
 /// showing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Skips {
@@ -146,24 +138,16 @@ pub struct Skips {
 }
 
 impl Skips {
-    /// The entry, or `None` for a bad row or true value, which is counted.
-    pub fn keep(&mut self, row: Result<Entry, LineError>) -> Option<Entry> {
-        match row {
-            Ok(entry) => {
-                self.kept += 1;
-                Some(entry)
-            }
-            Err(error) if error.costs_truth_only() => {
-                self.truths += 1;
-                self.first_truth.get_or_insert(error);
-                None
-            }
-            Err(error) => {
-                self.count += 1;
-                self.first.get_or_insert(error);
-                None
-            }
-        }
+    /// Counts a row that cannot be used.
+    fn skip(&mut self, error: LineError) {
+        self.count += 1;
+        self.first.get_or_insert(error);
+    }
+
+    /// Counts a true value that cannot be used; its row can.
+    fn drop_truth(&mut self, error: LineError) {
+        self.truths += 1;
+        self.first_truth.get_or_insert(error);
     }
 
     /// Whether there was no row at all.

@@ -7,7 +7,7 @@ use super::header;
 use super::lines::{LogLine, LogLines};
 use super::rows::{RowFault, Rows};
 use super::stretch::{self, DroppedRows, TimeOrder};
-use super::{Entry, Header, LineError, RecordingError};
+use super::{Entry, Header, LineError, RecordingError, Skips};
 use crate::reading::Reading;
 
 /// The unit of the times is checked on the first 1000 rows, if they hold at least 20 steps between gyro readings …
@@ -20,9 +20,8 @@ const COARSE_STEP_S: f64 = 0.5;
 
 /// Reads a log: the header at once, then an iterator of its rows, in milligauss, rad/s and m/s².
 ///
-/// A row that cannot be used is an inner error, and the next row follows it; a true value that cannot be used is one, too, and
-/// its row follows without it. An outer error means that the input failed, and is the last item. The times of the entries never
-/// decrease within a stretch.
+/// A row that cannot be used is skipped, and a true value that cannot be used is left out; both are counted. An error means that
+/// the input failed, and is the last item. The times of the entries never decrease within a stretch.
 #[derive(Debug)]
 pub struct Reader<R> {
     pub(crate) log: String,
@@ -35,8 +34,7 @@ pub struct Reader<R> {
     last_s: Option<f64>,
     dropped: DroppedRows,
     begins_stretch: bool,
-    /// A row whose true value has just been refused.
-    without_truth: Option<Numbered>,
+    pub(crate) skips: Skips,
     /// A row whose time is doubtful until the next one is known, and that one.
     doubtful: Option<Numbered>,
     next: Option<Numbered>,
@@ -62,7 +60,7 @@ impl<R: BufRead> Reader<R> {
             last_s: None,
             dropped: DroppedRows::default(),
             begins_stretch: false,
-            without_truth: None,
+            skips: Skips::default(),
             doubtful: None,
             next: None,
             failure: None,
@@ -76,7 +74,7 @@ impl<R: BufRead> Reader<R> {
 
     /// Looks at the first rows for times that are in another unit.
     pub fn check_times(mut self) -> Result<(), RecordingError> {
-        let rows = from_fn(|| self.row()).take(FIRST_ROWS).flatten();
+        let rows = from_fn(|| self.row()).take(FIRST_ROWS);
         let readings: Vec<Reading> = rows.map(|(entry, _)| entry.reading).collect();
         let has_rate: fn(&Reading) -> bool = |reading| reading.rate_rad_s.is_some();
         let has_field: fn(&Reading) -> bool = |reading| reading.field_mgauss.is_some();
@@ -98,11 +96,8 @@ impl<R: BufRead> Reader<R> {
         self.begins_stretch
     }
 
-    /// The next row that can be understood, or why one or its true value cannot; `None` at the end.
-    fn row(&mut self) -> Option<Result<Numbered, LineError>> {
-        if let Some(row) = self.without_truth.take() {
-            return Some(Ok(row));
-        }
+    /// The next row that can be understood; `None` at the end. Those before it that cannot are skipped.
+    fn row(&mut self) -> Option<Numbered> {
         let broken = |what: &str| Err((None, what.to_owned()));
         while !self.done {
             let before = self.lines.number;
@@ -122,13 +117,14 @@ impl<R: BufRead> Reader<R> {
             };
             let line = self.lines.number;
             match found {
-                Ok(Some((entry, None))) => return Some(Ok((entry, line))),
-                Ok(Some((entry, Some(fault)))) => {
-                    self.without_truth = Some((entry, line));
-                    return Some(Err(self.line_error(line, fault)));
+                Ok(Some((entry, truth_fault))) => {
+                    if let Some(fault) = truth_fault {
+                        self.skips.drop_truth(self.line_error(line, fault));
+                    }
+                    return Some((entry, line));
                 }
                 Ok(None) => {}
-                Err(fault) => return Some(Err(self.line_error(line, fault))),
+                Err(fault) => self.skips.skip(self.line_error(line, fault)),
             }
         }
         self.done = true;
@@ -150,8 +146,8 @@ impl<R: BufRead> Reader<R> {
         self.rows.entry(line).map(Some)
     }
 
-    /// The entry, unless its time cannot be right.
-    fn judged(&mut self, (entry, line): Numbered, order: TimeOrder) -> Result<Entry, LineError> {
+    /// The entry; a row whose time cannot be right is skipped.
+    fn judged(&mut self, (entry, line): Numbered, order: TimeOrder) -> Option<Entry> {
         let t_s = entry.reading.t_s;
         if let (TimeOrder::Odd, Some(last_s)) = (order, self.last_s) {
             self.dropped.take(&entry.reading, last_s - t_s);
@@ -162,12 +158,14 @@ impl<R: BufRead> Reader<R> {
                     "found time {t_s}, but the row before has {last_s}, and the next does not go on from here"
                 )
             };
-            return Err(self.line_error(line, (Some(0), what)));
+            self.skips.skip(self.line_error(line, (Some(0), what)));
+            return None;
         }
         self.last_s = Some(t_s);
         let lost_motion = std::mem::take(&mut self.dropped).lost_motion();
         self.begins_stretch = order == TimeOrder::Jump || lost_motion;
-        Ok(entry)
+        self.skips.kept += 1;
+        Some(entry)
     }
 
     fn line_error(&self, line: u64, (column, what): RowFault) -> LineError {
@@ -181,31 +179,28 @@ impl<R: BufRead> Reader<R> {
 }
 
 impl<R: BufRead> Iterator for Reader<R> {
-    type Item = Result<Result<Entry, LineError>, RecordingError>;
+    type Item = Result<Entry, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
         loop {
-            let row = match self.next.take() {
-                Some(row) => Some(row),
-                None => match self.row() {
-                    Some(Ok(row)) => Some(row),
-                    // What cannot be understood decides nothing: it may be told before a doubtful row.
-                    Some(Err(error)) => return Some(Ok(Err(error))),
-                    None => None,
-                },
-            };
-            if let (Some(doubtful), Some(last_s)) = (self.doubtful.take(), self.last_s) {
+            let row = self.next.take().or_else(|| self.row());
+            let judged = if let (Some(doubtful), Some(last_s)) = (self.doubtful.take(), self.last_s)
+            {
                 self.next = row;
                 let next_s = row.map(|(entry, _)| entry.reading.t_s);
                 let order = stretch::before(last_s, doubtful.0.reading.t_s, next_s);
-                return Some(Ok(self.judged(doubtful, order)));
-            }
-            let Some(row) = row else {
+                self.judged(doubtful, order)
+            } else if let Some(row) = row {
+                let Some(order) = stretch::at_once(self.last_s, row.0.reading.t_s) else {
+                    self.doubtful = Some(row);
+                    continue;
+                };
+                self.judged(row, order)
+            } else {
                 return self.failure.take().map(Err);
             };
-            match stretch::at_once(self.last_s, row.0.reading.t_s) {
-                Some(order) => return Some(Ok(self.judged(row, order))),
-                None => self.doubtful = Some(row),
+            if let Some(entry) = judged {
+                return Some(Ok(entry));
             }
         }
     }

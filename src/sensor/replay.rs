@@ -21,7 +21,6 @@ pub struct Replay {
     file: File,
     bytes: u64,
     reader: Reader<BufReader<File>>,
-    skips: Skips,
 }
 
 impl Replay {
@@ -46,7 +45,6 @@ impl Replay {
             file: shared,
             bytes: found.len(),
             reader: Reader::new(log, BufReader::new(file))?,
-            skips: Skips::default(),
         })
     }
 
@@ -73,16 +71,17 @@ impl Replay {
 
     /// The rows skipped so far.
     pub fn skips(&self) -> &Skips {
-        &self.skips
+        &self.reader.skips
     }
 
     /// Why the log, read to its end, is of no use: it has no row, or most of them were skipped. `None` if it is of use.
     pub fn unusable(&self) -> Option<String> {
-        if self.skips.is_empty() {
+        let skips = self.skips();
+        if skips.is_empty() {
             return Some(RecordingError::no_rows(self.name()).to_string());
         }
-        let summary = self.skips.summary()?;
-        let most = self.skips.are_most();
+        let summary = skips.summary()?;
+        let most = skips.are_most();
         most.then(|| format!("most of the log cannot be used: {summary}"))
     }
 }
@@ -91,12 +90,7 @@ impl Iterator for Replay {
     type Item = Result<Entry, RecordingError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            let kept = self.reader.next()?.map(|row| self.skips.keep(row));
-            if let Some(entry) = kept.transpose() {
-                return Some(entry);
-            }
-        }
+        self.reader.next()
     }
 }
 

@@ -5,25 +5,25 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::reading::Reading;
-use crate::recording::Skips;
 
 const HEAD: &str = "# headingd-log 1\nt_s,mx,my,mz,gx,gy,gz,ax,ay,az,heading_deg\n";
 
 /// Its last number may have lost digits.
 #[test]
 fn a_row_without_its_end_is_refused() {
-    let rows = rows(format!("{HEAD}7,,,,,,,,,,\n8,1,2,3,,,,,,,1").as_bytes());
-    let [Ok(_), Err(row)] = &rows[..] else {
-        panic!("{rows:?}")
-    };
-    assert!(row.what.contains("cut off"), "{row}");
+    let (rows, skips) = read(format!("{HEAD}7,,,,,,,,,,\n8,1,2,3,,,,,,,1").as_bytes());
+    assert_eq!((rows.len(), skips.count), (1, 1));
+    assert!(first(&skips).contains("cut off"), "{skips:?}");
 }
 
-fn rows(text: &[u8]) -> Vec<Result<Entry, LineError>> {
-    Reader::new("a.csv", text)
-        .unwrap()
-        .map(Result::unwrap)
-        .collect()
+fn read(text: &[u8]) -> (Vec<Entry>, Skips) {
+    let mut reader = Reader::new("a.csv", text).unwrap();
+    let rows = reader.by_ref().map(Result::unwrap).collect();
+    (rows, reader.skips)
+}
+
+fn first(skips: &Skips) -> String {
+    skips.first().unwrap().to_string()
 }
 
 #[test]
@@ -31,7 +31,7 @@ fn units_become_ours() {
     let text = "# headingd-log 1\n# mag_unit = uT\n# gyro_unit = deg/s\n# accel_unit = g\n\
                 heading_deg,az,ay,ax,gz,gy,gx,mz,my,mx,note,t_s\n\
                 -90,-1,0,2,180,0,0,3,2,1,hello,0.5\r\n";
-    let entry = rows(text.as_bytes()).remove(0).unwrap();
+    let entry = read(text.as_bytes()).0[0];
     let reading = entry.reading;
     assert_eq!(reading.t_s, 0.5);
     assert_eq!(
@@ -55,7 +55,7 @@ fn units_become_ours() {
         ("counts\n# counts_per_gauss = 1300", 2.0),
     ] {
         let text = format!("# headingd-log 1\n# mag_unit = {unit}\nt_s,mx,my,mz\n0,2.6,0,0\n");
-        let field = rows(text.as_bytes()).remove(0).unwrap().reading;
+        let field = read(text.as_bytes()).0[0].reading;
         let x = field.whole_field_mgauss().unwrap().x;
         assert!((x - first).abs() < 1e-12, "{unit}: {x}");
     }
@@ -65,15 +65,15 @@ fn units_become_ours() {
 fn an_empty_cell_is_silence_or_an_overflow_but_never_0() {
     let text =
         format!("{HEAD}0,1,,3,,,,,,,\n0,,,,1,2,3,,,,\n\n0,,,,,,,,,,\n0,1,NaN,3,nan,-nan,NAN,,,,\n");
-    let rows = rows(text.as_bytes());
-    let reading = |i: usize| rows[i].as_ref().unwrap().reading;
+    let (rows, skips) = read(text.as_bytes());
+    let reading = |i: usize| rows[i].reading;
     assert_eq!(reading(0).field_mgauss, Some([Some(1.0), None, Some(3.0)]));
     assert_eq!(reading(0).rate_rad_s, None);
     assert_eq!(reading(1).field_mgauss, None);
     assert_eq!(reading(1).rate_rad_s, Some(Vector3::new(1.0, 2.0, 3.0)));
     assert_eq!(reading(2), Reading::default());
     assert_eq!(reading(3), reading(0));
-    assert_eq!(rows.len(), 4);
+    assert_eq!((rows.len(), skips.count), (4, 0));
 }
 
 #[test]
@@ -94,14 +94,14 @@ fn a_bad_row_is_named_and_the_next_one_read() {
         (&long, "", "longer than 4 KiB"),
     ] {
         let text = format!("{HEAD}{good}\n{row}\n{good}\n");
-        let rows = rows(text.as_bytes());
-        let message = rows[1].as_ref().unwrap_err().to_string();
+        let (rows, skips) = read(text.as_bytes());
+        let message = first(&skips);
         assert!(
             message.starts_with(&format!("log a.csv, line 4{column}: ")),
             "{message}"
         );
         assert!(message.contains(why), "{message}");
-        assert!(rows.len() == 3 && rows[2].is_ok(), "{row}");
+        assert_eq!((rows.len(), skips.count), (2, 1), "{row}");
     }
 }
 
@@ -110,9 +110,7 @@ fn a_bad_true_value_is_named_and_costs_only_itself() {
     let text = format!(
         "{HEAD}7,1,2,3,,,,,,,90\n8,1,2,3,,,,,,,999\n9,1,2,3,,,,,,,null\n9.1,1,x,3,,,,,,,\n"
     );
-    let mut skips = Skips::default();
-    let kept = rows(text.as_bytes());
-    let kept: Vec<Entry> = kept.into_iter().filter_map(|row| skips.keep(row)).collect();
+    let (kept, skips) = read(text.as_bytes());
     let found: Vec<(f64, bool)> = kept
         .iter()
         .map(|entry| (entry.reading.t_s, entry.heading_truth_rad.is_some()))
@@ -131,51 +129,51 @@ fn a_bad_true_value_is_named_and_costs_only_itself() {
     assert!(!skips.are_most());
 }
 
-/// The times that are used, with `|` where a stretch begins, and the lines of those that are dropped.
-fn used(times: &str) -> (String, Vec<u64>) {
+/// The times that are used, with `|` where a stretch begins; how many are dropped, and which was dropped first.
+fn used(times: &str) -> (String, u64, Option<u64>) {
     let text = format!("# headingd-log 1\nt_s\n{}\n", times.replace(' ', "\n"));
     let mut reader = Reader::new("a.csv", text.as_bytes()).unwrap();
-    let (mut kept, mut dropped) = (Vec::new(), Vec::new());
-    while let Some(row) = reader.next() {
-        match row.unwrap() {
-            Ok(entry) => {
-                kept.extend(reader.begins_stretch().then(|| "|".to_owned()));
-                kept.push(entry.reading.t_s.to_string());
-            }
-            Err(error) => dropped.push(error.line - 2),
-        }
+    let mut kept = Vec::new();
+    while let Some(entry) = reader.next() {
+        kept.extend(reader.begins_stretch().then(|| "|".to_owned()));
+        kept.push(entry.unwrap().reading.t_s.to_string());
     }
-    (kept.join(" "), dropped)
+    let first = reader.skips.first().map(|error| error.line - 2);
+    (kept.join(" "), reader.skips.count, first)
 }
 
 #[test]
 fn an_odd_time_is_dropped_and_a_jump_begins_a_stretch() {
-    for (times, right, dropped) in [
-        ("0 1 999999999 2 3", "0 1 2 3", &[3][..]),
-        ("0 1 999999999 888888888 2 3", "0 1 2 3", &[3, 4]),
-        ("0 1 -500 2 3", "0 1 2 3", &[3]),
-        ("999999999 0 1", "999999999 | 0 1", &[]),
-        ("0 1 5000 5001 5002", "0 1 | 5000 5001 5002", &[]),
-        ("50 51 0 1 2", "50 51 | 0 1 2", &[]),
-        ("50 51 0 nonsense 1 2", "50 51 | 0 1 2", &[4]),
-        ("50 51 0 nonsense 52", "50 51 52", &[4, 3]),
-        ("0 30 90 91", "0 30 90 91", &[]),
-        ("0 1 999999999", "0 1", &[3]),
-        ("0 30", "0 30", &[]),
-        ("0 1 0.98 0.99 1.01", "0 1 1.01", &[3, 4]),
-        ("50 51 0 0 0 52", "50 51 52", &[3, 4, 5]),
+    for (times, right, dropped, first) in [
+        ("0 1 999999999 2 3", "0 1 2 3", 1, Some(3)),
+        ("0 1 999999999 888888888 2 3", "0 1 2 3", 2, Some(3)),
+        ("0 1 -500 2 3", "0 1 2 3", 1, Some(3)),
+        ("999999999 0 1", "999999999 | 0 1", 0, None),
+        ("0 1 5000 5001 5002", "0 1 | 5000 5001 5002", 0, None),
+        ("50 51 0 1 2", "50 51 | 0 1 2", 0, None),
+        ("50 51 0 nonsense 1 2", "50 51 | 0 1 2", 1, Some(4)),
+        ("50 51 0 nonsense 52", "50 51 52", 2, Some(4)),
+        ("0 30 90 91", "0 30 90 91", 0, None),
+        ("0 1 999999999", "0 1", 1, Some(3)),
+        ("0 30", "0 30", 0, None),
+        ("0 1 0.98 0.99 1.01", "0 1 1.01", 2, Some(3)),
+        ("50 51 0 0 0 52", "50 51 52", 3, Some(3)),
         // The ends of a second, either way, …
-        ("7 8 7.5", "7 8", &[3]),
-        ("7 8.1 7.5", "7 7.5", &[2]),
-        ("7 6 6.02", "7", &[2, 3]),
-        ("7 5.9 5.92", "7 | 5.9 5.92", &[]),
+        ("7 8 7.5", "7 8", 1, Some(3)),
+        ("7 8.1 7.5", "7 7.5", 1, Some(2)),
+        ("7 6 6.02", "7", 2, Some(2)),
+        ("7 5.9 5.92", "7 | 5.9 5.92", 0, None),
         // … and of a minute.
-        ("7 67 500", "7 67", &[3]),
-        ("7 67.1 67.12", "7 | 67.1 67.12", &[]),
-        ("7 67.1 67.1", "7", &[2, 3]),
+        ("7 67 500", "7 67", 1, Some(3)),
+        ("7 67.1 67.12", "7 | 67.1 67.12", 0, None),
+        ("7 67.1 67.1", "7", 2, Some(2)),
     ] {
-        let (kept, lines) = used(times);
-        assert_eq!((kept.as_str(), &lines[..]), (right, dropped), "{times}");
+        let (kept, count, line) = used(times);
+        assert_eq!(
+            (kept.as_str(), count, line),
+            (right, dropped, first),
+            "{times}"
+        );
     }
 }
 
@@ -188,12 +186,9 @@ fn a_clock_that_is_set_back_loses_motion_and_a_late_row_does_not() {
         let text = format!("# headingd-log 1\n{units}t_s,gx,gy,gz,mx,my,mz\n{rows}");
         let mut reader = Reader::new("a.csv", text.as_bytes()).unwrap();
         let mut begun = Vec::new();
-        while let Some(row) = reader.next() {
-            if let Ok(entry) = row.unwrap()
-                && reader.begins_stretch()
-            {
-                begun.push(entry.reading.t_s);
-            }
+        while let Some(entry) = reader.next() {
+            let t_s = entry.unwrap().reading.t_s;
+            begun.extend(reader.begins_stretch().then_some(t_s));
         }
         begun
     };
@@ -222,20 +217,18 @@ fn a_clock_that_is_set_back_loses_motion_and_a_late_row_does_not() {
 fn a_header_that_is_repeated_is_no_row_and_rows_after_another_are_refused() {
     let head = "# headingd-log 1\n# mag_unit = uT\nt_s,mx,my,mz\n";
     let text = format!("{head}0,1,2,3\n{head}# a remark\n0.1,1,2,3\n");
-    assert!(rows(text.as_bytes()).iter().all(Result::is_ok));
+    let (rows, skips) = read(text.as_bytes());
+    assert_eq!((rows.len(), skips.count), (2, 0));
     // A header without the unit has the default's.
     let shorter = head.replace("# mag_unit = uT\n", "");
     for other in ["# mag_unit = gauss", "t_s,my,mx,mz", shorter.trim_end()] {
-        let found = rows(format!("{text}{other}\n0.2,1,2,3\n").as_bytes());
-        let [Ok(_), Ok(_), Err(line), Err(row)] = &found[..] else {
-            panic!("{found:?}");
-        };
+        let (rows, skips) = read(format!("{text}{other}\n0.2,1,2,3\n").as_bytes());
+        assert_eq!((rows.len(), skips.count), (2, 2));
+        let line = first(&skips);
         assert!(
-            line.what.contains(other.lines().last().unwrap())
-                && line.what.contains("split the log"),
+            line.contains(other.lines().last().unwrap()) && line.contains("split the log"),
             "{line}"
         );
-        assert!(row.what.contains("after another header"), "{row}");
     }
 }
 
@@ -295,8 +288,7 @@ fn milliseconds_are_suspected_in_a_number_that_is_too_large() {
         ("inf,,,,,,,,,,", false),
         ("0,1e13,2,3,,,,,,,", false),
     ] {
-        let rows = rows(format!("{HEAD}{row}\n").as_bytes());
-        let message = rows[0].as_ref().unwrap_err().to_string();
+        let message = first(&read(format!("{HEAD}{row}\n").as_bytes()).1);
         let advice = "1000000000000 s; if these are milliseconds, divide by 1000";
         assert_eq!(message.ends_with(advice), suspected, "{message}");
         assert_eq!(message.contains("milliseconds"), suspected, "{message}");
@@ -306,13 +298,13 @@ fn milliseconds_are_suspected_in_a_number_that_is_too_large() {
 #[test]
 fn bytes_that_are_no_text_spoil_their_line_only() {
     let text = [HEAD.as_bytes(), b"0,\xff\xfe\0,,,,,,,,,\n1,,,,,,,,,,\n"].concat();
-    let rows = rows(&text);
-    let message = rows[0].as_ref().unwrap_err().to_string();
+    let (rows, skips) = read(&text);
+    let message = first(&skips);
     assert!(
         message.contains("line 3: found bytes that are no text"),
         "{message}"
     );
-    assert!(rows[1].is_ok());
+    assert_eq!((rows.len(), skips.count), (1, 1));
 }
 
 #[test]
@@ -325,7 +317,7 @@ fn a_failing_input_ends_the_rows() {
     }
     let text = format!("{HEAD}0,,,,,,,,,,\n");
     let mut reader = Reader::new("a.csv", BufReader::new(text.as_bytes().chain(Broken))).unwrap();
-    assert!(reader.next().unwrap().unwrap().is_ok());
+    assert!(reader.next().unwrap().is_ok());
     let error = reader.next().unwrap().unwrap_err();
     assert_eq!(
         error.to_string(),
