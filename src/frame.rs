@@ -18,16 +18,6 @@ pub struct Mounting {
     matrix: Matrix3<f64>,
 }
 
-/// Why a mounting could not be understood.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error(
-    "mounting {found:?} is not understood: {why}; write the chip axes along body X, Y, Z as in \"+x -y -z\", or a rotation matrix as nine numbers, row by row"
-)]
-pub struct MountingError {
-    found: String,
-    why: String,
-}
-
 impl Default for Mounting {
     fn default() -> Self {
         Self {
@@ -97,12 +87,14 @@ impl Mounting {
 }
 
 impl FromStr for Mounting {
-    type Err = MountingError;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, MountingError> {
-        let fail = |why: &str| MountingError {
-            found: text.to_owned(),
-            why: why.to_owned(),
+    fn from_str(text: &str) -> Result<Self, String> {
+        let fail = |why: &str| {
+            format!(
+                "mounting {text:?} is not understood: {why}; write the chip axes along body X, Y, Z as in \"+x -y -z\", or a rotation \
+                 matrix as nine numbers, row by row"
+            )
         };
         let words: Vec<&str> = text
             .split([' ', ',', '\t'])
@@ -164,9 +156,9 @@ impl fmt::Display for Mounting {
 }
 
 impl TryFrom<String> for Mounting {
-    type Error = MountingError;
+    type Error = String;
 
-    fn try_from(text: String) -> Result<Self, MountingError> {
+    fn try_from(text: String) -> Result<Self, String> {
         text.parse()
     }
 }

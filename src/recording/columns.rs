@@ -38,19 +38,11 @@ pub(super) fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
         }
     }
     for (first, sensor, words) in [
-        (
-            MAG,
-            "magnetometer",
-            &["m", "mag", "magn", "magnetometer"][..],
-        ),
-        (GYRO, "gyro", &["g", "gyr", "gyro", "gyroscope"]),
-        (
-            ACCEL,
-            "accelerometer",
-            &["a", "acc", "accel", "accelerometer"],
-        ),
+        (MAG, "magnetometer", "m mag magn magnetometer"),
+        (GYRO, "gyro", "g gyr gyro gyroscope"),
+        (ACCEL, "accelerometer", "a acc accel accelerometer"),
     ] {
-        let like = |name: &&str| words.iter().any(|word| is_axis_of(word, name));
+        let like = |name: &&str| words.split(' ').any(|word| is_axis_of(word, name));
         if let (false, Some(found)) = (has(first), text.split(',').find(like)) {
             return Err(format!(
                 "found {}, but the {sensor}'s columns must be {}",
