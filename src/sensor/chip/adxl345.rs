@@ -1,6 +1,6 @@
 //! ADXL345: an accelerometer of ±16 g.
 
-use super::companion::{CompanionSheet, IdentityRegister};
+use super::companion::CompanionSheet;
 use super::little_endian;
 
 // Registers of the ADXL345 (kernel's `adxl345_core.c`).
@@ -20,12 +20,10 @@ const FULL_RESOLUTION_16_G: u8 = 0x0B;
 /// An accelerometer ADXL345, at 0x53 or 0x1D.
 pub static ADXL345: CompanionSheet = CompanionSheet {
     name: "ADXL345",
-    identity: IdentityRegister {
-        register: DEVID,
-        mask: 0xFF,
-        value: 0xE5,
-        right: "e5",
-    },
+    who_am_i: DEVID,
+    identity_mask: 0xFF,
+    identity: 0xE5,
+    identity_right: "e5",
     reset: None,
     setup: &[
         (DATA_FORMAT, FULL_RESOLUTION_16_G),

@@ -12,7 +12,12 @@ use crate::sensor::clock::Clock;
 pub struct CompanionSheet {
     /// The name that is printed on the chip.
     pub name: &'static str,
-    pub identity: IdentityRegister,
+    /// The register by which it identifies itself, the bits that count, and what they must be.
+    pub who_am_i: u8,
+    pub identity_mask: u8,
+    pub identity: u8,
+    /// What the register may hold, for people.
+    pub identity_right: &'static str,
     /// Sets all registers to their defaults: register, value, and how long that takes, seconds.
     pub reset: Option<(u8, u8, f64)>,
     /// The registers that set it up, in the order in which they are written.
@@ -29,16 +34,6 @@ pub struct CompanionSheet {
     pub counts_per_deg_s: Option<f64>,
     /// Counts for one g, if it is an accelerometer.
     pub counts_per_g: Option<f64>,
-}
-
-/// A register by which a chip identifies itself.
-#[derive(Debug)]
-pub struct IdentityRegister {
-    pub register: u8,
-    pub mask: u8,
-    pub value: u8,
-    /// What the register may hold, for people.
-    pub right: &'static str,
 }
 
 impl CompanionSheet {
@@ -85,10 +80,10 @@ impl Companion {
     }
 
     pub fn identify(&self, bus: &mut dyn Bus) -> Result<(), ChipError> {
-        let identity = &self.sheet.identity;
-        let place = (self.address, identity.register);
-        must_be(bus, self.name(), place, identity.right, |found| {
-            found & identity.mask == identity.value
+        let sheet = self.sheet;
+        let place = (self.address, sheet.who_am_i);
+        must_be(bus, sheet.name, place, sheet.identity_right, |found| {
+            found & sheet.identity_mask == sheet.identity
         })
     }
 
@@ -137,7 +132,7 @@ pub(crate) mod tests {
     ) -> (Vec<Transfer>, f64) {
         let (mut bus, mut clock) = (FakeBus::default(), JumpingClock::default());
         let chip = sheet.at(address);
-        bus.set(address, sheet.identity.register, &[identity]);
+        bus.set(address, sheet.who_am_i, &[identity]);
         chip.start(&mut bus, &mut clock).unwrap();
         chip.verify(&mut bus).unwrap();
         let transfers = bus.transfers();
@@ -147,7 +142,7 @@ pub(crate) mod tests {
             assert_eq!(lost.code(), "configuration_lost");
             bus.set(address, register, &[right]);
         }
-        bus.set(address, sheet.identity.register, &[!identity]);
+        bus.set(address, sheet.who_am_i, &[!identity]);
         let other = chip.identify(&mut bus).unwrap_err();
         assert_eq!(other.code(), "wrong_identity");
         let found = format!("[{:02x}]", !identity);

@@ -1,7 +1,7 @@
 //! ITG-3200 and ITG-3205: gyros of ±2000°/s.
 
 use super::big_endian;
-use super::companion::{CompanionSheet, IdentityRegister};
+use super::companion::CompanionSheet;
 
 // Registers of the ITG-3200 (kernel's `itg3200.h`, data sheet PS-ITG-3200A).
 const WHO_AM_I: u8 = 0x00;
@@ -24,13 +24,11 @@ const RESET_S: f64 = 0.002;
 /// A gyro ITG-3200 or ITG-3205, at 0x68 or 0x69.
 pub static ITG3200: CompanionSheet = CompanionSheet {
     name: "ITG-3200",
-    identity: IdentityRegister {
-        register: WHO_AM_I,
-        // The lowest bit follows the pin AD0, the highest is reserved.
-        mask: 0x7E,
-        value: 0x68,
-        right: "68 or 69",
-    },
+    who_am_i: WHO_AM_I,
+    // The lowest bit follows the pin AD0, the highest is reserved.
+    identity_mask: 0x7E,
+    identity: 0x68,
+    identity_right: "68 or 69",
     reset: Some((PWR_MGM, RESET, RESET_S)),
     setup: &[
         (PWR_MGM, CLOCK_X),

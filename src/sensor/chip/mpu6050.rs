@@ -3,7 +3,7 @@
 //! A magnetometer on that bus answers only while the bypass is on, so this chip is set up before it.
 
 use super::big_endian;
-use super::companion::{CompanionSheet, IdentityRegister};
+use super::companion::CompanionSheet;
 
 // Registers of the MPU-6050 (kernel's `inv_mpu_iio.h`).
 const SMPLRT_DIV: u8 = 0x19;
@@ -36,12 +36,10 @@ const BYPASS: u8 = 0x02;
 /// An MPU-6050, at 0x68 or 0x69.
 pub static MPU6050: CompanionSheet = CompanionSheet {
     name: "MPU-6050",
-    identity: IdentityRegister {
-        register: WHO_AM_I,
-        mask: 0xFF,
-        value: 0x68,
-        right: "68",
-    },
+    who_am_i: WHO_AM_I,
+    identity_mask: 0xFF,
+    identity: 0x68,
+    identity_right: "68",
     reset: Some((PWR_MGMT_1, RESET, 0.1)),
     setup: &[
         (PWR_MGMT_1, CLOCK_X),
