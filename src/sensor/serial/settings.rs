@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::check::{Fault, absolute_or_empty, settings, words};
-use crate::sensor::chip::hmc5843::Variant;
-use crate::sensor::chip::magnetometer::Magnetometer;
+use crate::sensor::chip::drivers;
 
 settings! {
     /// The port, and the protocol of the device behind it.
@@ -72,10 +71,7 @@ words! {
 impl Chip {
     /// Counts per gauss at the gain after power-on, code 1, which the Razor never changes.
     pub fn counts_per_gauss(self) -> f64 {
-        let chip = match self {
-            Self::Hmc5843 => Variant::Hmc5843,
-            Self::Hmc5883l => Variant::Hmc5883l,
-        };
+        let chip = drivers::magnetometer(self.word()).expect("a chip has a driver");
         chip.sheet().gain(1)
     }
 }
