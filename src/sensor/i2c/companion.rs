@@ -19,7 +19,7 @@ pub(super) struct CompanionPoller {
 impl CompanionPoller {
     pub(super) fn new(what: &'static str, choices: Vec<Companion>) -> Self {
         Self {
-            health: Health::new(what),
+            health: Health::new(what, false),
             choices,
             found: None,
             frozen: RepeatWatch::default(),

@@ -13,6 +13,8 @@ const QUIET_S: f64 = 2.0;
 
 pub(super) struct Health {
     what: &'static str,
+    /// Without this chip the source has a fault, which is logged as the state.
+    vital: bool,
     /// When the chip must be set up; `None` while it works.
     pub(super) set_up_at_s: Option<f64>,
     wait_s: f64,
@@ -24,15 +26,17 @@ struct Faults {
     since_s: f64,
     last_s: f64,
     count: u64,
+    /// The codes that have been logged.
     told: Vec<&'static str>,
     newest: SourceFault,
 }
 
 impl Health {
     /// A chip that is not set up yet; `what` is its role: "gyro".
-    pub(super) fn new(what: &'static str) -> Self {
+    pub(super) fn new(what: &'static str, vital: bool) -> Self {
         Self {
             what,
+            vital,
             set_up_at_s: Some(0.0),
             wait_s: FIRST_WAIT_S,
             in_a_row: 0,
@@ -60,18 +64,14 @@ impl Health {
         });
         faults.count += 1;
         faults.last_s = now_s;
-        if !faults.told.contains(&newest.code) {
-            faults.told.push(newest.code);
-            // A fault of the whole bus is logged once, as the state: not for each chip.
-            if !["no_bus", "permission"].contains(&newest.code) {
-                tracing::warn!(code = newest.code, "{}", newest.message);
-            }
-        }
         faults.newest = newest;
         self.in_a_row += 1;
         let working = self.set_up_at_s.is_none();
         let again = !working || !error.is_passing() || self.in_a_row >= IN_A_ROW;
         if again {
+            // A fault of the whole bus is the state, too: it is not logged for each chip.
+            let is_state = self.vital || ["no_bus", "permission"].contains(&faults.newest.code);
+            faults.tell(is_state);
             self.set_up_at_s = Some(now_s + self.wait_s);
             self.wait_s = (2.0 * self.wait_s).min(LONGEST_WAIT_S);
         }
@@ -80,9 +80,12 @@ impl Health {
 
     pub(super) fn worked(&mut self, now_s: f64) {
         self.in_a_row = 0;
-        if let Some(faults) = &self.faults
-            && now_s - faults.last_s > QUIET_S
-        {
+        let Some(faults) = &mut self.faults else {
+            return;
+        };
+        // The chip went on by itself: that is no state.
+        faults.tell(false);
+        if now_s - faults.last_s > QUIET_S {
             tracing::info!(
                 faults = faults.count,
                 "{} works again, after {:.1} s",
@@ -100,6 +103,19 @@ impl Health {
     }
 }
 
+impl Faults {
+    /// Logs the newest, unless one with its code has been, or is logged as the state.
+    fn tell(&mut self, is_state: bool) {
+        let SourceFault { code, message } = &self.newest;
+        if !self.told.contains(code) {
+            self.told.push(code);
+            if !is_state {
+                tracing::warn!(code, "{message}");
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -111,7 +127,7 @@ mod tests {
 
     #[test]
     fn a_passing_fault_is_forgiven_twice_and_others_are_not() {
-        let mut health = Health::new("gyro");
+        let mut health = Health::new("gyro", false);
         health.set_up();
         assert!(!health.failed(0.0, &error(Cause::Timeout)));
         assert!(!health.failed(0.1, &error(Cause::NoAnswer)));
@@ -125,7 +141,7 @@ mod tests {
 
     #[test]
     fn the_wait_doubles_to_five_seconds_and_is_short_again_after_a_quiet_time() {
-        let mut health = Health::new("gyro");
+        let mut health = Health::new("gyro", false);
         let mut now_s = 0.0;
         let mut waits = Vec::new();
         for _ in 0..8 {

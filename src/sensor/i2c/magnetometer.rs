@@ -49,7 +49,7 @@ struct AtWork {
 impl MagnetometerPoller {
     pub(super) fn new(settings: &Settings) -> Self {
         Self {
-            health: Health::new("magnetometer"),
+            health: Health::new("magnetometer", true),
             named: settings.magnetometer.named(),
             rate_hz: settings.rate_hz,
             gain: settings.gain,
