@@ -99,13 +99,6 @@ pub enum RecordingError {
 }
 
 impl RecordingError {
-    /// There is a whole header, and no row.
-    pub fn no_rows(log: &str) -> Self {
-        Self::Data(format!(
-            "log {log} has no reading: it ends after the line of column names, but rows must follow, one a reading"
-        ))
-    }
-
     /// The input failed after this line, from 1; 0 if none was read.
     fn broken_off(log: &str, line: u64, source: io::Error) -> Self {
         Self::Input(format!("cannot read log {log} after line {line}: {source}"))

@@ -39,7 +39,8 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let mut readings = Vec::new();
     let mut count = 0;
-    let skips = read_log_on(Replay::open(&args.log)?, |entry, _| {
+    let mut replay = Replay::open(&args.log)?;
+    read_log_on(&mut replay, |entry, _| {
         count += 1;
         if count <= MOST_READINGS {
             readings.push(entry.reading);
@@ -51,7 +52,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             "the log is long: its first {MOST_READINGS} readings are used"
         ));
     }
-    tell_skips(&skips)?;
+    tell_skips(&replay)?;
     let found = align(&readings, !args.south).map_err(|refusal| {
         Failure::new(Failure::REFUSED, format!("{refusal} ({})", refusal.code()))
     })?;

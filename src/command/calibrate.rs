@@ -156,17 +156,17 @@ fn settings(args: &Args) -> Result<Config, Failure> {
 
 /// The log's sensor, and what comes of a calibration on all of it.
 fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failure> {
-    let replay = Replay::open(&args.log)?;
+    let mut replay = Replay::open(&args.log)?;
     let header = replay.header();
     let identity = Identity::new(header.sensor_name(), header.mountings.mag);
     let setup = config.setup(&header.mountings, &config.mounting.board());
     let mut survey = Survey::new(setup, args.plane.axes());
-    let skips = read_log_on(replay, |entry, begins_stretch| {
+    read_log_on(&mut replay, |entry, begins_stretch| {
         survey.take(&entry.reading, begins_stretch);
         Ok(())
     })?;
     tell_dropped(&survey.dropped());
-    tell_skips(&skips)?;
+    tell_skips(&replay)?;
     let fault = survey.fault();
     if let Some((reason, message)) = &fault {
         tell(format_args!("at the end of the log: {message} ({reason})"));

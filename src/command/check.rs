@@ -10,8 +10,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde_json::json;
 
-use super::progress::Progress;
-use super::{Failure, config_file, print, print_json};
+use super::{Failure, config_file, print, print_json, progress};
 use crate::check::Fault;
 use crate::config::Config;
 use crate::config::source::Kind;
@@ -48,7 +47,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut bus = LinuxBus::new(config.i2c.bus);
     let mut clock = SystemClock::new(Arc::new(AtomicBool::new(false)));
     let busy =
-        Progress::spinner("trying the chips, some seconds: let the board lie still and level");
+        progress::spinner("trying the chips, some seconds: let the board lie still and level");
     let report = examine(&expected(&config), &mut bus, &mut clock);
     drop(busy);
     if args.json {

@@ -1,25 +1,28 @@
 //! A log read to its end, and what of it could not be used.
 
-use super::progress::Progress;
-use super::{Failure, tell};
+use super::{Failure, progress, tell};
 use crate::pipeline::Dropped;
-use crate::recording::{Entry, RecordingError, Skips};
+use crate::recording::Entry;
 use crate::sensor::replay::Replay;
+
+/// How many rows of a log are read between two looks at how far that is.
+const ROWS_A_LOOK: u64 = 8192;
 
 /// Reads a log to its end, beside a bar on a terminal. Hands over each entry, and whether a new stretch begins with it.
 pub fn read_log(
-    mut log: Replay,
+    log: &mut Replay,
     mut take: impl FnMut(Entry, bool) -> Result<(), Failure>,
-) -> Result<Skips, Failure> {
-    let mut bar = Progress::new();
+) -> Result<(), Failure> {
+    let bar = progress::bar("{wide_bar} {percent} % {eta} left");
+    let mut rows = 0_u64;
     while let Some(entry) = log.next() {
         take(entry?, log.begins_stretch())?;
-        bar.follow(&log);
+        rows += 1;
+        if rows.is_multiple_of(ROWS_A_LOOK) {
+            bar.set_position(progress::parts(log.share_read()));
+        }
     }
-    if log.skips().is_empty() {
-        return Err(RecordingError::no_rows(log.name()).into());
-    }
-    Ok(log.skips().clone())
+    Ok(())
 }
 
 /// Where a log's time jumps, what follows is taken as so much later: longer than any gyro's gap, seconds.
@@ -27,9 +30,9 @@ const STRETCHES_APART_S: f64 = 10.0;
 
 /// Like `read_log`, with times that go on where those of the log jump.
 pub fn read_log_on(
-    log: Replay,
+    log: &mut Replay,
     mut take: impl FnMut(Entry, bool) -> Result<(), Failure>,
-) -> Result<Skips, Failure> {
+) -> Result<(), Failure> {
     let (mut last_s, mut later_s) = (0.0, 0.0);
     read_log(log, |mut entry, begins_stretch| {
         if begins_stretch {
@@ -41,16 +44,14 @@ pub fn read_log_on(
     })
 }
 
-/// Says on standard error that rows of a log were skipped, if some were; that most were is a failure.
-pub fn tell_skips(skips: &Skips) -> Result<(), Failure> {
-    let Some(summary) = skips.summary() else {
-        return Ok(());
-    };
-    if skips.are_most() {
-        let message = format!("most of the log cannot be used: {summary}");
-        return Err(Failure::new(Failure::DATA, message));
+/// Says on standard error that rows of a log were skipped, if some were; that it is of no use is a failure.
+pub fn tell_skips(log: &Replay) -> Result<(), Failure> {
+    if let Some(why) = log.unusable() {
+        return Err(Failure::new(Failure::DATA, why));
     }
-    tell(summary);
+    if let Some(summary) = log.skips().summary() {
+        tell(summary);
+    }
     Ok(())
 }
 

@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn play(
-    replay: Replay,
+    mut replay: Replay,
     mut pipeline: Pipeline,
     mut lines: JsonLines,
     keep: &mut Keep,
@@ -87,7 +87,7 @@ fn play(
         pipeline.play(event, |action| carry_out(action, lines, keep))
     };
     play(Event::Policy(mode), &mut lines)?;
-    let skips = read_log(replay, |entry, begins_stretch| {
+    read_log(&mut replay, |entry, begins_stretch| {
         if begins_stretch {
             play(Event::NewStretch, &mut lines)?;
             lines.time.begin_stretch();
@@ -97,7 +97,7 @@ fn play(
     })?;
     output(lines.out.flush())?;
     tell_dropped(&pipeline.dropped());
-    tell_skips(&skips)
+    tell_skips(&replay)
 }
 
 /// Carries out the action. Returns the event that the pipeline is to be given next, if one follows.

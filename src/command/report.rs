@@ -10,10 +10,9 @@ use tempfile::tempfile_in;
 
 use super::control::{daemon_status, exchange};
 use super::headings::{DaemonSockets, Headings};
-use super::progress::Progress;
 use super::read_log::{read_log_on, tell_skips};
 use super::runtime::runtime;
-use super::{Failure, OrFail, config_file, number, overwrite, tell, write_out};
+use super::{Failure, OrFail, config_file, number, overwrite, progress, tell, write_out};
 use crate::calibration::model::Calibration;
 use crate::config::Config;
 use crate::config::source::Kind;
@@ -95,13 +94,13 @@ fn may_write(out: &Path) -> Result<(), Failure> {
 }
 
 fn of_log(log: &Path, config: &Config) -> Result<Analysis, Failure> {
-    let replay = Replay::open(log)?;
+    let mut replay = Replay::open(log)?;
     let header = replay.header().clone();
     let mut time = TimeOfDay::new(&header);
     let setup = config.setup(&header.mountings, &config.mounting.board());
     let north = TrueNorth::new(&config.true_north);
     let mut analysis = Analysis::new(log, header, setup, north, None);
-    let skips = read_log_on(replay, |entry, begins_stretch| {
+    read_log_on(&mut replay, |entry, begins_stretch| {
         if begins_stretch {
             analysis.begin_stretch();
             time.begin_stretch();
@@ -109,7 +108,7 @@ fn of_log(log: &Path, config: &Config) -> Result<Analysis, Failure> {
         analysis.take(entry.reading, time.at(entry.reading.t_s));
         Ok(())
     })?;
-    tell_skips(&skips)?;
+    tell_skips(&replay)?;
     Ok(analysis)
 }
 
@@ -126,8 +125,8 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
     // Neither gpsd nor clock says where and when a log was recorded.
     let live = config.source.kind != Some(Kind::Replay);
     let mut gpsd = if live { follower(config)? } else { None };
-    let bar = Progress::with_message();
-    bar.say(format!(
+    let bar = progress::bar(progress::WITH_MESSAGE);
+    bar.set_message(format!(
         "listening for {:.0} s; Ctrl-C gives up",
         args.duration
     ));
@@ -139,7 +138,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
         if passed_s >= args.duration {
             break;
         }
-        bar.set(passed_s / args.duration);
+        bar.set_position(progress::parts(passed_s / args.duration));
         let object = match headings.object_in_time() {
             Ok(Some(object)) => object,
             Ok(None) => continue,

@@ -3,13 +3,13 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
 use super::control::{ControlTarget, daemon_status};
 use super::headings::Headings;
-use super::progress::Progress;
 use super::wording::reason_text;
-use super::{Failure, print, print_json, tell, text};
+use super::{Failure, print, print_json, progress, tell, text};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 
@@ -39,7 +39,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
     tell(text(&started, "message"));
     tell("to give that up: headingd calibration cancel (Ctrl-C ends only the waiting)");
     let mut show = Show {
-        bar: Progress::with_message(),
+        bar: progress::bar(progress::WITH_MESSAGE),
         reason: None,
         share: 0.0,
     };
@@ -94,7 +94,7 @@ fn conclude(outcome: &Value, line: &str, json: bool) -> Result<(), Failure> {
 
 /// What is shown meanwhile.
 struct Show {
-    bar: Progress,
+    bar: ProgressBar,
     reason: Option<String>,
     share: f64,
 }
@@ -108,9 +108,9 @@ impl Show {
             _ => format!("{word}: {}", status.message),
         };
         let share = status.progress.unwrap_or(0.0);
-        if self.bar.is_shown() {
-            self.bar.set(share);
-            self.bar.say(said);
+        if !self.bar.is_hidden() {
+            self.bar.set_position(progress::parts(share));
+            self.bar.set_message(said);
         } else if self.reason != status.reason || (share - self.share).abs() >= STEP {
             (self.reason, self.share) = (status.reason.clone(), share);
             let percent = |share| format!("{:3.0} % of a turn  ", 100.0 * share);

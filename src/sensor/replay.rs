@@ -78,7 +78,10 @@ impl Replay {
     pub fn unusable(&self) -> Option<String> {
         let skips = self.skips();
         if skips.is_empty() {
-            return Some(RecordingError::no_rows(self.name()).to_string());
+            let name = self.name();
+            return Some(format!(
+                "log {name} has no reading: it ends after the line of column names, but rows must follow, one a reading"
+            ));
         }
         let summary = skips.summary()?;
         let most = skips.are_most();
