@@ -2,7 +2,7 @@
 
 use super::analysis::{Analysis, Findings, Judged, Point};
 use super::html::{escaped, verdict};
-use super::plot::{Hue, ReportError};
+use super::plot::ReportError;
 use super::turn::Turned;
 use super::{deviation, field, swarm, timeline};
 use crate::advice::next_step;
@@ -25,10 +25,7 @@ pub fn page(analysis: &Analysis) -> Result<String, ReportError> {
     let title = format!("headingd: {}", escaped(&analysis.source));
     out += "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">";
     out += "<meta name=\"viewport\" content=\"width=device-width\">";
-    out += &format!(
-        "<title>{title}</title><style>{STYLE}{}</style></head><body><main>\n",
-        hues()
-    );
+    out += &format!("<title>{title}</title><style>{STYLE}</style></head><body><main>\n");
     out += &format!("<h1>{title}</h1>\n");
     out += &summary(analysis);
     out += "<h2>Headings</h2>\n";
@@ -324,16 +321,4 @@ fn verdicts(found: &Findings) -> String {
 
 fn figure(svg: &str, caption: &str) -> String {
     format!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n")
-}
-
-/// The colours of the figures, by their codes in the SVG, and of words in the text.
-fn hues() -> String {
-    let mut out = String::new();
-    for (hue, name) in Hue::ALL {
-        let code = hue.code();
-        out += &format!(
-            "[fill=\"{code}\"]{{fill:var(--{name})}}[stroke=\"{code}\"]{{stroke:var(--{name})}}b.{name}{{color:var(--{name})}}"
-        );
-    }
-    out
 }

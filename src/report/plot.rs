@@ -9,7 +9,7 @@ use plotters::style::FontTransform;
 #[error("cannot draw a figure: {0}")]
 pub struct ReportError(String);
 
-/// What a colour is for; the page knows which it is.
+/// What a colour is for. The style sheet says which it is, with the code `#0102nn` for each: `nn` is 01 for the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Hue {
     Ink,
@@ -24,28 +24,9 @@ pub(super) enum Hue {
 }
 
 impl Hue {
-    /// All of them, with their names in the style sheet.
-    pub(super) const ALL: [(Self, &'static str); 9] = [
-        (Self::Ink, "ink"),
-        (Self::Grid, "grid"),
-        (Self::Raw, "raw"),
-        (Self::Corrected, "corrected"),
-        (Self::Other, "other"),
-        (Self::Good, "good"),
-        (Self::Middling, "middling"),
-        (Self::Bad, "bad"),
-        (Self::Quiet, "quiet"),
-    ];
-
     /// The colour that stands for it in the SVG.
     fn rgb(self) -> RGBColor {
         RGBColor(1, 2, 1 + self as u8)
-    }
-
-    /// The same as it is written there.
-    pub(super) fn code(self) -> String {
-        let RGBColor(r, g, b) = self.rgb();
-        format!("#{r:02X}{g:02X}{b:02X}")
     }
 }
 
@@ -222,4 +203,30 @@ fn label(axis: &AxisScale, value: f64, step: f64) -> String {
     }
     let decimals = (-step.log10()).ceil().clamp(0.0, 6.0) as usize;
     format!("{:.decimals$}", value + 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_style_sheet_has_each_hue_by_its_code() {
+        let style = include_str!("style.css");
+        for hue in [
+            Hue::Ink,
+            Hue::Grid,
+            Hue::Raw,
+            Hue::Corrected,
+            Hue::Other,
+            Hue::Good,
+            Hue::Middling,
+            Hue::Bad,
+            Hue::Quiet,
+        ] {
+            let RGBColor(r, g, b) = hue.rgb();
+            let name = format!("{hue:?}").to_lowercase();
+            let rule = format!("[fill=\"#{r:02X}{g:02X}{b:02X}\"]{{fill:var(--{name})}}");
+            assert!(style.contains(&rule), "{rule}");
+        }
+    }
 }
