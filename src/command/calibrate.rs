@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::read_log::{read_log_on, tell_dropped, tell_skips};
 use super::wording::plain_text;
@@ -44,7 +44,7 @@ pub struct Args {
     #[arg(long, value_parser = word::<ModelChoice>(ModelChoice::WORDS))]
     pub model: Option<ModelChoice>,
     /// The plane: from the gyro, or two chip axes, and then no turn is looked for
-    #[arg(long, value_enum, default_value = "gyro")]
+    #[arg(long, default_value = "gyro", value_parser = PossibleValuesParser::new(["gyro", "xy", "xz", "yz"]).map(plane))]
     pub plane: Plane,
     /// The swarm's coefficients: `standard` converges, `paper` is as published
     #[arg(long, value_parser = word::<Profile>(Profile::WORDS))]
@@ -74,33 +74,21 @@ pub struct Args {
     pub json: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Plane {
-    /// Across the axis of the turn, by the gyro
-    Gyro,
-    /// Chip axes X and Y
-    Xy,
-    /// Chip axes X and Z
-    Xz,
-    /// Chip axes Y and Z
-    Yz,
-}
+/// The chip axes that span it; none where the gyro tells. (An alias, since clap takes an `Option` for one that may be left out.)
+pub type Plane = Option<[usize; 2]>;
 
-impl Plane {
-    /// The chip axes that span it, if it is named.
-    fn axes(self) -> Option<[usize; 2]> {
-        match self {
-            Self::Gyro => None,
-            Self::Xy => Some([0, 1]),
-            Self::Xz => Some([0, 2]),
-            Self::Yz => Some([1, 2]),
-        }
+fn plane(word: String) -> Plane {
+    match word.as_str() {
+        "xy" => Some([0, 1]),
+        "xz" => Some([0, 2]),
+        "yz" => Some([1, 2]),
+        _ => None,
     }
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let config = settings(args)?;
-    if args.plane != Plane::Gyro && config.calibration.mode == ModeChoice::Spatial {
+    if args.plane.is_some() && config.calibration.mode == ModeChoice::Spatial {
         return Err(Failure::new(
             Failure::USAGE,
             "a plane is named, but the mode is spatial: leave out --plane, or set another --mode",
@@ -160,7 +148,7 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     let header = replay.header();
     let identity = Identity::new(header.sensor_name(), header.mountings.mag);
     let setup = config.setup(&header.mountings, &config.mounting.board());
-    let mut survey = Survey::new(setup, args.plane.axes());
+    let mut survey = Survey::new(setup, args.plane);
     read_log_on(&mut replay, |entry, begins_stretch| {
         survey.take(&entry.reading, begins_stretch);
         Ok(())
@@ -176,7 +164,7 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     let (request, learnt) = match survey.conclude() {
         Surveyed::Request(request, learnt) => (request, learnt),
         Surveyed::Learnt(outcome) => {
-            return Ok((identity, because_empty(*outcome, empty_axis, args.plane)));
+            return Ok((identity, because_empty(*outcome, empty_axis)));
         }
         Surveyed::NoPlane => {
             let message = format!(
@@ -204,11 +192,11 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
         }
         _ => outcome,
     };
-    Ok((identity, because_empty(outcome, empty_axis, args.plane)))
+    Ok((identity, because_empty(outcome, empty_axis)))
 }
 
 /// The outcome; one that was rejected names the empty axis as its reason, if there is one. Other faults show once that is mended.
-fn because_empty(outcome: Outcome, empty_axis: Option<EmptyAxis>, plane: Plane) -> Outcome {
+fn because_empty(outcome: Outcome, empty_axis: Option<EmptyAxis>) -> Outcome {
     let Some(empty) = empty_axis.filter(|_| outcome.verdict == Verdict::Rejected) else {
         return outcome;
     };
@@ -218,28 +206,18 @@ fn because_empty(outcome: Outcome, empty_axis: Option<EmptyAxis>, plane: Plane) 
         samples,
     } = empty;
     let name = ["X", "Y", "Z"][axis];
-    let (reason, why) = match plane {
-        _ if empty < samples => (
-            "stuck_axis",
-            ", or at the end of its range: choose a larger range, or move away from the magnet"
-                .to_owned(),
-        ),
-        Plane::Gyro => {
-            let others = ["yz", "xz", "xy"][axis];
-            (
-                "no_plane",
-                format!(
-                    ": name the plane of the other two with --plane {others}, without --mode spatial"
-                ),
-            )
-        }
-        _ => (
-            "no_plane",
-            ": name a plane whose two axes have numbers".to_owned(),
-        ),
+    let message = format!("chip axis {name} is empty in {empty} of {samples} samples");
+    let refusal = if empty < samples {
+        let remedy = "choose a larger range, or move away from the magnet";
+        let message = format!("{message}, or at the end of its range: {remedy}");
+        Refusal::new("stuck_axis", message)
+    } else {
+        let others = ["yz", "xz", "xy"][axis];
+        let remedy = format!("--plane {others}, without --mode spatial");
+        let message = format!("{message}: name a plane whose two axes have numbers: {remedy}");
+        Refusal::new("no_plane", message)
     };
-    let message = format!("chip axis {name} is empty in {empty} of {samples} samples{why}");
-    outcome.refused(Refusal::new(reason, message))
+    outcome.refused(refusal)
 }
 
 /// What the motion did not show, in words.
