@@ -97,7 +97,6 @@ async fn demo(args: &Args) -> Result<(), Failure> {
     let (ended, watched) = tokio::join!(daemon.run_until(told), watched);
     ended?;
     if let Some(signal) = caught {
-        print(timeline.end_of_line())?;
         // As a shell has it.
         let status = u8::try_from(128 + signal.as_raw_value()).unwrap_or(Failure::SYSTEM);
         return Err(Failure::new(status, "stopped; nothing is left behind"));

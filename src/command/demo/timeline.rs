@@ -1,7 +1,6 @@
 //! What a person sees of the demo, made from what its client reads.
 
 use std::fmt;
-use std::io::{self, IsTerminal};
 
 use serde_json::Value;
 
@@ -13,10 +12,10 @@ use crate::sensor::simulator::{self, Simulator};
 
 /// Headings further from the truth than this, RMS, are not what was promised.
 const PROMISED_DEG: f64 = 1.0;
-/// On a terminal the last line is rewritten this often, on the board's clock; elsewhere it is a line each
-/// time that the second number has passed.
-const REWRITE_S: f64 = 0.2;
+/// From one line on headings to the next, on the board's clock.
 const NEXT_LINE_S: f64 = 5.0;
+/// From one line on a turn's progress to the next, in turns.
+const STEP: f64 = 0.25;
 /// The socket tells time to the microsecond.
 const SAME_S: f64 = 1e-6;
 /// Lines that go on begin below the text of the first.
@@ -26,9 +25,6 @@ pub(super) struct Timeline {
     /// What the board that the daemon reads does, once more.
     simulator: Simulator,
     basic_iterations: usize,
-    terminal: bool,
-    /// The last line on the terminal is one that will be rewritten.
-    rewriting: bool,
     now_s: f64,
     shown_s: f64,
     shown_progress: f64,
@@ -45,8 +41,6 @@ impl Timeline {
         Self {
             simulator,
             basic_iterations: config.calibration.max_iterations,
-            terminal: io::stdout().is_terminal(),
-            rewriting: false,
             now_s: 0.0,
             shown_s: 0.0,
             shown_progress: 0.0,
@@ -85,12 +79,7 @@ impl Timeline {
         };
         self.raw_after.add(raw, truth_deg);
         self.published.add(Some(heading_deg), truth_deg);
-        let pause_s = if self.terminal {
-            REWRITE_S
-        } else {
-            NEXT_LINE_S
-        };
-        if self.now_s < self.shown_s + pause_s {
+        if self.now_s < self.shown_s + NEXT_LINE_S {
             return String::new();
         }
         self.shown_s = self.now_s;
@@ -98,7 +87,7 @@ impl Timeline {
         let raw = raw.map_or(String::new(), |raw| {
             format!(", raw {:5.1}°", to_tenths(raw))
         });
-        self.passing(&format!(
+        self.line(&format!(
             "heading {heading_deg:5.1}°, truth {truth_deg:5.1}°{raw}, {}",
             self.state
         ))
@@ -122,7 +111,6 @@ impl Timeline {
                 self.line("at rest and uncalibrated: no heading is published, only the raw one")
             }
             ("turning", Some(progress)) => {
-                let step = if self.terminal { 0.0 } else { 0.25 };
                 if changed {
                     self.shown_progress = 0.0;
                     let raw = self.raw_before;
@@ -130,12 +118,12 @@ impl Timeline {
                         "the board turns; up to now the raw heading was off by {raw}"
                     ));
                 }
-                if progress < self.shown_progress + step {
+                if progress < self.shown_progress + STEP {
                     return String::new();
                 }
                 self.shown_progress = progress;
                 let percent = 100.0 * progress;
-                self.passing(&format!("turning {} {percent:3.0} %", bar(progress)))
+                self.line(&format!("turning {} {percent:3.0} %", bar(progress)))
             }
             ("fault", _) => self.line(&format!("fault: {}", text(state, "message"))),
             _ => String::new(),
@@ -175,7 +163,7 @@ impl Timeline {
         shown
     }
 
-    pub(super) fn closing(&mut self) -> String {
+    pub(super) fn closing(&self) -> String {
         let mut shown = self.line(&format!(
             "the end. {} headings were published; they were off by",
             self.published.count
@@ -202,33 +190,9 @@ impl Timeline {
         }
     }
 
-    /// Ends a line that was to be rewritten.
-    pub(super) fn end_of_line(&mut self) -> &'static str {
-        if std::mem::take(&mut self.rewriting) {
-            "\n"
-        } else {
-            ""
-        }
-    }
-
-    /// A line that stays.
-    fn line(&mut self, line: &str) -> String {
-        let before = if std::mem::take(&mut self.rewriting) {
-            "\r\x1b[K"
-        } else {
-            ""
-        };
-        format!("{before}{:6.1} s   {line}\n", self.now_s)
-    }
-
-    /// A line that the next one replaces, on a terminal.
-    fn passing(&mut self, line: &str) -> String {
-        if self.terminal {
-            self.rewriting = true;
-            format!("\r\x1b[K{:6.1} s   {line}", self.now_s)
-        } else {
-            self.line(line)
-        }
+    /// A line with the time before it.
+    fn line(&self, line: &str) -> String {
+        format!("{:6.1} s   {line}\n", self.now_s)
     }
 }
 
