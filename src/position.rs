@@ -115,43 +115,15 @@ impl Drop for Follower {
     }
 }
 
-/// Why there is no connection, or none any more.
-#[derive(Debug, thiserror::Error)]
-enum Lost {
-    #[error(transparent)]
-    Broken(#[from] io::Error),
-    #[error("it has not taken the connection for {} s", CONNECT_PATIENCE.as_secs())]
-    Busy,
-    #[error("it has closed the connection")]
-    Closed,
-    #[error("it has sent nothing for {} s", SILENCE.as_secs())]
-    Silent,
-}
-
-/// What was told since the last position, each once: a gpsd may be away for months.
-#[derive(Default)]
-struct Told {
-    connected: bool,
-    lost: bool,
-    silent: bool,
-    /// This connection has given a position.
-    position: bool,
-}
-
 /// Reads and reconnects for ever; dropping the `Follower` aborts it.
 async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
     let mut pause = PAUSES.0;
-    let mut told = Told::default();
+    // A gpsd may be away for months: a loss is told once, and then nothing until a position comes.
+    let mut told = false;
     loop {
         let Err(lost) = read(&gpsd, &fixes, &mut told).await;
-        if std::mem::take(&mut told.position) {
+        if !std::mem::replace(&mut told, true) {
             pause = PAUSES.0;
-        }
-        let told_before = match lost {
-            Lost::Silent => &mut told.silent,
-            _ => &mut told.lost,
-        };
-        if !std::mem::replace(told_before, true) {
             if fixes.borrow().is_some() {
                 tracing::warn!(
                     "lost the gpsd at {gpsd}, will try again; its last position stays in use: {lost}"
@@ -169,17 +141,16 @@ async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
 async fn read(
     gpsd: &Gpsd,
     fixes: &watch::Sender<Option<GpsFix>>,
-    told: &mut Told,
-) -> Result<Infallible, Lost> {
-    let busy = |_| Lost::Busy;
+    told: &mut bool,
+) -> io::Result<Infallible> {
     match gpsd {
         Gpsd::Tcp(address) => {
             let stream = timeout(CONNECT_PATIENCE, TcpStream::connect(address));
-            read_from(stream.await.map_err(busy)??, gpsd, fixes, told).await
+            read_from(stream.await??, gpsd, fixes, told).await
         }
         Gpsd::Unix(path) => {
             let stream = timeout(CONNECT_PATIENCE, UnixStream::connect(path));
-            read_from(stream.await.map_err(busy)??, gpsd, fixes, told).await
+            read_from(stream.await??, gpsd, fixes, told).await
         }
     }
 }
@@ -188,34 +159,31 @@ async fn read_from(
     mut stream: impl AsyncRead + AsyncWrite + Unpin,
     gpsd: &Gpsd,
     fixes: &watch::Sender<Option<GpsFix>>,
-    told: &mut Told,
-) -> Result<Infallible, Lost> {
-    let sent = timeout(CONNECT_PATIENCE, stream.write_all(WATCH));
-    sent.await.map_err(|_| Lost::Busy)??;
-    if !std::mem::replace(&mut told.connected, true) {
+    told: &mut bool,
+) -> io::Result<Infallible> {
+    timeout(CONNECT_PATIENCE, stream.write_all(WATCH)).await??;
+    if !*told {
         tracing::info!("connected to the gpsd at {gpsd}: waiting for a position");
     }
     let mut reader = BufReader::new(stream);
     let mut line = Vec::new();
+    let mut has_position = false;
     // Of a line that is too long nothing is used, up to its end.
     let mut too_long = false;
     loop {
         line.clear();
         let mut limited = (&mut reader).take(LONGEST as u64);
         let read = timeout(SILENCE, limited.read_until(b'\n', &mut line));
-        if read.await.map_err(|_| Lost::Silent)?? == 0 {
-            return Err(Lost::Closed);
+        if read.await?? == 0 {
+            return Err(io::Error::other("it has closed the connection"));
         }
         let whole = line.ends_with(b"\n");
-        if !std::mem::replace(&mut too_long, !whole) && whole {
-            let Some((position, since_1970)) = tpv::read(&line) else {
-                continue;
-            };
-            if !told.position {
-                *told = Told {
-                    position: true,
-                    ..Told::default()
-                };
+        if !std::mem::replace(&mut too_long, !whole)
+            && whole
+            && let Some((position, since_1970)) = tpv::read(&line)
+        {
+            if !std::mem::replace(&mut has_position, true) {
+                *told = false;
                 tracing::info!(
                     latitude_deg = position.latitude_deg,
                     longitude_deg = position.longitude_deg,
@@ -259,12 +227,7 @@ mod tests {
     async fn each_connection_that_gives_a_position_is_known_for_it() {
         let gpsd = Gpsd::Unix("/s".into());
         let (sender, _fixes) = watch::channel(None);
-        let mut told = Told {
-            lost: true,
-            silent: true,
-            ..Told::default()
-        };
-        for (text, gave) in [
+        for (text, gives) in [
             ("{\"class\":\"VERSION\"}\n", false),
             (
                 "{\"class\":\"TPV\",\"mode\":2,\"lat\":51.5,\"lon\":-0.1}\n",
@@ -280,11 +243,10 @@ mod tests {
             let (stream, mut other) = tokio::io::duplex(1024);
             other.write_all(text.as_bytes()).await.unwrap();
             other.shutdown().await.unwrap();
+            let mut told = true;
             let Err(lost) = read_from(stream, &gpsd, &sender, &mut told).await;
             assert_eq!(lost.to_string(), "it has closed the connection");
-            let waits = sender.borrow().is_none();
-            assert_eq!((told.lost, told.silent), (waits, waits));
-            assert_eq!(std::mem::take(&mut told.position), gave, "{text}");
+            assert_eq!(told, !gives, "{text}");
         }
     }
 
