@@ -19,26 +19,9 @@ const END: Duration = Duration::from_millis(253_402_300_799_999);
 pub fn rfc3339(since_1970: Duration) -> String {
     let since_1970 = since_1970.min(END);
     let date = date(since_1970);
-    let seconds = since_1970.as_secs();
+    let (seconds, milliseconds) = (since_1970.as_secs(), since_1970.subsec_millis());
     let (hour, minute, second) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
-    // Digit by digit, since every heading has one: `format!` was nine tenths of the instructions of all this.
-    let mut text = *b"0000-00-00T00:00:00.000Z";
-    let parts = [
-        (0..4, u64::from(date.year().unsigned_abs())),
-        (5..7, u64::from(u8::from(date.month()))),
-        (8..10, u64::from(date.day())),
-        (11..13, hour),
-        (14..16, minute),
-        (17..19, second),
-        (20..23, u64::from(since_1970.subsec_millis())),
-    ];
-    for (place, mut number) in parts {
-        for digit in text[place].iter_mut().rev() {
-            *digit = b'0' + (number % 10) as u8;
-            number /= 10;
-        }
-    }
-    text.into_iter().map(char::from).collect()
+    format!("{date}T{hour:02}:{minute:02}:{second:02}.{milliseconds:03}Z")
 }
 
 /// The moment that a text in RFC 3339 names; `None` if it is none, or is before 1970.
