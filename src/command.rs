@@ -104,12 +104,6 @@ fn number(
     }
 }
 
-/// Reads an option that is a seed.
-fn seed(text: &str) -> Result<u64, String> {
-    let right = "must be an integer, 0 or more, without a point or an exponent: 1000000000";
-    text.parse().map_err(|_| right.to_owned())
-}
-
 /// Reads an option whose words are those of the configuration.
 fn word<T>(words: &'static [&'static str]) -> impl TypedValueParser<Value = T>
 where

@@ -67,16 +67,7 @@ pub struct TrueNorth {
     field_is_new: bool,
     /// Kind of the last warning.
     told: Option<&'static str>,
-    news: Option<NorthNews>,
-}
-
-/// What the user should know.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct NorthNews {
-    /// Else there is nothing to warn of any more.
-    pub is_warning: bool,
-    /// The message.
-    pub text: String,
+    news: Option<String>,
 }
 
 impl TrueNorth {
@@ -125,10 +116,7 @@ impl TrueNorth {
                 None => "true headings again",
                 Some(_) => "far enough from the magnetic pole again",
             };
-            self.news = Some(NorthNews {
-                is_warning: kind.is_some(),
-                text: text.unwrap_or_else(|| again.to_owned()),
-            });
+            self.news = Some(text.unwrap_or_else(|| again.to_owned()));
         }
         self.told = kind;
         self.asked = Some(asked);
@@ -148,7 +136,7 @@ impl TrueNorth {
     }
 
     /// What the user should know since the last answer, once.
-    pub fn news(&mut self) -> Option<NorthNews> {
+    pub fn news(&mut self) -> Option<String> {
         self.news.take()
     }
 }
@@ -264,18 +252,11 @@ mod tests {
             assert_eq!(north.declination_deg(None), None);
         }
         let told = north.news().unwrap();
-        assert!(
-            told.is_warning && told.text.contains("the date is not known"),
-            "{told:?}"
-        );
+        assert!(told.contains("the date is not known"), "{told}");
         assert_eq!(north.news(), None);
         // Then the clock is set.
         assert!(north.declination_deg(day("2029-12-30")).is_some());
-        let again = NorthNews {
-            is_warning: false,
-            text: "true headings again".to_owned(),
-        };
-        assert_eq!(north.news(), Some(again));
+        assert_eq!(north.news().unwrap(), "true headings again");
         assert!(north.declination_deg(day("2029-12-31")).is_some());
         assert_eq!(north.news(), None);
         for date in ["2030-01-01", "2030-01-02"] {
@@ -291,7 +272,7 @@ mod tests {
         let mut north = TrueNorth::new(&at_the_pole);
         for (date, part) in [(None, "the date is not"), (day("2026-11-21"), "no compass")] {
             assert_eq!(north.declination_deg(date), None);
-            assert!(north.news().unwrap().text.contains(part));
+            assert!(north.news().unwrap().contains(part));
         }
     }
 

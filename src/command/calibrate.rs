@@ -8,8 +8,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use super::read_log::{read_log_on, tell_dropped, tell_skips};
 use super::wording::plain_text;
 use super::{
-    Failure, config_file, number, overwrite, print, print_json, seed, tell, word,
-    write_calibrations,
+    Failure, config_file, number, overwrite, print, print_json, tell, word, write_calibrations,
 };
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
@@ -60,7 +59,7 @@ pub struct Args {
     #[arg(long, value_name = "N", value_parser = number("a number of milligauss", 10.0..=1000.0))]
     pub reference_mgauss: Option<f64>,
     /// Seed of the swarm
-    #[arg(long, value_name = "N", value_parser = seed)]
+    #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// Configuration, for everything that has no option here [default: $HEADINGD_CONFIG, else /etc/headingd/headingd.toml, if there is one]
     #[arg(long, value_name = "FILE")]

@@ -92,7 +92,7 @@ fn warnings(config: &Config) -> Vec<String> {
 fn unreliable_declination(config: &Config) -> Option<String> {
     let mut north = TrueNorth::new(&config.true_north);
     north.declination_deg(wall_clock::now());
-    north.news().map(|news| news.text)
+    north.news()
 }
 
 /// Warns of a log that cannot be replayed.

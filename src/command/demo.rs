@@ -10,7 +10,7 @@ use tokio::net::UnixStream;
 use tokio::sync::Notify;
 
 use super::runtime::{ENDS, Signals, runtime};
-use super::{Failure, OrFail, number, print, seed};
+use super::{Failure, OrFail, number, print};
 use crate::config::{Config, source};
 use crate::daemon::Daemon;
 use crate::logging::Log;
@@ -40,7 +40,7 @@ pub struct Args {
     pub speed: f64,
 
     /// Number that fixes all noise
-    #[arg(long, value_name = "N", value_parser = seed, default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
 
     /// Where to put the socket; by default into a temporary folder

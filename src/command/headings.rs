@@ -14,7 +14,7 @@ use crate::config::Config;
 /// No message is longer, bytes: that of a board with all its remarks is the longest.
 const LONGEST: u64 = 1 << 20;
 
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug, Default, clap::Args)]
 pub struct HeadingTarget {
     /// The daemon's socket for headings; without it, that of the configuration
     #[arg(long, value_name = "PATH", conflicts_with = "config")]

@@ -50,7 +50,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     if env::var_os("TERM").is_some_and(|term| term == "dumb") {
         tell("TERM=dumb has no screen to draw on: headings come as headingd watch prints them");
-        return watch::run(&watch::Args::text(args.target.clone()));
+        return watch::run(&watch::Args {
+            target: args.target.clone(),
+            ..watch::Args::default()
+        });
     }
     let sockets = args.target.sockets()?;
     let feeds = Feeds::open(&sockets)?;

@@ -4,7 +4,7 @@ use std::io::{self, BufWriter, StdoutLock, Write};
 use std::path::{Path, PathBuf};
 
 use super::read_log::{read_log, tell_dropped, tell_skips};
-use super::{Failure, config_file, output, seed, tell};
+use super::{Failure, config_file, output, tell};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
@@ -35,7 +35,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Seed of the swarm, in place of the configuration's
-    #[arg(long, value_name = "N", value_parser = seed)]
+    #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// Start with this calibration (`headingd calibrate --out` writes one)
     #[arg(long, value_name = "FILE")]
@@ -164,7 +164,7 @@ impl JsonLines {
         gpsd::att_into(&mut self.line, device, &heading, time, 0);
         self.line.push('\n');
         output(self.out.write_all(self.line.as_bytes()))?;
-        Ok(self.true_north.news().map(|news| news.text))
+        Ok(self.true_north.news())
     }
 
     fn write(&mut self, line: &str) -> Result<(), Failure> {

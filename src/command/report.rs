@@ -70,8 +70,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Some(log) => of_log(log, &config)?,
         None => of_daemon(args, &config)?,
     };
-    let page = page(&analysis).map_err(|error| Failure::new(Failure::DATA, error))?;
-    write_out(&args.out, page.as_bytes())
+    write_out(&args.out, page(&analysis).as_bytes())
 }
 
 /// Refuses a page that could not be written in the end, after a day of listening perhaps.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::check::{Check, Fault};
-use crate::command::{Failure, OrFail, seed, word, write_out};
+use crate::command::{Failure, OrFail, word, write_out};
 use crate::recording::written;
 use crate::sensor::simulator::{Scenario, Settings, Simulator};
 
@@ -25,7 +25,7 @@ pub struct Args {
     pub scenario: Scenario,
 
     /// Number that fixes all noise; another one gives another log of the same motion
-    #[arg(long, value_name = "N", value_parser = seed, default_value_t = Settings::default().seed)]
+    #[arg(long, value_name = "N", default_value_t = Settings::default().seed)]
     pub seed: u64,
 
     /// Turns about the vertical, -100 to 100; negative is counter-clockwise. Not used by "free"
@@ -57,16 +57,6 @@ pub struct Args {
     pub no_accel: bool,
 }
 
-/// Faults as the user wrote them: `--noise-mgauss`, not `noise_mgauss`.
-fn options(faults: &[Fault]) -> String {
-    let as_options = faults.iter().map(|fault| {
-        let key = format!("--{}", fault.key.replace('_', "-"));
-        let fault = fault.clone();
-        Fault { key, ..fault }.to_string()
-    });
-    as_options.collect::<Vec<_>>().join("; ")
-}
-
 fn three(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
     numbers
@@ -88,9 +78,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         with_accel: !args.no_accel,
         ..Settings::default()
     };
-    let faults = settings.check();
+    let faults: Vec<String> = settings.check().iter().map(Fault::to_string).collect();
     if !faults.is_empty() {
-        let message = format!("cannot simulate: {}", options(&faults));
+        let message = format!("cannot simulate: {}", faults.join("; "));
         return Err(Failure::new(Failure::USAGE, message));
     }
     let simulator = Simulator::new(settings);
@@ -165,7 +155,7 @@ mod tests {
         let error = run(&args(out, &["--spikes", "0.9"]).unwrap()).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "cannot simulate: --spikes is 0.9, but must be from 0 to 0.5"
+            "cannot simulate: spikes is 0.9, but must be from 0 to 0.5"
         );
     }
 

@@ -16,7 +16,7 @@ const TEXT_RATE_HZ: f64 = 1.0;
 /// As text: time, heading with its uncertainty (one standard deviation), and the condition. A line of its own says why
 /// there is no heading, and what to do. --json prints the daemon's own objects, one a line: headings (ATT) and changes
 /// of condition (STATE). --nmea prints NMEA 0183.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug, Default, clap::Args)]
 #[command(after_help = "Example: headingd watch --json | jq .mheading")]
 pub struct Args {
     #[command(flatten)]
@@ -36,17 +36,6 @@ pub struct Args {
 }
 
 impl Args {
-    /// All headings of this daemon as text.
-    pub fn text(target: HeadingTarget) -> Self {
-        Self {
-            target,
-            json: false,
-            nmea: false,
-            rate: None,
-            count: None,
-        }
-    }
-
     fn watch(&self) -> Value {
         let mut watch =
             json!({ "enable": true, "json": !self.nmea, "nmea": self.nmea, "state": !self.nmea });

@@ -49,11 +49,7 @@ impl North {
         let since_1970 = since_1970.or_else(|| self.follower.as_ref()?.now());
         let declination_deg = self.true_north.declination_deg(since_1970);
         if let Some(news) = self.true_north.news() {
-            if news.is_warning {
-                tracing::warn!("{}", news.text);
-            } else {
-                tracing::info!("{}", news.text);
-            }
+            tracing::warn!("{news}");
         }
         declination_deg
     }

@@ -183,7 +183,7 @@ impl Findings {
             Action::Publish(mut heading) => {
                 self.declination_deg = self.north.declination_deg(self.since_1970);
                 if let Some(news) = self.north.news() {
-                    self.warn(news.text);
+                    self.warn(news);
                 }
                 heading.declination_deg = self.declination_deg;
                 let heading_deg = heading.magnetic_deg();

@@ -1,7 +1,7 @@
 //! The field against the gyro, and the deviation by heading, before and after, as a compass adjuster's card has it.
 
 use super::field::{MOST, mean};
-use super::plot::{AxisScale, Chart, Hue, ReportError, Series};
+use super::plot::{AxisScale, Chart, Hue, Series};
 use super::thin::some;
 use super::turn::{Headings3, Turned};
 use crate::frame::{wrap_360, wrap_pi};
@@ -50,7 +50,7 @@ pub(super) fn held(turned: &Turned) -> Vec<Held> {
 }
 
 /// The corrected field against the gyro, over time.
-pub(super) fn against_gyro(held: &[Held]) -> Result<String, ReportError> {
+pub(super) fn against_gyro(held: &[Held]) -> String {
     let some = some(held, MOST);
     let points = some.iter().map(|it| (it.t_s, it.after_deg));
     let series = vec![Series::dots(Hue::Corrected, points)];
@@ -63,7 +63,7 @@ pub(super) fn against_gyro(held: &[Held]) -> Result<String, ReportError> {
 }
 
 /// The deviation by heading, before and after.
-pub(super) fn by_heading(held: &[Held]) -> Result<String, ReportError> {
+pub(super) fn by_heading(held: &[Held]) -> String {
     let some = some(held, MOST);
     let dots = |hue, of: fn(&Held) -> f64| {
         Series::dots(hue, some.iter().map(|it| (it.heading_deg, of(it))))

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 
 use super::analysis::Judged;
-use super::plot::{AxisScale, Band, Chart, Hue, ReportError, Series};
+use super::plot::{AxisScale, Band, Chart, Hue, Series};
 use super::thin::some;
 use super::turn::{Seen, Turned};
 
@@ -16,7 +16,7 @@ pub(super) const MOST: usize = 700;
 const CIRCLE: u32 = 120;
 
 /// Raw and corrected field, a figure for each pair of axes (the paper's Figure 6c).
-pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
+pub(super) fn circles(turned: &Turned) -> String {
     let pairs: &[[usize; 2]] = if turned.axes.len() == 2 {
         &[[0, 1]]
     } else {
@@ -41,13 +41,13 @@ pub(super) fn circles(turned: &Turned) -> Result<String, ReportError> {
             dots(Hue::Corrected, |seen| &seen.corrected_mgauss),
         ];
         let names = [*a, *b].map(|axis| format!("{}, milligauss", turned.axes[axis]));
-        svg += &Chart::square([&names[0], &names[1]], series).svg()?;
+        svg += &Chart::square([&names[0], &names[1]], series).svg();
     }
-    Ok(svg)
+    svg
 }
 
 /// Strength of the field before and after (Figure 6b).
-pub(super) fn strength(turned: &Turned) -> Result<String, ReportError> {
+pub(super) fn strength(turned: &Turned) -> String {
     let samples = some(&turned.samples, MOST);
     let line = |hue, of: fn(&Seen) -> &Vector3<f64>| {
         Series::line(hue, samples.iter().map(|seen| (seen.t_s, of(seen).norm())))
@@ -62,7 +62,7 @@ pub(super) fn strength(turned: &Turned) -> Result<String, ReportError> {
 }
 
 /// The raw signals, and the window in them that RIST chose (Figure 3).
-pub(super) fn window(judged: &Judged) -> Result<String, ReportError> {
+pub(super) fn window(judged: &Judged) -> String {
     let samples = some(&judged.request.samples, MOST);
     let line = |axis: usize, hue| {
         let points = samples.iter();

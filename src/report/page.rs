@@ -2,7 +2,6 @@
 
 use super::analysis::{Analysis, Findings, Judged, Point};
 use super::html::{escaped, verdict};
-use super::plot::ReportError;
 use super::turn::Turned;
 use super::{deviation, field, swarm, timeline};
 use crate::advice::next_step;
@@ -19,7 +18,7 @@ const STYLE: &str = include_str!("style.css");
 const NO_TURN: &str = "<h2>Calibration by a full turn</h2>\n\
                        <p>The board made no full turn that was calibrated on.</p>\n";
 
-pub fn page(analysis: &Analysis) -> Result<String, ReportError> {
+pub fn page(analysis: &Analysis) -> String {
     let found = &analysis.found;
     let mut out = String::with_capacity(1 << 18);
     let title = format!("headingd: {}", escaped(&analysis.source));
@@ -36,18 +35,18 @@ pub fn page(analysis: &Analysis) -> Result<String, ReportError> {
         None => "",
     };
     out += &figure(
-        &timeline::headings(found)?,
+        &timeline::headings(found),
         &format!(
             "Magnetic heading: <b class=raw>raw</b>, and <b class=corrected>published</b>{from_true_north}. {bands}"
         ),
     );
     out += &figure(
-        &timeline::uncertainty(found)?,
+        &timeline::uncertainty(found),
         "Uncertainty of the published heading, one standard deviation.",
     );
     out += &conditions(found);
     match &found.turn {
-        Some(judged) => out += &turn(judged)?,
+        Some(judged) => out += &turn(judged),
         None => out += NO_TURN,
     }
     out += &motion(analysis);
@@ -56,7 +55,7 @@ pub fn page(analysis: &Analysis) -> Result<String, ReportError> {
         "<footer>headingd {}</footer>\n</main></body></html>\n",
         env!("CARGO_PKG_VERSION")
     );
-    Ok(out)
+    out
 }
 
 /// What comes first: how it ended.
@@ -170,7 +169,7 @@ fn conditions(found: &Findings) -> String {
 }
 
 /// Everything about the turn that was judged.
-fn turn(judged: &Judged) -> Result<String, ReportError> {
+fn turn(judged: &Judged) -> String {
     let outcome = &judged.outcome;
     let mut out = verdict("Calibration by a full turn", outcome);
     if let Some(measures) = &outcome.measures {
@@ -178,14 +177,14 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
     }
     let Some(turned) = Turned::of(judged) else {
         out += "<p>Nothing was fitted, so that there is nothing to draw.</p>\n";
-        return Ok(out);
+        return out;
     };
     let is_rejected = judged.is_rejected();
     if is_rejected {
         out += "<p>Below, the field is corrected by the turn's own fit, which was rejected: no heading is.</p>\n";
     }
     out += &figure(
-        &field::circles(&turned)?,
+        &field::circles(&turned),
         "Field of the turn: <b class=raw>raw</b>, and <b class=corrected>corrected</b>, on a circle about the origin of the corrected field's mean strength.",
     );
     let what = match outcome.mode {
@@ -193,27 +192,27 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
         _ => "in space",
     };
     out += &figure(
-        &field::strength(&turned)?,
+        &field::strength(&turned),
         &format!(
             "Strength of the field {what}: <b class=raw>raw</b>, and <b class=corrected>corrected</b>."
         ),
     );
     out += &figure(
-        &field::window(judged)?,
+        &field::window(judged),
         "Raw field along the chip's axes <b class=raw>X</b>, <b class=corrected>Y</b> and <b class=other>Z</b>, and the <b class=good>windows</b> that RIST chose for the swarm.",
     );
-    out += &swarms(judged)?;
+    out += &swarms(judged);
     let held = deviation::held(&turned);
     if held.is_empty() {
         out += "<p>The gyro did not follow the turn, so that there is nothing to hold the field against.</p>\n";
-        return Ok(out);
+        return out;
     }
     out += &figure(
-        &deviation::against_gyro(&held)?,
+        &deviation::against_gyro(&held),
         "Corrected heading less the heading by the gyro.",
     );
     out += &figure(
-        &deviation::by_heading(&held)?,
+        &deviation::by_heading(&held),
         "Deviation by heading: <b class=raw>before</b>, and <b class=corrected>after</b>.",
     );
     let after = if is_rejected {
@@ -222,7 +221,7 @@ fn turn(judged: &Judged) -> Result<String, ReportError> {
         "after"
     };
     out += &card(&held, after);
-    Ok(out)
+    out
 }
 
 /// What motion has taught where no full turn has calibrated.
@@ -233,7 +232,7 @@ fn motion(analysis: &Analysis) -> String {
     verdict("Calibration by motion", &outcome) + &limits(&held_to)
 }
 
-fn swarms(judged: &Judged) -> Result<String, ReportError> {
+fn swarms(judged: &Judged) -> String {
     let samples = &judged.outcome.samples;
     let [basic, mpsot] = [StopChoice::Basic, StopChoice::Mpsot].map(|stop| swarm::of(judged, stop));
     let iterations = |swarm: &Option<SwarmReport>| match swarm {
@@ -241,7 +240,7 @@ fn swarms(judged: &Judged) -> Result<String, ReportError> {
         None => "none".to_owned(),
     };
     let mut out = figure(
-        &swarm::fitness(basic.as_ref(), mpsot.as_ref())?,
+        &swarm::fitness(basic.as_ref(), mpsot.as_ref()),
         &format!(
             "Fitness of the global best of the paper's swarm by iteration: <b class=raw>basic</b>, {} iterations, and stopped by <b class=corrected>MPSOT</b>, {}.",
             iterations(&basic),
@@ -260,7 +259,7 @@ fn swarms(judged: &Judged) -> Result<String, ReportError> {
             count as f64 / most
         );
     }
-    Ok(out + "</table>\n")
+    out + "</table>\n"
 }
 
 fn limits(limits: &[Limit]) -> String {

@@ -1,7 +1,7 @@
 //! The paper's swarm on the turn, by itself and stopped by MPSOT: how its fitness falls.
 
 use super::analysis::Judged;
-use super::plot::{AxisScale, Chart, Hue, ReportError, Series};
+use super::plot::{AxisScale, Chart, Hue, Series};
 use super::thin::some;
 use crate::calibration::calibrate;
 use crate::calibration::outcome::SwarmReport;
@@ -19,10 +19,7 @@ pub(super) fn of(judged: &Judged, stop: StopChoice) -> Option<SwarmReport> {
 }
 
 /// Fitness by iteration (Figures 8 and 10).
-pub(super) fn fitness(
-    basic: Option<&SwarmReport>,
-    mpsot: Option<&SwarmReport>,
-) -> Result<String, ReportError> {
+pub(super) fn fitness(basic: Option<&SwarmReport>, mpsot: Option<&SwarmReport>) -> String {
     let line = |swarm: Option<&SwarmReport>, hue| {
         let fitness = swarm.map_or(&[][..], |swarm| &swarm.fitness);
         // Iterations are counted from 1, and both axes go by powers of ten.

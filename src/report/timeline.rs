@@ -1,7 +1,7 @@
 //! Heading and uncertainty over time, on bands of the daemon's condition.
 
 use super::analysis::{Findings, Point};
-use super::plot::{AxisScale, Band, Chart, Hue, ReportError, Series};
+use super::plot::{AxisScale, Band, Chart, Hue, Series};
 use super::thin::some;
 use crate::condition::Condition;
 
@@ -22,7 +22,7 @@ fn hue(condition: Condition) -> Hue {
 }
 
 /// The heading: raw, published, and from true north where that is known.
-pub(super) fn headings(found: &Findings) -> Result<String, ReportError> {
+pub(super) fn headings(found: &Findings) -> String {
     let points = some(&found.points.kept, MOST);
     let mut series = lines(&points, Hue::Raw, |point| point.raw_deg);
     series.extend(lines(&points, Hue::Other, |point| point.true_deg));
@@ -34,7 +34,7 @@ pub(super) fn headings(found: &Findings) -> Result<String, ReportError> {
 }
 
 /// What the daemon says of its heading: one standard deviation.
-pub(super) fn uncertainty(found: &Findings) -> Result<String, ReportError> {
+pub(super) fn uncertainty(found: &Findings) -> String {
     let points = some(&found.points.kept, MOST);
     let series = lines(&points, Hue::Corrected, |point| point.sd_deg);
     let most = points
