@@ -140,7 +140,7 @@ mod tests {
                 "socket.socket",
             ),
         ] {
-            let error = Config::parse("file.toml", &text).unwrap_err().to_string();
+            let error = Config::parse("file.toml", &text).unwrap_err();
             let whose = format!("file.toml:{line}: {key} is \"");
             let as_other = format!("\", as {other} is, but must be another path");
             assert!(

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use toml::{Table, Value};
 
-use super::{Config, ConfigError};
+use super::Config;
 
 /// Tables and keys that are fixed when the daemon starts: clients know the socket and the device.
 const AT_START: &[&str] = &[
@@ -39,7 +39,7 @@ impl Config {
     /// # Errors
     ///
     /// Every fault of the new configuration.
-    pub fn change(&self, wanted: &Self) -> Result<Change, ConfigError> {
+    pub fn change(&self, wanted: &Self) -> Result<Change, String> {
         let (old, mut new) = (tables(self), tables(wanted));
         let (mut now, mut at_start) = (Vec::new(), Vec::new());
         for table in Self::TABLES {

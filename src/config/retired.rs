@@ -62,9 +62,6 @@ mod tests {
         );
         // In another table it is as unknown as any other.
         let error = Config::parse("old.toml", "[turn]\nmisfit_s = 1.0").unwrap_err();
-        assert!(
-            error.to_string().contains("turn.misfit_s: unknown key"),
-            "{error}"
-        );
+        assert!(error.contains("turn.misfit_s: unknown key"), "{error}");
     }
 }

@@ -1,7 +1,6 @@
 //! Says what a deserialiser found wrong in the words of a user.
 
 use strsim::levenshtein;
-use toml::de::DeValue;
 
 use crate::check::Fault;
 
@@ -14,6 +13,9 @@ pub(super) fn explain(key: &str, found: String, message: &str) -> String {
         let choices = list.split('`').skip(1).step_by(2);
         let quoted: Vec<String> = choices.map(|choice| format!("{choice:?}")).collect();
         return wrong(quoted.join(" or "));
+    }
+    if message == "wanted string or table" {
+        return wrong("a text in quotes".to_owned());
     }
     let is_type = ["invalid type: ", "invalid value: ", "invalid length "]
         .iter()
@@ -47,17 +49,6 @@ pub(super) fn beyond(message: &str) -> Option<&'static str> {
         "u64" | "usize" => Some("9223372036854775807"),
         _ => None,
     }
-}
-
-/// A number without a fraction, written as a float (`1e9`, `40.0`), as an integer; `None` for any other value.
-pub(super) fn as_integer(value: &DeValue<'_>) -> Option<String> {
-    /// Beyond it, a float may stand for several integers.
-    const MOST: f64 = 9e15;
-    let DeValue::Float(float) = value else {
-        return None;
-    };
-    let number: f64 = float.as_str().parse().ok()?;
-    (number.fract() == 0.0 && number.abs() < MOST).then(|| format!("{number:.0}"))
 }
 
 /// A key as it must be written: in quotes, with escapes, unless it is bare.

@@ -191,7 +191,7 @@ fn is_north(key: &str) -> bool {
 /// Opens the wanted session, if it differs from the running one.
 fn prepare(new: NewConfig, config: &Config, running: &Running) -> Result<Prepared, String> {
     let wanted = (new.load)()?;
-    let change = config.change(&wanted).map_err(|error| error.to_string())?;
+    let change = config.change(&wanted)?;
     let waits = !change.at_start.is_empty();
     if waits {
         tracing::warn!(

@@ -55,7 +55,7 @@ fn it_has_every_table_and_key_of_the_code_and_no_other() {
 /// What the code says is right for a number, when it is given one that is not; `None` if any will do.
 fn right(table: &str, key: &Key, found: &str) -> Option<String> {
     let text = format!("[{table}]\n{} = {found}\n", key.name);
-    let error = Config::parse("file", &text).err()?.to_string();
+    let error = Config::parse("file", &text).err()?;
     let line = error.lines().find(|line| line.contains(&key.name))?;
     Some(line.split_once("must be from ")?.1.to_owned())
 }

@@ -25,10 +25,10 @@ fn many_unknown_keys_are_little_work() {
     for (table, least) in [("counted", 50_000), ("counted.count", 1)] {
         let text = format!("[{table}]\n{keys}");
         MADE.set(0);
-        let mut reader = TableReader::new(&text).unwrap();
+        let mut reader = TableReader::new(&text);
         reader.table::<CountedSettings>("counted");
-        let faults = reader.into_faults();
-        assert!(faults.len() >= least, "{table}: {}", faults.len());
+        let faults = reader.into_message("a").lines().count();
+        assert!(faults >= least, "{table}: {faults}");
         assert!(MADE.get() < 1000, "{table}: {}", MADE.get());
     }
 }
