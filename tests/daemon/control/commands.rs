@@ -254,7 +254,7 @@ fn each_way_to_fail_has_its_status_and_its_remedy() {
         (
             73,
             vec!["replay", &log, "--store", "/proc/x"],
-            "name a folder with --store",
+            "cannot keep calibrations in folder",
         ),
     ] {
         let (status, out, err) = headingd(&arguments);
