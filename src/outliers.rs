@@ -114,7 +114,7 @@ impl Outliers {
 }
 
 /// One sensor's values, each held against those before it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 struct Neighbours {
     usual: (f64, f64),
     /// What is taken for the last value where there is none.
@@ -132,10 +132,7 @@ impl Neighbours {
         Self {
             usual,
             rest,
-            last: None,
-            steepest: 0.0,
-            doubted: None,
-            in_a_row: 0,
+            ..Self::default()
         }
     }
 

@@ -10,6 +10,7 @@ const SAME: u32 = 3;
 const LEAST_RANGE_DEG_S: f64 = 100.0;
 
 /// Watches for such readings, and finds the full scale where neither configuration nor chip tells it.
+#[derive(Default)]
 pub(super) struct ClipWatch {
     range_deg_s: Option<f64>,
     /// Whether the configuration or the chip has told it.
@@ -27,10 +28,8 @@ impl ClipWatch {
         Self {
             range_deg_s,
             told: range_deg_s.is_some(),
-            largest: 0.0,
-            newest: Vector3::zeros(),
             same: [1; 3],
-            clipped: false,
+            ..Self::default()
         }
     }
 

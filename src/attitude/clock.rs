@@ -17,6 +17,7 @@ pub(super) enum ClockStep {
 }
 
 /// The gyro's rate as a line from reading to reading, integrated exactly over each tick.
+#[derive(Default)]
 pub(super) struct EvenClock {
     gap_s: f64,
     newest: Option<(f64, Vector3<f64>)>,
@@ -30,10 +31,7 @@ impl EvenClock {
     pub(super) fn new(gap_s: f64) -> Self {
         Self {
             gap_s,
-            newest: None,
-            base_s: 0.0,
-            ticks: 0,
-            open_rad: Vector3::zeros(),
+            ..Self::default()
         }
     }
 

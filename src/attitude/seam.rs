@@ -29,6 +29,7 @@ const SEEN_S: f64 = 0.5;
 const ELSEWHERE_RAD: f64 = 0.6;
 
 /// Watches the steps of a sensor's readings.
+#[derive(Default)]
 struct Steps {
     least: f64,
     newest: Option<(f64, Vector3<f64>)>,
@@ -43,11 +44,8 @@ impl Steps {
     fn new(least: f64) -> Self {
         Self {
             least,
-            newest: None,
-            usual2: 0.0,
-            watched_s: 0.0,
             jumped_s: f64::NEG_INFINITY,
-            factor: 0.0,
+            ..Self::default()
         }
     }
 

@@ -34,7 +34,7 @@ pub(super) enum RunState {
 }
 
 /// Clears the saturated axes of readings.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Saturation {
     mountings: Mountings,
     rate: Option<(f64, Vector3<f64>)>,
@@ -107,11 +107,8 @@ impl Saturation {
     pub(super) fn new(mountings: &Mountings) -> Self {
         Self {
             mountings: *mountings,
-            rate: None,
-            field: None,
-            runs: [None; 3],
             steps_mgauss: [COARSEST_STEP_MGAUSS; 3],
-            ends: [[None; 2]; 3],
+            ..Self::default()
         }
     }
 

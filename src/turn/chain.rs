@@ -70,6 +70,7 @@ impl Open {
     }
 }
 
+#[derive(Default)]
 pub(super) struct Chain {
     angle: f64,
     cos_tolerance: f64,
@@ -92,13 +93,7 @@ impl Chain {
             angle: settings.angle_deg.to_radians(),
             cos_tolerance: settings.axis_tolerance_deg.to_radians().cos(),
             time_limit_s: settings.time_limit_s,
-            links: VecDeque::new(),
-            open: None,
-            axis: Vector3::zeros(),
-            net: 0.0,
-            least: (0, 0.0),
-            most: (0, 0.0),
-            span: 0.0,
+            ..Self::default()
         }
     }
 

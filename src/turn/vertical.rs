@@ -53,6 +53,7 @@ struct Note {
     orientation: UnitQuaternion<f64>,
 }
 
+#[derive(Default)]
 pub(super) struct Vertical {
     angle: f64,
     time_limit_s: f64,
@@ -74,13 +75,8 @@ impl Vertical {
         Self {
             angle: settings.angle_deg.to_radians(),
             time_limit_s: settings.time_limit_s,
-            now: None,
-            resting: false,
-            notes: VecDeque::new(),
-            least: 0,
-            most: 0,
             next_look_s: f64::NEG_INFINITY,
-            waits: false,
+            ..Self::default()
         }
     }
 
