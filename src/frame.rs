@@ -229,6 +229,15 @@ pub fn add_variance<const N: usize>(
     }
 }
 
+/// Puts a block into a matrix, its first entry at this row and column.
+pub fn put<const N: usize, const M: usize, const R: usize, const C: usize>(
+    matrix: &mut SMatrix<f64, N, M>,
+    (row, column): (usize, usize),
+    block: &SMatrix<f64, R, C>,
+) {
+    matrix.fixed_view_mut::<R, C>(row, column).copy_from(block);
+}
+
 /// Length of (x, y). The C library's `hypot` rounds differently from one processor to another, and a replay shall give the same
 /// bytes on all of them.
 pub fn hypot(x: f64, y: f64) -> f64 {

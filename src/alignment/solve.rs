@@ -10,7 +10,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::carried::{KnotPair, SensedKnot};
-use crate::frame::{rows, signed_axes};
+use crate::frame::{put, rows, signed_axes};
 
 /// Deviation of M from three signed axes, entry by entry: 6° of rotation, 10 % of scale and soft iron.
 const ENTRY: f64 = 0.1;
@@ -174,12 +174,11 @@ impl PairEquations {
             // A vector that stands still in the world turns against the board.
             let by_lag = pair.carry * from.rate_rad_s.cross(&vector) - to.rate_rad_s.cross(&later);
             let mut by = SMatrix::<f64, 3, UNKNOWN>::zeros();
-            by.fixed_columns_mut::<9>(0).copy_from(&by_matrix);
-            by.fixed_columns_mut::<3>(C)
-                .copy_from(&(pair.carry * first.by_offset - second.by_offset));
-            by.fixed_columns_mut::<3>(G)
-                .copy_from(&(carried.cross_matrix() * pair.by_bias));
-            by.set_column(T, &by_lag);
+            let by_offset = pair.carry * first.by_offset - second.by_offset;
+            put(&mut by, (0, 0), &by_matrix);
+            put(&mut by, (0, C), &by_offset);
+            put(&mut by, (0, G), &(carried.cross_matrix() * pair.by_bias));
+            put(&mut by, (0, T), &by_lag);
             Self {
                 by,
                 told: -by_matrix * rows(axes),

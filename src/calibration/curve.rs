@@ -3,6 +3,8 @@
 
 use nalgebra::{Matrix3, SVector, Vector3};
 
+use crate::frame::put;
+
 /// The parameters of Equation 1: D biases in milligauss, then D scale factors; with a symmetric A, in three
 /// dimensions, its xy, xz and yz too. So P is 4, 6 or 9. A particle has one of the first two.
 pub type ParameterVector<const P: usize> = [f64; P];
@@ -177,12 +179,9 @@ impl Curve<3, 9> for Symmetric {
     fn azimuth(&self, u: &[f64; 3], across: &[f64; 3]) -> SVector<f64, 9> {
         let m = self.inverse * Vector3::from(*across);
         let mut gradient = SVector::<f64, 9>::zeros();
-        gradient
-            .fixed_rows_mut::<3>(0)
-            .copy_from(&(-m / self.reference_mgauss));
-        gradient
-            .fixed_rows_mut::<6>(3)
-            .copy_from_slice(&Self::by_entries(&m, &Vector3::from(*u)));
+        let entries = Self::by_entries(&m, &Vector3::from(*u));
+        put(&mut gradient, (0, 0), &(-m / self.reference_mgauss));
+        put(&mut gradient, (3, 0), &SVector::from(entries));
         gradient
     }
 }

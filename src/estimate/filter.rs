@@ -35,7 +35,7 @@ use super::prior::{FIELD_MGAUSS, Measured, Prior, USUAL_UNEVENNESS};
 use crate::attitude::{BiasWalk, BoardState};
 #[cfg(test)]
 use crate::attitude::{GyroBias, TiltError};
-use crate::frame::add_variance;
+use crate::frame::{add_variance, put, rows};
 use rest::RestWatch;
 use unevenness::LEAST_NOISE_MGAUSS;
 use whiteness::Whiteness;
@@ -200,9 +200,10 @@ impl Filter {
         }
         add_variance(&mut p, E..E + 2, TILT_RAD * TILT_RAD);
         p[(T, T)] = LAG_S * LAG_S;
-        x.fixed_rows_mut::<3>(B).copy_from(&prior.bias_mgauss);
-        x.fixed_rows_mut::<9>(D).copy_from(&prior.matrix_rows());
-        let mut filter = Self {
+        put(&mut x, (B, 0), &prior.bias_mgauss);
+        put(&mut x, (D, 0), &rows(&(prior.matrix - Matrix3::identity())));
+        put(&mut p, (B, B), &prior.covariance);
+        Self {
             x,
             p,
             begun: false,
@@ -229,10 +230,7 @@ impl Filter {
             last_attitude: Matrix3::identity(),
             log_likelihood: 0.0,
             consistency: 1.0,
-        };
-        let mut parameters = filter.p.fixed_view_mut::<12, 12>(B, B);
-        parameters.copy_from(&prior.covariance);
-        filter
+        }
     }
 
     /// Takes a sample, or begins a new frame with it where the last was lost.

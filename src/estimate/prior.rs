@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::calibration::model::{Calibration, Model, Parameters};
-use crate::frame::{Mounting, rows};
+use crate::frame::{Mounting, put, rows};
 
 /// Strength of the earth's field where nothing else is known, that of northern mid-latitudes; anywhere it is 220 to 670 mG.
 pub(super) const FIELD_MGAUSS: f64 = 500.0;
@@ -82,12 +82,9 @@ impl Prior {
         });
         let held = without_trace();
         let mut covariance = ParameterCovariance::zeros();
-        covariance
-            .fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(&(Matrix3::identity() * (IRON * FIELD_MGAUSS).powi(2)));
-        covariance
-            .fixed_view_mut::<9, 9>(3, 3)
-            .copy_from(&(held * entries * held));
+        let iron = Matrix3::identity() * (IRON * FIELD_MGAUSS).powi(2);
+        put(&mut covariance, (0, 0), &iron);
+        put(&mut covariance, (3, 3), &(held * entries * held));
         Self {
             bias_mgauss: Vector3::zeros(),
             matrix: Matrix3::identity(),
@@ -124,21 +121,14 @@ impl Prior {
             ..unknown
         }
     }
-
-    /// D − I, row by row.
-    pub(super) fn matrix_rows(&self) -> SVector<f64, 9> {
-        rows(&(self.matrix - Matrix3::identity()))
-    }
 }
 
 impl Measured {
     /// Weights of the bias and of D, row by row.
     pub(super) fn weights(&self) -> SVector<f64, 12> {
         let mut weights = SVector::<f64, 12>::zeros();
-        weights.fixed_rows_mut::<3>(0).copy_from(&self.bias);
-        weights
-            .fixed_rows_mut::<9>(3)
-            .copy_from(&rows(&self.matrix));
+        put(&mut weights, (0, 0), &self.bias);
+        put(&mut weights, (3, 0), &rows(&self.matrix));
         weights
     }
 
@@ -224,8 +214,7 @@ fn without_trace() -> SMatrix<f64, 9, 9> {
 /// Turns bias and matrix, row by row, from one frame into another: b into Q b, D into Q D Qᵀ.
 pub(super) fn turned(rotation: &Matrix3<f64>) -> ParameterCovariance {
     let mut turn = ParameterCovariance::zeros();
-    turn.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation);
-    turn.fixed_view_mut::<9, 9>(3, 3)
-        .copy_from(&rotation.kronecker(rotation));
+    put(&mut turn, (0, 0), rotation);
+    put(&mut turn, (3, 3), &rotation.kronecker(rotation));
     turn
 }

@@ -5,7 +5,7 @@ use nalgebra::{SMatrix, Vector3};
 use super::window::Window;
 use super::{A, ARM, ARM_M, B, GyroErrors, M, N, U, V};
 use crate::attitude::gravity::GRAVITY_M_S2;
-use crate::frame::add_variance;
+use crate::frame::{add_variance, put};
 
 /// The integral forgets over this time, seconds: a steady velocity is no acceleration.
 const LEAK_S: f64 = 30.0;
@@ -41,25 +41,23 @@ impl GyroErrors {
         let seen = self.across();
         // Of the transition only the rows of u and v differ from the identity's.
         let mut step = SMatrix::<f64, 6, N>::identity();
-        step.fixed_view_mut::<3, 3>(U, B)
-            .copy_from(&(by_turn * window.turn * seen));
+        put(&mut step, (U, B), &(by_turn * window.turn * seen));
         for column in 0..3 {
             let by = by_turn * window.turn_by[column] * seen;
             for row in 0..3 {
-                step.fixed_view_mut::<3, 1>(U, M + 3 * row + column)
-                    .copy_from(&by.column(row));
+                let at = (U, M + 3 * row + column);
+                put(&mut step, at, &by.column(row).into_owned());
             }
         }
         for axis in 0..3 {
             step[(V + axis, V + axis)] = keep;
             step[(V + axis, U + axis)] = -dt;
         }
-        step.fixed_view_mut::<3, 3>(V, A)
-            .copy_from(&(-self.felt_share() * window.turn));
+        put(&mut step, (V, A), &(-self.felt_share() * window.turn));
         let rows = step * self.p;
-        self.p.fixed_rows_mut::<6>(U).copy_from(&rows);
+        put(&mut self.p, (U, 0), &rows);
         let columns = self.p * step.transpose();
-        self.p.fixed_columns_mut::<6>(U).copy_from(&columns);
+        put(&mut self.p, (0, U), &columns);
         self.let_arm_change(dt);
         self.p = (self.p + self.p.transpose()) * 0.5;
         let walk = ANGLE_WALK_RAD.powi(2) * dt

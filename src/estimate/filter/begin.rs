@@ -1,10 +1,10 @@
 //! Begins the filter's state with one sample, and begins it anew where the frame is lost or the iron in doubt.
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Matrix3x2, SMatrix, Vector3};
 
 use super::{Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
-use crate::frame::{add_variance, angle_between_rad};
+use crate::frame::{add_variance, angle_between_rad, put};
 
 /// A squared change of the field below this many variances is no change.
 const LIKELY: f64 = 4.0;
@@ -51,21 +51,16 @@ impl Filter {
         add_variance(&mut self.p, E..E + 2, tilt2);
         // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
-        jacobian.fixed_columns_mut::<3>(B).copy_from(&-map);
-        jacobian
-            .fixed_columns_mut::<9>(D)
-            .copy_from(&(-map).kronecker(&corrected.transpose()));
+        put(&mut jacobian, (0, B), &-map);
+        let by_matrix = (-map).kronecker(&corrected.transpose());
+        put(&mut jacobian, (0, D), &by_matrix);
         for at in [M, Q] {
-            jacobian
-                .fixed_columns_mut::<3>(at)
-                .copy_from(&-Matrix3::identity());
+            put(&mut jacobian, (0, at), &-Matrix3::identity());
         }
-        let by_tilt = field.cross_matrix();
-        jacobian
-            .fixed_columns_mut::<2>(E)
-            .copy_from(&by_tilt.fixed_columns::<2>(0));
+        let by_tilt: Matrix3x2<f64> = field.cross_matrix().fixed_columns::<2>(0).into();
+        put(&mut jacobian, (0, E), &by_tilt);
         let by_time = input.to_frame * rate * corrected;
-        jacobian.set_column(T, &-by_time);
+        put(&mut jacobian, (0, T), &-by_time);
         let mut cross = jacobian * self.p;
         let timed = by_time * by_time.transpose() * JITTER_S.powi(2);
         let mut own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
@@ -76,18 +71,16 @@ impl Filter {
             cross[(axis, M + axis)] -= strange2;
             own[(axis, axis)] += strange2;
         }
-        self.p.fixed_rows_mut::<3>(H).copy_from(&cross);
-        self.p
-            .fixed_columns_mut::<3>(H)
-            .copy_from(&cross.transpose());
-        self.p.fixed_view_mut::<3, 3>(H, H).copy_from(&own);
+        put(&mut self.p, (H, 0), &cross);
+        put(&mut self.p, (0, H), &cross.transpose());
+        put(&mut self.p, (H, H), &own);
         // ε, m and q, just restarted, count as 0 in `about`.
         let mut off = self.x - about;
         for (at, count) in [(E, 2), (M, 3), (Q, 3)] {
             off.rows_mut(at, count).fill(0.0);
         }
         let field = field + jacobian * off;
-        self.x.fixed_rows_mut::<3>(H).copy_from(&field);
+        put(&mut self.x, (H, 0), &field);
         self.innovation = None;
         self.whiteness.interrupt();
         self.odd = None;
@@ -133,10 +126,8 @@ impl Filter {
         self.begun = true;
         self.last_attitude = input.to_frame;
         let half = 0.5 * input.field_mgauss;
-        self.x
-            .fixed_rows_mut::<3>(H)
-            .copy_from(&(input.to_frame * half));
-        self.x.fixed_rows_mut::<3>(B).copy_from(&half);
+        put(&mut self.x, (H, 0), &(input.to_frame * half));
+        put(&mut self.x, (B, 0), &half);
         true
     }
 }

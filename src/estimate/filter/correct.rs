@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, LAG_RANGE_S};
 use crate::estimate::covariance::{B, D, E, G, H, M, N, S, Sensitivity, T, subtract};
 use crate::estimate::prior::SCALE;
+use crate::frame::put;
 use crate::reading::STRONGEST_MGAUSS;
 
 /// The normalised innovation squared is averaged over this time, seconds.
@@ -282,7 +283,7 @@ impl Filter {
         } else {
             field * scale(before.norm(), field.norm())
         };
-        self.x.fixed_rows_mut::<3>(H).copy_from(&kept);
+        put(&mut self.x, (H, 0), &kept);
     }
 }
 

@@ -6,7 +6,7 @@ use super::correct::HeldBack;
 use super::{Filter, Input, State};
 use crate::attitude::GyroBias;
 use crate::estimate::covariance::{G, N, subtract};
-use crate::frame::add_variance;
+use crate::frame::{add_variance, put};
 
 /// A gyro at rest reads its bias within this over one second, rad/s (0.26°/s): several times the noise of an ITG-3200, since a boat that
 /// swings slowly may pass for resting. With less, a simulated boat at anchor takes its swing for bias; with more, north drifts
@@ -71,8 +71,7 @@ impl Filter {
             self.clear(G, 3);
             self.gyro_bias_walk.begin_window();
             self.still_information = 0.0;
-            let mut own = self.p.fixed_view_mut::<3, 3>(G, G);
-            own.copy_from(&learnt.covariance);
+            put(&mut self.p, (G, G), &learnt.covariance);
             return;
         }
         // What the attitude takes out is no longer left.

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SymmetricEigen, Vector3};
 
 use super::{DISTURBED, Filter, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, T};
-use crate::frame::hypot;
+use crate::frame::{hypot, put};
 
 /// The field in the frame, the frame's tilt error, and their covariances.
 pub struct SeenNorth {
@@ -149,14 +149,9 @@ impl Filter {
 
     /// Covariance of one raw sample whose corrected field is this: parameters, unevenness, place and noise, milligauss².
     pub fn sample_covariance(&self, corrected: &Vector3<f64>) -> Matrix3<f64> {
-        let mut jacobian = SMatrix::<f64, 3, 12>::zeros();
-        jacobian
-            .fixed_columns_mut::<3>(0)
-            .copy_from(&Matrix3::identity());
+        let mut jacobian = SMatrix::<f64, 3, 12>::identity();
         for row in 0..3 {
-            for column in 0..3 {
-                jacobian[(row, 3 + 3 * row + column)] = corrected[column];
-            }
+            put(&mut jacobian, (row, 3 + 3 * row), &corrected.transpose());
         }
         let uneven = (self.unevenness2 + self.place2) * self.strength_rms_mgauss.powi(2);
         jacobian * self.parameter_covariance() * jacobian.transpose()

@@ -6,7 +6,7 @@ use super::{
     DISTURBED, FORGET_MOVING_S, Filter, Input, PLACE_LASTS_S, SWING_RAD, USUAL_UNEVENNESS,
 };
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
-use crate::frame::{add_variance, angle_between_rad};
+use crate::frame::{add_variance, angle_between_rad, put};
 use crate::reading::STRONGEST_MGAUSS;
 
 /// The second order of an uncertain gyro bias is small: any time near this one will do, seconds.
@@ -66,12 +66,9 @@ impl Filter {
         let by_errors_rad = (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
         let mut turn = r * (by_errors_rad * (1.0 - noise_share) + input.turned_rad * noise_share);
         let mut by_errors = SMatrix::<f64, 3, 6>::zeros();
-        by_errors
-            .fixed_columns_mut::<3>(0)
-            .copy_from(&(r * dt * (1.0 - noise_share)));
-        by_errors
-            .fixed_columns_mut::<3>(3)
-            .copy_from(&(r * Matrix3::from_diagonal(&w) * dt));
+        put(&mut by_errors, (0, 0), &(r * dt * (1.0 - noise_share)));
+        let by_scale = r * Matrix3::from_diagonal(&w) * dt;
+        put(&mut by_errors, (0, 3), &by_scale);
         if input.vertical_known {
             (turn.x, turn.y) = (0.0, 0.0);
             by_errors.fixed_rows_mut::<2>(0).fill(0.0);
@@ -102,9 +99,9 @@ impl Filter {
             place: place_kept,
         };
         step.carry(&mut self.p);
-        self.x.fixed_rows_mut::<3>(H).copy_from(&(step.field * h));
+        put(&mut self.x, (H, 0), &(step.field * h));
         let tilt = self.x.fixed_rows::<2>(E) * tilt_kept + tilt_by_bias * self.vector(G);
-        self.x.fixed_rows_mut::<2>(E).copy_from(&tilt);
+        put(&mut self.x, (E, 0), &tilt);
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
         // How the gyro's errors turn m and q is neglected, here as in P: each sample measures m, and q is at most 2 % of the field.
         self.x.fixed_rows_mut::<3>(Q).scale_mut(place_kept);

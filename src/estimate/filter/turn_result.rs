@@ -3,6 +3,7 @@
 use super::{Filter, Input, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, H};
 use crate::estimate::prior::Measured;
+use crate::frame::put;
 
 impl Filter {
     /// Replaces the parameters that a turn has measured. The filter has already used these samples, so it first forgets what it knew of
@@ -33,9 +34,7 @@ impl Filter {
 
     fn jacobian_of(&self, measured: &Measured) -> State {
         let mut jacobian = State::zeros();
-        jacobian
-            .fixed_rows_mut::<12>(B)
-            .copy_from(&measured.weights());
+        put(&mut jacobian, (B, 0), &measured.weights());
         jacobian[H + 2] = measured.up;
         if let Some(across) = measured.across {
             // The turn was level: the normal of its plane is vertical. Body Z points down where the frame's Z points up.

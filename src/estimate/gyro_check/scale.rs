@@ -18,6 +18,7 @@ use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
 use crate::estimate::filter::{Filter, Input};
 use crate::estimate::prior::{FIELD_MGAUSS, IRON};
+use crate::frame::put;
 
 #[cfg(test)]
 mod tests;
@@ -174,10 +175,9 @@ impl GyroScale {
 
     fn learn(&mut self, moment: &TurnedMoment, change: &Vector3<f64>, unknown_share: f64) {
         let mut slopes = Matrix3x4::zeros();
-        slopes.set_column(0, &(moment.d * moment.predicted));
-        slopes
-            .fixed_columns_mut::<3>(1)
-            .copy_from(&(moment.d * moment.turned_rad.cross_matrix() * moment.inverse));
+        put(&mut slopes, (0, 0), &(moment.d * moment.predicted));
+        let by_iron = moment.d * moment.turned_rad.cross_matrix() * moment.inverse;
+        put(&mut slopes, (0, 1), &by_iron);
         let weight = (UNKNOWN_SHARE / unknown_share).min(1.0);
         let keep = 1.0 - weight / MEMORY;
         self.information = self.information * keep + weight * slopes.transpose() * slopes;
