@@ -26,30 +26,22 @@ const BELIED_SHARE: f64 = 0.05;
 /// A gyro that is silent for longer shows no motion, seconds.
 pub(crate) const GAP_S: f64 = 0.5;
 
-/// What is frozen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Frozen {
-    /// As a code that a program can read.
-    pub code: &'static str,
-    /// As a sentence for a person.
-    pub message: &'static str,
-}
+/// What is frozen, as a code and as a sentence.
+pub type Frozen = (&'static str, &'static str);
 
-impl Frozen {
-    /// The magnetometer repeats its value while the gyro shows that the board turns.
-    const MAGNETOMETER: Self = Self {
-        code: "frozen_magnetometer",
-        message: "the magnetometer repeats its value while the gyro shows that the board turns; switch the \
-                  board off and on, and check what reads the magnetometer",
-    };
+/// The magnetometer repeats its value while the gyro shows that the board turns.
+const MAGNETOMETER: Frozen = (
+    "frozen_magnetometer",
+    "the magnetometer repeats its value while the gyro shows that the board turns; switch the \
+     board off and on, and check what reads the magnetometer",
+);
 
-    /// The gyro repeats its rate while the field stands still.
-    const GYRO: Self = Self {
-        code: "frozen_gyro",
-        message: "the gyro repeats its rate while the field stands still; switch the board off \
-                  and on, and check what reads the gyro",
-    };
-}
+/// The gyro repeats its rate while the field stands still.
+const GYRO: Frozen = (
+    "frozen_gyro",
+    "the gyro repeats its rate while the field stands still; switch the board off \
+     and on, and check what reads the gyro",
+);
 
 /// Readings in, what is frozen out.
 #[derive(Clone, Debug, Default)]
@@ -116,9 +108,9 @@ impl FrozenWatch {
             *far = far.max((field - *begun).norm());
         }
         if self.magnetometer_frozen {
-            Some(Frozen::MAGNETOMETER)
+            Some(MAGNETOMETER)
         } else {
-            self.gyro_frozen.then_some(Frozen::GYRO)
+            self.gyro_frozen.then_some(GYRO)
         }
     }
 
@@ -238,7 +230,7 @@ mod tests {
         };
         let found = board(12.0, turns, stuck, told);
         let frozen = [6.3, 6.7, 8.9, 9.05].map(|t_s| at(&found, t_s));
-        let magnetometer = Some(Frozen::MAGNETOMETER);
+        let magnetometer = Some(MAGNETOMETER);
         assert_eq!(frozen, [None, magnetometer, magnetometer, None]);
         // At rest it is still frozen.
         let halts = |t_s: f64| if (5.0..7.0).contains(&t_s) { 60.0 } else { 0.0 };
@@ -252,7 +244,7 @@ mod tests {
         let wavers = |t_s: f64, _| [100.0 + (50.0 * t_s).sin(), 0.0, 500.0];
         let found = board(12.0, |_| 0.0, wavers, stuck);
         let frozen = [5.0, 8.9, 9.05].map(|t_s| at(&found, t_s));
-        assert_eq!(frozen, [None, Some(Frozen::GYRO), None]);
+        assert_eq!(frozen, [None, Some(GYRO), None]);
     }
 
     /// A number from -1 to 1, another at each time.
@@ -271,7 +263,7 @@ mod tests {
             let first =
                 |found: Vec<(f64, Option<Frozen>)>| found.into_iter().find(|row| row.1.is_some());
             let (told_s, what) = first(board(40.0, turns, stuck, rate)).unwrap();
-            assert_eq!(what, Some(Frozen::MAGNETOMETER));
+            assert_eq!(what, Some(MAGNETOMETER));
             let turned_deg = (told_s - 10.0) * deg_s;
             assert!((19.0..45.0).contains(&turned_deg), "{deg_s}: {turned_deg}");
             assert_eq!(first(board(40.0, turns, noisy, rate)), None);
@@ -333,10 +325,7 @@ mod tests {
     #[test]
     fn a_time_that_jumps_back_hides_no_frozen_sensor() {
         let differs = |i: u32| f64::from(i % 3);
-        for (field, rate, jump, right) in [
-            (0.0, 0.001, 20, Frozen::MAGNETOMETER),
-            (1.0, 0.0, 70, Frozen::GYRO),
-        ] {
+        for (field, rate, jump, right) in [(0.0, 0.001, 20, MAGNETOMETER), (1.0, 0.0, 70, GYRO)] {
             let mut watch = FrozenWatch::default();
             let row = |i| {
                 let t_s = f64::from(i) * 0.02 + if i < jump { 1000.0 } else { 0.0 };
@@ -373,6 +362,6 @@ mod tests {
                 ..Reading::default()
             });
         }
-        assert_eq!((found[20], found[39]), (None, Some(Frozen::MAGNETOMETER)));
+        assert_eq!((found[20], found[39]), (None, Some(MAGNETOMETER)));
     }
 }

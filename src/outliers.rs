@@ -92,18 +92,10 @@ impl Outliers {
             let mut axes = field.iter().flatten();
             axes.all(|axis| axis.abs() <= LARGEST_FIELD_MGAUSS)
         });
-        let lost = |kept: bool, read: bool| u64::from(read && !kept);
-        let Dropped {
-            rates,
-            forces,
-            fields,
-        } = &mut self.dropped;
-        *rates += lost(kept.rate_rad_s.is_some(), reading.rate_rad_s.is_some());
-        *forces += lost(
-            kept.specific_force_m_s2.is_some(),
-            reading.specific_force_m_s2.is_some(),
-        );
-        *fields += lost(kept.field_mgauss.is_some(), reading.field_mgauss.is_some());
+        let dropped = &mut self.dropped;
+        dropped.rates += lost(kept.rate_rad_s, reading.rate_rad_s);
+        dropped.forces += lost(kept.specific_force_m_s2, reading.specific_force_m_s2);
+        dropped.fields += lost(kept.field_mgauss, reading.field_mgauss);
         kept
     }
 
@@ -111,6 +103,11 @@ impl Outliers {
     pub fn dropped(&self) -> Dropped {
         self.dropped
     }
+}
+
+/// 1 if a value that was read has not been kept.
+fn lost<T>(kept: Option<T>, read: Option<T>) -> u64 {
+    u64::from(read.is_some() && kept.is_none())
 }
 
 /// One sensor's values, each held against those before it.

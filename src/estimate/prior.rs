@@ -68,16 +68,11 @@ impl Prior {
         let entries = SMatrix::<f64, 9, 9>::from_fn(|one, other| {
             // Soft iron adds the same to an entry and to the one across the diagonal, and rotation the opposite.
             let across = 3 * (one % 3) + one / 3;
-            if other == one {
-                if one == across {
-                    SCALE.powi(2)
-                } else {
-                    SKEW.powi(2) + ROTATION_RAD.powi(2)
-                }
-            } else if other == across {
-                SKEW.powi(2) - ROTATION_RAD.powi(2)
-            } else {
-                0.0
+            match (other == one, other == across) {
+                (true, true) => SCALE.powi(2),
+                (true, false) => SKEW.powi(2) + ROTATION_RAD.powi(2),
+                (false, true) => SKEW.powi(2) - ROTATION_RAD.powi(2),
+                (false, false) => 0.0,
             }
         });
         let held = without_trace();

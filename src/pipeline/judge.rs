@@ -50,8 +50,8 @@ impl Pipeline {
         if let Some(fault) = &self.fault {
             return self.report_as(Condition::Fault, fault.code, fault.message.clone());
         }
-        if let Some(frozen) = self.frozen {
-            return self.report_as(Condition::Fault, frozen.code, frozen.message);
+        if let Some((reason, message)) = self.frozen {
+            return self.report_as(Condition::Fault, reason, message);
         }
         if let Some(message) = self.wrong_unit() {
             return self.report_as(Condition::Fault, "field_unit", message);

@@ -57,14 +57,6 @@ struct End {
 }
 
 impl End {
-    fn new(value: f64) -> Self {
-        Self {
-            value,
-            smaller: false,
-            larger: false,
-        }
-    }
-
     /// Takes what the axis reads next; `None` once this is no end.
     fn after(self, value: f64) -> Option<Self> {
         let end = Self {
@@ -197,7 +189,12 @@ impl Saturation {
             && !is_end(ends, value)
             && (run.least_change_mgauss(axis, field)).is_some_and(|change| change > least_mgauss);
         if saturated {
-            *ends = [Some(End::new(value)), ends[0].or(ends[1])];
+            let end = End {
+                value,
+                smaller: false,
+                larger: false,
+            };
+            *ends = [Some(end), ends[0].or(ends[1])];
         }
         saturated
     }
