@@ -91,11 +91,11 @@ settings! {
         /// Level 3: the change of a parameter (milligauss, or scale factor) that counts as none. The paper: 0.01.
         min_change: f64 = 0.01, 0.0..=10.0, "";
         /// L, the iterations over which level 3 takes its mean. The paper gives none. Left out, it is
-        /// the profile's: see [`Profile::mean_window`].
+        /// the profile's: see [`Settings::mean_window()`].
         #[serde(skip_serializing_if = "Option::is_none")]
         mean_window: Option<usize> = None, 2..=1000, "iterations";
         /// Largest step of a particle, as a fraction of the box. The paper gives none. Left out, it
-        /// is the profile's: see [`Profile::velocity_limit`].
+        /// is the profile's: see [`Settings::velocity_limit()`].
         #[serde(skip_serializing_if = "Option::is_none")]
         velocity_limit: Option<f64> = None, 0.001..=1.0, "of the box";
         /// Strength of the horizontal field, milligauss, if known: the reference of a planar calibration.
@@ -113,40 +113,28 @@ settings! {
 
 impl Settings {
     /// Largest step of a particle, as a fraction of the box.
-    pub fn velocity_limit(&self) -> f64 {
-        self.velocity_limit.unwrap_or(self.profile.velocity_limit())
-    }
-
-    /// L, at least 1.
-    pub fn mean_window(&self) -> usize {
-        self.mean_window.unwrap_or(self.profile.mean_window())
-    }
-}
-
-impl Profile {
-    /// Default of [`Settings::velocity_limit`].
     ///
     /// Constriction converges by itself, and 0.05 of a box this narrow only keeps the first steps short. The
     /// paper's w = 1 never slows down: its particles swing about the best by as much as the limit lets
     /// them. On the paper's tests made again, 1000 iterations end 0.11 mG RMS from the truth in space with a
     /// limit of 0.01, 0.66 with 0.02 and 1.0 with 0.05; with 0.005 the swarm crosses its box too slowly.
-    pub fn velocity_limit(self) -> f64 {
-        match self {
-            Self::Standard => 0.05,
-            Self::Paper => 0.01,
-        }
+    pub fn velocity_limit(&self) -> f64 {
+        self.velocity_limit.unwrap_or(match self.profile {
+            Profile::Standard => 0.05,
+            Profile::Paper => 0.01,
+        })
     }
 
-    /// Default of [`Settings::mean_window`].
+    /// L, at least 1.
     ///
     /// The global best stands still for several iterations now and then. With constriction 15 outlast nearly
     /// all such pauses. A swarm that swings about finds something better more seldom: at L = 15, one in four
     /// stops more than 5 mG off in space; at 60 all end within 1 mG, after 110 to 160 iterations on average
     /// and at most 210.
-    pub fn mean_window(self) -> usize {
-        match self {
-            Self::Standard => 15,
-            Self::Paper => 60,
-        }
+    pub fn mean_window(&self) -> usize {
+        self.mean_window.unwrap_or(match self.profile {
+            Profile::Standard => 15,
+            Profile::Paper => 60,
+        })
     }
 }

@@ -9,29 +9,14 @@ use super::curve::ParameterVector;
 use super::mpsot::{ConvergenceMonitor, Stop};
 use super::settings::{Profile, Settings};
 
-/// The coefficients of Equation 5.
-struct Coefficients {
-    /// w, the inertia weight.
-    inertia: f64,
-    /// c1, the cognitive weight: the pull of the particle's own best.
-    cognitive: f64,
-    /// c2, the social weight: the pull of the global best.
-    social: f64,
-}
+/// The coefficients of Equation 5: w, the inertia weight, and c1 = c2, the pull of the particle's own best and of the global best.
+type Coefficients = (f64, f64);
 
 /// The paper's: w = 1, c1 = c2 = 2. They diverge without a velocity limit, which the paper does not give.
-const PAPER: Coefficients = Coefficients {
-    inertia: 1.0,
-    cognitive: 2.0,
-    social: 2.0,
-};
+const PAPER: Coefficients = (1.0, 2.0);
 
 /// Clerc and Kennedy's constriction (IEEE Trans. Evol. Comput. 6, 2002), φ = 4.1: converges.
-const CONSTRICTION: Coefficients = Coefficients {
-    inertia: 0.7298,
-    cognitive: 1.49618,
-    social: 1.49618,
-};
+const CONSTRICTION: Coefficients = (0.7298, 1.49618);
 
 /// Where a swarm searches: each scale factor in a range of its own, and each bias in a range that
 /// depends on its axis' scale factor.
@@ -132,16 +117,16 @@ impl<const P: usize> Particle<P> {
     #[inline]
     fn advance(
         &mut self,
-        coefficients: &Coefficients,
+        (inertia, pull): Coefficients,
         global_best: &ParameterVector<P>,
         (r1, r2): (f64, f64),
         limit: &ParameterVector<P>,
     ) {
         for k in 0..P {
             // Equation 5.
-            let velocity = coefficients.inertia * self.velocity[k]
-                + coefficients.cognitive * r1 * (self.best[k] - self.position[k])
-                + coefficients.social * r2 * (global_best[k] - self.position[k]);
+            let velocity = inertia * self.velocity[k]
+                + pull * r1 * (self.best[k] - self.position[k])
+                + pull * r2 * (global_best[k] - self.position[k]);
             self.velocity[k] = velocity.clamp(-limit[k], limit[k]);
             // Equation 6.
             self.position[k] += self.velocity[k];
@@ -209,7 +194,7 @@ pub fn search<const D: usize, const P: usize>(
         }
         for particle in &mut swarm {
             let pair = (rng.random(), rng.random());
-            particle.advance(&coefficients, &global_best, pair, &limit);
+            particle.advance(coefficients, &global_best, pair, &limit);
             bounds.confine(&mut particle.position, &mut particle.velocity);
         }
     }
@@ -256,7 +241,7 @@ mod tests {
             best: [4.0, 4.0],
             best_fit: 1.0,
         };
-        particle.advance(&PAPER, &[6.0, 1.0], (0.5, 0.25), &[9.0, 0.5]);
+        particle.advance(PAPER, &[6.0, 1.0], (0.5, 0.25), &[9.0, 0.5]);
         // 1·(1, −1) + 2·0.5·((4, 4) − (2, 3)) + 2·0.25·((6, 1) − (2, 3)) = (5, −1), the second limited to 0.5.
         assert_eq!(particle.velocity, [5.0, -0.5]);
         assert_eq!(particle.position, [7.0, 2.5]);
