@@ -87,16 +87,15 @@ pub fn request(mode: Mode, truth: &Column, seed: u64, settings: &Settings) -> Re
         samples: samples.clone(),
         axis_body: axis.into_inner(),
     });
-    let limits = verdict::Limits::default();
     Request {
+        samples,
         moving: REST..end,
-        ..Request::new(
-            samples,
-            turns.collect(),
-            Mounting::default(),
-            settings,
-            limits,
-        )
+        rest: None,
+        turns: turns.collect(),
+        plane: None,
+        mounting: Mounting::default(),
+        settings,
+        limits: verdict::Limits::default(),
     }
 }
 

@@ -70,28 +70,6 @@ impl CompletedTurn {
     }
 }
 
-impl Request {
-    /// A calibration on all of these samples.
-    pub fn new(
-        samples: Vec<FieldSample>,
-        turns: Vec<CompletedTurn>,
-        mounting: Mounting,
-        settings: Settings,
-        limits: Limits,
-    ) -> Self {
-        Self {
-            moving: 0..samples.len(),
-            rest: None,
-            samples,
-            turns,
-            plane: None,
-            mounting,
-            settings,
-            limits,
-        }
-    }
-}
-
 /// The earliest sample at rest within the last seconds of these, with the median field of that rest: a single sample may be a spike.
 /// The samples are in order of time and end where a turn begins.
 pub fn last_rest<'a>(

@@ -98,14 +98,14 @@ impl Pipeline {
             .map(|turn| CompletedTurn::among(&samples, turn))
             .collect();
         Some(Request {
+            moving: 0..samples.len(),
             rest: last_rest(self.buffer.range(..from)),
-            ..Request::new(
-                samples,
-                turns,
-                self.setup.mountings.mag,
-                settings.clone(),
-                self.setup.verdict.clone(),
-            )
+            samples,
+            turns,
+            plane: None,
+            mounting: self.setup.mountings.mag,
+            settings: settings.clone(),
+            limits: self.setup.verdict.clone(),
         })
     }
 

@@ -193,20 +193,20 @@ impl Survey {
             .filter(|_| self.plane.is_none())
             .map(|turn| CompletedTurn::among(&samples, turn))
             .collect();
-        let mut request = Request::new(
+        let moving = match self.rotation_s {
+            Some((first_s, last_s)) => during(&samples, first_s, last_s),
+            None => 0..samples.len(),
+        };
+        let request = Request {
+            rest: last_rest(samples[..moving.start].iter()),
+            moving,
             samples,
             turns,
-            self.setup.mountings.mag,
+            plane: (self.plane).map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0))),
+            mounting: self.setup.mountings.mag,
             settings,
-            self.setup.verdict,
-        );
-        if let Some((first_s, last_s)) = self.rotation_s {
-            request.moving = during(&request.samples, first_s, last_s);
-            request.rest = last_rest(request.samples[..request.moving.start].iter());
-        }
-        request.plane = self
-            .plane
-            .map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0)));
+            limits: self.setup.verdict,
+        };
         Surveyed::Request(Box::new(request), learnt)
     }
 }

@@ -259,11 +259,16 @@ impl Case {
             seed,
             ..Settings::default()
         };
-        let mounting = Mounting::default();
-        let mut request = Request::new(samples, turns, mounting, settings, Limits::default());
-        if self.mode == Mode::Planar {
-            request.plane = Some([Vector3::x(), Vector3::y()]);
-        }
+        let request = Request {
+            moving: 0..samples.len(),
+            rest: None,
+            samples,
+            turns,
+            plane: (self.mode == Mode::Planar).then(|| [Vector3::x(), Vector3::y()]),
+            mounting: Mounting::default(),
+            settings,
+            limits: Limits::default(),
+        };
         Log {
             request,
             truth,
