@@ -30,13 +30,13 @@ const USUAL_DIP_DEG: f64 = 68.0;
 /// The vertical field over the horizontal where a compass is still of use: a dip of 75°.
 const STEEPEST: f64 = 3.7;
 
-impl<const D: usize> Work<'_, D> {
+impl Work<'_> {
     /// Measures and judges a fit, and fills in the outcome. Returns the message of an acceptance.
     ///
     /// # Errors
     ///
     /// The refusal, if the fit does not deserve trust.
-    pub fn evaluate<C: Curve<D, P>, const P: usize>(
+    pub fn evaluate<C: Curve<D, P>, const D: usize, const P: usize>(
         &self,
         fitted: &Fitted<D, P>,
         outcome: &mut Outcome,
@@ -58,7 +58,7 @@ impl<const D: usize> Work<'_, D> {
     }
 
     /// Measures all that is judged of a fit.
-    fn measure<C: Curve<D, P>, const P: usize>(
+    fn measure<C: Curve<D, P>, const D: usize, const P: usize>(
         &self,
         fitted: &Fitted<D, P>,
         curve: &C,
@@ -103,7 +103,7 @@ impl<const D: usize> Work<'_, D> {
             reference_given: self.reference().is_some(),
             centre_inside: centre_inside(points, &best.position[..D]),
             heading_sd_deg,
-            gyro: self.cross_validated::<C, P>(points, &distances, best, fits),
+            gyro: self.cross_validated::<C, D, P>(points, &distances, best, fits),
             jump: largest_jump(&seen),
             rest_share: self.rest_share(&seen, curve, best.reference_mgauss),
             dip_spread_deg: gyro_agreement::dip_spread_deg(&sightings),
@@ -111,7 +111,7 @@ impl<const D: usize> Work<'_, D> {
     }
 
     /// Puts the fit, and what was measured of it, into the outcome.
-    fn report<const P: usize>(
+    fn report<const D: usize, const P: usize>(
         &self,
         fitted: &Fitted<D, P>,
         measures: &Measures,
@@ -132,7 +132,7 @@ impl<const D: usize> Work<'_, D> {
         }
         outcome.measures = Some(measures.clone());
         outcome.calibration = Some(Calibration {
-            parameters: self.parameters(position, level),
+            parameters: self.parameters::<D>(position, level),
             reference_mgauss: self.reference(),
             strength_mgauss: best.reference_mgauss,
             residual_mgauss: best.residual_mgauss,
@@ -143,7 +143,7 @@ impl<const D: usize> Work<'_, D> {
         });
     }
 
-    fn parameters(&self, position: &[f64], level: &[f64]) -> Parameters {
+    fn parameters<const D: usize>(&self, position: &[f64], level: &[f64]) -> Parameters {
         let (bias, entries) = position.split_at(D);
         if self.plan.mode == Mode::Planar {
             return Parameters::Planar(Planar {
@@ -166,14 +166,14 @@ impl<const D: usize> Work<'_, D> {
     }
 
     /// The samples with a pose that are `wanted`, corrected by the curve that holds for each.
-    fn sightings<'c, C: Curve<D, P> + 'c, const P: usize>(
+    fn sightings<'c, C: Curve<D, P> + 'c, const D: usize, const P: usize>(
         &self,
         points: &[[f64; D]],
         curve_of: impl Fn(usize) -> &'c C,
         wanted: impl Fn(usize) -> bool,
     ) -> Vec<Sighting> {
         let samples = &self.request.samples[self.plan.samples.clone()];
-        let axes_body = self.axes_body();
+        let axes_body = self.axes_body::<D>();
         let mut sightings = Vec::with_capacity(points.len());
         for (index, (sample, point)) in samples.iter().zip(points).enumerate() {
             let Some(pose) = sample.pose.filter(|_| wanted(index)) else {
@@ -191,7 +191,7 @@ impl<const D: usize> Work<'_, D> {
     /// Distance of the field at rest before the turn from the mean field of the turn's first part, in the gyro's frame, as a share of this
     /// strength, less what the vertical field adds if the board was not level at rest.
     /// `None` without a sample at rest, or if the gyro was lost in between.
-    fn rest_share<C: Curve<D, P>, const P: usize>(
+    fn rest_share<C: Curve<D, P>, const D: usize, const P: usize>(
         &self,
         seen: &[Sighting],
         curve: &C,
@@ -214,15 +214,16 @@ impl<const D: usize> Work<'_, D> {
             .map(|sighting| sighting.pose.orientation * sighting.field_body)
             .collect();
         let sum: Vector3<f64> = turned.iter().sum();
-        let point = (self.project)(&rest);
-        let rested = pose.orientation * (self.axes_body() * SVector::from(curve.correct(&point)));
+        let point = self.plan.project(&rest);
+        let rested =
+            pose.orientation * (self.axes_body::<D>() * SVector::from(curve.correct(&point)));
         let apart = (sum / turned.len() as f64 - rested).norm();
         let by_lean = STEEPEST * lean_rad;
         (!turned.is_empty()).then(|| (apart / strength_mgauss - by_lean).max(0.0))
     }
 
     /// The calibrated axes, body axes.
-    fn axes_body(&self) -> SMatrix<f64, 3, D> {
+    fn axes_body<const D: usize>(&self) -> SMatrix<f64, 3, D> {
         let chip_axes = match self.plan.mode {
             Mode::Planar => [self.plan.basis[0], self.plan.basis[1], Vector3::zeros()],
             Mode::Spatial => [Vector3::x(), Vector3::y(), Vector3::z()],
@@ -231,7 +232,7 @@ impl<const D: usize> Work<'_, D> {
     }
 
     /// Each part of the samples is corrected by a fit to the other parts.
-    fn cross_validated<C: Curve<D, P>, const P: usize>(
+    fn cross_validated<C: Curve<D, P>, const D: usize, const P: usize>(
         &self,
         points: &[[f64; D]],
         distances: &[Distance<P>],

@@ -80,52 +80,40 @@ pub fn calibrate(
     outcome.mode = Some(plan.mode);
     outcome.model = Some(Model::Diagonal);
     outcome.samples.turn = plan.samples.len();
+    let work = Work {
+        request,
+        plan: &plan,
+        cancelled,
+    };
     match plan.mode {
         Mode::Planar => {
             outcome.unobserved = &["across_plane", "soft_iron"];
             outcome.basis = Some(plan.basis.map(Into::into));
-            let [e1, e2] = plan.basis;
-            let project = |s: &FieldSample| [e1.dot(&s.field_mgauss), e2.dot(&s.field_mgauss)];
-            let work = Work {
-                request,
-                plan: &plan,
-                cancelled,
-                project: &project,
-            };
-            let fitted = work.fit::<4, 5>(outcome)?;
-            work.evaluate::<Diagonal<2>, 4>(&fitted, outcome)
+            let fitted = work.fit::<2, 4, 5>(outcome)?;
+            work.evaluate::<Diagonal<2>, 2, 4>(&fitted, outcome)
         }
         Mode::Spatial => {
-            let project = |s: &FieldSample| s.field_mgauss.into();
-            let work = Work {
-                request,
-                plan: &plan,
-                cancelled,
-                project: &project,
-            };
-            let fitted = work.fit::<6, 7>(outcome)?;
+            let fitted = work.fit::<3, 6, 7>(outcome)?;
             let found = select_model(&fitted, work.reference().is_some(), request.settings.model);
             if let SoftIron::Found(fitted) = found {
-                return work.evaluate::<Symmetric, 9>(&fitted, outcome);
+                return work.evaluate::<Symmetric, 3, 9>(&fitted, outcome);
             }
             if let SoftIron::Unseen = found {
                 outcome.unobserved = &["soft_iron"];
             }
-            work.evaluate::<Diagonal<3>, 6>(&fitted, outcome)
+            work.evaluate::<Diagonal<3>, 3, 6>(&fitted, outcome)
         }
     }
 }
 
 /// A calibration under way.
-pub struct Work<'a, const D: usize> {
+pub struct Work<'a> {
     pub request: &'a Request,
     pub plan: &'a Plan,
     pub cancelled: &'a AtomicBool,
-    /// A sample's components along the axes that are calibrated.
-    pub project: &'a dyn Fn(&FieldSample) -> [f64; D],
 }
 
-impl<const D: usize> Work<'_, D> {
+impl Work<'_> {
     /// The reference field that was given for this mode.
     pub fn reference(&self) -> Option<f64> {
         match self.plan.mode {
@@ -135,7 +123,7 @@ impl<const D: usize> Work<'_, D> {
     }
 
     /// Window, swarm and refinement under the diagonal model.
-    fn fit<const P: usize, const F: usize>(
+    fn fit<const D: usize, const P: usize, const F: usize>(
         &self,
         outcome: &mut Outcome,
     ) -> Result<Fitted<D, P>, Refusal> {
@@ -148,7 +136,7 @@ impl<const D: usize> Work<'_, D> {
             ));
         }
         let samples = &self.request.samples[self.plan.samples.clone()];
-        let points: Vec<[f64; D]> = samples.iter().map(self.project).collect();
+        let points: Vec<[f64; D]> = samples.iter().map(|one| self.plan.project(one)).collect();
         let no_motion = || {
             Refusal::new(
                 "no_motion",
@@ -169,19 +157,15 @@ impl<const D: usize> Work<'_, D> {
             ));
         }
 
-        let windows = windows(self.request, self.plan, self.project);
+        let windows = windows::<D>(self.request, self.plan);
         let ends = windows.first().zip(windows.last());
         outcome.window = ends.map(|(first, last)| first.start..last.end);
         outcome.samples.window = windows.iter().map(Range::len).sum();
 
-        let seen: Vec<[f64; D]> = windows
+        let seen = windows
             .iter()
-            .flat_map(|window| {
-                self.request.samples[window.clone()]
-                    .iter()
-                    .map(self.project)
-            })
-            .collect();
+            .flat_map(|window| &self.request.samples[window.clone()]);
+        let seen: Vec<[f64; D]> = seen.map(|one| self.plan.project(one)).collect();
         let seen = fit::without_spikes(&seen);
         let bounds = fit::bounds(&seen, reference).ok_or_else(no_motion)?;
         let swarm = fit::swarm::<D, P, F>(&seen, &bounds, settings, self.cancelled);
@@ -213,7 +197,7 @@ impl<const D: usize> Work<'_, D> {
     /// Finds a chip axis in the plane of the turn that is stuck or clipped: it reads the same number over an arc in which a working axis
     /// changes by at least two of its steps, even around its extreme. With a gyro, `saturation` has left such samples out already. In space
     /// this proves nothing: a roll about an axis leaves the axis as it is.
-    fn stuck_axis(
+    fn stuck_axis<const D: usize>(
         &self,
         samples: &[FieldSample],
         points: &[[f64; D]],
@@ -247,7 +231,7 @@ impl<const D: usize> Work<'_, D> {
     }
 
     /// Refines the swarm's answer `start`; in the plane, with the samples levelled as far as the tilt is known.
-    fn refine<const P: usize>(
+    fn refine<const D: usize, const P: usize>(
         &self,
         points: Vec<[f64; D]>,
         start: &ParameterVector<P>,
@@ -291,7 +275,7 @@ impl<const D: usize> Work<'_, D> {
     }
 
     /// Down during the plan's samples, along the calibrated axes, where the tilt is known.
-    fn down(&self) -> Vec<Option<[f64; D]>> {
+    fn down<const D: usize>(&self) -> Vec<Option<[f64; D]>> {
         let down = |sample: &FieldSample| {
             let pose = sample.pose.filter(|pose| pose.vertical_known)?;
             let down = pose.orientation.inverse_transform_vector(&-Vector3::z());

@@ -22,6 +22,16 @@ pub struct Plan {
     pub samples: Range<usize>,
 }
 
+impl Plan {
+    /// A sample's components along the axes that are calibrated.
+    pub fn project<const D: usize>(&self, sample: &FieldSample) -> [f64; D] {
+        std::array::from_fn(|axis| match self.mode {
+            Mode::Planar => self.basis[axis].dot(&sample.field_mgauss),
+            Mode::Spatial => sample.field_mgauss[axis],
+        })
+    }
+}
+
 /// Chooses mode, plane and samples. `None` if a plane is needed and the gyro shows none.
 pub fn plan(request: &Request) -> Option<Plan> {
     let turns = &request.turns;

@@ -21,11 +21,7 @@ struct Swing {
 /// space, for each axis the turn in which it swings most. Where that is one oblique turn for all of them, a
 /// turn about another axis comes with it: a single circle does not determine a sphere. Windows that overlap
 /// are joined.
-pub fn windows<const D: usize>(
-    request: &Request,
-    plan: &Plan,
-    project: &dyn Fn(&FieldSample) -> [f64; D],
-) -> Vec<Range<usize>> {
+pub fn windows<const D: usize>(request: &Request, plan: &Plan) -> Vec<Range<usize>> {
     let whole = plan.samples.clone();
     if request.settings.window != WindowChoice::Rist {
         return vec![whole];
@@ -41,7 +37,7 @@ pub fn windows<const D: usize>(
     };
     let swings: Vec<[Swing; D]> = spans
         .iter()
-        .map(|span| swings(&request.samples[span.clone()], span.start, project))
+        .map(|span| swings(&request.samples[span.clone()], span.start, plan))
         .collect();
 
     let mut windows = Vec::with_capacity(D);
@@ -79,12 +75,8 @@ pub fn windows<const D: usize>(
     windows
 }
 
-fn swings<const D: usize>(
-    samples: &[FieldSample],
-    start: usize,
-    project: &dyn Fn(&FieldSample) -> [f64; D],
-) -> [Swing; D] {
-    let points: Vec<[f64; D]> = samples.iter().map(project).collect();
+fn swings<const D: usize>(samples: &[FieldSample], start: usize, plan: &Plan) -> [Swing; D] {
+    let points: Vec<[f64; D]> = samples.iter().map(|one| plan.project(one)).collect();
     std::array::from_fn(|axis| {
         let values = || points.iter().map(|point| point[axis]);
         let window = rist::window(values());
