@@ -65,48 +65,35 @@ pub enum Sign {
     Unknown,
 }
 
-/// Why nothing was found.
+/// Why nothing was found, each with a code for programs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AlignmentError {
     /// There is no gyro, or nothing beside it.
     #[error(
-        "the log needs readings of a gyro, and of a magnetometer or an accelerometer beside it"
+        "the log needs readings of a gyro, and of a magnetometer or an accelerometer beside it (no_sensors)"
     )]
     NoSensors,
     /// The board has hardly turned.
     #[error(
-        "the board hardly turns: turn it by 90 degrees and back about each of its three axes, for half a minute"
+        "the board hardly turns: turn it by 90 degrees and back about each of its three axes, for half a minute (little_motion)"
     )]
     LittleMotion,
     /// The gyro counts turns the wrong way round.
     #[error(
         "the gyro's axes are mirrored: field or gravity turn the other way round than it reads, so that one of its \
-         three signs, or all of them, are wrong, or two of its axes are exchanged, before the log was written"
+         three signs, or all of them, are wrong, or two of its axes are exchanged, before the log was written (gyro_mirrored)"
     )]
     GyroMirrored,
     /// What this chip reads does not turn with the gyro.
     #[error(
-        "what the {0} reads does not turn with the gyro: check its unit and wiring, and keep magnets away"
+        "what the {0} reads does not turn with the gyro: check its unit and wiring, and keep magnets away (unrelated)"
     )]
     Unrelated(&'static str),
     /// The motion does not tell this chip's axes.
     #[error(
-        "the motion does not tell the axes of the {0}: turn the board about each of its three axes in one log"
+        "the motion does not tell the axes of the {0}: turn the board about each of its three axes in one log (ambiguous)"
     )]
     Ambiguous(&'static str),
-}
-
-impl AlignmentError {
-    /// A code for programs.
-    pub fn code(self) -> &'static str {
-        match self {
-            Self::NoSensors => "no_sensors",
-            Self::LittleMotion => "little_motion",
-            Self::GyroMirrored => "gyro_mirrored",
-            Self::Unrelated(_) => "unrelated",
-            Self::Ambiguous(_) => "ambiguous",
-        }
-    }
 }
 
 /// Finds how the chips lie, from readings in the order of time. `dips_down`: whether the field points into the ground, as

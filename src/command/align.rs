@@ -53,9 +53,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     tell_skips(&replay)?;
-    let found = align(&readings, !args.south).map_err(|refusal| {
-        Failure::new(Failure::REFUSED, format!("{refusal} ({})", refusal.code()))
-    })?;
+    let found = align(&readings, !args.south)
+        .map_err(|refusal| Failure::new(Failure::REFUSED, refusal.to_string()))?;
     if args.json {
         print_json(&as_json(&found))
     } else {
