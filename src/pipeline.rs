@@ -36,7 +36,7 @@ use learn::Learning;
 use saturation::RunState;
 
 pub use crate::outliers::Dropped;
-pub use survey::{EmptyAxis, Survey, Surveyed};
+pub use survey::{EmptyAxis, Survey};
 
 settings! {
     /// Settings of the pipeline itself; its modules have their own.

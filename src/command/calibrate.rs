@@ -17,7 +17,7 @@ use crate::calibration::settings::{ModeChoice, ModelChoice, Profile, StopChoice,
 use crate::calibration::verdict::Refusal;
 use crate::config::Config;
 use crate::frame::rounded;
-use crate::pipeline::{EmptyAxis, Survey, Surveyed};
+use crate::pipeline::{EmptyAxis, Survey};
 use crate::sensor::replay::Replay;
 use crate::store::{Contents, History, Identity, Made};
 use crate::wall_clock::unix_now_s;
@@ -154,43 +154,28 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     })?;
     tell_dropped(&survey.dropped());
     tell_skips(&replay)?;
-    let fault = survey.fault();
-    if let Some((reason, message)) = &fault {
+    if let Some((reason, message)) = survey.fault() {
         tell(format_args!("at the end of the log: {message} ({reason})"));
     }
     let empty_axis = survey.empty_axis();
     let thinned_to = survey.thinned_to();
-    let (request, learnt) = match survey.conclude() {
-        Surveyed::Request(request, learnt) => (request, learnt),
-        Surveyed::Learnt(outcome) => {
-            return Ok((identity, because_empty(*outcome, empty_axis)));
+    let outcome = survey.conclude(|request| {
+        if let Some(samples) = thinned_to {
+            tell(format_args!(
+                "the log is long: {samples} of its samples are used, those of turns first"
+            ));
         }
-        Surveyed::NoPlane => {
-            let message = format!(
-                "{} has no gyro readings that can be used, so nothing tells the plane of a turn: check its columns and units, add \
-                 --mode spatial, or name the plane with --plane xy, xz or yz",
-                args.log.display()
-            );
-            return Err(Failure::new(Failure::USAGE, message));
-        }
-    };
-    if let Some(samples) = thinned_to {
-        tell(format_args!(
-            "the log is long: {samples} of its samples are used, those of turns first"
-        ));
-    }
-    let begun = Instant::now();
-    let outcome = calibrate(&request).after(begun.elapsed());
-    let outcome = match learnt {
-        Some(learnt) => learnt.in_place_of(outcome),
-        None => outcome,
-    };
-    let outcome = match fault {
-        Some((reason @ "field_unit", message)) if outcome.verdict == Verdict::Accepted => {
-            outcome.refused(Refusal::new(reason, message))
-        }
-        _ => outcome,
-    };
+        let begun = Instant::now();
+        calibrate(request).after(begun.elapsed())
+    });
+    let outcome = outcome.ok_or_else(|| {
+        let message = format!(
+            "{} has no gyro readings that can be used, so nothing tells the plane of a turn: check its columns and units, add \
+             --mode spatial, or name the plane with --plane xy, xz or yz",
+            args.log.display()
+        );
+        Failure::new(Failure::USAGE, message)
+    })?;
     Ok((identity, because_empty(outcome, empty_axis)))
 }
 

@@ -7,10 +7,11 @@ use nalgebra::Vector3;
 use super::collector::is_level;
 use super::intake::Intake;
 use super::{Event, Pipeline, Setup};
-use crate::calibration::outcome::Outcome;
+use crate::calibration::outcome::{Outcome, Verdict};
 use crate::calibration::plane::show_space;
 use crate::calibration::settings::{ModeChoice, WindowChoice};
 use crate::calibration::thinning::Thinned;
+use crate::calibration::verdict::Refusal;
 use crate::calibration::{CompletedTurn, FieldSample, Request, during, last_rest};
 use crate::outliers::Dropped;
 use crate::reading::{Field, Reading};
@@ -49,17 +50,6 @@ pub struct EmptyAxis {
     pub empty: usize,
     /// Of so many.
     pub samples: usize,
-}
-
-/// What a log allows.
-#[derive(Debug)]
-pub enum Surveyed {
-    /// A calibration on turns, on rotation, or on all samples; and what the motion has taught, for turns that are refused.
-    Request(Box<Request>, Option<Box<Outcome>>),
-    /// The motion in it has taught enough.
-    Learnt(Box<Outcome>),
-    /// None: there are no gyro readings, and nothing else tells the plane.
-    NoPlane,
 }
 
 impl Survey {
@@ -168,23 +158,25 @@ impl Survey {
         })
     }
 
-    /// What the log allows.
-    pub fn conclude(self) -> Surveyed {
+    /// What comes of the log: what the motion in it has taught, or what `calibrate` makes of its turns, of its rotation, or of all samples.
+    /// `None` if there are no gyro readings, and nothing else tells the plane.
+    pub fn conclude(self, calibrate: impl FnOnce(&Request) -> Outcome) -> Option<Outcome> {
+        let fault = self.fault();
         let fits_turns = self.fits_turns();
         let settings = self.setup.calibration;
         let needs_gyro = self.plane.is_none() && settings.mode != ModeChoice::Spatial;
         // Two samples or fewer are refused as too few.
         if needs_gyro && !self.has_gyro && self.samples.len() > 2 {
-            return Surveyed::NoPlane;
+            return None;
         }
         let motion = self.motion.as_ref();
         let learnt = motion.and_then(Pipeline::learnt_by_motion);
-        let mut learnt = learnt.map(|(outcome, _)| Box::new(outcome));
+        let mut learnt = learnt.map(|(outcome, _)| outcome);
         if let Some(outcome) = &mut learnt {
             outcome.samples.total = self.samples.len();
         }
-        if let Some(outcome) = learnt.take_if(|_| !fits_turns) {
-            return Surveyed::Learnt(outcome);
+        if learnt.is_some() && !fits_turns {
+            return learnt;
         }
         // A named mode asks for the turns' result.
         learnt.take_if(|_| settings.mode != ModeChoice::Auto);
@@ -207,7 +199,17 @@ impl Survey {
             settings,
             limits: self.setup.verdict,
         };
-        Surveyed::Request(Box::new(request), learnt)
+        let fitted = calibrate(&request);
+        let outcome = match learnt {
+            Some(learnt) => learnt.in_place_of(fitted),
+            None => fitted,
+        };
+        Some(match fault {
+            Some((reason @ "field_unit", message)) if outcome.verdict == Verdict::Accepted => {
+                outcome.refused(Refusal::new(reason, message))
+            }
+            _ => outcome,
+        })
     }
 }
 

@@ -6,7 +6,7 @@ use headingd::calibration::outcome::{Outcome, Verdict};
 use headingd::calibration::policy::Policy;
 use headingd::condition::Condition;
 use headingd::heading::Heading;
-use headingd::pipeline::{Action, Event, Pipeline, Setup, Survey, Surveyed};
+use headingd::pipeline::{Action, Event, Pipeline, Setup, Survey};
 use headingd::reading::Reading;
 use headingd::sensor::simulator::{Scenario, Settings, Simulator};
 use nalgebra::{Vector2, Vector3};
@@ -748,12 +748,15 @@ fn a_turn_has_the_sample_at_its_beginning_and_that_at_its_end_live_as_of_a_log()
         }
     }
     let (turn, live) = (turn.unwrap(), live.unwrap());
-    let Surveyed::Request(offline, _) = survey.conclude() else {
-        panic!("the turn was not found");
-    };
+    let mut offline = None;
+    survey.conclude(|request| {
+        offline = Some(request.clone());
+        calibrate(request)
+    });
+    let offline = offline.expect("the turn was found");
     let rotation = &offline.samples[offline.moving.clone()];
     assert_eq!(rotation.last().unwrap().t_s, 10.0);
-    for request in [live, offline] {
+    for request in [*live, offline] {
         let samples = &request.samples[request.turns[0].samples.clone()];
         let ends = [samples[0].t_s, samples.last().unwrap().t_s];
         assert_eq!(ends, [turn.start_s, turn.end_s]);
