@@ -141,7 +141,6 @@ settings! {
         gap_s: f64 = 0.5, 0.05..=2.0, "seconds";
         /// The gyro's full scale, degrees per second. Without it, the largest rate that an axis has repeated counts as full scale until
         /// the gyro exceeds it.
-        #[serde(skip_serializing_if = "Option::is_none")]
         gyro_range_deg_s: Option<f64> = None, 50.0..=10_000.0, "degrees per second";
     }
 }

@@ -17,15 +17,12 @@ settings! {
     /// Where the declination comes from. Without a position and without a declination there are no true headings.
     pub struct Settings {
         /// Where the compass is, north.
-        #[serde(skip_serializing_if = "Option::is_none")]
         latitude_deg: Option<f64> = None, -90.0..=90.0, "degrees";
         /// The same, east.
-        #[serde(skip_serializing_if = "Option::is_none")]
         longitude_deg: Option<f64> = None, -180.0..=180.0, "degrees";
         /// Its height above the ellipsoid of WGS 84; a kilometre changes little.
         altitude_m: f64 = 0.0, -1000.0..=850_000.0, "metres";
         /// How far magnetic north is east of true north, in place of the model's answer.
-        #[serde(skip_serializing_if = "Option::is_none")]
         declination_deg: Option<f64> = None, -180.0..=180.0, "degrees";
         /// A gpsd that says where the compass is: an address in numbers with a port, or the absolute path of a Unix socket.
         /// Empty: none.

@@ -92,17 +92,13 @@ settings! {
         min_change: f64 = 0.01, 0.0..=10.0, "";
         /// L, the iterations over which level 3 takes its mean. The paper gives none. Left out, it is
         /// the profile's: see [`Settings::mean_window()`].
-        #[serde(skip_serializing_if = "Option::is_none")]
         mean_window: Option<usize> = None, 2..=1000, "iterations";
         /// Largest step of a particle, as a fraction of the box. The paper gives none. Left out, it
         /// is the profile's: see [`Settings::velocity_limit()`].
-        #[serde(skip_serializing_if = "Option::is_none")]
         velocity_limit: Option<f64> = None, 0.001..=1.0, "of the box";
         /// Strength of the horizontal field, milligauss, if known: the reference of a planar calibration.
-        #[serde(skip_serializing_if = "Option::is_none")]
         horizontal_mgauss: Option<f64> = None, 10.0..=1000.0, "milligauss";
         /// Strength of the whole field, milligauss, if known: the reference of a spatial calibration.
-        #[serde(skip_serializing_if = "Option::is_none")]
         total_mgauss: Option<f64> = None, 10.0..=1000.0, "milligauss";
         /// Turns whose axes differ by this angle or more, degrees, allow a spatial calibration.
         axes_apart_deg: f64 = 45.0, 20.0..=90.0, "degrees";

@@ -10,7 +10,6 @@ settings! {
     /// Where readings come from, and how fast.
     pub struct Settings {
         /// What the source is. There is no default: whoever reads headings must know where they come from.
-        #[serde(skip_serializing_if = "Option::is_none")]
         kind: Option<Kind> = None;
         /// The log to replay; of no effect with other kinds. A relative path starts in the working folder. Empty: none.
         log: PathBuf = PathBuf::new();
