@@ -43,7 +43,6 @@ pub use filter::TILT_RAD;
 pub use gravity::GRAVITY_M_S2;
 use gyro_errors::{GAP_BIAS_RAD_S, RESTART_BIAS_RAD_S};
 pub use lateness::Lateness;
-pub use past::BoardMotion;
 use past::Past;
 use rate_changes::RateChanges;
 use seam::SeamWatch;
@@ -65,7 +64,7 @@ pub struct Pose {
     pub stretch: u32,
 }
 
-/// One tick of the even clock.
+/// How the board lay and turned at one instant: at the end of a tick of the even clock, or between two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tick {
     /// Its end, seconds. Ticks follow each other evenly except across a gap in the gyro's readings.
@@ -74,7 +73,9 @@ pub struct Tick {
     pub pose: Pose,
     /// Angular rate in the body frame, freed of its bias, rad/s.
     pub rate_rad_s: Vector3<f64>,
-    /// Variance of the rotation that the gyro has missed since the tick before, each axis, rad².
+    /// Integral of that rate from the first tick on, radians.
+    pub turned_rad: Vector3<f64>,
+    /// Variance of the rotation that the gyro has missed from the first tick on, each axis, rad².
     pub missed_rad2: f64,
     /// The board is at rest: what the gyro reads now is bias and noise.
     pub at_rest: bool,
@@ -290,7 +291,7 @@ impl Attitude {
 
     /// Pose and rate at `t_s`, up to a quarter of a second ago; outside that time the nearest rate is held. `None` before the first tick
     /// of this stretch.
-    pub fn motion_at(&self, t_s: f64) -> Option<BoardMotion> {
+    pub fn motion_at(&self, t_s: f64) -> Option<Tick> {
         let motion = self.past.at(t_s)?;
         (motion.pose.stretch == self.filter.stretch).then_some(motion)
     }

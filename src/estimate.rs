@@ -14,7 +14,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::attitude::{BoardMotion, BoardState, GyroBias};
+use crate::attitude::{BoardState, GyroBias, Tick};
 use crate::calibration::model::Calibration;
 use crate::frame::Mounting;
 use crate::reading::STRONGEST_MGAUSS;
@@ -73,7 +73,7 @@ pub struct Sample {
     /// Lag of the magnetometer for which the motion is already corrected, seconds.
     pub lag_s: f64,
     /// How the board lay and turned when the magnetometer measured.
-    pub motion: BoardMotion,
+    pub motion: Tick,
     /// The board's state when the sample came.
     pub board: BoardState,
 }

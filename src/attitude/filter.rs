@@ -54,6 +54,9 @@ pub(super) struct AttitudeFilter {
     moved: bool,
     /// Variance of the rotation that the gyro has missed since the last tick, each axis, rad².
     pub(super) missed_rad2: f64,
+    /// Both from the first tick on: see [`Tick::missed_rad2`] and [`Tick::turned_rad`].
+    all_missed_rad2: f64,
+    turned_rad: Vector3<f64>,
     /// Horizontal specific force in the frame over the time constant of the tilt, m/s².
     pull: Vector2<f64>,
     /// Rotation of the levelled frame for each rad/s of the gyro's bias, body axes, seconds: the rotation matrix from body to that frame,
@@ -86,6 +89,8 @@ impl AttitudeFilter {
             levelled_s: None,
             moved: false,
             missed_rad2: 0.0,
+            all_missed_rad2: 0.0,
+            turned_rad: Vector3::zeros(),
             pull: Vector2::zeros(),
             tilt_by_bias_s: Matrix3::zeros(),
             mean_rate_rad_s: 0.0,
@@ -136,11 +141,14 @@ impl AttitudeFilter {
             self.vqf.state_mut().acc_quat = frame;
         }
         self.ticked = true;
+        self.turned_rad += rate * TICK_S;
+        self.all_missed_rad2 += missed_rad2;
         Tick {
             t_s: end_s,
             pose: self.pose(),
             rate_rad_s: rate,
-            missed_rad2,
+            turned_rad: self.turned_rad,
+            missed_rad2: self.all_missed_rad2,
             at_rest: self.at_rest(),
         }
     }

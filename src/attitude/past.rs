@@ -2,78 +2,55 @@
 
 use std::collections::VecDeque;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::UnitQuaternion;
 
-use super::clock::TICK_S;
-use super::{Pose, Tick};
+use super::Tick;
 
 /// How long ticks are kept, seconds: a magnetometer lags by up to 0.12 s, and a pause of the host delays a sample by up to 0.1 s.
 const KEPT_S: f64 = 0.25;
 
-/// How the board lay and turned at one instant.
-#[derive(Clone, Copy, Debug)]
-pub struct BoardMotion {
-    /// The pose.
-    pub pose: Pose,
-    /// Angular rate freed of the gyro's bias, body axes, rad/s.
-    pub rate_rad_s: Vector3<f64>,
-    /// Integral of that rate from the first tick on, radians.
-    pub turned_rad: Vector3<f64>,
-    /// Variance of the rotation that the gyro has missed from the first tick on, each axis, rad².
-    pub missed_rad2: f64,
-}
-
-/// The ends of the last ticks, oldest first.
+/// The last ticks, oldest first.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Past {
-    ticks: VecDeque<(f64, BoardMotion)>,
-    turned_rad: Vector3<f64>,
-    missed_rad2: f64,
+    ticks: VecDeque<Tick>,
 }
 
 impl Past {
     /// Takes the newest tick, and forgets old ticks and those of another stretch.
     pub(super) fn take(&mut self, tick: &Tick) {
-        self.turned_rad += tick.rate_rad_s * TICK_S;
-        self.missed_rad2 += tick.missed_rad2;
-        while let Some((t_s, oldest)) = self.ticks.front()
-            && (tick.t_s - t_s > KEPT_S || oldest.pose.stretch != tick.pose.stretch)
+        while let Some(oldest) = self.ticks.front()
+            && (tick.t_s - oldest.t_s > KEPT_S || oldest.pose.stretch != tick.pose.stretch)
         {
             self.ticks.pop_front();
         }
-        let motion = BoardMotion {
-            pose: tick.pose,
-            rate_rad_s: tick.rate_rad_s,
-            turned_rad: self.turned_rad,
-            missed_rad2: self.missed_rad2,
-        };
-        self.ticks.push_back((tick.t_s, motion));
+        self.ticks.push_back(*tick);
     }
 
     /// Whether `t_s` is before the end of the last tick.
     pub(super) fn reaches(&self, t_s: f64) -> bool {
-        self.ticks.back().is_some_and(|(end_s, _)| t_s < *end_s)
+        self.ticks.back().is_some_and(|tick| t_s < tick.t_s)
     }
 
     /// The motion at `t_s`. The rate is constant within a tick, before the oldest tick and after the newest.
-    pub(super) fn at(&self, t_s: f64) -> Option<BoardMotion> {
-        let after = self.ticks.partition_point(|(end_s, _)| *end_s < t_s);
-        let (end_s, motion) = self.ticks.get(after).or(self.ticks.back())?;
-        let turn = motion.rate_rad_s * (t_s - end_s);
-        Some(BoardMotion {
-            pose: Pose {
-                orientation: motion.pose.orientation * UnitQuaternion::from_scaled_axis(turn),
-                ..motion.pose
-            },
-            turned_rad: motion.turned_rad + turn,
-            ..*motion
-        })
+    pub(super) fn at(&self, t_s: f64) -> Option<Tick> {
+        let after = self.ticks.partition_point(|tick| tick.t_s < t_s);
+        let tick = self.ticks.get(after).or(self.ticks.back())?;
+        let turn = tick.rate_rad_s * (t_s - tick.t_s);
+        let mut now = *tick;
+        now.t_s = t_s;
+        now.pose.orientation *= UnitQuaternion::from_scaled_axis(turn);
+        now.turned_rad += turn;
+        Some(now)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
+    use crate::attitude::Pose;
+    use crate::attitude::clock::TICK_S;
 
     /// Half a second of a board that turns faster and faster about its Z.
     fn spun_up(past: &mut Past, stretch: u32) {
@@ -89,6 +66,7 @@ mod tests {
                     stretch,
                 },
                 rate_rad_s: Vector3::z() * rate,
+                turned_rad: Vector3::z() * angle,
                 missed_rad2: 0.0,
                 at_rest: false,
             });
@@ -126,10 +104,6 @@ mod tests {
         let mut past = Past::default();
         spun_up(&mut past, 0);
         spun_up(&mut past, 1);
-        assert!(
-            past.ticks
-                .iter()
-                .all(|(_, motion)| motion.pose.stretch == 1)
-        );
+        assert!(past.ticks.iter().all(|tick| tick.pose.stretch == 1));
     }
 }
