@@ -10,13 +10,15 @@ const MOST: Duration = Duration::from_millis(200);
 const REST: Duration = Duration::from_millis(100);
 
 /// An answer: 500 a second.
-const ANSWER: Duration = Duration::from_millis(2);
+pub(super) const ANSWER: Duration = Duration::from_millis(2);
 
 /// An answer to what is no request: 50 a second.
-const ERROR: Duration = Duration::from_millis(20);
+pub(super) const ERROR: Duration = Duration::from_millis(20);
 
-/// A byte, read and looked at: 250 kB a second.
-const BYTE: Duration = Duration::from_micros(4);
+/// So many bytes, read and looked at: 250 kB a second.
+pub(super) fn bytes(count: usize) -> Duration {
+    Duration::from_micros(4).saturating_mul(u32::try_from(count).unwrap_or(u32::MAX))
+}
 
 /// What a client has cost lately.
 #[derive(Debug)]
@@ -35,30 +37,15 @@ impl Allowance {
         }
     }
 
-    pub(super) fn bytes(&mut self, now: Instant, count: usize) {
-        self.spend(
-            now,
-            BYTE.saturating_mul(u32::try_from(count).unwrap_or(u32::MAX)),
-        );
-    }
-
-    pub(super) fn answer(&mut self, now: Instant) {
-        self.spend(now, ANSWER);
-    }
-
-    pub(super) fn error(&mut self, now: Instant) {
-        self.spend(now, ERROR);
+    pub(super) fn spend(&mut self, now: Instant, cost: Duration) {
+        self.debt = self.debt_at(now).saturating_add(cost);
+        self.at = now;
     }
 
     /// How long the client has to wait before it is read from again.
     pub(super) fn pause(&self, now: Instant) -> Option<Duration> {
         let debt = self.debt_at(now);
         (debt >= MOST).then(|| debt - REST)
-    }
-
-    fn spend(&mut self, now: Instant, cost: Duration) {
-        self.debt = self.debt_at(now).saturating_add(cost);
-        self.at = now;
     }
 
     /// A second pays off a second.
@@ -73,7 +60,7 @@ mod tests {
     use super::*;
 
     /// How often something is done in ten seconds by whoever does it whenever it may, and how often it had to wait.
-    fn in_ten_seconds(what: impl Fn(&mut Allowance, Instant)) -> (u32, u32) {
+    fn in_ten_seconds(cost: Duration) -> (u32, u32) {
         let begun = Instant::now();
         let mut now = begun;
         let mut allowance = Allowance::new(now);
@@ -85,7 +72,7 @@ mod tests {
                     pauses += 1;
                 }
                 None => {
-                    what(&mut allowance, now);
+                    allowance.spend(now, cost);
                     count += 1;
                 }
             }
@@ -95,15 +82,12 @@ mod tests {
 
     #[test]
     fn each_kind_has_its_rate_and_pauses_are_few() {
-        for (what, right) in [
-            (
-                Allowance::answer as fn(&mut Allowance, Instant),
-                5000..=5100,
-            ),
-            (Allowance::error, 500..=510),
-            (|a, now| a.bytes(now, 1024), 2440..=2500),
+        for (cost, right) in [
+            (ANSWER, 5000..=5100),
+            (ERROR, 500..=510),
+            (bytes(1024), 2440..=2500),
         ] {
-            let (count, pauses) = in_ten_seconds(what);
+            let (count, pauses) = in_ten_seconds(cost);
             assert!(right.contains(&count), "{count}, {right:?}");
             assert!(pauses <= 100, "{pauses}");
         }
@@ -115,8 +99,8 @@ mod tests {
         let mut allowance = Allowance::new(now);
         for _ in 0..10_000 {
             now += Duration::from_millis(10);
-            allowance.bytes(now, 200);
-            allowance.answer(now);
+            allowance.spend(now, bytes(200));
+            allowance.spend(now, ANSWER);
             assert_eq!(allowance.pause(now), None);
         }
     }
@@ -125,11 +109,11 @@ mod tests {
     fn a_long_request_is_waited_for_once_and_no_number_overflows() {
         let now = Instant::now();
         let mut allowance = Allowance::new(now);
-        allowance.bytes(now, 262_144);
+        allowance.spend(now, bytes(262_144));
         let pause = allowance.pause(now).unwrap();
         assert_eq!(allowance.pause(now + pause), None);
-        allowance.bytes(now, usize::MAX);
-        allowance.bytes(now, usize::MAX);
+        allowance.spend(now, bytes(usize::MAX));
+        allowance.spend(now, bytes(usize::MAX));
         assert!(allowance.pause(now).is_some());
     }
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use tokio::time::sleep;
 
-use super::allowance::Allowance;
+use super::allowance::{ANSWER, Allowance, ERROR, bytes};
 use super::connection::Connection;
 use super::framing::Requests;
 use super::request::ClientRequest;
@@ -48,7 +48,7 @@ impl Inbox {
             let count = link.read(&mut self.bytes).await?;
             (self.from, self.to) = (0, count);
             self.ended = count == 0;
-            self.allowance.bytes(Instant::now(), count);
+            self.allowance.spend(Instant::now(), bytes(count));
         }
         Ok(())
     }
@@ -67,10 +67,8 @@ impl Inbox {
             self.from = self.to - left.len();
             request
         }?;
-        match &request {
-            Ok(_) => self.allowance.answer(now),
-            Err(_) => self.allowance.error(now),
-        }
+        let cost = if request.is_ok() { ANSWER } else { ERROR };
+        self.allowance.spend(now, cost);
         Some(request)
     }
 }

@@ -10,7 +10,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{sleep, timeout, timeout_at};
 
 use super::{Answer, ControlCall, ControlRequest};
-use crate::publish::allowance::Allowance;
+use crate::publish::allowance::{ANSWER, Allowance, ERROR, bytes};
 use crate::publish::client::ClientError;
 
 /// Where the log is told of changes. `logging::repeats` knows it: however many there are, none is left out.
@@ -50,7 +50,7 @@ pub(super) async fn serve(
         if count == Some(0) {
             return Ok(());
         }
-        allowance.bytes(Instant::now(), line.len());
+        allowance.spend(Instant::now(), bytes(line.len()));
         let text = line.trim_ascii();
         let farewell = farewell(&line, count.is_none());
         let is_last = farewell.is_some();
@@ -58,7 +58,7 @@ pub(super) async fn serve(
             Some(farewell) => farewell,
             None if text.is_empty() => {
                 // Nothing was asked: the time goes on.
-                allowance.answer(Instant::now());
+                allowance.spend(Instant::now(), ANSWER);
                 continue;
             }
             None => answer(text, &peer, &mut allowance, &orders).await,
@@ -118,7 +118,7 @@ async fn answer(
     match ControlRequest::parse(text) {
         Ok(request) => {
             let (changes, words) = (request.changes(), request.to_string());
-            allowance.answer(Instant::now());
+            allowance.spend(Instant::now(), ANSWER);
             let answer = carry_out(request, orders).await;
             let (code, message) = (answer.code, &answer.message);
             if changes {
@@ -129,7 +129,7 @@ async fn answer(
             answer
         }
         Err(answer) => {
-            allowance.error(Instant::now());
+            allowance.spend(Instant::now(), ERROR);
             let (code, message) = (answer.code, &answer.message);
             tracing::info!(pid, uid, gid, code, "a request was refused: {message}");
             answer
