@@ -161,7 +161,8 @@ impl JsonLines {
         self.line.clear();
         let time = time.map(date::rfc3339);
         let (device, time) = (&self.device.path, time.as_deref());
-        gpsd::att_into(&mut self.line, device, &heading, time, 0);
+        gpsd::att_begin(&mut self.line, device, &heading, time);
+        gpsd::att_end(&mut self.line, 0);
         self.line.push('\n');
         output(self.out.write_all(self.line.as_bytes()))?;
         Ok(self.true_north.news())

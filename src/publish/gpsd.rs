@@ -4,8 +4,6 @@
 //! flat scalars in `ATT`. Unknown values are omitted, never 0 or null. None of these functions ends
 //! its object with a newline.
 
-use serde::Serialize;
-
 use super::json::{push_angle, push_integer, push_number, push_string};
 use crate::calibration::outcome::Outcome;
 use crate::condition::Report;
@@ -53,24 +51,12 @@ pub struct WatchPolicy {
     pub readings: bool,
 }
 
-/// Appends one heading as an `ATT` object.
+/// Appends a heading as an `ATT` object, up to its age, which only the moment of sending tells: [`att_end`] completes it.
 ///
-/// `time` is the time of the reading, RFC 3339 in UTC, if it is known; `age_ms` how long ago that was,
-/// milliseconds. Headings are rounded to 0.01° and stay below 360; fields to 0.1 mG; `t_s` to 1 µs. `rot` is in degrees a
-/// minute, `acc_x` and its like in m/s², `gyro_x` and its like in degrees a second.
-pub fn att_into(
-    out: &mut String,
-    device: &str,
-    heading: &Heading,
-    time: Option<&str>,
-    age_ms: u64,
-) {
-    att_begin(out, device, heading, time);
-    att_end(out, age_ms);
-}
-
-/// Appends an `ATT` object up to its age, which only the moment of sending tells: [`att_end`] completes it.
-pub(super) fn att_begin(out: &mut String, device: &str, heading: &Heading, time: Option<&str>) {
+/// `time` is the time of the reading, RFC 3339 in UTC, if it is known. Headings are rounded to 0.01° and stay below 360;
+/// fields to 0.1 mG; `t_s` to 1 µs. `rot` is in degrees a minute, `acc_x` and its like in m/s², `gyro_x` and its like in
+/// degrees a second.
+pub fn att_begin(out: &mut String, device: &str, heading: &Heading, time: Option<&str>) {
     out.push_str(r#"{"class":"ATT""#);
     push_string(out, "device", device);
     if let Some(time) = time {
@@ -113,8 +99,8 @@ pub(super) fn att_begin(out: &mut String, device: &str, heading: &Heading, time:
     push_string(out, "cal_state", heading.condition.word());
 }
 
-/// Completes what [`att_begin`] began.
-pub(super) fn att_end(out: &mut String, age_ms: u64) {
+/// Completes what [`att_begin`] began; `age_ms` is how long ago the reading was, milliseconds.
+pub fn att_end(out: &mut String, age_ms: u64) {
     push_integer(out, "age_ms", age_ms);
     out.push('}');
 }
@@ -133,17 +119,8 @@ pub fn state(report: &Report) -> String {
 
 /// A calibration's outcome as a `CALIBRATION` object: the class, then exactly the keys of [`Outcome`].
 pub fn calibration(outcome: &Outcome) -> String {
-    #[derive(Serialize)]
-    struct CalibrationObject<'a> {
-        class: &'static str,
-        #[serde(flatten)]
-        outcome: &'a Outcome,
-    }
-    serde_json::to_string(&CalibrationObject {
-        class: "CALIBRATION",
-        outcome,
-    })
-    .expect("an Outcome holds only what JSON can express")
+    let keys = serde_json::to_string(outcome).expect("an Outcome holds only what JSON can express");
+    format!(r#"{{"class":"CALIBRATION",{}"#, &keys[1..])
 }
 
 /// The `VERSION` object, which is also the banner. The protocol numbers are those of that release.

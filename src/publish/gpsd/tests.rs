@@ -5,7 +5,8 @@ use serde_json::Value;
 
 fn att(device: &str, heading: &Heading, time: Option<&str>, age_ms: u64) -> String {
     let mut out = String::new();
-    att_into(&mut out, device, heading, time, age_ms);
+    att_begin(&mut out, device, heading, time);
+    att_end(&mut out, age_ms);
     out
 }
 
