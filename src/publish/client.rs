@@ -156,15 +156,15 @@ impl Client<'_> {
             Ok(ClientRequest::Policy) => self.put_policy(),
             Ok(ClientRequest::Watch(watch)) => self.watch(&watch),
             Ok(ClientRequest::Poll) => self.put(&self.feed.poll()),
-            Ok(ClientRequest::Devices) => self.put(&self.feed.devices()),
-            Ok(ClientRequest::Device) => self.put(&self.feed.device()),
+            Ok(ClientRequest::Devices) => self.put(&self.feed.devices_line()),
+            Ok(ClientRequest::Device) => self.put(&self.feed.device_line()),
             Ok(ClientRequest::Version) => self.put(&gpsd::version()),
         }
     }
 
     /// gpsd answers any `?WATCH` with the devices and then the policy.
     fn put_policy(&mut self) {
-        self.put(&self.feed.devices());
+        self.put(&self.feed.devices_line());
         self.put(&gpsd::watch(&self.policy));
     }
 
@@ -196,7 +196,7 @@ impl Client<'_> {
         }
         self.put_policy();
         if self.readings.is_some() {
-            self.put_board(self.feed.board());
+            self.put_board(self.feed.board_line());
         }
         if self.ring.is_none() {
             return;
@@ -240,7 +240,7 @@ impl Client<'_> {
             Ok(Raw::Board(line)) => self.put_board(line),
             Ok(Raw::Reading(seq, reading)) => self.put(&raw::reading(seq, &reading)),
             // Missed readings are gone, and their `seq` says so. A new board may be among what was missed.
-            Err(RecvError::Lagged(_)) => self.put_board(self.feed.board()),
+            Err(RecvError::Lagged(_)) => self.put_board(self.feed.board_line()),
             Err(RecvError::Closed) => self.readings = None,
         }
     }

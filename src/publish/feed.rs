@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::broadcast;
 
 use super::gpsd::{self, Device};
-use super::{nmea, raw, signalk};
+use super::{nmea, raw};
 use crate::calibration::outcome::Outcome;
 use crate::condition::Report;
 use crate::heading::Heading;
@@ -23,89 +23,12 @@ const MOST_CYCLE_S: f64 = 10.0;
 /// Share of the newest of those times in what clients are told.
 const CYCLE_GAIN: f64 = 0.02;
 
-/// The daemon's end of the server. It never blocks, whatever the clients do; clones share one server.
-#[derive(Clone, Debug)]
-pub struct Publisher {
-    /// What it publishes into.
-    pub(super) feed: Arc<Feed>,
-}
+/// The daemon's end of the server: a handle on what it shares with the clients.
+pub type Publisher = Arc<Feed>;
 
-impl Publisher {
-    /// Sends a heading to all who watch for headings, and keeps it for `?POLL;`. `taken` is when the
-    /// magnetometer was read: the heading is not sent once it is older than `stale_s`. `time` is the same
-    /// moment, RFC 3339 in UTC, if the time of day is known.
-    pub fn heading(&self, heading: Heading, taken: Instant, time: Option<String>) {
-        let mut latest = self.feed.lock();
-        latest.count(&heading);
-        if latest.device.activated.is_none() {
-            latest.device.activated.clone_from(&time);
-        }
-        let published = Arc::new(PublishedHeading {
-            heading,
-            taken,
-            time,
-            att: OnceLock::new(),
-            nmea: OnceLock::new(),
-            signalk: OnceLock::new(),
-        });
-        self.feed.send(Broadcast::Heading(published.clone()));
-        latest.heading = Some(published);
-    }
-
-    /// Sends the condition to all who watch for `STATE`, and keeps it for those who will.
-    pub fn state(&self, report: &Report) {
-        self.event(EventKind::State, gpsd::state(report));
-    }
-
-    /// Sends the outcome to all who watch for `CALIBRATION`, and keeps it for those who will.
-    pub fn calibration(&self, outcome: &Outcome) {
-        self.event(EventKind::Calibration, gpsd::calibration(outcome));
-    }
-
-    fn event(&self, kind: EventKind, line: String) {
-        let mut latest = self.feed.lock();
-        let last = &mut latest.events[kind as usize];
-        *last = NumberedLine {
-            number: last.number + 1,
-            line: line.into(),
-        };
-        self.feed.send(Broadcast::Event(kind, last.clone()));
-    }
-
-    /// The source has become another one at the same path.
-    pub fn device(&self, device: Device) {
-        self.feed.lock().device = device;
-    }
-
-    /// Says whose raw readings will come, for clients that ask for them, now or later.
-    pub fn board(&self, header: &Header) {
-        let line: Arc<str> = raw::board(header).into();
-        self.feed.lock().board = line.clone();
-        self.feed.send_raw(Raw::Board(line));
-    }
-
-    /// Sends a raw reading to all who watch for `READING`.
-    pub fn reading(&self, reading: &Reading) {
-        let seq = self.feed.read.fetch_add(1, Ordering::Relaxed) + 1;
-        self.feed.send_raw(Raw::Reading(seq, *reading));
-    }
-
-    /// The latest heading, while it is not stale.
-    pub fn latest(&self) -> Option<Heading> {
-        let latest = self.feed.lock();
-        let kept = latest.heading.as_ref()?;
-        (!self.feed.is_stale(kept.taken)).then(|| kept.heading.clone())
-    }
-
-    /// How many clients are connected.
-    pub fn clients(&self) -> usize {
-        self.feed.clients.load(Ordering::Relaxed)
-    }
-}
-
-/// What the publisher and the clients share.
+/// What the publisher and the clients share. To publish never blocks, whatever the clients do.
 #[derive(Debug)]
-pub(super) struct Feed {
+pub struct Feed {
     /// Path of the source.
     pub(super) path: String,
     nmea: nmea::Settings,
@@ -149,20 +72,11 @@ pub(super) struct PublishedHeading {
     /// When the magnetometer was read.
     pub(super) taken: Instant,
     /// The same moment, RFC 3339 in UTC, if the time of day is known.
-    time: Option<String>,
+    pub(super) time: Option<String>,
     /// Its lines in each format: encoded once, for all clients, if one of them wants the format. `att` is without the heading's age,
     /// which is added when it is written to a client.
     att: OnceLock<String>,
     nmea: OnceLock<String>,
-    signalk: OnceLock<String>,
-}
-
-impl PublishedHeading {
-    /// As a Signal K delta.
-    pub(super) fn signalk(&self) -> &str {
-        let encoded = || signalk::delta(&self.heading, self.time.as_deref());
-        self.signalk.get_or_init(encoded)
-    }
 }
 
 /// One entry of the ring.
@@ -224,6 +138,76 @@ impl Feed {
         }
     }
 
+    /// Sends a heading to all who watch for headings, and keeps it for `?POLL;`. `taken` is when the
+    /// magnetometer was read: the heading is not sent once it is older than `stale_s`. `time` is the same
+    /// moment, RFC 3339 in UTC, if the time of day is known.
+    pub fn heading(&self, heading: Heading, taken: Instant, time: Option<String>) {
+        let mut latest = self.lock();
+        latest.count(&heading);
+        if latest.device.activated.is_none() {
+            latest.device.activated.clone_from(&time);
+        }
+        let published = Arc::new(PublishedHeading {
+            heading,
+            taken,
+            time,
+            att: OnceLock::new(),
+            nmea: OnceLock::new(),
+        });
+        self.send(Broadcast::Heading(published.clone()));
+        latest.heading = Some(published);
+    }
+
+    /// Sends the condition to all who watch for `STATE`, and keeps it for those who will.
+    pub fn state(&self, report: &Report) {
+        self.event(EventKind::State, gpsd::state(report));
+    }
+
+    /// Sends the outcome to all who watch for `CALIBRATION`, and keeps it for those who will.
+    pub fn calibration(&self, outcome: &Outcome) {
+        self.event(EventKind::Calibration, gpsd::calibration(outcome));
+    }
+
+    fn event(&self, kind: EventKind, line: String) {
+        let mut latest = self.lock();
+        let last = &mut latest.events[kind as usize];
+        *last = NumberedLine {
+            number: last.number + 1,
+            line: line.into(),
+        };
+        self.send(Broadcast::Event(kind, last.clone()));
+    }
+
+    /// The source has become another one at the same path.
+    pub fn device(&self, device: Device) {
+        self.lock().device = device;
+    }
+
+    /// Says whose raw readings will come, for clients that ask for them, now or later.
+    pub fn board(&self, header: &Header) {
+        let line: Arc<str> = raw::board(header).into();
+        self.lock().board = line.clone();
+        self.send_raw(Raw::Board(line));
+    }
+
+    /// Sends a raw reading to all who watch for `READING`.
+    pub fn reading(&self, reading: &Reading) {
+        let seq = self.read.fetch_add(1, Ordering::Relaxed) + 1;
+        self.send_raw(Raw::Reading(seq, *reading));
+    }
+
+    /// The latest heading, while it is not stale.
+    pub fn latest(&self) -> Option<Heading> {
+        let latest = self.lock();
+        let kept = latest.heading.as_ref()?;
+        (!self.is_stale(kept.taken)).then(|| kept.heading.clone())
+    }
+
+    /// How many clients are connected.
+    pub fn clients(&self) -> usize {
+        self.clients.load(Ordering::Relaxed)
+    }
+
     pub(super) fn subscribe(&self) -> broadcast::Receiver<Broadcast> {
         self.ring.subscribe()
     }
@@ -234,18 +218,18 @@ impl Feed {
     }
 
     /// The object that tells whose readings they are; empty if nobody has said.
-    pub(super) fn board(&self) -> Arc<str> {
+    pub(super) fn board_line(&self) -> Arc<str> {
         self.lock().board.clone()
     }
 
     /// The device, as `DEVICE` tells it.
-    pub(super) fn device(&self) -> String {
+    pub(super) fn device_line(&self) -> String {
         let latest = self.lock();
         gpsd::device(&latest.device, latest.cycle_s)
     }
 
     /// The same, as `DEVICES` tells it.
-    pub(super) fn devices(&self) -> String {
+    pub(super) fn devices_line(&self) -> String {
         let latest = self.lock();
         gpsd::devices(&latest.device, latest.cycle_s)
     }
@@ -325,18 +309,12 @@ mod tests {
             sensor: None,
             bps: None,
         };
-        let feed = Arc::new(Feed::new(
-            device,
-            nmea::Settings::default(),
-            8,
-            Duration::MAX,
-        ));
-        let publisher = Publisher { feed: feed.clone() };
+        let feed = Feed::new(device, nmea::Settings::default(), 8, Duration::MAX);
         for time in [None, Some("2026-11-21T10:00:00.000Z"), Some("later")] {
             let time = time.map(str::to_owned);
-            publisher.heading(Heading::default(), Instant::now(), time);
+            feed.heading(Heading::default(), Instant::now(), time);
         }
-        let device = feed.device();
+        let device = feed.device_line();
         let known = r#""activated":"2026-11-21T10:00:00.000Z""#;
         assert!(device.contains(known), "{device}");
     }

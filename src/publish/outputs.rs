@@ -46,7 +46,7 @@ pub fn open(
     publisher: &Publisher,
 ) -> JoinSet<()> {
     let mut tasks = JoinSet::new();
-    let lines = |format| HeadingLines::new(publisher.feed.clone(), format);
+    let lines = |format| HeadingLines::new(publisher.clone(), format);
     if let Some(to) = address(&udp.to)
         && let Some(socket) = opened("udp.to", to, udp::open(to), WITHOUT)
     {
@@ -55,7 +55,7 @@ pub fn open(
     }
     if let Some(listen) = address(&tcp.listen) {
         let listener = opened("tcp.listen", listen, tcp::open(listen), "will try again");
-        let feed = publisher.feed.clone();
+        let feed = publisher.clone();
         tasks.spawn(tcp::run(listener, listen, feed, tcp.format));
     }
     let path = pty.path.as_path();

@@ -98,9 +98,7 @@ impl Server {
 
     /// A handle by which headings, conditions and calibrations get in.
     pub fn publisher(&self) -> Publisher {
-        Publisher {
-            feed: self.feed.clone(),
-        }
+        self.feed.clone()
     }
 
     /// Serves clients until `shutdown` is ready. Then the socket is removed, and within 100 ms every client

@@ -8,6 +8,7 @@ use tokio::sync::broadcast::error::RecvError;
 use super::Format;
 use crate::publish::feed::{Broadcast, Feed};
 use crate::publish::rate_limit::RateLimit;
+use crate::publish::signalk;
 
 /// Headings in a format, as often as is set.
 pub(super) struct HeadingLines {
@@ -38,11 +39,13 @@ impl HeadingLines {
                         continue;
                     }
                     let text = match self.format {
-                        Format::Nmea => self.feed.nmea(&heading),
-                        Format::SignalK => heading.signalk(),
+                        Format::Nmea => self.feed.nmea(&heading).to_owned(),
+                        Format::SignalK => {
+                            signalk::delta(&heading.heading, heading.time.as_deref())
+                        }
                     };
                     if !text.is_empty() {
-                        return Some(text.to_owned());
+                        return Some(text);
                     }
                 }
                 Ok(_) => {}
