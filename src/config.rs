@@ -237,7 +237,7 @@ mod tests {
             ("[source]\n[i2c]\n[source]\n", "3: duplicate key"),
             (
                 "[source]\nkind = i2c\n",
-                "2: invalid float, expected `inf`, or a text in quotes",
+                "2: invalid float, expected `inf`, or a text in quotes: \"kind = i2c\"",
             ),
             (
                 "[source]\nkind = serial\n",
@@ -251,7 +251,7 @@ mod tests {
             ("[i2c]\nbus: 1\n", "2: invalid unquoted key"),
             (
                 "[i2c]\nbus = \u{1b}[2J\n",
-                "2: string values must be quoted",
+                "2: string values must be quoted, expected literal string: \"bus = \\u{1b}[2J\"",
             ),
             ("[log]\nfilter = \"°", "2: invalid basic string"),
         ] {

@@ -20,6 +20,8 @@ type Attempt = fn(DeTable<'_>) -> Result<Vec<Fault>, String>;
 
 /// A file with more syntax errors than this is likely no TOML at all.
 const MOST_SYNTAX_FAULTS: usize = 10;
+/// No message quotes more characters of a line.
+const LONGEST_SNIPPET: usize = 60;
 
 pub(super) struct TableReader<'i> {
     text: &'i str,
@@ -40,6 +42,13 @@ impl<'i> TableReader<'i> {
             // The parser takes `i2c` for a misspelt `inf`, and `fast` for `false`.
             if sentence.starts_with("invalid float") || sentence.starts_with("invalid boolean") {
                 sentence += ", or a text in quotes";
+            }
+            if let Some(before) = at.and_then(|at| text.get(..at)) {
+                let begin = before.rfind('\n').map_or(0, |end| end + 1);
+                let line = text[begin..].lines().next().unwrap_or_default();
+                // Escaped: no control character of a file reaches the terminal.
+                let line: String = line.chars().take(LONGEST_SNIPPET).collect();
+                sentence += &format!(": {line:?}");
             }
             (at, sentence)
         });
@@ -244,10 +253,9 @@ impl<'i> TableReader<'i> {
 
     /// A value as written in the file, cut to a part of one line.
     fn snippet(&self, span: &Range<usize>) -> String {
-        const LONGEST: usize = 60;
         let whole = self.text.get(span.clone()).unwrap_or_default().trim();
         let first = whole.lines().next().unwrap_or_default();
-        let cut: String = first.chars().take(LONGEST).collect();
+        let cut: String = first.chars().take(LONGEST_SNIPPET).collect();
         if cut.len() < whole.len() {
             format!("{cut}…")
         } else {
