@@ -13,7 +13,7 @@ use tracing_subscriber::filter::{LevelFilter, ParseError, Targets};
 use tracing_subscriber::prelude::*;
 use tracing_subscriber::{Layer, Registry, fmt, reload};
 
-use repeats::{LeftOut, Repeats, WINDOW};
+use repeats::{LeftOut, WINDOW};
 
 /// The environment variable that takes the place of `log.filter`.
 const FILTER_VARIABLE: &str = "RUST_LOG";
@@ -38,11 +38,11 @@ impl Log {
             None => (targets(filter), false, None),
         };
         let (chosen, handle) = reload::Layer::new(chosen);
-        let repeats = Repeats::of(output());
-        let left_out = repeats.left_out();
+        let left_out = LeftOut::default();
         tracing_subscriber::registry()
             .with(chosen)
-            .with(repeats)
+            .with(output())
+            .with(left_out.clone())
             .init();
         if let Some((text, error)) = wrong {
             tracing::warn!(

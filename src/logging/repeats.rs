@@ -20,25 +20,6 @@ pub(super) const WINDOW: Duration = Duration::from_secs(10);
 /// This module's lines are never suppressed: they say what was changed, and who asked.
 const CHANGES: &str = "headingd::publish::control::changes";
 
-/// Another layer, which is spared repetitions.
-pub(super) struct Repeats<L> {
-    inner: L,
-    left_out: LeftOut,
-}
-
-impl<L> Repeats<L> {
-    pub(super) fn of(inner: L) -> Self {
-        Self {
-            inner,
-            left_out: LeftOut::default(),
-        }
-    }
-
-    pub(super) fn left_out(&self) -> LeftOut {
-        self.left_out.clone()
-    }
-}
-
 /// For each call site, how many lines it has logged of late, and how many were left out and not reported yet. There are
 /// at most as many entries as call sites.
 #[derive(Clone, Debug, Default)]
@@ -102,20 +83,18 @@ impl LeftOut {
     }
 }
 
-impl<S: Subscriber, L: Layer<S>> Layer<S> for Repeats<L> {
-    fn on_event(&self, event: &Event<'_>, context: Context<'_, S>) {
+impl<S: Subscriber> Layer<S> for LeftOut {
+    /// Whether any layer hears of it.
+    fn event_enabled(&self, event: &Event<'_>, _: Context<'_, S>) -> bool {
         let metadata = event.metadata();
         if [module_path!(), CHANGES].contains(&metadata.target()) {
-            return self.inner.on_event(event, context);
+            return true;
         }
         let mut words = Words(String::new());
         event.record(&mut words);
         let now = Instant::now();
-        self.left_out.tell(now);
-        let (place, level) = (metadata.callsite(), *metadata.level());
-        if self.left_out.hear(place, level, &words.0, now) {
-            self.inner.on_event(event, context);
-        }
+        self.tell(now);
+        self.hear(metadata.callsite(), *metadata.level(), &words.0, now)
     }
 }
 
@@ -203,9 +182,10 @@ mod tests {
         let paper = Paper::default();
         let writer = paper.clone();
         let lines = tracing_subscriber::fmt::layer().with_writer(move || writer.clone());
-        let repeats = Repeats::of(lines);
-        let left_out = repeats.left_out();
-        let log = tracing_subscriber::registry().with(repeats);
+        let left_out = LeftOut::default();
+        let log = tracing_subscriber::registry()
+            .with(lines)
+            .with(left_out.clone());
         tracing::subscriber::with_default(log, || {
             for t_s in 0..1000 {
                 tracing::warn!(t_s, "the board has gone");
