@@ -70,15 +70,9 @@ pub enum StoreError {
     /// The file cannot be read.
     #[error("cannot read calibration {}: {}", .0.display(), .1)]
     Read(PathBuf, #[source] io::Error),
-    /// The file can be read, but is no calibration, and why: half-written or damaged.
+    /// The file can be read, but is no calibration that can be used, and why.
     #[error("{} is not a usable calibration file: {}", .0.display(), .1)]
-    Unreadable(PathBuf, String),
-    /// A newer program wrote the file, in this version.
-    #[error(
-        "calibration {} has version {}, which is newer than this headingd supports: upgrade headingd",
-        .0.display(), .1
-    )]
-    Newer(PathBuf, u64),
+    Format(PathBuf, #[source] FormatError),
     /// The calibration has values that cannot be kept, and which. The file is as it was.
     #[error("cannot save calibration {}: {}", .0.display(), .1)]
     Unsavable(PathBuf, String),
@@ -115,13 +109,7 @@ impl Store {
     /// When the folder cannot be made, or when another process has it.
     pub fn claim(directory: &Path) -> Result<Self, StoreError> {
         let fail = |error| StoreError::Directory(directory.to_owned(), error);
-        fs::create_dir_all(directory).map_err(|error| {
-            fail(if directory.is_file() {
-                io::Error::new(error.kind(), "it is a file, not a folder")
-            } else {
-                error
-            })
-        })?;
+        fs::create_dir_all(directory).map_err(fail)?;
         let lock = LockFile::share(&directory.join(LOCK_NAME)).map_err(|error| match error {
             LockError::Held(pid) => StoreError::InUse(directory.to_owned(), pid),
             LockError::System(error) => fail(error),
@@ -167,7 +155,9 @@ impl Store {
                 let reason = (!ours).then_some("changed");
                 (contents, reason)
             }
-            Err(StoreError::Newer(..)) => (Contents::default(), Some("newer")),
+            Err(StoreError::Format(_, FormatError::Newer(_))) => {
+                (Contents::default(), Some("newer"))
+            }
             Err(_) => (Contents::default(), Some("unreadable")),
         };
         contents.put(history.clone());
@@ -192,8 +182,8 @@ impl Store {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Contents::default()),
             // A pipe would be waited for, and a device has no end.
             Ok(found) if !found.is_file() => {
-                let why = "it is no regular file".to_owned();
-                Err(StoreError::Unreadable(path, why))
+                let why = FormatError::Unreadable("it is no regular file".to_owned());
+                Err(StoreError::Format(path, why))
             }
             _ => Self::read_file(&path),
         }
@@ -218,14 +208,13 @@ impl Store {
         let mut bytes = Vec::new();
         (input.take(LONGEST + 1).read_to_end(&mut bytes))
             .map_err(|error| StoreError::Read(path.to_owned(), error))?;
-        let unreadable = |why| StoreError::Unreadable(path.to_owned(), why);
-        if bytes.len() as u64 > LONGEST {
-            return Err(unreadable(format!("it is longer than {LONGEST} bytes")));
-        }
-        Contents::from_json(&bytes).map_err(|error| match error {
-            FormatError::Unreadable(why) => unreadable(why),
-            FormatError::Newer(version) => StoreError::Newer(path.to_owned(), version),
-        })
+        let contents = if bytes.len() as u64 > LONGEST {
+            let why = format!("it is longer than {LONGEST} bytes");
+            Err(FormatError::Unreadable(why))
+        } else {
+            Contents::from_json(&bytes)
+        };
+        contents.map_err(|error| StoreError::Format(path.to_owned(), error))
     }
 
     /// Writes a calibration file, in place of what was there. After an error a regular file is the

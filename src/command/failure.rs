@@ -85,7 +85,7 @@ impl From<StoreError> for Failure {
     fn from(error: StoreError) -> Self {
         let status = match error {
             StoreError::Read { .. } => Self::NO_INPUT,
-            StoreError::Unreadable { .. } | StoreError::Newer { .. } => Self::DATA,
+            StoreError::Format { .. } => Self::DATA,
             StoreError::InUse { .. } => Self::UNAVAILABLE,
             StoreError::Unsavable { .. } => Self::IO,
             StoreError::Directory { .. } | StoreError::Write { .. } => Self::CANNOT_CREATE,

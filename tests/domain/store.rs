@@ -11,7 +11,7 @@ use headingd::calibration::model::{
 };
 use headingd::calibration::policy::{Policy, Reason};
 use headingd::store::history::HistoryError;
-use headingd::store::{Contents, History, Identity, Made, Store, StoreError};
+use headingd::store::{Contents, FormatError, History, Identity, Made, Store, StoreError};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde_json::{Value, json};
 
@@ -363,7 +363,10 @@ fn a_file_cut_anywhere_is_refused_and_left_alone() {
         for length in 0..whole.len() - 1 {
             fs::write(&path, &whole[..length]).unwrap();
             let error = load(&store).unwrap_err();
-            assert!(matches!(error, StoreError::Unreadable(..)), "{error}");
+            assert!(
+                matches!(error, StoreError::Format(_, FormatError::Unreadable(_))),
+                "{error}"
+            );
             assert_eq!(fs::read(&path).unwrap(), whole[..length]);
         }
     }
@@ -381,7 +384,7 @@ fn a_file_that_is_not_understood_is_set_aside_before_the_next_save() {
     ] {
         fs::write(store.path(), text).unwrap();
         let error = load(&store).unwrap_err();
-        let newer = matches!(error, StoreError::Newer(_, 4));
+        let newer = matches!(error, StoreError::Format(_, FormatError::Newer(4)));
         assert_eq!(newer, name.starts_with("newer"), "{error}");
         let aside = store.save(&good, None).unwrap().unwrap();
         let name = format!("calibration.json.{name}");
@@ -403,7 +406,10 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
         let text = good.replacen("\"last_number\": 1", &format!("\"last_number\": {last}"), 1);
         fs::write(store.path(), &text).unwrap();
         let error = load(&store).unwrap_err();
-        assert!(matches!(error, StoreError::Unreadable(..)), "{error}");
+        assert!(
+            matches!(error, StoreError::Format(_, FormatError::Unreadable(_))),
+            "{error}"
+        );
         kept.keep(made(planar()), 10);
         let aside = store.save(&kept, None).unwrap().unwrap();
         assert_eq!(fs::read_to_string(aside).unwrap(), text);
