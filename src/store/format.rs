@@ -12,9 +12,9 @@
 //! ignore needs a new version: one that ignored a mounting would publish headings of another direction.
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Value, json};
 
-use super::history::{History, Identity, Made};
+use super::history::{History, Identity};
 use super::plausible::{faults, no_number};
 use crate::check::Fault;
 
@@ -46,15 +46,6 @@ struct Written<'a> {
     headingd_store: u64,
     #[serde(flatten)]
     contents: &'a Contents,
-}
-
-/// A file of version 1.
-#[derive(Deserialize)]
-struct Version1 {
-    #[serde(flatten)]
-    identity: Identity,
-    #[serde(flatten)]
-    made: Made,
 }
 
 impl Contents {
@@ -130,7 +121,7 @@ impl Contents {
     /// # Errors
     ///
     /// As [`Self::from_json`].
-    pub fn from_value(value: Value) -> Result<Self, FormatError> {
+    pub fn from_value(mut value: Value) -> Result<Self, FormatError> {
         let fail = |why: String| FormatError::Unreadable(why);
         // Check the version first: other fields may differ.
         let version = match value.get("headingd_store").map(Value::as_u64) {
@@ -142,20 +133,19 @@ impl Contents {
         if let Some(why) = calibrations(&value).into_iter().find_map(no_number) {
             return Err(fail(why));
         }
-        let contents = if version == 1 {
-            Version1::deserialize(value).map(|old| {
-                // Version 1 wrote 0 where the clock was not set.
-                let saved_unix_s = old.made.saved_unix_s.filter(|&s| s > 0);
-                let made = Made {
-                    saved_unix_s,
-                    ..old.made
-                };
-                Self::of(History::of(old.identity, made))
-            })
-        } else {
-            Self::deserialize(value)
-        };
-        let contents = contents.map_err(|error| fail(error.to_string()))?;
+        if version == 1 {
+            // It had one calibration, which was active.
+            let [sensor, mag_axes] = ["sensor", "mag_axes"].map(|key| value[key].take());
+            value["number"] = 1.into();
+            // It wrote 0 where the clock was not set.
+            if value["saved_unix_s"] == 0 {
+                value["saved_unix_s"] = Value::Null;
+            }
+            value = json!({ "sensors": [{
+                "sensor": sensor, "mag_axes": mag_axes, "in_force": 1, "last_number": 1, "history": [value],
+            }] });
+        }
+        let contents = Self::deserialize(value).map_err(|error| fail(error.to_string()))?;
         let damage = |contents: &Self| contents.sensors.iter().find_map(History::damage);
         match contents.fault().or_else(|| damage(&contents)) {
             None => Ok(contents),
