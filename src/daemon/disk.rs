@@ -143,19 +143,10 @@ fn load(directory: &Path, identity: &Identity) -> Result<Option<History>, StoreE
                 tracing::info!("no calibration in {path} yet: turn the board once");
             }
         }
-        None => {
-            let described = |of: &Identity| format!("{} mounted \"{}\"", of.sensor, of.mag_axes);
-            let others: Vec<String> = contents
-                .sensors
-                .iter()
-                .map(|other| format!("of {}", described(&other.identity)))
-                .collect();
-            tracing::warn!(
-                "not using the calibration of {path}: it is {}, and this is {}; it stays there",
-                others.join(" and "),
-                described(identity)
-            );
-        }
+        None => tracing::warn!(
+            "not using the calibration of {path}: it is of {}, and this is {identity}; it stays there",
+            contents.owners()
+        ),
     }
     Ok(found.cloned())
 }

@@ -320,11 +320,6 @@ fn sentence(entry: &KeptCalibration) -> String {
 
 fn other_sensor(contents: &Contents, history: &History) -> Answer {
     let here = &history.identity;
-    let others: Vec<String> = contents
-        .sensors
-        .iter()
-        .map(|other| other.identity.to_string())
-        .collect();
     let turned = contents
         .sensors
         .iter()
@@ -337,15 +332,11 @@ fn other_sensor(contents: &Contents, history: &History) -> Answer {
     } else {
         ("other_sensor", "turn the board to calibrate this one")
     };
-    let message = format!(
-        "this file is of {}, and this is {here}: {remedy}",
-        if others.is_empty() {
-            "no sensor".to_owned()
-        } else {
-            others.join(" and ")
-        }
-    );
-    Answer::refused(code, message)
+    let owners = contents.owners();
+    Answer::refused(
+        code,
+        format!("this file is of {owners}, and this is {here}: {remedy}"),
+    )
 }
 
 fn failed(error: impl std::fmt::Display) -> Answer {

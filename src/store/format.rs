@@ -61,6 +61,16 @@ impl Contents {
         self.sensors.iter().find(|kept| kept.identity == *identity)
     }
 
+    /// Whose calibrations these are, for people.
+    pub fn owners(&self) -> String {
+        let owner = |kept: &History| kept.identity.to_string();
+        let owners: Vec<String> = self.sensors.iter().map(owner).collect();
+        if owners.is_empty() {
+            return "no sensor".to_owned();
+        }
+        owners.join(" and ")
+    }
+
     /// What is kept for this sensor takes the place of what was.
     pub fn put(&mut self, history: History) {
         match self
