@@ -16,7 +16,6 @@ use serde_json::{Value, json};
 
 use super::history::{History, Identity};
 use super::plausible::{faults, no_number};
-use crate::check::Fault;
 
 const VERSION: u64 = 3;
 
@@ -140,9 +139,6 @@ impl Contents {
             Some(_) => return Err(fail("headingd_store is no version number".to_owned())),
             None => return Err(fail("key headingd_store is missing".to_owned())),
         };
-        if let Some(why) = calibrations(&value).into_iter().find_map(no_number) {
-            return Err(fail(why));
-        }
         if version == 1 {
             // It had one calibration, which was active.
             let [sensor, mag_axes] = ["sensor", "mag_axes"].map(|key| value[key].take());
@@ -155,7 +151,8 @@ impl Contents {
                 "sensor": sensor, "mag_axes": mag_axes, "in_force": 1, "last_number": 1, "history": [value],
             }] });
         }
-        let contents = Self::deserialize(value).map_err(|error| fail(error.to_string()))?;
+        let contents = Self::deserialize(&value)
+            .map_err(|error| fail(no_number("", &value).unwrap_or_else(|| error.to_string())))?;
         let damage = |contents: &Self| contents.sensors.iter().find_map(History::damage);
         match contents.fault().or_else(|| damage(&contents)) {
             None => Ok(contents),
@@ -175,30 +172,11 @@ impl Contents {
                 return Some(format!("{} appears twice", history.identity));
             }
             for entry in &history.entries {
-                let faults = faults(&entry.made.calibration);
-                if !faults.is_empty() {
-                    let texts: Vec<String> = faults.iter().map(Fault::to_string).collect();
-                    return Some(texts.join("; "));
-                }
-                if let Some(rms) = entry.made.gyro_rms_deg.filter(|rms| !rms.is_finite()) {
-                    return Some(format!("gyro_rms_deg is {rms}, but must be a number"));
+                if let Some(fault) = faults(&entry.made.calibration).first() {
+                    return Some(fault.to_string());
                 }
             }
         }
         None
     }
-}
-
-/// All calibrations in a file of any version.
-fn calibrations(value: &Value) -> Vec<&Value> {
-    let sensors = value.get("sensors").and_then(Value::as_array);
-    let entries = sensors
-        .into_iter()
-        .flatten()
-        .filter_map(|sensor| sensor.get("history")?.as_array())
-        .flatten();
-    entries
-        .chain(Some(value))
-        .filter_map(|entry| entry.get("calibration"))
-        .collect()
 }
