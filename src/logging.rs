@@ -31,11 +31,10 @@ impl Log {
         let wanted = env::var(FILTER_VARIABLE)
             .ok()
             .filter(|text| !text.is_empty());
-        let read = wanted.map(|text| parse(&text).map_err(|error| (text, error)));
-        let (chosen, own, wrong) = match read {
-            Some(Ok(chosen)) => (chosen, true, None),
-            Some(Err(wrong)) => (targets(filter), false, Some(wrong)),
-            None => (targets(filter), false, None),
+        let own = wanted.map(|text| parse(&text));
+        let chosen = match &own {
+            Some(Ok(own)) => own.clone(),
+            _ => targets(filter),
         };
         let (chosen, handle) = reload::Layer::new(chosen);
         let left_out = LeftOut::default();
@@ -44,13 +43,11 @@ impl Log {
             .with(output())
             .with(left_out.clone())
             .init();
-        if let Some((text, error)) = wrong {
-            tracing::warn!(
-                "{FILTER_VARIABLE} is {text:?}, which is no filter: {error}; using {filter:?}"
-            );
+        if let Some(Err(error)) = &own {
+            tracing::warn!("{FILTER_VARIABLE} is no filter: {error}; using {filter:?}");
         }
         Self {
-            filter: (!own).then_some(handle),
+            filter: (!matches!(own, Some(Ok(_)))).then_some(handle),
             left_out,
         }
     }

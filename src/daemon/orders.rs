@@ -127,14 +127,11 @@ impl Daemon {
         let history = self.session.store.history_mut();
         let was_active = history.active.is_some();
         let count = history.forget(number, all)?;
-        let goes_on = history.active.is_some();
-        let remedy = history.mode.remedy();
-        let rest = match (goes_on, history.entries.is_empty()) {
-            (true, _) => "the active one stays".to_owned(),
-            (false, true) => format!("none is active: {remedy}"),
-            (false, false) => format!("none is active: {remedy}, or roll back"),
+        let rest = match history.find(None) {
+            Ok(_) => "the active one stays".to_owned(),
+            Err(none) => none.to_string(),
         };
-        if was_active && !goes_on {
+        if was_active && history.active.is_none() {
             self.handle(Event::Activate(None));
         }
         Ok(

@@ -162,7 +162,7 @@ fn every_command_does_what_it_says() {
     let said = run(&["forget", "--all"]);
     let remedy = "headingd calibration start, and then turn the board once";
     assert!(
-        said.ends_with(&format!("none is active: {remedy}\n")),
+        said.ends_with(&format!("no calibration is active: {remedy}\n")),
         "{said}"
     );
     for action in ["show", "export", "forget"] {
