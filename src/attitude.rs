@@ -67,9 +67,9 @@ pub struct Pose {
 /// How the board lay and turned at one instant: at the end of a tick of the even clock, or between two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tick {
-    /// Its end, seconds. Ticks follow each other evenly except across a gap in the gyro's readings.
+    /// That instant, seconds. Ticks end evenly, except across a gap in the gyro's readings.
     pub t_s: f64,
-    /// The pose at its end.
+    /// The pose then.
     pub pose: Pose,
     /// Angular rate in the body frame, freed of its bias, rad/s.
     pub rate_rad_s: Vector3<f64>,

@@ -31,7 +31,7 @@ impl Log {
         let wanted = env::var(FILTER_VARIABLE)
             .ok()
             .filter(|text| !text.is_empty());
-        let own = wanted.map(|text| parse(&text));
+        let own = wanted.as_deref().map(parse);
         let chosen = match &own {
             Some(Ok(own)) => own.clone(),
             _ => targets(filter),
@@ -44,7 +44,10 @@ impl Log {
             .with(left_out.clone())
             .init();
         if let Some(Err(error)) = &own {
-            tracing::warn!("{FILTER_VARIABLE} is no filter: {error}; using {filter:?}");
+            let found = wanted.unwrap_or_default();
+            tracing::warn!(
+                "{FILTER_VARIABLE} is {found:?}, which is no filter: {error}; using {filter:?}"
+            );
         }
         Self {
             filter: (!matches!(own, Some(Ok(_)))).then_some(handle),

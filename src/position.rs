@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use tokio::io::{AsyncBufReadExt, AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, BufReader};
 use tokio::net::{TcpStream, UnixStream};
 use tokio::sync::watch;
+use tokio::time::error::Elapsed;
 use tokio::time::{sleep, timeout};
 
 use crate::true_north::Position;
@@ -137,6 +138,13 @@ async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
     }
 }
 
+fn busy(_: Elapsed) -> io::Error {
+    let patience_s = CONNECT_PATIENCE.as_secs();
+    io::Error::other(format!(
+        "it has not taken the connection for {patience_s} s"
+    ))
+}
+
 /// Connects, and reads to the end.
 async fn read(
     gpsd: &Gpsd,
@@ -146,11 +154,11 @@ async fn read(
     match gpsd {
         Gpsd::Tcp(address) => {
             let stream = timeout(CONNECT_PATIENCE, TcpStream::connect(address));
-            read_from(stream.await??, gpsd, fixes, told).await
+            read_from(stream.await.map_err(busy)??, gpsd, fixes, told).await
         }
         Gpsd::Unix(path) => {
             let stream = timeout(CONNECT_PATIENCE, UnixStream::connect(path));
-            read_from(stream.await??, gpsd, fixes, told).await
+            read_from(stream.await.map_err(busy)??, gpsd, fixes, told).await
         }
     }
 }
@@ -161,7 +169,8 @@ async fn read_from(
     fixes: &watch::Sender<Option<GpsFix>>,
     told: &mut bool,
 ) -> io::Result<Infallible> {
-    timeout(CONNECT_PATIENCE, stream.write_all(WATCH)).await??;
+    let sent = timeout(CONNECT_PATIENCE, stream.write_all(WATCH));
+    sent.await.map_err(busy)??;
     if !*told {
         tracing::info!("connected to the gpsd at {gpsd}: waiting for a position");
     }
@@ -174,7 +183,9 @@ async fn read_from(
         line.clear();
         let mut limited = (&mut reader).take(LONGEST as u64);
         let read = timeout(SILENCE, limited.read_until(b'\n', &mut line));
-        if read.await?? == 0 {
+        let silent =
+            |_| io::Error::other(format!("it has sent nothing for {} s", SILENCE.as_secs()));
+        if read.await.map_err(silent)?? == 0 {
             return Err(io::Error::other("it has closed the connection"));
         }
         let whole = line.ends_with(b"\n");

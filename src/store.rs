@@ -109,7 +109,13 @@ impl Store {
     /// When the folder cannot be made, or when another process has it.
     pub fn claim(directory: &Path) -> Result<Self, StoreError> {
         let fail = |error| StoreError::Directory(directory.to_owned(), error);
-        fs::create_dir_all(directory).map_err(fail)?;
+        fs::create_dir_all(directory).map_err(|error| {
+            fail(if directory.is_file() {
+                io::Error::new(error.kind(), "it is a file, not a folder")
+            } else {
+                error
+            })
+        })?;
         let lock = LockFile::share(&directory.join(LOCK_NAME)).map_err(|error| match error {
             LockError::Held(pid) => StoreError::InUse(directory.to_owned(), pid),
             LockError::System(error) => fail(error),

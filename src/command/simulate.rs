@@ -57,6 +57,16 @@ pub struct Args {
     pub no_accel: bool,
 }
 
+/// Faults as the user wrote them: `--noise-mgauss`, not `noise_mgauss`.
+fn options(faults: &[Fault]) -> String {
+    let as_options = faults.iter().map(|fault| {
+        let key = format!("--{}", fault.key.replace('_', "-"));
+        let fault = fault.clone();
+        Fault { key, ..fault }.to_string()
+    });
+    as_options.collect::<Vec<_>>().join("; ")
+}
+
 fn three(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
     numbers
@@ -78,9 +88,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         with_accel: !args.no_accel,
         ..Settings::default()
     };
-    let faults: Vec<String> = settings.check().iter().map(Fault::to_string).collect();
+    let faults = settings.check();
     if !faults.is_empty() {
-        let message = format!("cannot simulate: {}", faults.join("; "));
+        let message = format!("cannot simulate: {}", options(&faults));
         return Err(Failure::new(Failure::USAGE, message));
     }
     let simulator = Simulator::new(settings);
@@ -155,7 +165,7 @@ mod tests {
         let error = run(&args(out, &["--spikes", "0.9"]).unwrap()).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "cannot simulate: spikes is 0.9, but must be from 0 to 0.5"
+            "cannot simulate: --spikes is 0.9, but must be from 0 to 0.5"
         );
     }
 

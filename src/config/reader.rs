@@ -43,12 +43,12 @@ impl<'i> TableReader<'i> {
             if sentence.starts_with("invalid float") || sentence.starts_with("invalid boolean") {
                 sentence += ", or a text in quotes";
             }
-            if let Some(before) = at.and_then(|at| text.get(..at)) {
-                let begin = before.rfind('\n').map_or(0, |end| end + 1);
-                let line = text[begin..].lines().next().unwrap_or_default();
+            let before = at.and_then(|at| text.get(..at)).unwrap_or_default();
+            let begin = before.rfind('\n').map_or(0, |end| end + 1);
+            let line = text[begin..].lines().next().unwrap_or_default();
+            if !line.is_empty() {
                 // Escaped: no control character of a file reaches the terminal.
-                let line: String = line.chars().take(LONGEST_SNIPPET).collect();
-                sentence += &format!(": {line:?}");
+                sentence += &format!(": {:?}", first_line(line));
             }
             (at, sentence)
         });
@@ -253,14 +253,19 @@ impl<'i> TableReader<'i> {
 
     /// A value as written in the file, cut to a part of one line.
     fn snippet(&self, span: &Range<usize>) -> String {
-        let whole = self.text.get(span.clone()).unwrap_or_default().trim();
-        let first = whole.lines().next().unwrap_or_default();
-        let cut: String = first.chars().take(LONGEST_SNIPPET).collect();
-        if cut.len() < whole.len() {
-            format!("{cut}…")
-        } else {
-            cut
-        }
+        first_line(self.text.get(span.clone()).unwrap_or_default())
+    }
+}
+
+/// The first line of a text, cut if it is long.
+fn first_line(text: &str) -> String {
+    let whole = text.trim();
+    let first = whole.lines().next().unwrap_or_default();
+    let cut: String = first.chars().take(LONGEST_SNIPPET).collect();
+    if cut.len() < whole.len() {
+        format!("{cut}…")
+    } else {
+        cut
     }
 }
 

@@ -73,7 +73,7 @@ pub(super) struct PublishedHeading {
     pub(super) taken: Instant,
     /// The same moment, RFC 3339 in UTC, if the time of day is known.
     pub(super) time: Option<String>,
-    /// Its lines in each format: encoded once, for all clients, if one of them wants the format. `att` is without the heading's age,
+    /// Its lines in both formats of the sockets: encoded once, for all clients, if one of them wants the format. `att` is without the heading's age,
     /// which is added when it is written to a client.
     att: OnceLock<String>,
     nmea: OnceLock<String>,

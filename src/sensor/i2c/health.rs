@@ -26,7 +26,7 @@ struct Faults {
     since_s: f64,
     last_s: f64,
     count: u64,
-    /// The codes that have been logged.
+    /// The codes that have been logged, or left to the state.
     told: Vec<&'static str>,
     newest: SourceFault,
 }

@@ -17,7 +17,7 @@ fn a_store_that_fails_shows_in_the_status_and_catches_up_when_it_works() {
     let status = link.told("status");
     assert_eq!(status["store"]["state"], "failing");
     let message = status["store"]["message"].as_str().unwrap();
-    let right = "store: File exists (os error 17); set store.directory";
+    let right = "store: it is a file, not a folder; set store.directory";
     assert!(message.contains(right), "{message}");
     client.accepted();
     // It is done, but not kept, and says so.
