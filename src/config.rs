@@ -199,7 +199,7 @@ mod tests {
         let cases = [
             ("[source]\nspeed = \"fast\"", "file.toml:2: source.speed is \"fast\", but must be a number"),
             ("[source]\nkind = 3",
-             "file.toml:2: source.kind is 3, but must be a text in quotes"),
+             "file.toml:2: source.kind is 3, but must be \"simulator\" or \"replay\" or \"i2c\" or \"serial\""),
             ("[source]\nlog = true", "file.toml:2: source.log is true, but must be a text in quotes"),
             ("source.speed = [1]", "file.toml:1: source.speed is [1], but must be a number"),
             ("source = 1", "file.toml:1: source is 1, but must be a table, [source]"),

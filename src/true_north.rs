@@ -132,6 +132,11 @@ impl TrueNorth {
         std::mem::take(&mut self.field_is_new).then_some(self.field)
     }
 
+    /// Whether the last news is a warning: else there is nothing to warn of any more.
+    pub fn is_warning(&self) -> bool {
+        self.told.is_some()
+    }
+
     /// What the user should know since the last answer, once.
     pub fn news(&mut self) -> Option<String> {
         self.news.take()
@@ -249,11 +254,13 @@ mod tests {
             assert_eq!(north.declination_deg(None), None);
         }
         let told = north.news().unwrap();
+        assert!(north.is_warning());
         assert!(told.contains("the date is not known"), "{told}");
         assert_eq!(north.news(), None);
         // Then the clock is set.
         assert!(north.declination_deg(day("2029-12-30")).is_some());
         assert_eq!(north.news().unwrap(), "true headings again");
+        assert!(!north.is_warning());
         assert!(north.declination_deg(day("2029-12-31")).is_some());
         assert_eq!(north.news(), None);
         for date in ["2030-01-01", "2030-01-02"] {

@@ -73,7 +73,8 @@ pub struct Args {
     pub json: bool,
 }
 
-/// The chip axes that span it; none where the gyro tells. (An alias, since clap takes an `Option` for one that may be left out.)
+/// The chip axes that span it; none where the gyro tells. An alias hides the `Option` from clap, which would take it for an argument
+/// that may be missing.
 pub type Plane = Option<[usize; 2]>;
 
 fn plane(word: String) -> Plane {

@@ -20,9 +20,9 @@ pub fn bar(template: &str) -> ProgressBar {
         .with_finish(ProgressFinish::AndClear)
 }
 
-/// How much is done, 0 to 1, as a bar's position.
-pub fn parts(share: f64) -> u64 {
-    (PARTS as f64 * share) as u64
+/// Sets how much is done, 0 to 1.
+pub fn set(bar: &ProgressBar, share: f64) {
+    bar.set_position((PARTS as f64 * share) as u64);
 }
 
 /// A sign of life for work of unknown length. Dropped, it is removed.

@@ -19,7 +19,7 @@ pub fn read_log(
         take(entry?, log.begins_stretch())?;
         rows += 1;
         if rows.is_multiple_of(ROWS_A_LOOK) {
-            bar.set_position(progress::parts(log.share_read()));
+            progress::set(&bar, log.share_read());
         }
     }
     Ok(())

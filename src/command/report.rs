@@ -137,7 +137,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
         if passed_s >= args.duration {
             break;
         }
-        bar.set_position(progress::parts(passed_s / args.duration));
+        progress::set(&bar, passed_s / args.duration);
         let object = match headings.object_in_time() {
             Ok(Some(object)) => object,
             Ok(None) => continue,

@@ -109,7 +109,7 @@ impl Show {
         };
         let share = status.progress.unwrap_or(0.0);
         if !self.bar.is_hidden() {
-            self.bar.set_position(progress::parts(share));
+            progress::set(&self.bar, share);
             self.bar.set_message(said);
         } else if self.reason != status.reason || (share - self.share).abs() >= STEP {
             (self.reason, self.share) = (status.reason.clone(), share);

@@ -223,11 +223,18 @@ impl<'i> TableReader<'i> {
             table.insert(key.clone(), value);
             attempt(table)
         };
-        let message = match with(DeTable::new(), value.clone()) {
+        let mut message = match with(DeTable::new(), value.clone()) {
             Ok(_) if too_many => String::new(),
             Ok(_) => return Ok(()),
             Err(message) => message,
         };
+        // The parser refuses a choice that is no string before it looks at the choices.
+        if message == "wanted string or table" {
+            let text = DeValue::String(DeString::from(""));
+            if let Err(refused) = with(DeTable::new(), Spanned::new(value.span(), text)) {
+                message = refused;
+            }
+        }
         let found = match value.get_ref() {
             // Its place in the file may be that of a header or of a dotted key.
             DeValue::Table(_) => "a table".to_owned(),

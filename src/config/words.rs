@@ -14,9 +14,6 @@ pub(super) fn explain(key: &str, found: String, message: &str) -> String {
         let quoted: Vec<String> = choices.map(|choice| format!("{choice:?}")).collect();
         return wrong(quoted.join(" or "));
     }
-    if message == "wanted string or table" {
-        return wrong("a text in quotes".to_owned());
-    }
     let is_type = ["invalid type: ", "invalid value: ", "invalid length "]
         .iter()
         .any(|start| message.starts_with(start));

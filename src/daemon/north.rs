@@ -49,7 +49,11 @@ impl North {
         let since_1970 = since_1970.or_else(|| self.follower.as_ref()?.now());
         let declination_deg = self.true_north.declination_deg(since_1970);
         if let Some(news) = self.true_north.news() {
-            tracing::warn!("{news}");
+            if self.true_north.is_warning() {
+                tracing::warn!("{news}");
+            } else {
+                tracing::info!("{news}");
+            }
         }
         declination_deg
     }

@@ -167,6 +167,7 @@ pub(super) fn subtract<const K: usize>(
     for (index, column) in p.data.0.iter_mut().enumerate() {
         let lower = &mut column[index..];
         let factors: [f64; K] = std::array::from_fn(|k| cross[(index, k)]);
+        // As long as `lower`, so that the compiler needs no check of bounds, and vectorises the loop.
         let gains: [&[f64]; K] = std::array::from_fn(|k| &gain.data.0[k][index..][..lower.len()]);
         for (row, value) in lower.iter_mut().enumerate() {
             for k in 0..K {

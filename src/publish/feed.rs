@@ -26,7 +26,7 @@ const CYCLE_GAIN: f64 = 0.02;
 /// The daemon's end of the server: a handle on what it shares with the clients.
 pub type Publisher = Arc<Feed>;
 
-/// What the publisher and the clients share. To publish never blocks, whatever the clients do.
+/// What the publisher and the clients share. Publishing never blocks, whatever the clients do.
 #[derive(Debug)]
 pub struct Feed {
     /// Path of the source.
@@ -73,8 +73,8 @@ pub(super) struct PublishedHeading {
     pub(super) taken: Instant,
     /// The same moment, RFC 3339 in UTC, if the time of day is known.
     pub(super) time: Option<String>,
-    /// Its lines in both formats of the sockets: encoded once, for all clients, if one of them wants the format. `att` is without the heading's age,
-    /// which is added when it is written to a client.
+    /// Its lines in both formats of the socket: encoded once, for all clients, if one of them wants the format. `att` is without the
+    /// heading's age, which is added when it is written to a client.
     att: OnceLock<String>,
     nmea: OnceLock<String>,
 }

@@ -42,8 +42,11 @@ pub(super) fn faults(calibration: &Calibration) -> Vec<Fault> {
     const BIAS: RangeInclusive<f64> = -1e5..=1e5;
     let mut faults = Vec::new();
     let mut check = |key: &str, values: &[f64], range: RangeInclusive<f64>| {
-        for value in values {
-            let key = format!("calibration.{key}");
+        for (index, value) in values.iter().enumerate() {
+            let key = match values.len() {
+                1 => format!("calibration.{key}"),
+                _ => format!("calibration.{key}[{index}]"),
+            };
             within(&mut faults, &key, *value, range.clone(), "");
         }
     };

@@ -502,10 +502,10 @@ fn values_that_no_calibration_has_are_named() {
     let file = folder.path().join("a.json");
     #[rustfmt::skip]
     let cases = [
-        (planar(), "1.03", "-1.03", "calibration.scale is -1.03, but must be from 0.01 to 100"),
-        (planar(), "1.03", "0", "calibration.scale is 0"),
+        (planar(), "1.03", "-1.03", "calibration.scale[0] is -1.03, but must be from 0.01 to 100"),
+        (planar(), "1.03", "0", "calibration.scale[0] is 0"),
         (planar(), "31.7", "null", "calibration.bias_mgauss[1] is null"),
-        (planar(), "31.7", "1e300", "calibration.bias_mgauss is 1"),
+        (planar(), "31.7", "1e300", "calibration.bias_mgauss[1] is 1"),
         (planar(), "31.7", "1e999", "out of range"),
         (planar(), "0.7", "\"a\"", "calibration.heading_sd_deg is \"a\""),
         (planar(), "\"scale\"", "\"scael\"", "missing field `scale`"),

@@ -122,7 +122,7 @@ fn what_is_not_of_this_board_or_cannot_be_is_not_imported() {
         (
             &|s| s["history"][0]["calibration"]["scale"][0] = json!(-1),
             "unreadable",
-            "calibration.scale is -1",
+            "calibration.scale[0] is -1",
         ),
         (
             &|s| s["history"][0]["calibration"]["scale"][0] = json!(9),
