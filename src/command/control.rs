@@ -14,6 +14,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::{Failure, OrFail, config_file, overwrite, print_json};
+use crate::config::Config;
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::DaemonStatus;
 
@@ -76,7 +77,7 @@ pub(super) fn exchange(
     let (Some(ok), Some(code), Some(message)) =
         (answer["ok"].as_bool(), text("code"), text("message"))
     else {
-        return Err(stranger(path, "control socket"));
+        return Err(stranger(path, &answer));
     };
     if ok {
         return Ok(answer);
@@ -141,11 +142,20 @@ pub(super) fn connect(path: &Path) -> io::Result<UnixStream> {
     Ok(socket.into())
 }
 
-/// The server on this socket uses another protocol than that of headingd's `socket`.
-pub(super) fn stranger(path: &Path, socket: &str) -> Failure {
-    let name = path.display();
+/// The server on this socket uses another protocol.
+fn stranger(path: &Path, answer: &Value) -> Failure {
+    let usual = Config::default();
+    let (what, control) = if answer["class"].is_string() {
+        ("the socket for headings", usual.control.path(path))
+    } else {
+        let control = usual.control.path(&usual.socket.socket);
+        ("not headingd's control socket", control)
+    };
     let message = format!(
-        "{name} is not headingd's {socket}: name that with --socket, or the configuration with --config"
+        "{} is {what}: the control socket is {}, unless [control] of the configuration says otherwise; name it with \
+         --socket, or the configuration with --config",
+        path.display(),
+        control.display()
     );
     Failure::new(Failure::DATA, message)
 }

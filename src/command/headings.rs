@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use super::control::{PATIENCE, connect, is_timeout, stranger, unreachable};
+use super::control::{PATIENCE, connect, is_timeout, unreachable};
 use super::{Failure, config_file};
 use crate::config::Config;
 
@@ -90,7 +90,11 @@ impl Headings {
         if headings.object()?["class"] == "VERSION" {
             return Ok(headings);
         }
-        Err(stranger(path, "socket for headings"))
+        let message = format!(
+            "{} is not headingd's socket for headings: name that with --socket, or the configuration with --config",
+            path.display()
+        );
+        Err(Failure::new(Failure::DATA, message))
     }
 
     /// Passes over everything that the daemon has sent so far.

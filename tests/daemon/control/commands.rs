@@ -197,7 +197,7 @@ fn each_way_to_fail_has_its_status_and_its_remedy() {
         (
             65,
             vec!["calibration", "list", "--socket", &headings],
-            "heading.sock is not headingd's control socket",
+            &format!("heading.sock is the socket for headings: the control socket is {socket}"),
         ),
         (
             69,
