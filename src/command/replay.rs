@@ -15,7 +15,7 @@ use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::gpsd::{self, Device, WatchPolicy};
 use crate::recording::TimeOfDay;
 use crate::sensor::replay::Replay;
-use crate::store::{History, Identity, Made, Store};
+use crate::store::{History, Identity, Made, Store, StoreError};
 use crate::true_north::TrueNorth;
 use crate::wall_clock::unix_now_s;
 
@@ -189,7 +189,14 @@ impl Keep {
         let Some(directory) = &args.store else {
             return Ok(None);
         };
-        self.store = Some(Store::open(directory)?);
+        let store = Store::open(directory).map_err(|error| match error {
+            StoreError::Directory { .. } => {
+                let remedy = "name a folder with --store that you may write";
+                Failure::new(Failure::CANNOT_CREATE, format!("{error}; {remedy}"))
+            }
+            other => other.into(),
+        })?;
+        self.store = Some(store);
         let contents = Store::contents(directory)?;
         if let Some(history) = contents.find(&self.history.identity) {
             self.history = history.clone();

@@ -254,7 +254,7 @@ fn each_way_to_fail_has_its_status_and_its_remedy() {
         (
             73,
             vec!["replay", &log, "--store", "/proc/x"],
-            "cannot keep calibrations in folder",
+            "name a folder with --store",
         ),
     ] {
         let (status, out, err) = headingd(&arguments);
