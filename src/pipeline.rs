@@ -172,6 +172,8 @@ pub struct Pipeline {
     now_s: f64,
     /// Time of the first reading and of the last.
     readings_s: Option<(f64, f64)>,
+    /// Since when the first reading has been awaited, seconds: 0 at the start, infinite until a new stretch has a time.
+    awaited_s: f64,
     whole_field_s: f64,
     overflow_s: f64,
     /// When the magnetometer last read more than any chip measures, seconds.
@@ -208,6 +210,7 @@ impl Pipeline {
             report: None,
             now_s: f64::NEG_INFINITY,
             readings_s: None,
+            awaited_s: 0.0,
             whole_field_s: f64::NEG_INFINITY,
             overflow_s: f64::NEG_INFINITY,
             implausible_s: f64::NEG_INFINITY,
@@ -228,6 +231,7 @@ impl Pipeline {
             Event::Silence(t_s) => {
                 if t_s > self.now_s {
                     self.now_s = t_s;
+                    self.awaited_s = self.awaited_s.min(t_s);
                     self.update_condition(actions);
                 }
             }

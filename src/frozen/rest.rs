@@ -80,7 +80,9 @@ impl RestRate {
 
     fn known(&self) -> Option<Vector3<f64>> {
         let (measured_s, rate) = self.known?;
-        (self.rate.last_s - measured_s < KNOWN_S).then_some(rate)
+        // A clock that was set back makes it older than it seems.
+        let age_s = self.rate.last_s - measured_s;
+        (0.0..KNOWN_S).contains(&age_s).then_some(rate)
     }
 
     /// How fast the board turns by the mean rate, rad/s; `None` where that may be bias.

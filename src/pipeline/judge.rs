@@ -23,8 +23,10 @@ const STRENGTH_TOLERANCE: f64 = 0.15;
 impl Pipeline {
     /// Judges the condition anew, and reports it if that is news.
     pub(super) fn update_condition(&mut self, actions: &mut Vec<Action>) -> Condition {
-        // A magnetometer that has had no time to give a reading is not silent. Before the first reading time counts from 0.
-        let first_s = self.readings_s.map_or(0.0, |(first_s, _)| first_s);
+        // A magnetometer that has had no time to give a reading is not silent.
+        let first_s = self
+            .readings_s
+            .map_or(self.awaited_s, |(first_s, _)| first_s);
         let beginning = self.whole_field_s.max(self.overflow_s) < first_s
             && self.now_s - first_s <= self.setup.pipeline.stale_s;
         if beginning && self.fault.is_none() && self.frozen.is_none() {

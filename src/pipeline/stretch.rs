@@ -21,10 +21,12 @@ impl Pipeline {
         self.estimate.lose_frame();
         self.report = None;
         self.readings_s = None;
+        self.awaited_s = f64::INFINITY;
         for time_s in [
             &mut self.now_s,
             &mut self.whole_field_s,
             &mut self.overflow_s,
+            &mut self.implausible_s,
             &mut self.rate_s,
             &mut self.bad_turn_s,
             &mut self.disturbed_s,

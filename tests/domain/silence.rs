@@ -63,3 +63,33 @@ fn a_magnetometer_is_given_time_to_speak_first() {
     assert_eq!(reported, [Condition::Uncalibrated]);
     assert_eq!(handled([Event::Silence(0.6)]).0, [Condition::Stale]);
 }
+
+#[test]
+fn a_magnetometer_is_given_as_much_time_after_the_board_is_mounted_otherwise() {
+    let mounted = || Event::Mounted(Box::default());
+    let waits = [field(100.0), mounted(), Event::Silence(100.2)];
+    let (reported, _) = handled(waits.into_iter().chain([field(100.3)]));
+    assert_eq!(reported, [Condition::Uncalibrated; 2]);
+    let waits = [field(100.0), mounted(), Event::Silence(100.2)];
+    let (reported, _) = handled(waits.into_iter().chain([Event::Silence(100.8)]));
+    assert_eq!(reported, [Condition::Uncalibrated, Condition::Stale]);
+}
+
+#[test]
+fn an_absurd_field_is_forgotten_where_the_clock_was_set_back() {
+    let absurd = Event::Reading(Reading {
+        t_s: 500.0,
+        field_mgauss: Some([Some(1e6), Some(0.0), Some(0.0)]),
+        ..Reading::default()
+    });
+    let mut pipeline = Pipeline::new(Setup::default(), None);
+    let mut actions = Vec::new();
+    for event in [absurd, Event::NewStretch, rate(0.0), rate(0.3), rate(0.6)] {
+        pipeline.handle(event, &mut actions);
+    }
+    let reason = actions.iter().rev().find_map(|action| match action {
+        Action::Report(report) => Some(report.reason),
+        _ => None,
+    });
+    assert_eq!(reason, Some("no_samples"));
+}
