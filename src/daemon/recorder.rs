@@ -19,6 +19,7 @@ use crate::config::record::Settings;
 use crate::publish::control::status::FolderSummary;
 use crate::reading::Reading;
 use crate::recording::{Entry, Header};
+use crate::wall_clock;
 use open_log::OpenLog;
 
 /// Readings that may wait for the disk: some ten seconds of them.
@@ -191,8 +192,9 @@ impl RecorderThread {
             Destination::Ring(_) => None,
         };
         loop {
-            // The header contains the time of the first reading, so it is written only when that has come.
+            // The header contains the time of the first reading, so it is written only when that has come. A full disk may delay it.
             let first = self.readings.recv();
+            let received = wall_clock::now();
             let (path, file) = match opened.take() {
                 Some(opened) => opened,
                 None if first.is_err() => return Ok(()),
@@ -204,7 +206,7 @@ impl RecorderThread {
             if self.written == 0 && matches!(self.destination, Destination::Ring(_)) {
                 tracing::info!("recording into {}", path.display());
             }
-            let mut log = OpenLog::begin(path, file, &self.header)?;
+            let mut log = OpenLog::begin(path, file, &self.header, received)?;
             let filled = match first {
                 Ok(first) => self.fill(&mut log, first),
                 Err(_) => Ok(false),

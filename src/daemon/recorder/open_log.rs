@@ -3,11 +3,11 @@
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use super::RecordError;
 use crate::date;
 use crate::recording::{Entry, Header, RECORDED_FROM, Writer};
-use crate::wall_clock;
 
 /// Rows that wait for a flush, besides the header, bytes.
 const BUFFER: usize = 8192;
@@ -18,11 +18,16 @@ pub(super) struct OpenLog {
 }
 
 impl OpenLog {
-    /// Writes the header, with the present time unless it has that of a replayed log.
-    pub(super) fn begin(path: PathBuf, file: File, header: &Header) -> Result<Self, RecordError> {
+    /// Writes the header, with the time of its first reading, since 1970, unless it has that of a replayed log.
+    pub(super) fn begin(
+        path: PathBuf,
+        file: File,
+        header: &Header,
+        first: Option<Duration>,
+    ) -> Result<Self, RecordError> {
         let mut header = header.clone();
         if !header.truth.iter().any(|(key, _)| key == RECORDED_FROM)
-            && let Some(time) = wall_clock::now().map(date::rfc3339)
+            && let Some(time) = first.map(date::rfc3339)
         {
             header.truth.push((RECORDED_FROM.to_owned(), time));
         }
@@ -55,7 +60,7 @@ mod tests {
         };
         let path = PathBuf::from("/dev/full");
         let file = File::options().write(true).open(&path).unwrap();
-        let mut log = OpenLog::begin(path, file, &header).unwrap();
+        let mut log = OpenLog::begin(path, file, &header, None).unwrap();
         assert!(log.flush().is_err());
     }
 }
