@@ -40,6 +40,12 @@ pub(super) type RowFault = (Option<usize>, String);
 type Cells = [Option<f64>; COLUMNS.len()];
 
 impl Rows {
+    /// Whether a number means the same in both.
+    pub fn has_units_of(&self, other: &Self) -> bool {
+        let mut both = self.rules.iter().zip(&other.rules);
+        both.all(|(one, other)| one.factor == other.factor)
+    }
+
     /// True for a remark, and for a repeated line of this log's header (some devices send it again); false for a row. A line of
     /// another header is an error. `repeated` counts the lines since the first of the header that is being repeated, if one is.
     pub(super) fn is_known_header(

@@ -37,7 +37,7 @@ pub enum Item {
     Timed(Reading),
     /// A row that will count if no header comes.
     Early,
-    /// A header, after rows that counted without one: those rows were in other units.
+    /// A header: the rows before it were read in other units or axes.
     NewUnits,
     /// The answer to a request for synchronisation, with the two bytes that were asked for.
     Synch([u8; 2]),

@@ -37,8 +37,8 @@ pub struct LogRows {
     turns: [Matrix3<f64>; 3],
     /// The device has sent a part of a header: rows count only after the whole.
     has_header: bool,
-    /// Rows have counted without one, in units that may be wrong.
-    counted_plain: bool,
+    /// How rows that counted without one were read: their units may be wrong.
+    plain: Option<Rows>,
     first: bool,
     /// The device ends its rows in checksums: one without has lost it.
     checked: bool,
@@ -112,9 +112,14 @@ impl LogRows {
                     self.named =
                         ["mag_axes", "gyro_axes", "accel_axes"].map(|key| header.gave(key));
                     (self.header, self.header_fault) = (None, None);
-                    self.rows = Some(rows);
+                    let turns = self.turns;
+                    let before = self.rows.replace(rows).or(self.plain.take());
                     self.turn();
-                    if std::mem::take(&mut self.counted_plain) {
+                    let rows = self.rows.as_ref();
+                    let same = |before| {
+                        turns == self.turns && rows.is_some_and(|rows| rows.has_units_of(&before))
+                    };
+                    if !before.is_none_or(same) {
                         found(Item::NewUnits);
                     }
                 }
@@ -147,7 +152,7 @@ impl LogRows {
     fn heard_header(&mut self) {
         if !self.has_header {
             self.has_header = true;
-            self.counted_plain = self.rows.take().is_some() && self.waited_s >= HEADER_S;
+            self.plain = self.rows.take().filter(|_| self.waited_s >= HEADER_S);
         }
     }
 

@@ -81,7 +81,7 @@ impl PortSession {
     }
 
     /// Takes bytes that have arrived at this time: the readings that they complete, and `None` where the readings that
-    /// follow have other units.
+    /// follow were sent in other units or axes.
     pub(super) fn bytes(
         &mut self,
         bytes: &[u8],
@@ -141,7 +141,7 @@ impl PortSession {
             Item::Synch(id) => self.start.answered(*id),
             Item::OtherMode(_) => self.start.order_again(),
             // Before the first reading, half a line and boot messages are normal.
-            Item::Bad(why) if self.good > 0 => self.count_bad(why),
+            Item::Bad(why) | Item::BadHeader(why) if self.good > 0 => self.count_bad(why),
             _ => {}
         }
         // Rows show that the device has booted. It is not told at once, since the first may date from before the reset.
@@ -301,5 +301,14 @@ mod tests {
                 "{told}"
             );
         }
+    }
+
+    #[test]
+    fn a_damaged_header_between_good_rows_is_told() {
+        let mut rows = session(Protocol::LogRows);
+        said(&mut rows, 0, 1, &format!("{HEADER}{{t}},1,{{i}},3,0,0,0\n"));
+        let damaged = HEADER.replace("\nt_s", "\n# mag_unit = tesla\nt_s");
+        let refused = said(&mut rows, 1, 1, &damaged)[0].refused.clone();
+        assert!(refused.is_some_and(|told| told.contains("tesla")));
     }
 }

@@ -331,6 +331,26 @@ fn a_header_that_comes_late_is_waited_for() {
     assert!(items.contains(&Item::NewUnits));
 }
 
+#[test]
+fn a_header_that_says_what_was_assumed_or_known_changes_nothing() {
+    let late = |header: &str| {
+        let stream = sketch_rows(5.0, 1000) + header + &sketch_rows(28.0, 1);
+        of_rows(&[stream.as_bytes()]).contains(&Item::NewUnits)
+    };
+    assert!(!late("# headingd-log 1\nt_s,mx,my,mz,gx,gy,gz\n"));
+    assert!(late(
+        "# headingd-log 1\n# gyro_unit = deg/s\nt_s,mx,my,mz,gx,gy,gz\n"
+    ));
+    let second = |header: &str| {
+        let stream = format!("{HEADER}0,1,2,3\n{header}1,1,2,3\n");
+        of_rows(&[stream.as_bytes()]).contains(&Item::NewUnits)
+    };
+    assert!(!second(HEADER));
+    let other = HEADER.replace("\nt_s", "\n# mag_axes = +y -x +z\nt_s");
+    assert!(second(&other));
+    assert!(second(&HEADER.replace("uT", "mgauss")));
+}
+
 /// Silence, after which the port is opened anew: the board may not have been reset, or have been changed for another.
 #[test]
 fn rows_after_a_silence_mean_what_they_did_and_those_of_another_device_need_a_header() {
