@@ -1,4 +1,4 @@
-//! Limits how many lines a call site may log, and says how many were left out.
+//! Limits how many lines a call site may log for one reason, and says how many were left out.
 
 use std::collections::HashMap;
 use std::fmt::{Debug, Write};
@@ -11,7 +11,7 @@ use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::Context;
 
-/// A call site may log this many lines …
+/// A call site may log this many lines of one `reason` …
 const MOST: u32 = 5;
 
 /// … in this time; the rest are counted.
@@ -20,13 +20,16 @@ pub(super) const WINDOW: Duration = Duration::from_secs(10);
 /// This module's lines are never suppressed: they say what was changed, and who asked.
 const CHANGES: &str = "headingd::publish::control::changes";
 
-/// For each call site, how many lines it has logged of late, and how many were left out and not reported yet. There are
-/// at most as many entries as call sites.
+/// A call site and the field `reason` of its line, which is empty if it has none.
+type Place = (Identifier, String);
+
+/// For each place, how many lines it has logged of late, and how many were left out and not reported yet. Reasons are codes, so there are
+/// few.
 #[derive(Clone, Debug, Default)]
-pub(super) struct LeftOut(Arc<Mutex<HashMap<Identifier, CallSite>>>);
+pub(super) struct LeftOut(Arc<Mutex<HashMap<Place, CallSite>>>);
 
 impl LeftOut {
-    fn places(&self) -> MutexGuard<'_, HashMap<Identifier, CallSite>> {
+    fn places(&self) -> MutexGuard<'_, HashMap<Place, CallSite>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -54,7 +57,7 @@ impl LeftOut {
     }
 
     /// Whether this is to be heard.
-    fn hear(&self, place: Identifier, level: Level, words: &str, now: Instant) -> bool {
+    fn hear(&self, place: Place, level: Level, words: &str, now: Instant) -> bool {
         let mut places = self.places();
         let place = places.entry(place).or_insert_with(|| CallSite {
             since: now,
@@ -90,23 +93,31 @@ impl<S: Subscriber> Layer<S> for LeftOut {
         if [module_path!(), CHANGES].contains(&metadata.target()) {
             return true;
         }
-        let mut words = Words(String::new());
+        let mut words = Words::default();
         event.record(&mut words);
         let now = Instant::now();
         self.tell(now);
-        self.hear(metadata.callsite(), *metadata.level(), &words.0, now)
+        let place = (metadata.callsite(), words.reason);
+        self.hear(place, *metadata.level(), &words.message, now)
     }
 }
 
-/// The message of an event, without its other fields.
-struct Words(String);
+/// Message and reason of an event.
+#[derive(Default)]
+struct Words {
+    message: String,
+    reason: String,
+}
 
 impl Visit for Words {
     fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
-        if field.name() == "message" {
-            // Writing to a String does not fail.
-            let _ = write!(self.0, "{value:?}");
-        }
+        let text = match field.name() {
+            "message" => &mut self.message,
+            "reason" => &mut self.reason,
+            _ => return,
+        };
+        // Writing to a String does not fail.
+        let _ = write!(text, "{value:?}");
     }
 }
 
@@ -129,7 +140,7 @@ mod tests {
 
     use super::*;
 
-    fn here() -> Identifier {
+    fn here() -> Place {
         struct Here;
         impl Callsite for Here {
             fn set_interest(&self, _: tracing::subscriber::Interest) {}
@@ -137,7 +148,7 @@ mod tests {
                 unimplemented!("nobody asks")
             }
         }
-        Identifier(&Here)
+        (Identifier(&Here), String::new())
     }
 
     #[test]
@@ -191,6 +202,11 @@ mod tests {
                 tracing::warn!(t_s, "the board has gone");
             }
             tracing::info!("another thing");
+            for reason in ["disturbed", "good", "unplugged"] {
+                for _ in 0..5 {
+                    tracing::warn!(reason, "{reason}");
+                }
+            }
             for number in 0..20 {
                 tracing::info!(target: CHANGES, "asked for rollback {number}");
             }
@@ -199,7 +215,7 @@ mod tests {
             }
         });
         let text = String::from_utf8(paper.0.lock().unwrap().clone()).unwrap();
-        assert_eq!(text.lines().count(), 27, "{text}");
+        assert_eq!(text.lines().count(), 42, "{text}");
         let last = "995 more such lines were left out, the last: the board has gone\n";
         assert!(text.ends_with(last), "{text}");
     }
