@@ -142,7 +142,9 @@ impl Daemon {
             })) => {
                 // Both may have the same device.
                 self.session.source.stop().await;
-                session.take_over(&mut self.session);
+                // The new session starts from what is kept, so what this one has learnt is kept first.
+                self.handle(Event::End);
+                let goes_on = session.take_over(&mut self.session);
                 let started = self.session.pipeline.wanted() == Some(Reason::Start);
                 self.counts.values_dropped = self.counts().values_dropped;
                 let last = std::mem::replace(&mut self.session, session);
@@ -155,7 +157,11 @@ impl Daemon {
                         tracing::error!("{error}");
                     }
                 }
-                self.closing.spawn(last.close());
+                self.closing.spawn(async move {
+                    let closed = last.close().await;
+                    // What goes on in the new session's store is not lost.
+                    if goes_on { Ok(()) } else { closed }
+                });
                 self.publisher.device(self.session.source.device());
                 self.start_session()?;
                 // The new source may be silent for seconds, and the last sign of life may be old: the watchdog begins anew.

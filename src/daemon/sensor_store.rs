@@ -80,17 +80,20 @@ impl SensorStore {
         std::mem::take(&mut self.changed)
     }
 
-    /// Goes on from the history of the session before a reload, unless another folder has one of its own.
-    pub(super) fn take_over(&mut self, last: &Self) {
+    /// Goes on from the history of the session before a reload, unless another folder has one of its own, or the sensor is another. Returns
+    /// whether it does.
+    pub(super) fn take_over(&mut self, last: &Self) -> bool {
         let (here, there) = (self.disk.as_ref(), last.disk.as_ref());
         let same = here.map(Arc::as_ptr) == there.map(Arc::as_ptr);
         let new = self.history == History::new(self.history.identity.clone());
-        if last.history.identity == self.history.identity && (same || new) {
+        let goes_on = last.history.identity == self.history.identity && (same || new);
+        if goes_on {
             self.history = last.history.clone();
             if !same {
                 self.save(Box::new(|_| ()));
             }
         }
+        goes_on
     }
 
     /// Makes a calibration the active one, until [`SensorStore::save`] only in memory; its number.

@@ -84,12 +84,14 @@ impl Session {
         }))
     }
 
-    /// Goes on from the calibrations and the position of the session before, and from what its source knows of its device.
-    pub(super) fn take_over(&mut self, last: &mut Self) {
+    /// Goes on from the calibrations and the position of the session before, and from what its source knows of its device. Returns
+    /// whether the calibrations go on.
+    pub(super) fn take_over(&mut self, last: &mut Self) -> bool {
         self.source.take_over(&mut last.source);
-        self.store.take_over(&last.store);
+        let goes_on = self.store.take_over(&last.store);
         self.north.take_over(&mut last.north);
         self.pipeline = pipeline(&self.config, &self.source, &self.store);
+        goes_on
     }
 
     /// Starts the source and the search for the position, and logs how the board is mounted. Needs a runtime.
