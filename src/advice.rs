@@ -13,11 +13,11 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "accel_unit" => "set accel_unit in the log's header, or the range of the chip",
         "field_unit" => "set mag_unit in the log's header, or the gain or range of the chip",
         "no_samples" => "check the magnetometer: it is silent",
-        "no_bus" | "permission" | "claimed" | "no_answer" | "clone" | "wrong_identity" =>
+        "no_bus" | "permission" | "claimed" | "no_answer" | "clone" | "fake_hmc5883l" | "wrong_identity" =>
             "see the message, and headingd check",
         "timeout" | "arbitration_lost" | "short_read" | "bus_error" | "unsupported" =>
             "check wiring, pull-ups and bus clock",
-        "configuration_lost" | "not_ready" | "frozen" | "frozen_magnetometer" | "frozen_gyro" =>
+        "configuration_lost" | "not_ready" | "frozen" =>
             "check the power; switch the board off and on",
         "no_device" | "unplugged" => "plug it in; set port to a path in /dev/serial/by-id",
         "busy" => "stop the program that holds the port",

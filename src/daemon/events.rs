@@ -213,6 +213,9 @@ fn brief(value: f64) -> f64 {
     rounded(value, 3)
 }
 
+/// Reasons, beside those of the gyro, that say what is wrong with the chips or how they are mounted.
+const CHIPS_AT_FAULT: [&str; 4] = ["accel_unit", "accel_axes", "mag_axes", "reversed_field"];
+
 fn log_report(report: &Report) {
     let (word, reason) = (report.condition.word(), report.reason);
     // Before the first reading the source has no time.
@@ -220,7 +223,8 @@ fn log_report(report: &Report) {
     let worth_a_look = matches!(
         report.condition,
         Condition::Stale | Condition::Fault | Condition::Disturbed
-    ) || reason.starts_with("gyro_");
+    ) || reason.starts_with("gyro_")
+        || CHIPS_AT_FAULT.contains(&reason);
     if worth_a_look {
         tracing::warn!(reason, t_s, "{word}: {}", report.message);
     } else {

@@ -131,7 +131,8 @@ impl Daemon {
             Ok(_) => "the active one stays".to_owned(),
             Err(none) => none.to_string(),
         };
-        if was_active && history.active.is_none() {
+        // With `all`, also what has been learnt and is not kept yet.
+        if all || was_active && history.active.is_none() {
             self.handle(Event::Activate(None));
         }
         Ok(

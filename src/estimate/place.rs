@@ -122,7 +122,7 @@ impl PlaceEvidence {
             "Up and down are exchanged, and headings may be off by up to 180 degrees. Check the mounting with headingd align, \
              whether the accelerometer reads gravity, and the sign of true_north.latitude_deg"
         } else {
-            "Check [true_north], or look for iron nearby"
+            "Check [true_north], also the signs of its latitude and longitude, or look for iron nearby"
         };
         Some(format!(
             "the field does not match the position: {:.0} mG horizontal and {:.0} mG down, but the World Magnetic Model has {:.0} \

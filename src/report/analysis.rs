@@ -182,7 +182,9 @@ impl Findings {
         match action {
             Action::Publish(mut heading) => {
                 self.declination_deg = self.north.declination_deg(self.since_1970);
-                if let Some(news) = self.north.news() {
+                if let Some(news) = self.north.news()
+                    && self.north.is_warning()
+                {
                     self.warn(news);
                 }
                 heading.declination_deg = self.declination_deg;
