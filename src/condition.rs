@@ -68,9 +68,9 @@ words! {
         Degraded = "degraded",
         /// Calibrated, but something magnetic is near: the field differs from the expected one in strength or direction.
         Disturbed = "disturbed",
-        /// The magnetometer has been silent for too long: no heading.
+        /// No usable sample of the magnetometer for too long, since it is silent or beyond its range: no heading.
         Stale = "stale",
-        /// The source is broken or gone: no heading.
+        /// The source is broken or gone, a sensor repeats its value, or the field's unit is wrong: no heading.
         Fault = "fault",
     }
 }

@@ -45,7 +45,6 @@ use crate::publish::server::{BindError, Publisher, Server};
 use crate::recording::RecordingError;
 use crate::service::{Service, sockets};
 use crate::store::StoreError;
-use disk::UNANSWERED;
 use inactivity::Inactivity;
 pub use recorder::RecordError;
 pub use reload::NewConfig;
@@ -80,6 +79,8 @@ pub enum DaemonError {
     Store(StoreError),
     #[error("the last calibrations and settings are lost: {0}")]
     NotKept(String),
+    #[error("the last calibrations and settings may be lost: the store has not finished writing")]
+    Unanswered,
     #[error("cannot go on serving on {}: {source}", path.display())]
     Serve { path: PathBuf, source: io::Error },
     #[error(transparent)]
@@ -150,8 +151,8 @@ impl Serving {
 
 impl Daemon {
     /// Opens the source, claims the socket, and loads the calibration kept for this sensor. Clients can
-    /// connect from now on. A store or a recording that does not work is logged; headings are served without it.
-    /// Needs a runtime.
+    /// connect from now on. A store or a recording that does not work is logged, and headings are served without it; a store
+    /// that another daemon has is an error. Needs a runtime.
     pub fn open(config: &Config, mut service: Service) -> Result<Self, DaemonError> {
         let source = SourceTask::open(config)?;
         let server = bind(config, &mut service, &source)?;
@@ -249,7 +250,7 @@ impl Daemon {
             let unanswered = !reloaded && self.session.store.is_shared();
             let closed = self.session.close().await;
             match unanswered {
-                true => Err(DaemonError::NotKept(UNANSWERED.to_owned())),
+                true => Err(DaemonError::Unanswered),
                 false => closed,
             }
         };

@@ -100,7 +100,7 @@ pub enum Event {
     Calibrated(Box<Outcome>),
     /// When to calibrate without being asked.
     Policy(Policy),
-    /// Calibrate on each motion, whatever the policy, until one is not refused.
+    /// Calibrate on each motion until one is not refused, with policy `off` too.
     Start,
     /// Give up what was started, and a calibration that is under way.
     Cancel,
@@ -162,7 +162,7 @@ pub struct Pipeline {
     completed: VecDeque<Turn>,
     job: Option<CalibrationJob>,
     policy: Policy,
-    /// The next motion is to be calibrated on.
+    /// [`Event::Start`] was asked for, and no motion has been taken since.
     armed: bool,
     refused: Option<(&'static str, String)>,
     /// The end of the last turn that was refused for its samples, seconds.

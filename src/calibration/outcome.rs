@@ -169,7 +169,7 @@ impl Outcome {
 /// Counts of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Samples {
-    /// In the buffer or log; a value that the source holds counts once.
+    /// In the log; live, from the start of the first turn to the end of the last. A value that the source holds counts once.
     pub total: usize,
     /// In the turns; all, without a turn or if the setting `window` is `all`.
     pub turn: usize,

@@ -34,7 +34,7 @@ const LENGTHENED: f64 = 1.12;
 /// Refined parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refined<const P: usize> {
-    /// Biases, then scale factors.
+    /// Biases, scale factors and, of nine, the off-diagonal entries: see [`ParameterVector`].
     pub position: ParameterVector<P>,
     /// Hm that the scale factors refer to.
     pub reference_mgauss: f64,

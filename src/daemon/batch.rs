@@ -48,7 +48,7 @@ impl Batch {
             return None;
         }
         self.oldest_s = None;
-        self.handed_on_s = self.field_s.or(self.handed_on_s);
+        self.handed_on_s = self.field_s;
         let empty = Vec::with_capacity(TOGETHER);
         Some(std::mem::replace(&mut self.events, empty))
     }

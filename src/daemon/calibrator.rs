@@ -21,7 +21,7 @@ struct RunningCalibration {
     thread: Option<Thread<Outcome>>,
     /// Whether nobody wants the outcome any more.
     cancelled: Arc<AtomicBool>,
-    /// It is given up then: somebody waits for its end.
+    /// The calibration is given up at this time: a reload waits for its end.
     deadline: Option<Instant>,
     /// The outcome if the thread fails: the pipeline waits for one.
     failed: Outcome,
@@ -53,7 +53,7 @@ impl Calibrator {
         });
     }
 
-    /// Gives up the calibration under way, if there is one: its outcome comes at once.
+    /// Gives up the calibration under way, if there is one: its outcome comes soon.
     pub(super) fn cancel(&mut self) {
         if let Some(running) = &self.running {
             running.cancelled.store(true, Ordering::Relaxed);

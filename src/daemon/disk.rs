@@ -18,9 +18,6 @@ const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_sec
 /// How many jobs wait for the disk.
 const WAITING_JOBS: usize = 16;
 
-/// Why a daemon that has waited for the disk long enough may have lost something.
-pub(super) const UNANSWERED: &str = "the store has not finished writing";
-
 /// Told when something is on disk, or why it is not.
 pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
 
@@ -47,7 +44,7 @@ impl Disk {
     pub(super) fn open(directory: &Path) -> Result<Self, DaemonError> {
         let (newest, fault, room) = (Shared::default(), Shared::default(), Room::default());
         let (store, error) = match Store::claim(directory) {
-            // Each would take the other's calibrations for a mistake.
+            // Each daemon would set aside the other's file as changed by somebody else.
             Err(error @ StoreError::InUse { .. }) => return Err(DaemonError::Store(error)),
             Err(error) => (None, Some(error)),
             Ok(store) => {
@@ -115,8 +112,9 @@ impl Disk {
     pub(super) async fn close(self, patience: Duration) -> Result<(), DaemonError> {
         drop(self.queue);
         let ended = self.thread.end(patience).await;
-        let ended = ended.unwrap_or_else(|| Err(UNANSWERED.to_owned()));
-        ended.map_err(DaemonError::NotKept)
+        ended
+            .ok_or(DaemonError::Unanswered)?
+            .map_err(DaemonError::NotKept)
     }
 }
 

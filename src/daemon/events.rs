@@ -38,7 +38,7 @@ impl Daemon {
         // away is waited for, and a log may have gaps.
         let alive =
             fresh || session.state == SourceState::Faulty || !session.config.source.is_live();
-        self.service.tick(self.inactivity.restarted, alive);
+        self.service.tick(Instant::now(), alive);
     }
 
     fn take_event(&mut self, event: SourceEvent) {

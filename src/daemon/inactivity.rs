@@ -7,12 +7,12 @@ use tokio::time::{Interval, MissedTickBehavior, interval};
 /// It fires when no input has arrived for this long.
 const LIMIT: Duration = Duration::from_millis(100);
 
-/// Fires 100 to 150 ms after the last input.
+/// Fires 100 to 150 ms after the last restart: that is an input, or what it was fired for.
 pub(super) struct Inactivity {
     /// Ticks on, whatever arrives: to set a timer anew for each input cost 5 % of the daemon's time (tests/board/cost).
     ticks: Interval,
-    /// When input arrived last.
-    pub(super) restarted: Instant,
+    /// When the count last began: input arrived, or it fired.
+    since: Instant,
 }
 
 impl Inactivity {
@@ -22,18 +22,18 @@ impl Inactivity {
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         Self {
             ticks,
-            restarted: Instant::now(),
+            since: Instant::now(),
         }
     }
 
-    /// Counts anew: input has arrived.
+    /// Counts anew from now.
     pub(super) fn restart(&mut self) {
-        self.restarted = Instant::now();
+        self.since = Instant::now();
     }
 
     /// Waits until it fires. Nothing is lost when the wait is given up.
     pub(super) async fn fires(&mut self) {
-        while self.restarted.elapsed() < LIMIT {
+        while self.since.elapsed() < LIMIT {
             self.ticks.tick().await;
         }
     }
@@ -52,12 +52,12 @@ mod tests {
             for _ in 0..inputs {
                 // Only a test that is held up itself waits for that long here.
                 let fired = timeout(LIMIT / 10, inactivity.fires()).await;
-                assert!(fired.is_err() || inactivity.restarted.elapsed() >= LIMIT);
+                assert!(fired.is_err() || inactivity.since.elapsed() >= LIMIT);
                 inactivity.restart();
             }
             let fired = timeout(Duration::from_secs(30), inactivity.fires()).await;
             assert!(fired.is_ok(), "after {inputs} inputs it never fired");
-            assert!(inactivity.restarted.elapsed() >= LIMIT);
+            assert!(inactivity.since.elapsed() >= LIMIT);
             inactivity.restart();
         }
     }

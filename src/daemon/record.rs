@@ -52,13 +52,14 @@ impl Recording {
         let mut sockets = Service::default();
         let origin = match super::bind(&config, &mut sockets, &source) {
             Err(error) if matches!(error.why, BindFault::Busy(_)) => return Err(service.into()),
-            // Two readers of the same chips would disturb each other.
-            Err(error) if !matches!(error.why, BindFault::Unsure(_)) => {
+            // A service may be there: two readers of the same chips would disturb each other.
+            Err(error) if matches!(error.why, BindFault::Unsure(_)) => return Err(error.into()),
+            Err(error) => {
                 tracing::warn!("{error}; recording without a socket");
                 ReadingsFrom::Source(Box::new(source))
             }
-            server => {
-                let daemon = Daemon::with(source, server?, &config, sockets)?;
+            Ok(server) => {
+                let daemon = Daemon::with(source, server, &config, sockets)?;
                 ReadingsFrom::Daemon(Box::new(daemon))
             }
         };

@@ -20,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub struct NewConfig {
     /// Reads it; may block.
     pub load: Box<dyn FnOnce() -> Result<Config, String> + Send>,
-    /// Called with it once it takes effect.
+    /// Called with it as soon as it is known to be usable, before it takes effect.
     pub applied: Box<dyn FnOnce(&Config) + Send>,
 }
 

@@ -15,7 +15,8 @@ use crate::pipeline::Pipeline;
 use crate::recording::TimeOfDay;
 use crate::store::Identity;
 
-/// A stop waits this long for what is still to be written, so that it takes less than two seconds with everything else.
+/// A stop waits up to this long for a reload, then for the recording, then for the store. Without a reload all of it takes less than
+/// two seconds.
 pub(super) const DISK_PATIENCE: Duration = Duration::from_millis(600);
 
 /// Everything between the device and the clients, under one configuration.

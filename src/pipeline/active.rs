@@ -41,7 +41,7 @@ impl Pipeline {
         self.refresh(actions);
     }
 
-    /// Calibrates on the next motion, whatever the policy; all that was turned before is forgotten.
+    /// Calibrates on each motion until one is not refused, with policy `off` too; all that was turned before is forgotten.
     pub(super) fn start(&mut self, actions: &mut Vec<Action>) {
         self.forget_motion();
         if !self.learning.calibrated {

@@ -139,8 +139,8 @@ impl Pipeline {
         ((UNKNOWN_SD_DEG / sd_deg).ln() / (UNKNOWN_SD_DEG / wanted).ln()).clamp(0.0, 1.0)
     }
 
-    /// Reports what the estimate has learnt when that is good for the first time, much better than what is kept, or different from it: where
-    /// the iron has moved, or a rival has replaced the estimate. `due`: the last time is long enough ago.
+    /// Reports what the estimate has learnt once that is good, and again when it is much better than what is kept, when the iron has
+    /// moved, or when a rival has replaced the estimate. `due`: something may be kept again.
     pub(super) fn conclude_motion(&mut self, due: bool, actions: &mut Vec<Action>) {
         let sd_deg = self.estimate.north_sd_deg();
         let replaced = self.estimate.take_replaced();

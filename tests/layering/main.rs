@@ -42,7 +42,7 @@ const ROOMS: &[Room] = &[
     room("outliers", 0, &["reading"]),
     room("frozen", 0, &["reading"]),
     room("alignment", 0, &["reading", "frame"]),
-    // Decides from plain numbers that it is handed, so that it needs no other room.
+    // The words for the state; the pipeline decides which one applies.
     room("condition", 0, &[]),
     room("attitude", 0, &["reading", "frame"]),
     room("turn", 0, &["frame", "attitude"]),
