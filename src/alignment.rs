@@ -80,8 +80,8 @@ pub enum AlignmentError {
     LittleMotion,
     /// The gyro counts turns the wrong way round.
     #[error(
-        "the gyro's axes are mirrored: field or gravity turn the other way round than it reads, so that one of its \
-         three signs, or all of them, are wrong, or two of its axes are exchanged, before the log was written (gyro_mirrored)"
+        "the gyro's axes are mirrored: field or gravity turn opposite to what it reads; whatever wrote the log has one or all \
+         three of the gyro's signs wrong, or two of its axes exchanged (gyro_mirrored)"
     )]
     GyroMirrored,
     /// What this chip reads does not turn with the gyro.

@@ -55,7 +55,7 @@ fn written(status: &DaemonStatus) -> String {
     }
     let mut mode = status.mode.word().to_owned();
     if status.armed {
-        mode += "; the next turn is calibrated on";
+        mode += "; the next turn calibrates";
     }
     if status.calibrating {
         mode += "; a calibration is under way";
@@ -127,7 +127,7 @@ mod tests {
         );
         assert_eq!(heading(&DaemonStatus::default()), "no heading\n");
         for part in [
-            "off; the next turn is calibrated on; a calibration is under way\n",
+            "off; the next turn calibrates; a calibration is under way\n",
             "42 %",
             "store        failing: no room\nrecording    failing: no folder\n",
             "residual 2.0 mG, 1 min 0 s old\nlast         rejected (jump): the field jumps\n",

@@ -80,7 +80,7 @@ fn conclude(outcome: &Value, line: &str, json: bool) -> Result<(), Failure> {
         print(&format!("{line}\n"))?;
     } else {
         let again = match verdict {
-            "rejected" => "; the next turn is calibrated on again",
+            "rejected" => "; the next turn is another attempt",
             _ => "",
         };
         let said = reason_text(verdict, reason, message);

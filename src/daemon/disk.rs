@@ -54,7 +54,9 @@ impl Disk {
         };
         if let Some(error) = &error {
             let message = with_remedy(error);
-            tracing::error!("{message}; until then headings are served, but calibrations are lost");
+            tracing::error!(
+                "{message}; headings are served, but calibrations are lost until that is done"
+            );
             *lock(&fault) = Some(message);
         }
         let (queue, jobs) = mpsc::sync_channel(WAITING_JOBS);
@@ -142,7 +144,7 @@ fn load(directory: &Path, identity: &Identity) -> Result<Option<History>, StoreE
             }
         }
         None => tracing::warn!(
-            "not using the calibration of {path}: it is of {}, and this is {identity}; it stays there",
+            "not using the calibration of {path}: it is of {}, but the sensor here is {identity}; the file stays as it is",
             contents.owners()
         ),
     }
@@ -251,8 +253,8 @@ impl DiskWriter {
                 let message = with_remedy(&error);
                 if !told {
                     tracing::error!(
-                        "{message}; the active calibration stays active, but is lost when the daemon stops; it is tried \
-                         again"
+                        "{message}; the active calibration stays active, but is lost if the daemon stops before a later attempt \
+                         succeeds"
                     );
                 }
                 *lock(&self.fault) = Some(message.clone());
@@ -296,8 +298,8 @@ impl DiskWriter {
             if let Some(aside) = store.save(history, self.known.find(&history.identity))? {
                 let aside = aside.display();
                 tracing::warn!(
-                    "set aside the file that was there, which was not as this daemon had left it: {aside}; if it is good, headingd calibration \
-                     import takes the active calibration from it"
+                    "set aside the file that was there, since it was unusable or changed by somebody else: {aside}; if it is good, import \
+                     its active calibration with headingd calibration import"
                 );
             }
             tracing::info!("kept the calibrations in {}", self.directory.display());

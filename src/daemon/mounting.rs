@@ -94,7 +94,7 @@ impl Daemon {
             let configured = configured.rounded();
             (
                 "store",
-                format!(", told to the daemon; [mounting] says \"{configured}\""),
+                format!(", as the daemon was told while it ran; [mounting] says \"{configured}\""),
             )
         };
         let board = board.rounded();

@@ -95,7 +95,7 @@ impl Daemon {
                 }
                 self.handle(Event::Start);
                 Ok(Answer::done(
-                    "turn the board once all the way round, level and away from iron: that turn is calibrated on",
+                    "turn the board once all the way round, level and away from iron: that turn calibrates the compass",
                 ))
             }
             ControlRequest::Cancel {} => {
@@ -107,7 +107,7 @@ impl Daemon {
                     ));
                 }
                 self.handle(Event::Cancel);
-                Ok(Answer::done("given up: the active calibration stays"))
+                Ok(Answer::done("given up; nothing else changes"))
             }
             ControlRequest::Mounting {
                 level,
@@ -333,7 +333,7 @@ fn other_sensor(contents: &Contents, history: &History) -> Answer {
     let owners = contents.owners();
     Answer::refused(
         code,
-        format!("this file is of {owners}, and this is {here}: {remedy}"),
+        format!("this file is of {owners}, but the sensor here is {here}: {remedy}"),
     )
 }
 

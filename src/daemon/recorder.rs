@@ -351,7 +351,9 @@ impl RecorderThread {
         let remedy = remedy::of_folder(&error.source, "record.directory");
         let message = format!("{error}; {remedy}");
         if lock(&self.fault).replace(message.clone()).is_none() {
-            tracing::error!("{message}; until then nothing is recorded, and headings go on");
+            tracing::error!(
+                "{message}; until that is done nothing is recorded, and headings go on"
+            );
         }
         discard(&self.readings, RETRY)
     }

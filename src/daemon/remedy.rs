@@ -5,7 +5,7 @@ use std::io::{self, ErrorKind};
 use crate::store::StoreError;
 
 const OUT_OF_FILES: &str =
-    "have fewer clients, or raise the limit, LimitNOFILE= in the systemd unit";
+    "serve fewer clients, or raise the limit of open files (LimitNOFILE= in the systemd unit)";
 
 /// The error, and what helps.
 pub(super) fn with_remedy(error: &StoreError) -> String {
@@ -28,7 +28,7 @@ pub(super) fn of_folder(error: &io::Error, key: &str) -> String {
         _ if is_full(error) => "make room on the disk".to_owned(),
         _ if is_out_of_files(error) => OUT_OF_FILES.to_owned(),
         ErrorKind::FileTooLarge => {
-            "raise the limit to the size of files (ulimit -f; LimitFSIZE= in the unit)".to_owned()
+            "raise the limit on file size (ulimit -f; LimitFSIZE= in the unit)".to_owned()
         }
         ErrorKind::NotFound
         | ErrorKind::PermissionDenied
@@ -48,12 +48,12 @@ pub(super) fn lacks_room(error: &StoreError) -> bool {
     matches!(error, Directory(_, cause) | Write(_, cause) if is_full(cause))
 }
 
-/// Whether the disk is full, or what the user may have of it.
+/// Whether the disk, or the user's quota, is full.
 pub(super) fn is_full(error: &io::Error) -> bool {
     [ErrorKind::StorageFull, ErrorKind::QuotaExceeded].contains(&error.kind())
 }
 
-/// Whether the process, or the system, has as many files open as it may.
+/// Whether the process, or the system, has reached its limit of open files.
 fn is_out_of_files(error: &io::Error) -> bool {
     [libc::EMFILE, libc::ENFILE]
         .map(Some)

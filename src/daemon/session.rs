@@ -106,7 +106,7 @@ impl Session {
         let told = history.mounting.as_ref();
         if told.is_some_and(|told| !told.holds(&configured)) {
             tracing::warn!(
-                "[mounting] has changed: what headingd mounting told of the board before is not used any more"
+                "[mounting] has changed: the mounting that the daemon was told before is no longer used"
             );
         }
         self.store.room().set_ring(self.config.record.directory());

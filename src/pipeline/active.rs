@@ -19,7 +19,7 @@ const REST_SHARE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 const MORE_HELPS: [&str; 2] = ["coverage", "heading_uncertainty"];
 
 impl Pipeline {
-    /// Why a motion would be calibrated on now; `None` if none would.
+    /// Why a motion would calibrate now; `None` if none would.
     pub fn wanted(&self) -> Option<Reason> {
         match self.policy {
             Policy::Locked if self.learning.calibrated => None,

@@ -140,8 +140,9 @@ impl Pipeline {
         }
         if self.intake.turns.progress() >= TURNING_FROM {
             let limit_s = self.setup.turn.time_limit_s;
-            let message =
-                format!("keep turning the board the same way round: once within {limit_s:.0} s");
+            let message = format!(
+                "keep turning the board the same way round: a full turn may take at most {limit_s:.0} s"
+            );
             return self.report_as(Condition::Turning, "turning", message);
         }
         if let Some((reason, message)) = &self.refused {

@@ -118,7 +118,7 @@ impl Survey {
         all_fit || self.turns.iter().any(is_level) || show_space(axes, settings)
     }
 
-    /// Takes no actions: a full turn is calibrated on at the end, with all others.
+    /// Takes no actions: full turns calibrate at the end, all together.
     fn learn(&mut self, event: Event) {
         if let Some(pipeline) = &mut self.motion {
             pipeline.handle(event, &mut Vec::new());

@@ -360,7 +360,7 @@ fn on_a_full_disk(rig: &Rig) -> Process {
             .arg(env!("CARGO_BIN_EXE_headingd"))
             .arg(rig.path("headingd.toml")),
     );
-    process.says("until then nothing is recorded");
+    process.says("until that is done nothing is recorded");
     process
 }
 

@@ -77,7 +77,7 @@ fn a_disk_full_of_logs_gives_room_to_the_store_and_then_records_again() {
     let Some(mut small) = Small::start() else {
         return;
     };
-    small.process.says("until then nothing is recorded");
+    small.process.says("until that is done nothing is recorded");
     let mut link = Link::new(&small.rig);
     link.refused(json!({"request": "lock"}), "not_kept");
     link.status("the store to work", |status| {
@@ -97,7 +97,7 @@ fn at_the_end_the_log_that_is_open_gives_room_too() {
     let Some(mut small) = Small::start() else {
         return;
     };
-    small.process.says("until then nothing is recorded");
+    small.process.says("until that is done nothing is recorded");
     let store = File::open(small.path("store")).unwrap();
     Link::new(&small.rig).ask(&json!({"request": "lock"}));
     small.process.stop();

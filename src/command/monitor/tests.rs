@@ -186,7 +186,7 @@ fn an_answer_longer_than_the_screen_is_wide_is_shown_whole() {
     let screen = lines(&drawn(&view, &PLAIN, now, 80, 24));
     assert_eq!(screen[23].trim(), "given up   (c x l r v q)");
     assert!(screen.join("\n").contains("520 of 520 mG (+0 %)"));
-    let answer = "turn the board once all the way round, level and away from iron: that turn is calibrated on";
+    let answer = "turn the board once all the way round, level and away from iron: that turn calibrates the compass";
     view.take(News::Answer(answer.to_owned()), now);
     let screen = lines(&drawn(&view, &PLAIN, now, 80, 24));
     assert_eq!(
@@ -232,7 +232,7 @@ fn a_small_terminal_has_heading_and_state_first_whatever_is_asked() {
     for (asking, said) in [
         (false, ""),
         (true, ""),
-        (false, "that turn is calibrated on"),
+        (false, "that turn calibrates the compass"),
     ] {
         let question = ("is the board level now?", ControlRequest::Cancel {});
         view.asking = asking.then_some(question);
