@@ -31,13 +31,13 @@ const UPRIGHT_S: f64 = 1.0;
 /// One chip beside the gyro.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChipAlignment {
-    /// Its signed axes along the body's.
+    /// The chip's axes along the body's, as three signed axes.
     pub axes: Mounting,
-    /// The same with the small rotation in it.
+    /// The mounting as found: these axes and a small rotation.
     pub exact: Mounting,
-    /// That rotation about the body's axes, degrees.
+    /// That small rotation about the body's axes, degrees.
     pub turn_deg: [f64; 3],
-    /// One standard deviation of it, about each axis.
+    /// Standard deviation of `turn_deg`, about each axis.
     pub turn_sd_deg: [f64; 3],
 }
 
@@ -109,10 +109,10 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
     if !gyro || field.is_empty() && force.is_empty() {
         return Err(AlignmentError::NoSensors);
     }
-    // A field has hard iron of any size; hands shake a board, which the mean over two seconds hardly feels.
     let mag = VectorSensor {
         name: "magnetometer",
         samples: field,
+        // Hard iron may have any size.
         offset_sd: 1000.0,
         half_window_s: 0.5 * KNOT_S,
     };
@@ -120,6 +120,7 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
         name: "accelerometer",
         samples: force,
         offset_sd: 0.5,
+        // A mean over two seconds hardly feels the shaking of hands.
         half_window_s: 1.0,
     };
     let mut mag_found = mag.find(readings)?;

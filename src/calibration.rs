@@ -1,8 +1,8 @@
 //! Calibration: from raw samples of a turn to parameters and a verdict.
 //!
-//! `plane` chooses samples, mode and plane, and `rist` the window; `swarm` searches with the `objective` until `mpsot`
-//! stops it; `refine` takes the result to maximum likelihood over all samples of the turn; `gyro_agreement` compares it with
-//! the gyro; `verdict` accepts or rejects it.
+//! `fit_turn` runs it: `plane` chooses samples, mode and plane, and `windows` what the swarm sees (`rist`); `swarm` searches with the
+//! `objective` until `mpsot` stops it; `refine` takes the result to maximum likelihood over all samples of the turn (`levelling` levels
+//! them, `model_selection` adds soft iron); `evaluate` measures it, against the gyro too (`gyro_agreement`); `verdict` judges it.
 //! Everything here is a pure function of its arguments: the same request gives the same outcome.
 //!
 //! Equations, sections and appendices are those of Ali et al., *Sensors* 2012, 12(9), doi:10.3390/s120912455, "the paper"; docs/paper.md

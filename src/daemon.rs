@@ -115,7 +115,7 @@ pub struct Daemon {
     service: Service,
     inactivity: Inactivity,
     begun: Instant,
-    /// Counts since `begun`; of dropped values only those of earlier sessions: this session's pipeline counts its own.
+    /// Counts since `begun`. Dropped values are those of earlier sessions: the pipeline counts its own.
     counts: StatusCounts,
     reported: Option<Report>,
     /// What the last calibration has come to.
@@ -310,7 +310,7 @@ impl Daemon {
                 }
             }
             if self.reload.is_prepared() {
-                // A calibration under way ends first, unless it takes long: its turn is not made again.
+                // A calibration under way ends first, unless it takes too long: nobody wants to repeat its turn.
                 match self.reload.waits_until() {
                     Some(deadline) if self.session.calibrator.is_busy() => {
                         self.session.calibrator.hurry(deadline);

@@ -78,7 +78,7 @@ impl<T: PartialEq> Run<T> {
         };
     }
 
-    /// Whether it is the same as before.
+    /// Whether this value repeats that of the run.
     fn is(&self, value: &T) -> bool {
         self.value.as_ref() == Some(value)
     }

@@ -21,7 +21,7 @@ const PAUSE: Duration = Duration::from_millis(2);
 /// Longest content, bytes: a number and the end of its line.
 const LONGEST: u64 = 32;
 
-/// A file of ours; dropping it removes the file, unless another is there under its name by then.
+/// A file of ours; dropping it removes the file, unless its name belongs to another file by then.
 #[derive(Debug)]
 pub struct OwnFile {
     path: PathBuf,
@@ -123,7 +123,7 @@ fn identity_at(path: &Path) -> Option<(u64, u64)> {
     Some(identity(&found))
 }
 
-/// Opens the file, or makes it; also whether its holder could sign it. Who may only read it can still learn who has it.
+/// Opens or makes the file. The second value is an error if it can only be read: that suffices to learn who holds the lock, not to take it.
 fn open(path: &Path) -> io::Result<(File, io::Result<()>)> {
     let mut options = OpenOptions::new();
     // A link could lead anywhere, and a pipe would be waited for.

@@ -55,7 +55,7 @@ settings! {
 }
 
 impl Settings {
-    /// Else a state could be good without a heading.
+    /// Checks that `good_sd_deg` is at most `publish_sd_deg`: otherwise a state could be good without a heading.
     fn check_order(&self, faults: &mut Vec<Fault>) {
         if self.good_sd_deg > self.publish_sd_deg {
             let right = format!("at most publish_sd_deg, which is {}", self.publish_sd_deg);

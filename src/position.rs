@@ -83,7 +83,7 @@ impl Follower {
         }
     }
 
-    /// The latest position, the first time it is asked for.
+    /// The latest position, if it is newer than the last one returned.
     pub fn news(&mut self) -> Option<Position> {
         // An error means that the task has failed, and that nothing new comes.
         if !self.fixes.has_changed().unwrap_or(false) {
@@ -93,7 +93,7 @@ impl Follower {
         Some(fix?.position)
     }
 
-    /// Somebody else asks for the latest position from now on.
+    /// Lets [`Self::news`] return the latest position again, to a new reader.
     pub fn renew(&mut self) {
         self.fixes.mark_changed();
     }

@@ -102,7 +102,7 @@ impl Store {
         Ok(store)
     }
 
-    /// The same without a look whether the folder can be written: on a full disk too, nobody else gets it.
+    /// The same without testing whether the folder can be written: on a full disk too, nobody else gets it.
     ///
     /// # Errors
     ///

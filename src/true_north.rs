@@ -127,12 +127,12 @@ impl TrueNorth {
         self.field.as_ref()
     }
 
-    /// The same, once whenever it has been computed.
+    /// The field, if it has been computed since this was last asked.
     pub fn take_field(&mut self) -> Option<Option<EarthField>> {
         std::mem::take(&mut self.field_is_new).then_some(self.field)
     }
 
-    /// Whether the last news is a warning: else there is nothing to warn of any more.
+    /// Whether the last news was a warning, and not the end of one.
     pub fn is_warning(&self) -> bool {
         self.told.is_some()
     }

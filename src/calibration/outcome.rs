@@ -117,7 +117,7 @@ impl Outcome {
         }
     }
 
-    /// This outcome, if it was accepted and that of full turns rejected; else the latter.
+    /// This outcome, if it was accepted and `turns` was rejected; otherwise `turns`.
     pub fn in_place_of(self, turns: Self) -> Self {
         if (turns.verdict, self.verdict) != (Verdict::Rejected, Verdict::Accepted) {
             return turns;

@@ -38,9 +38,9 @@ settings! {
         gyro_angle_share: f64 = 0.12, 0.01..=0.5, "";
         /// Planar: largest jump of the corrected field in the gyro's frame, within a moment or a second, over the
         /// median of such changes. In 14,000 clean turns noise makes 4.8 at most in 999 of 1000, a real
-        /// board's misfit 4.2. Every magnet that cost more than 1.2° of heading made 13 and more, in 2000 logs. Of
-        /// 1000 logs of two turns with a car none was accepted at 6, of 1000 of a single turn 9, and six of those
-        /// were 2.3 to 4.4° off: a swell as long as a quarter of the turn looks like a real board's misfit.
+        /// board's misfit 4.2. Every magnet that cost more than 1.2° of heading made 13 and more, in 2000 logs. With a
+        /// passing car, a limit of 6 accepted none of 1000 logs of two turns, and nine of 1000 of one turn, six of
+        /// them 2.3 to 4.4° off: a swell as long as a quarter of the turn looks like a real board's misfit.
         jump_planar: f64 = 6.0, 3.0..=1000.0, "";
         /// The same in space, where one turn is not like the other and a real board's misfit makes 8.4. Of 1000 logs
         /// with a car none was accepted at 10 with a heading error above 1.8°.
@@ -102,7 +102,7 @@ pub struct Measures {
     pub dip_spread_deg: Option<f64>,
 }
 
-/// More outliers than this among the last samples, and the fit does not hold for what comes: one spike in a
+/// With a larger share of outliers among the last samples, the fit does not hold for what comes: one spike in a
 /// hundred samples never makes so many.
 const MOST_AT_THE_END: f64 = 0.5;
 

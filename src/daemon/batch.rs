@@ -6,8 +6,7 @@ use crate::sensor::SourceEvent;
 /// 40 Hz none waits; at 50 Hz every second one does, for 20 ms, and the daemon costs a quarter less (tests/board/cost).
 const APART_S: f64 = 0.0225;
 
-/// The gyro's readings wait this long for one of the magnetometer, seconds. A heading goes out with that one alone,
-/// so nothing is later for it.
+/// Readings without a field wait up to this long, seconds, for one with a field. Only those give headings: none is later for it.
 const WAITING_S: f64 = 0.05;
 
 /// Capacity of a batch at the usual rates.
@@ -16,7 +15,7 @@ const TOGETHER: usize = 8;
 /// Events in order.
 pub(super) type Events = Vec<SourceEvent>;
 
-/// Those that wait.
+/// Collects events until they are handed on.
 #[derive(Default)]
 pub(super) struct Batch {
     events: Events,

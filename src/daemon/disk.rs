@@ -18,7 +18,7 @@ const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_sec
 /// How many jobs wait for the disk.
 const WAITING_JOBS: usize = 16;
 
-/// Told when something is on disk, or why it is not.
+/// Called with the result of a save: an error says why nothing is on disk.
 pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
 
 /// A folder and the thread that writes there. The sessions before and after a reload share it.
@@ -89,7 +89,7 @@ impl Disk {
         loaded.recv().ok()?
     }
 
-    /// Has this saved, and says so to `then`. Never waits.
+    /// Queues this to be saved; `then` gets the result. Never waits.
     pub(super) fn save(&self, history: History, then: Then) {
         lock(&self.newest).put(history);
         let (job, why) = match self.queue.try_send(Job::Save(then)) {
@@ -159,7 +159,7 @@ struct DiskWriter {
     known: Contents,
     newest: Shared<Contents>,
     unsaved: Contents,
-    /// The next attempt opens the folder anew: it may be another by then. Until that succeeds, the last one stays locked.
+    /// The next attempt opens the folder again: another disk may be mounted there by then. Until that succeeds, the old folder stays locked.
     reopen: bool,
     pause: Duration,
     room: Room,

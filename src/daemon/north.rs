@@ -14,7 +14,7 @@ pub(super) struct North {
 }
 
 impl North {
-    /// A replayed log uses no gpsd: that knows where the log is replayed, not where it was recorded.
+    /// A replayed log uses no gpsd: a gpsd knows where the log is replayed, not where it was recorded.
     pub(super) fn new(config: &Config) -> Self {
         let gpsd = Gpsd::parse(&config.true_north.gpsd);
         Self {

@@ -250,8 +250,8 @@ impl RecorderThread {
         matches!(self.destination, Destination::Ring(_)) && matches!(log.try_exists(), Ok(false))
     }
 
-    /// Writes readings until there are no more, or the ring needs another file, since this one has its full size or is gone; whether it
-    /// does.
+    /// Writes readings until there are no more (`false`), or until the ring needs another file (`true`): this one is full, or has been
+    /// removed.
     fn fill(&mut self, log: &mut OpenLog, first: Reading) -> Result<bool, RecordError> {
         let most_bytes = match &self.destination {
             Destination::File(_) => u64::MAX,
@@ -364,7 +364,7 @@ impl RecorderThread {
     }
 }
 
-/// Refuses what [`RecorderThread::open`] could not put a log in the place of. The file stays as it is.
+/// Fails if [`RecorderThread::open`] could not replace this file by a log. The file stays as it is.
 fn may_replace(file: &Path) -> io::Result<()> {
     let Err(error) = File::options().write(true).open(file) else {
         return Ok(());

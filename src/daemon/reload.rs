@@ -27,11 +27,11 @@ pub struct NewConfig {
 /// The reload under way, and what follows it.
 #[derive(Default)]
 pub(super) struct Reload {
-    /// It may hold the store.
+    /// It opens the next session, which may hold the store.
     thread: Option<Thread<Result<Prepared, String>>>,
     /// What has come of it: a calibration may have to end first.
     prepared: Option<Result<Prepared, String>>,
-    /// Calibrations are given up then, so that it can end.
+    /// A calibration under way is given up at this time, so that the reload can end.
     deadline: Option<Instant>,
     next: Option<NewConfig>,
 }
@@ -40,7 +40,7 @@ struct Prepared {
     config: Config,
     /// The keys that change.
     keys: Vec<String>,
-    /// Others wait for a restart.
+    /// Whether other keys change only with a restart.
     waits: bool,
     /// None if the running session can stay.
     session: Option<Box<Session>>,
@@ -56,7 +56,7 @@ impl Reload {
         self.prepared.is_some()
     }
 
-    /// Until when it waits for a calibration, if it ends the running session.
+    /// Until when the reload waits for a calibration; `None` if the running session stays.
     pub(super) fn waits_until(&self) -> Option<Instant> {
         let replaces = matches!(&self.prepared, Some(Ok(prepared)) if prepared.session.is_some());
         self.deadline.filter(|_| replaces)

@@ -10,8 +10,8 @@ const SUFFIX: &str = ".csv";
 /// No ring has more files, however short: a folder that a program lists at each start stays small.
 const MOST_FILES: usize = 1000;
 
-/// Makes room for another file, and makes it. With it, all have room in `files` files of `full` bytes. A daemon that restarts again
-/// and again leaves short files; if each counted alike, they would drive out the long ones.
+/// Removes the oldest files and makes the next. Together they fit into `files` × `full` bytes, each counted by its length, at most `full`.
+/// If each counted as one, a daemon that restarts again and again would drive out long files by short ones.
 pub(super) fn next(directory: &Path, files: usize, full: u64) -> io::Result<(PathBuf, File)> {
     fs::create_dir_all(directory)?;
     let numbers = numbers(directory)?;

@@ -36,7 +36,7 @@ impl Room {
     pub(super) fn claim(&self, store: &Path) -> Option<PathBuf> {
         let mut state = lock(&self.0);
         let ring = (state.ring.clone()).filter(|ring| share_a_disk(store, ring))?;
-        // Before there is room, or the recorder would take it.
+        // Claim first: otherwise the recorder would take the room that the removed log leaves.
         state.claimed = true;
         drop(state);
         ring::remove_oldest(&ring, 0).ok().flatten()

@@ -96,14 +96,14 @@ impl SensorStore {
         goes_on
     }
 
-    /// Makes a calibration the active one, until [`SensorStore::save`] only in memory; its number.
+    /// Makes a calibration the active one, in memory until [`SensorStore::save`]; returns its number.
     pub(super) fn keep(&mut self, made: Made) -> u64 {
         let most = self.most;
         self.history_mut().keep(made, most);
         self.history.last_number
     }
 
-    /// Has everything saved as it is now, and says so to `then`: at once, if nothing is to be kept.
+    /// Saves the history as it is now; `then` gets the result, at once if there is no disk.
     pub(super) fn save(&self, then: Then) {
         match &self.disk {
             Some(disk) => disk.save(self.history.clone(), then),

@@ -43,7 +43,7 @@ pub(super) struct SourceTask {
     pub(super) bps: Option<u32>,
     opened: Option<Source>,
     running: Option<RunningSource>,
-    /// A serial one that was stopped: it knows its device.
+    /// The bridge of a serial source that was stopped: what it knows of its device outlives a reload.
     last: Option<Box<Bridge>>,
 }
 
@@ -183,7 +183,7 @@ impl SourceTask {
     }
 }
 
-/// Sends the source's events until it is stopped, or nobody listens. Returns a serial one: what it knows of its device outlives a reload.
+/// Sends the source's events until it is stopped, or nobody listens. Returns the bridge of a serial source, for the next session.
 fn run(
     source: Source,
     speed: f64,

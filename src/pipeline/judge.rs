@@ -193,7 +193,7 @@ impl Pipeline {
         }
     }
 
-    /// Whether a sensor that has not been read yet may be read next.
+    /// Whether the readings began so recently that a missing sensor may still come.
     fn has_just_begun(&self) -> bool {
         self.readings_s
             .is_some_and(|(first_s, _)| self.now_s - first_s <= self.setup.attitude.gap_s)

@@ -25,8 +25,8 @@ pub(super) struct Learning {
     pub(super) initial: Option<Calibration>,
     /// Whether there has been a calibration worth a heading.
     pub(super) calibrated: bool,
-    /// What was last kept, its deviation, degrees, and when. A turn's calibration starts without a deviation: its own leaves out the place
-    /// and the rotation between chips.
+    /// The parameters kept last, their deviation, degrees, and when. A turn's calibration to start with has none at first: the deviation of
+    /// its fit leaves out the place and the rotation between chips.
     last: Option<Parameters>,
     last_sd_deg: Option<f64>,
     pub(super) last_s: f64,
@@ -68,7 +68,8 @@ impl Learning {
 }
 
 impl Pipeline {
-    /// What the estimate knows, as the outcome of a turn that knows less; `None` if a calibration has been kept, or no heading is worth it.
+    /// What the estimate knows, as the outcome of a turn that is less certain. `None` if a calibration has been kept, or if the estimate is
+    /// too uncertain for a heading.
     pub(super) fn conclude_as_known(&mut self) -> Option<Outcome> {
         if self.learning.last.is_some() || !self.is_known_within(self.setup.pipeline.publish_sd_deg)
         {

@@ -70,7 +70,7 @@ pub(super) fn remove_leftovers(directory: &Path, name: &str) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes a rename last: it is the folder that has changed. Not every file system can.
+/// Makes a rename durable: the folder has changed, so it is synced. Not every file system can.
 pub(super) fn sync_folder(directory: &Path) -> io::Result<()> {
     use io::ErrorKind::{InvalidInput, Unsupported};
     match File::open(directory)?.sync_all() {

@@ -325,7 +325,7 @@ impl History {
         Ok(())
     }
 
-    /// What no file that this program has saved can hold.
+    /// What only a damaged file has: asked only on reading.
     pub(super) fn damage(&self) -> Option<String> {
         (self.last_number > LARGEST_NUMBER).then(|| {
             format!(

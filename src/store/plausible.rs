@@ -13,8 +13,8 @@ use crate::check::{Fault, within};
 /// How far from exact a basis or a matrix may be.
 const TOLERANCE: f64 = 1e-6;
 
-/// In a file that could not be read: the first value in a calibration that should be a number, which the deserialiser does
-/// not name. `path` leads to `value`.
+/// For a file that the deserialiser has refused: names the first value of a calibration that should be a number and is none. `path` is
+/// that of `value`.
 pub(super) fn no_number(path: &str, value: &Value) -> Option<String> {
     match value {
         Value::Object(values) => values

@@ -13,7 +13,7 @@ use crate::frame::{hypot, wrap_pi};
 const NOTE_S: f64 = 0.1;
 /// Slower rotation before the start does not belong to the turn, rad/s.
 const CREEP_RAD_S: f64 = 3.0 * PI / 180.0;
-/// Time over which that is judged, seconds.
+/// Time over which creeping is judged, seconds.
 const CREEP_S: f64 = 0.5;
 /// How far orientation may lag behind the integrated rate: bias at rest, levelling.
 const SLACK_RAD: f64 = 15.0 * PI / 180.0;
@@ -64,9 +64,9 @@ pub(super) struct Vertical {
     /// Where in `notes` the net rotation was least and most.
     least: usize,
     most: usize,
-    /// A candidate has been looked at and refused: not again before this time.
+    /// After a refused candidate, no other is looked at before this time.
     next_look_s: f64,
-    /// It was refused since a better one is about to be complete.
+    /// The last candidate was a turn, but a better one is about to be complete.
     waits: bool,
 }
 
