@@ -20,7 +20,7 @@ use std::collections::VecDeque;
 use crate::attitude;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
-use crate::calibration::policy::{Policy, Reason};
+use crate::calibration::policy::{CalibrationOrigin, Policy};
 use crate::calibration::{self, FieldSample, Request, verdict};
 use crate::check::{Fault, settings};
 use crate::condition::{Condition, Report, SourceFault};
@@ -130,15 +130,15 @@ pub enum Action {
     Turned(Turn),
     /// Calibrate, and bring the outcome back as an event.
     Calibrate(Box<Request>),
-    /// Publish this outcome of a calibration that was asked for this reason; if it was accepted, keep its calibration.
-    Conclude(Box<Outcome>, Reason),
+    /// Publish this outcome of a calibration of this origin; if it was accepted, keep its calibration.
+    Conclude(Box<Outcome>, CalibrationOrigin),
 }
 
 /// A calibration under way.
 #[derive(Clone, Copy, Debug)]
 struct CalibrationJob {
-    /// Why it was asked for.
-    reason: Reason,
+    /// What asked for it.
+    origin: CalibrationOrigin,
     /// Discard its outcome.
     unwanted: bool,
     /// Calibrate again when it ends: a turn was completed meanwhile.

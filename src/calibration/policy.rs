@@ -1,4 +1,4 @@
-//! When the daemon calibrates, and what started a calibration.
+//! When the daemon calibrates, and where a calibration came from.
 
 use crate::check::words;
 
@@ -28,7 +28,7 @@ impl Policy {
 
 words! {
     /// What started a calibration, or where it came from.
-    pub enum Reason {
+    pub enum CalibrationOrigin {
         /// The board was turned or moved. Version 0.1 had another word, `stale`, for a turn that was to replace a calibration.
         #[serde(alias = "stale")]
         Turn = "turn",
@@ -46,11 +46,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reasons_of_earlier_versions_are_read() {
-        let read = |word: &str| serde_json::from_str::<Reason>(word).unwrap();
-        assert_eq!(read("\"stale\""), Reason::Turn);
-        for reason in [Reason::Turn, Reason::Start, Reason::Import, Reason::Log] {
-            assert_eq!(read(&format!("{:?}", reason.word())), reason);
+    fn origins_of_earlier_versions_are_read() {
+        let read = |word: &str| serde_json::from_str::<CalibrationOrigin>(word).unwrap();
+        assert_eq!(read("\"stale\""), CalibrationOrigin::Turn);
+        for origin in [
+            CalibrationOrigin::Turn,
+            CalibrationOrigin::Start,
+            CalibrationOrigin::Import,
+            CalibrationOrigin::Log,
+        ] {
+            assert_eq!(read(&format!("{:?}", origin.word())), origin);
         }
     }
 }

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::calibration::calibrate;
 use crate::calibration::outcome::{Outcome, Verdict};
-use crate::calibration::policy::Reason;
+use crate::calibration::policy::CalibrationOrigin;
 use crate::calibration::settings::{ModeChoice, ModelChoice, Profile, StopChoice, WindowChoice};
 use crate::calibration::verdict::Refusal;
 use crate::config::Config;
@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let (identity, outcome) = calibrated(args, &config)?;
     let written = match (&args.out, outcome.calibration) {
         (Some(path), Some(calibration)) => {
-            let made = Made::of(&outcome, calibration, Reason::Log, unix_now_s());
+            let made = Made::of(&outcome, calibration, CalibrationOrigin::Log, unix_now_s());
             write_calibrations(path, &Contents::of(History::of(identity, made)))
         }
         _ => Ok(()),

@@ -11,7 +11,7 @@ use super::control::{self, ControlTarget};
 use super::wait::start_and_wait;
 use super::{Failure, print, print_json, text, word, write_calibrations};
 use crate::calibration::model::Mode;
-use crate::calibration::policy::{Policy, Reason};
+use crate::calibration::policy::{CalibrationOrigin, Policy};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::CalibrationSummary;
 use crate::store::{Contents, Store, StoreError};
@@ -190,8 +190,10 @@ pub(super) fn line(calibration: &CalibrationSummary) -> String {
     };
     add("by", calibration.method.clone());
     // A turn or motion is what a calibration is usually made on.
-    let unusual = calibration.reason.filter(|reason| *reason != Reason::Turn);
-    add("from", unusual.map(|reason| reason.word().to_owned()));
+    let unusual = calibration
+        .origin
+        .filter(|origin| *origin != CalibrationOrigin::Turn);
+    add("from", unusual.map(|origin| origin.word().to_owned()));
     add(
         "residual",
         calibration.residual_mgauss.map(|n| format!("{n:.1} mG")),

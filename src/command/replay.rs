@@ -8,7 +8,7 @@ use super::{Failure, config_file, output, tell};
 use crate::calibration::calibrate;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
-use crate::calibration::policy::Reason;
+use crate::calibration::policy::CalibrationOrigin;
 use crate::date;
 use crate::heading::Heading;
 use crate::pipeline::{Action, Event, Pipeline};
@@ -249,7 +249,7 @@ impl Keep {
             return Ok(());
         };
         let known = self.history.clone();
-        let made = Made::of(outcome, calibration, Reason::Log, unix_now_s());
+        let made = Made::of(outcome, calibration, CalibrationOrigin::Log, unix_now_s());
         self.history.keep(made, self.most);
         store.save(&self.history, Some(&known))?;
         Ok(())

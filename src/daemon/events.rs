@@ -150,7 +150,7 @@ impl Daemon {
                 );
             }
             Action::Calibrate(request) => session.calibrator.start(*request),
-            Action::Conclude(outcome, reason) => {
+            Action::Conclude(outcome, origin) => {
                 log_outcome(&outcome);
                 self.publisher.calibration(&outcome);
                 self.concluded = Some(OutcomeSummary {
@@ -167,7 +167,7 @@ impl Daemon {
                     (outcome.verdict, outcome.calibration)
                 {
                     let now = wall_clock::unix_now_s();
-                    let made = Made::of(&outcome, calibration, reason, now);
+                    let made = Made::of(&outcome, calibration, origin, now);
                     self.session.store.keep(made);
                     self.session.store.save(Box::new(|_| ()));
                 }

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::Daemon;
 use super::recorder::Recorder;
 use crate::calibration::model::Calibration;
-use crate::calibration::policy::{Policy, Reason};
+use crate::calibration::policy::{CalibrationOrigin, Policy};
 use crate::calibration::verdict::imported;
 use crate::date;
 use crate::frame::rounded;
@@ -99,7 +99,7 @@ impl Daemon {
                 ))
             }
             ControlRequest::Cancel {} => {
-                let started = self.session.pipeline.wanted() == Some(Reason::Start);
+                let started = self.session.pipeline.wanted() == Some(CalibrationOrigin::Start);
                 if !started && !self.session.pipeline.is_calibrating() {
                     return Err(Answer::refused(
                         "nothing_to_cancel",
@@ -174,7 +174,7 @@ impl Daemon {
             return Err(HistoryError::Locked.into());
         }
         let made = Made {
-            reason: Some(Reason::Import),
+            origin: Some(CalibrationOrigin::Import),
             ..entry.made
         };
         // Copies of one that is kept already would drive out the others.
@@ -238,7 +238,7 @@ impl Daemon {
             mheading: latest.and_then(|it| degrees(it.magnetic_deg())),
             heading_sd: latest.and_then(|it| it.sd_deg.map(brief)),
             mode: history.mode,
-            armed: session.pipeline.wanted() == Some(Reason::Start),
+            armed: session.pipeline.wanted() == Some(CalibrationOrigin::Start),
             calibrating: session.pipeline.is_calibrating(),
             progress: session.pipeline.progress().map(brief),
             calibration: history.active().map(|entry| described(entry, history)),
@@ -281,7 +281,7 @@ fn mode_answer(mode: Policy) -> Answer {
 fn described(entry: &KeptCalibration, history: &History) -> CalibrationSummary {
     let Made {
         saved_unix_s,
-        reason,
+        origin,
         gyro_rms_deg,
         samples,
         calibration,
@@ -292,7 +292,7 @@ fn described(entry: &KeptCalibration, history: &History) -> CalibrationSummary {
         saved_unix_s,
         time: saved_unix_s.map(|unix_s| date::rfc3339(Duration::from_secs(unix_s))),
         age_s: saved_unix_s.and_then(|saved| wall_clock::unix_now_s()?.checked_sub(saved)),
-        reason,
+        origin,
         mode: Some(calibration.parameters.mode()),
         method: Some(calibration.method().to_owned()),
         residual_mgauss: Some(calibration.residual_mgauss),

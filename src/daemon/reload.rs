@@ -9,7 +9,7 @@ use super::session::Session;
 use super::source_task::SourceTask;
 use super::thread::Thread;
 use super::{Daemon, DaemonError};
-use crate::calibration::policy::Reason;
+use crate::calibration::policy::CalibrationOrigin;
 use crate::config::Config;
 use crate::pipeline::Event;
 
@@ -145,7 +145,7 @@ impl Daemon {
                 // The new session starts from what is kept, so what this one has learnt is kept first.
                 self.handle(Event::End);
                 let goes_on = session.take_over(&mut self.session);
-                let started = self.session.pipeline.wanted() == Some(Reason::Start);
+                let started = self.session.pipeline.wanted() == Some(CalibrationOrigin::Start);
                 self.counts.values_dropped = self.counts().values_dropped;
                 let last = std::mem::replace(&mut self.session, session);
                 if last.store.history().identity != self.history().identity {

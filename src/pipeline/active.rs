@@ -5,7 +5,7 @@ use super::learn::Learning;
 use super::{Action, Pipeline};
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::{CANCELLED, Outcome, Verdict};
-use crate::calibration::policy::{Policy, Reason};
+use crate::calibration::policy::{CalibrationOrigin, Policy};
 use crate::calibration::verdict::Refusal;
 use crate::estimate::UNKNOWN_SD_DEG;
 use crate::frame::hypot;
@@ -19,13 +19,13 @@ const REST_SHARE: f64 = std::f64::consts::FRAC_1_SQRT_2;
 const MORE_HELPS: [&str; 2] = ["coverage", "heading_uncertainty"];
 
 impl Pipeline {
-    /// Why a motion would calibrate now; `None` if none would.
-    pub fn wanted(&self) -> Option<Reason> {
+    /// What a calibration would come from now; `None` if no motion would calibrate.
+    pub fn wanted(&self) -> Option<CalibrationOrigin> {
         match self.policy {
             Policy::Locked if self.learning.calibrated => None,
-            _ if self.armed => Some(Reason::Start),
+            _ if self.armed => Some(CalibrationOrigin::Start),
             Policy::Off => None,
-            _ => Some(Reason::Turn),
+            _ => Some(CalibrationOrigin::Turn),
         }
     }
 
@@ -36,7 +36,8 @@ impl Pipeline {
         self.armed &= policy != Policy::Locked;
         let wanted = self.wanted().is_some();
         if let Some(job) = &mut self.job {
-            job.unwanted |= !wanted || (policy == Policy::Off && job.reason != Reason::Start);
+            job.unwanted |=
+                !wanted || (policy == Policy::Off && job.origin != CalibrationOrigin::Start);
         }
         self.refresh(actions);
     }
@@ -122,7 +123,8 @@ impl Pipeline {
             if let Some(refusal) = self.objection_to_gyro().filter(|_| accepted) {
                 *outcome = outcome.refused(refusal);
             }
-            self.armed &= job.reason != Reason::Start || outcome.verdict == Verdict::Rejected;
+            self.armed &=
+                job.origin != CalibrationOrigin::Start || outcome.verdict == Verdict::Rejected;
             match (outcome.verdict, outcome.calibration) {
                 (Verdict::Accepted, Some(calibration)) => {
                     outcome.calibration = Some(self.with_biases(calibration));
@@ -137,7 +139,7 @@ impl Pipeline {
                 }
             }
         }
-        actions.push(Action::Conclude(outcome, job.reason));
+        actions.push(Action::Conclude(outcome, job.origin));
         if job.again {
             self.ask_for_calibration(actions);
         }

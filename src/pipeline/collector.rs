@@ -57,14 +57,14 @@ impl Pipeline {
 
     /// Asks for a calibration on the turns just completed, if they allow one.
     pub(super) fn ask_for_calibration(&mut self, actions: &mut Vec<Action>) {
-        let Some(reason) = self.wanted() else {
+        let Some(origin) = self.wanted() else {
             return;
         };
         let Some(request) = self.request() else {
             return;
         };
         self.job = Some(CalibrationJob {
-            reason,
+            origin,
             unwanted: false,
             again: false,
             end_s: self.completed.back().map_or(self.now_s, |turn| turn.end_s),

@@ -161,7 +161,7 @@ impl Pipeline {
             }
             return;
         }
-        let Some(reason) = self.wanted() else {
+        let Some(origin) = self.wanted() else {
             return;
         };
         let Some(outcome) = self.keep_what_is_known() else {
@@ -169,7 +169,7 @@ impl Pipeline {
         };
         self.armed = false;
         self.refused = None;
-        actions.push(Action::Conclude(Box::new(outcome), reason));
+        actions.push(Action::Conclude(Box::new(outcome), origin));
     }
 
     /// The calibration learnt so far, and its limits. It is accepted if it is as certain as one that the daemon would keep, and otherwise

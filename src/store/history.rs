@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
-use crate::calibration::policy::{Policy, Reason};
+use crate::calibration::policy::{CalibrationOrigin, Policy};
 use crate::frame::Mounting;
 
 /// The largest number that a file may hold: far above what any daemon saves in its life, and far enough below the
@@ -58,7 +58,7 @@ impl BoardMounting {
         difference.amax() < SAME
     }
 
-    /// What is wrong in itself.
+    /// What is wrong with it.
     pub(super) fn fault(&self) -> Option<String> {
         let mirrored = self.board_axes.is_mirrored();
         mirrored.then(|| "mounting.board_axes is mirrored, but must be a rotation".to_owned())
@@ -72,8 +72,8 @@ pub struct Made {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub saved_unix_s: Option<u64>,
     /// Why it was made, or how it came here; version 1 does not say.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub reason: Option<Reason>,
+    #[serde(rename = "reason", default, skip_serializing_if = "Option::is_none")]
+    pub origin: Option<CalibrationOrigin>,
     /// Heading against the gyro, RMS, degrees, if there was a gyro.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gyro_rms_deg: Option<f64>,
@@ -89,12 +89,12 @@ impl Made {
     pub fn of(
         outcome: &Outcome,
         calibration: Calibration,
-        reason: Reason,
+        origin: CalibrationOrigin,
         saved_unix_s: Option<u64>,
     ) -> Self {
         Self {
             saved_unix_s,
-            reason: Some(reason),
+            origin: Some(origin),
             gyro_rms_deg: outcome.gyro_rms_deg,
             samples: Some(outcome.samples.used).filter(|&used| used > 0),
             calibration,
@@ -335,7 +335,7 @@ impl History {
         })
     }
 
-    /// What is wrong in itself.
+    /// What is wrong with it, on reading and on writing.
     pub(super) fn fault(&self) -> Option<String> {
         if let Some(fault) = self.mounting.as_ref().and_then(|told| told.fault()) {
             return Some(fault);

@@ -34,7 +34,7 @@ fn made(number: u64) -> Made {
     let value = number as f64;
     Made {
         saved_unix_s: Some(number),
-        reason: None,
+        origin: None,
         gyro_rms_deg: Some(value),
         samples: Some(number as usize),
         calibration: Calibration {

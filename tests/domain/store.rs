@@ -9,7 +9,7 @@ use std::time::Duration;
 use headingd::calibration::model::{
     Calibration, Model, PackedCovariance, Parameters, Planar, Spatial,
 };
-use headingd::calibration::policy::{Policy, Reason};
+use headingd::calibration::policy::{CalibrationOrigin, Policy};
 use headingd::store::history::HistoryError;
 use headingd::store::{Contents, FormatError, History, Identity, Made, Store, StoreError};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
@@ -25,7 +25,7 @@ fn identity() -> Identity {
 fn made(parameters: Parameters) -> Made {
     Made {
         saved_unix_s: Some(1_760_000_000),
-        reason: Some(Reason::Turn),
+        origin: Some(CalibrationOrigin::Turn),
         gyro_rms_deg: Some(1.0 / 7.0),
         samples: Some(560),
         calibration: Calibration {
@@ -188,7 +188,7 @@ fn old_files_load() {
     assert_eq!(found.sensors[0].mode, Policy::On);
     let made = only(&found);
     assert_eq!(made.saved_unix_s, Some(1_760_000_000));
-    assert_eq!((made.reason, made.samples), (None, None));
+    assert_eq!((made.origin, made.samples), (None, None));
     let Parameters::Planar(planar) = made.calibration.parameters else {
         panic!("{found:?}");
     };
@@ -215,8 +215,8 @@ fn old_files_load() {
         panic!("{stick:?}");
     };
     // It is from version 1, of a board whose clock was not set.
-    assert_eq!((first.made.saved_unix_s, first.made.reason), (None, None));
-    assert_eq!(third.made.reason, Some(Reason::Start));
+    assert_eq!((first.made.saved_unix_s, first.made.origin), (None, None));
+    assert_eq!(third.made.origin, Some(CalibrationOrigin::Start));
     assert_eq!(
         (third.made.gyro_rms_deg, third.made.samples),
         (Some(0.75), Some(560))
@@ -234,7 +234,7 @@ fn old_files_load() {
         ("+y -x +z".to_owned(), "+x +y +z".to_owned())
     );
     let kept = only(&found);
-    assert_eq!(kept.reason, Some(Reason::Turn));
+    assert_eq!(kept.origin, Some(CalibrationOrigin::Turn));
     let learnt = kept.calibration;
     assert_eq!(learnt.gyro_bias_deg_s, Some(Vector3::new(0.5, -1.25, 0.0)));
     let covariance = learnt.covariance.unwrap().unpacked();

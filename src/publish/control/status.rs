@@ -7,7 +7,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::calibration::model::Mode;
-use crate::calibration::policy::{Policy, Reason};
+use crate::calibration::policy::{CalibrationOrigin, Policy};
 use crate::frame::Mounting;
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -55,7 +55,8 @@ pub(crate) struct CalibrationSummary {
     pub(crate) saved_unix_s: Option<u64>,
     pub(crate) time: Option<String>,
     pub(crate) age_s: Option<u64>,
-    pub(crate) reason: Option<Reason>,
+    #[serde(rename = "reason")]
+    pub(crate) origin: Option<CalibrationOrigin>,
     pub(crate) mode: Option<Mode>,
     pub(crate) method: Option<String>,
     pub(crate) residual_mgauss: Option<f64>,

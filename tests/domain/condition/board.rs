@@ -2,7 +2,7 @@
 
 use headingd::calibration::model::{Calibration, Parameters, Planar, Spatial};
 use headingd::calibration::outcome::Outcome;
-use headingd::calibration::policy::Reason;
+use headingd::calibration::policy::CalibrationOrigin;
 use headingd::calibration::{Request, calibrate};
 use headingd::condition::Report;
 use headingd::heading::Heading;
@@ -46,7 +46,7 @@ pub struct Board {
     pub reports: Vec<Report>,
     pub outcomes: Vec<Outcome>,
     /// Why the last of them was asked for.
-    pub reason: Option<Reason>,
+    pub origin: Option<CalibrationOrigin>,
     pub heading: Option<Heading>,
     /// How many calibrations were asked for.
     pub asked: usize,
@@ -85,7 +85,7 @@ impl Board {
             under_way: None,
             reports: Vec::new(),
             outcomes: Vec::new(),
-            reason: None,
+            origin: None,
             heading: None,
             asked: 0,
         }
@@ -214,9 +214,9 @@ impl Board {
                     self.asked += 1;
                     self.under_way = Some(request);
                 }
-                Action::Conclude(outcome, reason) => {
+                Action::Conclude(outcome, origin) => {
                     self.outcomes.push(*outcome);
-                    self.reason = Some(reason);
+                    self.origin = Some(origin);
                 }
             }
         }

@@ -2,7 +2,7 @@
 
 use headingd::calibration::model::{Calibration, Parameters};
 use headingd::calibration::outcome::Verdict;
-use headingd::calibration::policy::{Policy, Reason};
+use headingd::calibration::policy::{CalibrationOrigin, Policy};
 use headingd::condition::SourceFault;
 use headingd::pipeline::Event;
 use nalgebra::Vector3;
@@ -23,9 +23,9 @@ fn mode_off_never_calibrates_by_itself_and_start_makes_it_once() {
 
     board.tell(Event::Start);
     assert_eq!(board.pipeline.progress(), Some(0.0));
-    assert_eq!(board.pipeline.wanted(), Some(Reason::Start));
+    assert_eq!(board.pipeline.wanted(), Some(CalibrationOrigin::Start));
     board.turn(A_TURN_DEG);
-    assert_eq!(board.reason, Some(Reason::Start));
+    assert_eq!(board.origin, Some(CalibrationOrigin::Start));
     assert_ne!(board.verdict().0, "rejected");
     assert_eq!(board.pipeline.wanted(), None);
     let (asked, outcomes) = (board.asked, board.outcomes.len());
@@ -74,7 +74,7 @@ fn a_start_whose_turn_was_refused_waits_for_the_next_turn() {
     board.bias_mgauss.x -= 150.0;
     board.turn(172.0);
     assert_eq!(board.verdict().0, "rejected");
-    assert_eq!(board.pipeline.wanted(), Some(Reason::Start));
+    assert_eq!(board.pipeline.wanted(), Some(CalibrationOrigin::Start));
     board.bias_mgauss = clean;
     board.turn_anew();
     assert_ne!(board.verdict().0, "rejected");
