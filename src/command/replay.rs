@@ -82,11 +82,11 @@ fn play(
     keep: &mut Keep,
 ) -> Result<(), Failure> {
     lines.greet()?;
-    let mode = keep.history.mode;
+    let policy = keep.history.policy;
     let mut play = |event, lines: &mut JsonLines| {
         pipeline.play(event, |action| carry_out(action, lines, keep))
     };
-    play(Event::Policy(mode), &mut lines)?;
+    play(Event::Policy(policy), &mut lines)?;
     read_log(&mut replay, |entry, begins_stretch| {
         if begins_stretch {
             play(Event::NewStretch, &mut lines)?;

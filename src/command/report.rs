@@ -195,7 +195,7 @@ fn begin(sockets: &DaemonSockets, header: Header, config: &Config) -> Analysis {
     let active = active(sockets);
     let mut analysis = Analysis::new(&sockets.headings, header, setup, north, active);
     if let Some(status) = status {
-        analysis.put_mode(status.mode);
+        analysis.put_policy(status.policy);
     }
     analysis
 }

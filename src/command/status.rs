@@ -53,7 +53,7 @@ fn written(status: &DaemonStatus) -> String {
         };
         add("last", said(&last.verdict, &last.reason, &last.message));
     }
-    let mut mode = status.mode.word().to_owned();
+    let mut mode = status.policy.word().to_owned();
     if status.armed {
         mode += "; the next turn calibrates";
     }

@@ -129,13 +129,13 @@ fn load(directory: &Path, identity: &Identity) -> Result<Option<History>, StoreE
         Some((history, Some(entry))) => tracing::info!(
             number = entry.number,
             saved_unix_s = entry.made.saved_unix_s,
-            mode = history.mode.word(),
+            mode = history.policy.word(),
             "using the {} calibration of {path}",
             entry.made.calibration.parameters.mode().word()
         ),
         Some((history, None)) => tracing::info!(
             "no calibration of {path} is active: {}",
-            history.mode.remedy()
+            history.policy.remedy()
         ),
         None if contents.sensors.is_empty() => {
             // A folder that cannot be made has been complained of.

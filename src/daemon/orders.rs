@@ -80,15 +80,15 @@ impl Daemon {
                 Ok(self.activated(entry.number, entry.made.calibration))
             }
             ControlRequest::Forget { number, all } => self.forget(number, all),
-            ControlRequest::Lock {} => self.set_mode(Policy::Locked),
-            ControlRequest::Unlock {} if self.history().mode != Policy::Locked => {
-                let mode = self.history().mode.word();
+            ControlRequest::Lock {} => self.set_policy(Policy::Locked),
+            ControlRequest::Unlock {} if self.history().policy != Policy::Locked => {
+                let mode = self.history().policy.word();
                 let message = format!("nothing was locked: mode {mode} stays");
                 Ok(Answer::done(message).with("mode", mode))
             }
-            ControlRequest::Unlock {} => self.set_mode(Policy::On),
-            ControlRequest::Mode { mode: Some(mode) } => self.set_mode(mode),
-            ControlRequest::Mode { mode: None } => Ok(mode_answer(self.history().mode)),
+            ControlRequest::Unlock {} => self.set_policy(Policy::On),
+            ControlRequest::Mode { mode: Some(policy) } => self.set_policy(policy),
+            ControlRequest::Mode { mode: None } => Ok(policy_answer(self.history().policy)),
             ControlRequest::Start {} => {
                 if self.history().is_locked() {
                     return Err(HistoryError::Locked.into());
@@ -117,10 +117,10 @@ impl Daemon {
         }
     }
 
-    fn set_mode(&mut self, mode: Policy) -> Result<Answer, Answer> {
-        self.session.store.history_mut().set_mode(mode)?;
-        self.handle(Event::Policy(mode));
-        Ok(mode_answer(mode))
+    fn set_policy(&mut self, policy: Policy) -> Result<Answer, Answer> {
+        self.session.store.history_mut().set_policy(policy)?;
+        self.handle(Event::Policy(policy));
+        Ok(policy_answer(policy))
     }
 
     fn forget(&mut self, number: Option<u64>, all: bool) -> Result<Answer, Answer> {
@@ -205,7 +205,7 @@ impl Daemon {
         Answer::done(message)
             .with("sensor", history.identity.sensor.as_str())
             .with("mag_axes", history.identity.mag_axes.to_string())
-            .with("mode", history.mode.word())
+            .with("mode", history.policy.word())
             .with("in_force", history.active)
             .with_all(&json!({ "calibrations": entries }))
     }
@@ -237,7 +237,7 @@ impl Daemon {
             heading: latest.and_then(|it| degrees(it.true_deg())),
             mheading: latest.and_then(|it| degrees(it.magnetic_deg())),
             heading_sd: latest.and_then(|it| it.sd_deg.map(brief)),
-            mode: history.mode,
+            policy: history.policy,
             armed: session.pipeline.wanted() == Some(CalibrationOrigin::Start),
             calibrating: session.pipeline.is_calibrating(),
             progress: session.pipeline.progress().map(brief),
@@ -267,15 +267,15 @@ fn brief(value: f64) -> f64 {
     rounded(value, 2)
 }
 
-fn mode_answer(mode: Policy) -> Answer {
-    let message = match mode {
+fn policy_answer(policy: Policy) -> Answer {
+    let message = match policy {
         Policy::On => "mode on: full turns and other motion calibrate",
         Policy::Off => {
             "mode off: nothing is calibrated unless headingd calibration start asks for it"
         }
         Policy::Locked => "mode locked: nothing takes the place of the active calibration",
     };
-    Answer::done(message).with("mode", mode.word())
+    Answer::done(message).with("mode", policy.word())
 }
 
 fn described(entry: &KeptCalibration, history: &History) -> CalibrationSummary {

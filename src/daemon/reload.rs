@@ -183,8 +183,8 @@ impl Daemon {
         let session = &mut self.session;
         self.publisher.board(&session.source.header);
         session.start()?;
-        let mode = session.store.history().mode;
-        self.handle(Event::Policy(mode));
+        let policy = session.store.history().policy;
+        self.handle(Event::Policy(policy));
         Ok(())
     }
 }

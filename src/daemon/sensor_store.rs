@@ -155,9 +155,9 @@ mod tests {
             let identity = Identity::new("hmc5843", Mounting::default());
             SensorStore::open(&settings, identity, running).unwrap()
         };
-        for (name, mode, last_number) in [("backup", Policy::On, 3), ("off", Policy::Off, 0)] {
+        for (name, policy, last_number) in [("backup", Policy::On, 3), ("off", Policy::Off, 0)] {
             let mut other = open(name, &Running::default());
-            other.history_mut().mode = mode;
+            other.history_mut().policy = policy;
             other.history_mut().last_number = last_number;
             other.save(Box::new(|_| ()));
             other.close(Duration::from_secs(30)).await.unwrap();
@@ -168,7 +168,11 @@ mod tests {
             let mut next = open(name, &here.running());
             next.take_over(&here);
             assert_eq!(next.history().last_number, right, "{name}");
-            assert_eq!(next.history().mode == Policy::Off, name == "off", "{name}");
+            assert_eq!(
+                next.history().policy == Policy::Off,
+                name == "off",
+                "{name}"
+            );
         }
     }
 }

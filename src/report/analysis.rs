@@ -103,8 +103,8 @@ impl Analysis {
     }
 
     /// Calibrates as a daemon in this mode would.
-    pub fn put_mode(&mut self, mode: Policy) {
-        self.handle(Event::Policy(mode));
+    pub fn put_policy(&mut self, policy: Policy) {
+        self.handle(Event::Policy(policy));
     }
 
     /// The board is there from now on.

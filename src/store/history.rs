@@ -119,8 +119,8 @@ pub struct History {
     #[serde(flatten)]
     pub identity: Identity,
     /// Whether the daemon calibrates it by itself.
-    #[serde(default)]
-    pub mode: Policy,
+    #[serde(rename = "mode", default)]
+    pub policy: Policy,
     /// How the board is mounted, if the daemon was told that while it ran.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mounting: Option<Box<BoardMounting>>,
@@ -145,7 +145,7 @@ pub enum HistoryError {
         "there is no earlier calibration to go back to: headingd calibration list shows which there are"
     )]
     NothingBefore,
-    /// No calibration is active, in this mode; whether there are others to go back to.
+    /// No calibration is active, with this policy; whether there are others to go back to.
     #[error("no calibration is active: {}{}", .0.remedy(), if *.1 { ", or headingd calibration rollback" } else { "" })]
     NoneActive(Policy, bool),
     /// The active one is locked.
@@ -170,7 +170,7 @@ impl History {
     pub fn new(identity: Identity) -> Self {
         Self {
             identity,
-            mode: Policy::default(),
+            policy: Policy::default(),
             mounting: None,
             active: None,
             last_number: 0,
@@ -226,7 +226,7 @@ impl History {
 
     /// Whether the active calibration must not be replaced.
     pub fn is_locked(&self) -> bool {
-        self.mode == Policy::Locked && self.active.is_some()
+        self.policy == Policy::Locked && self.active.is_some()
     }
 
     /// Makes a calibration the active one, and drops the oldest ones beyond `most`, but not the one that was active, unless `most` is 1:
@@ -309,19 +309,19 @@ impl History {
     }
 
     fn none_active(&self) -> HistoryError {
-        HistoryError::NoneActive(self.mode, !self.entries.is_empty())
+        HistoryError::NoneActive(self.policy, !self.entries.is_empty())
     }
 
-    /// Locks the active calibration, or sets another mode.
+    /// Locks the active calibration, or sets another policy.
     ///
     /// # Errors
     ///
     /// When a lock is asked for and no calibration is active.
-    pub fn set_mode(&mut self, mode: Policy) -> Result<(), HistoryError> {
-        if mode == Policy::Locked && self.active.is_none() {
+    pub fn set_policy(&mut self, policy: Policy) -> Result<(), HistoryError> {
+        if policy == Policy::Locked && self.active.is_none() {
             return Err(self.none_active());
         }
-        self.mode = mode;
+        self.policy = policy;
         Ok(())
     }
 

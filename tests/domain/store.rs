@@ -129,7 +129,7 @@ fn a_history_comes_back_bit_for_bit() {
     let mut history = History::new(identity());
     for parameters in [planar(), diagonal(), symmetric()] {
         history.keep(made(parameters), 10);
-        history.mode = Policy::Locked;
+        history.policy = Policy::Locked;
         assert_eq!(store.save(&history, known.as_ref()).unwrap(), None);
         assert_eq!(load(&store).unwrap(), Some(history.clone()));
         assert_eq!(files(&store), ["calibration.json"]);
@@ -185,7 +185,7 @@ fn old_files_load() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
     let found = Store::read_file(&data.join("store-1.json")).unwrap();
     assert_eq!(found.sensors[0].identity, identity());
-    assert_eq!(found.sensors[0].mode, Policy::On);
+    assert_eq!(found.sensors[0].policy, Policy::On);
     let made = only(&found);
     assert_eq!(made.saved_unix_s, Some(1_760_000_000));
     assert_eq!((made.origin, made.samples), (None, None));
@@ -208,7 +208,7 @@ fn old_files_load() {
         panic!("{found:?}");
     };
     assert_eq!(stick.identity, identity());
-    assert_eq!((stick.mode, stick.active), (Policy::Locked, Some(3)));
+    assert_eq!((stick.policy, stick.active), (Policy::Locked, Some(3)));
     let numbers: Vec<u64> = stick.entries.iter().map(|entry| entry.number).collect();
     assert_eq!((numbers, stick.last_number), (vec![1, 3, 4], 4));
     let [first, third, _] = stick.entries.as_slice() else {
@@ -221,7 +221,7 @@ fn old_files_load() {
         (third.made.gyro_rms_deg, third.made.samples),
         (Some(0.75), Some(560))
     );
-    assert_eq!((razor.mode, razor.active()), (Policy::Off, None));
+    assert_eq!((razor.policy, razor.active()), (Policy::Off, None));
 
     let found = Store::read_file(&data.join("store-3.json")).unwrap();
     let [stick] = found.sensors.as_slice() else {
@@ -321,7 +321,7 @@ fn the_oldest_goes_by_number_whatever_the_clock_said() {
     assert_eq!(refusal, HistoryError::NoneActive(Policy::On, true));
     let right = "turn the board once, or headingd calibration rollback";
     assert!(refusal.to_string().ends_with(right), "{refusal}");
-    history.set_mode(Policy::Off).unwrap();
+    history.set_policy(Policy::Off).unwrap();
     let refusal = history.find(None).unwrap_err().to_string();
     assert!(refusal.contains("headingd calibration start"), "{refusal}");
     assert_eq!(history.roll_back(None).unwrap().number, 4);
@@ -333,10 +333,10 @@ fn the_oldest_goes_by_number_whatever_the_clock_said() {
 fn a_locked_calibration_neither_goes_nor_is_rolled_back() {
     let mut history = History::new(identity());
     let refusal = HistoryError::NoneActive(Policy::On, false);
-    assert_eq!(history.set_mode(Policy::Locked), Err(refusal));
+    assert_eq!(history.set_policy(Policy::Locked), Err(refusal));
     history.keep(made(planar()), 10);
     history.keep(made(diagonal()), 10);
-    history.set_mode(Policy::Locked).unwrap();
+    history.set_policy(Policy::Locked).unwrap();
     let locked = history.clone();
     for refused in [
         history.roll_back(None).map(|_| ()),
@@ -348,7 +348,7 @@ fn a_locked_calibration_neither_goes_nor_is_rolled_back() {
     }
     assert_eq!(history, locked);
     assert_eq!(history.forget(Some(1), false), Ok(1));
-    history.set_mode(Policy::On).unwrap();
+    history.set_policy(Policy::On).unwrap();
     assert_eq!(history.forget(None, true), Ok(1));
 }
 

@@ -213,8 +213,8 @@ fn state<'a>(view: &'a View, style: &Palette, width: usize, lines: &mut Vec<Line
         ["cal_state", "reason", "message"].map(|key| text(&view.state, key));
     let status = view.answered();
     let reason_alone = Some(reason.to_owned()).filter(|_| reason != word);
-    let mode = status.filter(|status| status.mode != Policy::On);
-    let mode = mode.map(|status| format!("mode {}", status.mode.word()));
+    let mode = status.filter(|status| status.policy != Policy::On);
+    let mode = mode.map(|status| format!("mode {}", status.policy.word()));
     let armed = status.filter(|status| status.armed);
     let armed = armed.map(|_| "calibrates on the next turn".to_owned());
     let more: Vec<String> = [reason_alone, mode, armed].into_iter().flatten().collect();

@@ -171,7 +171,7 @@ impl View {
     /// Whether nothing may take the place of the calibration.
     pub(super) fn is_locked(&self) -> bool {
         self.answered()
-            .is_some_and(|status| status.mode == Policy::Locked)
+            .is_some_and(|status| status.policy == Policy::Locked)
     }
 
     /// The field at the edge of a plane, milligauss: all that is shown in it fits, in steps of 100.

@@ -20,7 +20,8 @@ pub(crate) struct DaemonStatus {
     pub(crate) heading: Option<f64>,
     pub(crate) mheading: Option<f64>,
     pub(crate) heading_sd: Option<f64>,
-    pub(crate) mode: Policy,
+    #[serde(rename = "mode")]
+    pub(crate) policy: Policy,
     pub(crate) armed: bool,
     pub(crate) calibrating: bool,
     pub(crate) progress: Option<f64>,
