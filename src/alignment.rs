@@ -51,12 +51,12 @@ pub struct Alignment {
     /// The accelerometer, if the log has one: it shows where down was at the beginning.
     pub accel: Option<ChipAlignment>,
     /// What the accelerometer reads.
-    pub sign: Sign,
+    pub accel_reads: AccelerometerReads,
 }
 
 /// What an accelerometer reads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sign {
+pub enum AccelerometerReads {
     /// Specific force, which points up at rest: the field then dips as it should here.
     Force,
     /// Gravity: taken for specific force, the field would dip the wrong way.
@@ -135,14 +135,18 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
         None => Vec::new(),
     };
     let (fields, forces) = (vectors(&mag, &mag_found), vectors(&accel, &accel_found));
-    let sign = sign(&fields, &forces, dips_down);
-    let upward = if sign == Sign::Gravity { -1.0 } else { 1.0 };
+    let accel_reads = accelerometer_reads(&fields, &forces, dips_down);
+    let upward = if accel_reads == AccelerometerReads::Gravity {
+        -1.0
+    } else {
+        1.0
+    };
     let body = upright(&(force_at_first(&forces) * upward));
     Ok(Alignment {
         gyro: Mounting::from_matrix(body).unwrap_or_default(),
         mag: mag_found.and_then(|found| ChipAlignment::of(&found, &body, 1.0)),
         accel: accel_found.and_then(|found| ChipAlignment::of(&found, &body, upward)),
-        sign,
+        accel_reads,
     })
 }
 
@@ -260,7 +264,11 @@ fn samples(
 }
 
 /// By which way the field points, if it points up or down clearly enough.
-fn sign(fields: &[(f64, Vector3<f64>)], forces: &[(f64, Vector3<f64>)], dips_down: bool) -> Sign {
+fn accelerometer_reads(
+    fields: &[(f64, Vector3<f64>)],
+    forces: &[(f64, Vector3<f64>)],
+    dips_down: bool,
+) -> AccelerometerReads {
     let sines: Vec<f64> = fields
         .iter()
         .filter_map(|(t_s, field)| {
@@ -272,9 +280,9 @@ fn sign(fields: &[(f64, Vector3<f64>)], forces: &[(f64, Vector3<f64>)], dips_dow
         .collect();
     let mean = sines.iter().sum::<f64>() / sines.len().max(1) as f64;
     match mean {
-        mean if mean.abs() < LEVEL_FIELD => Sign::Unknown,
-        mean if (mean > 0.0) == dips_down => Sign::Force,
-        _ => Sign::Gravity,
+        mean if mean.abs() < LEVEL_FIELD => AccelerometerReads::Unknown,
+        mean if (mean > 0.0) == dips_down => AccelerometerReads::Force,
+        _ => AccelerometerReads::Gravity,
     }
 }
 

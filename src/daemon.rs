@@ -49,7 +49,7 @@ use inactivity::Inactivity;
 pub use recorder::RecordError;
 pub use reload::NewConfig;
 use reload::Reload;
-use sensor_store::Running;
+use sensor_store::RunningStore;
 pub use service_client::ListenError;
 use session::{DISK_PATIENCE, Session, SourceState};
 use source_task::SourceTask;
@@ -185,7 +185,7 @@ impl Daemon {
                 "the service manager has handed over a socket {name:?}, which nobody here serves on"
             );
         }
-        let session = Session::open(source, config.clone(), &Running::default())?;
+        let session = Session::open(source, config.clone(), &RunningStore::default())?;
         let publisher = server.publisher();
         let (sender, orders) = mpsc::channel(WAITING_ORDERS);
         Ok(Self {

@@ -17,8 +17,8 @@ use std::sync::Arc;
 use crate::check::{Fault, absolute_or_empty, settings};
 use crate::lock_file::{LockError, LockFile};
 pub(crate) use disk::replace_file;
-pub use format::{Contents, FormatError};
-pub use history::{BoardMounting, History, Identity, KeptCalibration, Made};
+pub use format::{CalibrationFile, FormatError};
+pub use history::{BoardMounting, CalibrationRecord, History, Identity, KeptCalibration};
 
 const FILE_NAME: &str = "calibration.json";
 
@@ -162,9 +162,9 @@ impl Store {
                 (contents, reason)
             }
             Err(StoreError::Format(_, FormatError::Newer(_))) => {
-                (Contents::default(), Some("newer"))
+                (CalibrationFile::default(), Some("newer"))
             }
-            Err(_) => (Contents::default(), Some("unreadable")),
+            Err(_) => (CalibrationFile::default(), Some("unreadable")),
         };
         contents.put(history.clone());
         let text = text(&path, &contents)?;
@@ -182,10 +182,10 @@ impl Store {
     /// # Errors
     ///
     /// When the file cannot be read, or does not hold calibrations.
-    pub fn contents(directory: &Path) -> Result<Contents, StoreError> {
+    pub fn contents(directory: &Path) -> Result<CalibrationFile, StoreError> {
         let path = Self::file_in(directory);
         match fs::metadata(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Contents::default()),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(CalibrationFile::default()),
             // A pipe would be waited for, and a device has no end.
             Ok(found) if !found.is_file() => {
                 let why = FormatError::Unreadable("it is no regular file".to_owned());
@@ -200,7 +200,7 @@ impl Store {
     /// # Errors
     ///
     /// When the file cannot be read, or does not hold calibrations.
-    pub fn read_file(path: &Path) -> Result<Contents, StoreError> {
+    pub fn read_file(path: &Path) -> Result<CalibrationFile, StoreError> {
         let file = File::open(path).map_err(|error| StoreError::Read(path.to_owned(), error))?;
         Self::read_from(path, file)
     }
@@ -210,7 +210,7 @@ impl Store {
     /// # Errors
     ///
     /// When it cannot be read, or does not hold calibrations.
-    pub fn read_from(path: &Path, input: impl Read) -> Result<Contents, StoreError> {
+    pub fn read_from(path: &Path, input: impl Read) -> Result<CalibrationFile, StoreError> {
         let mut bytes = Vec::new();
         (input.take(LONGEST + 1).read_to_end(&mut bytes))
             .map_err(|error| StoreError::Read(path.to_owned(), error))?;
@@ -218,7 +218,7 @@ impl Store {
             let why = format!("it is longer than {LONGEST} bytes");
             Err(FormatError::Unreadable(why))
         } else {
-            Contents::from_json(&bytes)
+            CalibrationFile::from_json(&bytes)
         };
         contents.map_err(|error| StoreError::Format(path.to_owned(), error))
     }
@@ -229,7 +229,7 @@ impl Store {
     /// # Errors
     ///
     /// When the file cannot be written.
-    pub fn write_file(path: &Path, contents: &Contents) -> Result<(), StoreError> {
+    pub fn write_file(path: &Path, contents: &CalibrationFile) -> Result<(), StoreError> {
         let text = text(path, contents)?;
         replace_file(path, text.as_bytes())
             .map_err(|error| StoreError::Write(path.to_owned(), error))
@@ -246,7 +246,7 @@ impl Store {
     }
 }
 
-fn text(path: &Path, contents: &Contents) -> Result<String, StoreError> {
+fn text(path: &Path, contents: &CalibrationFile) -> Result<String, StoreError> {
     let unsavable = |why| StoreError::Unsavable(path.to_owned(), why);
     let text = contents.to_json().map_err(unsavable)?;
     if text.len() as u64 > LONGEST {

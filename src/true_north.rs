@@ -8,7 +8,7 @@ use world_magnetic_model::WarningZone;
 
 use crate::check::{Fault, settings};
 
-pub use model::{EarthField, Known, Position};
+pub use model::{EarthField, Position, ValueWithSd};
 
 /// The declination is the same within this, degrees north and east: it changes by some hundredths of a degree.
 const NEAR_DEG: f64 = 0.02;

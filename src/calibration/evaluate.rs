@@ -6,14 +6,14 @@ use super::coverage::{centre_inside, coverage_deg, direction_spread};
 use super::cross_validation::{Parts, without_each_part};
 use super::curve::{Curve, Distance, symmetric};
 use super::fit::Fitted;
-use super::fit_turn::Work;
+use super::fit_turn::TurnFit;
 use super::gyro_agreement::{self, GyroAgreement, Sighting};
 use super::jump::largest_jump;
 use super::model::{Calibration, Mode, Model, Parameters, Planar, Spatial};
 use super::outcome::Outcome;
 use super::plane::level_rest;
 use super::refine::Refined;
-use super::uncertainty::{correlation, heading_sd_deg};
+use super::uncertainty::{correlation_length, heading_sd_deg};
 use super::verdict::{self, Measures, Refusal};
 use crate::frame::rows;
 
@@ -30,7 +30,7 @@ const USUAL_DIP_DEG: f64 = 68.0;
 /// The vertical field over the horizontal where a compass is still of use: a dip of 75°.
 const STEEPEST: f64 = 3.7;
 
-impl Work<'_> {
+impl TurnFit<'_> {
     /// Measures and judges a fit, and fills in the outcome. Returns the message of an acceptance.
     ///
     /// # Errors
@@ -77,7 +77,7 @@ impl Work<'_> {
             self.sightings(points, |_| curve, fits)
         };
         let dip = gyro_agreement::mean_dip_rad(&sightings).unwrap_or(USUAL_DIP_DEG.to_radians());
-        let heading_sd_deg = correlation(&residuals).sqrt()
+        let heading_sd_deg = correlation_length(&residuals).sqrt()
             * heading_sd_deg(
                 self.plan.mode,
                 &self.request.mounting,

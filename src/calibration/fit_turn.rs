@@ -80,7 +80,7 @@ pub fn calibrate(
     outcome.mode = Some(plan.mode);
     outcome.model = Some(Model::Diagonal);
     outcome.samples.turn = plan.samples.len();
-    let work = Work {
+    let work = TurnFit {
         request,
         plan: &plan,
         cancelled,
@@ -107,13 +107,13 @@ pub fn calibrate(
 }
 
 /// A calibration under way.
-pub struct Work<'a> {
+pub struct TurnFit<'a> {
     pub request: &'a Request,
     pub plan: &'a Plan,
     pub cancelled: &'a AtomicBool,
 }
 
-impl Work<'_> {
+impl TurnFit<'_> {
     /// The reference field that was given for this mode.
     pub fn reference(&self) -> Option<f64> {
         match self.plan.mode {

@@ -4,7 +4,7 @@ use super::curve::{Curve, Symmetric};
 use super::fit::{self, Fitted};
 use super::refine::Refined;
 use super::settings::ModelChoice;
-use super::uncertainty::correlation;
+use super::uncertainty::correlation_length;
 
 /// Where the three cross terms make a bias this many times less certain, the motion cannot separate them from it.
 /// Turns about two clearly different axes make it 2 times; rolls at one heading, which show the cross terms by
@@ -49,7 +49,7 @@ pub fn select_model(
             .iter()
             .map(|point| curve.distance(point).value_mgauss);
         let residuals: Vec<f64> = residuals.collect();
-        let n = residuals.len() as f64 / correlation(&residuals);
+        let n = residuals.len() as f64 / correlation_length(&residuals);
         let gain = 2.0 * n * (diagonal.best.residual_mgauss / best.residual_mgauss).ln();
         Some(gain > 3.0 * n.ln())
     };

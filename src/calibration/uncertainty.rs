@@ -46,7 +46,7 @@ pub fn heading_sd_deg<C: Curve<D, P>, const D: usize, const P: usize>(
 /// How many samples one independent sample takes: 1 for white noise, more where the residuals are those
 /// of a model that does not quite fit. Their autocorrelation, summed up to where it is lost in noise
 /// (Geyer's initial sequence, Statistical Science 7, 1992).
-pub fn correlation(residuals: &[f64]) -> f64 {
+pub fn correlation_length(residuals: &[f64]) -> f64 {
     let variance: f64 = residuals.iter().map(|e| e * e).sum();
     let noise = 2.0 / (residuals.len() as f64).sqrt();
     let mut sum = 1.0;

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::read_log::{read_log_on, tell_skips};
 use super::{Failure, print, print_json, tell};
-use crate::alignment::{Alignment, ChipAlignment, Sign, align};
+use crate::alignment::{AccelerometerReads, Alignment, ChipAlignment, align};
 use crate::frame::{Mounting, rounded};
 use crate::sensor::replay::Replay;
 
@@ -81,16 +81,16 @@ fn as_text(found: &Alignment) -> String {
     add("mag_axes", found.mag.as_ref());
     add("accel_axes", found.accel.as_ref());
     text += &format!("gyro_axes = \"{}\"\n", found.gyro);
-    text += match (found.accel, found.sign) {
+    text += match (found.accel, found.accel_reads) {
         (None, _) => {
             "# Without an accelerometer, down is not known: the gyro's Z is taken for it.\n"
         }
-        (_, Sign::Force) => "",
-        (_, Sign::Gravity) => {
+        (_, AccelerometerReads::Force) => "",
+        (_, AccelerometerReads::Gravity) => {
             "# The accelerometer reads gravity, where others read force. A log looks the same from south of the magnetic equator\n\
              # (--south), or with one axis of the magnetometer mirrored.\n"
         }
-        (_, Sign::Unknown) => {
+        (_, AccelerometerReads::Unknown) => {
             "# The field is too level to tell whether the accelerometer reads force or gravity: force is assumed.\n"
         }
     };
@@ -111,8 +111,8 @@ fn as_json(found: &Alignment) -> Value {
             });
         }
     }
-    if found.sign != Sign::Unknown {
-        all["reads_gravity"] = (found.sign == Sign::Gravity).into();
+    if found.accel_reads != AccelerometerReads::Unknown {
+        all["reads_gravity"] = (found.accel_reads == AccelerometerReads::Gravity).into();
     }
     all
 }

@@ -19,7 +19,7 @@ use crate::config::Config;
 use crate::frame::rounded;
 use crate::pipeline::{EmptyAxis, Survey};
 use crate::sensor::replay::Replay;
-use crate::store::{Contents, History, Identity, Made};
+use crate::store::{CalibrationFile, CalibrationRecord, History, Identity};
 use crate::wall_clock::unix_now_s;
 
 /// Calibrate on a recorded log
@@ -107,8 +107,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let (identity, outcome) = calibrated(args, &config)?;
     let written = match (&args.out, outcome.calibration) {
         (Some(path), Some(calibration)) => {
-            let made = Made::of(&outcome, calibration, CalibrationOrigin::Log, unix_now_s());
-            write_calibrations(path, &Contents::of(History::of(identity, made)))
+            let record =
+                CalibrationRecord::of(&outcome, calibration, CalibrationOrigin::Log, unix_now_s());
+            write_calibrations(path, &CalibrationFile::of(History::of(identity, record)))
         }
         _ => Ok(()),
     };

@@ -14,7 +14,7 @@ use crate::calibration::model::Mode;
 use crate::calibration::policy::{CalibrationOrigin, Policy};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::CalibrationSummary;
-use crate::store::{Contents, Store, StoreError};
+use crate::store::{CalibrationFile, Store, StoreError};
 
 /// Look after the calibration of the running daemon
 ///
@@ -113,7 +113,7 @@ impl CalibrationAction {
     }
 }
 
-fn contents_of(file: &Path) -> Result<Contents, StoreError> {
+fn contents_of(file: &Path) -> Result<CalibrationFile, StoreError> {
     if file == Path::new("-") {
         return Store::read_from(Path::new("standard input"), io::stdin());
     }
@@ -159,7 +159,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn export(answer: &Value, out: Option<&Path>) -> Result<(), Failure> {
-    let contents = Contents::from_value(answer["file"].clone())
+    let contents = CalibrationFile::from_value(answer["file"].clone())
         .map_err(|error| Failure::new(Failure::DATA, error))?;
     write_calibrations(out.unwrap_or(Path::new("-")), &contents)
 }

@@ -7,7 +7,7 @@ use serde_json::json;
 use super::{Failure, number, print, print_json, tell};
 use crate::date;
 use crate::frame::rounded;
-use crate::true_north::{EarthField, Known, Position};
+use crate::true_north::{EarthField, Position, ValueWithSd};
 use crate::wall_clock;
 
 /// Print the earth's field at a place: declination, dip and strength
@@ -74,8 +74,8 @@ fn as_text(position: &Position, day: &str, field: &EarthField) -> String {
         let side = if value < 0.0 { minus } else { plus };
         format!("{}° {side}", value.abs())
     };
-    let row = |name: &str, known: Known, unit: &str, more: &str| {
-        let Known { value, sd } = known;
+    let row = |name: &str, known: ValueWithSd, unit: &str, more: &str| {
+        let ValueWithSd { value, sd } = known;
         let value = rounded(value, 2);
         format!("{name:<12}{value:>8.2} ± {sd:.2}{unit}{more}\n")
     };

@@ -15,7 +15,7 @@ use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::gpsd::{self, Device, WatchPolicy};
 use crate::recording::TimeOfDay;
 use crate::sensor::replay::Replay;
-use crate::store::{History, Identity, Made, Store, StoreError};
+use crate::store::{CalibrationRecord, History, Identity, Store, StoreError};
 use crate::true_north::TrueNorth;
 use crate::wall_clock::unix_now_s;
 
@@ -209,7 +209,7 @@ impl Keep {
                 self.history.identity
             ));
         }
-        Ok(self.history.active().map(|entry| entry.made.calibration))
+        Ok(self.history.active().map(|entry| entry.record.calibration))
     }
 
     /// The active calibration of a file: that of the log's sensor, or else the only one.
@@ -241,7 +241,7 @@ impl Keep {
             let message = format!("no calibration in {} is active", path.display());
             Failure::new(Failure::DATA, message)
         })?;
-        Ok(entry.made.calibration)
+        Ok(entry.record.calibration)
     }
 
     fn save(&mut self, outcome: &Outcome, calibration: Calibration) -> Result<(), Failure> {
@@ -249,8 +249,9 @@ impl Keep {
             return Ok(());
         };
         let known = self.history.clone();
-        let made = Made::of(outcome, calibration, CalibrationOrigin::Log, unix_now_s());
-        self.history.keep(made, self.most);
+        let record =
+            CalibrationRecord::of(outcome, calibration, CalibrationOrigin::Log, unix_now_s());
+        self.history.keep(record, self.most);
         store.save(&self.history, Some(&known))?;
         Ok(())
     }

@@ -22,7 +22,7 @@ use crate::publish::raw::{self, Object};
 use crate::recording::{Header, TimeOfDay};
 use crate::report::{Analysis, page};
 use crate::sensor::replay::Replay;
-use crate::store::Contents;
+use crate::store::CalibrationFile;
 use crate::true_north::TrueNorth;
 use crate::wall_clock;
 
@@ -218,7 +218,7 @@ fn follower(config: &Config) -> Result<Option<Follower>, Failure> {
 fn active(sockets: &DaemonSockets) -> Option<Calibration> {
     let request = ControlRequest::Export { number: None };
     let answer = exchange(&sockets.control, &request, false).ok()?;
-    let contents = Contents::from_value(answer["file"].clone()).ok()?;
+    let contents = CalibrationFile::from_value(answer["file"].clone()).ok()?;
     let entry = *contents.sensors.first()?.active()?;
-    Some(entry.made.calibration)
+    Some(entry.record.calibration)
 }

@@ -6,10 +6,10 @@ use std::time::Duration;
 
 use super::DaemonError;
 use super::remedy::{lacks_room, with_remedy};
-use super::room::Room;
+use super::room::DiskRoom;
 use super::thread::{Shared, Thread, lock};
 use crate::publish::control::status::FolderSummary;
-use crate::store::{Contents, History, Identity, Store, StoreError};
+use crate::store::{CalibrationFile, History, Identity, Store, StoreError};
 
 /// Pauses before a save that failed is tried again: the first, doubled each time up to the last. Other programs, too, take room
 /// as soon as there is some.
@@ -19,17 +19,17 @@ const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_sec
 const WAITING_JOBS: usize = 16;
 
 /// Called with the result of a save: an error says why nothing is on disk.
-pub(super) type Then = Box<dyn FnOnce(Result<(), String>) + Send>;
+pub(super) type OnSaved = Box<dyn FnOnce(Result<(), String>) + Send>;
 
 /// A folder and the thread that writes there. The sessions before and after a reload share it.
 pub(super) struct Disk {
     queue: mpsc::SyncSender<Job>,
     /// The newest history of each sensor, until the thread saves it.
-    newest: Shared<Contents>,
+    newest: Shared<CalibrationFile>,
     /// Ends with an error if something could not be saved.
     thread: Thread<Result<(), String>>,
     pub(super) directory: PathBuf,
-    pub(super) room: Room,
+    pub(super) room: DiskRoom,
     /// What is wrong with the store now, for people.
     fault: Shared<Option<String>>,
 }
@@ -37,12 +37,12 @@ pub(super) struct Disk {
 enum Job {
     Load(Identity, mpsc::Sender<Option<History>>),
     /// Saves the newest histories.
-    Save(Then),
+    Save(OnSaved),
 }
 
 impl Disk {
     pub(super) fn open(directory: &Path) -> Result<Self, DaemonError> {
-        let (newest, fault, room) = (Shared::default(), Shared::default(), Room::default());
+        let (newest, fault, room) = (Shared::default(), Shared::default(), DiskRoom::default());
         let (store, error) = match Store::claim(directory) {
             // Each daemon would set aside the other's file as changed by somebody else.
             Err(error @ StoreError::InUse { .. }) => return Err(DaemonError::Store(error)),
@@ -63,9 +63,9 @@ impl Disk {
         let writer = DiskWriter {
             directory: directory.to_owned(),
             store,
-            known: Contents::default(),
+            known: CalibrationFile::default(),
             newest: newest.clone(),
-            unsaved: Contents::default(),
+            unsaved: CalibrationFile::default(),
             reopen: error.is_some(),
             pause: PAUSES.0,
             room: room.clone(),
@@ -90,7 +90,7 @@ impl Disk {
     }
 
     /// Queues this to be saved; `then` gets the result. Never waits.
-    pub(super) fn save(&self, history: History, then: Then) {
+    pub(super) fn save(&self, history: History, then: OnSaved) {
         lock(&self.newest).put(history);
         let (job, why) = match self.queue.try_send(Job::Save(then)) {
             Ok(()) => return,
@@ -128,10 +128,10 @@ fn load(directory: &Path, identity: &Identity) -> Result<Option<History>, StoreE
     match found.map(|history| (history, history.active())) {
         Some((history, Some(entry))) => tracing::info!(
             number = entry.number,
-            saved_unix_s = entry.made.saved_unix_s,
+            saved_unix_s = entry.record.saved_unix_s,
             mode = history.policy.word(),
             "using the {} calibration of {path}",
-            entry.made.calibration.parameters.mode().word()
+            entry.record.calibration.parameters.mode().word()
         ),
         Some((history, None)) => tracing::info!(
             "no calibration of {path} is active: {}",
@@ -156,13 +156,13 @@ struct DiskWriter {
     directory: PathBuf,
     store: Option<Store>,
     /// What the file holds of the sensors that were loaded or saved.
-    known: Contents,
-    newest: Shared<Contents>,
-    unsaved: Contents,
+    known: CalibrationFile,
+    newest: Shared<CalibrationFile>,
+    unsaved: CalibrationFile,
     /// The next attempt opens the folder again: another disk may be mounted there by then. Until that succeeds, the old folder stays locked.
     reopen: bool,
     pause: Duration,
-    room: Room,
+    room: DiskRoom,
     fault: Shared<Option<String>>,
 }
 
@@ -321,12 +321,12 @@ mod tests {
         DiskWriter {
             directory: folder.to_owned(),
             store: Some(Store::open(folder).unwrap()),
-            known: Contents::default(),
+            known: CalibrationFile::default(),
             newest: Shared::default(),
-            unsaved: Contents::default(),
+            unsaved: CalibrationFile::default(),
             reopen: false,
             pause: PAUSES.0,
-            room: Room::default(),
+            room: DiskRoom::default(),
             fault: Shared::default(),
         }
     }
@@ -340,7 +340,7 @@ mod tests {
             newest: Shared::default(),
             thread: Thread::start("test", || Ok(())).unwrap(),
             directory: folder.path().to_owned(),
-            room: Room::default(),
+            room: DiskRoom::default(),
             fault: Shared::default(),
         };
         let identity = Identity::new("hmc5843", Mounting::default());

@@ -13,7 +13,7 @@ use crate::pipeline::{Action, Event};
 use crate::publish::control::status::{OutcomeSummary, StatusCounts};
 use crate::reading::Reading;
 use crate::sensor::SourceEvent;
-use crate::store::Made;
+use crate::store::CalibrationRecord;
 use crate::wall_clock;
 
 impl Daemon {
@@ -167,8 +167,8 @@ impl Daemon {
                     (outcome.verdict, outcome.calibration)
                 {
                     let now = wall_clock::unix_now_s();
-                    let made = Made::of(&outcome, calibration, origin, now);
-                    self.session.store.keep(made);
+                    let record = CalibrationRecord::of(&outcome, calibration, origin, now);
+                    self.session.store.keep(record);
                     self.session.store.save(Box::new(|_| ()));
                 }
             }

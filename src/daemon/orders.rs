@@ -17,7 +17,7 @@ use crate::publish::control::status::{
 };
 use crate::publish::control::{Answer, ControlCall, ControlRequest};
 use crate::store::history::HistoryError;
-use crate::store::{Contents, FormatError, History, KeptCalibration, Made};
+use crate::store::{CalibrationFile, CalibrationRecord, FormatError, History, KeptCalibration};
 use crate::true_north::EarthField;
 use crate::wall_clock;
 
@@ -68,7 +68,7 @@ impl Daemon {
             ControlRequest::Show { number } => {
                 let history = self.history();
                 let entry = history.find(number)?;
-                let shown = serde_json::to_value(entry.made.calibration).map_err(failed)?;
+                let shown = serde_json::to_value(entry.record.calibration).map_err(failed)?;
                 Ok(Answer::done(sentence(entry))
                     .with_all(&json!({ "calibration": described(entry, history) }))
                     .with("parameters", shown))
@@ -77,7 +77,7 @@ impl Daemon {
             ControlRequest::Import { file } => self.import(file),
             ControlRequest::Rollback { number } => {
                 let entry = *self.session.store.history_mut().roll_back(number)?;
-                Ok(self.activated(entry.number, entry.made.calibration))
+                Ok(self.activated(entry.number, entry.record.calibration))
             }
             ControlRequest::Forget { number, all } => self.forget(number, all),
             ControlRequest::Lock {} => self.set_policy(Policy::Locked),
@@ -144,13 +144,13 @@ impl Daemon {
     fn export(&self, number: Option<u64>) -> Result<Answer, Answer> {
         let history = self.history();
         let entry = history.find(number)?;
-        let contents = Contents::of(History::of(history.identity.clone(), entry.made));
+        let contents = CalibrationFile::of(History::of(history.identity.clone(), entry.record));
         let file = contents.to_value().map_err(failed)?;
         Ok(Answer::done(sentence(entry)).with("file", file))
     }
 
     fn import(&mut self, file: Value) -> Result<Answer, Answer> {
-        let contents = Contents::from_value(file).map_err(|error| {
+        let contents = CalibrationFile::from_value(file).map_err(|error| {
             let code = match &error {
                 FormatError::Unreadable(_) => "unreadable",
                 FormatError::Newer(_) => "newer",
@@ -164,7 +164,7 @@ impl Daemon {
             let message = "no calibration in this file is active: export writes one that is";
             Answer::refused("no_calibration", message)
         })?;
-        imported::check(&entry.made.calibration, &self.session.config.verdict).map_err(
+        imported::check(&entry.record.calibration, &self.session.config.verdict).map_err(
             |refusal| {
                 let message = format!("{}: {}", refusal.reason, refusal.message);
                 Answer::refused("implausible", message)
@@ -173,19 +173,19 @@ impl Daemon {
         if history.is_locked() {
             return Err(HistoryError::Locked.into());
         }
-        let made = Made {
+        let record = CalibrationRecord {
             origin: Some(CalibrationOrigin::Import),
-            ..entry.made
+            ..entry.record
         };
         // Copies of one that is kept already would drive out the others.
-        let number = match history.number_of(&made) {
+        let number = match history.number_of(&record) {
             Some(number) => {
                 let history = self.session.store.history_mut();
                 history.roll_back(Some(number))?.number
             }
-            None => self.session.store.keep(made),
+            None => self.session.store.keep(record),
         };
-        Ok(self.activated(number, made.calibration))
+        Ok(self.activated(number, record.calibration))
     }
 
     fn activated(&mut self, number: u64, calibration: Calibration) -> Answer {
@@ -279,13 +279,13 @@ fn policy_answer(policy: Policy) -> Answer {
 }
 
 fn described(entry: &KeptCalibration, history: &History) -> CalibrationSummary {
-    let Made {
+    let CalibrationRecord {
         saved_unix_s,
         origin,
         gyro_rms_deg,
         samples,
         calibration,
-    } = entry.made;
+    } = entry.record;
     CalibrationSummary {
         number: entry.number,
         in_force: history.active == Some(entry.number),
@@ -303,7 +303,7 @@ fn described(entry: &KeptCalibration, history: &History) -> CalibrationSummary {
 }
 
 fn sentence(entry: &KeptCalibration) -> String {
-    let calibration = &entry.made.calibration;
+    let calibration = &entry.record.calibration;
     let mode = calibration.parameters.mode().word();
     // A turn's fit knows nothing of the place, and of how the chips lie to each other.
     let certain = match calibration.covariance {
@@ -316,7 +316,7 @@ fn sentence(entry: &KeptCalibration) -> String {
     )
 }
 
-fn other_sensor(contents: &Contents, history: &History) -> Answer {
+fn other_sensor(contents: &CalibrationFile, history: &History) -> Answer {
     let here = &history.identity;
     let turned = contents
         .sensors

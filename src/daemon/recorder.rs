@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use tempfile::tempfile_in;
 use tokio::sync::oneshot;
 
-use super::room::Room;
+use super::room::DiskRoom;
 use super::thread::{Shared, Thread, lock};
 use super::{DaemonError, remedy, ring};
 use crate::config::record::Settings;
@@ -76,14 +76,18 @@ pub(super) type Ending = oneshot::Receiver<(u64, Result<(), RecordError>)>;
 impl Recorder {
     /// Starts to record into one file. What becomes of it comes out of the second value.
     pub(super) fn file(path: &Path, header: Header) -> Result<(Self, Ending), DaemonError> {
-        Self::start(Destination::File(path.to_owned()), header, Room::default())
+        Self::start(
+            Destination::File(path.to_owned()),
+            header,
+            DiskRoom::default(),
+        )
     }
 
     /// Starts to record into a ring of files, if the settings say so. It takes no room that the store needs.
     pub(super) fn ring(
         settings: &Settings,
         header: Header,
-        room: Room,
+        room: DiskRoom,
     ) -> Result<Option<Self>, DaemonError> {
         if settings.directory().is_none() {
             return Ok(None);
@@ -96,7 +100,7 @@ impl Recorder {
     fn start(
         destination: Destination,
         header: Header,
-        room: Room,
+        room: DiskRoom,
     ) -> Result<(Self, Ending), DaemonError> {
         let (queue, readings) = sync_channel(QUEUE);
         let (sender, ending) = oneshot::channel();
@@ -171,7 +175,7 @@ struct RecorderThread {
     destination: Destination,
     header: Header,
     readings: Receiver<Reading>,
-    room: Room,
+    room: DiskRoom,
     /// How many readings are in the log.
     written: u64,
     /// Why nothing is recorded now, for people; it has been complained of.
@@ -396,7 +400,7 @@ mod tests {
             destination,
             header: Header::default(),
             readings: sync_channel(1).1,
-            room: Room::default(),
+            room: DiskRoom::default(),
             written: 0,
             fault: Shared::default(),
         }

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use super::north::North;
-use super::sensor_store::Running;
+use super::sensor_store::RunningStore;
 use super::session::Session;
 use super::source_task::SourceTask;
 use super::thread::Thread;
@@ -28,15 +28,15 @@ pub struct NewConfig {
 #[derive(Default)]
 pub(super) struct Reload {
     /// It opens the next session, which may hold the store.
-    thread: Option<Thread<Result<Prepared, String>>>,
+    thread: Option<Thread<Result<PreparedReload, String>>>,
     /// What has come of it: a calibration may have to end first.
-    prepared: Option<Result<Prepared, String>>,
+    prepared: Option<Result<PreparedReload, String>>,
     /// A calibration under way is given up at this time, so that the reload can end.
     deadline: Option<Instant>,
     next: Option<NewConfig>,
 }
 
-struct Prepared {
+struct PreparedReload {
     config: Config,
     /// The keys that change.
     keys: Vec<String>,
@@ -110,7 +110,7 @@ impl Daemon {
         match self.reload.prepared.take() {
             None => return Ok(()),
             Some(Err(message)) => self.not_reloaded(&message),
-            Some(Ok(Prepared {
+            Some(Ok(PreparedReload {
                 config,
                 keys,
                 waits,
@@ -135,7 +135,7 @@ impl Daemon {
                 self.session.config = config;
                 self.service.ready();
             }
-            Some(Ok(Prepared {
+            Some(Ok(PreparedReload {
                 keys,
                 session: Some(mut session),
                 ..
@@ -195,7 +195,11 @@ fn is_north(key: &str) -> bool {
 }
 
 /// Opens the wanted session, if it differs from the running one.
-fn prepare(new: NewConfig, config: &Config, running: &Running) -> Result<Prepared, String> {
+fn prepare(
+    new: NewConfig,
+    config: &Config,
+    running: &RunningStore,
+) -> Result<PreparedReload, String> {
     let wanted = (new.load)()?;
     let change = config.change(&wanted)?;
     let waits = !change.at_start.is_empty();
@@ -215,7 +219,7 @@ fn prepare(new: NewConfig, config: &Config, running: &Running) -> Result<Prepare
         Some(opened.map_err(|error| error.to_string())?)
     };
     (new.applied)(&config);
-    Ok(Prepared {
+    Ok(PreparedReload {
         config,
         keys: change.now,
         waits,

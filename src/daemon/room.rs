@@ -10,7 +10,7 @@ use super::thread::{Shared, lock};
 
 /// What the store's thread and the recorder's both see.
 #[derive(Clone, Default)]
-pub(super) struct Room(Shared<RoomState>);
+pub(super) struct DiskRoom(Shared<RoomState>);
 
 #[derive(Default)]
 struct RoomState {
@@ -20,7 +20,7 @@ struct RoomState {
     claimed: bool,
 }
 
-impl Room {
+impl DiskRoom {
     /// The folder of the ring that gives room from now on, if one does.
     pub(super) fn set_ring(&self, ring: Option<&Path>) {
         lock(&self.0).ring = ring.map(Path::to_owned);
@@ -72,7 +72,7 @@ mod tests {
     fn only_a_ring_on_the_disk_of_the_store_gives_room_and_then_all_it_has() {
         let folder = tempfile::tempdir().unwrap();
         let (store, ring) = (folder.path().join("store"), folder.path().join("ring"));
-        let room = Room::default();
+        let room = DiskRoom::default();
         assert_eq!(room.claim(&store), None);
         room.set_ring(Some("/proc/record".as_ref()));
         assert_eq!(room.claim(&store), None);

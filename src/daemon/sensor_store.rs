@@ -4,14 +4,14 @@ use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use super::DaemonError;
-use super::disk::{Disk, Then};
-use super::room::Room;
+use super::disk::{Disk, OnSaved};
+use super::room::DiskRoom;
 use crate::publish::control::status::FolderSummary;
-use crate::store::{History, Identity, Made, Settings};
+use crate::store::{CalibrationRecord, History, Identity, Settings};
 
 /// What a session that is to follow has to know of the one that is running. Holds nothing open.
 #[derive(Default)]
-pub(super) struct Running {
+pub(super) struct RunningStore {
     disk: Weak<Disk>,
     identity: Option<Identity>,
 }
@@ -30,7 +30,7 @@ impl SensorStore {
     pub(super) fn open(
         settings: &Settings,
         identity: Identity,
-        running: &Running,
+        running: &RunningStore,
     ) -> Result<Self, DaemonError> {
         let mut in_memory = false;
         let disk = match (settings.directory(), running.disk.upgrade()) {
@@ -58,8 +58,8 @@ impl SensorStore {
         })
     }
 
-    pub(super) fn running(&self) -> Running {
-        Running {
+    pub(super) fn running(&self) -> RunningStore {
+        RunningStore {
             disk: self.disk.as_ref().map(Arc::downgrade).unwrap_or_default(),
             identity: Some(self.history.identity.clone()),
         }
@@ -97,14 +97,14 @@ impl SensorStore {
     }
 
     /// Makes a calibration the active one, in memory until [`SensorStore::save`]; returns its number.
-    pub(super) fn keep(&mut self, made: Made) -> u64 {
+    pub(super) fn keep(&mut self, record: CalibrationRecord) -> u64 {
         let most = self.most;
-        self.history_mut().keep(made, most);
+        self.history_mut().keep(record, most);
         self.history.last_number
     }
 
     /// Saves the history as it is now; `then` gets the result, at once if there is no disk.
-    pub(super) fn save(&self, then: Then) {
+    pub(super) fn save(&self, then: OnSaved) {
         match &self.disk {
             Some(disk) => disk.save(self.history.clone(), then),
             None => then(Ok(())),
@@ -117,7 +117,7 @@ impl SensorStore {
     }
 
     /// The room on the store's disk. Where nothing is kept, none is ever claimed.
-    pub(super) fn room(&self) -> Room {
+    pub(super) fn room(&self) -> DiskRoom {
         let disk = self.disk.as_ref();
         disk.map(|disk| disk.room.clone()).unwrap_or_default()
     }
@@ -147,7 +147,7 @@ mod tests {
     #[tokio::test]
     async fn a_reload_takes_calibrations_along_and_replaces_nothing_of_another_folder() {
         let folder = tempfile::tempdir().unwrap();
-        let open = |name, running: &Running| {
+        let open = |name, running: &RunningStore| {
             let settings = Settings {
                 directory: folder.path().join(name),
                 ..Settings::default()
@@ -156,13 +156,13 @@ mod tests {
             SensorStore::open(&settings, identity, running).unwrap()
         };
         for (name, policy, last_number) in [("backup", Policy::On, 3), ("off", Policy::Off, 0)] {
-            let mut other = open(name, &Running::default());
+            let mut other = open(name, &RunningStore::default());
             other.history_mut().policy = policy;
             other.history_mut().last_number = last_number;
             other.save(Box::new(|_| ()));
             other.close(Duration::from_secs(30)).await.unwrap();
         }
-        let mut here = open("here", &Running::default());
+        let mut here = open("here", &RunningStore::default());
         here.history_mut().last_number = 5;
         for (name, right) in [("here", 5), ("backup", 3), ("off", 0), ("new", 5)] {
             let mut next = open(name, &here.running());

@@ -6,7 +6,7 @@ use super::DaemonError;
 use super::calibrator::Calibrator;
 use super::north::North;
 use super::recorder::Recorder;
-use super::sensor_store::{Running, SensorStore};
+use super::sensor_store::{RunningStore, SensorStore};
 use super::source_task::SourceTask;
 use crate::config::Config;
 use crate::config::source::Kind;
@@ -53,7 +53,7 @@ impl Session {
     pub(super) fn open(
         source: SourceTask,
         config: Config,
-        running: &Running,
+        running: &RunningStore,
     ) -> Result<Box<Self>, DaemonError> {
         // A log and the simulated board say themselves how their chips are mounted.
         let header = &source.header;
@@ -141,7 +141,7 @@ impl Session {
 
 fn pipeline(config: &Config, source: &SourceTask, store: &SensorStore) -> Pipeline {
     let history = store.history();
-    let calibration = history.active().map(|entry| entry.made.calibration);
+    let calibration = history.active().map(|entry| entry.record.calibration);
     let board = history.board(&config.mounting.board());
     Pipeline::new(config.setup(&source.header.mountings, &board), calibration)
 }

@@ -155,11 +155,11 @@ async fn the_end_waits_for_a_reload_that_holds_the_store() {
     let (mut daemon, _) = fed(folder.path(), Service::default());
     let mut config = daemon.session.config.clone();
     config.store.directory = folder.path().join("store");
-    let open = |config: &Config, running: &Running| {
+    let open = |config: &Config, running: &RunningStore| {
         let source = SourceTask::open(config).unwrap();
         Session::open(source, config.clone(), running).unwrap()
     };
-    daemon.session = open(&config, &Running::default());
+    daemon.session = open(&config, &RunningStore::default());
 
     // A reload to the same folder, which ends when it is told to.
     let running = daemon.session.store.running();

@@ -17,7 +17,7 @@ const STRENGTH_S: f64 = 0.5;
 const MOST_HELD_RAD: f64 = 0.02;
 
 /// What a whole field tells.
-struct Found {
+struct FoundHeading {
     down: Option<Vector3<f64>>,
     corrected: Option<Vector3<f64>>,
     fused: Option<Fix>,
@@ -56,7 +56,7 @@ impl Pipeline {
     }
 
     /// Finds the heading: by a pose that is to be trusted, if there is one, and by the sample alone.
-    fn find(&mut self, t_s: f64, raw: &Vector3<f64>, pose: Option<Pose>) -> Found {
+    fn find(&mut self, t_s: f64, raw: &Vector3<f64>, pose: Option<Pose>) -> FoundHeading {
         let level = self.intake.attitude.down_and_sd(t_s, pose.is_some());
         let calibrated = self.learning.calibrated;
         let corrected = self.estimate.corrected(raw).filter(|_| calibrated);
@@ -73,7 +73,7 @@ impl Pipeline {
         }
         let possible = self.estimate.impossible_mgauss().is_none() && self.axes_are_right();
         let most_sd_deg = self.setup.pipeline.publish_sd_deg;
-        Found {
+        FoundHeading {
             down: level.map(|(down, _)| down),
             corrected,
             fused,
@@ -87,7 +87,7 @@ impl Pipeline {
         &mut self,
         t_s: f64,
         raw: &Vector3<f64>,
-        found: &Found,
+        found: &FoundHeading,
         condition: Condition,
     ) -> Heading {
         let raw_body = self.setup.mountings.mag.to_body(*raw);

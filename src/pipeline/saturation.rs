@@ -43,12 +43,12 @@ pub(super) struct Saturation {
     /// The least by which each axis has lately changed from one sample to the next, milligauss.
     steps_mgauss: [f64; 3],
     /// The numbers that each axis reads while it is saturated; the newest first.
-    ends: [[Option<End>; 2]; 3],
+    ends: [[Option<SaturatedValue>; 2]; 3],
 }
 
 /// A number that an axis read while it was saturated.
 #[derive(Clone, Copy, Debug)]
-struct End {
+struct SaturatedValue {
     value: f64,
     /// Whether the axis has read smaller and larger numbers since. With both, the axis was stuck for a while, and this is no end of its
     /// range.
@@ -56,7 +56,7 @@ struct End {
     larger: bool,
 }
 
-impl End {
+impl SaturatedValue {
     /// Takes what the axis reads next; `None` once this is no end.
     fn after(self, value: f64) -> Option<Self> {
         let end = Self {
@@ -189,7 +189,7 @@ impl Saturation {
             && !is_end(ends, value)
             && (run.least_change_mgauss(axis, field)).is_some_and(|change| change > least_mgauss);
         if saturated {
-            let end = End {
+            let end = SaturatedValue {
                 value,
                 smaller: false,
                 larger: false,
@@ -200,7 +200,7 @@ impl Saturation {
     }
 }
 
-fn is_end(ends: &[Option<End>; 2], value: f64) -> bool {
+fn is_end(ends: &[Option<SaturatedValue>; 2], value: f64) -> bool {
     ends.iter().flatten().any(|end| end.value == value)
 }
 

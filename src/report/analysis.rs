@@ -102,7 +102,7 @@ impl Analysis {
         }
     }
 
-    /// Calibrates as a daemon in this mode would.
+    /// Calibrates as a daemon with this policy would.
     pub fn put_policy(&mut self, policy: Policy) {
         self.handle(Event::Policy(policy));
     }

@@ -24,7 +24,7 @@ const WITHOUT_MOUNTING: u64 = 2;
 
 /// What a calibration file holds.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Contents {
+pub struct CalibrationFile {
     /// What is kept, sensor by sensor.
     pub sensors: Vec<History>,
 }
@@ -44,10 +44,10 @@ pub enum FormatError {
 struct Written<'a> {
     headingd_store: u64,
     #[serde(flatten)]
-    contents: &'a Contents,
+    contents: &'a CalibrationFile,
 }
 
-impl Contents {
+impl CalibrationFile {
     /// With one sensor.
     pub fn of(history: History) -> Self {
         Self {
@@ -172,7 +172,7 @@ impl Contents {
                 return Some(format!("{} appears twice", history.identity));
             }
             for entry in &history.entries {
-                if let Some(fault) = faults(&entry.made.calibration).first() {
+                if let Some(fault) = faults(&entry.record.calibration).first() {
                     return Some(fault.to_string());
                 }
             }

@@ -67,7 +67,7 @@ impl BoardMounting {
 
 /// A calibration with where it came from and how good it was found to be.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Made {
+pub struct CalibrationRecord {
     /// When it was made, seconds since 1970-01-01 UTC; left out if the clock was not set.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub saved_unix_s: Option<u64>,
@@ -84,7 +84,7 @@ pub struct Made {
     pub calibration: Calibration,
 }
 
-impl Made {
+impl CalibrationRecord {
     /// A calibration from its outcome.
     pub fn of(
         outcome: &Outcome,
@@ -109,7 +109,7 @@ pub struct KeptCalibration {
     pub number: u64,
     /// The calibration.
     #[serde(flatten)]
-    pub made: Made,
+    pub record: CalibrationRecord,
 }
 
 /// Everything that is kept for one sensor.
@@ -179,9 +179,9 @@ impl History {
     }
 
     /// With one calibration, which is active.
-    pub fn of(identity: Identity, made: Made) -> Self {
+    pub fn of(identity: Identity, record: CalibrationRecord) -> Self {
         let mut history = Self::new(identity);
-        history.keep(made, 1);
+        history.keep(record, 1);
         history
     }
 
@@ -216,9 +216,10 @@ impl History {
     }
 
     /// The number of this calibration, if it is kept already: of copies that of the active one, else of the newest.
-    pub fn number_of(&self, made: &Made) -> Option<u64> {
+    pub fn number_of(&self, record: &CalibrationRecord) -> Option<u64> {
         let same = |kept: &&KeptCalibration| {
-            kept.made.calibration == made.calibration && kept.made.saved_unix_s == made.saved_unix_s
+            kept.record.calibration == record.calibration
+                && kept.record.saved_unix_s == record.saved_unix_s
         };
         let mut active_first = self.active().into_iter().chain(self.entries.iter().rev());
         Some(active_first.find(same)?.number)
@@ -231,7 +232,7 @@ impl History {
 
     /// Makes a calibration the active one, and drops the oldest ones beyond `most`, but not the one that was active, unless `most` is 1:
     /// somebody may have gone back to it.
-    pub fn keep(&mut self, made: Made, most: usize) {
+    pub fn keep(&mut self, record: CalibrationRecord, most: usize) {
         if self.last_number >= LARGEST_NUMBER {
             self.renumber();
         }
@@ -240,7 +241,7 @@ impl History {
         self.active = Some(self.last_number);
         self.entries.push(KeptCalibration {
             number: self.last_number,
-            made,
+            record,
         });
         while self.entries.len() > most.max(1) {
             let may_go = |entry: &KeptCalibration| most < 2 || Some(entry.number) != before;

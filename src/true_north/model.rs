@@ -26,7 +26,7 @@ pub struct Position {
 
 /// A quantity with its standard deviation: the model's own, and that of the rock below, which it does not know.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Known {
+pub struct ValueWithSd {
     /// The model's value.
     pub value: f64,
     /// One standard deviation.
@@ -37,13 +37,13 @@ pub struct Known {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EarthField {
     /// How far magnetic north is east of true north, degrees.
-    pub declination_deg: Known,
+    pub declination_deg: ValueWithSd,
     /// How far the field points below the horizontal, degrees.
-    pub dip_deg: Known,
+    pub dip_deg: ValueWithSd,
     /// Strength of the whole field, milligauss.
-    pub strength_mgauss: Known,
+    pub strength_mgauss: ValueWithSd,
     /// Strength of its horizontal part.
-    pub horizontal_mgauss: Known,
+    pub horizontal_mgauss: ValueWithSd,
     /// Whether it is near a magnetic pole, where a compass is inaccurate (horizontal field below 60 mG) or not to be relied on
     /// (below 20 mG).
     pub zone: Option<WarningZone>,
@@ -75,17 +75,17 @@ impl EarthField {
     }
 }
 
-fn angle(value: Angle, sd: Angle) -> Known {
+fn angle(value: Angle, sd: Angle) -> ValueWithSd {
     let degrees = |angle: Angle| f64::from(angle.get::<degree>());
-    Known {
+    ValueWithSd {
         value: degrees(value),
         sd: degrees(sd),
     }
 }
 
-fn strength(value: MagneticFluxDensity, sd: MagneticFluxDensity) -> Known {
+fn strength(value: MagneticFluxDensity, sd: MagneticFluxDensity) -> ValueWithSd {
     let mgauss = |field: MagneticFluxDensity| f64::from(field.get::<nanotesla>()) / NANOTESLA;
-    Known {
+    ValueWithSd {
         value: mgauss(value),
         sd: mgauss(sd),
     }
@@ -139,7 +139,7 @@ mod tests {
                 altitude_m: 1000.0 * km,
             };
             let field = EarthField::new(&position, moment).unwrap();
-            let near = |found: Known, right: f64, by: f64| {
+            let near = |found: ValueWithSd, right: f64, by: f64| {
                 assert!((found.value - right).abs() <= by, "{found:?}, not {right}");
                 assert!(found.sd > 0.0);
             };

@@ -26,7 +26,7 @@ struct Link {
 
 /// The rotation that has not made a link yet.
 #[derive(Clone, Copy)]
-struct Open {
+struct OpenLink {
     start_s: f64,
     turned: UnitQuaternion<f64>,
     earth: Option<Vector3<f64>>,
@@ -34,7 +34,7 @@ struct Open {
     half: Option<(f64, UnitQuaternion<f64>, Option<Vector3<f64>>)>,
 }
 
-impl Open {
+impl OpenLink {
     fn at(t_s: f64) -> Self {
         Self {
             start_s: t_s,
@@ -76,7 +76,7 @@ pub(super) struct Chain {
     cos_tolerance: f64,
     time_limit_s: f64,
     links: VecDeque<Link>,
-    open: Option<Open>,
+    open: Option<OpenLink>,
     /// Mean axis of the links, a unit vector; zero without links.
     axis: Vector3<f64>,
     /// Net rotation of all links about it; where in the chain it was least and most, and how much.
@@ -110,7 +110,7 @@ impl Chain {
             self.measure();
         }
         self.open.take_if(|open| open.start_s < oldest_s);
-        let mut open = self.open.unwrap_or_else(|| Open::at(tick.t_s - TICK_S));
+        let mut open = self.open.unwrap_or_else(|| OpenLink::at(tick.t_s - TICK_S));
         if tick.at_rest {
             if !open.begun() {
                 open.start_s = tick.t_s;
@@ -146,7 +146,7 @@ impl Chain {
             }
         }
         if turned.norm() >= LINK_RAD {
-            self.open = Some(Open::at(tick.t_s));
+            self.open = Some(OpenLink::at(tick.t_s));
             // Where the axis has changed within this link, as after what was left of another turn, the new chain begins half-way.
             match open.after_change(self.cos_tolerance) {
                 Some(second) if !self.fits(&turned) => {

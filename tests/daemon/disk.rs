@@ -8,7 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use headingd::calibration::model::{Calibration, Parameters, Planar};
-use headingd::store::{History, Identity, Made, Store};
+use headingd::store::{CalibrationRecord, History, Identity, Store};
 use nalgebra::{Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -30,9 +30,9 @@ fn identity() -> Identity {
 }
 
 /// The calibration with this number tells it in every value, so that no mixture of two would pass for one.
-fn made(number: u64) -> Made {
+fn record(number: u64) -> CalibrationRecord {
     let value = number as f64;
-    Made {
+    CalibrationRecord {
         saved_unix_s: Some(number),
         origin: None,
         gyro_rms_deg: Some(value),
@@ -72,7 +72,7 @@ fn saves_until_it_is_killed() {
     let mut known = load(Path::new(&folder));
     loop {
         let mut history = known.clone().unwrap_or_else(|| History::new(identity()));
-        history.keep(made(history.last_number + 1), 10);
+        history.keep(record(history.last_number + 1), 10);
         assert_eq!(store.save(&history, known.as_ref()).unwrap(), None);
         println!("saved {}", history.last_number);
         known = Some(history);
@@ -107,7 +107,7 @@ fn saves_once() {
     };
     let known = load(folder);
     let mut history = known.clone().unwrap();
-    history.keep(made(history.last_number + 1), 10);
+    history.keep(record(history.last_number + 1), 10);
     match store.save(&history, known.as_ref()) {
         Ok(_) => println!("saved"),
         Err(error) => println!("save: {error}"),
@@ -120,7 +120,7 @@ fn on_a_full_disk_the_old_file_stays_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let mut history = History::new(identity());
     for number in 1..=5 {
-        history.keep(made(number), 10);
+        history.keep(record(number), 10);
     }
     // Dropped at once: the other processes open it.
     let store = Store::open(folder.path()).unwrap();
@@ -219,7 +219,11 @@ fn kill_again_and_again(seed: usize, kills: usize) -> usize {
         );
         assert_eq!(history.active, Some(newest));
         for entry in &history.entries {
-            assert_eq!(entry.made, made(entry.number), "seed {seed}, kill {kill}");
+            assert_eq!(
+                entry.record,
+                record(entry.number),
+                "seed {seed}, kill {kill}"
+            );
         }
         // Besides the file there is the lock, which nobody holds any more.
         in_the_midst += usize::from(fs::read_dir(folder.path()).unwrap().count() > 2);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use headingd::alignment::{AlignmentError, Sign, align};
+use headingd::alignment::{AccelerometerReads, AlignmentError, align};
 use headingd::frame::{Mounting, Mountings};
 use headingd::reading::Reading;
 use headingd::recording::{Entry, Header};
@@ -157,7 +157,11 @@ fn every_way_in_which_chips_lie_is_found() {
             same_but_for_ahead(&mountings, &board.mountings),
             "{found:?}"
         );
-        assert_eq!(found.sign == Sign::Gravity, gravity, "{found:?}");
+        assert_eq!(
+            found.accel_reads == AccelerometerReads::Gravity,
+            gravity,
+            "{found:?}"
+        );
     }
 }
 

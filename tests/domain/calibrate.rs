@@ -7,7 +7,7 @@ use crate::common::{
 };
 use headingd::recording::{Entry, Header};
 use headingd::sensor::simulator::{Scenario, Settings};
-use headingd::store::Contents;
+use headingd::store::CalibrationFile;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
@@ -518,7 +518,7 @@ fn a_calibration_written_is_used_from_the_first_reading_on() {
     assert!(apart_deg(att[0]["mheading"].as_f64().unwrap(), 0.0).abs() < 3.0);
 
     let ran = headingd(&["calibrate", &log, "--out", "-"]);
-    let contents = Contents::from_json(ran.out.as_bytes()).unwrap();
+    let contents = CalibrationFile::from_json(ran.out.as_bytes()).unwrap();
     assert_eq!(contents.sensors.len(), 1);
     assert!(ran.err.starts_with("headingd: accepted"), "{}", ran.err);
 }

@@ -11,7 +11,9 @@ use headingd::calibration::model::{
 };
 use headingd::calibration::policy::{CalibrationOrigin, Policy};
 use headingd::store::history::HistoryError;
-use headingd::store::{Contents, FormatError, History, Identity, Made, Store, StoreError};
+use headingd::store::{
+    CalibrationFile, CalibrationRecord, FormatError, History, Identity, Store, StoreError,
+};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde_json::{Value, json};
 
@@ -22,8 +24,8 @@ fn identity() -> Identity {
     }
 }
 
-fn made(parameters: Parameters) -> Made {
-    Made {
+fn record(parameters: Parameters) -> CalibrationRecord {
+    CalibrationRecord {
         saved_unix_s: Some(1_760_000_000),
         origin: Some(CalibrationOrigin::Turn),
         gyro_rms_deg: Some(1.0 / 7.0),
@@ -43,15 +45,15 @@ fn made(parameters: Parameters) -> Made {
 
 /// With one calibration, active.
 fn history(parameters: Parameters) -> History {
-    History::of(identity(), made(parameters))
+    History::of(identity(), record(parameters))
 }
 
 /// The only calibration of a file with one sensor.
-fn only(contents: &Contents) -> Made {
+fn only(contents: &CalibrationFile) -> CalibrationRecord {
     let [history] = contents.sensors.as_slice() else {
         panic!("{contents:?}");
     };
-    history.active().unwrap().made
+    history.active().unwrap().record
 }
 
 fn planar() -> Parameters {
@@ -78,19 +80,19 @@ fn symmetric() -> Parameters {
 }
 
 /// What motion has taught: a general matrix, with its covariance.
-fn learnt() -> Made {
+fn learnt() -> CalibrationRecord {
     let root = SMatrix::<f64, 12, 12>::from_fn(|row, column| {
         f64::from(u32::from(row == column)) + 0.01 / (1 + row + 2 * column) as f64
     });
-    let mut made = made(Parameters::Spatial(Spatial {
+    let mut record = record(Parameters::Spatial(Spatial {
         model: Model::General,
         bias_mgauss: Vector3::new(-1.7, 0.0, 1e-7),
         matrix: Matrix3::new(1.1, 0.02, -0.03, 0.01, 0.9, 0.07, 0.05, -0.07, 1.0),
     }));
-    made.calibration.covariance = Some(PackedCovariance::packed(&(root * root.transpose())));
-    made.calibration.gyro_bias_deg_s = Some(Vector3::new(4.5, -1.0 / 7.0, 0.0));
-    made.calibration.accel_bias_m_s2 = Some(Vector3::new(-0.3, 0.0, 0.1));
-    made
+    record.calibration.covariance = Some(PackedCovariance::packed(&(root * root.transpose())));
+    record.calibration.gyro_bias_deg_s = Some(Vector3::new(4.5, -1.0 / 7.0, 0.0));
+    record.calibration.accel_bias_m_s2 = Some(Vector3::new(-0.3, 0.0, 0.1));
+    record
 }
 
 /// A store in a fresh folder, and the folder, which lives as long as its handle.
@@ -128,7 +130,7 @@ fn a_history_comes_back_bit_for_bit() {
     let mut known = None;
     let mut history = History::new(identity());
     for parameters in [planar(), diagonal(), symmetric()] {
-        history.keep(made(parameters), 10);
+        history.keep(record(parameters), 10);
         history.policy = Policy::Locked;
         assert_eq!(store.save(&history, known.as_ref()).unwrap(), None);
         assert_eq!(load(&store).unwrap(), Some(history.clone()));
@@ -145,9 +147,9 @@ fn a_history_comes_back_bit_for_bit() {
 
 #[test]
 fn a_covariance_or_a_bias_of_a_chip_that_cannot_be_one_is_damage() {
-    let good = Contents::of(History::of(identity(), learnt()));
+    let good = CalibrationFile::of(History::of(identity(), learnt()));
     let text = good.to_json().unwrap();
-    assert_eq!(Contents::from_json(text.as_bytes()), Ok(good));
+    assert_eq!(CalibrationFile::from_json(text.as_bytes()), Ok(good));
     let mut value: Value = serde_json::from_str(&text).unwrap();
     let calibration = &mut value["sensors"][0]["history"][0]["calibration"];
     let (covariance, bias) = ("covariance", "gyro_bias_deg_s");
@@ -170,13 +172,15 @@ fn a_covariance_or_a_bias_of_a_chip_that_cannot_be_one_is_damage() {
             "sensor": "hmc5843", "mag_axes": "+y -x +z", "in_force": 1, "last_number": 1,
             "history": [{"number": 1, "calibration": calibration.clone()}]
         }]);
-        let error = Contents::from_value(damaged).unwrap_err().to_string();
+        let error = CalibrationFile::from_value(damaged)
+            .unwrap_err()
+            .to_string();
         assert!(error.contains(part), "{error}");
         calibration[key][at] = right;
     }
     // A matrix that mirrors an axis is no chip's.
     calibration["matrix"][0] = json!(-1.1);
-    let error = Contents::from_value(value).unwrap_err().to_string();
+    let error = CalibrationFile::from_value(value).unwrap_err().to_string();
     assert!(error.contains("calibration.matrix"), "{error}");
 }
 
@@ -186,10 +190,10 @@ fn old_files_load() {
     let found = Store::read_file(&data.join("store-1.json")).unwrap();
     assert_eq!(found.sensors[0].identity, identity());
     assert_eq!(found.sensors[0].policy, Policy::On);
-    let made = only(&found);
-    assert_eq!(made.saved_unix_s, Some(1_760_000_000));
-    assert_eq!((made.origin, made.samples), (None, None));
-    let Parameters::Planar(planar) = made.calibration.parameters else {
+    let record = only(&found);
+    assert_eq!(record.saved_unix_s, Some(1_760_000_000));
+    assert_eq!((record.origin, record.samples), (None, None));
+    let Parameters::Planar(planar) = record.calibration.parameters else {
         panic!("{found:?}");
     };
     assert_eq!(planar.bias_mgauss, Vector2::new(-87.5, 31.25));
@@ -215,10 +219,13 @@ fn old_files_load() {
         panic!("{stick:?}");
     };
     // It is from version 1, of a board whose clock was not set.
-    assert_eq!((first.made.saved_unix_s, first.made.origin), (None, None));
-    assert_eq!(third.made.origin, Some(CalibrationOrigin::Start));
     assert_eq!(
-        (third.made.gyro_rms_deg, third.made.samples),
+        (first.record.saved_unix_s, first.record.origin),
+        (None, None)
+    );
+    assert_eq!(third.record.origin, Some(CalibrationOrigin::Start));
+    assert_eq!(
+        (third.record.gyro_rms_deg, third.record.samples),
         (Some(0.75), Some(560))
     );
     assert_eq!((razor.policy, razor.active()), (Policy::Off, None));
@@ -263,7 +270,7 @@ fn a_calibration_of_version_1_becomes_the_first_of_a_history() {
     fs::copy(old, store.path()).unwrap();
     let known = load(&store).unwrap().unwrap();
     let mut history = known.clone();
-    history.keep(made(planar()), 10);
+    history.keep(record(planar()), 10);
     assert_eq!(store.save(&history, Some(&known)).unwrap(), None);
     let kept = fs::read_to_string(store.path()).unwrap();
     assert!(kept.starts_with("{\n  \"headingd_store\": 2,"), "{kept}");
@@ -275,15 +282,15 @@ fn a_calibration_of_version_1_becomes_the_first_of_a_history() {
 fn the_calibration_that_somebody_went_back_to_outlives_the_next_one() {
     let mut history = History::new(identity());
     for _ in 0..3 {
-        history.keep(made(planar()), 3);
+        history.keep(record(planar()), 3);
     }
     history.roll_back(Some(1)).unwrap();
-    history.keep(made(planar()), 3);
+    history.keep(record(planar()), 3);
     let kept = |history: &History| -> Vec<u64> {
         history.entries.iter().map(|entry| entry.number).collect()
     };
     assert_eq!((kept(&history), history.active), (vec![1, 3, 4], Some(4)));
-    history.keep(made(planar()), 1);
+    history.keep(record(planar()), 1);
     assert_eq!((kept(&history), history.active), (vec![5], Some(5)));
 }
 
@@ -291,16 +298,16 @@ fn the_calibration_that_somebody_went_back_to_outlives_the_next_one() {
 fn the_oldest_goes_by_number_whatever_the_clock_said() {
     let mut history = History::new(identity());
     for clock in [Some(900), Some(5_000), None, Some(100), Some(200)] {
-        let made = Made {
+        let record = CalibrationRecord {
             saved_unix_s: clock,
-            ..made(planar())
+            ..record(planar())
         };
-        history.keep(made, 3);
+        history.keep(record, 3);
     }
     let kept: Vec<(u64, Option<u64>)> = history
         .entries
         .iter()
-        .map(|entry| (entry.number, entry.made.saved_unix_s))
+        .map(|entry| (entry.number, entry.record.saved_unix_s))
         .collect();
     assert_eq!(kept, [(3, None), (4, Some(100)), (5, Some(200))]);
     assert_eq!(history.roll_back(None).unwrap().number, 4);
@@ -313,7 +320,7 @@ fn the_oldest_goes_by_number_whatever_the_clock_said() {
     assert_eq!(history.active, Some(3));
     // What is saved next is the newest, and no number is given twice.
     assert_eq!(history.forget(Some(5), false), Ok(1));
-    history.keep(made(planar()), 3);
+    history.keep(record(planar()), 3);
     assert_eq!((history.active, history.entries.len()), (Some(6), 3));
     assert_eq!(history.forget(None, false), Ok(1));
     assert_eq!(history.active(), None);
@@ -334,8 +341,8 @@ fn a_locked_calibration_neither_goes_nor_is_rolled_back() {
     let mut history = History::new(identity());
     let refusal = HistoryError::NoneActive(Policy::On, false);
     assert_eq!(history.set_policy(Policy::Locked), Err(refusal));
-    history.keep(made(planar()), 10);
-    history.keep(made(diagonal()), 10);
+    history.keep(record(planar()), 10);
+    history.keep(record(diagonal()), 10);
     history.set_policy(Policy::Locked).unwrap();
     let locked = history.clone();
     for refused in [
@@ -357,7 +364,7 @@ fn a_file_cut_anywhere_is_refused_and_left_alone() {
     let (_folder, store) = store();
     for parameters in [planar(), symmetric()] {
         let path = store.path();
-        Store::write_file(&path, &Contents::of(history(parameters))).unwrap();
+        Store::write_file(&path, &CalibrationFile::of(history(parameters))).unwrap();
         let whole = fs::read(&path).unwrap();
         // The last byte ends the line: without it nothing is missing.
         for length in 0..whole.len() - 1 {
@@ -410,7 +417,7 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
             matches!(error, StoreError::Format(_, FormatError::Unreadable(_))),
             "{error}"
         );
-        kept.keep(made(planar()), 10);
+        kept.keep(record(planar()), 10);
         let aside = store.save(&kept, None).unwrap().unwrap();
         assert_eq!(fs::read_to_string(aside).unwrap(), text);
     }
@@ -419,7 +426,7 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
     fs::write(store.path(), text).unwrap();
     let mut found = load(&store).unwrap().unwrap();
     let known = found.clone();
-    found.keep(made(planar()), 10);
+    found.keep(record(planar()), 10);
     assert_eq!(store.save(&found, Some(&known)).unwrap(), None);
     assert_eq!(load(&store).unwrap(), Some(found));
 }
@@ -428,8 +435,8 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
 fn behind_the_largest_number_counting_begins_anew_and_the_file_still_loads() {
     let (_folder, store) = store();
     let mut history = history(planar());
-    history.keep(made(diagonal()), 10);
-    history.keep(made(symmetric()), 10);
+    history.keep(record(diagonal()), 10);
+    history.keep(record(symmetric()), 10);
     history.roll_back(Some(2)).unwrap();
     history.entries[1].number = 999_999_999_999;
     history.entries[2].number = 1_000_000_000_000;
@@ -438,12 +445,12 @@ fn behind_the_largest_number_counting_begins_anew_and_the_file_still_loads() {
     let mut found = load(&store).unwrap().unwrap();
     assert_eq!(found, history);
 
-    found.keep(made(planar()), 3);
+    found.keep(record(planar()), 3);
     store.save(&found, Some(&history)).unwrap();
     let numbers: Vec<u64> = found.entries.iter().map(|entry| entry.number).collect();
     // The oldest has gone, and the one that was active has stayed.
     assert_eq!((numbers, found.active), (vec![2, 3, 4], Some(4)));
-    assert_eq!(found.entries[0].made, made(diagonal()));
+    assert_eq!(found.entries[0].record, record(diagonal()));
     assert_eq!(load(&store).unwrap(), Some(found));
 }
 
@@ -469,7 +476,7 @@ fn another_sensors_calibrations_are_not_used_and_stay() {
         let kept = Store::contents(directory).unwrap().sensors;
         assert!(kept.iter().map(|kept| &kept.identity).eq(&there));
         there.push(other.clone());
-        let second = History::of(other.clone(), made(diagonal()));
+        let second = History::of(other.clone(), record(diagonal()));
         assert_eq!(store.save(&second, None).unwrap(), None);
         let kept = Store::contents(directory).unwrap();
         assert_eq!(kept.find(&other), Some(&second));
@@ -485,12 +492,15 @@ fn what_somebody_else_has_changed_meanwhile_is_set_aside() {
     store.save(&known, None).unwrap_or_default();
     // A backup is put back while the daemon runs.
     let backup = history(diagonal());
-    Store::write_file(&store.path(), &Contents::of(backup.clone())).unwrap();
+    Store::write_file(&store.path(), &CalibrationFile::of(backup.clone())).unwrap();
     let mut next = known.clone();
-    next.keep(made(symmetric()), 10);
+    next.keep(record(symmetric()), 10);
     let aside = store.save(&next, Some(&known)).unwrap().unwrap();
     assert!(aside.ends_with("calibration.json.changed-1"));
-    assert_eq!(Store::read_file(&aside).unwrap(), Contents::of(backup));
+    assert_eq!(
+        Store::read_file(&aside).unwrap(),
+        CalibrationFile::of(backup)
+    );
     // A save of which nobody knows that it succeeded is repeated.
     assert_eq!(store.save(&next, Some(&known)).unwrap(), None);
     assert_eq!(load(&store).unwrap(), Some(next));
@@ -529,7 +539,7 @@ fn values_that_no_calibration_has_are_named() {
         (diagonal(), "1.1", "1e-5", "eigenvalues from 0.01 to 100"),
     ];
     for (parameters, from, to, right) in cases {
-        Store::write_file(&file, &Contents::of(history(parameters))).unwrap();
+        Store::write_file(&file, &CalibrationFile::of(history(parameters))).unwrap();
         let text = fs::read_to_string(&file).unwrap();
         assert!(text.contains(from), "{from} is not in {text}");
         fs::write(&file, text.replacen(from, to, 1)).unwrap();
@@ -547,10 +557,10 @@ fn what_could_not_be_read_again_is_not_saved() {
     let good = history(planar());
     store.save(&good, None).unwrap();
     let mut bad = good.clone();
-    bad.entries[0].made.calibration.heading_sd_deg = f64::NAN;
+    bad.entries[0].record.calibration.heading_sd_deg = f64::NAN;
     assert!(message(store.save(&bad, Some(&good))).contains("heading_sd_deg is NaN"));
     let mut bad = good.clone();
-    let Parameters::Planar(planar) = &mut bad.entries[0].made.calibration.parameters else {
+    let Parameters::Planar(planar) = &mut bad.entries[0].record.calibration.parameters else {
         panic!("{bad:?}");
     };
     planar.basis[0].x = f64::NAN;
@@ -591,14 +601,14 @@ fn a_link_stays_a_link_and_a_device_a_device() {
     symlink("file", &link).unwrap();
     // At first there is nothing where it points.
     for _ in 0..2 {
-        Store::write_file(&link, &Contents::of(history(planar()))).unwrap();
+        Store::write_file(&link, &CalibrationFile::of(history(planar()))).unwrap();
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         Store::read_file(&file).unwrap();
     }
 
     // Every write to /dev/full fails as on a full disk.
     let full = PathBuf::from("/dev/full");
-    let error = Store::write_file(&full, &Contents::of(history(planar()))).unwrap_err();
+    let error = Store::write_file(&full, &CalibrationFile::of(history(planar()))).unwrap_err();
     assert!(matches!(error, StoreError::Write(..)), "{error}");
     assert!(fs::metadata(&full).unwrap().file_type().is_char_device());
 }

@@ -1,6 +1,6 @@
 //! The magnetic field of a place: the earth's, and dipoles that stand or move in it. North, east, down; milligauss.
 
-use headingd::true_north::{EarthField, Known};
+use headingd::true_north::{EarthField, ValueWithSd};
 use nalgebra::{Rotation3, Vector3};
 
 use crate::random::Rng;
@@ -59,7 +59,7 @@ impl World {
         let east = Vector3::y_axis();
         let turned = Rotation3::from_axis_angle(&east, -off_deg.to_radians()) * self.earth;
         let told = turned + rng.vector(0.05 * self.strength());
-        let known = |value: f64, sd: f64| Known { value, sd };
+        let known = |value: f64, sd: f64| ValueWithSd { value, sd };
         EarthField {
             declination_deg: known(0.0, 0.4),
             dip_deg: known(told.z.atan2(told.xy().norm()).to_degrees(), 0.2),

@@ -5,7 +5,7 @@ use headingd::calibration::policy::Policy;
 use headingd::condition::SourceFault;
 use headingd::pipeline::{Event, Settings};
 use headingd::reading::{Field, Reading};
-use headingd::true_north::{EarthField, Known};
+use headingd::true_north::{EarthField, ValueWithSd};
 use nalgebra::{Rotation3, Vector3};
 
 use super::board::{Board, planar};
@@ -206,7 +206,7 @@ const SCENARIOS: &[Scenario] = &[
         b.turn_at(400.0, 0.3);
     }),
     ("up and down are exchanged, by the position", good, |b| {
-        let known = |value: f64| Known { value, sd: 0.5 };
+        let known = |value: f64| ValueWithSd { value, sd: 0.5 };
         b.tell(Event::Place(Some(EarthField {
             declination_deg: known(0.0),
             dip_deg: known(-EARTH.z.atan2(EARTH.x).to_degrees()),
