@@ -156,10 +156,11 @@ impl Daemon {
     pub fn open(config: &Config, mut service: Service) -> Result<Self, DaemonError> {
         let source = SourceTask::open(config)?;
         let server = bind(config, &mut service, &source)?;
-        Self::with(source, server, config, service)
+        Self::serving_on(source, server, config, service)
     }
 
-    fn with(
+    /// Serves on `server`; the rest as [`Self::open`].
+    fn serving_on(
         source: SourceTask,
         server: Server,
         config: &Config,

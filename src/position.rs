@@ -138,7 +138,7 @@ async fn follow(gpsd: Gpsd, fixes: watch::Sender<Option<GpsFix>>) {
     }
 }
 
-fn busy(_: Elapsed) -> io::Error {
+fn not_accepted(_: Elapsed) -> io::Error {
     let patience_s = CONNECT_PATIENCE.as_secs();
     io::Error::other(format!(
         "it has not taken the connection for {patience_s} s"
@@ -154,11 +154,11 @@ async fn read(
     match gpsd {
         Gpsd::Tcp(address) => {
             let stream = timeout(CONNECT_PATIENCE, TcpStream::connect(address));
-            read_from(stream.await.map_err(busy)??, gpsd, fixes, told).await
+            read_from(stream.await.map_err(not_accepted)??, gpsd, fixes, told).await
         }
         Gpsd::Unix(path) => {
             let stream = timeout(CONNECT_PATIENCE, UnixStream::connect(path));
-            read_from(stream.await.map_err(busy)??, gpsd, fixes, told).await
+            read_from(stream.await.map_err(not_accepted)??, gpsd, fixes, told).await
         }
     }
 }
@@ -170,7 +170,7 @@ async fn read_from(
     told: &mut bool,
 ) -> io::Result<Infallible> {
     let sent = timeout(CONNECT_PATIENCE, stream.write_all(WATCH));
-    sent.await.map_err(busy)??;
+    sent.await.map_err(not_accepted)??;
     if !*told {
         tracing::info!("connected to the gpsd at {gpsd}: waiting for a position");
     }

@@ -29,7 +29,7 @@ impl Linear {
 
 /// The gyro's account of a motion, with this bias taken out, gyro axes: one knot a reading.
 pub(super) struct Carried {
-    ticks: Vec<Knot>,
+    knots: Vec<Knot>,
 }
 
 /// An instant of the motion.
@@ -61,7 +61,7 @@ pub(super) struct KnotPair {
 impl Carried {
     /// `sense` is −1 for a gyro that counts every rotation the other way round.
     pub(super) fn new(readings: &[Reading], bias_rad_s: &Vector3<f64>, sense: f64) -> Self {
-        let mut ticks: Vec<Knot> = Vec::new();
+        let mut knots: Vec<Knot> = Vec::new();
         let mut last_rate = Vector3::zeros();
         for reading in readings {
             let Some(rate) = reading.rate_rad_s else {
@@ -69,7 +69,7 @@ impl Carried {
             };
             let rate = sense * (rate - bias_rad_s);
             let t_s = reading.t_s;
-            let tick = match ticks.last() {
+            let knot = match knots.last() {
                 Some(last) if t_s - last.t_s <= GAP_S && t_s > last.t_s => {
                     let step_s = t_s - last.t_s;
                     let mean = 0.5 * (rate + last_rate);
@@ -92,15 +92,15 @@ impl Carried {
                 },
             };
             last_rate = rate;
-            ticks.push(tick);
+            knots.push(knot);
         }
-        Self { ticks }
+        Self { knots }
     }
 
-    /// The instant `t_s`, between two ticks of a segment.
+    /// The instant `t_s`, between two knots of a segment.
     fn knot(&self, t_s: f64) -> Option<Knot> {
-        let next = self.ticks.partition_point(|tick| tick.t_s < t_s);
-        let (before, after) = (self.ticks.get(next.checked_sub(1)?)?, self.ticks.get(next)?);
+        let next = self.knots.partition_point(|knot| knot.t_s < t_s);
+        let (before, after) = (self.knots.get(next.checked_sub(1)?)?, self.knots.get(next)?);
         if before.segment != after.segment {
             return None;
         }
@@ -120,7 +120,7 @@ impl Carried {
         samples: &[(f64, Vector3<f64>)],
         half_window_s: f64,
     ) -> Vec<SensedKnot> {
-        let (Some(first), Some(last)) = (self.ticks.first(), self.ticks.last()) else {
+        let (Some(first), Some(last)) = (self.knots.first(), self.knots.last()) else {
             return Vec::new();
         };
         let count = ((last.t_s - first.t_s) / KNOT_S) as usize;

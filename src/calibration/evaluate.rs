@@ -205,8 +205,9 @@ impl TurnFit<'_> {
         let samples = &self.request.samples[self.plan.samples.clone()];
         // Over several turns a gyro of a wrong scale would have turned the frame.
         let first_turn = self.request.turns.first();
-        let turn = first_turn.map_or(samples.len(), |turn| turn.samples.len().min(samples.len()));
-        let first = &samples[..turn / FIRST_PART];
+        let turn_len =
+            first_turn.map_or(samples.len(), |turn| turn.samples.len().min(samples.len()));
+        let first = &samples[..turn_len / FIRST_PART];
         let begins = first.iter().filter(|sample| sample.pose.is_some()).count();
         let turned: Vec<Vector3<f64>> = seen[..begins]
             .iter()

@@ -176,10 +176,10 @@ impl TurnFit<'_> {
         outcome.swarm = Some(SwarmReport {
             profile: settings.profile.word(),
             particles: settings.particles,
-            iterations: swarm.fitness.len(),
+            iterations: swarm.fit_values.len(),
             stop: swarm.stop.word(),
             fit_value: swarm.fit_value,
-            fitness: swarm.fitness,
+            fit_values: swarm.fit_values,
             windows,
             bias_mgauss: swarm.position[..D].to_vec(),
             scale: swarm.position[D..].to_vec(),

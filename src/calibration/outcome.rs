@@ -86,7 +86,7 @@ pub struct Outcome {
 
 impl Outcome {
     /// This outcome of a calibration that took so long.
-    pub fn after(self, elapsed: Duration) -> Self {
+    pub fn with_elapsed(self, elapsed: Duration) -> Self {
         Self {
             elapsed_us: Some(elapsed.as_micros() as u64),
             ..self
@@ -194,7 +194,7 @@ pub struct SwarmReport {
     pub fit_value: f64,
     /// The same after each iteration.
     #[serde(skip)]
-    pub fitness: Vec<f64>,
+    pub fit_values: Vec<f64>,
     /// The samples that it saw, by default RIST's windows.
     #[serde(skip)]
     pub windows: Vec<Range<usize>>,

@@ -102,7 +102,7 @@ pub struct SwarmResult<const P: usize> {
     /// What stopped it.
     pub stop: Stop,
     /// Equation 8 at the global best after each iteration, milligauss².
-    pub fitness: Vec<f64>,
+    pub fit_values: Vec<f64>,
 }
 
 struct Particle<const P: usize> {
@@ -152,7 +152,7 @@ pub fn search<const D: usize, const P: usize>(
     let largest_step = settings.velocity_limit();
     let limit = bounds.width().map(|width: f64| width * largest_step);
     let (mut global_best, mut global_fit) = (bounds.random(&mut rng), f64::INFINITY);
-    let mut fitness = Vec::new();
+    let mut fit_values = Vec::new();
     let mut swarm: Vec<Particle<P>> = (0..settings.particles)
         .map(|index| {
             let mut velocity = limit.map(|limit| limit * (2.0 * rng.random::<f64>() - 1.0));
@@ -182,14 +182,14 @@ pub fn search<const D: usize, const P: usize>(
                 }
             }
         }
-        fitness.push(global_fit);
+        fit_values.push(global_fit);
         let stop = watch.iterated(&global_best, global_fit);
         if let Some(stop) = stop.or_else(given_up) {
             return SwarmResult {
                 position: global_best,
                 fit_value: global_fit,
                 stop,
-                fitness,
+                fit_values,
             };
         }
         for particle in &mut swarm {
@@ -282,7 +282,7 @@ mod tests {
             let found = search(&BOX, &standard(seed), None, bowl, &AtomicBool::new(false));
             assert_eq!(found.stop, Stop::Change);
             assert!(
-                found.fitness.len() < 300 && found.fit_value < 0.1,
+                found.fit_values.len() < 300 && found.fit_value < 0.1,
                 "{found:?}"
             );
             let mut confined = found.position;
@@ -331,6 +331,6 @@ mod tests {
             bowl(position)
         };
         let found = search(&BOX, &settings, None, fit_value, &cancelled);
-        assert_eq!((found.stop, found.fitness.len()), (Stop::Cancelled, 11));
+        assert_eq!((found.stop, found.fit_values.len()), (Stop::Cancelled, 11));
     }
 }

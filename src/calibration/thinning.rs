@@ -6,8 +6,8 @@ use crate::turn::Turn;
 
 /// The most samples that are kept: 87 minutes at 50 Hz.
 pub const MOST: usize = 1 << 18;
-/// Thinning goes down to the most divided by this, so that it is seldom needed.
-const ROOM: usize = 2;
+/// Thinning keeps at most one sample in so many of the most, so that it is seldom needed.
+const KEPT_PART: usize = 2;
 
 /// Samples in order of time.
 #[derive(Clone, Debug)]
@@ -65,8 +65,8 @@ impl Thinned {
 
     fn thin(&mut self, turns: &[Turn], open_from_s: f64) {
         let mut inside = self.keep(turns, open_from_s);
-        while self.samples.len() > self.most / ROOM {
-            if inside > self.most / (2 * ROOM) {
+        while self.samples.len() > self.most / KEPT_PART {
+            if inside > self.most / (2 * KEPT_PART) {
                 self.within *= 2;
                 self.between = self.between.max(self.within);
             } else {

@@ -168,7 +168,7 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
             ));
         }
         let begun = Instant::now();
-        calibrate(request).after(begun.elapsed())
+        calibrate(request).with_elapsed(begun.elapsed())
     });
     let outcome = outcome.ok_or_else(|| {
         let message = format!(

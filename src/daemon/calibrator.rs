@@ -40,7 +40,7 @@ impl Calibrator {
         let its_own = Arc::clone(&cancelled);
         let work = move || {
             let begun = Instant::now();
-            calibrate_unless(&request, &its_own).after(begun.elapsed())
+            calibrate_unless(&request, &its_own).with_elapsed(begun.elapsed())
         };
         let thread = Thread::start("calibration", work)
             .inspect_err(|error| tracing::error!("{error}"))

@@ -143,9 +143,9 @@ impl Daemon {
             Action::Turned(turn) => {
                 self.counts.turns += 1;
                 tracing::info!(
-                    from_s = brief(turn.start_s),
-                    to_s = brief(turn.end_s),
-                    from_vertical_deg = turn.from_vertical_deg.map(brief),
+                    from_s = to_thousandths(turn.start_s),
+                    to_s = to_thousandths(turn.end_s),
+                    from_vertical_deg = turn.from_vertical_deg.map(to_thousandths),
                     "the board has made a full turn"
                 );
             }
@@ -209,7 +209,7 @@ impl Daemon {
 }
 
 /// To three decimal places: no line in the log needs more.
-fn brief(value: f64) -> f64 {
+fn to_thousandths(value: f64) -> f64 {
     rounded(value, 3)
 }
 
@@ -219,7 +219,7 @@ const CHIPS_AT_FAULT: [&str; 4] = ["accel_unit", "accel_axes", "mag_axes", "reve
 fn log_report(report: &Report) {
     let (word, reason) = (report.condition.word(), report.reason);
     // Before the first reading the source has no time.
-    let t_s = Some(brief(report.t_s)).filter(|t_s| t_s.is_finite());
+    let t_s = Some(to_thousandths(report.t_s)).filter(|t_s| t_s.is_finite());
     let worth_a_look = matches!(
         report.condition,
         Condition::Stale | Condition::Fault | Condition::Disturbed
@@ -237,9 +237,9 @@ fn log_outcome(outcome: &Outcome) {
     match outcome.verdict {
         Verdict::Accepted => tracing::info!(
             reason,
-            heading_sd_deg = outcome.heading_sd_deg.map(brief),
-            gyro_rms_deg = outcome.gyro_rms_deg.map(brief),
-            residual_mgauss = outcome.residual_mgauss.map(brief),
+            heading_sd_deg = outcome.heading_sd_deg.map(to_thousandths),
+            gyro_rms_deg = outcome.gyro_rms_deg.map(to_thousandths),
+            residual_mgauss = outcome.residual_mgauss.map(to_thousandths),
             "calibration accepted: {message}"
         ),
         Verdict::Kept => tracing::info!(reason, "active calibration kept: {message}"),

@@ -221,26 +221,27 @@ impl Daemon {
         let latest = latest.filter(|heading| heading.magnetic_deg().is_some());
         let latest = latest.as_ref();
         let reference = |field: &EarthField| ReferenceSummary {
-            strength_mgauss: brief(field.strength_mgauss.value),
-            dip_deg: brief(field.dip_deg.value),
+            strength_mgauss: to_hundredths(field.strength_mgauss.value),
+            dip_deg: to_hundredths(field.dip_deg.value),
         };
         let active = |calibration: Calibration| ActiveSummary {
             mode: Some(calibration.parameters.mode()),
-            strength_mgauss: brief(calibration.strength_mgauss),
+            strength_mgauss: to_hundredths(calibration.strength_mgauss),
         };
         let board = history.board(&session.config.mounting.board());
         // Rounded again, since the remainder has more digits.
-        let degrees = |angle: Option<f64>| Some(brief(brief(angle?).rem_euclid(360.0)));
+        let degrees =
+            |angle: Option<f64>| Some(to_hundredths(to_hundredths(angle?).rem_euclid(360.0)));
         Answer::done(message).with_all(&DaemonStatus {
             cal_state: report.map(|report| report.condition.word().to_owned()),
             reason: report.map(|report| report.reason.to_owned()),
             heading: latest.and_then(|it| degrees(it.true_deg())),
             mheading: latest.and_then(|it| degrees(it.magnetic_deg())),
-            heading_sd: latest.and_then(|it| it.sd_deg.map(brief)),
+            heading_sd: latest.and_then(|it| it.sd_deg.map(to_hundredths)),
             policy: history.policy,
             armed: session.pipeline.wanted() == Some(CalibrationOrigin::Start),
             calibrating: session.pipeline.is_calibrating(),
-            progress: session.pipeline.progress().map(brief),
+            progress: session.pipeline.progress().map(to_hundredths),
             calibration: history.active().map(|entry| described(entry, history)),
             last: self.concluded.clone(),
             reference: session.north.true_north.field().map(reference),
@@ -263,7 +264,7 @@ impl Daemon {
 }
 
 /// To two decimal places, as headings are published.
-fn brief(value: f64) -> f64 {
+fn to_hundredths(value: f64) -> f64 {
     rounded(value, 2)
 }
 

@@ -59,7 +59,7 @@ impl Recording {
                 ReadingsFrom::Source(Box::new(source))
             }
             Ok(server) => {
-                let daemon = Daemon::with(source, server, &config, sockets)?;
+                let daemon = Daemon::serving_on(source, server, &config, sockets)?;
                 ReadingsFrom::Daemon(Box::new(daemon))
             }
         };

@@ -35,10 +35,10 @@ impl Pipeline {
         measured_s: Option<f64>,
         actions: &mut Vec<Action>,
     ) {
-        let pose = self.estimate_from(t_s, raw, measured_s);
+        let pose = self.feed_estimate(t_s, raw, measured_s);
         actions.extend(self.estimate.take_news().map(Action::Warn));
         let right = self.gyro_is_right();
-        let found = self.find(t_s, raw, pose.filter(|_| right));
+        let found = self.weigh_sample(t_s, raw, pose.filter(|_| right));
         if found.published.is_some() && self.wanted().is_some() {
             self.learning.calibrated = true;
         }
@@ -55,8 +55,9 @@ impl Pipeline {
         actions.push(Action::Publish(heading));
     }
 
-    /// Finds the heading: by a pose that is to be trusted, if there is one, and by the sample alone.
-    fn find(&mut self, t_s: f64, raw: &Vector3<f64>, pose: Option<Pose>) -> FoundHeading {
+    /// Finds the heading by a pose that is to be trusted, if there is one, and by the sample alone. Takes note of the field's strength and of
+    /// the heading's deviation.
+    fn weigh_sample(&mut self, t_s: f64, raw: &Vector3<f64>, pose: Option<Pose>) -> FoundHeading {
         let level = self.intake.attitude.down_and_sd(t_s, pose.is_some());
         let calibrated = self.learning.calibrated;
         let corrected = self.estimate.corrected(raw).filter(|_| calibrated);
@@ -120,7 +121,7 @@ impl Pipeline {
 
     /// Gives the estimate a sample that was measured at `measured_s`, if it is new and the gyro knows the pose then. Returns the pose at
     /// `t_s`.
-    fn estimate_from(
+    fn feed_estimate(
         &mut self,
         t_s: f64,
         raw: &Vector3<f64>,

@@ -67,7 +67,7 @@ pub(super) struct Findings {
     pub(super) points: Thin<Point>,
     /// The first report of each run with one condition and reason.
     pub(super) changes: Vec<Report>,
-    /// Verdicts with their times, of turns and of motion; without the swarm, whose fitness is long.
+    /// Verdicts with their times, of turns and of motion; without the swarm, whose fit values are many.
     pub(super) verdicts: Vec<(f64, Box<Outcome>)>,
     /// The turn that the figures show: the last that was not refused, or else the last.
     pub(super) turn: Option<Judged>,

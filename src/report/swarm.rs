@@ -21,10 +21,10 @@ pub(super) fn of(judged: &Judged, stop: StopChoice) -> Option<SwarmReport> {
 /// Fitness by iteration (Figures 8 and 10).
 pub(super) fn fitness(basic: Option<&SwarmReport>, mpsot: Option<&SwarmReport>) -> String {
     let line = |swarm: Option<&SwarmReport>, hue| {
-        let fitness = swarm.map_or(&[][..], |swarm| &swarm.fitness);
+        let fit_values = swarm.map_or(&[][..], |swarm| &swarm.fit_values);
         // Iterations are counted from 1, and both axes go by powers of ten.
         let points: Vec<(f64, f64)> = (1..)
-            .zip(fitness)
+            .zip(fit_values)
             .filter(|(_, fit)| fit.is_finite() && **fit > 0.0)
             .map(|(iteration, fit)| (f64::from(iteration).log10(), fit.log10()))
             .collect();

@@ -72,7 +72,7 @@ impl OpenLink {
 
 #[derive(Default)]
 pub(super) struct Chain {
-    angle: f64,
+    full_turn_rad: f64,
     cos_tolerance: f64,
     time_limit_s: f64,
     links: VecDeque<Link>,
@@ -90,7 +90,7 @@ pub(super) struct Chain {
 impl Chain {
     pub(super) fn new(settings: &Settings) -> Self {
         Self {
-            angle: settings.angle_deg.to_radians(),
+            full_turn_rad: settings.angle_deg.to_radians(),
             cos_tolerance: settings.axis_tolerance_deg.to_radians().cos(),
             time_limit_s: settings.time_limit_s,
             ..Self::default()
@@ -98,7 +98,7 @@ impl Chain {
     }
 
     pub(super) fn progress(&self) -> f64 {
-        self.span / self.angle
+        self.span / self.full_turn_rad
     }
 
     /// Takes a tick. `patience_rad`: the detector about the vertical, which trims the start more finely, is about to find a turn;
@@ -137,11 +137,12 @@ impl Chain {
         let now = self.net + self.axis.dot(&turned);
         let (rise, fall) = (now - self.least.1, self.most.1 - now);
         self.span = rise.max(fall);
-        if self.span >= self.angle {
+        if self.span >= self.full_turn_rad {
             let (first, _) = if rise > fall { self.least } else { self.most };
             let turn = self.close(tick.t_s, first);
             let upright = |turn: &Turn| turn.from_vertical_deg.is_some_and(|deg| deg < UPRIGHT_DEG);
-            if self.span >= self.angle + patience_rad || !turn.is_some_and(|t| upright(&t)) {
+            if self.span >= self.full_turn_rad + patience_rad || !turn.is_some_and(|t| upright(&t))
+            {
                 return turn;
             }
         }

@@ -44,7 +44,7 @@ enum Look {
 struct Note {
     t_s: f64,
     /// Net rotation about up, radians.
-    angle: f64,
+    turned_rad: f64,
     /// Rotation about up both ways, radians, and the body's up weighted with it.
     travel: f64,
     up: Vector3<f64>,
@@ -55,7 +55,7 @@ struct Note {
 
 #[derive(Default)]
 pub(super) struct Vertical {
-    angle: f64,
+    full_turn_rad: f64,
     time_limit_s: f64,
     now: Option<Note>,
     resting: bool,
@@ -73,7 +73,7 @@ pub(super) struct Vertical {
 impl Vertical {
     pub(super) fn new(settings: &Settings) -> Self {
         Self {
-            angle: settings.angle_deg.to_radians(),
+            full_turn_rad: settings.angle_deg.to_radians(),
             time_limit_s: settings.time_limit_s,
             next_look_s: f64::NEG_INFINITY,
             ..Self::default()
@@ -88,13 +88,20 @@ impl Vertical {
     pub(super) fn progress(&self) -> f64 {
         let Some(now) = &self.now else { return 0.0 };
         let (rise, fall) = self.spans(now);
-        rise.max(fall) / self.angle
+        rise.max(fall) / self.full_turn_rad
     }
 
     /// By how much the net rotation has risen since its least note, and fallen since its most, radians.
     fn spans(&self, now: &Note) -> (f64, f64) {
-        let at = |index: usize| self.notes.get(index).map_or(now.angle, |note| note.angle);
-        (now.angle - at(self.least), at(self.most) - now.angle)
+        let at = |index: usize| {
+            self.notes
+                .get(index)
+                .map_or(now.turned_rad, |note| note.turned_rad)
+        };
+        (
+            now.turned_rad - at(self.least),
+            at(self.most) - now.turned_rad,
+        )
     }
 
     /// Takes a tick of which the vertical is known.
@@ -114,7 +121,7 @@ impl Vertical {
         self.waits = false;
         for _ in 0..LOOKS {
             let (rise, fall) = self.spans(&now);
-            if rise.max(fall) < self.angle {
+            if rise.max(fall) < self.full_turn_rad {
                 break;
             }
             self.next_look_s = now.t_s + NOTE_S;
@@ -137,29 +144,29 @@ impl Vertical {
 
     fn advance(&mut self, tick: &Tick) -> Note {
         let orientation = tick.pose.orientation;
-        let before = self.now.get_or_insert(Note {
+        let now = self.now.get_or_insert(Note {
             t_s: tick.t_s - TICK_S,
-            angle: 0.0,
+            turned_rad: 0.0,
             travel: 0.0,
             up: Vector3::zeros(),
             earth: Vector3::zeros(),
             orientation,
         });
         if self.notes.is_empty() {
-            self.notes.push_back(*before);
+            self.notes.push_back(*now);
         }
-        before.t_s = tick.t_s;
-        before.orientation = orientation;
+        now.t_s = tick.t_s;
+        now.orientation = orientation;
         if !tick.at_rest {
             let turned = tick.rate_rad_s * TICK_S;
             let up = orientation.inverse_transform_vector(&Vector3::z());
             let about_up = turned.dot(&up);
-            before.angle += about_up;
-            before.travel += about_up.abs();
-            before.up += up * about_up.abs();
-            before.earth += orientation * turned;
+            now.turned_rad += about_up;
+            now.travel += about_up.abs();
+            now.up += up * about_up.abs();
+            now.earth += orientation * turned;
         }
-        *before
+        *now
     }
 
     /// Adds a note when due, but a rest fills no memory; drops those too old.
@@ -184,10 +191,10 @@ impl Vertical {
         (self.least, self.most) = (0, 0);
         for (i, note) in self.notes.iter().enumerate() {
             // The last of equals: a rest before the turn does not belong to it.
-            if note.angle <= self.notes[self.least].angle {
+            if note.turned_rad <= self.notes[self.least].turned_rad {
                 self.least = i;
             }
-            if note.angle >= self.notes[self.most].angle {
+            if note.turned_rad >= self.notes[self.most].turned_rad {
                 self.most = i;
             }
         }
@@ -198,27 +205,27 @@ impl Vertical {
         let extreme = if sign > 0.0 { self.least } else { self.most };
         let creep_rad_s = self.creep_rad_s(extreme, now, sign);
         let goes_on = |from: &Note, to: &Note| {
-            (to.angle - from.angle) * sign >= creep_rad_s * (to.t_s - from.t_s)
+            (to.turned_rad - from.turned_rad) * sign >= creep_rad_s * (to.t_s - from.t_s)
         };
         let steady = self.steady(extreme, goes_on, sign);
-        let made = (now.angle - self.notes[steady].angle) * sign;
-        let before = (self.notes[steady].angle - self.notes[extreme].angle) * sign;
-        let whole = made >= self.angle;
+        let made = (now.turned_rad - self.notes[steady].turned_rad) * sign;
+        let before = (self.notes[steady].turned_rad - self.notes[extreme].turned_rad) * sign;
+        let whole = made >= self.full_turn_rad;
         let a_while_ago = self
             .notes
             .iter()
             .rfind(|note| now.t_s - note.t_s >= STOPPED_S);
         let turns_on = a_while_ago.is_some_and(|then| goes_on(then, now));
-        if !whole && before > BACK_RAD && made >= HALF_MADE * self.angle && turns_on {
+        if !whole && before > BACK_RAD && made >= HALF_MADE * self.full_turn_rad && turns_on {
             return Look::Wait;
         }
         let start = self.trim(if whole { steady } else { extreme }, goes_on);
         let first = &self.notes[start];
-        let angle = (now.angle - first.angle) * sign;
+        let turned_rad = (now.turned_rad - first.turned_rad) * sign;
         let Some(heading) = self.heading_since(start, now) else {
             return Look::NeverFrom(start);
         };
-        if angle < self.angle || heading * sign < self.angle - SLACK_RAD {
+        if turned_rad < self.full_turn_rad || heading * sign < self.full_turn_rad - SLACK_RAD {
             return Look::NotYet;
         }
         let up = (now.up - first.up) / (now.travel - first.travel);
@@ -235,14 +242,14 @@ impl Vertical {
 
     /// Slowest rotation that belongs to the turn since a note, rad/s: a turn that is slow throughout does not creep at its start.
     fn creep_rad_s(&self, extreme: usize, now: &Note, sign: f64) -> f64 {
-        let from = self.notes[extreme].angle;
-        let half_way = from + 0.5 * (now.angle - from);
+        let from = self.notes[extreme].turned_rad;
+        let half_way = from + 0.5 * (now.turned_rad - from);
         let last_below = self
             .notes
             .iter()
-            .rfind(|note| (note.angle - half_way) * sign < 0.0);
+            .rfind(|note| (note.turned_rad - half_way) * sign < 0.0);
         let late_rate = last_below.map_or(f64::INFINITY, |note| {
-            (now.angle - note.angle).abs() / (now.t_s - note.t_s).max(NOTE_S)
+            (now.turned_rad - note.turned_rad).abs() / (now.t_s - note.t_s).max(NOTE_S)
         });
         CREEP_RAD_S.min(late_rate / 4.0)
     }
@@ -253,7 +260,7 @@ impl Vertical {
         let mut steady = self.notes.len() - 1;
         for i in (extreme..self.notes.len()).rev() {
             let here = &self.notes[i];
-            let back = (here.angle - self.notes[steady].angle) * sign;
+            let back = (here.turned_rad - self.notes[steady].turned_rad) * sign;
             let ahead = self.ahead(i, STOPPED_S);
             if back > BACK_RAD || ahead.is_some_and(|ahead| !goes_on(here, ahead)) {
                 break;
