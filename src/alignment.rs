@@ -136,10 +136,9 @@ pub fn align(readings: &[Reading], dips_down: bool) -> Result<Alignment, Alignme
     };
     let (fields, forces) = (vectors(&mag, &mag_found), vectors(&accel, &accel_found));
     let accel_reads = accelerometer_reads(&fields, &forces, dips_down);
-    let upward = if accel_reads == AccelerometerReads::Gravity {
-        -1.0
-    } else {
-        1.0
+    let upward = match accel_reads {
+        AccelerometerReads::Gravity => -1.0,
+        _ => 1.0,
     };
     let body = upright(&(force_at_first(&forces) * upward));
     Ok(Alignment {

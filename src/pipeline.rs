@@ -21,7 +21,8 @@ use crate::attitude;
 use crate::calibration::model::Calibration;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::policy::{CalibrationOrigin, Policy};
-use crate::calibration::{self, FieldSample, Request, verdict};
+use crate::calibration::verdict::{self, Refusal};
+use crate::calibration::{self, FieldSample, Request};
 use crate::check::{Fault, settings};
 use crate::condition::{Condition, Report, SourceFault};
 use crate::estimate::{Estimate, Sample, UNKNOWN_SD_DEG};
@@ -164,7 +165,7 @@ pub struct Pipeline {
     policy: Policy,
     /// [`Event::Start`] was asked for, and no motion has been taken since.
     armed: bool,
-    refused: Option<(&'static str, String)>,
+    refused: Option<Refusal>,
     /// The end of the last turn that was refused for its samples, seconds.
     bad_turn_s: f64,
     fault: Option<SourceFault>,

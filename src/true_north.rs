@@ -2,6 +2,7 @@
 
 mod model;
 
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 use world_magnetic_model::WarningZone;
@@ -9,6 +10,9 @@ use world_magnetic_model::WarningZone;
 use crate::check::{Fault, settings};
 
 pub use model::{EarthField, Position, ValueWithSd};
+
+/// Heights above the ellipsoid for which the model holds, metres.
+pub const ALTITUDE_M: RangeInclusive<f64> = -1000.0..=850_000.0;
 
 /// The declination is the same within this, degrees north and east: it changes by some hundredths of a degree.
 const NEAR_DEG: f64 = 0.02;
@@ -21,7 +25,7 @@ settings! {
         /// The same, east.
         longitude_deg: Option<f64> = None, -180.0..=180.0, "degrees";
         /// Its height above the ellipsoid of WGS 84; a kilometre changes little.
-        altitude_m: f64 = 0.0, -1000.0..=850_000.0, "metres";
+        altitude_m: f64 = 0.0, ALTITUDE_M, "metres";
         /// How far magnetic north is east of true north, in place of the model's answer.
         declination_deg: Option<f64> = None, -180.0..=180.0, "degrees";
         /// A gpsd that says where the compass is: an address in numbers with a port, or the absolute path of a Unix socket.

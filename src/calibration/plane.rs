@@ -178,7 +178,7 @@ fn rotation_axis(request: &Request) -> Option<Vector3<f64>> {
 /// into it, then normal × first, so that a scale factor an axis still fits. Axes that are as near
 /// within two degrees are taken in the order X, Y, Z; the normal is taken to point along the chip axis
 /// nearest to it, so that a level board's plane is (X, Y).
-pub fn basis_across(normal: &Vector3<f64>) -> Option<[Vector3<f64>; 2]> {
+fn basis_across(normal: &Vector3<f64>) -> Option<[Vector3<f64>; 2]> {
     let mut normal = Unit::try_new(*normal, 1e-9)?.into_inner();
     if normal[normal.iamax()] < 0.0 {
         normal = -normal;

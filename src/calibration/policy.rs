@@ -47,14 +47,10 @@ mod tests {
 
     #[test]
     fn origins_of_earlier_versions_are_read() {
+        use CalibrationOrigin::{Import, Log, Start, Turn};
         let read = |word: &str| serde_json::from_str::<CalibrationOrigin>(word).unwrap();
-        assert_eq!(read("\"stale\""), CalibrationOrigin::Turn);
-        for origin in [
-            CalibrationOrigin::Turn,
-            CalibrationOrigin::Start,
-            CalibrationOrigin::Import,
-            CalibrationOrigin::Log,
-        ] {
+        assert_eq!(read("\"stale\""), Turn);
+        for origin in [Turn, Start, Import, Log] {
             assert_eq!(read(&format!("{:?}", origin.word())), origin);
         }
     }

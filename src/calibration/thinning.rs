@@ -6,7 +6,7 @@ use crate::turn::Turn;
 
 /// The most samples that are kept: 87 minutes at 50 Hz.
 pub const MOST: usize = 1 << 18;
-/// Thinning keeps at most one sample in so many of the most, so that it is seldom needed.
+/// Thinning goes down to one part in so many of the most, so that it is seldom needed.
 const KEPT_PART: usize = 2;
 
 /// Samples in order of time.

@@ -171,6 +171,7 @@ impl Limit {
 #[rustfmt::skip]
 fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = (Limit, &'static str, &'static str)> {
     use Bound::{AtLeast, AtMost, True};
+    const WRONG_STRENGTH: &str = "the earth's is 220 to 670 mG, and half to twice that is allowed: check the unit and the range of the magnetometer";
     let percent = |share: f64| 100.0 * share;
     let largest = m.scale.iter().copied().fold(f64::MIN, f64::max);
     let smallest = m.scale.iter().copied().fold(f64::MAX, f64::min);
@@ -194,9 +195,9 @@ fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = (Limit, &'static str, &
     };
     [
         ("field_unit", "strength of the field", "mG", strength, AtMost(*EARTH_MGAUSS.end()),
-         "the earth's is 220 to 670 mG, and half to twice that is allowed: check the unit and the range of the magnetometer"),
+         WRONG_STRENGTH),
         ("field_unit", "strength of the field", "mG", whole, AtLeast(*EARTH_MGAUSS.start()),
-         "the earth's is 220 to 670 mG, and half to twice that is allowed: check the unit and the range of the magnetometer"),
+         WRONG_STRENGTH),
         ("field_unit", "strength of the field in the plane of the turn", "mG", in_plane, AtLeast(LEAST_HORIZONTAL_MGAUSS),
          "the earth's horizontal field is 60 to 420 mG where a compass works: check the unit and the range of the magnetometer"),
         ("coverage", "coverage of the circle", "degrees", m.coverage_deg, AtLeast(l.coverage_deg),

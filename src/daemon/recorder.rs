@@ -76,11 +76,8 @@ pub(super) type Ending = oneshot::Receiver<(u64, Result<(), RecordError>)>;
 impl Recorder {
     /// Starts to record into one file. What becomes of it comes out of the second value.
     pub(super) fn file(path: &Path, header: Header) -> Result<(Self, Ending), DaemonError> {
-        Self::start(
-            Destination::File(path.to_owned()),
-            header,
-            DiskRoom::default(),
-        )
+        let destination = Destination::File(path.to_owned());
+        Self::start(destination, header, DiskRoom::default())
     }
 
     /// Starts to record into a ring of files, if the settings say so. It takes no room that the store needs.

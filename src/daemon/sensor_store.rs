@@ -168,11 +168,8 @@ mod tests {
             let mut next = open(name, &here.running());
             next.take_over(&here);
             assert_eq!(next.history().last_number, right, "{name}");
-            assert_eq!(
-                next.history().policy == Policy::Off,
-                name == "off",
-                "{name}"
-            );
+            let is_off = next.history().policy == Policy::Off;
+            assert_eq!(is_off, name == "off", "{name}");
         }
     }
 }

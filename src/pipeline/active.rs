@@ -135,7 +135,7 @@ impl Pipeline {
                     if verdict == Verdict::Rejected && !MORE_HELPS.contains(&outcome.reason) {
                         self.bad_turn_s = job.end_s;
                     }
-                    self.refused = Some((outcome.reason, outcome.message.clone()));
+                    self.refused = Some(Refusal::new(outcome.reason, outcome.message.clone()));
                 }
             }
         }

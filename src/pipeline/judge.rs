@@ -4,9 +4,11 @@ use std::borrow::Cow;
 
 use super::{Action, Pipeline};
 use crate::calibration::policy::Policy;
+use crate::calibration::verdict::Refusal;
 use crate::condition::{Condition, Report};
 use crate::estimate::GyroFault;
 use crate::outliers::LARGEST_FIELD_MGAUSS;
+use crate::reading::{STRONGEST_MGAUSS, WEAKEST_MGAUSS};
 
 /// A field that was disturbed is called so until it has been calm for this long, seconds.
 const CALM_S: f64 = 3.0;
@@ -145,7 +147,7 @@ impl Pipeline {
             );
             return self.report_as(Condition::Turning, "turning", message);
         }
-        if let Some((reason, message)) = &self.refused {
+        if let Some(Refusal { reason, message }) = &self.refused {
             let message = format!("the last attempt gave no calibration: {message}");
             return self.report_as(Condition::Uncalibrated, reason, message);
         }
@@ -275,6 +277,7 @@ impl Pipeline {
 /// The message for a field strength found nowhere on earth, milligauss.
 pub(super) fn wrong_strength(strength_mgauss: f64) -> String {
     format!(
-        "the field is {strength_mgauss:.0} mG strong, and the earth's is 220 to 670: check the magnetometer's unit and range"
+        "the field is {strength_mgauss:.0} mG strong, and the earth's is {WEAKEST_MGAUSS} to {STRONGEST_MGAUSS}: check the \
+         magnetometer's unit and range"
     )
 }

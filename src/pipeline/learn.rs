@@ -29,7 +29,7 @@ pub(super) struct Learning {
     /// its fit leaves out the place and the rotation between chips.
     last: Option<Parameters>,
     last_sd_deg: Option<f64>,
-    pub(super) last_s: f64,
+    last_s: f64,
 }
 
 impl Learning {
@@ -44,6 +44,11 @@ impl Learning {
             initial,
             last_s: f64::NEG_INFINITY,
         }
+    }
+
+    /// The times that follow have nothing to do with those before.
+    pub(super) fn begin_stretch(&mut self) {
+        self.last_s = f64::NEG_INFINITY;
     }
 
     /// Whether what is learnt may be kept again.

@@ -18,6 +18,7 @@ impl Pipeline {
             job.end_s = f64::NEG_INFINITY;
         }
         self.sample = None;
+        self.learning.begin_stretch();
         self.estimate.lose_frame();
         self.report = None;
         self.readings_s = None;
@@ -31,7 +32,6 @@ impl Pipeline {
             &mut self.bad_turn_s,
             &mut self.disturbed_s,
             &mut self.strength_s,
-            &mut self.learning.last_s,
         ] {
             *time_s = f64::NEG_INFINITY;
         }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use crate::date;
-use crate::true_north::Position;
+use crate::true_north::{ALTITUDE_M, Position};
 
 /// gpsd's `mode` of a 2D fix, which has latitude and longitude; a 3D fix has the altitude too.
 const FIX_2D: u8 = 2;
@@ -37,7 +37,7 @@ pub(super) fn read(line: &[u8]) -> Option<(Position, Option<Duration>)> {
         altitude_m: tpv
             .alt_hae
             .or(tpv.alt)
-            .filter(|altitude_m| (-1000.0..=850_000.0).contains(altitude_m))
+            .filter(|altitude_m| ALTITUDE_M.contains(altitude_m))
             .unwrap_or(0.0),
     };
     let time = tpv.time.and_then(|time| date::parse_rfc3339(&time));

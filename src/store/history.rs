@@ -199,7 +199,7 @@ impl History {
     }
 
     /// The calibration with this number.
-    pub fn entry(&self, number: u64) -> Option<&KeptCalibration> {
+    fn entry(&self, number: u64) -> Option<&KeptCalibration> {
         self.entries.iter().find(|entry| entry.number == number)
     }
 

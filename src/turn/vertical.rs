@@ -93,15 +93,13 @@ impl Vertical {
 
     /// By how much the net rotation has risen since its least note, and fallen since its most, radians.
     fn spans(&self, now: &Note) -> (f64, f64) {
-        let at = |index: usize| {
-            self.notes
-                .get(index)
-                .map_or(now.turned_rad, |note| note.turned_rad)
-        };
-        (
-            now.turned_rad - at(self.least),
-            at(self.most) - now.turned_rad,
-        )
+        let note = |index: usize| self.notes.get(index).unwrap_or(now);
+        let (least, most) = (note(self.least), note(self.most));
+        let (rise, fall) = (
+            now.turned_rad - least.turned_rad,
+            most.turned_rad - now.turned_rad,
+        );
+        (rise, fall)
     }
 
     /// Takes a tick of which the vertical is known.

@@ -219,11 +219,8 @@ fn kill_again_and_again(seed: usize, kills: usize) -> usize {
         );
         assert_eq!(history.active, Some(newest));
         for entry in &history.entries {
-            assert_eq!(
-                entry.record,
-                record(entry.number),
-                "seed {seed}, kill {kill}"
-            );
+            let right = record(entry.number);
+            assert_eq!(entry.record, right, "seed {seed}, kill {kill}");
         }
         // Besides the file there is the lock, which nobody holds any more.
         in_the_midst += usize::from(fs::read_dir(folder.path()).unwrap().count() > 2);

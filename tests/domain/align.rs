@@ -157,11 +157,8 @@ fn every_way_in_which_chips_lie_is_found() {
             same_but_for_ahead(&mountings, &board.mountings),
             "{found:?}"
         );
-        assert_eq!(
-            found.accel_reads == AccelerometerReads::Gravity,
-            gravity,
-            "{found:?}"
-        );
+        let reads_gravity = found.accel_reads == AccelerometerReads::Gravity;
+        assert_eq!(reads_gravity, gravity, "{found:?}");
     }
 }
 

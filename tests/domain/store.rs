@@ -172,9 +172,8 @@ fn a_covariance_or_a_bias_of_a_chip_that_cannot_be_one_is_damage() {
             "sensor": "hmc5843", "mag_axes": "+y -x +z", "in_force": 1, "last_number": 1,
             "history": [{"number": 1, "calibration": calibration.clone()}]
         }]);
-        let error = CalibrationFile::from_value(damaged)
-            .unwrap_err()
-            .to_string();
+        let error = CalibrationFile::from_value(damaged).unwrap_err();
+        let error = error.to_string();
         assert!(error.contains(part), "{error}");
         calibration[key][at] = right;
     }
@@ -219,15 +218,10 @@ fn old_files_load() {
         panic!("{stick:?}");
     };
     // It is from version 1, of a board whose clock was not set.
-    assert_eq!(
-        (first.record.saved_unix_s, first.record.origin),
-        (None, None)
-    );
-    assert_eq!(third.record.origin, Some(CalibrationOrigin::Start));
-    assert_eq!(
-        (third.record.gyro_rms_deg, third.record.samples),
-        (Some(0.75), Some(560))
-    );
+    let (first, third) = (first.record, third.record);
+    assert_eq!((first.saved_unix_s, first.origin), (None, None));
+    assert_eq!(third.origin, Some(CalibrationOrigin::Start));
+    assert_eq!((third.gyro_rms_deg, third.samples), (Some(0.75), Some(560)));
     assert_eq!((razor.policy, razor.active()), (Policy::Off, None));
 
     let found = Store::read_file(&data.join("store-3.json")).unwrap();
@@ -497,10 +491,8 @@ fn what_somebody_else_has_changed_meanwhile_is_set_aside() {
     next.keep(record(symmetric()), 10);
     let aside = store.save(&next, Some(&known)).unwrap().unwrap();
     assert!(aside.ends_with("calibration.json.changed-1"));
-    assert_eq!(
-        Store::read_file(&aside).unwrap(),
-        CalibrationFile::of(backup)
-    );
+    let found = Store::read_file(&aside).unwrap();
+    assert_eq!(found, CalibrationFile::of(backup));
     // A save of which nobody knows that it succeeded is repeated.
     assert_eq!(store.save(&next, Some(&known)).unwrap(), None);
     assert_eq!(load(&store).unwrap(), Some(next));

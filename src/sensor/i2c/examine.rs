@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::{Chips, Settings};
 use crate::condition::SourceFault;
 use crate::frame::Mountings;
-use crate::reading::{EARTH_MGAUSS, STANDARD_GRAVITY_M_S2};
+use crate::reading::{EARTH_MGAUSS, STANDARD_GRAVITY_M_S2, STRONGEST_MGAUSS, WEAKEST_MGAUSS};
 use crate::sensor::SourceEvent;
 use crate::sensor::bus::{Bus, Cause, read_byte};
 use crate::sensor::chip::magnetometer::AxisTest;
@@ -295,8 +295,8 @@ fn judge_field(expected: &Expected<'_>, report: &mut CheckReport, observed: &Obs
         report.problem(
             "field_strength",
             format!(
-                "the field has {strength:.0} milligauss, and the Earth's has 220 to 670; look for magnets, iron and \
-                 currents nearby, and check i2c.magnetometer"
+                "the field has {strength:.0} milligauss, and the Earth's has {WEAKEST_MGAUSS} to {STRONGEST_MGAUSS}; look for \
+                 magnets, iron and currents nearby, and check i2c.magnetometer"
             ),
         );
     }
