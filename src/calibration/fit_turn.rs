@@ -1,6 +1,5 @@
 //! Fits a turn: from samples to parameters, in two or three dimensions.
 
-use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
@@ -39,6 +38,39 @@ pub fn calibrate(
     cancelled: &AtomicBool,
     outcome: &mut Outcome,
 ) -> Result<String, Refusal> {
+    check_samples(request)?;
+    let plan = &plan(request)?;
+    outcome.mode = Some(plan.mode);
+    outcome.model = Some(Model::Diagonal);
+    outcome.samples.turn = plan.samples.len();
+    let turn = TurnFit {
+        request,
+        plan,
+        cancelled,
+    };
+    match plan.mode {
+        Mode::Planar => {
+            outcome.unobserved = &["across_plane", "soft_iron"];
+            outcome.basis = Some(plan.basis.map(Into::into));
+            let fitted = turn.fit::<2, 4, 5>(outcome)?;
+            turn.evaluate::<Diagonal<2>, 2, 4>(&fitted, outcome)
+        }
+        Mode::Spatial => {
+            let fitted = turn.fit::<3, 6, 7>(outcome)?;
+            let found = select_model(&fitted, turn.reference().is_some(), request.settings.model);
+            if let SoftIron::Found(fitted) = found {
+                return turn.evaluate::<Symmetric, 3, 9>(&fitted, outcome);
+            }
+            if let SoftIron::Unseen = found {
+                outcome.unobserved = &["soft_iron"];
+            }
+            turn.evaluate::<Diagonal<3>, 3, 6>(&fitted, outcome)
+        }
+    }
+}
+
+/// Refuses too few samples, and any that is no finite field with a finite time and pose.
+fn check_samples(request: &Request) -> Result<(), Refusal> {
     if request.samples.len() < LEAST_SAMPLES {
         return Err(Refusal::new(
             "too_few_samples",
@@ -62,51 +94,34 @@ pub fn calibrate(
             "a sample is not a finite number of milligauss, or its time or pose is none",
         ));
     }
-    let plan = plane::plan(request).ok_or_else(|| {
-        Refusal::new(
-            "no_plane",
-            "the gyro shows no rotation, so nothing tells the plane of the turn",
-        )
-    })?;
-    if !request.turns.is_empty() && plan.samples.len() < LEAST_IN_TURN {
-        return Err(Refusal::new(
-            "too_few_samples",
-            format!(
-                "the turn has {} magnetometer samples; at least {LEAST_IN_TURN} are needed, one each 15 degrees",
-                plan.samples.len()
-            ),
-        ));
-    }
-    outcome.mode = Some(plan.mode);
-    outcome.model = Some(Model::Diagonal);
-    outcome.samples.turn = plan.samples.len();
-    let work = TurnFit {
-        request,
-        plan: &plan,
-        cancelled,
-    };
-    match plan.mode {
-        Mode::Planar => {
-            outcome.unobserved = &["across_plane", "soft_iron"];
-            outcome.basis = Some(plan.basis.map(Into::into));
-            let fitted = work.fit::<2, 4, 5>(outcome)?;
-            work.evaluate::<Diagonal<2>, 2, 4>(&fitted, outcome)
-        }
-        Mode::Spatial => {
-            let fitted = work.fit::<3, 6, 7>(outcome)?;
-            let found = select_model(&fitted, work.reference().is_some(), request.settings.model);
-            if let SoftIron::Found(fitted) = found {
-                return work.evaluate::<Symmetric, 3, 9>(&fitted, outcome);
-            }
-            if let SoftIron::Unseen = found {
-                outcome.unobserved = &["soft_iron"];
-            }
-            work.evaluate::<Diagonal<3>, 3, 6>(&fitted, outcome)
-        }
-    }
+    Ok(())
 }
 
-/// A calibration under way.
+/// The plan, if there is a plane where one is needed, and enough samples in a turn.
+fn plan(request: &Request) -> Result<Plan, Refusal> {
+    let plan = plane::plan(request).ok_or_else(|| {
+        let message = "the gyro shows no rotation, so nothing tells the plane of the turn";
+        Refusal::new("no_plane", message)
+    })?;
+    let count = plan.samples.len();
+    if !request.turns.is_empty() && count < LEAST_IN_TURN {
+        let message = format!(
+            "the turn has {count} magnetometer samples; at least {LEAST_IN_TURN} are needed, one each 15 degrees"
+        );
+        return Err(Refusal::new("too_few_samples", message));
+    }
+    Ok(plan)
+}
+
+/// The samples hardly differ.
+fn no_motion() -> Refusal {
+    Refusal::new(
+        "no_motion",
+        "the field hardly changed: the board did not turn, the magnetometer is stuck, or its unit is not the one stated",
+    )
+}
+
+/// The fit of a turn: what it is asked for, and what was chosen for it.
 pub struct TurnFit<'a> {
     pub request: &'a Request,
     pub plan: &'a Plan,
@@ -127,45 +142,22 @@ impl TurnFit<'_> {
         &self,
         outcome: &mut Outcome,
     ) -> Result<Fitted<D, P>, Refusal> {
-        let settings = &self.request.settings;
         let reference = self.reference();
         if reference.is_some_and(|reference| !(reference > 0.0 && reference.is_finite())) {
-            return Err(Refusal::new(
-                "bad_reference",
-                "the reference field is not a strength above 0",
-            ));
+            let message = "the reference field is not a strength above 0";
+            return Err(Refusal::new("bad_reference", message));
         }
-        let samples = &self.request.samples[self.plan.samples.clone()];
-        let points: Vec<[f64; D]> = samples.iter().map(|one| self.plan.project(one)).collect();
-        let no_motion = || {
-            Refusal::new(
-                "no_motion",
-                "the field hardly changed: the board did not turn, the magnetometer is stuck, or its unit is not the one stated",
-            )
-        };
-        let swing = coverage::swing(&points);
-        if swing < LEAST_SWING_MGAUSS {
-            return Err(no_motion());
-        }
-        if let Some(axis) = self.stuck_axis(samples, &points, swing) {
-            let name = ["X", "Y", "Z"][axis];
-            return Err(Refusal::new(
-                "stuck_axis",
-                format!(
-                    "chip axis {name} read the same number while the field turned: it is stuck, or at the end of its range"
-                ),
-            ));
-        }
-
+        let points = self.moving_points::<D>()?;
         let windows = windows::<D>(self.request, self.plan);
-        let ends = windows.first().zip(windows.last());
-        outcome.window = ends.map(|(first, last)| first.start..last.end);
-        outcome.samples.window = windows.iter().map(Range::len).sum();
-
         let seen = windows
             .iter()
             .flat_map(|window| &self.request.samples[window.clone()]);
         let seen: Vec<[f64; D]> = seen.map(|one| self.plan.project(one)).collect();
+        let ends = windows.first().zip(windows.last());
+        outcome.window = ends.map(|(first, last)| first.start..last.end);
+        outcome.samples.window = seen.len();
+
+        let settings = &self.request.settings;
         let seen = fit::without_spikes(&seen);
         let bounds = fit::bounds(&seen, reference).ok_or_else(no_motion)?;
         let swarm = fit::swarm::<D, P, F>(&seen, &bounds, settings, self.cancelled);
@@ -184,14 +176,29 @@ impl TurnFit<'_> {
             bias_mgauss: swarm.position[..D].to_vec(),
             scale: swarm.position[D..].to_vec(),
         });
-
-        let fitted = self
-            .refine(points, &swarm.position, bounds.reference_mgauss, reference.is_some())
+        self.refine(points, &swarm.position, bounds.reference_mgauss, reference.is_some())
             .ok_or_else(|| {
                 let message = "no ellipse fits the samples: they show too little of the curve, or no curve at all";
                 Refusal::new("no_fit", message)
-            })?;
-        Ok(fitted)
+            })
+    }
+
+    /// The plan's samples along the calibrated axes, if the field swings in them and no axis is stuck.
+    fn moving_points<const D: usize>(&self) -> Result<Vec<[f64; D]>, Refusal> {
+        let samples = &self.request.samples[self.plan.samples.clone()];
+        let points: Vec<[f64; D]> = samples.iter().map(|one| self.plan.project(one)).collect();
+        let swing = coverage::swing(&points);
+        if swing < LEAST_SWING_MGAUSS {
+            return Err(no_motion());
+        }
+        if let Some(axis) = self.stuck_axis(samples, &points, swing) {
+            let name = ["X", "Y", "Z"][axis];
+            let message = format!(
+                "chip axis {name} read the same number while the field turned: it is stuck, or at the end of its range"
+            );
+            return Err(Refusal::new("stuck_axis", message));
+        }
+        Ok(points)
     }
 
     /// Finds a chip axis in the plane of the turn that is stuck or clipped: it reads the same number over an arc in which a working axis
