@@ -166,12 +166,7 @@ impl Daemon {
         config: &Config,
         mut service: Service,
     ) -> Result<Self, DaemonError> {
-        // Each client may need two files. The soft limit is low for the sake of programs that use select(2).
-        let files = getrlimit(Resource::Nofile);
-        let current = files.maximum;
-        if let Err(error) = setrlimit(Resource::Nofile, Rlimit { current, ..files }) {
-            tracing::warn!("cannot raise the limit of open files: {error}");
-        }
+        raise_file_limit();
         let (served, wanted) = (server.socket(), &config.socket.socket);
         tracing::info!("serving on socket {}", served.display());
         if served != *wanted {
@@ -324,6 +319,15 @@ impl Daemon {
             }
             self.tick(fresh);
         }
+    }
+}
+
+/// Each client may need two files. The soft limit is low for the sake of programs that use select(2).
+fn raise_file_limit() {
+    let files = getrlimit(Resource::Nofile);
+    let current = files.maximum;
+    if let Err(error) = setrlimit(Resource::Nofile, Rlimit { current, ..files }) {
+        tracing::warn!("cannot raise the limit of open files: {error}");
     }
 }
 

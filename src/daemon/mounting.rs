@@ -21,10 +21,8 @@ impl Daemon {
             return Ok(self.mounted());
         }
         let session = &self.session;
-        let (configured, chips) = (
-            session.config.mounting.board(),
-            session.source.header.mountings,
-        );
+        let configured = session.config.mounting.board();
+        let chips = session.source.header.mountings;
         let before = self.history().board(&configured);
         let board = if reset {
             configured

@@ -161,46 +161,20 @@ impl Survey {
     /// What comes of the log: what the motion in it has taught, or what `calibrate` makes of its turns, of its rotation, or of all samples.
     /// `None` if there are no gyro readings, and nothing else tells the plane.
     pub fn conclude(self, calibrate: impl FnOnce(&Request) -> Outcome) -> Option<Outcome> {
-        let fault = self.fault();
-        let fits_turns = self.fits_turns();
-        let settings = self.setup.calibration;
-        let needs_gyro = self.plane.is_none() && settings.mode != ModeChoice::Spatial;
+        let mode = self.setup.calibration.mode;
+        let needs_gyro = self.plane.is_none() && mode != ModeChoice::Spatial;
         // Two samples or fewer are refused as too few.
         if needs_gyro && !self.has_gyro && self.samples.len() > 2 {
             return None;
         }
-        let motion = self.motion.as_ref();
-        let learnt = motion.and_then(Pipeline::learnt_by_motion);
-        let mut learnt = learnt.map(|(outcome, _)| outcome);
-        if let Some(outcome) = &mut learnt {
-            outcome.samples.total = self.samples.len();
-        }
-        if learnt.is_some() && !fits_turns {
+        let learnt = self.learnt();
+        if learnt.is_some() && !self.fits_turns() {
             return learnt;
         }
+        let fault = self.fault();
+        let fitted = calibrate(&self.into_request());
         // A named mode asks for the turns' result.
-        learnt.take_if(|_| settings.mode != ModeChoice::Auto);
-        let samples = self.samples.into_samples();
-        let turns = (self.turns.iter())
-            .filter(|_| self.plane.is_none())
-            .map(|turn| CompletedTurn::among(&samples, turn))
-            .collect();
-        let moving = match self.rotation_s {
-            Some((first_s, last_s)) => during(&samples, first_s, last_s),
-            None => 0..samples.len(),
-        };
-        let request = Request {
-            rest: last_rest(samples[..moving.start].iter()),
-            moving,
-            samples,
-            turns,
-            plane: (self.plane).map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0))),
-            mounting: self.setup.mountings.mag,
-            settings,
-            limits: self.setup.verdict,
-        };
-        let fitted = calibrate(&request);
-        let outcome = match learnt {
+        let outcome = match learnt.filter(|_| mode == ModeChoice::Auto) {
             Some(learnt) => learnt.in_place_of(fitted),
             None => fitted,
         };
@@ -210,6 +184,36 @@ impl Survey {
             }
             _ => outcome,
         })
+    }
+
+    /// What the motion has taught.
+    fn learnt(&self) -> Option<Outcome> {
+        let (mut outcome, _) = self.motion.as_ref()?.learnt_by_motion()?;
+        outcome.samples.total = self.samples.len();
+        Some(outcome)
+    }
+
+    /// What is asked of a calibration on the turns, on the rotation, or on all samples.
+    fn into_request(self) -> Request {
+        let samples = self.samples.into_samples();
+        let turns = (self.turns.iter())
+            .filter(|_| self.plane.is_none())
+            .map(|turn| CompletedTurn::among(&samples, turn))
+            .collect();
+        let moving = match self.rotation_s {
+            Some((first_s, last_s)) => during(&samples, first_s, last_s),
+            None => 0..samples.len(),
+        };
+        Request {
+            rest: last_rest(samples[..moving.start].iter()),
+            moving,
+            samples,
+            turns,
+            plane: (self.plane).map(|axes| axes.map(|axis| Vector3::ith(axis, 1.0))),
+            mounting: self.setup.mountings.mag,
+            settings: self.setup.calibration,
+            limits: self.setup.verdict,
+        }
     }
 }
 

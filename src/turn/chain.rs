@@ -44,6 +44,23 @@ impl OpenLink {
         }
     }
 
+    /// Adds the rotation of a tick; returns all of it, a rotation vector in body axes.
+    fn turn(&mut self, tick: &Tick) -> Vector3<f64> {
+        let step = tick.rate_rad_s * TICK_S;
+        self.turned *= UnitQuaternion::from_scaled_axis(step);
+        let earth = self.earth.filter(|_| tick.pose.vertical_known);
+        self.earth = earth.map(|earth| earth + tick.pose.orientation * step);
+        let turned = self.turned.scaled_axis();
+        if !self.begun() {
+            self.start_s = tick.t_s;
+            self.earth = Some(Vector3::zeros());
+        }
+        if self.half.is_none() && turned.norm() >= 0.5 * LINK_RAD {
+            self.half = Some((tick.t_s, self.turned, self.earth));
+        }
+        turned
+    }
+
     /// What was turned after half a link, where that is about another axis than the whole: the axis has changed within.
     fn after_change(&self, cos_tolerance: f64) -> Option<Self> {
         let (start_s, turned, earth) = self.half?;
@@ -119,20 +136,7 @@ impl Chain {
             self.open = (!self.links.is_empty()).then_some(open);
             return None;
         }
-        let step = tick.rate_rad_s * TICK_S;
-        open.turned *= UnitQuaternion::from_scaled_axis(step);
-        open.earth = open
-            .earth
-            .filter(|_| tick.pose.vertical_known)
-            .map(|earth| earth + tick.pose.orientation * step);
-        let turned = open.turned.scaled_axis();
-        if !open.begun() {
-            open.start_s = tick.t_s;
-            open.earth = Some(Vector3::zeros());
-        }
-        if open.half.is_none() && turned.norm() >= 0.5 * LINK_RAD {
-            open.half = Some((tick.t_s, open.turned, open.earth));
-        }
+        let turned = open.turn(tick);
         self.open = Some(open);
         let now = self.net + self.axis.dot(&turned);
         let (rise, fall) = (now - self.least.1, self.most.1 - now);
