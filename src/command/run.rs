@@ -36,11 +36,9 @@ impl From<DaemonError> for Failure {
             DaemonError::Bind(_) | DaemonError::Listen(_) | DaemonError::Store(_) => {
                 Self::UNAVAILABLE
             }
-            DaemonError::Serve { .. } | DaemonError::NotKept(_) | DaemonError::Unanswered => {
-                Self::IO
-            }
+            DaemonError::Serve { .. } | DaemonError::NotKept(_) => Self::IO,
             DaemonError::Record(error) if error.at_start => Self::CANNOT_CREATE,
-            DaemonError::Record(_) => Self::IO,
+            DaemonError::Record(_) | DaemonError::Unanswered => Self::IO,
             DaemonError::Thread { .. } => Self::SYSTEM,
         };
         Self::new(status, error)

@@ -114,9 +114,8 @@ impl Disk {
     pub(super) async fn close(self, patience: Duration) -> Result<(), DaemonError> {
         drop(self.queue);
         let ended = self.thread.end(patience).await;
-        ended
-            .ok_or(DaemonError::Unanswered)?
-            .map_err(DaemonError::NotKept)
+        let ended = ended.ok_or(DaemonError::Unanswered)?;
+        ended.map_err(DaemonError::NotKept)
     }
 }
 

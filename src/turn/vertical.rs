@@ -93,13 +93,9 @@ impl Vertical {
 
     /// By how much the net rotation has risen since its least note, and fallen since its most, radians.
     fn spans(&self, now: &Note) -> (f64, f64) {
-        let note = |index: usize| self.notes.get(index).unwrap_or(now);
-        let (least, most) = (note(self.least), note(self.most));
-        let (rise, fall) = (
-            now.turned_rad - least.turned_rad,
-            most.turned_rad - now.turned_rad,
-        );
-        (rise, fall)
+        let turned_rad = |index: usize| self.notes.get(index).unwrap_or(now).turned_rad;
+        let rise = now.turned_rad - turned_rad(self.least);
+        (rise, turned_rad(self.most) - now.turned_rad)
     }
 
     /// Takes a tick of which the vertical is known.
