@@ -1,6 +1,7 @@
-//! Where the board points, how it turns and whether it rests: a thin wrapper of the VQF filter.
+//! Where the board points, how it turns and whether it rests.
 //!
-//! Gyro and accelerometer give tilt, gyro bias and orientation on an even clock. Pure: time comes with the readings.
+//! `clock` makes even ticks, `gyro_errors` learns the errors of gyro and accelerometer, `trim` finds a vehicle's acceleration, and `filter`
+//! carries VQF on. Pure: time comes with the readings.
 //!
 //! | whether the board moves | by | for |
 //! |---|---|---|
@@ -59,8 +60,8 @@ pub struct Pose {
     pub orientation: UnitQuaternion<f64>,
     /// Whether the earth frame's Z is known to be up.
     pub vertical_known: bool,
-    /// Changes at every gap in the gyro's readings, and where an accelerometer first levels the frame: poses of different stretches
-    /// cannot be compared.
+    /// Changes whenever the frame is lost (gap, seam, clipping, missed turn) and whenever an accelerometer begins to level it: poses of
+    /// different stretches cannot be compared.
     pub stretch: u32,
 }
 
@@ -102,7 +103,7 @@ pub struct GyroBias {
 pub struct TiltError {
     /// Time constant with which it fades, seconds.
     pub tau_s: f64,
-    /// How much of the gyro's bias tilts the frame, 0 to 1.
+    /// Share of the bias's tilt that is evidence of the bias, 0 to 1.
     pub by_bias: f64,
     /// One standard deviation on each horizontal axis, radians.
     pub whole_sd_rad: f64,
@@ -197,7 +198,7 @@ impl Attitude {
         (body != Vector3::zeros()).then(|| self.mountings.accel.to_chip(body))
     }
 
-    /// Forgets everything, and counts that in [`GyroBias::begun_anew`].
+    /// Forgets everything but the walk of the gyro's bias, and counts that in [`GyroBias::begun_anew`].
     pub fn renew(&mut self, settings: &Settings, mountings: &Mountings) {
         let mut anew = Self::new(settings, mountings);
         anew.filter.errors.take_place_of(&self.filter.errors);
@@ -270,7 +271,7 @@ impl Attitude {
         }
     }
 
-    /// How far the board has turned is unknown, and so is where down is.
+    /// Begins a new frame: orientation and vertical are unknown.
     fn lose_frame(&mut self) {
         self.filter.resume_after_gap();
         self.seam.stop_comparing();
@@ -308,7 +309,7 @@ impl Attitude {
     }
 
     /// Down at `t_s`, with a standard deviation, radians. If the gyro is not trusted, down is what the accelerometer feels. If it is
-    /// trusted, the deviation is 0: the heading from one sample adds that of a still board by itself.
+    /// trusted, the deviation is 0: `Estimate::instantaneous` adds that of a still board.
     pub fn down_and_sd(&self, t_s: f64, gyro_trusted: bool) -> Option<(Vector3<f64>, f64)> {
         if gyro_trusted {
             return Some((self.down(t_s)?, 0.0));
@@ -364,7 +365,8 @@ impl Attitude {
         self.filter.errors.gyro_bias().rad_s
     }
 
-    /// Delay of the gyro's readings that their times do not show, seconds: mean and deviation. Poses are older than their times by as much.
+    /// Mean delay of the gyro's readings that their times do not show, seconds; its deviation is as large. Poses are older than their times
+    /// by as much.
     pub fn unobservable_delay_s(&self) -> f64 {
         self.rate_late.unobservable_s()
     }

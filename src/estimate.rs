@@ -1,12 +1,13 @@
 //! The running estimate: one recursive filter over the field, the iron, the chips' axes and the gyro.
 //!
-//! It is fed by every magnetometer sample, and its covariance answers every question: which way the board points and
-//! how certainly, whether that may be published, whether the field is disturbed, and how good the calibration is.
-//! `filter` has the model and its equations, `covariance` where each parameter stands in it, `prior` what a filter starts from.
+//! It takes the usable magnetometer samples. State, covariance and innovations answer every question: which way the board points and how
+//! certainly, whether that may be published, whether the field is disturbed, and how good the calibration is. `filter` has the model and
+//! its equations, `covariance` where each parameter stands in it, `prior` what a filter starts from.
 //!
 //! Beside the active filter there may be a `rival`, which explains the samples in another way: with the result of a full turn, without
-//! it, or with iron that has just come or gone (`iron_watch`). `visit` carries on the filters from before something magnetic came near a
-//! resting board; `checkpoint` has what was known before an axis may have been saturated.
+//! it, or with iron that has just come or gone. `iron_watch` detects a hard iron that moves further than its covariance allows. `visit`
+//! carries on the filters from before something magnetic came near a still board; `checkpoint` has what was known before an axis may have
+//! been saturated.
 //!
 //! `gyro_check` compares the gyro with field and gravity, `place` the field with the earth's. The other files answer: `fix` gives the
 //! heading and its deviation (`level`: where down is, and how certainly; `kept`: headings by a stored calibration alone), `strength` the
@@ -98,7 +99,8 @@ struct Suspended {
 /// The estimate.
 pub struct Estimate {
     mounting: Mounting,
-    /// What there is before the active filter has begun: the calibration to start with, or the last that a turn gave.
+    /// The calibration until the active filter has begun: the initial one, or the last turn's result that became active. A fault of the
+    /// gyro falls back to it if no filter is `proven`.
     kept: Option<Calibration>,
     active: Filter,
     rival: Option<Rival>,
@@ -202,7 +204,7 @@ impl Estimate {
         let followed = following(&self.active, self.suspended.as_deref());
         let right = self.gyro.take(&input, followed, iron_open);
         let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
-        // At rest the filters read the bias themselves.
+        // On a still board the filters read the bias themselves.
         let measured = unbroken && !at_fault && !sample.board.still;
         self.learn_of_gyro_bias(sample, measured, lost || at_fault);
         if at_fault {
@@ -236,8 +238,9 @@ impl Estimate {
         self.iron.take(&self.active, period_s);
     }
 
-    /// Tells the filters how the attitude's gyro bias has changed. If that was `measured`, those that follow the samples learn from it. If
-    /// they `wait`, since this sample does not follow on the last or the gyro is at fault, their bias walks as the attitude's.
+    /// Tells all filters how the attitude's gyro bias has changed. If that was `measured`, the active filter, its rival and those kept for
+    /// a visit or an iron trial learn from it. If they `wait`, because the frame is lost or the gyro at fault, their bias walks as the
+    /// attitude's.
     fn learn_of_gyro_bias(&mut self, sample: &Sample, measured: bool, wait: bool) {
         let after = sample.board.gyro_bias;
         let before = self.gyro_bias.replace(after).unwrap_or(after);
@@ -289,12 +292,12 @@ impl Estimate {
                 }));
             }
         }
-        // The iron of another filter has not moved.
+        // Another filter's iron differs without having moved.
         self.iron = IronWatch::default();
         self.lose_frame();
     }
 
-    /// Whether it follows the samples: until then there is only the calibration that it starts with.
+    /// Whether the active filter has begun: until then at most the kept calibration is known.
     pub fn has_begun(&self) -> bool {
         self.active.begun
     }
@@ -347,8 +350,8 @@ impl Estimate {
         std::mem::take(&mut self.gyro_recovered)
     }
 
-    /// Takes the result of a full turn. If it knows the hard iron better, it is active from now on and what was known
-    /// becomes its rival, else the other way round. Whether the turn's result is active.
+    /// Takes the result of a full turn. If the result knows the hard iron better, a filter with it becomes active and the present one its
+    /// rival, else the other way round. Returns whether the result is active.
     pub fn adopt_turn(&mut self, calibration: &Calibration, sample: Option<&Sample>) -> bool {
         let Some(sample) = sample.filter(|_| self.active.begun) else {
             self.restart(self.mounting, Some(calibration));
@@ -378,7 +381,7 @@ impl Estimate {
         better
     }
 
-    /// A sample with iron and chip taken out, D⁻¹ (y − b), body axes, milligauss. Under a planar calibration it lies in the plane.
+    /// The corrected sample D⁻¹ (y − b), body axes, milligauss. As long as a kept planar calibration is used alone, it lies in that plane.
     pub fn corrected(&self, field_mgauss: &Vector3<f64>) -> Option<Vector3<f64>> {
         if let Some(kept) = self.kept_alone() {
             let chip = kept.parameters.correct(field_mgauss)?;
@@ -388,7 +391,7 @@ impl Estimate {
         Some(self.active.matrix().try_inverse()? * (body - self.active.bias_mgauss()))
     }
 
-    /// The kept calibration, until the active filter has begun. If it has a covariance, the filter knows from the start what it says.
+    /// The kept calibration while nothing else is known: the active filter has not begun, nor started from a calibration with a covariance.
     fn kept_alone(&self) -> Option<&Calibration> {
         let filter_knows = |kept: &&Calibration| self.active.begun || kept.covariance.is_some();
         self.kept.as_ref().filter(|kept| !filter_knows(kept))

@@ -4,17 +4,17 @@ use nalgebra::Vector3;
 
 /// A reading within this part of a full scale that is known is taken as clipped.
 const NEAR: f64 = 0.005;
-/// A full scale that is not known shows itself: an axis reads its largest value so often in a row, to the last bit, …
+/// An unknown full scale shows in an axis that reads its largest value this many times in a row, to the last bit.
 const SAME: u32 = 3;
-/// … and that is faster than this, degrees per second. Gyros have 250 or more; some are set to less.
+/// A full scale is larger than this, degrees per second. Gyros have 250 or more; some are set to less.
 const LEAST_RANGE_DEG_S: f64 = 100.0;
 
-/// Watches for such readings, and finds the full scale where neither configuration nor chip tells it.
+/// Detects readings at the full scale, and finds the full scale if it is not configured.
 #[derive(Default)]
 pub(super) struct ClipWatch {
     range_deg_s: Option<f64>,
-    /// Whether the configuration or the chip has told it.
-    told: bool,
+    /// Whether the full scale is configured.
+    configured: bool,
     largest: f64,
     newest: Vector3<f64>,
     /// How often in a row each axis has read the same.
@@ -27,7 +27,7 @@ impl ClipWatch {
     pub(super) fn new(range_deg_s: Option<f64>) -> Self {
         Self {
             range_deg_s,
-            told: range_deg_s.is_some(),
+            configured: range_deg_s.is_some(),
             same: [1; 3],
             ..Self::default()
         }
@@ -35,7 +35,7 @@ impl ClipWatch {
 
     /// Takes a reading in chip axes; `true` when it is the first good one after clipped ones.
     pub(super) fn take(&mut self, rate: &Vector3<f64>) -> bool {
-        if !self.told {
+        if !self.configured {
             self.seek_range(rate);
         }
         let was = self.clipped;

@@ -31,7 +31,7 @@ const WARM_UP_S: f64 = 0.5;
 /// A magnetometer that is silent for longer tells nothing, and its filters restart, seconds.
 const SILENT_S: f64 = 1.0;
 
-/// A fast and a slow low-pass of the raw field, which part while the board turns.
+/// Two pairs of low-passes of the raw field, a fast and a slow one each, which part while the board turns.
 #[derive(Default)]
 pub(super) struct FieldMotion {
     filters: Option<LowPasses>,
@@ -92,8 +92,9 @@ impl FieldMotion {
 
     /// How fast the board may turn although the field seems to stand still: one standard deviation, rad/s. Since the field stopped, the turn
     /// can have moved a weak horizontal field by at most `moved_mgauss`. Every average rate up to that is as likely, hence the maximum over
-    /// √3. A turn whose rate has grown evenly from 0 is now twice as fast as its average, hence the 2. Infinite while the field moves, when
-    /// `quiet_s` is 0, and until it has moved: a board that has just been switched on may be about to be moved for the first time.
+    /// √3. A turn whose rate has grown evenly from 0 is now twice as fast as its average, hence the 2. Infinite while the filters of either
+    /// pair are apart, and until those of the first have been: a board that has just been switched on may be about to be moved for the
+    /// first time.
     pub(super) fn hidden_rate_sd_rad_s(&self, t_s: f64) -> f64 {
         let put_down = self.live(t_s).filter(|filters| filters.quiet_s.is_finite());
         put_down.map_or(f64::INFINITY, |filters| {

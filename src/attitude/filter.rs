@@ -275,7 +275,7 @@ impl AttitudeFilter {
         state.rest_detected = false;
     }
 
-    /// Keeps the filter from taking a slow steady turn for rest, and its rate for bias.
+    /// Lets VQF detect rest, which depends on this option, only while the field stands still: a slow steady turn looks like rest.
     fn guard_rest(&mut self, end_s: f64, mean_rate: &Vector3<f64>) {
         let moving = self
             .field_motion
@@ -285,7 +285,7 @@ impl AttitudeFilter {
         self.vqf.set_rest_bias_est_enabled(!moving);
     }
 
-    /// The gyro's readings resume after a gap: the turn meanwhile is unknown.
+    /// Begins a new stretch: how far the board has turned is unknown.
     pub(super) fn resume_after_gap(&mut self) {
         self.stretch = self.stretch.wrapping_add(1);
         self.ticked = false;

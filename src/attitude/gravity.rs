@@ -55,7 +55,7 @@ impl Gravity {
                 self.shaken2 += (off * off - self.shaken2) * gain;
                 self.lag2 += (left.norm_squared() - self.lag2) * gain;
             }
-            // A step back by less than that is a late reading.
+            // A step back by less than `SILENT_S` is a late reading.
             Some((newest_s, _)) if (-SILENT_S..0.0).contains(&(t_s - newest_s)) => return,
             // The board may have turned meanwhile.
             _ => {

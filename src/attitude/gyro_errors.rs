@@ -26,7 +26,7 @@ use super::GyroBias;
 use super::bias_walk::{BiasWalk, LEAST_WALK_RAD_S};
 use super::gravity::GRAVITY_M_S2;
 use crate::frame::add_variance;
-use measure::DOUBTED;
+use measure::HELD_BACK_WINDOWS;
 use window::Window;
 
 mod measure;
@@ -83,9 +83,9 @@ const UPRIGHT: std::ops::Range<f64> = 0.8..0.95;
 
 /// The filter, and the errors that it takes out of the readings of gyro and accelerometer.
 pub(super) struct GyroErrors {
-    /// Body axes, rad/s.
+    /// b as it is taken out, body axes, rad/s.
     pub(super) bias: Vector3<f64>,
-    /// M.
+    /// M as it is taken out.
     pub(super) matrix: Matrix3<f64>,
     largest_bias_rad_s: f64,
     /// a as it is taken out, body axes, m/s², and r.
@@ -154,7 +154,7 @@ impl GyroErrors {
             window: Window::default(),
             bias_walk: BiasWalk::default(),
             timing_walk_s2: 0.0,
-            resting: VecDeque::with_capacity(DOUBTED + 1),
+            resting: VecDeque::with_capacity(HELD_BACK_WINDOWS + 1),
             doubted2: 0.0,
             walked2: 0.0,
             begun_anew: 0,
@@ -291,7 +291,7 @@ impl GyroErrors {
         }
     }
 
-    /// The accelerometer's bias stays: the frame is levelled by it.
+    /// Begins anew, but keeps the accelerometer's bias: it levels the frame.
     fn begin_anew(&mut self) {
         let mut anew = Self {
             timing_walk_s2: self.timing_walk_s2,
@@ -303,7 +303,7 @@ impl GyroErrors {
         *self = anew;
     }
 
-    /// The errors are forgotten, but not what is summed and counted since the start, nor how fast the bias walks.
+    /// Takes over from a filter that is dropped: its sums since the start, its count plus one, and how fast its bias walks.
     pub(super) fn take_place_of(&mut self, before: &Self) {
         self.doubted2 = before.doubted2;
         self.walked2 = before.walked2;
@@ -340,7 +340,7 @@ impl GyroErrors {
         Matrix3::identity() - up * up.transpose() * self.upright_share()
     }
 
-    /// Forgets three states, and how they go with others.
+    /// Sets the covariance of three states to sd², without correlations.
     fn clear(&mut self, at: usize, sd: f64) {
         for index in at..at + 3 {
             self.p.row_mut(index).fill(0.0);

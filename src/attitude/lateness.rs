@@ -42,7 +42,7 @@ pub struct Lateness {
     least_s: f64,
     least_before_s: f64,
     window_s: f64,
-    /// Mean square of the corrections, a second, s²/s.
+    /// Mean squared correction per second, s²/s.
     walk_s2: f64,
     /// Duration of the current burst and of the mean one, seconds, and the number of bursts. A reading that came alone is a burst of 0 s.
     burst_s: f64,
@@ -92,8 +92,8 @@ impl Lateness {
         let before_s = self.limit_lateness_s(step_s, piled);
         let corrected2 = (self.late_s - before_s).powi(2);
         self.walk_s2 += (corrected2 - self.walk_s2 * step_s) / WALK_MEAN_S;
-        // If the measured period were too short, lateness would add up. One longest step at the end of the mean changes the period by
-        // this share at most.
+        // A measured period that is too short would make lateness add up. So it is lengthened by the share that one step of `GAP_S` can
+        // change it by.
         let forgiven = GAP_S / self.seen_s;
         let late_s = before_s + step_s - (1.0 + forgiven) * self.period_s;
         self.late_s = if self.losses > 0.0 {

@@ -52,7 +52,7 @@ pub(super) struct RateChanges {
 struct RateJump {
     since_s: f64,
     by_rad_s: f64,
-    /// Rotation that was in doubt when it came, radians.
+    /// Rotation in doubt just before the jump, radians.
     before_rad: f64,
 }
 
@@ -124,8 +124,8 @@ impl RateChanges {
         })
     }
 
-    /// RMS error, radians, of the rotation on each axis that follows from two readings if the rate changes evenly between them. If the rate
-    /// swings at ω rad/s, the trapezoidal rule's error is change × step / 6 × (ω step / 2); over long steps it is about change × step / 6.
+    /// RMS error, radians, on each axis, of the rotation between two readings by the trapezoidal rule, which takes the rate to change
+    /// evenly. If the rate swings at ω rad/s, the error is change × step / 6 × (ω step / 2); over long steps it is about change × step / 6.
     fn between_rad(&self, step_s: f64) -> f64 {
         let step_s = step_s.max(0.0);
         let change_rad_s = self.slope2.sqrt() * step_s;

@@ -36,7 +36,7 @@ struct Steps {
     usual2: f64,
     watched_s: f64,
     jumped_s: f64,
-    /// Factor by which that step exceeded the usual one.
+    /// Factor by which the last jump exceeded the usual step.
     factor: f64,
 }
 

@@ -34,7 +34,7 @@ impl Estimate {
         }
     }
 
-    /// Nothing has shown that the samples of this axis were no measurements.
+    /// Drops the checkpoint of this axis: its samples count as measurements.
     pub fn drop_checkpoint(&mut self, axis: usize) {
         self.checkpoints[axis] = None;
     }

@@ -13,17 +13,17 @@
 //! | ε | tilt error of the frame, two angles, radians | acceleration and the gyro's bias; fades with the time constant of the tilt |
 //! | b | hard iron, body axes, milligauss | a slow walk, and by turning |
 //! | D | soft iron, scale factors and rotation between the chips; trace held at 3; the state has D − I, row by row | turning |
-//! | m | unevenness of the field here, in the frame, milligauss | forgotten by turning and moving, and slowly at rest |
+//! | m | unevenness of the field here, in the frame, milligauss | forgotten by turning and moving, and slowly on a still board |
 //! | T | lag of the magnetometer behind the gyro, seconds | nothing |
 //! | G | what is left of the gyro's bias, body axes, rad/s | what the attitude takes out of the rates; its walk, see `attitude/bias_walk.rs` |
 //! | S | scale error of each axis of the gyro | nothing |
-//! | q | offset of the place as a whole, in the frame, milligauss | forgotten in `PLACE_LASTS_S` of motion, kept at rest |
+//! | q | offset of the place as a whole, in the frame, milligauss | forgotten in `PLACE_LASTS_S` of motion, kept on a still board |
 //!
 //! The trace of D is held since only the product of D and h can be seen.
 //!
 //! `filter/begin.rs` starts and restarts the state, `filter/predict.rs` carries it on in time, and `filter/correct.rs` corrects it by a
 //! sample; `filter/whiteness.rs` finds how much that tells. `filter/unevenness.rs` measures noise and unevenness,
-//! `filter/turn_result.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and at rest,
+//! `filter/turn_result.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and on a still board,
 //! `filter/rest.rs` tells a board at rest from one that swings, and `filter/known.rs` answers what is known.
 
 use std::ops::RangeInclusive;
@@ -166,7 +166,7 @@ pub(super) struct Filter {
     /// Whether the board did not move at the last sample, by gyro and accelerometer.
     pub(super) still: bool,
     rest: RestWatch,
-    /// What the field has told of the gyro's bias on each axis since the board came to lie still: information, (rad/s)⁻².
+    /// Information that the still field has given on each axis of the gyro's bias since the field last moved, (rad/s)⁻².
     still_information: f64,
     gyro_bias_walk: BiasWalk,
     /// Orientation when the board last moved or swung, body to frame.
@@ -263,7 +263,7 @@ impl Filter {
             self.learn_bias_of_still_board(input, frozen);
         } else {
             self.rest = RestWatch::default();
-            // A touch that leaves the field as it is begins nothing anew.
+            // If a touch has not moved the field, its information does not count again.
             let information = input.board.hidden_rate_sd_rad_s.powi(-2);
             self.still_information = self.still_information.min(information);
         }

@@ -12,10 +12,10 @@ use crate::reading::STRONGEST_MGAUSS;
 
 /// Deviation of a heading of which nothing is known, degrees: half a turn.
 pub const UNKNOWN_SD_DEG: f64 = 180.0;
-/// Weight of a contradiction between field and gyro in the deviation of a heading: the gyro is wrong in one of five, √(1/5).
+/// Weight of a contradiction between field and gyro in a heading's deviation: in one of five such cases the gyro is wrong, √(1/5).
 const DOUBT: f64 = 0.45;
-/// A wrong scale of the gyro turns the field in the frame by its share of the turn from the mean heading, radians: half a turn at most, any of
-/// them as likely.
+/// A scale error of the gyro turns the field in the frame by that share of the angle to the mean heading. RMS of this angle, radians:
+/// uniform up to half a turn, π/√3.
 const TURNED_RAD: f64 = PI / 1.732;
 /// Body X this near the vertical (sine of 10°) has no heading.
 const NO_HEADING: f64 = 0.17;
@@ -31,9 +31,9 @@ impl Fix {
 }
 
 impl Estimate {
-    /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` where X is vertical, or
-    /// before the estimate has begun, in this frame too. The deviation covers the field and the tilt. On a moving board
-    /// whose vertical is known it also covers the rotation, radians, that the gyro may have missed.
+    /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` if X is vertical, or before the estimate has
+    /// begun and taken a sample in this frame. The deviation covers the field and the tilt. On a moving board whose vertical is known it
+    /// also covers the rotation, radians, that the gyro may have missed.
     pub fn fix(&self, pose: &Pose, missed_turn_rad: f64) -> Option<Fix> {
         let last = self.last.as_ref()?;
         if !self.active.begun || last.motion.pose.stretch != pose.stretch {
@@ -76,7 +76,7 @@ impl Estimate {
         Some(Fix::new(wrap_360(heading.to_degrees()), sd))
     }
 
-    /// What the heading of a moving board may be off because the gyro is wrong and the field right, radians.
+    /// Error of a moving board's heading, radians, if the gyro is wrong and the field right.
     fn doubt_rad(&self, missed_turn_rad: f64) -> f64 {
         if self.active.still {
             return 0.0;
@@ -96,12 +96,12 @@ impl Estimate {
         hypot(contradicted, unseen)
     }
 
-    /// What north may be off by because the gyro's scale is probably wrong, radians.
+    /// Error of north by the gyro's scale if that is probably wrong, radians.
     fn scale_doubt_rad(&self) -> f64 {
         DOUBT * TURNED_RAD * self.gyro.suspected_scale()
     }
 
-    /// What the heading may be off because a frozen calibration does not learn iron that has come or gone, radians.
+    /// Error of the heading by iron that has come or gone, which a frozen calibration does not learn, radians.
     fn frozen_doubt_rad(&self) -> f64 {
         if !self.frozen {
             return 0.0;
@@ -134,8 +134,8 @@ impl Estimate {
         Some(Fix::new(heading_deg(seen, &down)?, sd))
     }
 
-    /// The heading from one sample alone: what is left where the gyro is not to be trusted. Down is a unit vector of body
-    /// axes with its standard deviation, radians. The rate, rad/s, times the uncertain lag adds to the deviation.
+    /// The heading from one sample alone, for when the gyro is not trusted. Down is a unit vector of body axes with its standard deviation,
+    /// radians. The rate, rad/s, times the uncertain lag adds to the deviation.
     pub fn instantaneous(
         &self,
         field_mgauss: &Vector3<f64>,
@@ -189,9 +189,9 @@ impl Estimate {
     }
 }
 
-/// What north may be off by because the horizontal field may point the other way, radians. A board that has turned about one horizontal
-/// axis knows the field across that axis, and along it cannot tell the field from iron: where all of the horizontal field lies along
-/// the axis, its slope says nothing of that. The tail of the normal distribution beyond z is at most exp(−z²/2) / 2.
+/// Error of north, radians, by the chance that the horizontal field points the other way. A board that has turned about one horizontal axis
+/// knows the field across that axis, and along it cannot tell the field from iron: where all of the horizontal field lies along the axis,
+/// its slope says nothing of that. The tail of the normal distribution beyond z is at most exp(−z²/2) / 2.
 fn reversed_rad(field: &Vector3<f64>, covariance: &Matrix3<f64>) -> f64 {
     let north = horizontal(field);
     let deviations = north.norm() / sd_along(covariance, &north);

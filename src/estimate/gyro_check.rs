@@ -3,8 +3,9 @@
 //! A field that stands still turns against the board as the gyro reads, and iron on the board adds a constant. So the
 //! change of the raw field over a moment is compared with the change that the gyro predicts: a gyro of the wrong sign predicts the
 //! opposite. Gravity turns in the same way, and no iron moves it: where both have turned and the gyro has not, the gyro is dead,
-//! whatever it reads. `shaking` tells whether what the accelerometer measures is gravity, `scale` checks the scale, `axes` the axes,
-//! and `field_turns` counts turns that the gyro does not see. Of gyro, field and gravity, the one that turns another way than the other two is
+//! whatever it reads. `witness` compares a vector's change with the gyro's prediction, `unexplained` sums field change that the gyro does
+//! not explain, `shaking` tells whether what the accelerometer measures is gravity, `scale` checks the scale, `axes` the axes, and
+//! `field_turns` counts turns that the gyro does not see. Of gyro, field and gravity, the one that turns another way than the other two is
 //! wrong.
 
 use nalgebra::Vector3;
@@ -37,8 +38,8 @@ const MOVED: f64 = 0.1;
 /// A gyro that turns by less than this share of what gravity and field do is silent.
 const SILENT: f64 = 0.3;
 /// The attitude begins anew when the readings would mean a speed that boards do not reach. A gyro of half the scale causes that every ten seconds,
-/// and its bias is then never known well enough to measure the scale; a car on a motorway causes it once in some minutes. So the
-/// gyro is suspected from two restarts within half a minute on: each counts 1 and fades over this time, seconds.
+/// and its bias is then never known well enough to measure the scale; a car on a motorway causes it once in some minutes. So two restarts
+/// within 42 s make the gyro suspect: each counts 1 and fades with the second of these constants, seconds.
 const RESTARTS: f64 = 1.5;
 const RESTARTS_FADE_S: f64 = 60.0;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, may be no measurement.

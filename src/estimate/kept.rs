@@ -7,7 +7,7 @@ use super::{Fix, level};
 use crate::calibration::model::{Calibration, Model, Parameters};
 use crate::frame::{Mounting, heading_deg, hypot};
 
-/// What a place is off from that of the calibration, as a share of the field: rooms are uneven by 1 to 2 %.
+/// Deviation of a place's field from that of the calibration, as a share of the field: rooms are uneven by 1 to 2 %.
 const PLACE: f64 = 0.02;
 /// A body axis with more of the normal of a planar calibration than this (sine of 30°) was not measured.
 const ACROSS: f64 = 0.5;

@@ -14,10 +14,10 @@ use super::prior::SCALE;
 use crate::frame::hypot;
 use crate::true_north::EarthField;
 
-/// What the mean gain of three axes is off, as a share: as the prior of D has it.
+/// Deviation of the mean gain of three axes, as a share: as large as that of one axis.
 const GAIN: f64 = SCALE;
-/// What a building or a vehicle makes of the field of a place, on each axis, as a share: as much as it differs from metre to metre
-/// on the simulated floors.
+/// Deviation of a place's field by a building or a vehicle, on each axis, as a share: as much as it differs from metre to metre on the
+/// simulated floors.
 const LOCAL: f64 = 0.05;
 /// A normalised square beyond this is no chance (2 degrees of freedom: 0.03 %).
 const CONTRADICTED: f64 = 16.0;

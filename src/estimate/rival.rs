@@ -6,7 +6,7 @@ use super::Estimate;
 use super::filter::{Filter, Input};
 
 /// A filter wins when its log-likelihood leads by this much. The limit is high (e¹² to 1) because the errors of consecutive samples are
-/// correlated. Half or twice this value, or the one below, decides the simulated cases in the same way.
+/// correlated. With half or twice this value or `MOST_A_SAMPLE`, the simulated cases are decided in the same way.
 const DECIDED: f64 = 12.0;
 /// A sample adds no more than this to the lead: one that came late or was disturbed fits the less certain filter better, whichever is
 /// right.
@@ -31,7 +31,7 @@ pub(super) struct Rival {
     moved_s: f64,
 }
 
-/// What is known for a rival that takes a disturbance for iron on the board.
+/// Prepares a rival that takes a disturbance for iron on the board.
 #[derive(Default)]
 pub(super) struct IronTrial {
     disturbed_s: f64,

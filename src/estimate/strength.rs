@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::Estimate;
 use crate::reading::{EARTH_MGAUSS, STRONGEST_MGAUSS};
 
-/// A strength is certain within so many deviations of the whole field.
+/// The true strength certainly lies within this many deviations.
 const CERTAIN: f64 = 3.0;
 /// A strength is known well within this share: as well as the gain of the chips.
 const KNOWN_WELL: f64 = 0.1;
@@ -13,8 +13,7 @@ const KNOWN_WELL: f64 = 0.1;
 pub(super) const MOST_RAW_MGAUSS: f64 = 14_000.0;
 
 impl Estimate {
-    /// Strength of a corrected field of which these axes are measured, milligauss: of its part in the plane, where that is all. `None` where
-    /// less is.
+    /// Strength of the part of a corrected field that lies on the measured axes, milligauss. `None` if fewer than two axes are measured.
     pub fn measured_strength_mgauss(
         &self,
         corrected: &Vector3<f64>,
@@ -42,17 +41,17 @@ impl Estimate {
         self.active.field().xy().norm()
     }
 
-    /// Strength of the field, milligauss, rounded to two digits, if the earth's is certainly nowhere like that.
+    /// Strength of the field, milligauss, rounded to two digits, if it is certainly not one of `EARTH_MGAUSS`.
     pub fn impossible_mgauss(&self) -> Option<f64> {
         self.strength_beyond(CERTAIN)
     }
 
-    /// The same if the earth's is probably nowhere like that: no calibration is kept with such a field.
+    /// The same if it is probably not one of `EARTH_MGAUSS`: no calibration is kept with such a field.
     pub fn unlikely_mgauss(&self) -> Option<f64> {
         self.strength_beyond(0.0)
     }
 
-    /// The same if the strength is beyond all that the earth has by so many deviations.
+    /// The same if it is outside `EARTH_MGAUSS` by more than this many deviations.
     fn strength_beyond(&self, deviations: f64) -> Option<f64> {
         let raw = self.last.map_or(0.0, |last| last.field_mgauss.norm());
         let (strength, least, most) = if raw > MOST_RAW_MGAUSS {

@@ -1,4 +1,4 @@
-//! Something magnetic that comes near a resting board and goes again.
+//! Something magnetic that comes near a still board and goes again.
 //!
 //! While it is there, the active filter learns that the field here is very uneven and, if the board is touched, that its iron may have
 //! changed. Once the field is as before, both are wrong: the filters from before, carried on by the gyro, take over again.
@@ -9,18 +9,18 @@ use super::filter::{DISTURBED, Filter, Input, SWING_RAD};
 use super::rival::Rival;
 use crate::frame::angle_between_rad;
 
-/// What the field is off by is averaged over this time, seconds: longer than a hand takes to remove a magnet.
+/// The offset of the field from the expected one is averaged over this time, seconds: longer than a hand takes to remove a magnet.
 const GONE_S: f64 = 1.0;
 /// A sample counts for at most this share of the average, so that those after a pause do not count alone.
 const MOST_A_SAMPLE: f64 = 0.1;
-/// A normalised square of that below this is as expected (3 degrees of freedom: 95 %).
+/// The averaged offset is as expected if its normalised square is below this (3 degrees of freedom: 95 %).
 const EXPECTED: f64 = 7.8;
 /// A visitor has gone only once the field is off by less than this share of the largest offset in the visit.
 const LEFT: f64 = 0.5;
 /// Whoever puts a magnet down shakes the board for at most this long, seconds.
 const TOUCH_S: f64 = 3.0;
 
-/// Watches a resting board for visits.
+/// Watches a still board for visits.
 #[derive(Default)]
 pub(super) struct VisitWatch {
     /// Boxed: an `Option` of that size is copied at each sample even if it is empty, which costs as much as two thirds of the filter.
@@ -33,7 +33,7 @@ pub(super) struct Before {
     pub(super) rival: Option<Rival>,
 }
 
-/// A board that has not been turned since it came to rest.
+/// A board that has not been turned since it became still.
 struct Rest {
     before: Before,
     /// Orientation at the beginning, body to frame.

@@ -13,7 +13,8 @@ pub(super) const MOST_MATRIX: f64 = 0.07;
 const MOST_FORCE_BIAS_M_S2: f64 = 2.5;
 /// Least velocity that is believed, m/s.
 const LEAST_SPEED_M_S: f64 = 0.1;
-/// Velocity and acceleration are measured over these times, seconds: quickly when they grow, slowly when they shrink.
+/// The mean square velocity grows within the first of these times, seconds, and shrinks within the second; that of the acceleration takes
+/// the second for both.
 const GROWS_S: f64 = 1.0;
 const SHRINKS_S: f64 = 60.0;
 /// A velocity lasts for this share of the time in which the acceleration makes it, within limits, seconds.
@@ -23,8 +24,8 @@ const LASTS_S: std::ops::RangeInclusive<f64> = 0.1..=30.0;
 /// noise of up to 0.38 °/s, its 0.1 °/s a g, and hands that are not quite at rest.
 const REST_RATE_RAD_S: f64 = 0.007;
 const REST_FORCE_M_S2: f64 = 0.1;
-/// It takes a moment to see that a gentle start was one: so many windows of rest are held back.
-pub(super) const DOUBTED: usize = 8;
+/// Rest is still reported for a moment after a gentle start: the newest windows are held back.
+pub(super) const HELD_BACK_WINDOWS: usize = 8;
 
 impl GyroErrors {
     /// At rest the gyro reads its bias.
@@ -34,7 +35,7 @@ impl GyroErrors {
             return;
         }
         self.resting.push_back(window.rate / window.s + self.bias);
-        if self.resting.len() > DOUBTED
+        if self.resting.len() > HELD_BACK_WINDOWS
             && let Some(raw) = self.resting.pop_front()
         {
             let variance = REST_RATE_RAD_S.powi(2) / window.s;

@@ -97,7 +97,7 @@ impl Filter {
         add_variance(&mut self.p, B..B + 3, disturbance * disturbance);
     }
 
-    /// Forgets the unevenness of the field here, or the offset of the place, but for its variance, a share of the field's square.
+    /// Resets three states, the unevenness or the place's offset, to 0 with this variance, a share of the field's square.
     fn restart(&mut self, at: usize, variance: f64) {
         self.clear(at, 3);
         let variance = variance * self.strength_rms_mgauss.powi(2);
@@ -105,7 +105,8 @@ impl Filter {
     }
 
     /// Begins the state: at once from a calibration, else once the board has turned a little, with half of the field taken for iron.
-    /// Returns whether the sample is still to be taken. If the field was computed from it, it must not count twice.
+    /// Returns whether the sample is still to be taken: not before the state has begun, nor if a calibration gave the field from it, since
+    /// no sample counts twice.
     pub(super) fn begin(&mut self, input: &Input) -> bool {
         let first = *self.first_attitude.get_or_insert(input.to_frame);
         if self.calibrated {
@@ -135,7 +136,8 @@ impl Filter {
 /// A field, milligauss, with its covariance.
 type KnownField = (Vector3<f64>, Matrix3<f64>);
 
-/// Variance on each axis, mG², by which the change of the field exceeds `LIKELY`, in the parts that do not depend on its azimuth.
+/// Variance on each axis, mG², by which the changes of the horizontal strength and of the vertical field exceed `LIKELY` variances; that of
+/// the whole strength if the vertical is unknown.
 fn strange2(now: &KnownField, before: &KnownField, vertical_known: bool) -> f64 {
     let beyond = |direction: fn(&Vector3<f64>) -> Vector3<f64>| {
         let [now, before] = [now, before].map(|(field, covariance)| {

@@ -68,8 +68,8 @@ impl Filter {
         let (r, dt) = (input.to_frame, input.period_s);
         let (predicted, innovation) = self.predicted(input);
         let sensitivity = if input.board.still {
-            // At rest the Jacobian leaves out the estimates of unevenness, place and tilt error: they follow the innovation, and the correlation
-            // would turn the field steadily, by 10° in some hours of a field that swells by 1 %.
+            // On a still board the Jacobian leaves out the estimates of unevenness, place and tilt error: they follow the innovation, and
+            // the correlation would turn the field steadily, by 10° in some hours of a field that swells by 1 %.
             self.sensitivity(input, &self.vector(H), &Vector3::zeros())
         } else {
             predicted
@@ -111,7 +111,7 @@ impl Filter {
         } else {
             self.odd = None;
         }
-        // At rest a large innovation means that the surroundings have changed; it does not test what is known.
+        // On a still board a large innovation means that the surroundings have changed; it does not test what is known.
         if input.board.still {
             self.whiteness.interrupt();
         } else {
@@ -159,8 +159,8 @@ impl Filter {
         }
     }
 
-    /// The field that a tilt error tilts: its vertical part is taken to be as strong as it may be. What linearising neglects, the product
-    /// of both errors, lasts as long as the tilt error, and is no white noise.
+    /// The field in the tilt's Jacobian: its vertical part is √(z² + P_zz), at most the strongest field on earth. So it covers the product
+    /// of both errors, which lasts as long as the tilt error and is no white noise.
     fn tilted(&self, here: &Vector3<f64>) -> Vector3<f64> {
         if !self.vertical_known {
             return *here;
@@ -271,8 +271,8 @@ impl Filter {
         share(known2, self.p[(H + 2, H + 2)])
     }
 
-    /// At rest only the drift of the frame is observable. The attitude's noise is in the innovation and in the Jacobian; the correlation
-    /// would bias h by a tenth in some hours. So strength and dip stay, or the strength alone where the vertical is unknown.
+    /// On a still board only the drift of the frame is observable. The attitude's noise is in the innovation and in the Jacobian; the
+    /// correlation would bias h by a tenth in some hours. So strength and dip stay, or the strength alone where the vertical is unknown.
     fn keep_strength_and_dip(&mut self, before: &Vector3<f64>) {
         let field = self.vector(H);
         // Below 1 mG the direction is noise: the length is not restored.

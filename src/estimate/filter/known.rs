@@ -91,7 +91,7 @@ impl Filter {
         self.x[T]
     }
 
-    /// Root mean square of what that lag may be beyond this, seconds.
+    /// RMS of the lag that is left after this correction, seconds.
     pub fn lag_beyond_s(&self, corrected_s: f64) -> f64 {
         hypot(self.x[T] - corrected_s, self.p[(T, T)].max(0.0).sqrt())
     }

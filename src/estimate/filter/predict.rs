@@ -9,7 +9,7 @@ use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
 use crate::frame::{add_variance, angle_between_rad, put};
 use crate::reading::STRONGEST_MGAUSS;
 
-/// The second order of an uncertain gyro bias is small: any time near this one will do, seconds.
+/// To second order the gyro's bias is drawn anew after this time, seconds. The term is small: any similar time will do.
 const BIAS_DRAWN_S: f64 = 1.0;
 /// Walk of the frame by a gyro's cross-axis errors, one standard deviation, radians per √rad turned. Gravity leaves part of a
 /// cross-axis error of 1 % (data sheets: 2 % at most), which turns the frame another way in each radian. With 0.0028 boards that turn
@@ -20,14 +20,13 @@ const GYRO_CROSS: f64 = 0.0035;
 const ANGLE_WALK_RAD: f64 = 0.000_35;
 /// Share of that walk's variance which is left on a still board: its true turn is 0, so most of the gyro's noise is known.
 const STILL_WALK: f64 = 0.1;
-/// Unevenness is forgotten by turning this far, radians, and at rest in this time, seconds: what people bring near a resting board stays
-/// for minutes.
+/// Unevenness is forgotten by turning this far, radians, and on a still board in this time, seconds: what people bring near such a board
+/// stays for minutes.
 const FORGET_RAD: f64 = 0.52;
-const FORGET_RESTING_S: f64 = 600.0;
-/// Uncertain iron may have absorbed some of the field's unevenness. While the board moves, the unevenness is therefore taken for at
-/// least this fraction of the iron's deviation (both as shares of the field), but for no more than `USUAL_UNEVENNESS`. At 0 a
-/// simulated car that others pass before its first turn learns wrong iron and is sure of it; at twice the value cars learn later,
-/// for nothing.
+const FORGET_STILL_S: f64 = 600.0;
+/// Uncertain iron may have absorbed some of the field's unevenness. While the board moves, the unevenness therefore counts as at least this
+/// fraction of the iron's deviation (both as shares of the field); this lower limit is at most `USUAL_UNEVENNESS`. At 0 a simulated car
+/// that others pass before its first turn learns wrong iron and is sure of it; at twice the value cars learn later, for nothing.
 const IRON_HIDES: f64 = 0.3;
 /// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s: 1.2 % and 3 mG in an hour of motion, as the
 /// chip's gain and offset drift while it warms up. Half or twice as much changes no simulated family by more than a few per cent.
@@ -75,7 +74,7 @@ impl Filter {
         }
         let length = turned_rad / FORGET_RAD
             + dt / if still {
-                FORGET_RESTING_S
+                FORGET_STILL_S
             } else {
                 FORGET_MOVING_S
             };
@@ -195,21 +194,21 @@ impl Filter {
         }
     }
 
-    /// Variance of the unevenness to come on each axis, as a share of the field. At rest, where it is not measured, it is
-    /// at least that of usual places. Iron nearby may move on: above `DISTURBED` the variance covers all that the iron adds, so that the
-    /// change is not taken for drift of the frame.
+    /// Variance of the unevenness to come on each axis, as a share of the field. On a still board, which hardly measures it, it is at least
+    /// that of usual places. Iron nearby may move on: above `DISTURBED` the variance covers all that the iron adds, so that the change is
+    /// not taken for drift of the frame.
     fn unevenness_ahead2(&self, still: bool) -> f64 {
         if !still {
             let iron2 = self.trace(B, 3) / 3.0 / self.strength_rms_mgauss.powi(2);
             let hidden2 = (IRON_HIDES.powi(2) * iron2).min(USUAL_UNEVENNESS.powi(2));
             return self.unevenness2.max(hidden2);
         }
-        let resting2 = self.unevenness2.max(USUAL_UNEVENNESS.powi(2));
+        let still2 = self.unevenness2.max(USUAL_UNEVENNESS.powi(2));
         let disturbance = self.disturbance();
         if disturbance > DISTURBED {
-            resting2.max(disturbance.powi(2) / 3.0)
+            still2.max(disturbance.powi(2) / 3.0)
         } else {
-            resting2
+            still2
         }
     }
 

@@ -64,8 +64,8 @@ impl Filter {
         }
     }
 
-    /// Multiplies the variance of the place's offset. It was an assumption, since samples hardly tell the offset from the earth's field.
-    /// So a better one applies to the offset that is there, and to all states as far as they depend on it.
+    /// Multiplies the variance of the place's offset, and corrects all states that are correlated with it. That variance was assumed, since
+    /// samples hardly tell the offset from the earth's field: a better one holds for the past, too.
     fn scale_offset(&mut self, ratio: f64) {
         let cross: SMatrix<f64, N, 3> = self.p.fixed_columns::<3>(Q).into();
         let own: Matrix3<f64> = cross.fixed_rows::<3>(Q).into();

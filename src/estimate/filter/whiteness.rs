@@ -57,7 +57,7 @@ impl Whiteness {
         self.square += weight * (innovation.dot(weighted) - self.square);
     }
 
-    /// The next innovation does not follow on the last: the board rests, or a sample was left out.
+    /// The next innovation does not follow on the last: the board is still, or a sample was left out.
     pub(super) fn interrupt(&mut self) {
         self.last = None;
     }

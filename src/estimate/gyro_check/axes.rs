@@ -1,9 +1,9 @@
-//! Whether the axes of gyro and accelerometer are told alike, by gravity.
+//! Whether the mountings of gyro and accelerometer agree, by gravity.
 //!
 //! Gravity stands still in the world, so it turns against the board. Over a moment the specific force f, as a share of gravity,
-//! changes by the integral of f × P ω, where ω is what the gyro reads. P is 1 where the axes of both chips are told rightly, and one
-//! of 47 other matrices where axes are exchanged or signs are wrong. Sums over moments give the squares of the change that each P
-//! leaves. Accelerations of a hand change f too, but no P explains those.
+//! changes by the integral of f × P ω, where ω is what the gyro reads. P is 1 if the axes of both chips are configured rightly, and one of
+//! 47 other matrices where axes are exchanged or signs are wrong. Sums over moments give the squares of the change that each P leaves.
+//! Accelerations of a hand change f too, but no P explains those.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
@@ -13,9 +13,9 @@ use crate::frame::signed_axes;
 const MEMORY: f64 = 30.0;
 /// Fewer moments say nothing: accelerations fit some order by chance.
 const LEAST_MOMENTS: f64 = 12.0;
-/// Right axes leave less than a quarter of the squares of all others; wrong ones, of those of the right axes and of their opposite. The
-/// best of the others leave no less than 1/3.6 of what the right ones leave, in a million moments of simulated boards, most of them in a
-/// hand.
+/// The configured axes are right if their residual is below this share of any other's, and wrong if another's is below this share of theirs
+/// and of their opposite's. The best of the others leave no less than 1/3.6 of what the right ones leave, in a million moments of simulated
+/// boards, most of them in a hand.
 const TELLS: f64 = 0.25;
 /// Axes are believed only if they leave less than this share of the squared change. A drone's force stays upright: wrong axes that predict
 /// little fit it best.

@@ -7,12 +7,12 @@
 //! dy/dt = s D (D⁻¹ (y − b) × ω)
 //! ```
 //!
-//! where s is how fast the board turns over how fast the gyro reads that it does: 1 where the gyro is right. ω is the reading less its bias, with
-//! the scale errors that gravity has shown: of a gyro that is off by 10 %, gravity soon shows half. Over a moment the
-//! change of y is linear in s and in s b, so that a regression over moments gives both, and their deviations. The hard iron is
-//! estimated here and not taken from the filter, since a filter that a wrong gyro has misled agrees with that gyro. D and the
-//! magnetometer's lag are the filter's. Without D, soft iron of 5 % changes s by as much where the board swings about one attitude.
-//! Over full turns a wrong D cannot hide a wrong scale, since D [ω]× D⁻¹ has the eigenvalues of [ω]×; over an arc it can hide some.
+//! where s is how fast the board turns over how fast the gyro reads that it does: 1 where the gyro is right. ω is the reading less its
+//! bias. The scale errors that gravity has shown are put back: of an error of 10 %, gravity soon removes half. Over a moment the change of
+//! y is linear in s and in s b, so that a regression over moments gives both, and their deviations. The hard iron is estimated here and not
+//! taken from the filter, since a filter that a wrong gyro has misled agrees with that gyro. D and the magnetometer's lag are the filter's.
+//! Without D, soft iron of 5 % changes s by as much where the board swings about one attitude. Over full turns a wrong D cannot hide a
+//! wrong scale, since D [ω]× D⁻¹ has the eigenvalues of [ω]×; over an arc it can hide some.
 
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
@@ -33,8 +33,8 @@ const LEAST_RAD: f64 = 0.1;
 const JUMP: f64 = 0.3;
 /// So does a longer time between them, seconds: the rate in a gap is not known.
 const GAP_S: f64 = 0.3;
-/// A change from one sample to the next is no turn but iron that has come or gone if it exceeds the first (50 mG) by more than the second
-/// for each radian that the gyro reads: the strongest field on earth, 670 mG, and a gyro that reads half of the true rate.
+/// A larger change between two samples than `NO_TURN` (50 mG) plus `MOST_BY_TURNING` for each radian that the gyro reads is iron that has
+/// come or gone, not a turn: the strongest field on earth, 670 mG, and a gyro that reads half of the true rate.
 const NO_TURN: f64 = 0.1;
 const MOST_BY_TURNING: f64 = 2.7;
 /// A moment counts in full if its rotation is known to this share, which is less than the scale may be off. If less is known, it counts
@@ -49,8 +49,9 @@ const SCATTER: f64 = 0.01;
 /// Least share of the information on s that must be left when the iron is found from the same moments. An arc of 100° leaves a
 /// quarter; a shorter one does not tell a scale from iron.
 const LEFT: f64 = 0.25;
-/// The same for the first headings, before the gyro has been shown to be right. Four moments count as a little over three, since older ones are
-/// forgotten; even on a level board they have more components than there are unknowns. The scale must then be off by more deviations.
+/// The same for the first headings, before the gyro has been shown to be right. That takes four moments: three count as 2.93, since older
+/// ones are forgotten. Even on a level board four have more components than there are unknowns. The scale must then be off by more
+/// deviations.
 const FIRST_MOMENTS: f64 = 3.0;
 const FIRST_LEFT: f64 = 0.1;
 const FIRST_DEVIATIONS: f64 = 2.0;
