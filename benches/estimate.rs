@@ -70,7 +70,7 @@ impl Board {
         let mut estimate = Estimate::new(Default::default(), None);
         for sample in black_box(&self.samples) {
             estimate.take(sample);
-            black_box(estimate.fix(&sample.motion.pose, 0.0));
+            black_box(estimate.heading(&sample.motion.pose, 0.0));
         }
         estimate
     }

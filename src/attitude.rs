@@ -21,15 +21,15 @@ mod clipping;
 mod clock;
 mod field_motion;
 mod filter;
-mod gravity;
+mod force_readings;
 mod gyro_errors;
 mod lateness;
-#[cfg(test)]
-pub(crate) mod motion;
 mod past;
 mod rate_changes;
 mod seam;
 mod stillness;
+#[cfg(test)]
+pub(crate) mod test_board;
 #[cfg(test)]
 mod tests;
 mod trim;
@@ -40,8 +40,8 @@ use clipping::ClipWatch;
 pub use clock::TICK_S;
 use clock::{ClockStep, EvenClock};
 use filter::AttitudeFilter;
-pub use filter::TILT_RAD;
-pub use gravity::GRAVITY_M_S2;
+pub use filter::STILL_TILT_RAD;
+pub use force_readings::GRAVITY_M_S2;
 use gyro_errors::{GAP_BIAS_RAD_S, RESTART_BIAS_RAD_S};
 pub use lateness::Lateness;
 use past::Past;
@@ -61,13 +61,13 @@ pub struct Pose {
     /// Whether the earth frame's Z is known to be up.
     pub vertical_known: bool,
     /// Changes whenever the frame is lost (gap, seam, clipping, missed turn) and whenever an accelerometer begins to level it: poses of
-    /// different stretches cannot be compared.
-    pub stretch: u32,
+    /// different frames cannot be compared.
+    pub frame_id: u32,
 }
 
 /// How the board lay and turned at one instant: at the end of a tick of the even clock, or between two.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tick {
+pub struct BoardMotion {
     /// That instant, seconds. Ticks end evenly, except across a gap in the gyro's readings.
     pub t_s: f64,
     /// The pose then.
@@ -201,13 +201,13 @@ impl Attitude {
     /// Forgets everything but the walk of the gyro's bias, and counts that in [`GyroBias::begun_anew`].
     pub fn renew(&mut self, settings: &Settings, mountings: &Mountings) {
         let mut anew = Self::new(settings, mountings);
-        anew.filter.errors.take_place_of(&self.filter.errors);
+        anew.filter.errors.inherit_totals(&self.filter.errors);
         *self = anew;
     }
 
     /// Takes a reading whose numbers are possible (`outliers` drops the others), raw field and all, and calls `on_tick` with each tick
     /// that it completes. Ticks come with the gyro.
-    pub fn take(&mut self, reading: &Reading, mut on_tick: impl FnMut(&Tick)) {
+    pub fn take(&mut self, reading: &Reading, mut on_tick: impl FnMut(&BoardMotion)) {
         let t_s = reading.t_s;
         if let Some(field) = reading.whole_field_mgauss() {
             self.filter.field_motion.take(t_s, field);
@@ -218,7 +218,7 @@ impl Attitude {
         if let Some(force) = reading.specific_force_m_s2 {
             let t_s = t_s - self.force_late.take(t_s);
             let force = self.mountings.accel.to_body(force);
-            self.filter.gravity.take(t_s, force);
+            self.filter.force_readings.take(t_s, force);
             if self.seam.take_force(t_s, force) {
                 self.seam.compare_with(self.filter.up());
             }
@@ -243,7 +243,7 @@ impl Attitude {
                 bias_jump = bias_jumps
                     .take(mean_rate, &filter.errors.bias)
                     .or(bias_jump);
-                seam_found |= seam.tick(&tick.rate_rad_s, filter.gravity.newest(end_s));
+                seam_found |= seam.tick(&tick.rate_rad_s, filter.force_readings.newest(end_s));
                 on_tick(&tick);
             });
             if let Some(jump_rad_s) = bias_jump {
@@ -273,7 +273,7 @@ impl Attitude {
 
     /// Begins a new frame: orientation and vertical are unknown.
     fn lose_frame(&mut self) {
-        self.filter.resume_after_gap();
+        self.filter.lose_frame();
         self.seam.stop_comparing();
         self.bias_jumps = BiasJumps::default();
     }
@@ -291,10 +291,10 @@ impl Attitude {
     }
 
     /// Pose and rate at `t_s`, up to a quarter of a second ago; outside that time the nearest rate is held. `None` before the first tick
-    /// of this stretch.
-    pub fn motion_at(&self, t_s: f64) -> Option<Tick> {
+    /// of this frame.
+    pub fn motion_at(&self, t_s: f64) -> Option<BoardMotion> {
         let motion = self.past.at(t_s)?;
-        (motion.pose.stretch == self.filter.stretch).then_some(motion)
+        (motion.pose.frame_id == self.filter.frame_id).then_some(motion)
     }
 
     /// Where down is at `t_s`, a unit vector of body axes: from gyro and accelerometer, from the accelerometer
@@ -309,12 +309,12 @@ impl Attitude {
     }
 
     /// Down at `t_s`, with a standard deviation, radians. If the gyro is not trusted, down is what the accelerometer feels. If it is
-    /// trusted, the deviation is 0: `Estimate::instantaneous` adds that of a still board.
+    /// trusted, the deviation is 0: `Estimate::heading_of_sample` adds that of a still board.
     pub fn down_and_sd(&self, t_s: f64, gyro_trusted: bool) -> Option<(Vector3<f64>, f64)> {
         if gyro_trusted {
             return Some((self.down(t_s)?, 0.0));
         }
-        let gravity = &self.filter.gravity;
+        let gravity = &self.filter.force_readings;
         let turned_rad = self.rate_rad_s().norm() * gravity.held_s(t_s);
         let sd_rad = hypot(gravity.down_sd_rad(), turned_rad);
         Some((self.felt_down(t_s)?, sd_rad))
@@ -323,17 +323,17 @@ impl Attitude {
     /// Down by the accelerometer alone.
     fn felt_down(&self, t_s: f64) -> Option<Vector3<f64>> {
         let filter = &self.filter;
-        filter.gravity.down(t_s, &filter.errors.force_bias)
+        filter.force_readings.down(t_s, &filter.errors.force_bias)
     }
 
     /// The accelerometer's newest reading, body axes, m/s²; `None` while it is silent.
     pub fn specific_force_m_s2(&self, t_s: f64) -> Option<Vector3<f64>> {
-        self.filter.gravity.newest(t_s)
+        self.filter.force_readings.newest(t_s)
     }
 
     /// Whether the accelerometer has lately been read.
     pub fn accelerometer_live(&self, t_s: f64) -> bool {
-        self.filter.gravity.live(t_s)
+        self.filter.force_readings.live(t_s)
     }
 
     /// The board's state at `t_s`, as of the last tick.
@@ -346,7 +346,7 @@ impl Attitude {
             gyro_matrix: self.filter.errors.matrix,
             tilt_error: self.filter.tilt_error(),
             gyro_constant_s: self.rate_changes.constant_s(),
-            force_m_s2: self.filter.gravity.low_passed(t_s),
+            force_m_s2: self.filter.force_readings.low_passed(t_s),
         }
     }
 

@@ -9,13 +9,13 @@
 //! carries on the filters from before something magnetic came near a still board; `checkpoint` has what was known before an axis may have
 //! been saturated.
 //!
-//! `gyro_check` compares the gyro with field and gravity, `place` the field with the earth's. The other files answer: `fix` gives the
+//! `gyro_check` compares the gyro with field and gravity, `place` the field with the earth's. The other files answer: `heading` gives the
 //! heading and its deviation (`level`: where down is, and how certainly; `kept`: headings by a stored calibration alone), `strength` the
 //! field's strength, `learnt` the calibration.
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::attitude::{BoardState, GyroBias, Tick};
+use crate::attitude::{BoardMotion, BoardState, GyroBias};
 use crate::calibration::model::Calibration;
 use crate::frame::Mounting;
 use crate::reading::STRONGEST_MGAUSS;
@@ -24,8 +24,8 @@ use crate::true_north::EarthField;
 mod checkpoint;
 mod covariance;
 mod filter;
-mod fix;
 mod gyro_check;
+mod heading;
 mod iron_watch;
 mod kept;
 mod learnt;
@@ -39,9 +39,9 @@ mod visit;
 use checkpoint::Checkpoint;
 use filter::gyro_bias::BiasLearnt;
 use filter::{Filter, Input};
-pub use fix::UNKNOWN_SD_DEG;
 use gyro_check::GyroCheck;
 pub use gyro_check::GyroFault;
+pub use heading::UNKNOWN_SD_DEG;
 use iron_watch::IronWatch;
 use level::Level;
 use place::PlaceEvidence;
@@ -61,8 +61,8 @@ const CONTRADICTED: f64 = 4.0;
 
 /// Limits of the time between two samples, seconds. The lower one keeps quotients finite. After a longer pause, in which the gyro alone
 /// has carried the frame, the frame begins anew from the iron: a gyro bias known to 0.5°/s has then turned it by 5°.
-const SHORTEST_S: f64 = 1e-4;
-const LONGEST_S: f64 = 10.0;
+const LEAST_PERIOD_S: f64 = 1e-4;
+const MOST_PERIOD_S: f64 = 10.0;
 
 /// One magnetometer sample, with what gyro and accelerometer say of it.
 #[derive(Clone, Copy, Debug)]
@@ -74,14 +74,14 @@ pub struct Sample {
     /// Lag of the magnetometer for which the motion is already corrected, seconds.
     pub lag_s: f64,
     /// How the board lay and turned when the magnetometer measured.
-    pub motion: Tick,
+    pub motion: BoardMotion,
     /// The board's state when the sample came.
     pub board: BoardState,
 }
 
 /// A heading and its deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fix {
+pub struct EstimatedHeading {
     /// Degrees clockwise from magnetic north, [0, 360).
     pub heading_deg: f64,
     /// One standard deviation, degrees.
@@ -104,7 +104,7 @@ pub struct Estimate {
     kept: Option<Calibration>,
     active: Filter,
     rival: Option<Rival>,
-    frozen: bool,
+    parameters_fixed: bool,
     last: Option<Sample>,
     /// The gyro's bias at the last sample. It stays when the frame is lost.
     gyro_bias: Option<GyroBias>,
@@ -123,7 +123,7 @@ pub struct Estimate {
     lost: bool,
     level: Level,
     place: Option<PlaceEvidence>,
-    news: Option<String>,
+    warning: Option<String>,
 }
 
 impl Estimate {
@@ -134,7 +134,7 @@ impl Estimate {
             kept: calibration.copied(),
             active: fresh(calibration, &mounting),
             rival: None,
-            frozen: false,
+            parameters_fixed: false,
             last: None,
             gyro_bias: None,
             gyro: GyroCheck::default(),
@@ -149,14 +149,14 @@ impl Estimate {
             lost: false,
             level: Level::default(),
             place: None,
-            news: None,
+            warning: None,
         }
     }
 
     /// Keeps the parameters as they are, or lets them be learnt again.
-    pub fn freeze(&mut self, frozen: bool) {
-        self.frozen = frozen;
-        if frozen {
+    pub fn fix_parameters(&mut self, fixed: bool) {
+        self.parameters_fixed = fixed;
+        if fixed {
             self.rival = None;
         }
     }
@@ -182,8 +182,8 @@ impl Estimate {
     }
 
     /// What the user should know of the place, once.
-    pub fn take_news(&mut self) -> Option<String> {
-        self.news.take()
+    pub fn take_warning(&mut self) -> Option<String> {
+        self.warning.take()
     }
 
     /// Takes a sample.
@@ -193,15 +193,15 @@ impl Estimate {
         let input = self.input(sample, &previous);
         let period_s = input.period_s;
         let lost = std::mem::take(&mut self.lost)
-            || sample.motion.pose.stretch != previous.motion.pose.stretch
-            || sample.t_s - previous.t_s > LONGEST_S;
+            || sample.motion.pose.frame_id != previous.motion.pose.frame_id
+            || sample.t_s - previous.t_s > MOST_PERIOD_S;
         if lost {
             self.visit = VisitWatch::default();
             self.gyro.lose_frame();
             self.forget_checkpoints();
         }
         let iron_open = self.trial.filter().is_some();
-        let followed = following(&self.active, self.suspended.as_deref());
+        let followed = filter_with_samples(&self.active, self.suspended.as_deref());
         let right = self.gyro.take(&input, followed, iron_open);
         let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
         // On a still board the filters read the bias themselves.
@@ -210,11 +210,11 @@ impl Estimate {
         if at_fault {
             return self.follow_gyro_fault(&input, lost);
         }
-        self.active.follow(&input, lost, self.frozen);
+        self.active.follow(&input, lost, self.parameters_fixed);
         if let Some(rival) = &mut self.rival {
-            rival.filter.follow(&input, lost, self.frozen);
+            rival.filter.follow(&input, lost, self.parameters_fixed);
         }
-        let blocked = lost || self.frozen || self.rival.is_some();
+        let blocked = lost || self.parameters_fixed || self.rival.is_some();
         self.trial.follow(&input, &self.active, blocked);
         let down = sample.motion.pose.orientation * Vector3::z();
         self.level.take(down, lost, period_s);
@@ -223,9 +223,9 @@ impl Estimate {
         }
         if !sample.board.still {
             if let Some(place) = &mut self.place {
-                self.news = place.weigh(&self.active, period_s).or(self.news.take());
+                self.warning = place.weigh(&self.active, period_s).or(self.warning.take());
             }
-            self.compare(period_s);
+            self.judge_rival(period_s);
             self.try_iron(&input);
         }
         let restored = self.visit.take(&input, &self.active, self.rival.as_ref());
@@ -246,13 +246,13 @@ impl Estimate {
         let before = self.gyro_bias.replace(after).unwrap_or(after);
         let learnt = BiasLearnt::between(&before, &after, measured);
         let rival = self.rival.as_mut().map(|one| &mut one.filter);
-        let following = [Some(&mut self.active), rival].into_iter().flatten();
+        let active_and_rival = [Some(&mut self.active), rival].into_iter().flatten();
         let kept = self.visit.filters().chain(self.trial.filter());
-        for filter in following.chain(kept) {
+        for filter in active_and_rival.chain(kept) {
             if wait {
                 filter.walk_meanwhile(&learnt);
             }
-            filter.learn_of_gyro_bias(&learnt, self.frozen);
+            filter.learn_of_gyro_bias(&learnt, self.parameters_fixed);
         }
         if let Some(suspended) = &mut self.suspended {
             suspended.filter.follow_gyro_bias(&learnt);
@@ -270,7 +270,7 @@ impl Estimate {
             Some(mut suspended) if self.gyro.fault().is_some() => {
                 let filter = &mut suspended.filter;
                 let known = filter.iron_known_within(filter.strength_mgauss());
-                filter.follow(input, lost, self.frozen || known);
+                filter.follow(input, lost, self.parameters_fixed || known);
                 suspended.dead = self.gyro.fault() == Some(GyroFault::Dead);
                 suspended.moved_s += if input.board.still {
                     0.0
@@ -319,7 +319,7 @@ impl Estimate {
             field_mgauss: self.mounting.to_body(sample.field_mgauss),
             turned_rad: motion.turned_rad - before.motion.turned_rad,
             missed_rad2: motion.missed_rad2 - before.motion.missed_rad2,
-            period_s: (sample.t_s - before.t_s).clamp(SHORTEST_S, LONGEST_S),
+            period_s: (sample.t_s - before.t_s).clamp(LEAST_PERIOD_S, MOST_PERIOD_S),
             lag_s: sample.lag_s,
             board: sample.board,
         }
@@ -327,7 +327,7 @@ impl Estimate {
 
     /// Estimated lag of the magnetometer behind the gyro, seconds, 0 to 0.12.
     pub fn lag_s(&self) -> f64 {
-        following(&self.active, self.suspended.as_deref())
+        filter_with_samples(&self.active, self.suspended.as_deref())
             .lag_s()
             .max(0.0)
     }
@@ -427,7 +427,7 @@ impl Estimate {
 }
 
 /// The filter that follows the samples.
-fn following<'a>(active: &'a Filter, suspended: Option<&'a Suspended>) -> &'a Filter {
+fn filter_with_samples<'a>(active: &'a Filter, suspended: Option<&'a Suspended>) -> &'a Filter {
     suspended.map_or(active, |one| &one.filter)
 }
 

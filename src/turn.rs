@@ -6,7 +6,7 @@
 
 use nalgebra::{UnitVector3, Vector3};
 
-use crate::attitude::{TICK_S, Tick};
+use crate::attitude::{BoardMotion, TICK_S};
 use crate::check::settings;
 
 mod chain;
@@ -73,7 +73,7 @@ impl TurnDetector {
     /// Takes the next tick; returns the turn that it completes, unless that is too fast for one.
     ///
     /// A gap between ticks resets the count.
-    pub fn tick(&mut self, tick: &Tick) -> Option<Turn> {
+    pub fn tick(&mut self, tick: &BoardMotion) -> Option<Turn> {
         let follows = |newest_s| (0.0..=1.5 * TICK_S).contains(&(tick.t_s - newest_s));
         if !self.newest_s.is_some_and(follows) {
             self.reset();

@@ -111,7 +111,7 @@ fn pose(turned: UnitQuaternion<f64>) -> Pose {
     Pose {
         orientation: flip * turned,
         vertical_known: true,
-        stretch: 0,
+        frame_id: 0,
     }
 }
 

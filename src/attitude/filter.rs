@@ -8,11 +8,11 @@ use vqf_rs::{Params, VQF};
 
 use super::clock::TICK_S;
 use super::field_motion::FieldMotion;
-use super::gravity::{GRAVITY_M_S2, Gravity};
+use super::force_readings::{ForceReadings, GRAVITY_M_S2};
 use super::gyro_errors::GyroErrors;
 use super::stillness::{MOVING_RAD_S, Stillness};
 use super::trim::Trim;
-use super::{Pose, Tick, TiltError};
+use super::{BoardMotion, Pose, TiltError};
 use crate::frame::hypot;
 
 /// The vertical is known once the accelerometer has levelled the frame for this long, seconds.
@@ -29,7 +29,7 @@ const TURNS_ON: f64 = 0.43;
 /// Limits of that time constant, seconds. The shortest keeps the budget with an unknown bias of 3.3°/s, one deviation.
 const TAU_S: std::ops::RangeInclusive<f64> = 0.4..=20.0;
 /// Tilt error of a board that is not accelerated, by the accelerometer's bias, radians: a hundredth of g.
-pub const TILT_RAD: f64 = 0.01;
+pub const STILL_TILT_RAD: f64 = 0.01;
 /// Share of the acceleration over the time constant that passes for tilt. With half, the deviations of a simulated hand and drone are
 /// 1.3 and 1.4 times their errors, with 0.7 they are 1.4 and 1.5 times.
 const PASSES_FOR_TILT: f64 = 0.5;
@@ -41,12 +41,12 @@ const TAU_STEP: f64 = 1.25;
 pub(super) struct AttitudeFilter {
     vqf: VQF,
     pub(super) errors: GyroErrors,
-    pub(super) gravity: Gravity,
+    pub(super) force_readings: ForceReadings,
     pub(super) field_motion: FieldMotion,
     pub(super) stillness: Stillness,
     /// `None` until a force has been felt in a level frame.
     trim: Option<Trim>,
-    pub(super) stretch: u32,
+    pub(super) frame_id: u32,
     ticked: bool,
     /// For how long the accelerometer has levelled the frame without a break, seconds.
     levelled_s: Option<f64>,
@@ -54,17 +54,17 @@ pub(super) struct AttitudeFilter {
     moved: bool,
     /// Variance of the rotation that the gyro has missed since the last tick, each axis, rad².
     pub(super) missed_rad2: f64,
-    /// Both from the first tick on: see [`Tick::missed_rad2`] and [`Tick::turned_rad`].
+    /// Both from the first tick on: see [`BoardMotion::missed_rad2`] and [`BoardMotion::turned_rad`].
     all_missed_rad2: f64,
     turned_rad: Vector3<f64>,
     /// Horizontal specific force in the frame over the time constant of the tilt, m/s².
-    pull: Vector2<f64>,
+    horizontal_force: Vector2<f64>,
     /// Rotation of the levelled frame for each rad/s of the gyro's bias, body axes, seconds: the rotation matrix from body to that frame,
     /// integrated, and forgotten over the time constant of the tilt.
     tilt_by_bias_s: Matrix3<f64>,
     /// Means over the last seconds: the rate, rad/s, and the tilt error by acceleration, radians.
     mean_rate_rad_s: f64,
-    mean_pull_rad: f64,
+    mean_by_acceleration_rad: f64,
     pub(super) rate_rad_s: Vector3<f64>,
 }
 
@@ -80,32 +80,32 @@ impl AttitudeFilter {
         Self {
             errors: GyroErrors::new(bias_limit_deg_s.to_radians()),
             vqf: VQF::new(TICK_S, None, None, Some(params)),
-            gravity: Gravity::default(),
+            force_readings: ForceReadings::default(),
             field_motion: FieldMotion::default(),
             stillness: Stillness::default(),
             trim: None,
-            stretch: 0,
+            frame_id: 0,
             ticked: false,
             levelled_s: None,
             moved: false,
             missed_rad2: 0.0,
             all_missed_rad2: 0.0,
             turned_rad: Vector3::zeros(),
-            pull: Vector2::zeros(),
+            horizontal_force: Vector2::zeros(),
             tilt_by_bias_s: Matrix3::zeros(),
             mean_rate_rad_s: 0.0,
-            mean_pull_rad: 0.0,
+            mean_by_acceleration_rad: 0.0,
             rate_rad_s: Vector3::zeros(),
         }
     }
 
     /// Carries the filter on by one tick that ends at `end_s`; `mean_rate` with bias.
-    pub(super) fn tick(&mut self, end_s: f64, mean_rate: Vector3<f64>) -> Tick {
+    pub(super) fn tick(&mut self, end_s: f64, mean_rate: Vector3<f64>) -> BoardMotion {
         let rate = self.errors.corrected(&mean_rate);
         self.rate_rad_s = rate;
-        let felt = self.gravity.at_tick(end_s, &rate);
+        let felt = self.force_readings.take_tick(end_s, &rate);
         let force = felt.map(|force| self.errors.corrected_force(&force));
-        let live = self.gravity.live(end_s);
+        let live = self.force_readings.live(end_s);
         self.follow_accelerometer(live, force.is_some());
         self.guard_rest(end_s, &mean_rate);
         self.stillness.take(rate, force);
@@ -143,7 +143,7 @@ impl AttitudeFilter {
         self.ticked = true;
         self.turned_rad += rate * TICK_S;
         self.all_missed_rad2 += missed_rad2;
-        Tick {
+        BoardMotion {
             t_s: end_s,
             pose: self.pose(),
             rate_rad_s: rate,
@@ -169,7 +169,7 @@ impl AttitudeFilter {
     fn choose_tilt_tau(&mut self, rate_rad_s: f64) {
         self.mean_rate_rad_s += (rate_rad_s - self.mean_rate_rad_s) * (TICK_S / MEAN_S);
         let by_turning = TURNS_ON * self.errors.matrix_sd() * self.mean_rate_rad_s;
-        let budget = TILT_BUDGET_RAD.max(self.mean_pull_rad.min(MOST_BUDGET_RAD));
+        let budget = TILT_BUDGET_RAD.max(self.mean_by_acceleration_rad.min(MOST_BUDGET_RAD));
         let wanted = budget / (self.errors.bias_sd_rad_s() + by_turning);
         let wanted = wanted.clamp(*TAU_S.start(), *TAU_S.end());
         let now = self.tilt_tau_s();
@@ -180,13 +180,15 @@ impl AttitudeFilter {
 
     fn follow_force(&mut self, force: &Vector3<f64>) {
         let horizontal = (self.orientation() * force).xy();
-        self.pull += (horizontal - self.pull) * (TICK_S / self.tilt_tau_s());
-        self.mean_pull_rad += (self.pull_rad() - self.mean_pull_rad) * (TICK_S / MEAN_S);
+        self.horizontal_force +=
+            (horizontal - self.horizontal_force) * (TICK_S / self.tilt_tau_s());
+        self.mean_by_acceleration_rad +=
+            (self.by_acceleration_rad() - self.mean_by_acceleration_rad) * (TICK_S / MEAN_S);
     }
 
     /// What acceleration adds to the tilt, radians.
-    fn pull_rad(&self) -> f64 {
-        PASSES_FOR_TILT * self.pull.norm() / GRAVITY_M_S2
+    fn by_acceleration_rad(&self) -> f64 {
+        PASSES_FOR_TILT * self.horizontal_force.norm() / GRAVITY_M_S2
     }
 
     /// Integrates the rotation from body to the levelled frame. The argument is the rotation from body to the gyro's own frame, which is
@@ -207,11 +209,11 @@ impl AttitudeFilter {
             0.0
         };
         let by_trim = self.trim.as_ref().map_or(0.0, |trim| trim.tilt_sd_rad);
-        let by_accelerometer = hypot(TILT_RAD, by_trim);
+        let by_accelerometer = hypot(STILL_TILT_RAD, by_trim);
         let level = self.tilt_by_bias_s.fixed_rows::<2>(0);
         let drift = level * self.errors.bias_covariance() * level.transpose();
         let by_gyro = (drift.trace() / 2.0).max(0.0).sqrt();
-        let sd_rad = |by_gyro| hypot(by_accelerometer, hypot(self.pull_rad(), by_gyro));
+        let sd_rad = |by_gyro| hypot(by_accelerometer, hypot(self.by_acceleration_rad(), by_gyro));
         let (by_levelling, tau_s) = self.levelling_error();
         TiltError {
             tau_s,
@@ -249,10 +251,10 @@ impl AttitudeFilter {
             self.forget_force();
             self.levelled_s = live.then_some(0.0);
             if !live {
-                (self.pull, self.mean_pull_rad) = (Vector2::zeros(), 0.0);
+                (self.horizontal_force, self.mean_by_acceleration_rad) = (Vector2::zeros(), 0.0);
             } else if self.ticked {
                 // Levelling turns the frame: poses before and after cannot be compared.
-                self.stretch = self.stretch.wrapping_add(1);
+                self.frame_id = self.frame_id.wrapping_add(1);
             }
         }
         if let (Some(levelled_s), true) = (&mut self.levelled_s, read) {
@@ -285,9 +287,9 @@ impl AttitudeFilter {
         self.vqf.set_rest_bias_est_enabled(!moving);
     }
 
-    /// Begins a new stretch: how far the board has turned is unknown.
-    pub(super) fn resume_after_gap(&mut self) {
-        self.stretch = self.stretch.wrapping_add(1);
+    /// Begins a new frame: how far the board has turned is unknown.
+    pub(super) fn lose_frame(&mut self) {
+        self.frame_id = self.frame_id.wrapping_add(1);
         self.ticked = false;
         self.levelled_s = None;
         self.missed_rad2 = 0.0;
@@ -302,7 +304,7 @@ impl AttitudeFilter {
         Pose {
             orientation: self.orientation(),
             vertical_known: self.vertical_known(),
-            stretch: self.stretch,
+            frame_id: self.frame_id,
         }
     }
 

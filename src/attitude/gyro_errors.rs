@@ -24,7 +24,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use super::GyroBias;
 use super::bias_walk::{BiasWalk, LEAST_WALK_RAD_S};
-use super::gravity::GRAVITY_M_S2;
+use super::force_readings::GRAVITY_M_S2;
 use crate::frame::add_variance;
 use measure::HELD_BACK_WINDOWS;
 use window::Window;
@@ -164,14 +164,14 @@ impl GyroErrors {
     /// Begins with the bias of the last start, body axes, rad/s.
     pub(super) fn expect_bias(&mut self, bias_rad_s: Vector3<f64>) {
         self.bias = bias_rad_s;
-        self.clear(B, RESTART_BIAS_RAD_S);
+        self.reset_covariance(B, RESTART_BIAS_RAD_S);
     }
 
     /// Begins with this bias of the accelerometer, body axes, m/s².
     pub(super) fn expect_force_bias(&mut self, bias_m_s2: Vector3<f64>) {
         self.force_bias = bias_m_s2;
         self.expected_force_bias = FORCE_BIAS_M_S2.max(bias_m_s2.amax());
-        self.clear(A, FORCE_BIAS_M_S2);
+        self.reset_covariance(A, FORCE_BIAS_M_S2);
     }
 
     /// The gyro may have been started again, or its bias has jumped: adds this deviation to that of its bias on each axis, rad/s.
@@ -259,7 +259,7 @@ impl GyroErrors {
             return;
         };
         self.measure_bias_at_rest(&window);
-        match (window.force, self.up) {
+        match (window.impulse_m_s, self.up) {
             (None, _) => self.up = None,
             (Some(force), None) => self.begin(&force, &window),
             (Some(force), Some(up)) => {
@@ -275,10 +275,12 @@ impl GyroErrors {
         }
         self.expect_larger_force_bias();
         let (bias, seen) = (self.bias_covariance(), self.across());
-        let walked2 = self.bias_walk.take(&self.bias, &bias, &seen, window.s);
+        let walked2 = self
+            .bias_walk
+            .take(&self.bias, &bias, &seen, window.length_s);
         self.walked2 += walked2;
         add_variance(&mut self.p, B..B + 3, walked2);
-        let force2 = FORCE_BIAS_WALK_M_S2.powi(2) * window.s;
+        let force2 = FORCE_BIAS_WALK_M_S2.powi(2) * window.length_s;
         add_variance(&mut self.p, A..A + 3, force2);
     }
 
@@ -299,12 +301,12 @@ impl GyroErrors {
             expected_force_bias: self.expected_force_bias,
             ..Self::new(self.largest_bias_rad_s)
         };
-        anew.take_place_of(self);
+        anew.inherit_totals(self);
         *self = anew;
     }
 
     /// Takes over from a filter that is dropped: its sums since the start, its count plus one, and how fast its bias walks.
-    pub(super) fn take_place_of(&mut self, before: &Self) {
+    pub(super) fn inherit_totals(&mut self, before: &Self) {
         self.doubted2 = before.doubted2;
         self.walked2 = before.walked2;
         self.bias_walk = before.bias_walk.clone();
@@ -313,14 +315,14 @@ impl GyroErrors {
     }
 
     fn begin(&mut self, force: &Vector3<f64>, window: &Window) {
-        let up = force / window.s;
+        let up = force / window.length_s;
         self.up = Some(up);
         self.upright = window.mean_in_body(&up.normalize());
         self.velocity.fill(0.0);
-        self.clear(U, FIRST_M_S2);
-        self.clear(V, self.speed2.sqrt());
+        self.reset_covariance(U, FIRST_M_S2);
+        self.reset_covariance(V, self.speed2.sqrt());
         self.arm.fill(0.0);
-        self.clear(ARM, ARM_M);
+        self.reset_covariance(ARM, ARM_M);
     }
 
     /// How much of the accelerometer's bias counts, 0 to 1, see `STAYS`.
@@ -341,7 +343,7 @@ impl GyroErrors {
     }
 
     /// Sets the covariance of three states to sd², without correlations.
-    fn clear(&mut self, at: usize, sd: f64) {
+    fn reset_covariance(&mut self, at: usize, sd: f64) {
         for index in at..at + 3 {
             self.p.row_mut(index).fill(0.0);
             self.p.column_mut(index).fill(0.0);

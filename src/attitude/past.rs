@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use nalgebra::UnitQuaternion;
 
-use super::Tick;
+use super::BoardMotion;
 
 /// How long ticks are kept, seconds: a magnetometer lags by up to 0.12 s, and a pause of the host delays a sample by up to 0.1 s.
 const KEPT_S: f64 = 0.25;
@@ -12,14 +12,14 @@ const KEPT_S: f64 = 0.25;
 /// The last ticks, oldest first.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Past {
-    ticks: VecDeque<Tick>,
+    ticks: VecDeque<BoardMotion>,
 }
 
 impl Past {
-    /// Takes the newest tick, and forgets old ticks and those of another stretch.
-    pub(super) fn take(&mut self, tick: &Tick) {
+    /// Takes the newest tick, and forgets old ticks and those of another frame.
+    pub(super) fn take(&mut self, tick: &BoardMotion) {
         while let Some(oldest) = self.ticks.front()
-            && (tick.t_s - oldest.t_s > KEPT_S || oldest.pose.stretch != tick.pose.stretch)
+            && (tick.t_s - oldest.t_s > KEPT_S || oldest.pose.frame_id != tick.pose.frame_id)
         {
             self.ticks.pop_front();
         }
@@ -32,7 +32,7 @@ impl Past {
     }
 
     /// The motion at `t_s`. The rate is constant within a tick, before the oldest tick and after the newest.
-    pub(super) fn at(&self, t_s: f64) -> Option<Tick> {
+    pub(super) fn at(&self, t_s: f64) -> Option<BoardMotion> {
         let after = self.ticks.partition_point(|tick| tick.t_s < t_s);
         let tick = self.ticks.get(after).or(self.ticks.back())?;
         let turn = tick.rate_rad_s * (t_s - tick.t_s);
@@ -53,17 +53,17 @@ mod tests {
     use crate::attitude::clock::TICK_S;
 
     /// Half a second of a board that turns faster and faster about its Z.
-    fn spun_up(past: &mut Past, stretch: u32) {
+    fn spun_up(past: &mut Past, frame_id: u32) {
         let mut angle = 0.0;
         for tick in 1..=50 {
             let rate = 0.2 * f64::from(tick);
             angle += rate * TICK_S;
-            past.take(&Tick {
+            past.take(&BoardMotion {
                 t_s: f64::from(tick) * TICK_S,
                 pose: Pose {
                     orientation: UnitQuaternion::from_scaled_axis(Vector3::z() * angle),
                     vertical_known: true,
-                    stretch,
+                    frame_id,
                 },
                 rate_rad_s: Vector3::z() * rate,
                 turned_rad: Vector3::z() * angle,
@@ -100,10 +100,10 @@ mod tests {
     }
 
     #[test]
-    fn poses_of_another_stretch_are_forgotten() {
+    fn poses_of_another_frame_are_forgotten() {
         let mut past = Past::default();
         spun_up(&mut past, 0);
         spun_up(&mut past, 1);
-        assert!(past.ticks.iter().all(|tick| tick.pose.stretch == 1));
+        assert!(past.ticks.iter().all(|tick| tick.pose.frame_id == 1));
     }
 }

@@ -77,8 +77,8 @@ struct Since {
     /// Up as it was, in the body axes of that time.
     up: Vector3<f64>,
     turned: UnitQuaternion<f64>,
-    felt: Vector3<f64>,
-    s: f64,
+    force_sum: Vector3<f64>,
+    age_s: f64,
 }
 
 /// Watches field and force.
@@ -120,8 +120,8 @@ impl SeamWatch {
         self.since = Some(Since {
             up,
             turned: UnitQuaternion::identity(),
-            felt: Vector3::zeros(),
-            s: 0.0,
+            force_sum: Vector3::zeros(),
+            age_s: 0.0,
         });
     }
 
@@ -136,12 +136,12 @@ impl SeamWatch {
             return false;
         };
         since.turned *= UnitQuaternion::from_scaled_axis(rate * TICK_S);
-        since.felt += since.turned * force.unwrap_or_default();
-        since.s += TICK_S;
-        if since.s < SEEN_S {
+        since.force_sum += since.turned * force.unwrap_or_default();
+        since.age_s += TICK_S;
+        if since.age_s < SEEN_S {
             return false;
         }
-        let elsewhere = since.felt.angle(&since.up) > ELSEWHERE_RAD;
+        let elsewhere = since.force_sum.angle(&since.up) > ELSEWHERE_RAD;
         self.since = None;
         elsewhere
     }

@@ -17,8 +17,8 @@ const QUIET_S: f64 = 0.5;
 /// Watches gyro and accelerometer.
 #[derive(Default)]
 pub(super) struct Stillness {
-    rate: Vector3<f64>,
-    force: Option<Vector3<f64>>,
+    mean_rate: Vector3<f64>,
+    mean_force: Option<Vector3<f64>>,
     quiet_s: f64,
 }
 
@@ -26,10 +26,11 @@ impl Stillness {
     /// Takes one tick: the rate freed of its bias and the specific force, if there is one.
     pub(super) fn take(&mut self, rate: Vector3<f64>, force: Option<Vector3<f64>>) {
         let gain = TICK_S / (TICK_S + MEAN_S);
-        self.rate += (rate - self.rate) * gain;
-        let mut quiet = self.rate.norm() < MOVING_RAD_S && (rate - self.rate).norm() < MOVING_RAD_S;
+        self.mean_rate += (rate - self.mean_rate) * gain;
+        let mut quiet =
+            self.mean_rate.norm() < MOVING_RAD_S && (rate - self.mean_rate).norm() < MOVING_RAD_S;
         if let Some(force) = force {
-            let mean = self.force.get_or_insert(force);
+            let mean = self.mean_force.get_or_insert(force);
             *mean += (force - *mean) * gain;
             quiet &= (force - *mean).norm() < FORCE_M_S2;
         }

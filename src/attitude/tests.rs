@@ -1,12 +1,12 @@
-use super::motion::TestBoard;
+use super::test_board::TestBoard;
 use super::*;
 use crate::frame::pitch_and_roll_deg;
 
-fn run(board: &TestBoard) -> (Attitude, Vec<Tick>) {
+fn run(board: &TestBoard) -> (Attitude, Vec<BoardMotion>) {
     run_with(board, &Settings::default())
 }
 
-fn run_with(board: &TestBoard, settings: &Settings) -> (Attitude, Vec<Tick>) {
+fn run_with(board: &TestBoard, settings: &Settings) -> (Attitude, Vec<BoardMotion>) {
     let mut attitude = Attitude::new(settings, &Mountings::default());
     let mut ticks = Vec::new();
     for reading in &board.readings {
@@ -44,8 +44,8 @@ fn tilt(attitude: &Attitude, t_s: f64) -> Option<(f64, f64)> {
     attitude.down(t_s).as_ref().map(pitch_and_roll_deg)
 }
 
-fn stretches(ticks: &[Tick]) -> u32 {
-    ticks.last().unwrap().pose.stretch - ticks[0].pose.stretch
+fn frames_lost(ticks: &[BoardMotion]) -> u32 {
+    ticks.last().unwrap().pose.frame_id - ticks[0].pose.frame_id
 }
 
 #[test]
@@ -182,7 +182,7 @@ fn the_accelerometer_may_come_late_and_go() {
     board.rest(0.5);
     let early = play(&mut attitude, &mut board);
     assert!(!early.vertical_known);
-    assert_ne!(early.stretch, without.stretch, "levelling turns the frame");
+    assert_ne!(early.frame_id, without.frame_id, "levelling turns it");
     assert!(
         tilt(&attitude, board.t_s).is_some(),
         "the accelerometer alone"
@@ -190,7 +190,7 @@ fn the_accelerometer_may_come_late_and_go() {
     board.rest(2.0);
     let levelled = play(&mut attitude, &mut board);
     assert!(levelled.vertical_known);
-    assert_eq!(levelled.stretch, early.stretch);
+    assert_eq!(levelled.frame_id, early.frame_id);
     assert!(tilt_error_rad(&levelled, &board) < 0.02);
 
     board.accel = false;
@@ -198,7 +198,7 @@ fn the_accelerometer_may_come_late_and_go() {
     let gone = play(&mut attitude, &mut board);
     assert!(!gone.vertical_known);
     assert_eq!(tilt(&attitude, board.t_s), None);
-    assert_eq!(gone.stretch, levelled.stretch);
+    assert_eq!(gone.frame_id, levelled.frame_id);
     assert!(tilt_error_rad(&gone, &board) < 0.05);
 }
 
@@ -227,7 +227,7 @@ fn a_short_drop_out_is_bridged_and_a_long_one_begins_a_new_stretch() {
         board.gyro = true;
         board.rest(3.0);
         let (attitude, ticks) = run(&board);
-        assert_eq!(stretches(&ticks), gaps);
+        assert_eq!(frames_lost(&ticks), gaps);
         let hops = ticks
             .windows(2)
             .filter(|pair| pair[1].t_s - pair[0].t_s > 1.5 * TICK_S)
@@ -260,7 +260,7 @@ fn swung(silent_s: f64) -> (f64, f64, u32) {
         board.readings.clear();
         swing(&mut board, 0.05);
         let after = play(&mut attitude, &mut board);
-        lost += after.stretch - before.stretch;
+        lost += after.frame_id - before.frame_id;
         let turned = before.orientation.inverse() * after.orientation;
         off2 += turned
             .angle_to(&(true_before.inverse() * board.attitude))
@@ -322,11 +322,11 @@ fn a_frame_that_is_levelled_anew_in_motion_admits_its_tilt() {
 fn a_board_that_lies_otherwise_at_once_begins_a_new_stretch() {
     let mut board = TestBoard::default();
     swing(&mut board, 5.0);
-    let before = stretches(&run(&board).1);
+    let before = frames_lost(&run(&board).1);
     board.attitude *= UnitQuaternion::from_euler_angles(1.0, 0.5, 2.0);
     swing(&mut board, 3.0);
     let (attitude, ticks) = run(&board);
-    assert_eq!(stretches(&ticks) - before, 1);
+    assert_eq!(frames_lost(&ticks) - before, 1);
     let pose = attitude.pose_at(board.t_s).unwrap();
     assert!(tilt_error_rad(&pose, &board) < 0.03);
 }
@@ -394,7 +394,7 @@ fn a_magnet_that_snaps_onto_the_board_does_not() {
         attitude.take(reading, |_| {});
         may_have_jumped += u32::from(attitude.may_have_jumped());
     }
-    assert_eq!(stretches(&run(&board).1), 0);
+    assert_eq!(frames_lost(&run(&board).1), 0);
     assert!((90..=110).contains(&may_have_jumped), "{may_have_jumped}");
 }
 
@@ -440,10 +440,10 @@ fn clipped_rates_begin_a_new_stretch_when_they_end() {
             .rate_rad_s
             .map(|r| r.map(|v| v.clamp(-limit, limit)));
     }
-    assert_eq!(stretches(&run(&board).1), 1);
+    assert_eq!(frames_lost(&run(&board).1), 1);
     let settings = Settings {
         gyro_range_deg_s: Some(500.0),
         ..Settings::default()
     };
-    assert_eq!(stretches(&run_with(&board, &settings).1), 0);
+    assert_eq!(frames_lost(&run_with(&board, &settings).1), 0);
 }

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::clock::TICK_S;
 use super::follow;
-use super::gravity::GRAVITY_M_S2;
+use super::force_readings::GRAVITY_M_S2;
 
 /// The trim is learnt from the specific force averaged over this time, seconds: jolts are shorter.
 const FELT_S: f64 = 5.0;

@@ -211,7 +211,7 @@ impl TurnFit<'_> {
         let begins = first.iter().filter(|sample| sample.pose.is_some()).count();
         let turned: Vec<Vector3<f64>> = seen[..begins]
             .iter()
-            .filter(|sighting| sighting.pose.stretch == pose.stretch)
+            .filter(|sighting| sighting.pose.frame_id == pose.frame_id)
             .map(|sighting| sighting.pose.orientation * sighting.field_body)
             .collect();
         let sum: Vector3<f64> = turned.iter().sum();

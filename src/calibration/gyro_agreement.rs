@@ -95,13 +95,13 @@ fn phases(
     let mut previous: Option<Pose> = None;
     let phase = |sighting: &Sighting| {
         let pose = sighting.pose;
-        if let Some(before) = previous.filter(|before| before.stretch == pose.stretch) {
+        if let Some(before) = previous.filter(|before| before.frame_id == pose.frame_id) {
             turned_rad += turn(&(before.orientation.inverse() * pose.orientation).scaled_axis());
         }
         previous = Some(pose);
         Phase {
             t_s: sighting.t_s,
-            stretch: pose.stretch,
+            stretch: pose.frame_id,
             rad: angle(sighting, turned_rad),
             turned_rad,
         }
@@ -234,7 +234,7 @@ mod tests {
                     pose: Pose {
                         orientation: flip * about_down(rate * t_s),
                         vertical_known: true,
-                        stretch: 0,
+                        frame_id: 0,
                     },
                     field_body: about_down(-seen * t_s) * Vector3::new(160.0, 0.0, 500.0),
                 }

@@ -83,7 +83,7 @@ fn changes(
     let ends = sightings.iter().zip(later);
     let jumps = middles.iter().zip(middles.iter().skip(apart));
     for ((first, last), (before, after)) in ends.zip(jumps) {
-        if first.pose.stretch != last.pose.stretch || last.t_s - first.t_s > LONGEST_S {
+        if first.pose.frame_id != last.pose.frame_id || last.t_s - first.t_s > LONGEST_S {
             continue;
         }
         let jump = (after - before).norm_squared();
@@ -122,7 +122,7 @@ mod tests {
                     pose: Pose {
                         orientation,
                         vertical_known: true,
-                        stretch: 0,
+                        frame_id: 0,
                     },
                     field_body: orientation.inverse() * earth,
                 }

@@ -161,7 +161,7 @@ fn rotation_axis(request: &Request) -> Option<Vector3<f64>> {
         let (Some(from), Some(to)) = (pair[0].pose, pair[1].pose) else {
             continue;
         };
-        if from.stretch == to.stretch
+        if from.frame_id == to.frame_id
             && from.vertical_known == vertical
             && to.vertical_known == vertical
         {

@@ -109,7 +109,7 @@ fn begin_of_last_rest<'a>(
             continue;
         };
         let turned_rad = now.orientation.angle_to(&then.orientation);
-        if now.stretch == then.stretch && turned_rad < RESTING_RAD {
+        if now.frame_id == then.frame_id && turned_rad < RESTING_RAD {
             rest = Some(*first);
         }
     }

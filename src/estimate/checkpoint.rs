@@ -52,7 +52,7 @@ impl Estimate {
         );
         let rival = kept.rival.as_mut().map(|rival| &mut rival.filter);
         for filter in [&mut kept.active].into_iter().chain(rival) {
-            filter.learn_of_gyro_bias(&learnt, self.frozen);
+            filter.learn_of_gyro_bias(&learnt, self.parameters_fixed);
             filter.pass(&meanwhile);
         }
         if let Some(proven) = &mut kept.proven {

@@ -26,7 +26,7 @@ const MOVING: [usize; 11] = [H, H + 1, H + 2, E, E + 1, M, M + 1, M + 2, Q, Q + 
 const LASTING: [Range<usize>; 2] = [B..M, T..Q];
 
 /// Blocks of the transition matrix F; all others are the identity's.
-pub(super) struct Step {
+pub(super) struct Transition {
     /// ∂h/∂h.
     pub(super) field: Matrix3<f64>,
     /// ∂h/∂G and ∂h/∂S.
@@ -41,9 +41,9 @@ pub(super) struct Step {
     pub(super) place: f64,
 }
 
-impl Step {
+impl Transition {
     /// P ← F P Fᵀ.
-    pub(super) fn carry(&self, p: &mut Covariance) {
+    pub(super) fn propagate(&self, p: &mut Covariance) {
         // P Fᵀ first: only the columns of moving states change.
         let columns = &mut p.data.0;
         for row in 0..N {
@@ -100,18 +100,18 @@ impl Step {
 }
 
 /// J, how a sample depends on the states, without its zeros.
-pub(super) struct Sensitivity {
+pub(super) struct SampleJacobian {
     /// To the field, the unevenness and the offset of the place alike.
     pub(super) field: Matrix3<f64>,
     /// To the tilt error.
     pub(super) tilt: [Vector3<f64>; 2],
     /// To the lag.
     pub(super) lag: Vector3<f64>,
-    /// To the entries of D, along the row of D that belongs to an axis of the sample. To the hard iron it is 1.
-    pub(super) row: Vector3<f64>,
+    /// The predicted field in body axes: the slope by each row of D. The slope by the hard iron is 1.
+    pub(super) body_field: Vector3<f64>,
 }
 
-impl Sensitivity {
+impl SampleJacobian {
     /// P Jᵀ.
     pub(super) fn cross(&self, p: &Covariance) -> SMatrix<f64, N, 3> {
         let columns = &p.data.0;
@@ -132,7 +132,7 @@ impl Sensitivity {
                 let mut all = columns[B + axis][state] + lag * columns[T][state];
                 for from in 0..3 {
                     all += field[from] * here[from][state];
-                    all += self.row[from] * row_of_d[from][state];
+                    all += self.body_field[from] * row_of_d[from][state];
                 }
                 *sum = all + tilt[0] * columns[E][state] + tilt[1] * columns[E + 1][state];
             }
@@ -140,8 +140,8 @@ impl Sensitivity {
         cross
     }
 
-    /// J P Jᵀ, from P Jᵀ.
-    pub(super) fn squared(&self, cross: &SMatrix<f64, N, 3>) -> Matrix3<f64> {
+    /// J P Jᵀ, from P Jᵀ: the innovation's covariance but for the sample's noise.
+    pub(super) fn innovation_covariance(&self, cross: &SMatrix<f64, N, 3>) -> Matrix3<f64> {
         let mut s: Matrix3<f64> = self.field
             * (cross.fixed_rows::<3>(H) + cross.fixed_rows::<3>(M) + cross.fixed_rows::<3>(Q))
             + cross.fixed_rows::<3>(B)
@@ -149,7 +149,7 @@ impl Sensitivity {
             + self.tilt[0] * cross.row(E)
             + self.tilt[1] * cross.row(E + 1);
         for axis in 0..3 {
-            let row = self.row.transpose() * cross.fixed_rows::<3>(D + 3 * axis);
+            let row = self.body_field.transpose() * cross.fixed_rows::<3>(D + 3 * axis);
             for column in 0..3 {
                 s[(axis, column)] += row[column];
             }
@@ -196,9 +196,9 @@ mod tests {
     }
 
     #[test]
-    fn a_step_is_the_full_product() {
+    fn a_transition_is_the_full_product() {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
-        let step = Step {
+        let transition = Transition {
             field: random(&mut rng),
             by_gyro: random(&mut rng),
             tilt: 0.9,
@@ -207,10 +207,12 @@ mod tests {
             place: 0.8,
         };
         let mut full = Covariance::identity();
-        full.fixed_view_mut::<3, 3>(H, H).copy_from(&step.field);
-        full.fixed_view_mut::<3, 6>(H, G).copy_from(&step.by_gyro);
+        full.fixed_view_mut::<3, 3>(H, H)
+            .copy_from(&transition.field);
+        full.fixed_view_mut::<3, 6>(H, G)
+            .copy_from(&transition.by_gyro);
         full.fixed_view_mut::<2, 3>(E, G)
-            .copy_from(&step.tilt_by_bias);
+            .copy_from(&transition.tilt_by_bias);
         for (at, count, kept) in [(E, 2, 0.9), (M, 3, 0.7), (Q, 3, 0.8)] {
             for state in at..at + count {
                 full[(state, state)] = kept;
@@ -218,38 +220,37 @@ mod tests {
         }
         let before = covariance(&mut rng);
         let mut after = before;
-        step.carry(&mut after);
+        transition.propagate(&mut after);
         assert!((after - full * before * full.transpose()).amax() < 1e-12);
     }
 
     #[test]
     fn a_correction_is_the_full_product() {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(2);
-        let sensitivity = Sensitivity {
+        let jacobian = SampleJacobian {
             field: random(&mut rng),
             tilt: [random(&mut rng), random(&mut rng)],
             lag: random(&mut rng),
-            row: random(&mut rng),
+            body_field: random(&mut rng),
         };
         let mut full = SMatrix::<f64, 3, N>::zeros();
         for at in [H, M, Q] {
-            full.fixed_columns_mut::<3>(at)
-                .copy_from(&sensitivity.field);
+            full.fixed_columns_mut::<3>(at).copy_from(&jacobian.field);
         }
         full.fixed_columns_mut::<3>(B)
             .copy_from(&Matrix3::identity());
-        full.set_column(E, &sensitivity.tilt[0]);
-        full.set_column(E + 1, &sensitivity.tilt[1]);
-        full.set_column(T, &sensitivity.lag);
-        let row: RowVector3<f64> = sensitivity.row.transpose();
+        full.set_column(E, &jacobian.tilt[0]);
+        full.set_column(E + 1, &jacobian.tilt[1]);
+        full.set_column(T, &jacobian.lag);
+        let row: RowVector3<f64> = jacobian.body_field.transpose();
         for axis in 0..3 {
             full.fixed_view_mut::<1, 3>(axis, D + 3 * axis)
                 .copy_from(&row);
         }
         let before = covariance(&mut rng);
-        let cross = sensitivity.cross(&before);
+        let cross = jacobian.cross(&before);
         assert!((cross - before * full.transpose()).amax() < 1e-12);
-        let squared = sensitivity.squared(&cross);
+        let squared = jacobian.innovation_covariance(&cross);
         assert!((squared - full * before * full.transpose()).amax() < 1e-11);
 
         let gain = cross * squared.try_inverse().unwrap();

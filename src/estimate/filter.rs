@@ -68,7 +68,7 @@ const LAG_RANGE_S: RangeInclusive<f64> = -0.06..=0.12;
 /// Jitter of the times of samples, seconds: that of a bus which the kernel polls. Any value from 1 to 5 ms gives nearly the same simulated figures.
 const JITTER_S: f64 = 0.002;
 /// Tilt error of the frame until the attitude states its own, radians.
-const TILT_RAD: f64 = 0.012;
+const FIRST_TILT_RAD: f64 = 0.012;
 /// Unevenness of the field at first, as a share of it.
 const FIRST_UNEVENNESS: f64 = 0.035;
 /// A disturbance by this share of the field is no place's unevenness: four deviations.
@@ -122,7 +122,7 @@ impl Input {
 
     /// Angular rate of the board, body axes, rad/s; 0 while it is still. The gyro then reads only noise, which is in `to_frame` too:
     /// the correlation would bias the lag.
-    fn turning(&self) -> Vector3<f64> {
+    fn turn_rate(&self) -> Vector3<f64> {
         if self.board.still {
             Vector3::zeros()
         } else {
@@ -198,7 +198,7 @@ impl Filter {
         for (at, sd) in diagonal {
             add_variance(&mut p, at..at + 3, sd * sd);
         }
-        add_variance(&mut p, E..E + 2, TILT_RAD * TILT_RAD);
+        add_variance(&mut p, E..E + 2, FIRST_TILT_RAD * FIRST_TILT_RAD);
         p[(T, T)] = LAG_S * LAG_S;
         put(&mut x, (B, 0), &prior.bias_mgauss);
         put(&mut x, (D, 0), &rows(&(prior.matrix - Matrix3::identity())));
@@ -234,11 +234,11 @@ impl Filter {
     }
 
     /// Takes a sample, or begins a new frame with it where the last was lost.
-    pub(super) fn follow(&mut self, input: &Input, lost: bool, frozen: bool) {
+    pub(super) fn follow(&mut self, input: &Input, lost: bool, fixed: bool) {
         if lost {
             self.restart_frame(input);
         } else {
-            self.take(input, frozen);
+            self.take(input, fixed);
         }
     }
 
@@ -252,15 +252,15 @@ impl Filter {
         }
     }
 
-    /// Takes a sample. With `frozen`, hard iron and matrix stay as they are, and so does their uncertainty, which counts (a Schmidt–Kalman
+    /// Takes a sample. With `fixed`, hard iron and matrix stay as they are, and so does their uncertainty, which counts (a Schmidt–Kalman
     /// filter).
     /// On a still board the field never changes them; the gyro's readings may, since its bias is correlated with them.
-    fn take(&mut self, input: &Input, frozen: bool) {
+    fn take(&mut self, input: &Input, fixed: bool) {
         if input.rests() {
-            self.learn_bias_at_rest(input, frozen);
+            self.learn_bias_at_rest(input, fixed);
         } else if input.board.still {
             self.rest.interrupt();
-            self.learn_bias_of_still_board(input, frozen);
+            self.learn_bias_of_still_board(input, fixed);
         } else {
             self.rest = RestWatch::default();
             // If a touch has not moved the field, its information does not count again.
@@ -270,10 +270,10 @@ impl Filter {
         if !self.begun && !self.begin(input) {
             return;
         }
-        let forgotten = self.predict(input, frozen);
+        let forgotten = self.predict(input, fixed);
         // A board that does not turn cannot tell iron from north: what changes then is the place or the frame.
-        self.correct(input, frozen || input.board.still);
-        self.measure_unevenness(input, forgotten, frozen);
+        self.correct(input, fixed || input.board.still);
+        self.measure_unevenness(input, forgotten, fixed);
         if !input.board.still && !self.disturbed() {
             self.undisturbed_s += input.period_s;
         }

@@ -30,7 +30,7 @@ use unexplained::Unexplained;
 use witness::Witness;
 
 /// Readings that are the same to the last bit are a real rotation, that of a turntable, only above this correlation.
-const AGREES: f64 = 0.5;
+const CONSTANT_CORRELATES: f64 = 0.5;
 /// A gyro is dead when gravity and field have moved together so often in a row, each by so much of itself (6°), without it. A car that
 /// brakes moves gravity, one that passes it the field; both at once are a chance.
 const TOGETHER: u32 = 3;
@@ -200,7 +200,7 @@ impl GyroCheck {
             // A filter that has just begun may believe in a weaker field than any on earth, of which noise is a large share.
             let strength = strength.max(WEAKEST_MGAUSS);
             let by_field = (input.field_mgauss - self.field_at_start).norm() / strength;
-            self.compare(change.seen.norm(), by_field);
+            self.count_together(change.seen.norm(), by_field);
         }
         change.counts()
     }
@@ -251,7 +251,7 @@ impl GyroCheck {
     }
 
     /// Gravity and field have changed by these shares in a moment.
-    fn compare(&mut self, gravity: f64, field: f64) {
+    fn count_together(&mut self, gravity: f64, field: f64) {
         if self.turned_rad > SILENT * gravity {
             self.together = 0;
         } else if gravity.min(field) > MOVED && self.turned_rad < SILENT * field {
@@ -260,15 +260,14 @@ impl GyroCheck {
     }
 
     fn judged(&self, scale: ScaleVerdict) -> Option<GyroFault> {
-        let constant = self.constant
-            && (self.gravity.turns_alone()
-                || self.field.turns_alone() && self.field.count() >= CONSTANT_CHANGES);
+        let alone = self.gravity.turns_alone()
+            || self.field.turns_alone() && self.field.count() >= CONSTANT_CHANGES;
         // A rotation that is the same to the last bit, and not the one that field and gravity show.
-        let frozen = self.constant
-            && [&self.field, &self.gravity]
-                .iter()
-                .all(|witness| witness.correlates_below(AGREES));
-        if self.together >= TOGETHER || constant || frozen || self.turns.gyro_is_silent() {
+        let uncorrelated = [&self.field, &self.gravity]
+            .iter()
+            .all(|witness| witness.correlates_below(CONSTANT_CORRELATES));
+        let no_measurement = self.constant && (alone || uncorrelated);
+        if self.together >= TOGETHER || no_measurement || self.turns.gyro_is_silent() {
             return Some(GyroFault::Dead);
         }
         // The predicted change of the field depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong
@@ -277,8 +276,8 @@ impl GyroCheck {
         let other_axes = self.axes.verdict == AxesVerdict::Wrong;
         let field_opposes =
             scale == ScaleVerdict::Opposed || (self.field.opposes() && !self.scale.same_way());
-        let told = self.fault == Some(GyroFault::AccelAxes) && !field_opposes;
-        if other_axes && (field_agrees || scale == ScaleVerdict::Right || told) {
+        let still_accel_axes = self.fault == Some(GyroFault::AccelAxes) && !field_opposes;
+        if other_axes && (field_agrees || scale == ScaleVerdict::Right || still_accel_axes) {
             return Some(GyroFault::AccelAxes);
         }
         if other_axes || field_opposes {

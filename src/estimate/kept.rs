@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::prior::{FIELD_MGAUSS, ROTATION_RAD};
-use super::{Fix, level};
+use super::{EstimatedHeading, level};
 use crate::calibration::model::{Calibration, Model, Parameters};
 use crate::frame::{Mounting, heading_deg, hypot};
 
@@ -13,12 +13,12 @@ const PLACE: f64 = 0.02;
 const ACROSS: f64 = 0.5;
 
 /// The heading from one corrected sample over a horizontal plane with this `down`; a board without one is taken for level.
-pub(super) fn fix(
+pub(super) fn heading(
     calibration: &Calibration,
     mounting: &Mounting,
     corrected: &Vector3<f64>,
     down: Option<(Vector3<f64>, f64)>,
-) -> Option<Fix> {
+) -> Option<EstimatedHeading> {
     let (axis, tilt_sd) = level::known_or_level(down);
     let heading = heading_deg(corrected, &axis)?;
     let (along, horizontal) = level::split(corrected, &axis);
@@ -37,7 +37,7 @@ pub(super) fn fix(
     let own = calibration.heading_sd_deg.to_radians() * horizontal;
     let place = PLACE * FIELD_MGAUSS.max(calibration.strength_mgauss);
     let squares = own.powi(2) + place.powi(2) + unseen.powi(2) + (tilt_sd * vertical).powi(2);
-    Some(Fix::new(heading, squares.sqrt() / horizontal))
+    Some(EstimatedHeading::new(heading, squares.sqrt() / horizontal))
 }
 
 /// Which body axes it has measured.

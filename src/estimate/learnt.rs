@@ -27,7 +27,7 @@ impl Estimate {
             return None;
         }
         let to_chip = self.mounting.rotation().transpose();
-        let turn = prior::turned(&to_chip);
+        let turn = prior::parameter_rotation(&to_chip);
         let covariance = turn * self.active.parameter_covariance() * turn.transpose();
         Some(Calibration {
             parameters: Parameters::Spatial(Spatial {

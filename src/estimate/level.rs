@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::attitude::TILT_RAD;
+use crate::attitude::STILL_TILT_RAD;
 use crate::frame::hypot;
 
 /// A board is taken for level within this, radians (3°).
@@ -15,7 +15,7 @@ const LEANS_S: f64 = 5.0;
 /// Down in body axes with its deviation, radians; a board that does not know it is taken for level.
 pub(super) fn known_or_level(down: Option<(Vector3<f64>, f64)>) -> (Vector3<f64>, f64) {
     match down {
-        Some((down, sd)) => (down, hypot(TILT_RAD, sd)),
+        Some((down, sd)) => (down, hypot(STILL_TILT_RAD, sd)),
         None => (Vector3::z(), SD_RAD),
     }
 }

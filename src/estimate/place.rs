@@ -9,7 +9,7 @@
 use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2, Vector3};
 
 use super::filter::Filter;
-use super::filter::known::SeenNorth;
+use super::filter::known::FieldInFrame;
 use super::prior::SCALE;
 use crate::frame::hypot;
 use crate::true_north::EarthField;
@@ -102,15 +102,15 @@ impl PlaceEvidence {
         if !filter.vertical_known || filter.disturbed() {
             return None;
         }
-        let north = filter.north();
-        let squared = self.innovation(&north).map_or(0.0, |one| one.squared());
+        let known = filter.field_in_frame();
+        let squared = self.innovation(&known).map_or(0.0, |one| one.squared());
         let more_s = if squared > CONTRADICTED {
             period_s
         } else {
             -period_s
         };
         self.against_s = (self.against_s + more_s).clamp(0.0, SURE_S);
-        let found = parts(&north.field) * north.field;
+        let found = parts(&known.field) * known.field;
         let certain = if self.reversed { CONTRADICTED } else { WARNED };
         self.reversed = squared > certain && self.is_mirrored_by(&found);
         // No iron that is passed reverses the field and nothing else.
@@ -139,43 +139,43 @@ impl PlaceEvidence {
     }
 
     /// North with this evidence, and without it while anything contradicts it.
-    pub(super) fn on(&self, north: SeenNorth) -> SeenNorth {
-        let innovation = match self.innovation(&north) {
+    pub(super) fn on(&self, known: FieldInFrame) -> FieldInFrame {
+        let innovation = match self.innovation(&known) {
             Some(innovation) if self.against_s == 0.0 => innovation,
-            _ => return north,
+            _ => return known,
         };
-        let by_field: Matrix3x2<f64> = north.field_covariance * innovation.parts.transpose();
-        let by_tilt: Matrix2<f64> = north.cross.transpose() * innovation.parts.transpose();
+        let by_field: Matrix3x2<f64> = known.field_covariance * innovation.parts.transpose();
+        let by_tilt: Matrix2<f64> = known.cross.transpose() * innovation.parts.transpose();
         let (field_gain, tilt_gain) = (by_field * innovation.inverse, by_tilt * innovation.inverse);
         let tilt = tilt_gain * innovation.value;
-        SeenNorth {
-            field: north.field + field_gain * innovation.value,
-            tilt_rad: north.tilt_rad + tilt.push(0.0),
-            field_covariance: north.field_covariance - field_gain * by_field.transpose(),
-            tilt_covariance: north.tilt_covariance - tilt_gain * by_tilt.transpose(),
-            cross: north.cross - field_gain * by_tilt.transpose(),
+        FieldInFrame {
+            field: known.field + field_gain * innovation.value,
+            tilt_rad: known.tilt_rad + tilt.push(0.0),
+            field_covariance: known.field_covariance - field_gain * by_field.transpose(),
+            tilt_covariance: known.tilt_covariance - tilt_gain * by_tilt.transpose(),
+            cross: known.cross - field_gain * by_tilt.transpose(),
         }
     }
 
     /// `None` while the direction of north is hardly known.
-    fn innovation(&self, north: &SeenNorth) -> Option<Innovation> {
-        let horizontal = north.field.xy();
+    fn innovation(&self, known: &FieldInFrame) -> Option<Innovation> {
+        let horizontal = known.field.xy();
         let length = horizontal.norm();
         if length < 1.0 {
             return None;
         }
         let along = horizontal / length;
         let across = Vector2::new(-along.y, along.x);
-        let own = north.field_covariance.fixed_view::<2, 2>(0, 0);
+        let own = known.field_covariance.fixed_view::<2, 2>(0, 0);
         let variance = (across.transpose() * own * across)[0];
         if variance > (DIRECTION_RAD * length).powi(2) {
             return None;
         }
-        let parts = parts(&north.field);
-        let covariance = parts * north.field_covariance * parts.transpose() + self.covariance();
+        let parts = parts(&known.field);
+        let covariance = parts * known.field_covariance * parts.transpose() + self.covariance();
         Some(Innovation {
             parts,
-            value: self.expected - parts * north.field,
+            value: self.expected - parts * known.field,
             inverse: covariance.try_inverse()?,
         })
     }

@@ -106,7 +106,7 @@ impl Prior {
             };
         };
         let to_body = mounting.rotation();
-        let turn = turned(&to_body);
+        let turn = parameter_rotation(&to_body);
         let matrix = to_body * spatial.matrix * to_body.transpose();
         Self {
             bias_mgauss: mounting.to_body(spatial.bias_mgauss),
@@ -207,7 +207,7 @@ fn without_trace() -> SMatrix<f64, 9, 9> {
 }
 
 /// Turns bias and matrix, row by row, from one frame into another: b into Q b, D into Q D Qᵀ.
-pub(super) fn turned(rotation: &Matrix3<f64>) -> ParameterCovariance {
+pub(super) fn parameter_rotation(rotation: &Matrix3<f64>) -> ParameterCovariance {
     let mut turn = ParameterCovariance::zeros();
     put(&mut turn, (0, 0), rotation);
     put(&mut turn, (3, 3), &rotation.kronecker(rotation));

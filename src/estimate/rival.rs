@@ -25,7 +25,7 @@ const FRAME_TRUSTED_AFTER_S: f64 = 5.0;
 pub(super) struct Rival {
     pub(super) filter: Filter,
     /// Log-likelihood of the rival less that of the active one, at the sample before.
-    ahead: f64,
+    last_lead: f64,
     /// How much better it has explained the samples since it began.
     lead: f64,
     moved_s: f64,
@@ -60,14 +60,14 @@ impl IronTrial {
 
 impl Estimate {
     /// The better explanation of the samples wins.
-    pub(super) fn compare(&mut self, period_s: f64) {
+    pub(super) fn judge_rival(&mut self, period_s: f64) {
         let Some(rival) = &mut self.rival else {
             return;
         };
         rival.moved_s += period_s;
         let ahead = rival.filter.log_likelihood - self.active.log_likelihood;
-        rival.lead += (ahead - rival.ahead).clamp(-MOST_A_SAMPLE, MOST_A_SAMPLE);
-        rival.ahead = ahead;
+        rival.lead += (ahead - rival.last_lead).clamp(-MOST_A_SAMPLE, MOST_A_SAMPLE);
+        rival.last_lead = ahead;
         let lead = rival.lead;
         if lead > DECIDED {
             self.active = rival.filter.clone();
@@ -83,11 +83,11 @@ impl Estimate {
 
     /// A disturbance that stays while the board moves may be iron on the board.
     pub(super) fn try_iron(&mut self, input: &Input) {
-        if self.rival.is_some() || self.frozen || !self.active.begun {
+        if self.rival.is_some() || self.parameters_fixed || !self.active.begun {
             return;
         }
         let trial = &mut self.trial;
-        if trial.before_jump.is_none() && self.active.disturbance() < IRON_TRIED_FROM {
+        if trial.before_jump.is_none() && self.active.unevenness_share() < IRON_TRIED_FROM {
             trial.disturbed_s = (trial.disturbed_s - input.period_s).max(0.0);
             return;
         }
@@ -102,7 +102,7 @@ impl Estimate {
             *before
         } else {
             let mut filter = self.active.clone();
-            filter.doubt_iron(filter.disturbance_mgauss());
+            filter.doubt_iron(filter.unevenness_mgauss());
             if filter.undisturbed_s < FRAME_TRUSTED_AFTER_S {
                 filter.restart_frame(input);
             }
@@ -113,7 +113,7 @@ impl Estimate {
 
     pub(super) fn start_rival(&mut self, filter: Filter) {
         self.rival = Some(Rival {
-            ahead: filter.log_likelihood - self.active.log_likelihood,
+            last_lead: filter.log_likelihood - self.active.log_likelihood,
             lead: 0.0,
             filter,
             moved_s: 0.0,

@@ -28,16 +28,16 @@ pub(super) struct VisitWatch {
 }
 
 /// The filters from before a visit.
-pub(super) struct Before {
+pub(super) struct FiltersBefore {
     pub(super) active: Filter,
     pub(super) rival: Option<Rival>,
 }
 
 /// A board that has not been turned since it became still.
 struct Rest {
-    before: Before,
+    before: FiltersBefore,
     /// Orientation at the beginning, body to frame.
-    lay: Matrix3<f64>,
+    attitude: Matrix3<f64>,
     /// For how long the board has moved without a pause, seconds.
     touched_s: f64,
     /// Average of what the field differs by from what is expected, body axes, milligauss; `None` without a visit.
@@ -53,9 +53,9 @@ impl VisitWatch {
         input: &Input,
         active: &Filter,
         rival: Option<&Rival>,
-    ) -> Option<Before> {
+    ) -> Option<FiltersBefore> {
         let disturbed = active.disturbed();
-        let now = || Before {
+        let now = || FiltersBefore {
             active: active.clone(),
             rival: rival.cloned(),
         };
@@ -64,7 +64,7 @@ impl VisitWatch {
             self.rest = rests.then(|| {
                 Box::new(Rest {
                     before: now(),
-                    lay: input.to_frame,
+                    attitude: input.to_frame,
                     touched_s: 0.0,
                     off_mgauss: None,
                     most_mgauss: 0.0,
@@ -90,7 +90,7 @@ impl VisitWatch {
     }
 }
 
-impl Before {
+impl FiltersBefore {
     fn filters_mut(&mut self) -> impl Iterator<Item = &mut Filter> {
         let rival = self.rival.as_mut().map(|rival| &mut rival.filter);
         [&mut self.active].into_iter().chain(rival)
@@ -102,7 +102,7 @@ impl Rest {
     fn board_moved(&mut self, input: &Input) -> bool {
         let touched_s = self.touched_s + input.period_s;
         self.touched_s = if input.board.still { 0.0 } else { touched_s };
-        self.touched_s > TOUCH_S || angle_between_rad(&self.lay, &input.to_frame) > SWING_RAD
+        self.touched_s > TOUCH_S || angle_between_rad(&self.attitude, &input.to_frame) > SWING_RAD
     }
 
     /// Carries the kept filters on through the visit. Whether it is over.

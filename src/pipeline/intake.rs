@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::Setup;
 use super::force_unit::ForceUnit;
 use super::saturation::{RunState, Saturation};
-use crate::attitude::{Attitude, Lateness, Tick};
+use crate::attitude::{Attitude, BoardMotion, Lateness};
 use crate::calibration::model::Calibration;
 use crate::outliers::Outliers;
 use crate::reading::{HELD_S, Reading};
@@ -44,7 +44,7 @@ impl Intake {
     pub(super) fn take(
         &mut self,
         reading: &Reading,
-        mut on_tick: impl FnMut(&Tick, Option<Turn>),
+        mut on_tick: impl FnMut(&BoardMotion, Option<Turn>),
     ) -> (Reading, [RunState; 3]) {
         let (reading, runs) = self.saturation.filter(&self.outliers.filter(reading));
         if let Some(force) = reading.specific_force_m_s2 {

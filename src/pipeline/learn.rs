@@ -89,7 +89,7 @@ impl Pipeline {
     fn is_known_within(&self, sd_deg: f64) -> bool {
         self.estimate.north_sd_deg() <= sd_deg
             && !self.estimate.disturbed()
-            && self.estimate.unlikely_mgauss().is_none()
+            && self.estimate.probably_not_earths_mgauss().is_none()
     }
 
     /// Takes note that what the estimate knows is kept, and returns it as an outcome.
@@ -222,7 +222,7 @@ impl Pipeline {
         if let Some(refusal) = self.objection_to_gyro() {
             return Some(refusal);
         }
-        if let Some(strength) = self.estimate.unlikely_mgauss() {
+        if let Some(strength) = self.estimate.probably_not_earths_mgauss() {
             return Some(Refusal::new("field_unit", wrong_strength(strength)));
         }
         if !predicted.is_kept() {

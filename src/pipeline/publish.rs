@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::{Action, Pipeline};
 use crate::attitude::Pose;
 use crate::condition::Condition;
-use crate::estimate::{Fix, Sample};
+use crate::estimate::{EstimatedHeading, Sample};
 use crate::frame::{dip_deg, heading_deg, pitch_and_roll_deg};
 use crate::heading::{Heading, MagStatus};
 use crate::reading::HELD_S;
@@ -20,10 +20,10 @@ const MOST_HELD_RAD: f64 = 0.02;
 struct FoundHeading {
     down: Option<Vector3<f64>>,
     corrected: Option<Vector3<f64>>,
-    fused: Option<Fix>,
-    instantaneous: Option<Fix>,
+    fused: Option<EstimatedHeading>,
+    instantaneous: Option<EstimatedHeading>,
     /// The better of both, if it is certain enough to be published.
-    published: Option<Fix>,
+    published: Option<EstimatedHeading>,
 }
 
 impl Pipeline {
@@ -36,7 +36,7 @@ impl Pipeline {
         actions: &mut Vec<Action>,
     ) {
         let pose = self.feed_estimate(t_s, raw, measured_s);
-        actions.extend(self.estimate.take_news().map(Action::Warn));
+        actions.extend(self.estimate.take_warning().map(Action::Warn));
         let right = self.gyro_is_right();
         let found = self.weigh_sample(t_s, raw, pose.filter(|_| right));
         if found.published.is_some() && self.wanted().is_some() {
@@ -65,21 +65,22 @@ impl Pipeline {
             self.follow_strength(t_s, corrected.norm());
         }
         let missed_rad = self.intake.attitude.missed_turn_rad(t_s);
-        let fused = pose.and_then(|pose| self.estimate.fix(&pose, missed_rad));
+        let fused = pose.and_then(|pose| self.estimate.heading(&pose, missed_rad));
         let rate_rad_s = self.rate_rad_s(t_s).map_or(0.0, |rate| rate.norm());
-        let instantaneous = self.estimate.instantaneous(raw, level, rate_rad_s);
+        let instantaneous = self.estimate.heading_of_sample(raw, level, rate_rad_s);
         let best = if pose.is_some() { fused } else { instantaneous };
         if let Some(best) = &best {
             self.sd_deg = best.sd_deg;
         }
-        let possible = self.estimate.impossible_mgauss().is_none() && self.axes_are_right();
+        let possible =
+            self.estimate.certainly_not_earths_mgauss().is_none() && self.axes_are_right();
         let most_sd_deg = self.setup.pipeline.publish_sd_deg;
         FoundHeading {
             down: level.map(|(down, _)| down),
             corrected,
             fused,
             instantaneous,
-            published: best.filter(|fix| possible && fix.sd_deg <= most_sd_deg),
+            published: best.filter(|heading| possible && heading.sd_deg <= most_sd_deg),
         }
     }
 
@@ -98,8 +99,8 @@ impl Pipeline {
             return heading;
         };
         if let Some(published) = found.published {
-            heading.fused_deg = found.fused.map(|fix| fix.heading_deg);
-            heading.instantaneous_deg = found.instantaneous.map(|fix| fix.heading_deg);
+            heading.fused_deg = found.fused.map(|found| found.heading_deg);
+            heading.instantaneous_deg = found.instantaneous.map(|found| found.heading_deg);
             heading.sd_deg = Some(published.sd_deg);
         }
         let measured = self.estimate.measured_axes();
@@ -157,7 +158,7 @@ impl Pipeline {
             board: self.intake.attitude.state(t_s),
         };
         self.estimate
-            .freeze(self.wanted().is_none() && self.learning.calibrated);
+            .fix_parameters(self.wanted().is_none() && self.learning.calibrated);
         self.estimate.take(&sample);
         if self.estimate.take_gyro_recovered() {
             // The attitude has followed the dead gyro, and learnt a wrong bias of it.

@@ -99,6 +99,6 @@ fn headings(judged: &Judged, sample: &FieldSample, corrected: Vector3<f64>) -> O
         gyro: -forward.y.atan2(forward.x).to_degrees(),
         raw: heading_deg(&mounting.to_body(sample.field_mgauss), &down)?,
         corrected: heading_deg(&mounting.to_body(corrected), &down)?,
-        stretch: pose.stretch,
+        stretch: pose.frame_id,
     })
 }

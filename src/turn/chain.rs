@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Settings, Turn, from_vertical_deg};
-use crate::attitude::{TICK_S, Tick};
+use crate::attitude::{BoardMotion, TICK_S};
 
 /// Rotation that makes a link, radians: enough to tell its axis from a hand's tremor.
 const LINK_RAD: f64 = 20.0 * PI / 180.0;
@@ -120,7 +120,7 @@ impl Chain {
 
     /// Takes a tick. `patience_rad`: the detector about the vertical, which trims the start more finely, is about to find a turn;
     /// such a turn is left to it for this much more rotation.
-    pub(super) fn tick(&mut self, tick: &Tick, patience_rad: f64) -> Option<Turn> {
+    pub(super) fn tick(&mut self, tick: &BoardMotion, patience_rad: f64) -> Option<Turn> {
         let oldest_s = tick.t_s - self.time_limit_s;
         if self.links.front().is_some_and(|l| l.start_s < oldest_s) {
             self.links.pop_front();

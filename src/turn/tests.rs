@@ -1,5 +1,5 @@
 use super::*;
-use crate::attitude::motion::TestBoard;
+use crate::attitude::test_board::TestBoard;
 use crate::attitude::{Attitude, Settings as AttitudeSettings};
 use crate::frame::Mountings;
 

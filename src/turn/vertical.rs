@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Settings, Turn, from_vertical_deg};
-use crate::attitude::{TICK_S, Tick};
+use crate::attitude::{BoardMotion, TICK_S};
 use crate::frame::{hypot, wrap_pi};
 
 /// Time between two notes, seconds.
@@ -99,7 +99,7 @@ impl Vertical {
     }
 
     /// Takes a tick of which the vertical is known.
-    pub(super) fn tick(&mut self, tick: &Tick) -> Option<Turn> {
+    pub(super) fn tick(&mut self, tick: &BoardMotion) -> Option<Turn> {
         if let Some(before) = self.now
             && self.resting
             && !tick.at_rest
@@ -136,7 +136,7 @@ impl Vertical {
         None
     }
 
-    fn advance(&mut self, tick: &Tick) -> Note {
+    fn advance(&mut self, tick: &BoardMotion) -> Note {
         let orientation = tick.pose.orientation;
         let now = self.now.get_or_insert(Note {
             t_s: tick.t_s - TICK_S,

@@ -199,7 +199,7 @@ fn a_wrong_line_is_found_and_explained() {
         ("src/turn.rs", "use super::store;"),
         ("src/turn/chain.rs", "use super::super::{frame, store};"),
         (
-            "src/estimate/fix.rs",
+            "src/estimate/heading.rs",
             "use crate::calibration::{model::Spatial, verdict};",
         ),
         ("src/command/run.rs", "use crate::nowhere;"),
@@ -231,7 +231,7 @@ fn a_wrong_line_is_found_and_explained() {
     for (file, text) in [
         (
             "src/turn/chain.rs",
-            "use super::Settings; use crate::attitude::{self, Tick}; use crate::check::Check;",
+            "use super::Settings; use crate::attitude::{self, BoardMotion}; use crate::check::Check;",
         ),
         (
             "src/turn.rs",

@@ -34,27 +34,28 @@ impl GyroErrors {
             self.resting.clear();
             return;
         }
-        self.resting.push_back(window.rate / window.s + self.bias);
+        self.resting
+            .push_back(window.angle_rad / window.length_s + self.bias);
         if self.resting.len() > HELD_BACK_WINDOWS
             && let Some(raw) = self.resting.pop_front()
         {
-            let variance = REST_RATE_RAD_S.powi(2) / window.s;
+            let variance = REST_RATE_RAD_S.powi(2) / window.length_s;
             self.correct(B, &(raw - self.bias), variance);
         }
     }
 
     /// The board is at rest: its velocity is 0, and all specific force is gravity's and the accelerometer's bias.
     pub(super) fn measure_up_at_rest(&mut self, left: &Vector3<f64>, window: &Window) {
-        let dt = window.s;
-        let by_bias = window.turn * (self.felt_share() / dt);
+        let dt = window.length_s;
+        let by_bias = window.rotation_s * (self.felt_share() / dt);
         self.correct_sum((U, A), &by_bias, &(left / dt), REST_FORCE_M_S2.powi(2) / dt);
         self.velocity.fill(0.0);
-        self.clear(V, LEAST_SPEED_M_S);
+        self.reset_covariance(V, LEAST_SPEED_M_S);
     }
 
     /// The chips' velocity is R (ω × r), within those that this board has.
     pub(super) fn measure_velocity(&mut self, left: &Vector3<f64>, window: &Window) {
-        let dt = window.s;
+        let dt = window.length_s;
         let uncertain = self.p.fixed_view::<3, 3>(V, V).trace();
         // On each of the two axes in which boards mostly move.
         let now = 0.5 * (self.velocity.norm_squared() - uncertain);
@@ -68,7 +69,7 @@ impl GyroErrors {
         // Neighbouring windows share their velocity.
         let variance = self.speed2 * 2.0 * lasts_s / dt;
         // −R [ω]×, the mean over the window, of which `turn` and `rate` are integrals.
-        let by_arm = -window.turn * (window.rate / dt.powi(2)).cross_matrix();
+        let by_arm = -window.rotation_s * (window.angle_rad / dt.powi(2)).cross_matrix();
         let innovation = -self.velocity - by_arm * self.arm;
         self.correct_sum((V, ARM), &by_arm, &innovation, variance);
     }

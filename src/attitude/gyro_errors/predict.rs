@@ -4,7 +4,7 @@ use nalgebra::{SMatrix, Vector3};
 
 use super::window::Window;
 use super::{A, ARM, ARM_M, B, GyroErrors, M, N, U, V};
-use crate::attitude::gravity::GRAVITY_M_S2;
+use crate::attitude::force_readings::GRAVITY_M_S2;
 use crate::frame::{add_variance, put};
 
 /// The integral forgets over this time, seconds: a steady velocity is no acceleration.
@@ -30,7 +30,7 @@ impl GyroErrors {
         up: &Vector3<f64>,
         window: &Window,
     ) -> Vector3<f64> {
-        let dt = window.s;
+        let dt = window.length_s;
         let keep = (-dt / LEAK_S).exp();
         let left = force - up * dt;
         self.velocity = self.velocity * keep + left;
@@ -41,9 +41,9 @@ impl GyroErrors {
         let seen = self.across();
         // Of the transition only the rows of u and v differ from the identity's.
         let mut step = SMatrix::<f64, 6, N>::identity();
-        put(&mut step, (U, B), &(by_turn * window.turn * seen));
+        put(&mut step, (U, B), &(by_turn * window.rotation_s * seen));
         for column in 0..3 {
-            let by = by_turn * window.turn_by[column] * seen;
+            let by = by_turn * window.rotation_by_rate_rad[column] * seen;
             for row in 0..3 {
                 let at = (U, M + 3 * row + column);
                 put(&mut step, at, &by.column(row).into_owned());
@@ -53,7 +53,7 @@ impl GyroErrors {
             step[(V + axis, V + axis)] = keep;
             step[(V + axis, U + axis)] = -dt;
         }
-        put(&mut step, (V, A), &(-self.felt_share() * window.turn));
+        put(&mut step, (V, A), &(-self.felt_share() * window.rotation_s));
         let rows = step * self.p;
         put(&mut self.p, (U, 0), &rows);
         let columns = self.p * step.transpose();
@@ -61,8 +61,8 @@ impl GyroErrors {
         self.let_arm_change(dt);
         self.p = (self.p + self.p.transpose()) * 0.5;
         let walk = ANGLE_WALK_RAD.powi(2) * dt
-            + TURN_WALK_RAD.powi(2) * window.turned
-            + self.timing_walk_s2 * window.rate2;
+            + TURN_WALK_RAD.powi(2) * window.path_rad
+            + self.timing_walk_s2 * window.rate2_s;
         add_variance(&mut self.p, U..U + 3, walk * GRAVITY_M_S2.powi(2));
         add_variance(&mut self.p, V..V + 3, VELOCITY_WALK_M_S.powi(2) * dt);
         left

@@ -37,7 +37,7 @@ impl Filter {
         let Some(inverse) = (Matrix3::identity() + matrix).try_inverse() else {
             return;
         };
-        let rate = input.turning().cross_matrix();
+        let rate = input.turn_rate().cross_matrix();
         let lag = about[T] - input.lag_s;
         let turn = input.to_frame * (Matrix3::identity() - rate * lag);
         let map = turn * inverse;

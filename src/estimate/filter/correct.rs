@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, LAG_RANGE_S};
-use crate::estimate::covariance::{B, D, E, G, H, M, N, S, Sensitivity, T, subtract};
+use crate::estimate::covariance::{B, D, E, G, H, M, N, S, SampleJacobian, T, subtract};
 use crate::estimate::prior::SCALE;
 use crate::frame::put;
 use crate::reading::STRONGEST_MGAUSS;
@@ -34,11 +34,11 @@ pub(super) struct HeldBack {
 }
 
 impl HeldBack {
-    /// With `frozen`, hard iron and matrix stay as they are.
-    pub(super) fn parameters(frozen: bool) -> Self {
+    /// With `fixed`, hard iron and matrix stay as they are.
+    pub(super) fn parameters(fixed: bool) -> Self {
         Self {
-            iron: f64::from(frozen),
-            matrix: f64::from(frozen),
+            iron: f64::from(fixed),
+            matrix: f64::from(fixed),
             gyro_bias: 0.0,
         }
     }
@@ -64,20 +64,20 @@ fn share(one: f64, other: f64) -> f64 {
 
 impl Filter {
     /// Takes the sample in.
-    pub(super) fn correct(&mut self, input: &Input, frozen: bool) {
+    pub(super) fn correct(&mut self, input: &Input, fixed: bool) {
         let (r, dt) = (input.to_frame, input.period_s);
         let (predicted, innovation) = self.predicted(input);
-        let sensitivity = if input.board.still {
+        let jacobian = if input.board.still {
             // On a still board the Jacobian leaves out the estimates of unevenness, place and tilt error: they follow the innovation, and
             // the correlation would turn the field steadily, by 10° in some hours of a field that swells by 1 %.
-            self.sensitivity(input, &self.vector(H), &Vector3::zeros())
+            self.jacobian(input, &self.vector(H), &Vector3::zeros())
         } else {
             predicted
         };
-        let mut cross = sensitivity.cross(&self.p);
-        let white = self.white_noise2(&input.turning());
+        let mut cross = jacobian.cross(&self.p);
+        let white = self.white_noise2(&input.turn_rate());
         let weigh = |cross: &_| {
-            let s = sensitivity.squared(cross) + Matrix3::identity() * white;
+            let s = jacobian.innovation_covariance(cross) + Matrix3::identity() * white;
             let inverse = s.try_inverse()?;
             let weighted = inverse * innovation;
             Some((s, inverse, weighted, innovation.dot(&weighted)))
@@ -102,7 +102,7 @@ impl Filter {
             for axis in 0..3 {
                 self.p[(M + axis, M + axis)] += jump;
                 let mut row = cross.row_mut(M + axis);
-                row += sensitivity.field.column(axis).transpose() * jump;
+                row += jacobian.field.column(axis).transpose() * jump;
             }
             let Some(again) = weigh(&cross) else {
                 return;
@@ -120,26 +120,27 @@ impl Filter {
             self.consistency += (dt / CONSISTENCY_S).min(1.0) * (now - self.consistency);
         }
         self.log_likelihood -= 0.5 * (squared + s.determinant().ln());
-        self.update(&(cross * inverse), &cross, &innovation, frozen);
+        self.update(&(cross * inverse), &cross, &innovation, fixed);
     }
 
     /// The innovation of a sample that is not taken, body axes, milligauss, and its covariance but for the noise of samples, milligauss².
     pub fn foresee(&self, input: &Input) -> (Vector3<f64>, Matrix3<f64>) {
         let (predicted, innovation) = self.predicted(input);
-        (innovation, predicted.squared(&predicted.cross(&self.p)))
+        let covariance = predicted.innovation_covariance(&predicted.cross(&self.p));
+        (innovation, covariance)
     }
 
     /// How the sample depends on the states as they are, and the innovation, body axes, milligauss.
-    fn predicted(&self, input: &Input) -> (Sensitivity, Vector3<f64>) {
-        let predicted = self.sensitivity(input, &self.field_here(), &self.tilt_rad());
-        let innovation = input.field_mgauss - self.matrix() * predicted.row - self.vector(B);
+    fn predicted(&self, input: &Input) -> (SampleJacobian, Vector3<f64>) {
+        let predicted = self.jacobian(input, &self.field_here(), &self.tilt_rad());
+        let innovation = input.field_mgauss - self.matrix() * predicted.body_field - self.vector(B);
         (predicted, innovation)
     }
 
     /// How the sample depends on the states where field and tilt error are these, in the frame. The predicted sample is
-    /// `matrix · row + bias`.
-    fn sensitivity(&self, input: &Input, here: &Vector3<f64>, tilt: &Vector3<f64>) -> Sensitivity {
-        let w = input.turning();
+    /// `matrix · body_field + bias`.
+    fn jacobian(&self, input: &Input, here: &Vector3<f64>, tilt: &Vector3<f64>) -> SampleJacobian {
+        let w = input.turn_rate();
         let to_body = input.to_frame.transpose();
         let lag = self.x[T] - input.lag_s;
         let matrix = self.matrix();
@@ -151,11 +152,11 @@ impl Filter {
             * to_body
             * (Matrix3::identity() + tilt.cross_matrix() * self.tilt_worth());
         let by_tilt = by_field * -self.tilted(here).cross_matrix();
-        Sensitivity {
+        SampleJacobian {
             field: by_field,
             tilt: [by_tilt.column(0).into(), by_tilt.column(1).into()],
             lag: matrix * body_rate,
-            row: body + body_rate * lag,
+            body_field: body + body_rate * lag,
         }
     }
 
@@ -195,19 +196,19 @@ impl Filter {
         again
     }
 
-    /// x ← x + K ν, P ← P − K Cᵀ. D and G are corrected only in part. If innovations repeat (`whiteness`), so is b. With `frozen`, b and D
+    /// x ← x + K ν, P ← P − K Cᵀ. D and G are corrected only in part. If innovations repeat (`whiteness`), so is b. With `fixed`, b and D
     /// stay.
     fn update(
         &mut self,
         gain: &SMatrix<f64, N, 3>,
         cross: &SMatrix<f64, N, 3>,
         innovation: &Vector3<f64>,
-        frozen: bool,
+        fixed: bool,
     ) {
         let repeats = self.whiteness.held();
         let held = HeldBack {
-            iron: repeats.max(f64::from(frozen)),
-            matrix: self.matrix_held().max(repeats).max(f64::from(frozen)),
+            iron: repeats.max(f64::from(fixed)),
+            matrix: self.matrix_held().max(repeats).max(f64::from(fixed)),
             gyro_bias: self.gyro_bias_held().max(repeats),
         };
         self.correct_partly(&held, |filter| {
@@ -340,7 +341,7 @@ mod tests {
         filter.p[(H + 2, H + 2)] = vertical_sd.powi(2);
         let input = Input::turning_at(Matrix3::identity(), Vector3::zeros(), Vector3::zeros());
         let here = Vector3::new(0.0, 0.0, vertical);
-        let [tilt, _] = filter.sensitivity(&input, &here, &Vector3::zeros()).tilt;
+        let [tilt, _] = filter.jacobian(&input, &here, &Vector3::zeros()).tilt;
         tilt.norm()
     }
 

@@ -33,7 +33,7 @@ pub struct BiasLearnt {
     walked2: f64,
     /// What the attitude has measured of the bias that is left, times `TAKEN`: information matrix and vector. 0 if that does not count.
     information: Matrix3<f64>,
-    weighted: Vector3<f64>,
+    information_vector: Vector3<f64>,
 }
 
 impl BiasLearnt {
@@ -41,7 +41,7 @@ impl BiasLearnt {
     pub fn between(before: &GyroBias, after: &GyroBias, measured: bool) -> Self {
         let shift_rad_s = after.rad_s - before.rad_s;
         let walked2 = after.walked2 - before.walked2;
-        let walked = before.covariance + Matrix3::identity() * walked2;
+        let predicted = before.covariance + Matrix3::identity() * walked2;
         let mut learnt = Self {
             walked2,
             shift_rad_s,
@@ -49,16 +49,16 @@ impl BiasLearnt {
             forgotten: after.begun_anew != before.begun_anew,
             doubted2: after.doubted2 - before.doubted2,
             information: Matrix3::zeros(),
-            weighted: Vector3::zeros(),
+            information_vector: Vector3::zeros(),
         };
         let unchanged = after.covariance == before.covariance;
         if !measured || unchanged || learnt.forgotten || learnt.doubted2 > 0.0 {
             return learnt;
         }
-        let inverses = (walked.try_inverse(), after.covariance.try_inverse());
-        if let (Some(known), Some(knows)) = inverses {
-            learnt.information = (knows - known) * TAKEN;
-            learnt.weighted = known * shift_rad_s * TAKEN;
+        let inverses = (predicted.try_inverse(), after.covariance.try_inverse());
+        if let (Some(information_before), Some(information_after)) = inverses {
+            learnt.information = (information_after - information_before) * TAKEN;
+            learnt.information_vector = information_before * shift_rad_s * TAKEN;
         }
         learnt
     }
@@ -96,8 +96,8 @@ impl Filter {
         self.follow_gyro_bias(learnt);
     }
 
-    /// Follows the attitude's bias, and learns what the attitude has measured of it. With `frozen`, hard iron and matrix stay as they are.
-    pub fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, frozen: bool) {
+    /// Follows the attitude's bias, and learns what the attitude has measured of it. With `fixed`, hard iron and matrix stay as they are.
+    pub fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, fixed: bool) {
         self.follow_gyro_bias(learnt);
         if !self.begun || learnt.information == Matrix3::zeros() {
             return;
@@ -107,37 +107,37 @@ impl Filter {
         let Some(weight) = (Matrix3::identity() + learnt.information * own).try_inverse() else {
             return;
         };
-        let held = HeldBack::parameters(frozen);
+        let held = HeldBack::parameters(fixed);
         self.correct_partly(&held, |filter| {
-            let off = learnt.weighted - learnt.information * filter.vector(G);
+            let off = learnt.information_vector - learnt.information * filter.vector(G);
             filter.x += cross * (weight * off);
             let gain = cross * (weight * learnt.information);
             subtract(&mut filter.p, &gain, &cross);
         });
     }
 
-    /// Learns the gyro's bias at rest, and measures its noise. With `frozen`, hard iron and matrix stay as they are.
-    pub(super) fn learn_bias_at_rest(&mut self, input: &Input, frozen: bool) {
+    /// Learns the gyro's bias at rest, and measures its noise. With `fixed`, hard iron and matrix stay as they are.
+    pub(super) fn learn_bias_at_rest(&mut self, input: &Input, fixed: bool) {
         let turned_rad = input.turned_rad - self.vector(G) * input.period_s;
         self.rest
             .take(turned_rad, input.period_s, self.trace(G, 3) / 3.0);
-        self.read_bias(input, REST_RATE_RAD_S.powi(2) / input.period_s, frozen);
+        self.read_bias(input, REST_RATE_RAD_S.powi(2) / input.period_s, fixed);
     }
 
     /// Learns the gyro's bias on a still board that may turn slowly: within `hidden_rate_sd_rad_s`, which shrinks while the field stands
     /// still. The hidden turn is constant, so only newly gained information counts.
-    pub(super) fn learn_bias_of_still_board(&mut self, input: &Input, frozen: bool) {
+    pub(super) fn learn_bias_of_still_board(&mut self, input: &Input, fixed: bool) {
         let information = input.board.hidden_rate_sd_rad_s.powi(-2);
         let gained = information - self.still_information;
         if gained > 0.0 {
             self.still_information = information;
-            self.read_bias(input, 1.0 / gained, frozen);
+            self.read_bias(input, 1.0 / gained, fixed);
         }
     }
 
     /// The gyro reads its bias, within this variance on each axis, (rad/s)².
-    fn read_bias(&mut self, input: &Input, variance: f64, frozen: bool) {
-        let held = HeldBack::parameters(frozen);
+    fn read_bias(&mut self, input: &Input, variance: f64, fixed: bool) {
+        let held = HeldBack::parameters(fixed);
         self.correct_partly(&held, |filter| {
             for axis in 0..3 {
                 let innovation = input.rate_rad_s[axis] - filter.x[G + axis];
@@ -157,11 +157,11 @@ mod tests {
 
     /// The iron is correlated with the gyro's bias, which the filter learns at rest.
     #[test]
-    fn frozen_iron_stays_while_the_gyro_shows_its_bias() {
+    fn fixed_iron_stays_while_the_gyro_shows_its_bias() {
         let earth = Vector3::new(60.0, 190.0, -420.0);
         let iron = Vector3::new(90.0, -40.0, 150.0);
         let gyro_bias = Vector3::new(0.0, 0.0, 0.03);
-        let learnt = |frozen: bool| {
+        let learnt = |fixed: bool| {
             let mut filter = Filter::new(&Prior::unknown());
             let rate = Vector3::z() * 0.5;
             let mut to_frame = Matrix3::identity();
@@ -180,7 +180,7 @@ mod tests {
             for _ in 0..20 {
                 let field = to_frame.transpose() * earth + iron;
                 let resting = Input::turning_at(to_frame, gyro_bias, field).resting();
-                filter.follow(&resting, false, frozen);
+                filter.follow(&resting, false, fixed);
             }
             (before, parameters(&filter))
         };

@@ -7,7 +7,7 @@ use crate::estimate::covariance::{B, D, E, G, H, M, Q, T};
 use crate::frame::{hypot, put};
 
 /// The field in the frame, the frame's tilt error, and their covariances.
-pub struct SeenNorth {
+pub struct FieldInFrame {
     /// Milligauss.
     pub field: Vector3<f64>,
     /// A rotation vector in the frame, radians.
@@ -35,9 +35,9 @@ impl Filter {
         self.vector(H) + self.vector(M) + self.vector(Q)
     }
 
-    /// North in the frame, and how well it is known.
-    pub fn north(&self) -> SeenNorth {
-        SeenNorth {
+    /// The field in the frame with the tilt error, and how well both are known.
+    pub fn field_in_frame(&self) -> FieldInFrame {
+        FieldInFrame {
             field: self.vector(H),
             tilt_rad: self.tilt_rad(),
             field_covariance: self.field_covariance(),
@@ -110,7 +110,7 @@ impl Filter {
     /// Whether the field here is not the earth's: it has just jumped, is far off, or is more uneven than places are.
     pub fn disturbed(&self) -> bool {
         self.jumped
-            || self.disturbance() > DISTURBED
+            || self.unevenness_share() > DISTURBED
             || (!self.still && self.unevenness2 > (3.0 * USUAL_UNEVENNESS).powi(2))
     }
 
@@ -119,14 +119,14 @@ impl Filter {
         self.odd.is_some()
     }
 
-    /// The disturbance here, milligauss.
-    pub fn disturbance_mgauss(&self) -> f64 {
+    /// |m|, milligauss.
+    pub fn unevenness_mgauss(&self) -> f64 {
         self.vector(M).norm()
     }
 
     /// The same as a share of the field.
-    pub fn disturbance(&self) -> f64 {
-        self.disturbance_mgauss() / self.strength_rms_mgauss
+    pub fn unevenness_share(&self) -> f64 {
+        self.unevenness_mgauss() / self.strength_rms_mgauss
     }
 
     /// Recent jumps of the field and the innovation of a rejected sample, in the frame, milligauss.
@@ -164,7 +164,7 @@ impl Filter {
     }
 }
 
-impl SeenNorth {
+impl FieldInFrame {
     /// Variance of an angle that depends on the field in the frame and on its tilt error, as these slopes say.
     pub fn variance(&self, by_field: &Vector3<f64>, by_tilt: &Vector3<f64>) -> f64 {
         let field = (by_field.transpose() * self.field_covariance * by_field)[0];

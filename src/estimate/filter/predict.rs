@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::{
     DISTURBED, FORGET_MOVING_S, Filter, Input, PLACE_LASTS_S, SWING_RAD, USUAL_UNEVENNESS,
 };
-use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Step};
+use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Transition};
 use crate::frame::{add_variance, angle_between_rad, put};
 use crate::reading::STRONGEST_MGAUSS;
 
@@ -47,9 +47,9 @@ const FIELD_SHARE: f64 = 0.003;
 const NO_TURN_RAD_S: f64 = 0.05;
 
 impl Filter {
-    /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten. With `frozen`, hard iron and matrix do not
+    /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten. With `fixed`, hard iron and matrix do not
     /// walk: no sample would reduce their variance again, and headings would be lost within minutes.
-    pub(super) fn predict(&mut self, input: &Input, frozen: bool) -> f64 {
+    pub(super) fn predict(&mut self, input: &Input, fixed: bool) -> f64 {
         self.still = input.board.still;
         self.vertical_known = input.vertical_known;
         let (r, dt, still) = (input.to_frame, input.period_s, input.board.still);
@@ -57,7 +57,7 @@ impl Filter {
         let strength2 = h.norm_squared() + self.trace(H, 3);
         // Uncertain iron makes the field uncertain, not stronger than any on earth.
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
-        let w = input.turning();
+        let w = input.turn_rate();
         let turned_rad = self.turned_since_last(input);
         // The turn that the gyro's errors add to the frame. At rest the true turn is 0: all that is measured is error, as far as the
         // gyro's noise explains it. If the vertical is known, the accelerometer holds the tilt.
@@ -89,7 +89,7 @@ impl Filter {
             (-dt / PLACE_LASTS_S).exp()
         };
 
-        let step = Step {
+        let transition = Transition {
             field: Matrix3::identity() + turn.cross_matrix(),
             by_gyro: -h.cross_matrix() * by_errors,
             tilt: tilt_kept,
@@ -97,8 +97,8 @@ impl Filter {
             unevenness: kept,
             place: place_kept,
         };
-        step.carry(&mut self.p);
-        put(&mut self.x, (H, 0), &(step.field * h));
+        transition.propagate(&mut self.p);
+        put(&mut self.x, (H, 0), &(transition.field * h));
         let tilt = self.x.fixed_rows::<2>(E) * tilt_kept + tilt_by_bias * self.vector(G);
         put(&mut self.x, (E, 0), &tilt);
         self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
@@ -108,7 +108,7 @@ impl Filter {
         let uneven = self.unevenness_ahead2(still) * strength2;
         let place = self.place2 * strength2;
         let noise = self.frame_noise(input, &h, turned_rad, noise_share);
-        self.add_walks(input, strength2, turned_rad, frozen);
+        self.add_walks(input, strength2, turned_rad, fixed);
         let gained = |kept: f64, variance: f64| (1.0 - kept * kept) * variance;
         let tilt2 = gained(tilt_kept, input.board.tilt_error.sd_rad.powi(2)) + input.missed_rad2;
         add_variance(&mut self.p, M..M + 3, gained(kept, uneven));
@@ -156,11 +156,11 @@ impl Filter {
         }
     }
 
-    /// Adds the walks of field and gyro bias, and, unless they are `frozen`, of hard iron and matrix.
-    fn add_walks(&mut self, input: &Input, strength2: f64, turned_rad: f64, frozen: bool) {
+    /// Adds the walks of field and gyro bias, and, unless they are `fixed`, of hard iron and matrix.
+    fn add_walks(&mut self, input: &Input, strength2: f64, turned_rad: f64, fixed: bool) {
         let dt = input.period_s;
         let unusual = self.unusual_unevenness2();
-        let rate = input.turning().norm();
+        let rate = input.turn_rate().norm();
         let moved_iron = if unusual > 0.0 {
             let turned = 1.0 - (-2.0 * (rate - NO_TURN_RAD_S).max(0.0) * dt / FORGET_RAD).exp();
             unusual * turned * strength2
@@ -180,7 +180,7 @@ impl Filter {
         let walk = &mut self.gyro_bias_walk;
         let walked2 = walk.take(&bias, &uncertain, &Matrix3::identity(), dt);
         add_variance(&mut self.p, G..G + 3, walked2);
-        if frozen {
+        if fixed {
             return;
         }
         add_variance(&mut self.p, B..B + 3, iron);
@@ -204,9 +204,9 @@ impl Filter {
             return self.unevenness2.max(hidden2);
         }
         let still2 = self.unevenness2.max(USUAL_UNEVENNESS.powi(2));
-        let disturbance = self.disturbance();
-        if disturbance > DISTURBED {
-            still2.max(disturbance.powi(2) / 3.0)
+        let share = self.unevenness_share();
+        if share > DISTURBED {
+            still2.max(share.powi(2) / 3.0)
         } else {
             still2
         }

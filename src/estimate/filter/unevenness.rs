@@ -41,7 +41,7 @@ impl Filter {
     }
 
     /// Measures how uneven the field is. Places are taken to differ from each other as much as the field does within one.
-    pub(super) fn measure_unevenness(&mut self, input: &Input, forgotten: f64, frozen: bool) {
+    pub(super) fn measure_unevenness(&mut self, input: &Input, forgotten: f64, fixed: bool) {
         let m = self.vector(M).norm_squared() + self.trace(M, 3);
         let share2 = m / 3.0 / self.strength_rms_mgauss.powi(2);
         let lengths = if share2 > self.unevenness2 {
@@ -57,7 +57,7 @@ impl Filter {
             let ratio = self.mean_unevenness2 / self.place2;
             if (ratio - 1.0).abs() > PLACE_STEP {
                 self.place2 = self.mean_unevenness2;
-                if !frozen {
+                if !fixed {
                     self.scale_offset(ratio);
                 }
             }

@@ -21,7 +21,7 @@ const LEAST_CHANGES: u32 = 12;
 /// `LEAST_CHANGES` has a deviation of 0.2.
 const OPPOSES: f64 = -0.45;
 /// From this correlation on, a gyro that was at fault explains the vector again. Wrong axes reach 0.8, by chance or by a filter that was misled.
-const EXPLAINS_AGAIN: f64 = 0.9;
+const AGREES: f64 = 0.9;
 /// Readings of the gyro that are the same to the last bit are no measurement if the squared changes meanwhile add up to this: two
 /// moments, in a level turn of 41° at a dip of 65°.
 const CONSTANT_ENOUGH: f64 = 0.04;
@@ -154,7 +154,7 @@ impl Witness {
 
     /// Whether it turns as the gyro does.
     pub(super) fn agrees(&self) -> bool {
-        self.enough() && self.sums.correlation() >= EXPLAINS_AGAIN
+        self.enough() && self.sums.correlation() >= AGREES
     }
 
     /// Whether the correlation with what the gyro predicts is certainly below this limit.

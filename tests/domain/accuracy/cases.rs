@@ -372,7 +372,7 @@ fn gyro(
         poses.push(Pose {
             orientation,
             vertical_known: true,
-            stretch: 0,
+            frame_id: 0,
         });
     }
     poses

@@ -19,7 +19,7 @@ const LEAST_M_S2: f64 = 0.1;
 
 /// Specific force in the body frame, m/s².
 #[derive(Default)]
-pub(super) struct Gravity {
+pub(super) struct ForceReadings {
     previous: Option<(f64, Vector3<f64>)>,
     newest: Option<(f64, Vector3<f64>)>,
     /// The newest, turned into the current body axes.
@@ -29,12 +29,12 @@ pub(super) struct Gravity {
     /// Mean square of what is left of the low pass's lag in `down`, m²/s⁴.
     lag2: f64,
     /// Mean square of what its strength differs from gravity's, m²/s⁴.
-    shaken2: f64,
+    length_error2: f64,
     /// Sum and count of the readings since the last tick.
     since_tick: (Vector3<f64>, u32),
 }
 
-impl Gravity {
+impl ForceReadings {
     /// Takes a reading; one that cannot be a specific force is passed over.
     pub(super) fn take(&mut self, t_s: f64, force: Vector3<f64>) {
         if force.norm() < LEAST_M_S2 {
@@ -52,7 +52,7 @@ impl Gravity {
                 let off = once.norm() - GRAVITY_M_S2;
                 let left = once - 2.0 * twice + thrice;
                 let gain = 1.0 - (-(t_s - newest_s) / SHAKEN_S).exp();
-                self.shaken2 += (off * off - self.shaken2) * gain;
+                self.length_error2 += (off * off - self.length_error2) * gain;
                 self.lag2 += (left.norm_squared() - self.lag2) * gain;
             }
             // A step back by less than `SILENT_S` is a late reading.
@@ -73,7 +73,7 @@ impl Gravity {
     /// Specific force for the tick that ends at `end_s`, in which the board turns at `rate` (rad/s): the mean if several readings fell into
     /// it; otherwise a point on the line between the last two; after the newest reading, that reading turned with the board. `None` if no
     /// reading is recent enough.
-    pub(super) fn at_tick(&mut self, end_s: f64, rate: &Vector3<f64>) -> Option<Vector3<f64>> {
+    pub(super) fn take_tick(&mut self, end_s: f64, rate: &Vector3<f64>) -> Option<Vector3<f64>> {
         let (newest_s, newest) = self.newest.filter(|(t, _)| end_s - t <= HOLD_S)?;
         let since_s = (end_s - newest_s).clamp(0.0, TICK_S);
         let turn = UnitQuaternion::from_scaled_axis(rate * since_s);
@@ -94,7 +94,7 @@ impl Gravity {
     /// be as large.
     pub(super) fn down_sd_rad(&self) -> f64 {
         let now = self.low_passed[0].norm() - GRAVITY_M_S2;
-        (self.shaken2.max(now * now) + self.lag2).sqrt() / GRAVITY_M_S2
+        (self.length_error2.max(now * now) + self.lag2).sqrt() / GRAVITY_M_S2
     }
 
     /// Specific force low-passed over 0.2 s; `None` while the accelerometer is silent.
@@ -136,49 +136,49 @@ mod tests {
 
     #[test]
     fn a_tick_gets_the_line_the_mean_or_nothing() {
-        let mut gravity = Gravity::default();
+        let mut readings = ForceReadings::default();
         let still = Vector3::zeros();
-        assert_eq!(gravity.at_tick(0.0, &still), None);
-        gravity.take(0.0, Vector3::x());
-        gravity.take(0.04, Vector3::x() * 5.0);
-        gravity.take(0.041, Vector3::x() * 3.0);
-        assert_eq!(gravity.at_tick(0.04, &still), Some(Vector3::x() * 3.0));
-        gravity.take(0.081, Vector3::x() * 5.0);
-        assert_eq!(gravity.at_tick(0.061, &still), Some(Vector3::x() * 4.0));
-        assert_eq!(gravity.at_tick(0.09, &still), Some(Vector3::x() * 5.0));
-        assert_eq!(gravity.at_tick(0.2, &still), None);
-        assert!(gravity.live(0.2) && !gravity.live(1.09));
-        assert_eq!(gravity.low_passed(1.09), None);
+        assert_eq!(readings.take_tick(0.0, &still), None);
+        readings.take(0.0, Vector3::x());
+        readings.take(0.04, Vector3::x() * 5.0);
+        readings.take(0.041, Vector3::x() * 3.0);
+        assert_eq!(readings.take_tick(0.04, &still), Some(Vector3::x() * 3.0));
+        readings.take(0.081, Vector3::x() * 5.0);
+        assert_eq!(readings.take_tick(0.061, &still), Some(Vector3::x() * 4.0));
+        assert_eq!(readings.take_tick(0.09, &still), Some(Vector3::x() * 5.0));
+        assert_eq!(readings.take_tick(0.2, &still), None);
+        assert!(readings.live(0.2) && !readings.live(1.09));
+        assert_eq!(readings.low_passed(1.09), None);
     }
 
     #[test]
     fn what_was_felt_before_a_silence_is_not_down() {
-        let mut gravity = Gravity::default();
+        let mut readings = ForceReadings::default();
         for count in 0..200 {
-            gravity.take(f64::from(count) * 0.01, Vector3::x() * GRAVITY_M_S2);
+            readings.take(f64::from(count) * 0.01, Vector3::x() * GRAVITY_M_S2);
         }
-        assert_eq!(gravity.down_sd_rad(), 0.0);
-        gravity.take(2.2, Vector3::y() * (GRAVITY_M_S2 + 2.0));
-        assert_eq!(gravity.down(2.2, &Vector3::zeros()), Some(-Vector3::y()));
-        assert!(gravity.down_sd_rad() > 0.2);
+        assert_eq!(readings.down_sd_rad(), 0.0);
+        readings.take(2.2, Vector3::y() * (GRAVITY_M_S2 + 2.0));
+        assert_eq!(readings.down(2.2, &Vector3::zeros()), Some(-Vector3::y()));
+        assert!(readings.down_sd_rad() > 0.2);
     }
 
     /// An accelerometer that is read ten times a second, on a board that turns by a quarter meanwhile.
     #[test]
     fn a_reading_that_is_held_turns_with_the_board() {
-        let mut gravity = Gravity::default();
-        gravity.take(0.0, Vector3::x());
+        let mut readings = ForceReadings::default();
+        readings.take(0.0, Vector3::x());
         let rate = Vector3::z() * std::f64::consts::FRAC_PI_2 / 0.1;
         let ends_s = (1..=10).map(|tick| f64::from(tick) * TICK_S);
-        let held = ends_s.map(|end_s| gravity.at_tick(end_s, &rate).unwrap());
+        let held = ends_s.map(|end_s| readings.take_tick(end_s, &rate).unwrap());
         let last = held.last().unwrap();
         assert!((last + Vector3::y()).norm() < 1e-9, "{last}");
     }
 
     #[test]
     fn a_dead_accelerometer_has_no_readings() {
-        let mut gravity = Gravity::default();
-        gravity.take(0.0, Vector3::zeros());
-        assert_eq!(gravity.low_passed(0.0), None);
+        let mut readings = ForceReadings::default();
+        readings.take(0.0, Vector3::zeros());
+        assert_eq!(readings.low_passed(0.0), None);
     }
 }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::strength::{MOST_RAW_MGAUSS, horizontal, sd_along};
-use super::{Estimate, Fix, kept, level};
+use super::{Estimate, EstimatedHeading, kept, level};
 use crate::attitude::Pose;
 use crate::frame::{heading_deg, hypot, wrap_360};
 use crate::reading::STRONGEST_MGAUSS;
@@ -20,7 +20,7 @@ const TURNED_RAD: f64 = PI / 1.732;
 /// Body X this near the vertical (sine of 10°) has no heading.
 const NO_HEADING: f64 = 0.17;
 
-impl Fix {
+impl EstimatedHeading {
     /// A heading in degrees with its deviation in radians, which is at most half a turn.
     pub(super) fn new(heading_deg: f64, sd_rad: f64) -> Self {
         Self {
@@ -34,9 +34,9 @@ impl Estimate {
     /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` if X is vertical, or before the estimate has
     /// begun and taken a sample in this frame. The deviation covers the field and the tilt. On a moving board whose vertical is known it
     /// also covers the rotation, radians, that the gyro may have missed.
-    pub fn fix(&self, pose: &Pose, missed_turn_rad: f64) -> Option<Fix> {
+    pub fn heading(&self, pose: &Pose, missed_turn_rad: f64) -> Option<EstimatedHeading> {
         let last = self.last.as_ref()?;
-        if !self.active.begun || last.motion.pose.stretch != pose.stretch {
+        if !self.active.begun || last.motion.pose.frame_id != pose.frame_id {
             return None;
         }
         // No magnetometer measures early: a negative lag means that the gyro is late, and the board has turned on.
@@ -49,16 +49,16 @@ impl Estimate {
         if !pose.vertical_known {
             let field = self.active.field();
             let seen = pose.orientation.inverse_transform_vector(&field);
-            return self.level_fix(pose, &seen);
+            return self.level_heading(pose, &seen);
         }
-        let north = self.active.north();
-        let north = match &self.place {
-            Some(place) => place.on(north),
-            None => north,
+        let known = self.active.field_in_frame();
+        let known = match &self.place {
+            Some(place) => place.on(known),
+            None => known,
         };
-        let field = north.field;
+        let field = known.field;
         let by_attitude = pose.orientation * Vector3::x();
-        let nose = by_attitude - north.tilt_rad.cross(&by_attitude);
+        let nose = by_attitude - known.tilt_rad.cross(&by_attitude);
         let horizontal2 = nose.xy().norm_squared();
         if horizontal2 < NO_HEADING * NO_HEADING {
             return None;
@@ -66,14 +66,14 @@ impl Estimate {
         let heading = nose.x.atan2(nose.y) - field.x.atan2(field.y);
         let by_nose = Vector3::new(nose.y, -nose.x, 0.0) / horizontal2;
         let by_tilt = by_attitude.cross_matrix().transpose() * by_nose;
-        let variance = north.variance(&by_field(&field), &by_tilt).max(0.0);
+        let variance = known.variance(&by_field(&field), &by_tilt).max(0.0);
         // Innovations larger than expected: the covariance is too small.
         let variance = variance * self.active.consistency.max(self.iron.excess());
         let sd = hypot(variance.sqrt(), self.doubt_rad(missed_turn_rad));
-        let sd = hypot(sd, hypot(self.scale_doubt_rad(), self.frozen_doubt_rad()));
-        let sd = hypot(sd, reversed_rad(&field, &north.field_covariance));
+        let sd = hypot(sd, hypot(self.scale_doubt_rad(), self.fixed_doubt_rad()));
+        let sd = hypot(sd, reversed_rad(&field, &known.field_covariance));
         let sd = if self.is_credible() { sd } else { PI };
-        Some(Fix::new(wrap_360(heading.to_degrees()), sd))
+        Some(EstimatedHeading::new(wrap_360(heading.to_degrees()), sd))
     }
 
     /// Error of a moving board's heading, radians, if the gyro is wrong and the field right.
@@ -101,9 +101,9 @@ impl Estimate {
         DOUBT * TURNED_RAD * self.gyro.suspected_scale()
     }
 
-    /// Error of the heading by iron that has come or gone, which a frozen calibration does not learn, radians.
-    fn frozen_doubt_rad(&self) -> f64 {
-        if !self.frozen {
+    /// Error of the heading by iron that has come or gone, which fixed parameters do not learn, radians.
+    fn fixed_doubt_rad(&self) -> f64 {
+        if !self.parameters_fixed {
             return 0.0;
         }
         let field = self.active.field();
@@ -113,7 +113,7 @@ impl Estimate {
 
     /// Without an accelerometer the board is taken for level on average; the further it is from that, the less
     /// certain is its heading.
-    fn level_fix(&self, pose: &Pose, seen: &Vector3<f64>) -> Option<Fix> {
+    fn level_heading(&self, pose: &Pose, seen: &Vector3<f64>) -> Option<EstimatedHeading> {
         let (down, leaning_rad) = self.level.down()?;
         let covariance = self.active.field_covariance() * self.iron.excess();
         let variance_along = |axis: &Vector3<f64>| (axis.transpose() * covariance * axis)[0];
@@ -131,23 +131,23 @@ impl Estimate {
         // The lean may be in any direction, so all of the field counts.
         let lean2 = leaning_rad.powi(2) * (horizontal * horizontal + vertical2);
         let sd = (own + tilt2 + lean2).sqrt() / horizontal;
-        Some(Fix::new(heading_deg(seen, &down)?, sd))
+        Some(EstimatedHeading::new(heading_deg(seen, &down)?, sd))
     }
 
     /// The heading from one sample alone, for when the gyro is not trusted. Down is a unit vector of body axes with its standard deviation,
     /// radians. The rate, rad/s, times the uncertain lag adds to the deviation.
-    pub fn instantaneous(
+    pub fn heading_of_sample(
         &self,
         field_mgauss: &Vector3<f64>,
         down: Option<(Vector3<f64>, f64)>,
         rate_rad_s: f64,
-    ) -> Option<Fix> {
+    ) -> Option<EstimatedHeading> {
         if field_mgauss.norm() > MOST_RAW_MGAUSS {
             return None;
         }
         let corrected = self.corrected(field_mgauss)?;
         if let Some(kept) = self.kept_alone() {
-            return kept::fix(kept, &self.mounting, &corrected, down);
+            return kept::heading(kept, &self.mounting, &corrected, down);
         }
         let (axis, tilt_sd) = level::known_or_level(down);
         let heading = heading_deg(&corrected, &axis)?;
@@ -165,7 +165,7 @@ impl Estimate {
         let tilt = tilt_sd * vertical;
         let sd = (own + tilt * tilt).sqrt() / horizontal;
         let sd = hypot(sd, rate_rad_s * self.active.lag_beyond_s(0.0));
-        Some(Fix::new(heading, sd))
+        Some(EstimatedHeading::new(heading, sd))
     }
 
     /// The parts of the known field along down and across it, milligauss; `None` if the vertical is unknown.
