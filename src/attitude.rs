@@ -207,58 +207,67 @@ impl Attitude {
 
     /// Takes a reading whose numbers are possible (`outliers` drops the others), raw field and all, and calls `on_tick` with each tick
     /// that it completes. Ticks come with the gyro.
-    pub fn take(&mut self, reading: &Reading, mut on_tick: impl FnMut(&BoardMotion)) {
-        let t_s = reading.t_s;
+    pub fn take(&mut self, reading: &Reading, on_tick: impl FnMut(&BoardMotion)) {
         if let Some(field) = reading.whole_field_mgauss() {
-            self.filter.field_motion.take(t_s, field);
-            if self.seam.take_field(t_s, field) {
-                self.seam.compare_with(self.filter.up());
-            }
+            self.take_field(reading.t_s, field);
         }
         if let Some(force) = reading.specific_force_m_s2 {
-            let t_s = t_s - self.force_late.take(t_s);
-            let force = self.mountings.accel.to_body(force);
-            self.filter.force_readings.take(t_s, force);
-            if self.seam.take_force(t_s, force) {
-                self.seam.compare_with(self.filter.up());
-            }
+            self.take_force(reading.t_s, force);
         }
-        if let Some(chip) = reading.rate_rad_s {
-            let t_s = t_s - self.rate_late.take(t_s);
-            if self.clock.gap_before(t_s) {
-                self.filter.errors.doubt_bias(GAP_BIAS_RAD_S);
-            }
-            let missed_rad = self.rate_changes.take(t_s, chip);
-            if !self.still() {
-                self.miss(missed_rad);
-            }
-            self.filter.errors.timing_walk_s2 = self.rate_late.walk_s2();
-            let rate = self.mountings.gyro.to_body(chip);
-            let (filter, past, seam) = (&mut self.filter, &mut self.past, &mut self.seam);
-            let bias_jumps = &mut self.bias_jumps;
-            let (mut seam_found, mut bias_jump) = (false, None);
-            let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
-                let tick = filter.tick(end_s, mean_rate);
-                past.take(&tick);
-                bias_jump = bias_jumps
-                    .take(mean_rate, &filter.errors.bias)
-                    .or(bias_jump);
-                seam_found |= seam.tick(&tick.rate_rad_s, filter.force_readings.newest(end_s));
-                on_tick(&tick);
-            });
-            if let Some(jump_rad_s) = bias_jump {
-                self.filter.errors.doubt_bias(jump_rad_s);
-                self.miss(jump_rad_s * FOUND_AFTER_S);
-            }
-            if seam_found {
-                self.filter.errors.doubt_bias(RESTART_BIAS_RAD_S);
-            }
-            if seam_found || step == ClockStep::Restarted {
-                self.lose_frame();
-            }
-            if step != ClockStep::Ignored && self.clip.take(&chip) {
-                self.lose_frame();
-            }
+        if let Some(rate) = reading.rate_rad_s {
+            self.take_rate(reading.t_s, rate, on_tick);
+        }
+    }
+
+    fn take_field(&mut self, t_s: f64, field: Vector3<f64>) {
+        self.filter.field_motion.take(t_s, field);
+        if self.seam.take_field(t_s, field) {
+            self.seam.compare_with(self.filter.up());
+        }
+    }
+
+    fn take_force(&mut self, t_s: f64, chip: Vector3<f64>) {
+        let t_s = t_s - self.force_late.take(t_s);
+        let force = self.mountings.accel.to_body(chip);
+        self.filter.force_readings.take(t_s, force);
+        if self.seam.take_force(t_s, force) {
+            self.seam.compare_with(self.filter.up());
+        }
+    }
+
+    fn take_rate(&mut self, t_s: f64, chip: Vector3<f64>, mut on_tick: impl FnMut(&BoardMotion)) {
+        let t_s = t_s - self.rate_late.take(t_s);
+        if self.clock.gap_before(t_s) {
+            self.filter.errors.doubt_bias(GAP_BIAS_RAD_S);
+        }
+        let missed_rad = self.rate_changes.take(t_s, chip);
+        if !self.still() {
+            self.miss(missed_rad);
+        }
+        self.filter.errors.timing_walk_s2 = self.rate_late.walk_s2();
+        let rate = self.mountings.gyro.to_body(chip);
+        let (filter, past, seam) = (&mut self.filter, &mut self.past, &mut self.seam);
+        let bias_jumps = &mut self.bias_jumps;
+        let (mut seam_found, mut bias_jump) = (false, None);
+        let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
+            let tick = filter.tick(end_s, mean_rate);
+            past.take(&tick);
+            bias_jump = bias_jumps
+                .take(mean_rate, &filter.errors.bias)
+                .or(bias_jump);
+            seam_found |= seam.tick(&tick.rate_rad_s, filter.force_readings.newest(end_s));
+            on_tick(&tick);
+        });
+        if let Some(jump_rad_s) = bias_jump {
+            self.filter.errors.doubt_bias(jump_rad_s);
+            self.miss(jump_rad_s * FOUND_AFTER_S);
+        }
+        if seam_found {
+            self.filter.errors.doubt_bias(RESTART_BIAS_RAD_S);
+        }
+        let reads_again = step != ClockStep::Ignored && self.clip.take(&chip);
+        if seam_found || step == ClockStep::Restarted || reads_again {
+            self.lose_frame();
         }
     }
 

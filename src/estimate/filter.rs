@@ -270,7 +270,7 @@ impl Filter {
         if !self.begun && !self.begin(input) {
             return;
         }
-        let forgotten = self.predict(input, fixed);
+        let forgotten = 1.0 - self.predict(input, fixed).unevenness;
         // A board that does not turn cannot tell iron from north: what changes then is the place or the frame.
         self.correct(input, fixed || input.board.still);
         self.measure_unevenness(input, forgotten, fixed);

@@ -107,14 +107,12 @@ impl GyroCheck {
             self.field.forget();
             self.gravity.forget();
         }
-        let (turned_rad, dt) = (input.turned_rad, input.period_s);
         self.count_unseen(input);
         let strength = if filter.begun {
             filter.strength_mgauss().max(1.0)
         } else {
             FIELD_MGAUSS
         };
-        let field = input.field_mgauss / strength;
         let disturbed = filter.begun && filter.disturbed();
         // At first the axes may be wrong. That looks like one disturbance after the other, and only a longer record shows it.
         if disturbed && !self.disturbed && self.was_right {
@@ -129,30 +127,24 @@ impl GyroCheck {
             self.turns.take(input);
             let now = input.board.gyro_bias.begun_anew;
             let more = now - self.begun_anew.replace(now).unwrap_or(now);
-            self.restarts *= (-dt / RESTARTS_FADE_S).exp();
+            self.restarts *= (-input.period_s / RESTARTS_FADE_S).exp();
             self.restarts += f64::from(more);
         }
         let silent = self.turns.gyro_is_silent();
         let by_scale = self.scale.take(input, filter);
         let by_gravity = self.take_gravity(input, strength);
-        let mut judge = by_scale || by_gravity || silent;
-        // A gyro that repeats its reading is judged with unknown iron, too: a dead one predicts no change, whatever the iron.
-        let known = constant || filter.iron_known_within(strength);
-        if filter.begun && known {
-            let matrix = filter.matrix();
-            let Some(inverse) = matrix.try_inverse() else {
-                return false;
-            };
-            let corrected = inverse * (input.field_mgauss - filter.bias_mgauss());
-            let change = matrix * corrected.cross(&turned_rad) / strength;
-            let change = self.field.take(field, change, dt);
-            self.unexplained
-                .take(&change, input.rate_rad_s.norm(), &input.to_frame);
-            judge |= change.counts();
-        }
-        if !judge || (iron_open && !constant && !silent) {
+        let Some(by_field) = self.take_field(input, filter, strength) else {
+            return false;
+        };
+        let judge = by_scale || by_gravity || silent || by_field;
+        if !judge || (iron_open && !self.constant && !silent) {
             return false;
         }
+        self.conclude()
+    }
+
+    /// Decides what is wrong with the gyro. Whether it is shown to be right.
+    fn conclude(&mut self) -> bool {
         let scale = self.scale.verdict();
         self.suspected_scale = self.scale.suspected(self.was_right);
         let fault = self.judged(scale);
@@ -171,6 +163,23 @@ impl GyroCheck {
             self.restarts = 0.0;
         }
         right
+    }
+
+    /// Compares how the field turns with the gyro. Whether the sample ended a moment that counts; `None` if D has no inverse.
+    fn take_field(&mut self, input: &Input, filter: &Filter, strength: f64) -> Option<bool> {
+        // A gyro that repeats its reading is judged with unknown iron, too: a dead one predicts no change, whatever the iron.
+        let known = self.constant || filter.iron_known_within(strength);
+        if !filter.begun || !known {
+            return Some(false);
+        }
+        let matrix = filter.matrix();
+        let corrected = matrix.try_inverse()? * (input.field_mgauss - filter.bias_mgauss());
+        let change = matrix * corrected.cross(&input.turned_rad) / strength;
+        let field = input.field_mgauss / strength;
+        let change = self.field.take(field, change, input.period_s);
+        self.unexplained
+            .take(&change, input.rate_rad_s.norm(), &input.to_frame);
+        Some(change.counts())
     }
 
     /// Compares how gravity turns with the gyro, and with the field, whose strength is this, milligauss. Whether the sample ended a moment that

@@ -47,18 +47,38 @@ const FIELD_SHARE: f64 = 0.003;
 const NO_TURN_RAD_S: f64 = 0.05;
 
 impl Filter {
-    /// Carries the state on to the sample. Returns how much of the unevenness has been forgotten. With `fixed`, hard iron and matrix do not
-    /// walk: no sample would reduce their variance again, and headings would be lost within minutes.
-    pub(super) fn predict(&mut self, input: &Input, fixed: bool) -> f64 {
+    /// Carries the state on to the sample. With `fixed`, hard iron and matrix do not walk: no sample would reduce their variance again, and
+    /// headings would be lost within minutes.
+    pub(super) fn predict(&mut self, input: &Input, fixed: bool) -> Transition {
         self.still = input.board.still;
         self.vertical_known = input.vertical_known;
-        let (r, dt, still) = (input.to_frame, input.period_s, input.board.still);
         let h = self.vector(H);
         let strength2 = h.norm_squared() + self.trace(H, 3);
         // Uncertain iron makes the field uncertain, not stronger than any on earth.
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
-        let w = input.turn_rate();
         let turned_rad = self.turned_since_last(input);
+        let transition = self.transition(input, turned_rad);
+        self.propagate(&transition);
+
+        let uneven = self.unevenness_ahead2(input.board.still) * strength2;
+        let place = self.place2 * strength2;
+        let noise = self.frame_noise(input, &h, turned_rad);
+        self.add_walks(input, strength2, turned_rad, fixed);
+        let gained = |kept: f64, variance: f64| (1.0 - kept * kept) * variance;
+        let tilt2 = gained(transition.tilt, input.board.tilt_error.sd_rad.powi(2));
+        add_variance(&mut self.p, M..M + 3, gained(transition.unevenness, uneven));
+        add_variance(&mut self.p, Q..Q + 3, gained(transition.place, place));
+        add_variance(&mut self.p, E..E + 2, tilt2 + input.missed_rad2);
+        let mut field = self.p.fixed_view_mut::<3, 3>(H, H);
+        field += noise;
+        self.strength_rms_mgauss = strength2.sqrt();
+        transition
+    }
+
+    /// How the state changes until the sample, before which the board has turned by `turned_rad`.
+    fn transition(&self, input: &Input, turned_rad: f64) -> Transition {
+        let (r, dt, still) = (input.to_frame, input.period_s, input.board.still);
+        let w = input.turn_rate();
         // The turn that the gyro's errors add to the frame. At rest the true turn is 0: all that is measured is error, as far as the
         // gyro's noise explains it. If the vertical is known, the accelerometer holds the tilt.
         let noise_share = self.noise_share(input);
@@ -72,68 +92,52 @@ impl Filter {
             (turn.x, turn.y) = (0.0, 0.0);
             by_errors.fixed_rows_mut::<2>(0).fill(0.0);
         }
-        let length = turned_rad / FORGET_RAD
-            + dt / if still {
-                FORGET_STILL_S
-            } else {
-                FORGET_MOVING_S
-            };
-        let kept = (-length).exp();
-        let tilt_kept = (-dt / input.board.tilt_error.tau_s).exp();
-        let tilt_s =
-            input.board.tilt_error.tau_s * (1.0 - tilt_kept) * input.board.tilt_error.by_bias;
-        let tilt_by_bias = r.fixed_rows::<2>(0) * tilt_s;
-        let place_kept = if still {
+        let forget_s = if still {
+            FORGET_STILL_S
+        } else {
+            FORGET_MOVING_S
+        };
+        let length = turned_rad / FORGET_RAD + dt / forget_s;
+        let tilt_error = &input.board.tilt_error;
+        let tilt = (-dt / tilt_error.tau_s).exp();
+        let tilt_s = tilt_error.tau_s * (1.0 - tilt) * tilt_error.by_bias;
+        let place = if still {
             1.0
         } else {
             (-dt / PLACE_LASTS_S).exp()
         };
-
-        let transition = Transition {
+        Transition {
             field: Matrix3::identity() + turn.cross_matrix(),
-            by_gyro: -h.cross_matrix() * by_errors,
-            tilt: tilt_kept,
-            tilt_by_bias,
-            unevenness: kept,
-            place: place_kept,
-        };
-        transition.propagate(&mut self.p);
-        put(&mut self.x, (H, 0), &(transition.field * h));
-        let tilt = self.x.fixed_rows::<2>(E) * tilt_kept + tilt_by_bias * self.vector(G);
-        put(&mut self.x, (E, 0), &tilt);
-        self.x.fixed_rows_mut::<3>(M).scale_mut(kept);
-        // How the gyro's errors turn m and q is neglected, here as in P: each sample measures m, and q is at most 2 % of the field.
-        self.x.fixed_rows_mut::<3>(Q).scale_mut(place_kept);
+            by_gyro: -self.vector(H).cross_matrix() * by_errors,
+            tilt,
+            tilt_by_bias: r.fixed_rows::<2>(0) * tilt_s,
+            unevenness: (-length).exp(),
+            place,
+        }
+    }
 
-        let uneven = self.unevenness_ahead2(still) * strength2;
-        let place = self.place2 * strength2;
-        let noise = self.frame_noise(input, &h, turned_rad, noise_share);
-        self.add_walks(input, strength2, turned_rad, fixed);
-        let gained = |kept: f64, variance: f64| (1.0 - kept * kept) * variance;
-        let tilt2 = gained(tilt_kept, input.board.tilt_error.sd_rad.powi(2)) + input.missed_rad2;
-        add_variance(&mut self.p, M..M + 3, gained(kept, uneven));
-        add_variance(&mut self.p, Q..Q + 3, gained(place_kept, place));
-        add_variance(&mut self.p, E..E + 2, tilt2);
-        let mut field = self.p.fixed_view_mut::<3, 3>(H, H);
-        field += noise;
-        self.strength_rms_mgauss = strength2.sqrt();
-        1.0 - kept
+    fn propagate(&mut self, transition: &Transition) {
+        transition.propagate(&mut self.p);
+        let field = transition.field * self.vector(H);
+        put(&mut self.x, (H, 0), &field);
+        let tilt =
+            self.x.fixed_rows::<2>(E) * transition.tilt + transition.tilt_by_bias * self.vector(G);
+        put(&mut self.x, (E, 0), &tilt);
+        self.x
+            .fixed_rows_mut::<3>(M)
+            .scale_mut(transition.unevenness);
+        // How the gyro's errors turn m and q is neglected, here as in P: each sample measures m, and q is at most 2 % of the field.
+        self.x.fixed_rows_mut::<3>(Q).scale_mut(transition.place);
     }
 
     /// Covariance that the frame's walk adds to the field, which it turns: to first order by the field, to second order by its covariance.
     /// To second order an uncertain gyro bias counts as a walk: as a bias that is drawn anew every `BIAS_DRAWN_S`.
-    fn frame_noise(
-        &self,
-        input: &Input,
-        h: &Vector3<f64>,
-        turned_rad: f64,
-        noise_share: f64,
-    ) -> Matrix3<f64> {
+    fn frame_noise(&self, input: &Input, h: &Vector3<f64>, turned_rad: f64) -> Matrix3<f64> {
         let dt = input.period_s;
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.board.still { STILL_WALK } else { 1.0 }
             + GYRO_CROSS.powi(2) * turned_rad
             + input.missed_rad2;
-        let bias = self.gyro_bias_covariance() * (1.0 - noise_share).powi(2);
+        let bias = self.gyro_bias_covariance() * (1.0 - self.noise_share(input)).powi(2);
         let axes = if input.vertical_known { 2..3 } else { 0..3 };
         let uncertain = self.field_covariance();
         let mut noise = Matrix3::zeros();
