@@ -45,7 +45,7 @@ impl OpenLink {
     }
 
     /// Adds the rotation of a tick; returns all of it, a rotation vector in body axes.
-    fn turn(&mut self, tick: &Tick) -> Vector3<f64> {
+    fn turn(&mut self, tick: &BoardMotion) -> Vector3<f64> {
         let step = tick.rate_rad_s * TICK_S;
         self.turned *= UnitQuaternion::from_scaled_axis(step);
         let earth = self.earth.filter(|_| tick.pose.vertical_known);
