@@ -95,7 +95,6 @@ fn play(
         lines.time.at(entry.reading.t_s);
         play(Event::Reading(entry.reading), &mut lines)
     })?;
-    play(Event::End, &mut lines)?;
     output(lines.out.flush())?;
     tell_dropped(&pipeline.dropped());
     tell_skips(&replay)
