@@ -19,7 +19,7 @@ pub struct Plan {
     /// Planar: the plane's basis in chip axes.
     pub basis: [Vector3<f64>; 2],
     /// The samples to fit: from the start of the first rotation to the end of the last, or all, without a full turn or if `window` is
-    /// `all`. In the plane some at either end are left out: see [`while_level`] and [`from_known_tilt`].
+    /// `all`. In the plane some at either end are left out: see `while_level` and `from_known_tilt`.
     pub samples: Range<usize>,
 }
 
