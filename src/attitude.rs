@@ -323,9 +323,9 @@ impl Attitude {
         if gyro_trusted {
             return Some((self.down(t_s)?, 0.0));
         }
-        let gravity = &self.filter.force_readings;
-        let turned_rad = self.rate_rad_s().norm() * gravity.held_s(t_s);
-        let sd_rad = hypot(gravity.down_sd_rad(), turned_rad);
+        let readings = &self.filter.force_readings;
+        let turned_rad = self.rate_rad_s().norm() * readings.held_s(t_s);
+        let sd_rad = hypot(readings.down_sd_rad(), turned_rad);
         Some((self.felt_down(t_s)?, sd_rad))
     }
 

@@ -201,7 +201,7 @@ impl Estimate {
             self.forget_checkpoints();
         }
         let iron_open = self.trial.filter().is_some();
-        let followed = filter_with_samples(&self.active, self.suspended.as_deref());
+        let followed = filter_taking_samples(&self.active, self.suspended.as_deref());
         let right = self.gyro.take(&input, followed, iron_open);
         let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
         // On a still board the filters read the bias themselves.
@@ -327,7 +327,7 @@ impl Estimate {
 
     /// Estimated lag of the magnetometer behind the gyro, seconds, 0 to 0.12.
     pub fn lag_s(&self) -> f64 {
-        filter_with_samples(&self.active, self.suspended.as_deref())
+        filter_taking_samples(&self.active, self.suspended.as_deref())
             .lag_s()
             .max(0.0)
     }
@@ -427,7 +427,7 @@ impl Estimate {
 }
 
 /// The filter that follows the samples.
-fn filter_with_samples<'a>(active: &'a Filter, suspended: Option<&'a Suspended>) -> &'a Filter {
+fn filter_taking_samples<'a>(active: &'a Filter, suspended: Option<&'a Suspended>) -> &'a Filter {
     suspended.map_or(active, |one| &one.filter)
 }
 

@@ -78,7 +78,7 @@ pub fn spatial(sightings: &[Sighting]) -> Option<GyroAgreement> {
 #[derive(Clone, Copy)]
 struct Phase {
     t_s: f64,
-    stretch: u32,
+    frame_id: u32,
     rad: f64,
     /// How far the board has turned so far, radians.
     turned_rad: f64,
@@ -101,7 +101,7 @@ fn phases(
         previous = Some(pose);
         Phase {
             t_s: sighting.t_s,
-            stretch: pose.frame_id,
+            frame_id: pose.frame_id,
             rad: angle(sighting, turned_rad),
             turned_rad,
         }
@@ -141,14 +141,14 @@ fn detrend(mut phases: Vec<Phase>) -> Option<GyroAgreement> {
     if phases.len() < LEAST {
         return None;
     }
-    for stretch in phases.chunk_by_mut(|a, b| a.stretch == b.stretch) {
+    for stretch in phases.chunk_by_mut(|a, b| a.frame_id == b.frame_id) {
         unwrap(stretch);
     }
     phases = without_lone(phases);
     // Centre each stretch, then one slope through all.
     let mut rotation = 0.0;
     let (mut tt, mut tp, mut span) = (0.0, 0.0, 0.0);
-    for stretch in phases.chunk_by_mut(|a, b| a.stretch == b.stretch) {
+    for stretch in phases.chunk_by_mut(|a, b| a.frame_id == b.frame_id) {
         let n = stretch.len() as f64;
         let t_mean = stretch.iter().map(|p| p.t_s).sum::<f64>() / n;
         let p_mean = stretch.iter().map(|p| p.rad).sum::<f64>() / n;
@@ -199,7 +199,7 @@ fn unwrap(stretch: &mut [Phase]) {
 fn without_lone(phases: Vec<Phase>) -> Vec<Phase> {
     const FAR_RAD: f64 = 0.5;
     let mut kept = Vec::with_capacity(phases.len());
-    for stretch in phases.chunk_by(|a, b| a.stretch == b.stretch) {
+    for stretch in phases.chunk_by(|a, b| a.frame_id == b.frame_id) {
         for (i, phase) in stretch.iter().enumerate() {
             let around = (i >= 2).then(|| stretch.get(i - 2..i + 3)).flatten();
             let far = around.is_some_and(|around| {

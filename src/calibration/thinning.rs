@@ -6,8 +6,8 @@ use crate::turn::Turn;
 
 /// The most samples that are kept: 87 minutes at 50 Hz.
 pub const MOST: usize = 1 << 18;
-/// Thinning goes down to one part in so many of the most, so that it is seldom needed.
-const KEPT_PART: usize = 2;
+/// Thinning leaves at most `MOST` divided by this, so that it is seldom needed.
+const LEAVES_ONE_IN: usize = 2;
 
 /// Samples in order of time.
 #[derive(Clone, Debug)]
@@ -65,8 +65,8 @@ impl Thinned {
 
     fn thin(&mut self, turns: &[Turn], open_from_s: f64) {
         let mut inside = self.keep(turns, open_from_s);
-        while self.samples.len() > self.most / KEPT_PART {
-            if inside > self.most / (2 * KEPT_PART) {
+        while self.samples.len() > self.most / LEAVES_ONE_IN {
+            if inside > self.most / (2 * LEAVES_ONE_IN) {
                 self.within *= 2;
                 self.between = self.between.max(self.within);
             } else {

@@ -269,14 +269,15 @@ impl GyroCheck {
     }
 
     fn judged(&self, scale: ScaleVerdict) -> Option<GyroFault> {
-        let alone = self.gravity.turns_alone()
-            || self.field.turns_alone() && self.field.count() >= CONSTANT_CHANGES;
-        // A rotation that is the same to the last bit, and not the one that field and gravity show.
-        let uncorrelated = [&self.field, &self.gravity]
-            .iter()
-            .all(|witness| witness.correlates_below(CONSTANT_CORRELATES));
-        let no_measurement = self.constant && (alone || uncorrelated);
-        if self.together >= TOGETHER || no_measurement || self.turns.gyro_is_silent() {
+        let no_measurement = || {
+            let alone = self.gravity.turns_alone()
+                || self.field.turns_alone() && self.field.count() >= CONSTANT_CHANGES;
+            // A rotation that is the same to the last bit, and not the one that field and gravity show.
+            let uncorrelated = |witness: &Witness| witness.correlates_below(CONSTANT_CORRELATES);
+            alone || uncorrelated(&self.field) && uncorrelated(&self.gravity)
+        };
+        let dead = self.together >= TOGETHER || self.turns.gyro_is_silent();
+        if dead || self.constant && no_measurement() {
             return Some(GyroFault::Dead);
         }
         // The predicted change of the field depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong

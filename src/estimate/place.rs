@@ -138,7 +138,7 @@ impl PlaceEvidence {
         (Vector2::new(found.x, -found.y) - self.expected).norm() < near
     }
 
-    /// North with this evidence, and without it while anything contradicts it.
+    /// The known field with this evidence; as it is while anything contradicts the evidence.
     pub(super) fn on(&self, known: FieldInFrame) -> FieldInFrame {
         let innovation = match self.innovation(&known) {
             Some(innovation) if self.against_s == 0.0 => innovation,

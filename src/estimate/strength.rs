@@ -42,12 +42,12 @@ impl Estimate {
     }
 
     /// Strength of the field, milligauss, rounded to two digits, if it is certainly not one of `EARTH_MGAUSS`.
-    pub fn certainly_not_earths_mgauss(&self) -> Option<f64> {
+    pub fn impossible_strength_mgauss(&self) -> Option<f64> {
         self.strength_beyond(CERTAIN)
     }
 
     /// The same if it is probably not one of `EARTH_MGAUSS`: no calibration is kept with such a field.
-    pub fn probably_not_earths_mgauss(&self) -> Option<f64> {
+    pub fn improbable_strength_mgauss(&self) -> Option<f64> {
         self.strength_beyond(0.0)
     }
 
@@ -89,7 +89,7 @@ impl Estimate {
             let along = horizontal(&self.active.field());
             sd_along(&self.active.field_covariance(), &along) < KNOWN_WELL * strength
         };
-        strength <= STRONGEST_MGAUSS || known_well() && self.probably_not_earths_mgauss().is_none()
+        strength <= STRONGEST_MGAUSS || known_well() && self.improbable_strength_mgauss().is_none()
     }
 }
 

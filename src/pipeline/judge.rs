@@ -217,7 +217,7 @@ impl Pipeline {
     pub(super) fn wrong_unit(&self) -> Option<String> {
         let fresh = |read_s: f64| self.now_s - read_s <= self.setup.pipeline.stale_s;
         if fresh(self.whole_field_s) {
-            let strength = self.estimate.certainly_not_earths_mgauss();
+            let strength = self.estimate.impossible_strength_mgauss();
             return strength.map(wrong_strength);
         }
         fresh(self.implausible_s).then(|| {

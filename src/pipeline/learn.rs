@@ -25,8 +25,8 @@ pub(super) struct Learning {
     pub(super) initial: Option<Calibration>,
     /// Whether there has been a calibration worth a heading.
     pub(super) calibrated: bool,
-    /// The parameters kept last, their deviation, degrees, and when. A turn's calibration to start with has none at first: the deviation of
-    /// its fit leaves out the place and the rotation between chips.
+    /// The parameters kept last, their deviation, degrees, and when. A pipeline that starts with a turn's calibration has no
+    /// deviation yet: that of the fit leaves out the place and the rotation between chips.
     last: Option<Parameters>,
     last_sd_deg: Option<f64>,
     last_s: f64,
@@ -89,7 +89,7 @@ impl Pipeline {
     fn is_known_within(&self, sd_deg: f64) -> bool {
         self.estimate.north_sd_deg() <= sd_deg
             && !self.estimate.disturbed()
-            && self.estimate.probably_not_earths_mgauss().is_none()
+            && self.estimate.improbable_strength_mgauss().is_none()
     }
 
     /// Takes note that what the estimate knows is kept, and returns it as an outcome.
@@ -222,7 +222,7 @@ impl Pipeline {
         if let Some(refusal) = self.objection_to_gyro() {
             return Some(refusal);
         }
-        if let Some(strength) = self.estimate.probably_not_earths_mgauss() {
+        if let Some(strength) = self.estimate.improbable_strength_mgauss() {
             return Some(Refusal::new("field_unit", wrong_strength(strength)));
         }
         if !predicted.is_kept() {

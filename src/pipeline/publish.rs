@@ -73,7 +73,7 @@ impl Pipeline {
             self.sd_deg = best.sd_deg;
         }
         let possible =
-            self.estimate.certainly_not_earths_mgauss().is_none() && self.axes_are_right();
+            self.estimate.impossible_strength_mgauss().is_none() && self.axes_are_right();
         let most_sd_deg = self.setup.pipeline.publish_sd_deg;
         FoundHeading {
             down: level.map(|(down, _)| down),

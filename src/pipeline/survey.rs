@@ -118,7 +118,7 @@ impl Survey {
         all_fit || self.turns.iter().any(is_level) || show_space(axes, settings)
     }
 
-    /// Takes no actions: full turns calibrate at the end, all together.
+    /// Takes no actions: all full turns are fitted together at the end.
     fn learn(&mut self, event: Event) {
         if let Some(pipeline) = &mut self.motion {
             pipeline.handle(event, &mut Vec::new());

@@ -28,7 +28,7 @@ pub(super) fn held(turned: &Turned) -> Vec<Held> {
         .filter_map(|seen| Some((seen.t_s, seen.headings?)))
         .collect();
     let mut held = Vec::with_capacity(known.len());
-    for stretch in known.chunk_by(|a, b| a.1.stretch == b.1.stretch) {
+    for stretch in known.chunk_by(|a, b| a.1.frame_id == b.1.frame_id) {
         let off_rad = stretch
             .iter()
             .map(|(_, it)| (it.corrected - it.gyro).to_radians());

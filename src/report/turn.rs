@@ -26,7 +26,7 @@ pub(super) struct Headings3 {
     /// By the corrected field.
     pub(super) corrected: f64,
     /// A gap in the gyro's account begins another stretch.
-    pub(super) stretch: u32,
+    pub(super) frame_id: u32,
 }
 
 pub(super) struct Turned {
@@ -99,6 +99,6 @@ fn headings(judged: &Judged, sample: &FieldSample, corrected: Vector3<f64>) -> O
         gyro: -forward.y.atan2(forward.x).to_degrees(),
         raw: heading_deg(&mounting.to_body(sample.field_mgauss), &down)?,
         corrected: heading_deg(&mounting.to_body(corrected), &down)?,
-        stretch: pose.frame_id,
+        frame_id: pose.frame_id,
     })
 }

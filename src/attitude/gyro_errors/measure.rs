@@ -68,7 +68,7 @@ impl GyroErrors {
         let lasts_s = lasts_s.clamp(*LASTS_S.start(), *LASTS_S.end());
         // Neighbouring windows share their velocity.
         let variance = self.speed2 * 2.0 * lasts_s / dt;
-        // −R [ω]×, the mean over the window, of which `turn` and `rate` are integrals.
+        // −R [ω]×, the mean over the window, of which `rotation_s` and `angle_rad` are integrals.
         let by_arm = -window.rotation_s * (window.angle_rad / dt.powi(2)).cross_matrix();
         let innovation = -self.velocity - by_arm * self.arm;
         self.correct_sum((V, ARM), &by_arm, &innovation, variance);

@@ -57,12 +57,13 @@ impl Filter {
         // Uncertain iron makes the field uncertain, not stronger than any on earth.
         let strength2 = strength2.min(STRONGEST_MGAUSS.powi(2).max(h.norm_squared()));
         let turned_rad = self.turned_since_last(input);
-        let transition = self.transition(input, turned_rad);
+        let noise_share = self.noise_share(input);
+        let transition = self.transition(input, turned_rad, noise_share);
         self.propagate(&transition);
 
         let uneven = self.unevenness_ahead2(input.board.still) * strength2;
         let place = self.place2 * strength2;
-        let noise = self.frame_noise(input, &h, turned_rad);
+        let noise = self.frame_noise(input, &h, turned_rad, noise_share);
         self.add_walks(input, strength2, turned_rad, fixed);
         let gained = |kept: f64, variance: f64| (1.0 - kept * kept) * variance;
         let tilt2 = gained(transition.tilt, input.board.tilt_error.sd_rad.powi(2));
@@ -75,13 +76,13 @@ impl Filter {
         transition
     }
 
-    /// How the state changes until the sample, before which the board has turned by `turned_rad`.
-    fn transition(&self, input: &Input, turned_rad: f64) -> Transition {
+    /// How the state changes until the sample, before which the board has turned by `turned_rad`. Of the turn that the gyro has measured,
+    /// `noise_share` is noise.
+    fn transition(&self, input: &Input, turned_rad: f64, noise_share: f64) -> Transition {
         let (r, dt, still) = (input.to_frame, input.period_s, input.board.still);
         let w = input.turn_rate();
         // The turn that the gyro's errors add to the frame. At rest the true turn is 0: all that is measured is error, as far as the
         // gyro's noise explains it. If the vertical is known, the accelerometer holds the tilt.
-        let noise_share = self.noise_share(input);
         let by_errors_rad = (self.vector(G) + self.vector(S).component_mul(&w)) * dt;
         let mut turn = r * (by_errors_rad * (1.0 - noise_share) + input.turned_rad * noise_share);
         let mut by_errors = SMatrix::<f64, 3, 6>::zeros();
@@ -132,12 +133,18 @@ impl Filter {
 
     /// Covariance that the frame's walk adds to the field, which it turns: to first order by the field, to second order by its covariance.
     /// To second order an uncertain gyro bias counts as a walk: as a bias that is drawn anew every `BIAS_DRAWN_S`.
-    fn frame_noise(&self, input: &Input, h: &Vector3<f64>, turned_rad: f64) -> Matrix3<f64> {
+    fn frame_noise(
+        &self,
+        input: &Input,
+        h: &Vector3<f64>,
+        turned_rad: f64,
+        noise_share: f64,
+    ) -> Matrix3<f64> {
         let dt = input.period_s;
         let walk = ANGLE_WALK_RAD.powi(2) * dt * if input.board.still { STILL_WALK } else { 1.0 }
             + GYRO_CROSS.powi(2) * turned_rad
             + input.missed_rad2;
-        let bias = self.gyro_bias_covariance() * (1.0 - self.noise_share(input)).powi(2);
+        let bias = self.gyro_bias_covariance() * (1.0 - noise_share).powi(2);
         let axes = if input.vertical_known { 2..3 } else { 0..3 };
         let uncertain = self.field_covariance();
         let mut noise = Matrix3::zeros();

@@ -1,7 +1,7 @@
 //! Whether the mountings of gyro and accelerometer agree, by gravity.
 //!
 //! Gravity stands still in the world, so it turns against the board. Over a moment the specific force f, as a share of gravity,
-//! changes by the integral of f × P ω, where ω is what the gyro reads. P is 1 if the axes of both chips are configured rightly, and one of
+//! changes by the integral of f × P ω, where ω is what the gyro reads. P is 1 if the axes of both chips are configured correctly, and one of
 //! 47 other matrices where axes are exchanged or signs are wrong. Sums over moments give the squares of the change that each P leaves.
 //! Accelerations of a hand change f too, but no P explains those.
 

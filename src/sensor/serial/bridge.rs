@@ -151,7 +151,7 @@ impl Bridge {
                 for reading in session.bytes(&self.bytes[..count], &mut self.log_rows, now_s) {
                     let Some(mut reading) = reading else {
                         tracing::warn!(
-                            "the device has sent a header with other units or axes than its rows before were read in"
+                            "the device has sent a header with other units or axes than those in which its earlier rows were read"
                         );
                         self.waiting.push_back(SourceEvent::NewStretch);
                         continue;

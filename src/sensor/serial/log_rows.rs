@@ -112,14 +112,12 @@ impl LogRows {
                     self.named =
                         ["mag_axes", "gyro_axes", "accel_axes"].map(|key| header.gave(key));
                     (self.header, self.header_fault) = (None, None);
+                    let before = self.rows.take().or(self.plain.take());
+                    let same_units = before.as_ref().map(|before| rows.has_units_of(before));
                     let turns = self.turns;
-                    let before = self.rows.replace(rows).or(self.plain.take());
+                    self.rows = Some(rows);
                     self.turn();
-                    let rows = self.rows.as_ref();
-                    let same = |before| {
-                        turns == self.turns && rows.is_some_and(|rows| rows.has_units_of(&before))
-                    };
-                    if !before.is_none_or(same) {
+                    if same_units.is_some_and(|same| !same || turns != self.turns) {
                         found(Item::NewUnits);
                     }
                 }
