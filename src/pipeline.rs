@@ -166,27 +166,48 @@ pub struct Pipeline {
     /// [`Event::Start`] was asked for, and no motion has been taken since.
     armed: bool,
     refused: Option<Refusal>,
-    /// The end of the last turn that was refused for its samples, seconds.
-    bad_turn_s: f64,
     fault: Option<SourceFault>,
     report: Option<Report>,
-    now_s: f64,
+    times: StreamTimes,
     /// Time of the first reading and of the last.
     readings_s: Option<(f64, f64)>,
     /// Since when the first reading has been awaited, seconds: 0 at the start, infinite until a new stretch has a time.
     awaited_s: f64,
-    whole_field_s: f64,
-    overflow_s: f64,
-    /// When the magnetometer last read more than any chip measures, seconds.
-    implausible_s: f64,
-    rate_s: f64,
-    /// Strength of the corrected field over the expected one, less 1, low-passed, and the time of the newest row in it.
+    /// Strength of the corrected field over the expected one, less 1, low-passed.
     strength_deviation: f64,
-    strength_s: f64,
-    disturbed_s: f64,
     /// Deviation of the heading of the newest sample, degrees.
     sd_deg: f64,
     seq: u64,
+}
+
+/// When each of these last happened, seconds; −∞ if it has not since the stretch of readings began.
+struct StreamTimes {
+    now_s: f64,
+    whole_field_s: f64,
+    overflow_s: f64,
+    /// The magnetometer read more than any chip measures.
+    implausible_s: f64,
+    rate_s: f64,
+    /// The end of the last turn that was refused for its samples.
+    bad_turn_s: f64,
+    disturbed_s: f64,
+    /// The newest sample in `strength_deviation`.
+    strength_s: f64,
+}
+
+impl Default for StreamTimes {
+    fn default() -> Self {
+        Self {
+            now_s: f64::NEG_INFINITY,
+            whole_field_s: f64::NEG_INFINITY,
+            overflow_s: f64::NEG_INFINITY,
+            implausible_s: f64::NEG_INFINITY,
+            rate_s: f64::NEG_INFINITY,
+            bad_turn_s: f64::NEG_INFINITY,
+            disturbed_s: f64::NEG_INFINITY,
+            strength_s: f64::NEG_INFINITY,
+        }
+    }
 }
 
 impl Pipeline {
@@ -206,19 +227,12 @@ impl Pipeline {
             policy: Policy::On,
             armed: false,
             refused: None,
-            bad_turn_s: f64::NEG_INFINITY,
             fault: None,
             report: None,
-            now_s: f64::NEG_INFINITY,
+            times: StreamTimes::default(),
             readings_s: None,
             awaited_s: 0.0,
-            whole_field_s: f64::NEG_INFINITY,
-            overflow_s: f64::NEG_INFINITY,
-            implausible_s: f64::NEG_INFINITY,
-            rate_s: f64::NEG_INFINITY,
             strength_deviation: 0.0,
-            strength_s: f64::NEG_INFINITY,
-            disturbed_s: f64::NEG_INFINITY,
             sd_deg: UNKNOWN_SD_DEG,
             seq: 0,
         }
@@ -230,8 +244,8 @@ impl Pipeline {
             Event::Reading(reading) => self.read(&reading, actions),
             Event::NewStretch => self.begin_stretch(),
             Event::Silence(t_s) => {
-                if t_s > self.now_s {
-                    self.now_s = t_s;
+                if t_s > self.times.now_s {
+                    self.times.now_s = t_s;
                     self.awaited_s = self.awaited_s.min(t_s);
                     self.update_condition(actions);
                 }
@@ -318,7 +332,7 @@ impl Pipeline {
         let read_field = reading.field_mgauss.is_some();
         let (reading, runs) = &self.intake.take(reading, newest_turn);
         if read_field && reading.field_mgauss.is_none() {
-            self.implausible_s = reading.t_s;
+            self.times.implausible_s = reading.t_s;
         }
         for (axis, run) in runs.iter().enumerate() {
             match run {
@@ -330,9 +344,9 @@ impl Pipeline {
         }
         self.frozen = self.frozen_watch.take(reading);
         self.readings_s = Some((first_s, reading.t_s));
-        self.now_s = reading.t_s;
+        self.times.now_s = reading.t_s;
         if reading.rate_rad_s.is_some() {
-            self.rate_s = reading.t_s;
+            self.times.rate_s = reading.t_s;
         }
         let field = reading.whole_field_mgauss();
         let measured_s = field.and_then(|field| self.intake.measured_s(reading.t_s, field));
@@ -343,10 +357,10 @@ impl Pipeline {
             self.turned(turn, actions);
         }
         if let Some(field) = field {
-            self.whole_field_s = reading.t_s;
+            self.times.whole_field_s = reading.t_s;
             self.publish(reading.t_s, &field, measured_s, actions);
         } else if reading.field_mgauss.is_some() {
-            self.overflow_s = reading.t_s;
+            self.times.overflow_s = reading.t_s;
             self.publish_without_field(reading.t_s, actions);
         } else {
             self.update_condition(actions);

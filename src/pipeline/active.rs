@@ -133,7 +133,7 @@ impl Pipeline {
                 }
                 (verdict, _) => {
                     if verdict == Verdict::Rejected && !MORE_HELPS.contains(&outcome.reason) {
-                        self.bad_turn_s = job.end_s;
+                        self.times.bad_turn_s = job.end_s;
                     }
                     self.refused = Some(Refusal::new(outcome.reason, outcome.message.clone()));
                 }
@@ -162,7 +162,7 @@ impl Pipeline {
             // The fit's own deviation knows nothing of the place and of how the chips lie to each other.
             let sd_deg = self.estimate.north_sd_deg().max(calibration.heading_sd_deg);
             self.learning
-                .keep(&calibration.parameters, sd_deg, self.now_s);
+                .keep(&calibration.parameters, sd_deg, self.times.now_s);
             // The fit's own stays with the calibration: a pipeline that starts from this calibration adds the uncertainty
             // of the place itself.
             outcome.heading_sd_deg = Some(sd_deg);

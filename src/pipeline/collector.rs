@@ -67,7 +67,10 @@ impl Pipeline {
             origin,
             unwanted: false,
             again: false,
-            end_s: self.completed.back().map_or(self.now_s, |turn| turn.end_s),
+            end_s: self
+                .completed
+                .back()
+                .map_or(self.times.now_s, |turn| turn.end_s),
         });
         actions.push(Action::Calibrate(Box::new(request)));
     }
@@ -117,7 +120,7 @@ impl Pipeline {
         };
         let tolerance = self.setup.turn.axis_tolerance_deg.to_radians().cos();
         let follows = later.start_s - earlier.end_s < TURNS_FOLLOW_S
-            && earlier.end_s > self.bad_turn_s
+            && earlier.end_s > self.times.bad_turn_s
             && earlier.axis_body.dot(&later.axis_body).abs() > tolerance;
         if follows { 2 } else { 1 }
     }

@@ -29,8 +29,8 @@ impl Pipeline {
         let first_s = self
             .readings_s
             .map_or(self.awaited_s, |(first_s, _)| first_s);
-        let beginning = self.whole_field_s.max(self.overflow_s) < first_s
-            && self.now_s - first_s <= self.setup.pipeline.stale_s;
+        let beginning = self.times.whole_field_s.max(self.times.overflow_s) < first_s
+            && self.times.now_s - first_s <= self.setup.pipeline.stale_s;
         if beginning && self.fault.is_none() && self.frozen.is_none() {
             return Condition::Stale;
         }
@@ -60,8 +60,8 @@ impl Pipeline {
         if let Some(message) = self.wrong_unit() {
             return self.report_as(Condition::Fault, "field_unit", message);
         }
-        if self.now_s - self.whole_field_s > self.setup.pipeline.stale_s {
-            let (reason, message) = if self.overflow_s > self.whole_field_s {
+        if self.times.now_s - self.times.whole_field_s > self.setup.pipeline.stale_s {
+            let (reason, message) = if self.times.overflow_s > self.times.whole_field_s {
                 (
                     "overflow",
                     "the field is beyond the magnetometer's range, or an axis is stuck: choose a larger range, or move away from the magnet",
@@ -182,14 +182,14 @@ impl Pipeline {
                 }
                 _ => None,
             },
-            t_s: self.now_s,
+            t_s: self.times.now_s,
         }
     }
 
     /// Whether something magnetic is near. Without a gyro the estimate takes no samples, and only the field's strength shows it.
     fn field_is_disturbed(&self) -> bool {
         if self.gyro_is_live() {
-            self.now_s - self.disturbed_s < CALM_S
+            self.times.now_s - self.times.disturbed_s < CALM_S
         } else {
             self.strength_deviation.abs() > STRENGTH_TOLERANCE
         }
@@ -198,11 +198,11 @@ impl Pipeline {
     /// Whether the readings began so recently that a missing sensor may still come.
     fn has_just_begun(&self) -> bool {
         self.readings_s
-            .is_some_and(|(first_s, _)| self.now_s - first_s <= self.setup.attitude.gap_s)
+            .is_some_and(|(first_s, _)| self.times.now_s - first_s <= self.setup.attitude.gap_s)
     }
 
     fn tilt_is_missing(&self) -> bool {
-        !self.intake.attitude.accelerometer_live(self.now_s) && !self.has_just_begun()
+        !self.intake.attitude.accelerometer_live(self.times.now_s) && !self.has_just_begun()
     }
 
     fn gyro_is_missing(&self) -> bool {
@@ -210,17 +210,17 @@ impl Pipeline {
     }
 
     fn gyro_is_live(&self) -> bool {
-        self.now_s - self.rate_s <= self.setup.attitude.gap_s
+        self.times.now_s - self.times.rate_s <= self.setup.attitude.gap_s
     }
 
     /// What is wrong with the magnetometer's unit, if it certainly is.
     pub(super) fn wrong_unit(&self) -> Option<String> {
-        let fresh = |read_s: f64| self.now_s - read_s <= self.setup.pipeline.stale_s;
-        if fresh(self.whole_field_s) {
+        let fresh = |read_s: f64| self.times.now_s - read_s <= self.setup.pipeline.stale_s;
+        if fresh(self.times.whole_field_s) {
             let strength = self.estimate.impossible_strength_mgauss();
             return strength.map(wrong_strength);
         }
-        fresh(self.implausible_s).then(|| {
+        fresh(self.times.implausible_s).then(|| {
             format!(
                 "the magnetometer reads more than {LARGEST_FIELD_MGAUSS} mG, and no chip measures that: check its unit"
             )

@@ -97,7 +97,7 @@ impl Pipeline {
         let outcome = self.outcome_of_motion()?;
         let parameters = outcome.calibration?.parameters;
         let sd_deg = self.estimate.north_sd_deg();
-        self.learning.keep(&parameters, sd_deg, self.now_s);
+        self.learning.keep(&parameters, sd_deg, self.times.now_s);
         Some(outcome)
     }
 

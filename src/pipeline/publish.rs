@@ -46,7 +46,7 @@ impl Pipeline {
             self.intake.saturation.forget();
         }
         if self.estimate.disturbed() || !right {
-            self.disturbed_s = t_s;
+            self.times.disturbed_s = t_s;
         }
         let due = self.learning.is_due(t_s);
         self.conclude_motion(due, actions);
@@ -181,7 +181,7 @@ impl Pipeline {
     /// change. After a pause the first row counts for `HELD_S` at most.
     fn follow_strength(&mut self, t_s: f64, strength_mgauss: f64) {
         let expected = self.estimate.strength_mgauss();
-        let period_s = t_s - std::mem::replace(&mut self.strength_s, t_s);
+        let period_s = t_s - std::mem::replace(&mut self.times.strength_s, t_s);
         if expected > 0.0 {
             let deviation = strength_mgauss / expected - 1.0;
             let gain = 1.0 - (-period_s.min(HELD_S) / STRENGTH_S).exp();
@@ -200,8 +200,8 @@ impl Pipeline {
 
     /// Where down is now, a unit vector of body axes, and how fast the board turns, rad/s; `None` while nothing feels it.
     pub fn down(&self) -> Option<(Vector3<f64>, f64)> {
-        let down = self.intake.attitude.down(self.now_s)?;
-        let rate_rad_s = self.rate_rad_s(self.now_s);
+        let down = self.intake.attitude.down(self.times.now_s)?;
+        let rate_rad_s = self.rate_rad_s(self.times.now_s);
         Some((down, rate_rad_s.map_or(0.0, |rate| rate.norm())))
     }
 

@@ -1,7 +1,7 @@
 //! A new stretch of readings, whose times have nothing to do with those before, and a board that is mounted otherwise.
 
-use super::Pipeline;
 use super::saturation::Saturation;
+use super::{Pipeline, StreamTimes};
 use crate::frame::Mountings;
 use crate::reading::Reading;
 
@@ -23,18 +23,7 @@ impl Pipeline {
         self.report = None;
         self.readings_s = None;
         self.awaited_s = f64::INFINITY;
-        for time_s in [
-            &mut self.now_s,
-            &mut self.whole_field_s,
-            &mut self.overflow_s,
-            &mut self.implausible_s,
-            &mut self.rate_s,
-            &mut self.bad_turn_s,
-            &mut self.disturbed_s,
-            &mut self.strength_s,
-        ] {
-            *time_s = f64::NEG_INFINITY;
-        }
+        self.times = StreamTimes::default();
         self.strength_deviation = 0.0;
     }
 
@@ -42,9 +31,9 @@ impl Pipeline {
     /// carried along in body axes is forgotten.
     pub(super) fn mount(&mut self, mountings: Mountings) {
         let calibration = self.calibration();
-        let force = self.intake.attitude.specific_force_m_s2(self.now_s);
+        let force = self.intake.attitude.specific_force_m_s2(self.times.now_s);
         let last_force = Reading {
-            t_s: self.now_s,
+            t_s: self.times.now_s,
             specific_force_m_s2: force.map(|body| self.setup.mountings.accel.to_chip(body)),
             ..Reading::default()
         };
