@@ -21,6 +21,9 @@ const PAUSE: Duration = Duration::from_millis(2);
 /// Longest content, bytes: a number and the end of its line.
 const LONGEST: u64 = 32;
 
+/// The lock of a folder, in it; that of a file has the file's name before it.
+const NAME: &str = ".lock";
+
 /// A file of ours; dropping it removes the file, unless its name belongs to another file by then.
 #[derive(Debug)]
 pub struct OwnFile {
@@ -55,12 +58,26 @@ pub enum LockError {
     System(io::Error),
 }
 
+impl From<LockError> for io::Error {
+    fn from(error: LockError) -> Self {
+        let holder = match error {
+            LockError::System(error) => return error,
+            LockError::Held(pid) => pid.map(|pid| format!(" (process {pid})")),
+        };
+        let holder = holder.unwrap_or_default();
+        Self::new(
+            ErrorKind::ResourceBusy,
+            format!("another daemon{holder} uses it"),
+        )
+    }
+}
+
 /// Locks that are shared within this process.
 static SHARED: Mutex<Vec<Weak<LockFile>>> = Mutex::new(Vec::new());
 
 impl LockFile {
     /// Takes the lock, or says who has it.
-    pub fn take(path: &Path) -> Result<Self, LockError> {
+    fn take(path: &Path) -> Result<Self, LockError> {
         for _ in 0..ATTEMPTS {
             let (mut file, writable) = open(path).map_err(LockError::System)?;
             match file.try_lock() {
@@ -88,8 +105,20 @@ impl LockFile {
         Err(LockError::Held(None))
     }
 
+    /// Takes the lock beside this file, `FILE.lock`.
+    pub fn beside(file: &Path) -> Result<Self, LockError> {
+        let mut path = file.as_os_str().to_owned();
+        path.push(NAME);
+        Self::take(Path::new(&path))
+    }
+
+    /// Takes the lock of this folder, or shares it, if this process already holds it.
+    pub fn of_folder(folder: &Path) -> Result<Arc<Self>, LockError> {
+        Self::share(&folder.join(NAME))
+    }
+
     /// Like `take`, but shares a lock that this process already holds.
-    pub fn share(path: &Path) -> Result<Arc<Self>, LockError> {
+    fn share(path: &Path) -> Result<Arc<Self>, LockError> {
         let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
         shared.retain(|lock| lock.strong_count() > 0);
         let found = identity_at(path);

@@ -32,6 +32,9 @@ pub use write::{Writer, written};
 const MAGIC: &str = "headingd-log";
 const VERSION: u32 = 1;
 
+/// The name of the magnetometer of a log that gives none.
+pub(crate) const UNKNOWN_SENSOR: &str = "unknown";
+
 /// The known columns, in the order they are written.
 const COLUMNS: [&str; 11] = [
     "t_s",
@@ -64,9 +67,9 @@ pub struct Header {
 }
 
 impl Header {
-    /// The magnetometer's name, or "unknown".
+    /// The magnetometer's name, or [`UNKNOWN_SENSOR`].
     pub fn sensor_name(&self) -> &str {
-        self.sensor.as_deref().unwrap_or("unknown")
+        self.sensor.as_deref().unwrap_or(UNKNOWN_SENSOR)
     }
 
     /// The time of day of the first reading as the log has it, RFC 3339.

@@ -22,9 +22,6 @@ pub use history::{BoardMounting, CalibrationRecord, History, Identity, KeptCalib
 
 const FILE_NAME: &str = "calibration.json";
 
-/// Locked by the process that keeps calibrations there.
-const LOCK_NAME: &str = ".lock";
-
 /// Longest file, bytes: a calibration has up to 4 kB, and each sensor up to a hundred of them.
 const LONGEST: u64 = 1 << 24;
 
@@ -116,7 +113,7 @@ impl Store {
                 error
             })
         })?;
-        let lock = LockFile::share(&directory.join(LOCK_NAME)).map_err(|error| match error {
+        let lock = LockFile::of_folder(directory).map_err(|error| match error {
             LockError::Held(pid) => StoreError::InUse(directory.to_owned(), pid),
             LockError::System(error) => fail(error),
         })?;

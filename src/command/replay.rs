@@ -13,7 +13,7 @@ use crate::date;
 use crate::heading::Heading;
 use crate::pipeline::{Action, Event, Pipeline};
 use crate::publish::gpsd::{self, Device, WatchPolicy};
-use crate::recording::TimeOfDay;
+use crate::recording::{TimeOfDay, UNKNOWN_SENSOR};
 use crate::sensor::replay::Replay;
 use crate::store::{CalibrationRecord, History, Identity, Store, StoreError};
 use crate::true_north::TrueNorth;
@@ -211,34 +211,30 @@ impl Keep {
         Ok(self.history.active().map(|entry| entry.record.calibration))
     }
 
-    /// The active calibration of a file: that of the log's sensor, or else the only one.
+    /// The active calibration of a file: that of the log's sensor, or the only one if either does not say which sensor it is.
     fn in_file(&self, path: &Path) -> Result<Calibration, Failure> {
+        let file = path.display();
         let contents = Store::read_file(path)?;
-        let found = contents.find(&self.history.identity);
-        let history = match (found, contents.sensors.as_slice()) {
+        let of_log = &self.history.identity;
+        let history = match (contents.find(of_log), contents.sensors.as_slice()) {
             (Some(history), _) => history,
-            (None, [history]) => {
+            (None, [history]) if may_be_same(&history.identity, of_log) => {
+                let of_file = &history.identity;
                 tell(format_args!(
-                    "{} was made for {}, the log is of {}",
-                    path.display(),
-                    history.identity,
-                    self.history.identity
+                    "{file} is used, though it was made for {of_file}, and the log is of {of_log}"
                 ));
                 history
             }
-            (None, sensors) => {
+            (None, _) => {
+                let of_file = contents.owners();
                 let message = format!(
-                    "{} holds calibrations of {} sensors, and none of {}",
-                    path.display(),
-                    sensors.len(),
-                    self.history.identity
+                    "{file} is of {of_file}, but the log is of {of_log}: name a calibration of that sensor and mounting"
                 );
                 return Err(Failure::new(Failure::DATA, message));
             }
         };
         let entry = history.active().ok_or_else(|| {
-            let message = format!("no calibration in {} is active", path.display());
-            Failure::new(Failure::DATA, message)
+            Failure::new(Failure::DATA, format!("no calibration in {file} is active"))
         })?;
         Ok(entry.record.calibration)
     }
@@ -254,4 +250,10 @@ impl Keep {
         store.save(&self.history, Some(&known))?;
         Ok(())
     }
+}
+
+/// Whether two sensors that differ may be one: they are mounted alike, and one of them has no name.
+fn may_be_same(one: &Identity, other: &Identity) -> bool {
+    let unnamed = [one, other].iter().any(|it| it.sensor == UNKNOWN_SENSOR);
+    unnamed && one.mag_axes == other.mag_axes
 }

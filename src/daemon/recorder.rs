@@ -2,10 +2,12 @@
 
 mod open_log;
 
+use std::cell::OnceCell;
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::{Duration, Instant};
 
@@ -16,6 +18,7 @@ use super::room::DiskRoom;
 use super::thread::{Shared, Thread, lock};
 use super::{DaemonError, remedy, ring};
 use crate::config::record::Settings;
+use crate::lock_file::LockFile;
 use crate::publish::control::status::FolderSummary;
 use crate::reading::Reading;
 use crate::recording::{Entry, Header};
@@ -111,6 +114,7 @@ impl Recorder {
             header,
             readings,
             room,
+            ring_lock: OnceCell::new(),
             written: 0,
             fault: Shared::clone(&fault),
         };
@@ -173,6 +177,8 @@ struct RecorderThread {
     header: Header,
     readings: Receiver<Reading>,
     room: DiskRoom,
+    /// No other daemon writes into the ring, and removes its files.
+    ring_lock: OnceCell<Arc<LockFile>>,
     /// How many readings are in the log.
     written: u64,
     /// Why nothing is recorded now, for people; it has been complained of.
@@ -240,8 +246,15 @@ impl RecorderThread {
                 (path.clone(), file)
             }
             Destination::Ring(settings) => {
-                ring::next(&settings.directory, settings.files, settings.file_bytes())
-                    .map_err(RecordError::of(true, &settings.directory))?
+                let folder = &settings.directory;
+                let next = || {
+                    fs::create_dir_all(folder)?;
+                    if self.ring_lock.get().is_none() {
+                        let _ = self.ring_lock.set(LockFile::of_folder(folder)?);
+                    }
+                    ring::next(folder, settings.files, settings.file_bytes())
+                };
+                next().map_err(RecordError::of(true, folder))?
             }
         })
     }
@@ -389,6 +402,8 @@ fn discard(readings: &Receiver<Reading>, time: Duration) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
+
     use super::*;
 
     /// One whose daemon ends: no pause is waited for.
@@ -398,9 +413,17 @@ mod tests {
             header: Header::default(),
             readings: sync_channel(1).1,
             room: DiskRoom::default(),
+            ring_lock: OnceCell::new(),
             written: 0,
             fault: Shared::default(),
         }
+    }
+
+    fn ring_in(folder: &Path) -> Destination {
+        Destination::Ring(Settings {
+            directory: folder.to_owned(),
+            ..Settings::default()
+        })
     }
 
     #[test]
@@ -410,10 +433,7 @@ mod tests {
             let (path, _) = ring::next(folder.path(), 3, 1).unwrap();
             fs::write(path, "row").unwrap();
         }
-        let recorder = recorder(Destination::Ring(Settings {
-            directory: folder.path().to_owned(),
-            ..Settings::default()
-        }));
+        let recorder = recorder(ring_in(folder.path()));
         let attempt = |left: usize| {
             recorder.retrying(
                 || match fs::read_dir(folder.path()).unwrap().count() > left {
@@ -428,6 +448,21 @@ mod tests {
         assert!(folder.path().join("record-000003.csv").exists());
         assert!(attempt(0).is_err());
         assert!(folder.path().join("record-000003.csv").exists());
+    }
+
+    #[test]
+    fn a_ring_is_one_daemons_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut lock = File::create(folder.path().join(".lock")).unwrap();
+        lock.lock().unwrap();
+        writeln!(lock, "17").unwrap();
+        let recorder = recorder(ring_in(folder.path()));
+        let error = recorder.open().unwrap_err();
+        let message = error.to_string() + &remedy::of_folder(&error.source, "record.directory");
+        assert!(message.contains("(process 17)"), "{message}");
+        assert!(message.contains("another record.directory"), "{message}");
+        lock.unlock().unwrap();
+        recorder.open().unwrap();
     }
 
     #[test]

@@ -27,6 +27,7 @@ pub(super) fn of_folder(error: &io::Error, key: &str) -> String {
     match error.kind() {
         _ if is_full(error) => "make room on the disk".to_owned(),
         _ if is_out_of_files(error) => OUT_OF_FILES.to_owned(),
+        ErrorKind::ResourceBusy => format!("stop it, or set another {key}"),
         ErrorKind::FileTooLarge => {
             "raise the limit on file size (ulimit -f; LimitFSIZE= in the unit)".to_owned()
         }

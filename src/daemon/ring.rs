@@ -10,10 +10,9 @@ const SUFFIX: &str = ".csv";
 /// No ring has more files, however short: a folder that a program lists at each start stays small.
 const MOST_FILES: usize = 1000;
 
-/// Removes the oldest files and makes the next. Together they fit into `files` × `full` bytes, each counted by its length, at most `full`.
+/// Removes the oldest files of the folder and makes the next. Together they fit into `files` × `full` bytes, each counted by its length, at most `full`.
 /// If each counted as one, a daemon that restarts again and again would drive out long files by short ones.
 pub(super) fn next(directory: &Path, files: usize, full: u64) -> io::Result<(PathBuf, File)> {
-    fs::create_dir_all(directory)?;
     let numbers = numbers(directory)?;
     let next = numbers.last().map_or(1, |last| last + 1);
     // A file's header and its last row may reach beyond its full size.
@@ -76,17 +75,17 @@ mod tests {
     #[test]
     fn the_oldest_go_and_the_count_goes_on() {
         let folder = tempfile::tempdir().unwrap();
-        let ring = folder.path().join("a/b");
+        let ring = folder.path();
         for _ in 0..5 {
-            let (path, _) = next(&ring, 3, 10).unwrap();
+            let (path, _) = next(ring, 3, 10).unwrap();
             fs::write(path, "12345678901").unwrap();
         }
         for other in ["record-x.csv", "record-1.csv", "notes.txt"] {
             fs::write(ring.join(other), "").unwrap();
         }
-        let (path, _) = next(&ring, 2, 10).unwrap();
+        let (path, _) = next(ring, 2, 10).unwrap();
         assert!(path.ends_with("record-000006.csv"), "{path:?}");
-        let mut left: Vec<String> = fs::read_dir(&ring)
+        let mut left: Vec<String> = fs::read_dir(ring)
             .unwrap()
             .map(|entry| entry.unwrap().file_name().into_string().unwrap())
             .collect();

@@ -79,6 +79,7 @@ mod tests {
         assert!(!room.is_claimed());
 
         room.set_ring(Some(&ring));
+        std::fs::create_dir(&ring).unwrap();
         let logs = [(); 2].map(|()| ring::next(&ring, 2, 1).unwrap().0);
         for log in logs {
             assert_eq!(room.claim(&store), Some(log));

@@ -224,9 +224,7 @@ fn connect(path: &Path) -> io::Result<Option<u32>> {
 
 /// The lock beside the socket.
 fn lock(path: &Path) -> Result<LockFile, BindFault> {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".lock");
-    LockFile::take(Path::new(&name)).map_err(|error| match error {
+    LockFile::beside(path).map_err(|error| match error {
         LockError::Held(pid) => BindFault::Busy(pid),
         LockError::System(source) => {
             BindFault::failed(path, "cannot lock the file .lock beside it", source)

@@ -308,6 +308,7 @@ fn files(ring: &Path) -> Vec<PathBuf> {
     let mut files: Vec<_> = fs::read_dir(ring)
         .unwrap()
         .map(|entry| entry.unwrap().path())
+        .filter(|path| !path.ends_with(".lock"))
         .collect();
     files.sort();
     files

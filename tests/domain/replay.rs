@@ -411,6 +411,19 @@ fn each_way_to_fail_has_its_status() {
 }
 
 #[test]
+fn another_sensors_calibration_is_refused_but_not_that_of_a_sensor_without_a_name() {
+    let folder = Folder::new();
+    let ((mut header, entries), calibration) = with_calibration(&folder, "a.csv");
+    for (name, status) in [(Some("qmc5883l"), 65), (None, 0)] {
+        header.sensor = name.map(str::to_owned);
+        let path = folder.file("b.csv", log(&(header.clone(), entries.clone())));
+        let ran = headingd(&["replay", &path, "--calibration", &calibration]);
+        assert_eq!(ran.status, status, "{}", ran.err);
+        assert!(ran.err.contains("hmc5843 mounted"), "{}", ran.err);
+    }
+}
+
+#[test]
 fn an_overflow_gives_no_heading() {
     let folder = Folder::new();
     let ((header, mut entries), calibration) = with_calibration(&folder, "a.csv");

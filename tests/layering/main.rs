@@ -85,7 +85,7 @@ const ROOMS: &[Room] = &[
     ]),
 
     room("daemon", 3, &[
-        "reading", "date", "frame", "calibration", "true_north", "condition", "recording", "pipeline", "position", "sensor", "publish", "store", "service", "config", "wall_clock",
+        "reading", "date", "frame", "calibration", "true_north", "condition", "recording", "pipeline", "position", "sensor", "publish", "store", "service", "config", "lock_file", "wall_clock",
     ]),
     room("command", 3, &[
         "date", "frame", "alignment", "calibration", "true_north", "heading", "recording", "pipeline", "position", "sensor", "publish", "store", "service", "logging", "config", "daemon",

@@ -15,6 +15,7 @@ use rustix::termios::{
 
 use super::lines::HeadingLines;
 use crate::check::{Fault, absolute_or_empty, settings};
+use crate::lock_file::LockFile;
 
 /// Headings are no secret, and what is written to it is thrown away; programs open a port for both.
 const MODE: u32 = 0o666;
@@ -41,6 +42,8 @@ pub(super) struct Pty {
     /// The program's side, held open: otherwise writes fail while no program has the port open.
     theirs: OwnedFd,
     _link: PortLink,
+    /// Another daemon would make its own link in place of ours.
+    _lock: LockFile,
 }
 
 /// A link that is removed in the end.
@@ -51,7 +54,7 @@ struct PortLink {
 
 impl Drop for PortLink {
     fn drop(&mut self) {
-        // Another daemon may have made its own meanwhile.
+        // Whatever somebody else has put there stays.
         if fs::read_link(&self.path).is_ok_and(|port| port == self.port) {
             let _ = fs::remove_file(&self.path);
         }
@@ -61,6 +64,7 @@ impl Drop for PortLink {
 impl Pty {
     /// Makes a port. A link to a port that an earlier daemon left is replaced; anything else in its place is left alone.
     pub(super) fn open(path: &Path) -> io::Result<Self> {
+        let lock = LockFile::beside(path)?;
         let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY)?;
         grantpt(&ours)?;
         unlockpt(&ours)?;
@@ -81,7 +85,12 @@ impl Pty {
         if fs::read_link(path).is_ok_and(|port| port.starts_with("/dev/pts")) {
             fs::remove_file(path)?;
         }
-        symlink(&port, path)?;
+        symlink(&port, path).map_err(|error| match error.kind() {
+            ErrorKind::AlreadyExists => {
+                io::Error::new(error.kind(), "something else is there: move it away")
+            }
+            _ => error,
+        })?;
         Ok(Self {
             ours: ours.into(),
             theirs,
@@ -89,6 +98,7 @@ impl Pty {
                 path: path.to_owned(),
                 port: port.into(),
             },
+            _lock: lock,
         })
     }
 

@@ -146,6 +146,8 @@ async fn a_port_has_the_newest_heading_alone_until_it_is_read() {
     symlink("/dev/pts/nowhere", &path).unwrap();
     let settings = pty::Settings { path: path.clone() };
     let mut outputs = outputs::open(&off(), &off(), &settings, &rig.publisher);
+    // A second daemon goes without, and leaves the link.
+    assert!(outputs::open(&off(), &off(), &settings, &rig.publisher).is_empty());
     let mut port = File::options().read(true).write(true).open(&path).unwrap();
     let unread = |port: &File, right: &str| ioctl_fionread(port).unwrap() == right.len() as u64;
     // Each is of another length.
