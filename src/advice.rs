@@ -30,7 +30,7 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "bad_samples" => "look into the log: a field is not a number, or absurdly large",
         "no_plane" =>
             "turn while the gyro runs; for a log without a gyro, or with an empty axis, name the plane (calibrate --plane xy)",
-        "no_motion" => "turn the board; if you did, the magnetometer is stuck, or its unit is wrong",
+        "no_motion" => "turn the board; if you did, the magnetometer is stuck, or its unit or the gyro's is wrong",
         "no_fit" =>
             "make a full turn, away from iron: the samples lie on no ellipse; if this happens everywhere, compare the \
              chips' axes with headingd align LOG",

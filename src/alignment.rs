@@ -91,7 +91,7 @@ pub enum AlignmentError {
     Unrelated(&'static str),
     /// The motion does not tell this chip's axes.
     #[error(
-        "the motion does not tell the axes of the {0}: turn the board about each of its three axes in one log (ambiguous)"
+        "the motion does not tell the axes of the {0}: turn the board about each of its three axes in one log; if you did, check the units (ambiguous)"
     )]
     Ambiguous(&'static str),
 }

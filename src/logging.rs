@@ -9,7 +9,7 @@ use std::time::Instant;
 use rustix::fs::fstat;
 use tokio::time::sleep;
 use tracing_journald::{Priority, PriorityMappings};
-use tracing_subscriber::filter::{LevelFilter, ParseError, Targets};
+use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::prelude::*;
 use tracing_subscriber::{Layer, Registry, fmt, reload};
 
@@ -31,26 +31,20 @@ impl Log {
         let wanted = env::var(FILTER_VARIABLE)
             .ok()
             .filter(|text| !text.is_empty());
-        let own = wanted.as_deref().map(parse);
-        let chosen = match &own {
-            Some(Ok(own)) => own.clone(),
-            _ => targets(filter),
-        };
-        let (chosen, handle) = reload::Layer::new(chosen);
+        let own = wanted.as_deref().and_then(parse);
+        let from_environment = own.is_some();
+        let (chosen, handle) = reload::Layer::new(own.unwrap_or_else(|| targets(filter)));
         let left_out = LeftOut::default();
         tracing_subscriber::registry()
             .with(chosen)
             .with(output())
             .with(left_out.clone())
             .init();
-        if let Some(Err(error)) = &own {
-            let found = wanted.unwrap_or_default();
-            tracing::warn!(
-                "{FILTER_VARIABLE} is {found:?}, which is no filter: {error}; using {filter:?}"
-            );
+        if let Some(found) = wanted.filter(|_| !from_environment) {
+            tracing::warn!("{FILTER_VARIABLE} is {found:?}, but must be {RIGHT}; using {filter:?}");
         }
         Self {
-            filter: (!matches!(own, Some(Ok(_)))).then_some(handle),
+            filter: (!from_environment).then_some(handle),
             left_out,
         }
     }
@@ -80,16 +74,24 @@ impl Log {
     }
 }
 
+/// What a filter must be.
+pub const RIGHT: &str =
+    "off, error, warn, info, debug or trace, or several target=level with commas between";
+
 /// Reads levels and `target=level` with commas between them; spaces around them do not count.
-fn parse(filter: &str) -> Result<Targets, ParseError> {
+pub fn parse(filter: &str) -> Option<Targets> {
     let parts = filter.split(',').map(str::trim);
     let parts: Vec<&str> = parts.filter(|part| !part.is_empty()).collect();
-    parts.join(",").parse()
+    // `Targets` takes a misspelt level for the name of a target, and then shows nothing else.
+    let right = |part: &&str| part.contains('=') || part.parse::<LevelFilter>().is_ok();
+    let all_right = !parts.is_empty() && parts.iter().all(right);
+    let targets = parts.join(",").parse().ok();
+    targets.filter(|_| all_right)
 }
 
 /// The filter of the configuration. It has been checked; should it not parse all the same, the level is `info`.
 fn targets(filter: &str) -> Targets {
-    parse(filter).unwrap_or_else(|_| Targets::new().with_default(LevelFilter::INFO))
+    parse(filter).unwrap_or_else(|| Targets::new().with_default(LevelFilter::INFO))
 }
 
 /// Whether standard error goes to the journal: `JOURNAL_STREAM` has its device and inode, as in systemd.exec(5).
@@ -141,5 +143,12 @@ mod tests {
         assert!(filter.would_enable("headingd::turn::angle", &Level::DEBUG));
         assert!(filter.would_enable("headingd", &Level::WARN));
         assert!(!filter.would_enable("headingd", &Level::INFO));
+    }
+
+    #[test]
+    fn a_misspelt_level_is_no_filter() {
+        for wrong in ["", ",", "inof", "info,wran", "headingd=inof", "headingd"] {
+            assert!(parse(wrong).is_none(), "{wrong}");
+        }
     }
 }

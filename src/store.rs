@@ -59,8 +59,8 @@ pub enum StoreError {
     Directory(PathBuf, #[source] io::Error),
     /// Another process has the folder: this one, if it is known.
     #[error(
-        "cannot keep calibrations in folder {}: another daemon keeps its own there{}; stop it, or set another \
-         store.directory",
+        "cannot keep calibrations in folder {}: another daemon keeps its own there{}; stop it, or name another \
+         folder",
         .0.display(), .1.map(|pid| format!(" (process {pid})")).unwrap_or_default()
     )]
     InUse(PathBuf, Option<u32>),

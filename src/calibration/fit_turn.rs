@@ -117,7 +117,7 @@ fn plan(request: &Request) -> Result<Plan, Refusal> {
 fn no_motion() -> Refusal {
     Refusal::new(
         "no_motion",
-        "the field hardly changed: the board did not turn, the magnetometer is stuck, or its unit is not the one stated",
+        "the field hardly changed: the board did not turn, the magnetometer is stuck, or its unit or the gyro's is not the one stated",
     )
 }
 

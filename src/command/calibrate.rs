@@ -56,7 +56,8 @@ pub struct Args {
     pub stop: Option<StopChoice>,
     /// Strength of the field, milligauss: horizontal for a planar calibration, total for a spatial one. Without it,
     /// or where motion calibrates, the scale factors have a mean of 1
-    #[arg(long, value_name = "N", value_parser = number("a number of milligauss", 10.0..=1000.0))]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(value_parser = number("a number of milligauss", 10.0..=1000.0))]
     pub reference_mgauss: Option<f64>,
     /// Seed of the swarm
     #[arg(long, value_name = "N")]
@@ -194,8 +195,8 @@ fn because_empty(outcome: Outcome, empty_axis: Option<EmptyAxis>) -> Outcome {
     let name = ["X", "Y", "Z"][axis];
     let message = format!("chip axis {name} is empty in {empty} of {samples} samples");
     let refusal = if empty < samples {
-        let remedy = "choose a larger range, or move away from the magnet";
-        let message = format!("{message}, or at the end of its range: {remedy}");
+        let remedy = "check the chip, choose a larger range, or move away from the magnet";
+        let message = format!("{message}, stuck, or at the end of its range: {remedy}");
         Refusal::new("stuck_axis", message)
     } else {
         let others = ["yz", "xz", "xy"][axis];

@@ -22,7 +22,7 @@ use crate::wall_clock::unix_now_s;
 /// Replay a recorded log, as fast as it goes
 ///
 /// Prints the JSON lines that a client of the socket with every stream enabled gets: ATT for each
-/// magnetometer reading, STATE for each change of condition, CALIBRATION for each calibration. The same
+/// magnetometer reading, STATE for each change of condition or progress, CALIBRATION for each calibration. The same
 /// log, configuration and seed give the same bytes; nothing is read from or written to a store unless
 /// --store says so.
 #[derive(Debug, clap::Args)]

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use crate::check::{Check, Fault};
-use crate::command::{Failure, OrFail, word, write_out};
+use crate::command::{Failure, OrFail, config_file, overwrite, word, write_out};
 use crate::recording::written;
 use crate::sensor::simulator::{Scenario, Settings, Simulator};
 
@@ -93,6 +93,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let message = format!("cannot simulate: {}", options(&faults));
         return Err(Failure::new(Failure::USAGE, message));
     }
+    overwrite::refuse(
+        &args.out,
+        None,
+        None,
+        &config_file::load(None).unwrap_or_default(),
+    )?;
     let simulator = Simulator::new(settings);
     let log =
         written(&simulator.header(), simulator).or_fail(Failure::IO, "cannot write the log")?;

@@ -1,8 +1,7 @@
 //! Table `[log]`: the daemon's own log.
 
-use tracing_subscriber::filter::Targets;
-
 use crate::check::{Fault, settings};
+use crate::logging;
 
 settings! {
     /// What goes to the system's journal.
@@ -17,17 +16,12 @@ settings! {
 
 impl Settings {
     fn check_filter(&self, faults: &mut Vec<Fault>) {
-        const LEVELS: [&str; 6] = ["off", "error", "warn", "info", "debug", "trace"];
-        // The parser takes a misspelt level for the name of a target, and then shows nothing else.
-        let right = |part: &str| match part.contains('=') {
-            true => part.parse::<Targets>().is_ok(),
-            false => LEVELS.iter().any(|level| level.eq_ignore_ascii_case(part)),
-        };
-        if self.filter.split(',').map(str::trim).all(right) {
-            return;
+        if logging::parse(&self.filter).is_none() {
+            faults.push(Fault::new(
+                "filter",
+                format!("{:?}", self.filter),
+                logging::RIGHT,
+            ));
         }
-        let levels = LEVELS.join(", ");
-        let right = format!("one of {levels}, or target=level with commas between");
-        faults.push(Fault::new("filter", format!("{:?}", self.filter), right));
     }
 }

@@ -43,6 +43,7 @@ impl Recording {
                 let origin = ReadingsFrom::Service(Box::new(client));
                 return Ok(Self { config, origin });
             }
+            Err(service) if service.connected => return Err(service.into()),
             Err(service) => service,
         };
         let source = match SourceTask::open(&config) {

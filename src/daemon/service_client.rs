@@ -28,12 +28,17 @@ const REQUEST: &[u8] =
 pub struct ListenError {
     socket: PathBuf,
     what: String,
+    /// Whether anybody took the connection.
+    pub(super) connected: bool,
 }
 
 impl ListenError {
     fn new(socket: &Path, what: String) -> Self {
-        let socket = socket.to_owned();
-        Self { socket, what }
+        Self {
+            socket: socket.to_owned(),
+            what,
+            connected: true,
+        }
     }
 }
 
@@ -55,7 +60,13 @@ impl ServiceClient {
     pub(super) async fn connect(socket: &Path) -> Result<Self, ListenError> {
         let failed = |what| ListenError::new(socket, what);
         let broken = |error| failed(format!("the connection failed: {error}"));
-        let mut stream = UnixStream::connect(socket).await.map_err(broken)?;
+        let mut stream = UnixStream::connect(socket).await.map_err(|error| {
+            let connected = false;
+            ListenError {
+                connected,
+                ..broken(error)
+            }
+        })?;
         match stream.write_all(REQUEST).await {
             // It has hung up, and may have said why: a service that is full does.
             Err(error) if error.kind() == ErrorKind::BrokenPipe => {}

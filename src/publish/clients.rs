@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use rustix::process::geteuid;
+use tokio::net::unix::UCred;
 use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::watch;
 use tokio::task::{Id, JoinError, JoinSet};
@@ -47,8 +48,8 @@ where
     let listener = UnixListener::from_std(door.socket.listener)?;
     let (stop, stopped) = watch::channel(false);
     let mut clients: JoinSet<Result<(), ClientError>> = JoinSet::new();
-    // The user of each client's task.
-    let mut held: HashMap<Id, u32> = HashMap::new();
+    // Who the client of each task is.
+    let mut held: HashMap<Id, UCred> = HashMap::new();
     let own = geteuid().as_raw();
     let mut shutdown = pin!(shutdown);
     let mut pause = None;
@@ -56,34 +57,38 @@ where
         let accepted = tokio::select! {
             () = &mut shutdown => break,
             Some(left) = clients.join_next_with_id() => {
-                held.remove(&leave(left));
+                leave(left, &mut held);
                 None
             }
             accepted = accept(&listener, pause) => Some(accepted),
         };
         // All who have left make room before the next is refused.
         while let Some(left) = clients.try_join_next_with_id() {
-            held.remove(&leave(left));
+            leave(left, &mut held);
         }
         match accepted {
             None => {}
-            Some(Ok((stream, uid))) => {
+            Some(Ok((stream, peer))) => {
                 pause = None;
-                match admit(door.most, own, held.values().copied(), uid) {
+                match admit(door.most, own, held.values().map(UCred::uid), peer.uid()) {
                     Ok(()) => {
                         let served = clients.spawn(serve(stream, stopped.clone()));
-                        held.insert(served.id(), uid);
+                        held.insert(served.id(), peer);
                     }
                     Err(full) => {
                         refuse(stream, &(door.refusal)(full));
-                        tracing::info!("refused a client: {full}");
+                        let (pid, uid) = (peer.pid(), peer.uid());
+                        tracing::info!(pid, uid, "refused a client: {full}");
                     }
                 }
             }
             Some(Err(error)) => {
                 // Out of file descriptors, as a rule; the client stays in the queue. Once an episode.
                 if pause.is_none() {
-                    tracing::warn!("cannot accept a client, will try again: {error}");
+                    tracing::warn!(
+                        "cannot accept a client, will try again: {error}; serve fewer clients (socket.max_clients), or raise the \
+                         limit of open files (LimitNOFILE= in the systemd unit)"
+                    );
                 }
                 pause = Some(pause.map_or(PAUSES.0, |last: Duration| (last * 2).min(PAUSES.1)));
             }
@@ -102,14 +107,17 @@ where
     Ok(())
 }
 
-/// The next client and its user, after a pause if the last attempt failed.
-async fn accept(listener: &UnixListener, pause: Option<Duration>) -> io::Result<(UnixStream, u32)> {
+/// The next client and who it is, after a pause if the last attempt failed.
+async fn accept(
+    listener: &UnixListener,
+    pause: Option<Duration>,
+) -> io::Result<(UnixStream, UCred)> {
     if let Some(pause) = pause {
         sleep(pause).await;
     }
     let (stream, _) = listener.accept().await?;
-    let uid = stream.peer_cred()?.uid();
-    Ok((stream, uid))
+    let peer = stream.peer_cred()?;
+    Ok((stream, peer))
 }
 
 /// Tells a client that there is no room. Its buffer is empty, so that this takes no time and no task.
@@ -120,20 +128,24 @@ fn refuse(stream: UnixStream, line: &str) {
     }
 }
 
-/// Logs why a client left. Returns the id of its task.
-fn leave(left: Result<(Id, Result<(), ClientError>), JoinError>) -> Id {
-    match left {
-        Ok((id, ended)) => {
-            match ended {
-                Ok(()) => tracing::debug!("a client left"),
-                Err(error @ ClientError::Broken(_)) => tracing::debug!("a client left: {error}"),
-                Err(error) => tracing::info!("let a client go: {error}"),
-            }
-            id
-        }
+/// Takes a client off the list, and logs why it left.
+fn leave(left: Result<(Id, Result<(), ClientError>), JoinError>, held: &mut HashMap<Id, UCred>) {
+    let (id, ended) = match left {
+        Ok((id, ended)) => (id, ended),
         Err(error) => {
+            held.remove(&error.id());
             tracing::error!("a client's task failed: {error}");
-            error.id()
+            return;
         }
+    };
+    let peer = held.remove(&id);
+    let (pid, uid) = (
+        peer.and_then(|peer| peer.pid()),
+        peer.map(|peer| peer.uid()),
+    );
+    match ended {
+        Ok(()) => tracing::debug!(pid, "a client left"),
+        Err(error @ ClientError::Broken(_)) => tracing::debug!(pid, "a client left: {error}"),
+        Err(error) => tracing::info!(pid, uid, "let a client go: {error}"),
     }
 }

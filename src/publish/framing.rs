@@ -56,7 +56,7 @@ impl Requests {
                 self.begin_anew();
                 self.skipping = true;
                 Some(Err(format!(
-                    "the request is longer than {} bytes; the rest of its line is ignored",
+                    "the request is longer than {} bytes (socket.request_limit_bytes); the rest of its line is ignored",
                     self.limit_bytes
                 )))
             } else if self.push(byte) {

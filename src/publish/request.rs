@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 
 use serde::Deserialize;
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use super::gpsd::WatchPolicy;
 
@@ -110,7 +110,11 @@ fn watch(argument: &str) -> Result<WatchRequest, String> {
     let invalid = |error| format!("invalid WATCH: {error}");
     let mut object: Map<String, Value> = serde_json::from_str(argument).map_err(invalid)?;
     object.retain(|key, _| !GPSD_KEYS.contains(&key.as_str()));
-    let watch: WatchRequest = serde_json::from_value(object.into()).map_err(invalid)?;
+    for (key, value) in &object {
+        WatchRequest::deserialize(&json!({ key: value }))
+            .map_err(|error| format!("invalid WATCH: {key}: {error}"))?;
+    }
+    let watch = WatchRequest::deserialize(&Value::from(object)).map_err(invalid)?;
     match watch.rate_hz {
         Some(rate_hz) if !RATES_HZ.contains(&rate_hz) => Err(format!(
             "invalid WATCH: rate_hz is {rate_hz}, but must be from 0.1 to 1000 headings a second"
@@ -193,14 +197,14 @@ mod tests {
         assert_eq!(
             parse("?WATCH={\"enable\":true,\"calibratoin\":true}"),
             Err(
-                "invalid WATCH: unknown field `calibratoin`, expected one of `enable`, `json`, `nmea`, `rate_hz`, \
+                "invalid WATCH: calibratoin: unknown field `calibratoin`, expected one of `enable`, `json`, `nmea`, `rate_hz`, \
                  `calibration`, `state`, `readings`, `device`"
                     .into()
             )
         );
         assert_eq!(
             parse("?WATCH={\"json\":\"yes\"}"),
-            Err("invalid WATCH: invalid type: string \"yes\", expected a boolean".into())
+            Err("invalid WATCH: json: invalid type: string \"yes\", expected a boolean".into())
         );
         for text in ["?WATCH=", "?POLL=1", "?DEVICE={}", "?poll"] {
             assert!(parse(text).is_err(), "{text}");

@@ -112,7 +112,7 @@ impl Server {
             socket: self.socket,
             most: self.settings.max_clients,
             refusal: |full| {
-                let message = format!("{full}; raise max_clients, or try again later");
+                let message = format!("{full}; raise socket.max_clients, or try again later");
                 gpsd::error(&message) + LINE_END
             },
             count: &self.feed.clients,

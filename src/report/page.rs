@@ -16,7 +16,7 @@ const LISTED: usize = 50;
 
 const STYLE: &str = include_str!("style.css");
 const NO_TURN: &str = "<h2>Calibration by a full turn</h2>\n\
-                       <p>The board made no full turn that was calibrated on.</p>\n";
+                       <p>No full turn has calibrated the board.</p>\n";
 
 pub fn page(analysis: &Analysis) -> String {
     let found = &analysis.found;

@@ -193,15 +193,11 @@ fn answering(rig: &Rig, answer: &str) -> JoinHandle<()> {
     let listener = UnixListener::bind(rig.path("heading.sock")).unwrap();
     let answer = answer.to_owned();
     std::thread::spawn(move || {
-        // The first only looks whether somebody is there.
-        for stream in listener.incoming().take(2) {
-            let mut stream = stream.unwrap();
-            let mut asked = String::new();
-            BufReader::new(&stream).read_line(&mut asked).unwrap();
-            if !asked.is_empty() {
-                stream.write_all(answer.as_bytes()).unwrap();
-            }
-        }
+        let (mut stream, _) = listener.accept().unwrap();
+        BufReader::new(&stream)
+            .read_line(&mut String::new())
+            .unwrap();
+        stream.write_all(answer.as_bytes()).unwrap();
     })
 }
 

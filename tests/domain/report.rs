@@ -186,7 +186,7 @@ fn space_has_three_circles_and_motion_none() {
     let found = page(still, "");
     assert_self_contained(&found);
     assert_eq!(found.matches("<figure>").count(), 2);
-    assert!(found.contains("no full turn that was calibrated on"));
+    assert!(found.contains("No full turn has calibrated"));
 }
 
 #[test]

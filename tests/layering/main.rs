@@ -81,7 +81,7 @@ const ROOMS: &[Room] = &[
     // One table for each room that has settings.
     room("config", 2, &[
         "frame", "attitude", "turn", "calibration", "true_north", "pipeline", "position", "sensor", "publish",
-        "store",
+        "store", "logging",
     ]),
 
     room("daemon", 3, &[

@@ -139,7 +139,7 @@ impl Diagnosis {
             let what = self
                 .bad
                 .as_deref()
-                .unwrap_or("found remarks, but no readings");
+                .unwrap_or("what came has no whole reading in it");
             (
                 "not_understood",
                 format!(

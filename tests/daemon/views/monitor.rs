@@ -232,7 +232,7 @@ fn a_report_on_a_daemon_that_is_locked_calibrates_on_no_turn() {
     Link::new(&rig).told("lock");
     let (status, page, err) = report(&rig, "-", &["--duration", "3"]);
     assert_eq!(status, 0, "{err}");
-    assert!(page.contains("no full turn that was calibrated on"));
+    assert!(page.contains("No full turn has calibrated"));
 }
 
 #[test]
