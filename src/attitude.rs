@@ -198,9 +198,11 @@ impl Attitude {
         (body != Vector3::zeros()).then(|| self.mountings.accel.to_chip(body))
     }
 
-    /// Forgets everything but the walk of the gyro's bias, and counts that in [`GyroBias::begun_anew`].
+    /// Forgets everything but the walk of the gyro's bias, and counts that in [`GyroBias::begun_anew`]. Poses from before are of another
+    /// frame.
     pub fn renew(&mut self, settings: &Settings, mountings: &Mountings) {
         let mut anew = Self::new(settings, mountings);
+        anew.filter.frame_id = self.filter.frame_id.wrapping_add(1);
         anew.filter.errors.inherit_totals(&self.filter.errors);
         *self = anew;
     }

@@ -17,7 +17,6 @@ mod recorder;
 mod reload;
 mod remedy;
 mod ring;
-mod room;
 mod sensor_store;
 mod service_client;
 mod session;

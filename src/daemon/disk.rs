@@ -5,8 +5,7 @@ use std::sync::mpsc::{self, RecvTimeoutError, TrySendError};
 use std::time::Duration;
 
 use super::DaemonError;
-use super::remedy::{lacks_room, with_remedy};
-use super::room::DiskRoom;
+use super::remedy::with_remedy;
 use super::thread::{Shared, Thread, lock};
 use crate::publish::control::status::FolderSummary;
 use crate::store::{CalibrationFile, History, Identity, Store, StoreError};
@@ -29,7 +28,6 @@ pub(super) struct Disk {
     /// Ends with an error if something could not be saved.
     thread: Thread<Result<(), String>>,
     pub(super) directory: PathBuf,
-    pub(super) room: DiskRoom,
     /// What is wrong with the store now, for people.
     fault: Shared<Option<String>>,
 }
@@ -42,7 +40,7 @@ enum Job {
 
 impl Disk {
     pub(super) fn open(directory: &Path) -> Result<Self, DaemonError> {
-        let (newest, fault, room) = (Shared::default(), Shared::default(), DiskRoom::default());
+        let (newest, fault) = (Shared::default(), Shared::default());
         let (store, error) = match Store::claim(directory) {
             // Each daemon would set aside the other's file as changed by somebody else.
             Err(error @ StoreError::InUse { .. }) => return Err(DaemonError::Store(error)),
@@ -68,7 +66,6 @@ impl Disk {
             unsaved: CalibrationFile::default(),
             reopen: error.is_some(),
             pause: PAUSES.0,
-            room: room.clone(),
             fault: fault.clone(),
         };
         Ok(Self {
@@ -76,7 +73,6 @@ impl Disk {
             newest,
             thread: Thread::start("store", move || writer.run(&jobs))?,
             directory: directory.to_owned(),
-            room,
             fault,
         })
     }
@@ -161,7 +157,6 @@ struct DiskWriter {
     /// The next attempt opens the folder again: another disk may be mounted there by then. Until that succeeds, the old folder stays locked.
     reopen: bool,
     pause: Duration,
-    room: DiskRoom,
     fault: Shared<Option<String>>,
 }
 
@@ -235,7 +230,7 @@ impl DiskWriter {
     /// Saves what is unsaved; where nothing is, sees whether the folder works now.
     fn attempt(&mut self) -> Result<(), String> {
         let told = lock(&self.fault).is_some();
-        match self.save_making_room() {
+        match self.save() {
             Ok(()) => {
                 if told {
                     tracing::info!(
@@ -258,27 +253,6 @@ impl DiskWriter {
                 }
                 *lock(&self.fault) = Some(message.clone());
                 Err(message)
-            }
-        }
-    }
-
-    /// Saves; on a full disk the ring of logs gives room, and takes none until everything is saved.
-    fn save_making_room(&mut self) -> Result<(), StoreError> {
-        loop {
-            match self.save() {
-                Err(error) if lacks_room(&error) && !self.unsaved.sensors.is_empty() => {
-                    let Some(log) = self.room.claim(&self.directory) else {
-                        return Err(error);
-                    };
-                    let log = log.display();
-                    tracing::warn!(
-                        "the disk is full: removed the oldest log {log} to keep a calibration"
-                    );
-                }
-                saved => {
-                    self.room.release();
-                    return saved;
-                }
             }
         }
     }
@@ -325,7 +299,6 @@ mod tests {
             unsaved: CalibrationFile::default(),
             reopen: false,
             pause: PAUSES.0,
-            room: DiskRoom::default(),
             fault: Shared::default(),
         }
     }
@@ -339,7 +312,6 @@ mod tests {
             newest: Shared::default(),
             thread: Thread::start("test", || Ok(())).unwrap(),
             directory: folder.path().to_owned(),
-            room: DiskRoom::default(),
             fault: Shared::default(),
         };
         let identity = Identity::new("hmc5843", Mounting::default());

@@ -14,7 +14,6 @@ use std::time::{Duration, Instant};
 use tempfile::tempfile_in;
 use tokio::sync::oneshot;
 
-use super::room::DiskRoom;
 use super::thread::{Shared, Thread, lock};
 use super::{DaemonError, remedy, ring};
 use crate::config::record::Settings;
@@ -27,6 +26,8 @@ use open_log::OpenLog;
 
 /// Readings that may wait for the disk: some ten seconds of them.
 const QUEUE: usize = 4096;
+/// So many bytes of rows at a time are written without looking how much room the disk has left.
+const CHECKED_EVERY: u64 = 8192;
 /// Interval at which readings are handed to the system, which writes them to disk: a daemon that is killed loses no more.
 const FLUSH: Duration = Duration::from_secs(1);
 /// This name of a log is standard output.
@@ -80,28 +81,20 @@ impl Recorder {
     /// Starts to record into one file. What becomes of it comes out of the second value.
     pub(super) fn file(path: &Path, header: Header) -> Result<(Self, Ending), DaemonError> {
         let destination = Destination::File(path.to_owned());
-        Self::start(destination, header, DiskRoom::default())
+        Self::start(destination, header)
     }
 
-    /// Starts to record into a ring of files, if the settings say so. It takes no room that the store needs.
-    pub(super) fn ring(
-        settings: &Settings,
-        header: Header,
-        room: DiskRoom,
-    ) -> Result<Option<Self>, DaemonError> {
+    /// Starts to record into a ring of files, if the settings say so.
+    pub(super) fn ring(settings: &Settings, header: Header) -> Result<Option<Self>, DaemonError> {
         if settings.directory().is_none() {
             return Ok(None);
         }
         // A failure has been logged: a ring goes on after it.
-        let (recorder, _) = Self::start(Destination::Ring(settings.clone()), header, room)?;
+        let (recorder, _) = Self::start(Destination::Ring(settings.clone()), header)?;
         Ok(Some(recorder))
     }
 
-    fn start(
-        destination: Destination,
-        header: Header,
-        room: DiskRoom,
-    ) -> Result<(Self, Ending), DaemonError> {
+    fn start(destination: Destination, header: Header) -> Result<(Self, Ending), DaemonError> {
         let (queue, readings) = sync_channel(QUEUE);
         let (sender, ending) = oneshot::channel();
         let fault = Shared::default();
@@ -113,7 +106,6 @@ impl Recorder {
             destination,
             header,
             readings,
-            room,
             ring_lock: OnceCell::new(),
             written: 0,
             fault: Shared::clone(&fault),
@@ -176,7 +168,6 @@ struct RecorderThread {
     destination: Destination,
     header: Header,
     readings: Receiver<Reading>,
-    room: DiskRoom,
     /// No other daemon writes into the ring, and removes its files.
     ring_lock: OnceCell<Arc<LockFile>>,
     /// How many readings are in the log.
@@ -206,7 +197,7 @@ impl RecorderThread {
                 Some(opened) => opened,
                 None if first.is_err() => return Ok(()),
                 None => {
-                    self.give_way(None)?;
+                    self.leave_reserve(None)?;
                     self.retrying(|| self.open())?
                 }
             };
@@ -271,18 +262,21 @@ impl RecorderThread {
             Destination::File(_) => u64::MAX,
             Destination::Ring(settings) => settings.file_bytes(),
         };
-        let mut bytes = 0;
+        let (mut bytes, mut checked_at) = (0, 0);
         let mut next = Ok(first);
         let mut flushed = Instant::now();
         loop {
             match next {
                 Ok(reading) => {
+                    if bytes >= checked_at {
+                        self.leave_reserve(Some(&log.path))?;
+                        checked_at = bytes + CHECKED_EVERY;
+                    }
                     let entry = Entry {
                         reading,
                         heading_truth_rad: None,
                     };
                     // A row that cannot be written is not buffered either, so that it can be written again.
-                    self.give_way(Some(&log.path))?;
                     bytes += self.retrying(|| log.write(&entry))?;
                     self.written += 1;
                 }
@@ -304,7 +298,6 @@ impl RecorderThread {
     }
 
     fn flush(&self, log: &mut OpenLog) -> Result<(), RecordError> {
-        self.give_way(Some(&log.path))?;
         self.retrying(|| log.flush())?;
         if lock(&self.fault).take().is_some() {
             tracing::info!("recording again");
@@ -323,34 +316,25 @@ impl RecorderThread {
                 (Err(error), Destination::Ring(settings)) => (error, &settings.directory),
                 (done, _) => return done,
             };
-            if remedy::is_full(&error.source)
-                && !self.room.is_claimed()
-                && !self.must_close(&error)
-                && let Ok(Some(oldest)) = ring::remove_oldest(ring, 1)
-            {
-                tracing::info!(
-                    "the disk is full: removed the oldest log {}",
-                    oldest.display()
-                );
-                continue;
-            }
-            if !self.pause(&error) {
+            let full = remedy::is_full(&error.source) && !self.must_close(&error);
+            let goes_on = full && ring::remove_oldest(ring) || self.pause(&error);
+            if !goes_on {
                 return Err(error);
             }
-            self.give_way((!error.at_start).then_some(&error.path))?;
         }
     }
 
-    /// Waits while the store needs the room on the disk: a calibration goes first.
-    fn give_way(&self, log: Option<&Path>) -> Result<(), RecordError> {
-        while self.room.is_claimed()
-            && let Destination::Ring(settings) = &self.destination
+    /// Leaves the ring's reserve free: while the disk has less, the oldest logs are removed, or else nothing is recorded.
+    fn leave_reserve(&self, log: Option<&Path>) -> Result<(), RecordError> {
+        while let Destination::Ring(settings) = &self.destination
+            && !ring::has_reserve(&settings.directory)
         {
-            let why = "the store has no room for a calibration, and goes first";
             let place = log.unwrap_or(&settings.directory);
+            let why = "the disk is nearly full, and calibrations may need what is left";
             let error =
                 RecordError::of(log.is_none(), place)(io::Error::new(ErrorKind::StorageFull, why));
-            if !self.pause(&error) {
+            let goes_on = ring::remove_oldest(&settings.directory) || self.pause(&error);
+            if !goes_on {
                 return Err(error);
             }
         }

@@ -43,12 +43,6 @@ pub(super) fn of_folder(error: &io::Error, key: &str) -> String {
     }
 }
 
-/// Whether the store would work if there were room.
-pub(super) fn lacks_room(error: &StoreError) -> bool {
-    use StoreError::{Directory, Write};
-    matches!(error, Directory(_, cause) | Write(_, cause) if is_full(cause))
-}
-
 /// Whether the disk, or the user's quota, is full.
 pub(super) fn is_full(error: &io::Error) -> bool {
     [ErrorKind::StorageFull, ErrorKind::QuotaExceeded].contains(&error.kind())

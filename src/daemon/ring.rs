@@ -5,8 +5,12 @@ use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use rustix::fs::statvfs;
+
 const PREFIX: &str = "record-";
 const SUFFIX: &str = ".csv";
+/// A ring leaves so many bytes free on its disk, or an eighth of a small one: room for 250 calibrations of 4 kB.
+const RESERVE: u64 = 1 << 20;
 /// No ring has more files, however short: a folder that a program lists at each start stays small.
 const MOST_FILES: usize = 1000;
 
@@ -37,15 +41,27 @@ pub(super) fn next(directory: &Path, files: usize, full: u64) -> io::Result<(Pat
     Ok((path, file))
 }
 
-/// Removes the oldest file and returns its path, unless there are no more than `spared`.
-pub(super) fn remove_oldest(directory: &Path, spared: usize) -> io::Result<Option<PathBuf>> {
-    let numbers = numbers(directory)?;
-    let Some(oldest) = numbers.first().filter(|_| numbers.len() > spared) else {
-        return Ok(None);
+/// Removes the oldest file, unless it is the only one, and logs that. Returns whether it did.
+pub(super) fn remove_oldest(directory: &Path) -> bool {
+    let numbers = numbers(directory).unwrap_or_default();
+    let [oldest, _, ..] = numbers[..] else {
+        return false;
     };
-    let path = path(directory, *oldest);
-    fs::remove_file(&path)?;
-    Ok(Some(path))
+    let path = path(directory, oldest);
+    let removed = fs::remove_file(&path).is_ok();
+    if removed {
+        let path = path.display();
+        tracing::info!("the disk is full: removed the oldest log {path}");
+    }
+    removed
+}
+
+/// Whether the disk has the reserve left; what cannot be found out stops no recording.
+pub(super) fn has_reserve(directory: &Path) -> bool {
+    statvfs(directory).map_or(true, |disk| {
+        let [left, all] = [disk.f_bavail, disk.f_blocks].map(|blocks| blocks * disk.f_frsize);
+        left >= RESERVE.min(all / 8)
+    })
 }
 
 fn path(directory: &Path, number: u64) -> PathBuf {

@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use super::DaemonError;
 use super::disk::{Disk, OnSaved};
-use super::room::DiskRoom;
 use crate::publish::control::status::FolderSummary;
 use crate::store::{CalibrationRecord, History, Identity, Settings};
 
@@ -114,12 +113,6 @@ impl SensorStore {
     pub(super) fn summary(&self) -> FolderSummary {
         let disk = self.disk.as_ref();
         disk.map_or_else(FolderSummary::off, |disk| disk.summary())
-    }
-
-    /// The room on the store's disk. Where nothing is kept, none is ever claimed.
-    pub(super) fn room(&self) -> DiskRoom {
-        let disk = self.disk.as_ref();
-        disk.map(|disk| disk.room.clone()).unwrap_or_default()
     }
 
     /// Whether another session has the same disk.

@@ -67,7 +67,7 @@ impl Session {
             tracing::info!("{sensor} from {name}, {pace} times real time");
         }
         let store = SensorStore::open(&config.store, identity, running)?;
-        let recorder = Recorder::ring(&config.record, header.clone(), store.room())?;
+        let recorder = Recorder::ring(&config.record, header.clone())?;
         let is_log = config.source.kind == Some(Kind::Replay);
         // On the heap: on the stack each move of its 28 kB touches as many pages again, and the daemon keeps them.
         Ok(Box::new(Self {
@@ -109,7 +109,6 @@ impl Session {
                 "[mounting] has changed: the mounting that the daemon was told before is no longer used"
             );
         }
-        self.store.room().set_ring(self.config.record.directory());
         self.north.start();
         self.last.1 = Instant::now();
         self.source.start(self.config.source.pace())
@@ -131,7 +130,6 @@ impl Session {
     /// Stops the session, flushing pending writes up to a deadline. An error says what the store could not keep.
     pub(super) async fn close(mut self: Box<Self>) -> Result<(), DaemonError> {
         self.source.stop().await;
-        // First the ring: the store may need the room of its open log.
         if let Some(recorder) = self.recorder.take() {
             recorder.close(DISK_PATIENCE).await;
         }

@@ -153,8 +153,7 @@ impl CalibrationFile {
         }
         let contents = Self::deserialize(&value)
             .map_err(|error| fail(no_number("", &value).unwrap_or_else(|| error.to_string())))?;
-        let damage = |contents: &Self| contents.sensors.iter().find_map(History::damage);
-        match contents.fault().or_else(|| damage(&contents)) {
+        match contents.fault() {
             None => Ok(contents),
             Some(fault) => Err(fail(fault)),
         }

@@ -233,9 +233,6 @@ impl History {
     /// Makes a calibration the active one, and drops the oldest ones beyond `most`, but not the one that was active, unless `most` is 1:
     /// somebody may have gone back to it.
     pub fn keep(&mut self, record: CalibrationRecord, most: usize) {
-        if self.last_number >= LARGEST_NUMBER {
-            self.renumber();
-        }
         let before = self.active;
         self.last_number += 1;
         self.active = Some(self.last_number);
@@ -248,18 +245,6 @@ impl History {
             let oldest = self.entries.iter().position(may_go).unwrap_or(0);
             self.entries.remove(oldest);
         }
-    }
-
-    /// Numbers what is kept from 1, in the same order: the next number must not be one that no file may hold.
-    fn renumber(&mut self) {
-        let active = self.active.take();
-        for (number, entry) in (1..).zip(&mut self.entries) {
-            if active == Some(entry.number) {
-                self.active = Some(number);
-            }
-            entry.number = number;
-        }
-        self.last_number = self.entries.len() as u64;
     }
 
     /// Makes an earlier calibration the active one: that with this number, or the one saved before.
@@ -326,16 +311,6 @@ impl History {
         Ok(())
     }
 
-    /// What only a damaged file has: asked only on reading.
-    pub(super) fn damage(&self) -> Option<String> {
-        (self.last_number > LARGEST_NUMBER).then(|| {
-            format!(
-                "last_number is {}, but must be at most {LARGEST_NUMBER}",
-                self.last_number
-            )
-        })
-    }
-
     /// What is wrong with it, on reading and on writing.
     pub(super) fn fault(&self) -> Option<String> {
         if let Some(fault) = self.mounting.as_ref().and_then(|told| told.fault()) {
@@ -351,10 +326,15 @@ impl History {
             }
             last = entry.number;
         }
-        if last > self.last_number {
+        let newest = self.last_number;
+        if last > newest {
             return Some(format!(
-                "last_number is {}, but the history has a number {last}",
-                self.last_number
+                "last_number is {newest}, but the history has a number {last}"
+            ));
+        }
+        if newest > LARGEST_NUMBER {
+            return Some(format!(
+                "last_number is {newest}, but must be at most {LARGEST_NUMBER}"
             ));
         }
         match self.active {

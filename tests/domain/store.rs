@@ -426,29 +426,6 @@ fn a_last_number_without_room_behind_it_does_not_end_saving() {
 }
 
 #[test]
-fn behind_the_largest_number_counting_begins_anew_and_the_file_still_loads() {
-    let (_folder, store) = store();
-    let mut history = history(planar());
-    history.keep(record(diagonal()), 10);
-    history.keep(record(symmetric()), 10);
-    history.roll_back(Some(2)).unwrap();
-    history.entries[1].number = 999_999_999_999;
-    history.entries[2].number = 1_000_000_000_000;
-    (history.active, history.last_number) = (Some(999_999_999_999), 1_000_000_000_000);
-    store.save(&history, None).unwrap();
-    let mut found = load(&store).unwrap().unwrap();
-    assert_eq!(found, history);
-
-    found.keep(record(planar()), 3);
-    store.save(&found, Some(&history)).unwrap();
-    let numbers: Vec<u64> = found.entries.iter().map(|entry| entry.number).collect();
-    // The oldest has gone, and the one that was active has stayed.
-    assert_eq!((numbers, found.active), (vec![2, 3, 4], Some(4)));
-    assert_eq!(found.entries[0].record, record(diagonal()));
-    assert_eq!(load(&store).unwrap(), Some(found));
-}
-
-#[test]
 fn another_sensors_calibrations_are_not_used_and_stay() {
     let (_folder, store) = store();
     let path = store.path();

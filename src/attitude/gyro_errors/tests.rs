@@ -139,6 +139,7 @@ fn a_renewed_attitude_keeps_the_doubts_and_counts_the_restart() {
             (bias.begun_anew, bias.doubted2),
             (begun_anew, 0.25 * f64::from(begun_anew))
         );
+        assert_eq!(attitude.filter.frame_id, begun_anew);
         attitude.filter.errors.doubt_bias(0.5);
         attitude.renew(&settings, &mountings);
     }

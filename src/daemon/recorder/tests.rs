@@ -8,7 +8,6 @@ fn recorder(destination: Destination) -> RecorderThread {
         destination,
         header: Header::default(),
         readings: sync_channel(1).1,
-        room: DiskRoom::default(),
         ring_lock: OnceCell::new(),
         written: 0,
         fault: Shared::default(),
