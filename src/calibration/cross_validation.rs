@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use nalgebra::{SMatrix, SVector};
 
-use super::curve::{Curve, Distance, ParameterVector};
+use super::curve::{Distance, ParameterVector};
 use super::refine::{BIWEIGHT, Refined, accumulate, biweight, refine};
 
 /// Parts in a cross-validation: each is judged by a fit to the other three.
@@ -59,7 +59,7 @@ impl Parts {
 /// At the best fit the whole gradient is 0, so that the others' gradient and information are the whole's
 /// less the part's: one pass over the samples gives the step of all refits. A part whose loss moves the fit
 /// far gets a refit of its own.
-pub fn without_each_part<C: Curve<D, P>, const D: usize, const P: usize>(
+pub fn without_each_part<const D: usize, const P: usize>(
     points: &[[f64; D]],
     distances: &[Distance<P>],
     best: &Refined<P>,
@@ -90,7 +90,7 @@ pub fn without_each_part<C: Curve<D, P>, const D: usize, const P: usize>(
                 return std::array::from_fn(|k| best.position[k] - step[k]);
             }
             let others = parts.without(part, points);
-            refine::<C, D, P>(&others, &best.position, best.reference_mgauss)
+            refine(&others, &best.position, best.reference_mgauss)
                 .map_or(best.position, |refit| refit.position)
         })
         .collect()
@@ -99,7 +99,7 @@ pub fn without_each_part<C: Curve<D, P>, const D: usize, const P: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::curve::Diagonal;
+    use crate::calibration::curve::Curve;
 
     /// Two turns of 280 samples; `noise` of a hash, some milligauss.
     fn circle(noise: f64) -> Vec<[f64; 2]> {
@@ -120,16 +120,16 @@ mod tests {
 
     fn compare(points: &[[f64; 2]], cuts: &[usize]) -> f64 {
         let start = [87.0, 54.0, 0.87, 1.0];
-        let best = refine::<Diagonal<2>, 2, 4>(points, &start, 170.0).unwrap();
-        let curve = <Diagonal<2> as Curve<2, 4>>::new(&best.position, 170.0).unwrap();
+        let best = refine(points, &start, 170.0).unwrap();
+        let curve = Curve::<2, 4>::new(&best.position, 170.0).unwrap();
         let distances: Vec<Distance<4>> = points.iter().map(|p| curve.distance(p)).collect();
         let parts = Parts::new(points.len(), cuts.iter().copied());
-        let found = without_each_part::<Diagonal<2>, 2, 4>(points, &distances, &best, &parts);
+        let found = without_each_part(points, &distances, &best, &parts);
         assert_eq!(parts.of_each_sample().len(), points.len());
         let mut largest = 0.0f64;
         for (part, found) in found.iter().enumerate() {
             let others = parts.without(part, points);
-            let refit = refine::<Diagonal<2>, 2, 4>(&others, &best.position, 170.0).unwrap();
+            let refit = refine(&others, &best.position, 170.0).unwrap();
             for k in 0..4 {
                 let unit = if k < 2 { 1.0 } else { 170.0 };
                 largest = largest.max(unit * (found[k] - refit.position[k]).abs());

@@ -4,7 +4,7 @@ use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use super::coverage::{centre_inside, coverage_deg, direction_spread};
 use super::cross_validation::{Parts, without_each_part};
-use super::curve::{Curve, Distance, symmetric};
+use super::curve::{self, Curve, Distance};
 use super::fit::Fitted;
 use super::fit_turn::TurnFit;
 use super::gyro_agreement::{self, GyroAgreement, Sighting};
@@ -36,14 +36,14 @@ impl TurnFit<'_> {
     /// # Errors
     ///
     /// The refusal, if the fit does not deserve trust.
-    pub fn evaluate<C: Curve<D, P>, const D: usize, const P: usize>(
+    pub fn evaluate<const D: usize, const P: usize>(
         &self,
         fitted: &Fitted<D, P>,
         outcome: &mut Outcome,
     ) -> Result<String, Refusal> {
         let best = &fitted.best;
         let unusable = || Refusal::new("no_fit", "the fitted scale factors cannot be inverted");
-        let curve = C::new(&best.position, best.reference_mgauss).ok_or_else(unusable)?;
+        let curve = Curve::new(&best.position, best.reference_mgauss).ok_or_else(unusable)?;
         let measures = self.measure(fitted, &curve);
         self.report(fitted, &measures, outcome);
         verdict::judge(&measures, &self.request.limits)?;
@@ -58,10 +58,10 @@ impl TurnFit<'_> {
     }
 
     /// Measures all that is judged of a fit.
-    fn measure<C: Curve<D, P>, const D: usize, const P: usize>(
+    fn measure<const D: usize, const P: usize>(
         &self,
         fitted: &Fitted<D, P>,
-        curve: &C,
+        curve: &Curve<D, P>,
     ) -> Measures {
         let Fitted { points, best, .. } = fitted;
         let cutoff = best.cutoff_mgauss;
@@ -103,7 +103,7 @@ impl TurnFit<'_> {
             reference_given: self.reference().is_some(),
             centre_inside: centre_inside(points, &best.position[..D]),
             heading_sd_deg,
-            gyro: self.cross_validated::<C, D, P>(points, &distances, best, fits),
+            gyro: self.cross_validated(points, &distances, best, fits),
             jump: largest_jump(&seen),
             rest_share: self.rest_share(&seen, curve, best.reference_mgauss),
             dip_spread_deg: gyro_agreement::dip_spread_deg(&sightings),
@@ -128,7 +128,7 @@ impl TurnFit<'_> {
         outcome.scale = Some(measures.scale.clone());
         if P > 2 * D {
             outcome.model = Some(Model::Symmetric);
-            outcome.matrix = Some(rows(&symmetric(&position[D..])).into());
+            outcome.matrix = Some(rows(&curve::matrix::<3>(&position[D..])).into());
         }
         outcome.measures = Some(measures.clone());
         outcome.calibration = Some(Calibration {
@@ -158,7 +158,7 @@ impl TurnFit<'_> {
             Spatial {
                 model: Model::Symmetric,
                 bias_mgauss: bias,
-                matrix: symmetric(entries),
+                matrix: curve::matrix(entries),
             }
         } else {
             Spatial::diagonal(bias, Vector3::from_column_slice(entries))
@@ -166,10 +166,10 @@ impl TurnFit<'_> {
     }
 
     /// The samples with a pose that are `wanted`, corrected by the curve that holds for each.
-    fn sightings<'c, C: Curve<D, P> + 'c, const D: usize, const P: usize>(
+    fn sightings<'c, const D: usize, const P: usize>(
         &self,
         points: &[[f64; D]],
-        curve_of: impl Fn(usize) -> &'c C,
+        curve_of: impl Fn(usize) -> &'c Curve<D, P>,
         wanted: impl Fn(usize) -> bool,
     ) -> Vec<Sighting> {
         let samples = &self.request.samples[self.plan.samples.clone()];
@@ -191,10 +191,10 @@ impl TurnFit<'_> {
     /// Distance of the field at rest before the turn from the mean field of the turn's first part, in the gyro's frame, as a share of this
     /// strength, less what the vertical field adds if the board was not level at rest.
     /// `None` without a sample at rest, or if the gyro was lost in between.
-    fn rest_share<C: Curve<D, P>, const D: usize, const P: usize>(
+    fn rest_share<const D: usize, const P: usize>(
         &self,
         seen: &[Sighting],
-        curve: &C,
+        curve: &Curve<D, P>,
         strength_mgauss: f64,
     ) -> Option<f64> {
         let (rest, lean_rad) = match self.plan.mode {
@@ -233,7 +233,7 @@ impl TurnFit<'_> {
     }
 
     /// Each part of the samples is corrected by a fit to the other parts.
-    fn cross_validated<C: Curve<D, P>, const D: usize, const P: usize>(
+    fn cross_validated<const D: usize, const P: usize>(
         &self,
         points: &[[f64; D]],
         distances: &[Distance<P>],
@@ -241,10 +241,10 @@ impl TurnFit<'_> {
         fits: impl Fn(usize) -> bool,
     ) -> Option<GyroAgreement> {
         let parts = Parts::new(points.len(), self.turn_ends());
-        let curves = without_each_part::<C, D, P>(points, distances, best, &parts)
+        let curves = without_each_part(points, distances, best, &parts)
             .iter()
-            .map(|position| C::new(position, best.reference_mgauss))
-            .collect::<Option<Vec<C>>>()?;
+            .map(|position| Curve::new(position, best.reference_mgauss))
+            .collect::<Option<Vec<Curve<D, P>>>>()?;
         let part_of = parts.of_each_sample();
         let sightings = self.sightings(points, |index| &curves[part_of[index]], fits);
         match self.plan.mode {

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::SMatrix;
 
-use super::curve::{Curve, ParameterVector};
+use super::curve::ParameterVector;
 use super::medians::{MEDIAN_TO_SD, median, median_of};
 use super::objective::{Factored, Normalizer, direct};
 use super::refine::{Refined, refine};
@@ -140,13 +140,13 @@ pub fn conic(points: &[[f64; 3]], reference_mgauss: f64) -> Option<ParameterVect
 
 /// Refines from `start` and, without a given reference, brings the scale factors to a mean of 1: only
 /// their product with Hm can be seen.
-pub fn refine_and_normalize<C: Curve<D, P>, const D: usize, const P: usize>(
+pub fn refine_and_normalize<const D: usize, const P: usize>(
     points: &[[f64; D]],
     start: &ParameterVector<P>,
     reference_mgauss: f64,
     reference_given: bool,
 ) -> Option<Refined<P>> {
-    let mut refined = refine::<C, D, P>(points, start, reference_mgauss)?;
+    let mut refined = refine(points, start, reference_mgauss)?;
     if !reference_given {
         let mean = refined.position[D..2 * D].iter().sum::<f64>() / D as f64;
         refined.reference_mgauss *= mean;

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::Vector3;
 
-use super::curve::{Diagonal, ParameterVector, Symmetric};
+use super::curve::ParameterVector;
 use super::fit::{self, Fitted};
 use super::model::{Mode, Model};
 use super::model_selection::{SoftIron, select_model};
@@ -53,18 +53,18 @@ pub fn calibrate(
             outcome.unobserved = &["across_plane", "soft_iron"];
             outcome.basis = Some(plan.basis.map(Into::into));
             let fitted = turn.fit::<2, 4, 5>(outcome)?;
-            turn.evaluate::<Diagonal<2>, 2, 4>(&fitted, outcome)
+            turn.evaluate(&fitted, outcome)
         }
         Mode::Spatial => {
             let fitted = turn.fit::<3, 6, 7>(outcome)?;
             let found = select_model(&fitted, turn.reference().is_some(), request.settings.model);
             if let SoftIron::Found(fitted) = found {
-                return turn.evaluate::<Symmetric, 3, 9>(&fitted, outcome);
+                return turn.evaluate(&fitted, outcome);
             }
             if let SoftIron::Unseen = found {
                 outcome.unobserved = &["soft_iron"];
             }
-            turn.evaluate::<Diagonal<3>, 3, 6>(&fitted, outcome)
+            turn.evaluate(&fitted, outcome)
         }
     }
 }
@@ -247,12 +247,7 @@ impl TurnFit<'_> {
     ) -> Option<Fitted<D, P>> {
         const ROUNDS: usize = 5;
         let fit = |points: &[[f64; D]], start: &ParameterVector<P>, reference| {
-            fit::refine_and_normalize::<Diagonal<D>, D, P>(
-                points,
-                start,
-                reference,
-                reference_given,
-            )
+            fit::refine_and_normalize(points, start, reference, reference_given)
         };
         let mut fitted = fit(&points, start, reference_mgauss)?;
         let down = match self.plan.mode {

@@ -6,7 +6,7 @@
 //! the same samples. Tilts are taken from their mean, so a turn that was level, or evenly tilted, is
 //! left as it is. The fit still uses raw samples only: no earlier calibration enters.
 
-use super::curve::{Curve, Diagonal, Distance, ParameterVector};
+use super::curve::{Curve, Distance, ParameterVector};
 use super::refine::Refined;
 
 /// Tilts that vary by less than this are noise of the accelerometer, radians RMS.
@@ -36,7 +36,7 @@ pub fn vertical_mgauss<const D: usize, const P: usize>(
     tilt: &[[f64; D]],
     fitted: &Refined<P>,
 ) -> f64 {
-    let curve = <Diagonal<D> as Curve<D, P>>::new(&fitted.position, fitted.reference_mgauss);
+    let curve = Curve::<D, P>::new(&fitted.position, fitted.reference_mgauss);
     let Some(curve) = curve else {
         return 0.0;
     };
@@ -75,7 +75,7 @@ mod tests {
     use crate::calibration::refine::refine;
 
     fn refine2(points: &[[f64; 2]], start: &[f64; 4]) -> Refined<4> {
-        refine::<Diagonal<2>, 2, 4>(points, start, 163.0).unwrap()
+        refine(points, start, 163.0).unwrap()
     }
 
     #[test]

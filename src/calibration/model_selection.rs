@@ -1,6 +1,6 @@
 //! Model selection: a diagonal or a symmetric A, by whether the samples show soft iron.
 
-use super::curve::{Curve, Symmetric};
+use super::curve::Curve;
 use super::fit::{self, Fitted};
 use super::refine::Refined;
 use super::settings::ModelChoice;
@@ -36,15 +36,14 @@ pub fn select_model(
         return SoftIron::None;
     }
     let (points, reference) = (&diagonal.points, diagonal.best.reference_mgauss);
-    let symmetric = fit::conic(points, reference).and_then(|start| {
-        fit::refine_and_normalize::<Symmetric, 3, 9>(points, &start, reference, reference_given)
-    });
+    let symmetric = fit::conic(points, reference)
+        .and_then(|start| fit::refine_and_normalize(points, &start, reference, reference_given));
     let Some(best) = symmetric else {
         return SoftIron::Unseen;
     };
     let seen = bias_doubt(&best) < UNSEEN * bias_doubt(&diagonal.best);
     let asked_for = || {
-        let curve = Symmetric::new(&best.position, best.reference_mgauss)?;
+        let curve = Curve::<3, 9>::new(&best.position, best.reference_mgauss)?;
         let residuals = points
             .iter()
             .map(|point| curve.distance(point).value_mgauss);

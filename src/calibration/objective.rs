@@ -10,7 +10,7 @@
 
 use nalgebra::{SMatrix, SVector, SymmetricEigen};
 
-use super::curve::{PAIRS, ParameterVector, symmetric};
+use super::curve::{self, PAIRS, ParameterVector};
 
 /// Equation 8 by the direct sum over samples, under the diagonal model: the reference that the factor is held
 /// to, and what profile `paper` evaluates.
@@ -227,7 +227,7 @@ impl<const D: usize, const F: usize> Factored<D, F> {
     fn symmetric_conic<const P: usize>(&self, theta: &[f64; F]) -> Option<ParameterVector<P>> {
         let squares = (0..3).map(|axis| theta[1 + 2 * axis]);
         let products = (0..3).map(|pair| 0.5 * theta[7 + pair]);
-        let form = symmetric(&squares.chain(products).collect::<Vec<f64>>());
+        let form = curve::matrix::<3>(&squares.chain(products).collect::<Vec<f64>>());
         let linear = SVector::<f64, 3>::from_fn(|axis, _| theta[2 + 2 * axis]);
         let centre = form.try_inverse()? * linear * -0.5;
         let level = 1.0 + centre.dot(&(form * centre));

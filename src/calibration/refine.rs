@@ -50,7 +50,7 @@ pub struct Refined<const P: usize> {
 
 /// Refines parameters over samples. `None` where the samples do not determine them, or where no
 /// minimum is found near the start.
-pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
+pub fn refine<const D: usize, const P: usize>(
     points: &[[f64; D]],
     start: &ParameterVector<P>,
     reference_mgauss: f64,
@@ -61,7 +61,7 @@ pub fn refine<C: Curve<D, P>, const D: usize, const P: usize>(
     let mut sigma = f64::INFINITY;
     let (mut settled, mut converged) = (false, false);
     for iteration in 0..MOST_ROUNDS {
-        let curve = C::new(&position, reference_mgauss)?;
+        let curve = Curve::new(&position, reference_mgauss)?;
         distances.clear();
         distances.extend(points.iter().map(|point| curve.distance(point)));
         // The scale of the residuals settles in a few rounds; held fixed after that, the rest is a
@@ -169,10 +169,9 @@ pub fn accumulate<const P: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::curve::Diagonal;
 
     fn refine2(points: &[[f64; 2]], start: &[f64; 4], reference: f64) -> Option<Refined<4>> {
-        refine::<Diagonal<2>, 2, 4>(points, start, reference)
+        refine(points, start, reference)
     }
 
     #[test]

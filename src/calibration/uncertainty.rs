@@ -1,6 +1,6 @@
 //! How certain headings are, predicted from how certain the parameters are.
 
-use nalgebra::{SMatrix, Vector3};
+use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::curve::Curve;
 use super::model::Mode;
@@ -11,10 +11,10 @@ const HEADINGS: usize = 36;
 
 /// One standard deviation of a level board's heading, RMS over all headings, degrees, from the
 /// parameters' covariance. `mounting` and `dip_rad` matter in space only: a plane has its own axes.
-pub fn heading_sd_deg<C: Curve<D, P>, const D: usize, const P: usize>(
+pub fn heading_sd_deg<const D: usize, const P: usize>(
     mode: Mode,
     mounting: &Mounting,
-    curve: &C,
+    curve: &Curve<D, P>,
     covariance: &SMatrix<f64, P, P>,
     dip_rad: f64,
 ) -> f64 {
@@ -22,18 +22,18 @@ pub fn heading_sd_deg<C: Curve<D, P>, const D: usize, const P: usize>(
     for k in 0..HEADINGS {
         let (sin, cos) = (std::f64::consts::TAU * k as f64 / HEADINGS as f64).sin_cos();
         // The field of strength 1 along the calibrated axes, and how its azimuth changes with them.
-        let (h, azimuth): ([f64; D], [f64; D]) = match mode {
+        let (h, azimuth): (SVector<f64, D>, SVector<f64, D>) = match mode {
             Mode::Planar => (
-                std::array::from_fn(|i| [cos, sin][i]),
-                std::array::from_fn(|i| [-sin, cos][i]),
+                SVector::from_column_slice(&[cos, sin]),
+                SVector::from_column_slice(&[-sin, cos]),
             ),
             Mode::Spatial => {
                 let level = Vector3::new(cos, -sin, dip_rad.tan()) * dip_rad.cos();
                 let across = Vector3::new(sin, cos, 0.0) / dip_rad.cos();
                 let (h, across) = (mounting.to_chip(level), mounting.to_chip(across));
                 (
-                    std::array::from_fn(|i| h[i]),
-                    std::array::from_fn(|i| across[i]),
+                    SVector::from_column_slice(h.as_slice()),
+                    SVector::from_column_slice(across.as_slice()),
                 )
             }
         };

@@ -98,7 +98,7 @@ fn the_conic_is_exact_without_noise() {
 #[test]
 fn the_conic_finds_soft_iron() {
     let truth = [87.28, 54.19, 135.0, 0.873, 0.998, 0.94, 0.1, -0.04, 0.06];
-    let matrix = symmetric(&truth[3..]);
+    let matrix = curve::matrix::<3>(&truth[3..]);
     let bias = SVector::from([truth[0], truth[1], truth[2]]);
     let points: Vec<[f64; 3]> = ellipse(300, &[0.0, 0.0, 0.0, 1.0, 1.0, 1.0], |_, _| 0.0)
         .into_iter()

@@ -1,7 +1,7 @@
 //! Soft iron: found where it is and can be seen, and not made up where it is not.
 
 use headingd::calibration::calibrate;
-use headingd::calibration::curve::{Curve, Symmetric, symmetric};
+use headingd::calibration::curve::{self, Curve};
 use headingd::calibration::model::{Mode, Model, Parameters, Spatial};
 use headingd::calibration::outcome::{Outcome, Verdict};
 use headingd::calibration::settings::ModelChoice;
@@ -42,8 +42,8 @@ fn spatial(outcome: &Outcome) -> Spatial {
 
 /// The Cramér–Rao bound of all nine parameters, as a covariance.
 fn bound(case: &Case, log: &Log, truth: &[f64; 9]) -> SMatrix<f64, 9, 9> {
-    let curve = Symmetric::new(truth, TOTAL_MGAUSS).unwrap();
-    let matrix = symmetric(&truth[3..]);
+    let curve = Curve::<3, 9>::new(truth, TOTAL_MGAUSS).unwrap();
+    let matrix = curve::matrix::<3>(&truth[3..]);
     let mut information = SMatrix::<f64, 9, 9>::zeros();
     for field in &log.fields {
         let derivatives = curve
@@ -100,7 +100,7 @@ fn strong_soft_iron_is_found_too() {
         let (log, truth) = coupled(&case, seed, [0.3, -0.25, 0.2]);
         let outcome = outcome(&log);
         assert_eq!(outcome.verdict, Verdict::Accepted, "{}", outcome.message);
-        let off = spatial(&outcome).matrix - symmetric(&truth[3..]);
+        let off = spatial(&outcome).matrix - curve::matrix::<3>(&truth[3..]);
         let covariance = bound(&case, &log, &truth);
         let sd = (3..9)
             .map(|k| covariance[(k, k)].sqrt())

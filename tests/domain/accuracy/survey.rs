@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 use std::sync::atomic::AtomicBool;
 
-use headingd::calibration::curve::{Diagonal, ParameterVector};
+use headingd::calibration::curve::ParameterVector;
 use headingd::calibration::fit;
 use headingd::calibration::model::Mode;
 use headingd::calibration::refine::Refined;
@@ -118,9 +118,7 @@ fn trial<const D: usize, const P: usize, const F: usize>(case: &Case, log: &Log)
     let bounds = fit::bounds(&seen, Some(reference)).unwrap();
     let settings = &log.request.settings;
     let swarm = fit::swarm::<D, P, F>(&seen, &bounds, settings, &AtomicBool::new(false)).unwrap();
-    let refine = |start| {
-        fit::refine_and_normalize::<Diagonal<D>, D, P>(&points, start, reference, true).unwrap()
-    };
+    let refine = |start| fit::refine_and_normalize(&points, start, reference, true).unwrap();
     let refined = refine(&swarm.position);
     Trial {
         squares: squares::<D, P>(case, log, &refined.position),

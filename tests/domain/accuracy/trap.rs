@@ -3,7 +3,6 @@
 
 use std::sync::atomic::AtomicBool;
 
-use headingd::calibration::curve::Diagonal;
 use headingd::calibration::fit;
 use headingd::calibration::objective::{Factored, Normalizer};
 use headingd::calibration::settings::Settings;
@@ -58,14 +57,9 @@ fn a_wide_box_is_a_trap() {
         };
         let fit_value = |position: &_| objective.fit_value(position);
         let found = search(&wide, &settings, None, fit_value, &AtomicBool::new(false));
-        let truth = fit::refine_and_normalize::<Diagonal<2>, 2, 4>(
-            &points,
-            &true_position(&log),
-            reference,
-            true,
-        )
-        .unwrap();
-        fit::refine_and_normalize::<Diagonal<2>, 2, 4>(&points, &found.position, reference, true)
+        let truth =
+            fit::refine_and_normalize(&points, &true_position(&log), reference, true).unwrap();
+        fit::refine_and_normalize(&points, &found.position, reference, true)
             .is_none_or(|end| differ::<2, 4>(&end, &truth))
     });
     let wrong = wrong.count();
