@@ -7,7 +7,6 @@
 //! |---|---|---|
 //! | [`BoardState::still`] | gyro and accelerometer, over half a second | what moves then is the field, not the board |
 //! | [`BoardState::at_rest`] | gyro and accelerometer over 1.5 s (VQF), and the raw field over ten | the gyro reads its bias |
-//! | [`BoardState::hidden_rate_sd_rad_s`] | the raw field, over up to 20 s | how fast a still board may turn all the same |
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -118,9 +117,6 @@ pub struct BoardState {
     pub at_rest: bool,
     /// Whether gyro and accelerometer have been quiet for half a second; a field that changes does not matter.
     pub still: bool,
-    /// Standard deviation of the slow steady turn that a field at rest may still hide, rad/s; infinite until the field has
-    /// moved and come to rest.
-    pub hidden_rate_sd_rad_s: f64,
     /// The gyro's bias as learnt so far.
     pub gyro_bias: GyroBias,
     /// M, the gyro's scale and cross-axis errors that are taken out of the rates: it reads (I + M) times the rate.
@@ -352,7 +348,6 @@ impl Attitude {
         BoardState {
             at_rest: self.filter.at_rest(),
             still: self.still(),
-            hidden_rate_sd_rad_s: self.filter.field_motion.hidden_rate_sd_rad_s(t_s),
             gyro_bias: self.filter.errors.gyro_bias(),
             gyro_matrix: self.filter.errors.matrix,
             tilt_error: self.filter.tilt_error(),

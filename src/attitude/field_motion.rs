@@ -8,9 +8,7 @@ use crate::reading::HELD_S;
 /// Time constants of a fast and a slow low-pass of the field, seconds.
 const FAST_S: f64 = 0.3;
 const SLOW_S: f64 = 1.5;
-/// A weak horizontal field, milligauss: about 600 mG in all, 75° below the horizon.
-const WEAK_MGAUSS: f64 = 150.0;
-/// A steady turn of 2°/s moves a weak horizontal field further than this between the two filters.
+/// A steady turn of 2°/s moves a weak horizontal field, of 150 mG, further than this between the two filters.
 const MOVED_MGAUSS: f64 = 5.0;
 /// A second pair of filters, which part while the board swings slowly, as a boat at anchor does: 0.2°/s moves a weak
 /// horizontal field further than that between them.
@@ -45,9 +43,6 @@ struct LowPasses {
     slow: Vector3<f64>,
     drift_fast: Vector3<f64>,
     drift_slow: Vector3<f64>,
-    /// The field when the first pair was last apart, and by how much it may have moved since, milligauss.
-    stood: Vector3<f64>,
-    moved_mgauss: f64,
     /// When the newest sample came. Rows may repeat it until there is a new one.
     measured_s: f64,
     /// Slow mean of the squared step from sample to sample, and of the time between them.
@@ -72,8 +67,6 @@ impl FieldMotion {
                 slow: field,
                 drift_fast: field,
                 drift_slow: field,
-                stood: field,
-                moved_mgauss: f64::INFINITY,
                 step_squared: 0.0,
                 step_s: 0.0,
                 moving: false,
@@ -86,26 +79,11 @@ impl FieldMotion {
 
     /// Whether the field moves; `None` if the magnetometer is silent.
     pub(super) fn moving(&self, t_s: f64) -> Option<bool> {
-        let filters = self.live(t_s)?;
-        Some(filters.moving || filters.newest_s - filters.since_s < WARM_UP_S)
-    }
-
-    /// How fast the board may turn although the field seems to stand still: one standard deviation, rad/s. Since the field stopped, the turn
-    /// can have moved a weak horizontal field by at most `moved_mgauss`. Every average rate up to that is as likely, hence the maximum over
-    /// √3. A turn whose rate has grown evenly from 0 is now twice as fast as its average, hence the 2. Infinite while the filters of either
-    /// pair are apart, and until those of the first have been: a board that has just been switched on may be about to be moved for the
-    /// first time.
-    pub(super) fn hidden_rate_sd_rad_s(&self, t_s: f64) -> f64 {
-        let put_down = self.live(t_s).filter(|filters| filters.quiet_s.is_finite());
-        put_down.map_or(f64::INFINITY, |filters| {
-            let stood_s = filters.quiet_s.min(DRIFT_SLOW_S);
-            2.0 / 3f64.sqrt() * filters.moved_mgauss / (WEAK_MGAUSS * stood_s)
-        })
-    }
-
-    fn live(&self, t_s: f64) -> Option<&LowPasses> {
         let filters = self.filters.as_ref()?;
-        ((t_s - filters.newest_s).abs() <= SILENT_S).then_some(filters)
+        if (t_s - filters.newest_s).abs() > SILENT_S {
+            return None;
+        }
+        Some(filters.moving || filters.newest_s - filters.since_s < WARM_UP_S)
     }
 }
 
@@ -142,15 +120,9 @@ impl LowPasses {
             self.quiet_s = 0.0;
             self.drift_fast = self.fast;
             self.drift_slow = self.fast;
-            self.stood = self.fast;
         }
         let drifts = (self.drift_fast - self.drift_slow).norm() > limit;
         self.moving = drifts || self.quiet_s < SETTLED_S;
-        self.moved_mgauss = if drifts {
-            f64::INFINITY
-        } else {
-            unmoved.max((self.fast - self.stood).norm())
-        };
     }
 }
 
@@ -236,42 +208,6 @@ mod tests {
         assert!((10.0..20.0).contains(&steady_s), "{steady_s}");
     }
 
-    /// A field that turns at these rates, °/s, each for 10 s: the deviation of a hidden turn at the end of each second, °/s.
-    fn hidden_deg_s(rates: &[f64]) -> Vec<f64> {
-        let mut motion = FieldMotion::default();
-        let mut angle = 0.0f64;
-        let mut hidden = Vec::new();
-        for i in 1..=rates.len() * 500 {
-            let t = i as f64 * 0.02;
-            angle += (rates[(i - 1) / 500] * 0.02).to_radians();
-            motion.take(t, turned(angle));
-            if i % 50 == 0 {
-                hidden.push(motion.hidden_rate_sd_rad_s(t).to_degrees());
-            }
-        }
-        hidden
-    }
-
-    #[test]
-    fn the_longer_a_field_stands_still_the_slower_is_the_turn_that_it_hides() {
-        let hidden = hidden_deg_s(&[0.0, 30.0, 0.0, 0.0, 0.0]);
-        let (until_still, still) = hidden.split_at(20);
-        assert!(until_still.iter().all(|hidden| *hidden > 30.0));
-        assert!(still[9] < 0.5, "{still:?}");
-        assert!(still.is_sorted_by(|before, after| before >= after));
-        // 20 s are the longest that the field is watched.
-        assert!((still[29] / still[26] - 1.0).abs() < 1e-3, "{still:?}");
-    }
-
-    #[test]
-    fn a_slow_turn_is_not_hidden() {
-        for rate in [0.3, 0.6, 1.2] {
-            let hidden = hidden_deg_s(&[30.0, rate, rate, rate, rate]);
-            let least = hidden[10..].iter().copied().fold(f64::MAX, f64::min);
-            assert!(least > 0.5 * rate, "{least} at {rate}");
-        }
-    }
-
     #[test]
     fn it_is_unknown_while_the_magnetometer_is_silent() {
         let mut motion = FieldMotion::default();
@@ -279,6 +215,5 @@ mod tests {
         motion.take(0.0, Vector3::x());
         assert_eq!(motion.moving(0.5), Some(true));
         assert_eq!(motion.moving(1.5), None);
-        assert_eq!(motion.hidden_rate_sd_rad_s(1.5), f64::INFINITY);
     }
 }

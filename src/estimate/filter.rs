@@ -166,8 +166,6 @@ pub(super) struct Filter {
     /// Whether the board did not move at the last sample, by gyro and accelerometer.
     pub(super) still: bool,
     rest: RestWatch,
-    /// Information that the still field has given on each axis of the gyro's bias since the field last moved, (rad/s)⁻².
-    still_information: f64,
     gyro_bias_walk: BiasWalk,
     /// Orientation when the board last moved or swung, body to frame.
     last_attitude: Matrix3<f64>,
@@ -225,7 +223,6 @@ impl Filter {
             odd_mgauss: Vector3::zeros(),
             still: false,
             rest: RestWatch::default(),
-            still_information: 0.0,
             gyro_bias_walk: BiasWalk::default(),
             last_attitude: Matrix3::identity(),
             log_likelihood: 0.0,
@@ -260,12 +257,8 @@ impl Filter {
             self.learn_bias_at_rest(input, fixed);
         } else if input.board.still {
             self.rest.interrupt();
-            self.learn_bias_of_still_board(input, fixed);
         } else {
             self.rest = RestWatch::default();
-            // If a touch has not moved the field, its information does not count again.
-            let information = input.board.hidden_rate_sd_rad_s.powi(-2);
-            self.still_information = self.still_information.min(information);
         }
         if !self.begun && !self.begin(input) {
             return;
@@ -338,7 +331,6 @@ impl Input {
             board: BoardState {
                 at_rest: false,
                 still: false,
-                hidden_rate_sd_rad_s: f64::INFINITY,
                 gyro_bias: GyroBias::default(),
                 gyro_matrix: Matrix3::zeros(),
                 tilt_error: TiltError {
@@ -353,16 +345,15 @@ impl Input {
         }
     }
 
-    /// The same of a board that is still, where a field at rest may hide a turn of this deviation, rad/s.
-    pub(super) fn still(mut self, hidden_rate_sd_rad_s: f64) -> Self {
+    /// The same of a board that is still.
+    pub(super) fn still(mut self) -> Self {
         self.board.still = true;
-        self.board.hidden_rate_sd_rad_s = hidden_rate_sd_rad_s;
         self
     }
 
     /// The same of a board at rest.
     pub(super) fn resting(mut self) -> Self {
         self.board.at_rest = true;
-        self.still(f64::INFINITY)
+        self.still()
     }
 }

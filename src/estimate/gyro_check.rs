@@ -37,11 +37,6 @@ const TOGETHER: u32 = 3;
 const MOVED: f64 = 0.1;
 /// A gyro that turns by less than this share of what gravity and field do is silent.
 const SILENT: f64 = 0.3;
-/// The attitude begins anew when the readings would mean a speed that boards do not reach. A gyro of half the scale causes that every ten seconds,
-/// and its bias is then never known well enough to measure the scale; a car on a motorway causes it once in some minutes. So two restarts
-/// within 42 s make the gyro suspect: each counts 1 and fades with the second of these constants, seconds.
-const RESTARTS: f64 = 1.5;
-const RESTARTS_FADE_S: f64 = 60.0;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, may be no measurement.
 const CONSTANT_S: f64 = 0.5;
 /// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
@@ -83,10 +78,6 @@ pub(super) struct GyroCheck {
     fault: Option<GyroFault>,
     scale: GyroScale,
     suspected_scale: f64,
-    /// Until the gyro has been shown to be right: how often the attitude had begun anew at the last sample, and its recent restarts, which
-    /// fade.
-    begun_anew: Option<u32>,
-    restarts: f64,
     /// The field's turns, until the gyro has been shown to be right: later a magnet that turns beside the board is the likelier cause.
     turns: FieldTurns,
     was_right: bool,
@@ -125,10 +116,6 @@ impl GyroCheck {
         }
         if !self.was_right {
             self.turns.take(input);
-            let now = input.board.gyro_bias.begun_anew;
-            let more = now - self.begun_anew.replace(now).unwrap_or(now);
-            self.restarts *= (-input.period_s / RESTARTS_FADE_S).exp();
-            self.restarts += f64::from(more);
         }
         let silent = self.turns.gyro_is_silent();
         let by_scale = self.scale.take(input, filter);
@@ -160,7 +147,6 @@ impl GyroCheck {
         if right {
             self.was_right = true;
             self.turns = FieldTurns::default();
-            self.restarts = 0.0;
         }
         right
     }
@@ -227,7 +213,6 @@ impl GyroCheck {
         self.together = 0;
         self.scale.lose_moment();
         self.turns = FieldTurns::default();
-        self.begun_anew = None;
     }
 
     /// A gyro that reads the same again and again does not see how the board turns.
@@ -248,9 +233,6 @@ impl GyroCheck {
 
     /// How far the gyro's scale is from 1, if that is probably more than a right gyro's, though perhaps not certainly; else 0.
     pub(super) fn suspected_scale(&self) -> f64 {
-        if self.restarts >= RESTARTS {
-            return 1.0;
-        }
         self.suspected_scale
     }
 
@@ -284,8 +266,7 @@ impl GyroCheck {
         // scale. The check of the scale needs no iron, so it overrules the field.
         let field_agrees = self.field.agrees();
         let other_axes = self.axes.verdict == AxesVerdict::Wrong;
-        let field_opposes =
-            scale == ScaleVerdict::Opposed || (self.field.opposes() && !self.scale.same_way());
+        let field_opposes = scale == ScaleVerdict::Opposed;
         let still_accel_axes = self.fault == Some(GyroFault::AccelAxes) && !field_opposes;
         if other_axes && (field_agrees || scale == ScaleVerdict::Right || still_accel_axes) {
             return Some(GyroFault::AccelAxes);

@@ -186,7 +186,7 @@ mod tests {
         let earth = Vector3::new(60.0, 190.0, -420.0);
         let to_frame = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
         let field = spatial.matrix * (to_frame.transpose() * earth) + iron;
-        let resting = Input::turning_at(to_frame, Vector3::zeros(), field).still(f64::INFINITY);
+        let resting = Input::turning_at(to_frame, Vector3::zeros(), field).still();
         let mut known = || {
             filter.follow(&resting, false, false);
             let level = filter.field_covariance().fixed_view::<2, 2>(0, 0).trace();

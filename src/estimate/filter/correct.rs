@@ -5,7 +5,6 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, LAG_RANGE_S};
 use crate::estimate::covariance::{B, D, E, G, H, M, N, S, SampleJacobian, T, subtract};
 use crate::estimate::prior::SCALE;
-use crate::frame::put;
 use crate::reading::STRONGEST_MGAUSS;
 
 /// The normalised innovation squared is averaged over this time, seconds.
@@ -212,12 +211,8 @@ impl Filter {
             gyro_bias: self.gyro_bias_held().max(repeats),
         };
         self.correct_partly(&held, |filter| {
-            let before = filter.vector(H);
             filter.x += gain * innovation;
             filter.x[T] = filter.x[T].clamp(*LAG_RANGE_S.start(), *LAG_RANGE_S.end());
-            if filter.still {
-                filter.keep_strength_and_dip(&before);
-            }
             subtract(&mut filter.p, gain, cross);
         });
     }
@@ -270,21 +265,6 @@ impl Filter {
         }
         let known2 = (VERTICAL_KNOWN * self.x[H + 2]).powi(2);
         share(known2, self.p[(H + 2, H + 2)])
-    }
-
-    /// On a still board only the drift of the frame is observable. The attitude's noise is in the innovation and in the Jacobian; the
-    /// correlation would bias h by a tenth in some hours. So strength and dip stay, or the strength alone where the vertical is unknown.
-    fn keep_strength_and_dip(&mut self, before: &Vector3<f64>) {
-        let field = self.vector(H);
-        // Below 1 mG the direction is noise: the length is not restored.
-        let scale = |old: f64, new: f64| if new > 1.0 { old / new } else { 1.0 };
-        let kept = if self.vertical_known {
-            let horizontal = field.xy() * scale(before.xy().norm(), field.xy().norm());
-            Vector3::new(horizontal.x, horizontal.y, before.z)
-        } else {
-            field * scale(before.norm(), field.norm())
-        };
-        put(&mut self.x, (H, 0), &kept);
     }
 }
 

@@ -70,7 +70,6 @@ impl Filter {
         if !self.begun || learnt.forgotten {
             self.clear(G, 3);
             self.gyro_bias_walk.begin_window();
-            self.still_information = 0.0;
             put(&mut self.p, (G, G), &learnt.covariance);
             return;
         }
@@ -78,7 +77,6 @@ impl Filter {
         let mut left = self.x.fixed_rows_mut::<3>(G);
         left -= learnt.shift_rad_s;
         if learnt.doubted2 > 0.0 {
-            self.still_information = 0.0;
             self.gyro_bias_walk.doubt(learnt.doubted2);
             add_variance(&mut self.p, G..G + 3, learnt.doubted2);
         }
@@ -121,22 +119,7 @@ impl Filter {
         let turned_rad = input.turned_rad - self.vector(G) * input.period_s;
         self.rest
             .take(turned_rad, input.period_s, self.trace(G, 3) / 3.0);
-        self.read_bias(input, REST_RATE_RAD_S.powi(2) / input.period_s, fixed);
-    }
-
-    /// Learns the gyro's bias on a still board that may turn slowly: within `hidden_rate_sd_rad_s`, which shrinks while the field stands
-    /// still. The hidden turn is constant, so only newly gained information counts.
-    pub(super) fn learn_bias_of_still_board(&mut self, input: &Input, fixed: bool) {
-        let information = input.board.hidden_rate_sd_rad_s.powi(-2);
-        let gained = information - self.still_information;
-        if gained > 0.0 {
-            self.still_information = information;
-            self.read_bias(input, 1.0 / gained, fixed);
-        }
-    }
-
-    /// The gyro reads its bias, within this variance on each axis, (rad/s)².
-    fn read_bias(&mut self, input: &Input, variance: f64, fixed: bool) {
+        let variance = REST_RATE_RAD_S.powi(2) / input.period_s;
         let held = HeldBack::parameters(fixed);
         self.correct_partly(&held, |filter| {
             for axis in 0..3 {
@@ -188,35 +171,6 @@ mod tests {
         assert_eq!(before, after);
         let (before, after) = learnt(false);
         assert_ne!(before, after);
-    }
-
-    #[test]
-    fn of_a_still_board_the_field_tells_the_bias_once() {
-        let gyro_bias = Vector3::new(0.02, -0.01, 0.03);
-        let mut filter = Filter::new(&Prior::unknown());
-        let (_, variance) = filter.gyro_bias();
-        let sample = Input::turning_at(Matrix3::identity(), gyro_bias, Vector3::x() * 500.0);
-        let still = |hidden_rate_sd_rad_s| sample.still(hidden_rate_sd_rad_s);
-        for hidden_rate_sd_rad_s in [0.02, 0.01, 0.01, 0.02] {
-            filter.learn_bias_of_still_board(&still(hidden_rate_sd_rad_s), false);
-        }
-        let (learnt, left) = filter.gyro_bias();
-        let expected = variance.map(|variance| 1.0 / (1.0 / variance + 1.0 / 0.01f64.powi(2)));
-        assert!((left - expected).amax() < 1e-12, "{left} {expected}");
-        let share = expected.x / 0.01f64.powi(2);
-        assert!((learnt - gyro_bias * share).amax() < 1e-9, "{learnt}");
-
-        // An attitude that begins anew knows less, and what the field tells counts again.
-        let bias = |sd: f64, begun_anew| GyroBias {
-            covariance: Matrix3::identity() * sd * sd,
-            begun_anew,
-            ..GyroBias::default()
-        };
-        let anew = BiasLearnt::between(&bias(0.001, 0), &bias(0.05, 1), false);
-        filter.learn_of_gyro_bias(&anew, false);
-        filter.learn_bias_of_still_board(&still(0.01), false);
-        let (_, left) = filter.gyro_bias();
-        assert!(left.amax() < 0.01f64.powi(2), "{left}");
     }
 
     /// A filter that has begun, and knows what the attitude does of the gyro.

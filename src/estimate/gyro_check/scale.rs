@@ -202,11 +202,6 @@ impl GyroScale {
         }
     }
 
-    /// What the moments say of the scale; `None` while they do not tell it from iron.
-    fn scale(&self) -> Option<FoundScale> {
-        self.regress().filter(FoundScale::is_enough)
-    }
-
     /// What the moments say, however little that is.
     fn regress(&self) -> Option<FoundScale> {
         if self.moments < FIRST_MOMENTS {
@@ -256,12 +251,6 @@ impl GyroScale {
         } else {
             0.0
         }
-    }
-
-    /// Whether the gyro clearly turns the same way as the field shows, whatever its scale.
-    pub(super) fn same_way(&self) -> bool {
-        self.scale()
-            .is_some_and(|found| found.scale > DEVIATIONS * found.sd)
     }
 
     /// Whether the scale is right, as far as the moments tell.

@@ -15,11 +15,6 @@ const MEMORY: f64 = 0.15;
 const ENOUGH: f64 = 0.6;
 /// Where the squares of what the gyro predicts are below this share of those of what is seen, a third in rotation, it has not turned.
 const ALONE: f64 = 0.1;
-/// Fewer changes say nothing against the gyro: a filter that has just begun knows little of the iron.
-const LEAST_CHANGES: u32 = 12;
-/// The vector turns another way than the gyro below this correlation. If the changes have nothing to do with the gyro, the correlation of
-/// `LEAST_CHANGES` has a deviation of 0.2.
-const OPPOSES: f64 = -0.45;
 /// From this correlation on, a gyro that was at fault explains the vector again. Wrong axes reach 0.8, by chance or by a filter that was misled.
 const AGREES: f64 = 0.9;
 /// Readings of the gyro that are the same to the last bit are no measurement if the squared changes meanwhile add up to this: two
@@ -160,13 +155,6 @@ impl Witness {
     /// Whether the correlation with what the gyro predicts is certainly below this limit.
     pub(super) fn correlates_below(&self, limit: f64) -> bool {
         self.enough() && self.sums.correlation() < limit
-    }
-
-    /// Whether it turns another way than the gyro, which has turned.
-    pub(super) fn opposes(&self) -> bool {
-        self.sums.count >= LEAST_CHANGES
-            && self.sums.predicted > ALONE * self.sums.seen
-            && self.correlates_below(OPPOSES)
     }
 
     fn enough(&self) -> bool {

@@ -94,7 +94,8 @@ fn judged_with(
     board.turn(1000, reads, rate_rad_s);
     let scale = board
         .regression
-        .scale()
+        .regress()
+        .filter(FoundScale::is_enough)
         .map_or(f64::NAN, |found| found.scale);
     (board.regression.verdict(), scale)
 }
@@ -135,7 +136,7 @@ fn what_is_taken_out_of_the_rates_does_not_hide_a_wrong_scale() {
         board.taken = taken;
         board.turn(300, 1.1, |t_s| tumbling(t_s) * 3.0);
     }
-    let scale = board.regression.scale().unwrap().scale;
+    let scale = board.regression.regress().unwrap().scale;
     assert!((scale * 1.1 - 1.0).abs() < 0.03, "{scale}");
     assert_eq!(board.regression.verdict(), ScaleVerdict::Wrong);
 }
