@@ -149,7 +149,16 @@ impl HeaderLines {
             (Some((COUNTS, _)), None) => {
                 return Err("mag_unit = counts needs a line \"# counts_per_gauss = …\"".to_owned());
             }
-            (unit, _) => unit.unwrap_or(MAG_UNITS[0]),
+            // The line of the unit may have been lost or garbled.
+            (unit, Some(_)) => {
+                let found = unit.map_or("without mag_unit".to_owned(), |(name, _)| {
+                    format!("with mag_unit = {name}")
+                });
+                return Err(format!(
+                    "counts_per_gauss is given {found}, but needs a line \"# mag_unit = counts\""
+                ));
+            }
+            (unit, None) => unit.unwrap_or(MAG_UNITS[0]),
         };
         let rule = |(unit, factor): Unit, limit: f64| Rule {
             factor,
@@ -358,6 +367,16 @@ mod tests {
                 "# headingd-log 1\n# mag_unit = counts\nt_s\n",
                 3,
                 "counts_per",
+            ),
+            (
+                "# headingd-log 1\n# counts_per_gauss = 1300\nt_s\n",
+                3,
+                "without mag_unit, but needs a line \"# mag_unit = counts\"",
+            ),
+            (
+                "# headingd-log 1\n# mag_unit = uT\n# counts_per_gauss = 1300\nt_s\n",
+                4,
+                "with mag_unit = uT, but needs",
             ),
             ("# headingd-log 1\n0.1,1,2,3\n", 2, "t_s among them"),
             ("# headingd-log 1\nt_s,t_s\n", 2, "more than once"),

@@ -68,8 +68,12 @@ impl Rows {
             if let Some(count) = repeated {
                 *count += 1;
             }
-            // A header that lacks a line of the first has that key's default.
-            if is_remark || repeated.is_none_or(|count| count == self.lines.len()) {
+            // A header that lacks a line of the first has that key's default. The line of column names ends it.
+            if is_remark
+                || repeated
+                    .take()
+                    .is_none_or(|count| count == self.lines.len())
+            {
                 return Ok(true);
             }
         }

@@ -98,15 +98,16 @@ impl LogRows {
         if line.trim_ascii().is_empty() {
             return;
         }
-        let text = str::from_utf8(line).ok();
-        if let Some(begun) = text.and_then(|text| HeaderLines::begin(text).ok()) {
+        // A damaged byte must not make a line of the header a remark: its unit would be lost.
+        let text = String::from_utf8_lossy(line);
+        if let Ok(begun) = HeaderLines::begin(&text) {
             self.header = Some(begun);
             self.heard_header();
             return;
         }
         let is_header = line.starts_with(b"#") || names_columns(line);
-        match (text, &mut self.header) {
-            (Some(text), Some(header)) if is_header => match header.add(text) {
+        match &mut self.header {
+            Some(header) if is_header => match header.add(&text) {
                 Ok(None) => {}
                 Ok(Some(rows)) => {
                     self.named =
@@ -130,7 +131,7 @@ impl LogRows {
             // Its beginning was lost, or it is a remark. Rows wait for the next whole header; a device that sends it only at its
             // reset must be reset.
             _ if is_header => {
-                if names_columns(line) || text.is_some_and(gives_key) {
+                if names_columns(line) || gives_key(&text) {
                     self.heard_header();
                 }
             }
