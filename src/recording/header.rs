@@ -9,7 +9,7 @@ use super::lines::{LogLine, LogLines};
 use super::rows::{Rows, Rule};
 use super::time_of_day::RECORDED_FROM;
 use super::{
-    ACCEL, COLUMNS, GYRO, HEADING, Header, LineError, MAG, MAGIC, RecordingError, VERSION, shown,
+    ACCEL, COLUMNS, GYRO, HEADING, Header, MAG, MAGIC, RecordingError, VERSION, place, shown,
 };
 use crate::date::{LATEST, parse_rfc3339};
 use crate::frame::Mounting;
@@ -220,13 +220,8 @@ impl Rows {
 }
 
 fn wrong(log: &str, line: u64, what: String) -> RecordingError {
-    let error = LineError {
-        log: log.to_owned(),
-        line,
-        column: None,
-        what,
-    };
-    RecordingError::Data(format!("cannot read the header of {error}"))
+    let place = place(log, line);
+    RecordingError::Data(format!("cannot read the header of {place}: {what}"))
 }
 
 fn next_line<'a, R: BufRead>(
