@@ -23,7 +23,7 @@ pub(super) enum LogLine {
 
 #[derive(Debug)]
 pub(super) struct LogLines<R> {
-    input: R,
+    pub(super) input: R,
     /// The line without its end.
     pub(super) text: Vec<u8>,
     /// Its number, from 1.

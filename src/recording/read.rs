@@ -24,7 +24,7 @@ const COARSE_STEP_S: f64 = 0.5;
 /// failed, and is the last item. The times of the entries never decrease within a stretch.
 #[derive(Debug)]
 pub struct Reader<R> {
-    pub(crate) log: String,
+    log: String,
     lines: LogLines<R>,
     rows: Rows,
     /// A line of another header was found: the rows after it may be in other units.
@@ -34,7 +34,7 @@ pub struct Reader<R> {
     last_s: Option<f64>,
     dropped: DroppedRows,
     begins_stretch: bool,
-    pub(crate) skips: Skips,
+    skips: Skips,
     /// A row whose time is doubtful until the next one is known, and that one.
     doubtful: Option<Numbered>,
     next: Option<Numbered>,
@@ -68,8 +68,23 @@ impl<R: BufRead> Reader<R> {
         })
     }
 
+    /// The log's name in messages.
+    pub fn name(&self) -> &str {
+        &self.log
+    }
+
+    /// The log's header.
     pub fn header(&self) -> &Header {
         &self.rows.header
+    }
+
+    /// The rows skipped so far.
+    pub fn skips(&self) -> &Skips {
+        &self.skips
+    }
+
+    pub(crate) fn input(&self) -> &R {
+        &self.lines.input
     }
 
     /// Looks at the first rows for times that are in another unit.
