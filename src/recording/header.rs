@@ -5,7 +5,7 @@ use std::io::BufRead;
 use strsim::levenshtein;
 
 use super::columns::{columns, names_columns};
-use super::lines::{LogLine, LogLines};
+use super::lines::{CutLine, LogLine, LogLines};
 use super::rows::{Rows, Rule};
 use super::time_of_day::RECORDED_FROM;
 use super::{
@@ -233,11 +233,11 @@ fn next_line<'a, R: BufRead>(
         .advance()
         .map_err(|source| RecordingError::broken_off(log, before, source))?;
     let what = match line {
-        LogLine::Whole => match str::from_utf8(&lines.text) {
+        LogLine::Cut(CutLine::Whole) => match str::from_utf8(lines.text()) {
             Ok(text) => return Ok(text),
-            Err(_) => format!("found {}, which is not UTF-8 text", shown(&lines.text)),
+            Err(_) => format!("found {}, which is not UTF-8 text", shown(lines.text())),
         },
-        LogLine::TooLong => "the line is longer than 4 KiB".to_owned(),
+        LogLine::Cut(CutLine::TooLong) => "the line is longer than 4 KiB".to_owned(),
         LogLine::CutOff | LogLine::End => {
             return Err(RecordingError::Data(format!(
                 "log {log} has no reading: it must begin with \"# {MAGIC} {VERSION}\" and its column names, and rows must follow"

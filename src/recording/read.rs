@@ -4,7 +4,7 @@ use std::io::BufRead;
 use std::iter::from_fn;
 
 use super::header;
-use super::lines::{LogLine, LogLines};
+use super::lines::{CutLine, LogLine, LogLines};
 use super::rows::Rows;
 use super::stretch::{self, DroppedRows, TimeOrder};
 use super::{Entry, Header, RecordingError, Skips, place};
@@ -118,9 +118,11 @@ impl<R: BufRead> Reader<R> {
             let before = self.lines.number;
             let found = match self.lines.advance() {
                 Ok(LogLine::End) => break,
-                Ok(_) if self.lines.text.trim_ascii().is_empty() => continue,
-                Ok(LogLine::Whole) => self.whole_line(),
-                Ok(LogLine::TooLong) => broken("the line is longer than 4 KiB, so it is no row"),
+                Ok(LogLine::Cut(CutLine::TooLong)) => {
+                    broken("the line is longer than 4 KiB, so it is no row")
+                }
+                Ok(_) if self.lines.text().trim_ascii().is_empty() => continue,
+                Ok(LogLine::Cut(CutLine::Whole)) => self.whole_line(),
                 // Its last number may have lost digits and still look like a number.
                 Ok(LogLine::CutOff) => {
                     broken("the log ends here without the end of the line: the row was cut off")
@@ -143,7 +145,7 @@ impl<R: BufRead> Reader<R> {
 
     /// The entry in the line; `None` where it is a remark, or belongs to the header, repeated.
     fn whole_line(&mut self) -> Result<Option<Entry>, String> {
-        let line = &self.lines.text[..];
+        let line = self.lines.text();
         let known = self.rows.is_known_header(line, &mut self.repeated);
         self.other_header |= known.is_err();
         if known? {
