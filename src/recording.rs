@@ -37,7 +37,7 @@ const VERSION: u32 = 1;
 pub(crate) const UNKNOWN_SENSOR: &str = "unknown";
 
 /// The known columns, in the order they are written.
-const COLUMNS: [&str; 11] = [
+pub(crate) const COLUMNS: [&str; 11] = [
     "t_s",
     "mx",
     "my",
