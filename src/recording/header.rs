@@ -208,14 +208,15 @@ impl Rows {
     /// Rows without a header, of this many cells: `t_s,mx,my,mz`, or with `gx,gy,gz`, or with `ax,ay,az`
     /// too, or with `heading_deg` too; in milligauss, rad/s and m/s². `None` for any other count.
     pub fn plain(cells: usize) -> Option<Self> {
-        let rows = Self {
+        let known = [GYRO, ACCEL, HEADING, COLUMNS.len()].contains(&cells);
+        known.then(|| Self {
             header: Header::default(),
             columns: (0..cells).map(Some).collect(),
-            rules: HeaderLines::default().rules().ok()?,
+            rules: HeaderLines::default()
+                .rules()
+                .expect("without units none is wrong"),
             lines: Vec::new(),
-        };
-        let known = [GYRO, ACCEL, HEADING, COLUMNS.len()].contains(&cells);
-        known.then_some(rows)
+        })
     }
 }
 
