@@ -23,6 +23,7 @@ use crate::reading::Reading;
 pub(crate) use checksum::check as check_row;
 pub(crate) use columns::names_columns;
 pub(crate) use header::{HeaderLines, gives_key};
+pub(crate) use lines::{CutLine, LineCutter};
 pub(crate) use read::Reader;
 pub(crate) use rows::Rows;
 pub(crate) use time_of_day::{RECORDED_FROM, TimeOfDay};
@@ -36,7 +37,7 @@ const VERSION: u32 = 1;
 pub(crate) const UNKNOWN_SENSOR: &str = "unknown";
 
 /// The known columns, in the order they are written.
-const COLUMNS: [&str; 11] = [
+pub(crate) const COLUMNS: [&str; 11] = [
     "t_s",
     "mx",
     "my",
@@ -108,42 +109,24 @@ impl RecordingError {
     }
 }
 
-/// One line that cannot be used, or only its true value. The reader goes on after it.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("log {log}, line {line}{}: {what}", column.map(|c| format!(", column {} ({})", c.0, c.1)).unwrap_or_default())]
-pub struct LineError {
-    /// The log's name.
-    pub log: String,
-    /// Line number, from 1.
-    pub line: u64,
-    /// Number of the column, from 1, and its name, if one cell is to blame.
-    pub column: Option<(usize, &'static str)>,
-    /// What was found and what would be right.
-    pub what: String,
+/// Where something was found in a log, for messages.
+fn place(log: &str, line: u64) -> String {
+    format!("log {log}, line {line}")
 }
 
-/// Counts the rows that were skipped and the true values that were dropped, and keeps the first error of each: the one worth
-/// showing.
+/// Counts the rows that were skipped, and keeps why the first was: the one worth showing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Skips {
     kept: u64,
     count: u64,
-    first: Option<LineError>,
-    truths: u64,
-    first_truth: Option<LineError>,
+    first: Option<String>,
 }
 
 impl Skips {
-    /// Counts a row that cannot be used.
-    fn skip(&mut self, error: LineError) {
+    /// Counts a row that cannot be used; `why` has its line.
+    fn skip(&mut self, why: String) {
         self.count += 1;
-        self.first.get_or_insert(error);
-    }
-
-    /// Counts a true value that cannot be used; its row can.
-    fn drop_truth(&mut self, error: LineError) {
-        self.truths += 1;
-        self.first_truth.get_or_insert(error);
+        self.first.get_or_insert(why);
     }
 
     /// Whether there was no row at all.
@@ -156,27 +139,16 @@ impl Skips {
         self.count > self.kept
     }
 
-    /// For people: how many rows were skipped and how many true values dropped, and why the first; `None` if none was.
+    /// For people: how many rows were skipped, and why the first; `None` if none was.
     pub fn summary(&self) -> Option<String> {
-        let skipped = self.first.as_ref().map(|first| {
-            let rows = if self.count == 1 { "row" } else { "rows" };
-            format!("{} {rows} skipped; the first: {first}", self.count)
-        });
-        let dropped = self.first_truth.as_ref().map(|first| {
-            let values = if self.truths == 1 { "value" } else { "values" };
-            let name = COLUMNS[HEADING];
-            format!(
-                "{} {values} of {name} dropped; the first: {first}",
-                self.truths
-            )
-        });
-        let told: Vec<String> = skipped.into_iter().chain(dropped).collect();
-        (!told.is_empty()).then(|| told.join("; "))
+        let first = self.first()?;
+        let rows = if self.count == 1 { "row" } else { "rows" };
+        Some(format!("{} {rows} skipped; the first: {first}", self.count))
     }
 
-    /// The first skipped row's error.
-    pub fn first(&self) -> Option<&LineError> {
-        self.first.as_ref()
+    /// Where the first skipped row is, and what is wrong with it.
+    pub fn first(&self) -> Option<&str> {
+        self.first.as_deref()
     }
 }
 

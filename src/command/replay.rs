@@ -150,7 +150,7 @@ impl JsonLines {
             ..WatchPolicy::default()
         };
         self.write(&gpsd::version())?;
-        self.write(&gpsd::devices(&self.device, None))?;
+        self.write(&gpsd::devices(&gpsd::device(&self.device, None)))?;
         self.write(&gpsd::watch(&policy))
     }
 

@@ -156,7 +156,7 @@ impl Client<'_> {
             Ok(ClientRequest::Policy) => self.put_policy(),
             Ok(ClientRequest::Watch(watch)) => self.watch(&watch),
             Ok(ClientRequest::Poll) => self.put(&self.feed.poll()),
-            Ok(ClientRequest::Devices) => self.put(&self.feed.devices_line()),
+            Ok(ClientRequest::Devices) => self.put(&gpsd::devices(&self.feed.device_line())),
             Ok(ClientRequest::Device) => self.put(&self.feed.device_line()),
             Ok(ClientRequest::Version) => self.put(&gpsd::version()),
         }
@@ -164,7 +164,7 @@ impl Client<'_> {
 
     /// gpsd answers any `?WATCH` with the devices and then the policy.
     fn put_policy(&mut self) {
-        self.put(&self.feed.devices_line());
+        self.put(&gpsd::devices(&self.feed.device_line()));
         self.put(&gpsd::watch(&self.policy));
     }
 

@@ -228,12 +228,6 @@ impl Feed {
         gpsd::device(&latest.device, latest.cycle_s)
     }
 
-    /// The same, as `DEVICES` tells it.
-    pub(super) fn devices_line(&self) -> String {
-        let latest = self.lock();
-        gpsd::devices(&latest.device, latest.cycle_s)
-    }
-
     /// The latest event of each kind.
     pub(super) fn events(&self) -> [NumberedLine; 2] {
         self.lock().events.clone()

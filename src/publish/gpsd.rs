@@ -157,9 +157,8 @@ pub fn device(device: &Device, cycle_s: Option<f64>) -> String {
     out
 }
 
-/// The `DEVICES` object: there is one device.
-pub fn devices(only: &Device, cycle_s: Option<f64>) -> String {
-    let device = device(only, cycle_s);
+/// The `DEVICES` object around the `DEVICE` object: there is one device.
+pub fn devices(device: &str) -> String {
     format!(r#"{{"class":"DEVICES","devices":[{device}]}}"#)
 }
 

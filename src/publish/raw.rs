@@ -2,13 +2,15 @@
 //! ask for them.
 
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
+use serde_json::Value;
 
+use super::json::push_string;
 use crate::reading::Reading;
-use crate::recording::{Header, Reader, RecordingError};
+use crate::recording::{COLUMNS, Header, Reader, RecordingError};
 
 /// What a client that wants raw readings hears.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(tag = "class", rename_all = "UPPERCASE")]
 pub enum Object {
     /// Whose readings they are; comes before the first, and when the service reads another board.
@@ -34,45 +36,39 @@ pub enum Object {
 }
 
 /// One reading, in the columns of a log; what is not known is left out.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 pub struct Row {
     /// Counts the source's readings from 1: a gap is what was lost on the way to this client.
     pub seq: u64,
     t_s: f64,
-    #[serde(skip_serializing_if = "Option::is_none")]
     mx: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     my: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     mz: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     gx: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     gy: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     gz: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     ax: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     ay: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     az: Option<f64>,
 }
 
 /// The object that tells whose readings these are.
 pub(super) fn board(header: &Header) -> String {
-    written(&Object::Board {
-        header: header.text(),
-    })
+    let mut line = String::from(r#"{"class":"BOARD""#);
+    push_string(&mut line, "header", &header.text());
+    line + "}"
 }
 
 /// A reading as an object, each number exactly and as short as can be.
 pub(super) fn reading(seq: u64, reading: &Reading) -> String {
-    written(&Object::Reading(Row::new(seq, reading)))
-}
-
-fn written(object: &Object) -> String {
-    serde_json::to_string(object).expect("an object is made of what JSON can express")
+    let t_s = Value::from(reading.t_s);
+    let mut line = format!(r#"{{"class":"READING","seq":{seq},"t_s":{t_s}"#);
+    for (name, cell) in COLUMNS[1..].iter().zip(reading.cells().as_flattened()) {
+        if let Some(number) = cell {
+            line += &format!(r#","{name}":{}"#, Value::from(*number));
+        }
+    }
+    line + "}"
 }
 
 /// The header that a board's object holds.
@@ -81,23 +77,6 @@ pub fn header(text: &str) -> Result<Header, RecordingError> {
 }
 
 impl Row {
-    fn new(seq: u64, reading: &Reading) -> Self {
-        let [[mx, my, mz], [gx, gy, gz], [ax, ay, az]] = reading.cells();
-        Self {
-            seq,
-            t_s: reading.t_s,
-            mx,
-            my,
-            mz,
-            gx,
-            gy,
-            gz,
-            ax,
-            ay,
-            az,
-        }
-    }
-
     /// The reading, as a log would give it back.
     pub fn reading(&self) -> Reading {
         let field = [self.mx, self.my, self.mz];

@@ -2,10 +2,10 @@
 
 use super::{ACCEL, COLUMNS, GYRO, MAG, shown};
 
-/// Whether a line is one of column names.
+/// Whether a line is one of column names. A remark may name them, too.
 pub(crate) fn names_columns(line: &[u8]) -> bool {
-    line.split(|byte| *byte == b',')
-        .any(|cell| cell.trim_ascii() == b"t_s")
+    let mut cells = line.split(|byte| *byte == b',');
+    !line.starts_with(b"#") && cells.any(|cell| cell.trim_ascii() == b"t_s")
 }
 
 /// Which of [`COLUMNS`] each column is.

@@ -5,11 +5,11 @@ use std::io::BufRead;
 use strsim::levenshtein;
 
 use super::columns::{columns, names_columns};
-use super::lines::{LogLine, LogLines};
+use super::lines::{CutLine, LogLine, LogLines};
 use super::rows::{Rows, Rule};
 use super::time_of_day::RECORDED_FROM;
 use super::{
-    ACCEL, COLUMNS, GYRO, HEADING, Header, LineError, MAG, MAGIC, RecordingError, VERSION, shown,
+    ACCEL, COLUMNS, GYRO, HEADING, Header, MAG, MAGIC, RecordingError, VERSION, place, shown,
 };
 use crate::date::{LATEST, parse_rfc3339};
 use crate::frame::Mounting;
@@ -149,7 +149,16 @@ impl HeaderLines {
             (Some((COUNTS, _)), None) => {
                 return Err("mag_unit = counts needs a line \"# counts_per_gauss = …\"".to_owned());
             }
-            (unit, _) => unit.unwrap_or(MAG_UNITS[0]),
+            // The line of the unit may have been lost or garbled.
+            (unit, Some(_)) => {
+                let found = unit.map_or("without mag_unit".to_owned(), |(name, _)| {
+                    format!("with mag_unit = {name}")
+                });
+                return Err(format!(
+                    "counts_per_gauss is given {found}, but needs a line \"# mag_unit = counts\""
+                ));
+            }
+            (unit, None) => unit.unwrap_or(MAG_UNITS[0]),
         };
         let rule = |(unit, factor): Unit, limit: f64| Rule {
             factor,
@@ -199,25 +208,21 @@ impl Rows {
     /// Rows without a header, of this many cells: `t_s,mx,my,mz`, or with `gx,gy,gz`, or with `ax,ay,az`
     /// too, or with `heading_deg` too; in milligauss, rad/s and m/s². `None` for any other count.
     pub fn plain(cells: usize) -> Option<Self> {
-        let rows = Self {
+        let known = [GYRO, ACCEL, HEADING, COLUMNS.len()].contains(&cells);
+        known.then(|| Self {
             header: Header::default(),
             columns: (0..cells).map(Some).collect(),
-            rules: HeaderLines::default().rules().ok()?,
+            rules: HeaderLines::default()
+                .rules()
+                .expect("without units none is wrong"),
             lines: Vec::new(),
-        };
-        let known = [GYRO, ACCEL, HEADING, COLUMNS.len()].contains(&cells);
-        known.then_some(rows)
+        })
     }
 }
 
 fn wrong(log: &str, line: u64, what: String) -> RecordingError {
-    let error = LineError {
-        log: log.to_owned(),
-        line,
-        column: None,
-        what,
-    };
-    RecordingError::Data(format!("cannot read the header of {error}"))
+    let place = place(log, line);
+    RecordingError::Data(format!("cannot read the header of {place}: {what}"))
 }
 
 fn next_line<'a, R: BufRead>(
@@ -229,11 +234,11 @@ fn next_line<'a, R: BufRead>(
         .advance()
         .map_err(|source| RecordingError::broken_off(log, before, source))?;
     let what = match line {
-        LogLine::Whole => match str::from_utf8(&lines.text) {
+        LogLine::Cut(CutLine::Whole) => match str::from_utf8(lines.text()) {
             Ok(text) => return Ok(text),
-            Err(_) => format!("found {}, which is not UTF-8 text", shown(&lines.text)),
+            Err(_) => format!("found {}, which is not UTF-8 text", shown(lines.text())),
         },
-        LogLine::TooLong => "the line is longer than 4 KiB".to_owned(),
+        LogLine::Cut(CutLine::TooLong) => "the line is longer than 4 KiB".to_owned(),
         LogLine::CutOff | LogLine::End => {
             return Err(RecordingError::Data(format!(
                 "log {log} has no reading: it must begin with \"# {MAGIC} {VERSION}\" and its column names, and rows must follow"
@@ -358,6 +363,16 @@ mod tests {
                 "# headingd-log 1\n# mag_unit = counts\nt_s\n",
                 3,
                 "counts_per",
+            ),
+            (
+                "# headingd-log 1\n# counts_per_gauss = 1300\nt_s\n",
+                3,
+                "without mag_unit, but needs a line \"# mag_unit = counts\"",
+            ),
+            (
+                "# headingd-log 1\n# mag_unit = uT\n# counts_per_gauss = 1300\nt_s\n",
+                4,
+                "with mag_unit = uT, but needs",
             ),
             ("# headingd-log 1\n0.1,1,2,3\n", 2, "t_s among them"),
             ("# headingd-log 1\nt_s,t_s\n", 2, "more than once"),

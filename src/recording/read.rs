@@ -4,10 +4,10 @@ use std::io::BufRead;
 use std::iter::from_fn;
 
 use super::header;
-use super::lines::{LogLine, LogLines};
-use super::rows::{RowFault, Rows};
+use super::lines::{CutLine, LogLine, LogLines};
+use super::rows::Rows;
 use super::stretch::{self, DroppedRows, TimeOrder};
-use super::{Entry, Header, LineError, RecordingError, Skips};
+use super::{Entry, Header, RecordingError, Skips, place};
 use crate::reading::Reading;
 
 /// The unit of the times is checked on the first 1000 rows, if they hold at least 20 steps between gyro readings …
@@ -20,11 +20,11 @@ const COARSE_STEP_S: f64 = 0.5;
 
 /// Reads a log: the header at once, then an iterator of its rows, in milligauss, rad/s and m/s².
 ///
-/// A row that cannot be used is skipped, and a true value that cannot be used is left out; both are counted. An error means that
-/// the input failed, and is the last item. The times of the entries never decrease within a stretch.
+/// A row that cannot be used is skipped and counted; a true value that cannot be used is left out. An error means that the input
+/// failed, and is the last item. The times of the entries never decrease within a stretch.
 #[derive(Debug)]
 pub struct Reader<R> {
-    pub(crate) log: String,
+    log: String,
     lines: LogLines<R>,
     rows: Rows,
     /// A line of another header was found: the rows after it may be in other units.
@@ -34,7 +34,7 @@ pub struct Reader<R> {
     last_s: Option<f64>,
     dropped: DroppedRows,
     begins_stretch: bool,
-    pub(crate) skips: Skips,
+    skips: Skips,
     /// A row whose time is doubtful until the next one is known, and that one.
     doubtful: Option<Numbered>,
     next: Option<Numbered>,
@@ -68,8 +68,23 @@ impl<R: BufRead> Reader<R> {
         })
     }
 
+    /// The log's name in messages.
+    pub fn name(&self) -> &str {
+        &self.log
+    }
+
+    /// The log's header.
     pub fn header(&self) -> &Header {
         &self.rows.header
+    }
+
+    /// The rows skipped so far.
+    pub fn skips(&self) -> &Skips {
+        &self.skips
+    }
+
+    pub(crate) fn input(&self) -> &R {
+        &self.lines.input
     }
 
     /// Looks at the first rows for times that are in another unit.
@@ -78,10 +93,10 @@ impl<R: BufRead> Reader<R> {
         let readings: Vec<Reading> = rows.map(|(entry, _)| entry.reading).collect();
         let has_rate: fn(&Reading) -> bool = |reading| reading.rate_rad_s.is_some();
         let has_field: fn(&Reading) -> bool = |reading| reading.field_mgauss.is_some();
-        let column = self.rows.place(0).0;
+        let column = self.rows.place(0);
         for (sensor, has) in [("gyro", has_rate), ("magnetometer", has_field)] {
             let times = readings.iter().filter(|one| has(one)).map(|one| one.t_s);
-            if let Some(what) = fault_of_times(sensor, times.collect(), column) {
+            if let Some(what) = fault_of_times(sensor, times.collect(), &column) {
                 let log = self.log;
                 return Err(RecordingError::Data(format!(
                     "cannot use log {log}: {what}"
@@ -98,14 +113,16 @@ impl<R: BufRead> Reader<R> {
 
     /// The next row that can be understood; `None` at the end. Those before it that cannot are skipped.
     fn row(&mut self) -> Option<Numbered> {
-        let broken = |what: &str| Err((None, what.to_owned()));
+        let broken = |what: &str| Err(what.to_owned());
         while !self.done {
             let before = self.lines.number;
             let found = match self.lines.advance() {
                 Ok(LogLine::End) => break,
-                Ok(_) if self.lines.text.trim_ascii().is_empty() => continue,
-                Ok(LogLine::Whole) => self.whole_line(),
-                Ok(LogLine::TooLong) => broken("the line is longer than 4 KiB, so it is no row"),
+                Ok(LogLine::Cut(CutLine::TooLong)) => {
+                    broken("the line is longer than 4 KiB, so it is no row")
+                }
+                Ok(_) if self.lines.text().trim_ascii().is_empty() => continue,
+                Ok(LogLine::Cut(CutLine::Whole)) => self.whole_line(),
                 // Its last number may have lost digits and still look like a number.
                 Ok(LogLine::CutOff) => {
                     broken("the log ends here without the end of the line: the row was cut off")
@@ -117,33 +134,28 @@ impl<R: BufRead> Reader<R> {
             };
             let line = self.lines.number;
             match found {
-                Ok(Some((entry, truth_fault))) => {
-                    if let Some(fault) = truth_fault {
-                        self.skips.drop_truth(self.line_error(line, fault));
-                    }
-                    return Some((entry, line));
-                }
+                Ok(Some(entry)) => return Some((entry, line)),
                 Ok(None) => {}
-                Err(fault) => self.skips.skip(self.line_error(line, fault)),
+                Err(what) => self.skip(line, &what),
             }
         }
         self.done = true;
         None
     }
 
-    /// The entry in the line, and what is wrong with its true value; `None` where it is a remark, or belongs to the header, repeated.
-    fn whole_line(&mut self) -> Result<Option<(Entry, Option<RowFault>)>, RowFault> {
-        let line = &self.lines.text[..];
+    /// The entry in the line; `None` where it is a remark, or belongs to the header, repeated.
+    fn whole_line(&mut self) -> Result<Option<Entry>, String> {
+        let line = self.lines.text();
         let known = self.rows.is_known_header(line, &mut self.repeated);
         self.other_header |= known.is_err();
-        if known.map_err(|what| (None, what))? {
+        if known? {
             return Ok(None);
         }
         if self.other_header {
             let what = "found a row after another header than the first: split the log there";
-            return Err((None, what.to_owned()));
+            return Err(what.to_owned());
         }
-        self.rows.entry(line).map(Some)
+        self.rows.row(line).map(Some)
     }
 
     /// The entry; a row whose time cannot be right is skipped.
@@ -158,7 +170,7 @@ impl<R: BufRead> Reader<R> {
                     "found time {t_s}, but the row before has {last_s}, and the next does not go on from here"
                 )
             };
-            self.skips.skip(self.line_error(line, (Some(0), what)));
+            self.skip(line, &format!("{}: {what}", self.rows.place(0)));
             return None;
         }
         self.last_s = Some(t_s);
@@ -168,13 +180,9 @@ impl<R: BufRead> Reader<R> {
         Some(entry)
     }
 
-    fn line_error(&self, line: u64, (column, what): RowFault) -> LineError {
-        LineError {
-            log: self.log.clone(),
-            line,
-            column: column.map(|column| self.rows.place(column)),
-            what,
-        }
+    fn skip(&mut self, line: u64, what: &str) {
+        let place = place(&self.log, line);
+        self.skips.skip(format!("{place}: {what}"));
     }
 }
 
@@ -207,7 +215,7 @@ impl<R: BufRead> Iterator for Reader<R> {
 }
 
 /// What is wrong with the times of a sensor's readings, which stand in this column.
-fn fault_of_times(sensor: &str, times: Vec<f64>, column: usize) -> Option<String> {
+fn fault_of_times(sensor: &str, times: Vec<f64>, column: &str) -> Option<String> {
     let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
     steps.sort_by(f64::total_cmp);
     let step = steps.get(steps.len() / 2).copied().unwrap_or_default();
@@ -218,7 +226,7 @@ fn fault_of_times(sensor: &str, times: Vec<f64>, column: usize) -> Option<String
     }
     if coarse {
         return Some(format!(
-            "most of the {sensor}'s readings have the same time as the one before in column {column} (t_s), but each needs the time at \
+            "most of the {sensor}'s readings have the same time as the one before in {column}, but each needs the time at \
              which it was taken, in seconds with their fractions"
         ));
     }
@@ -228,7 +236,7 @@ fn fault_of_times(sensor: &str, times: Vec<f64>, column: usize) -> Option<String
         _ => ("nanoseconds", 1_000_000_000),
     };
     Some(format!(
-        "the {sensor}'s readings are {step:.0} apart in column {column} (t_s), as in {unit}, but times must be in seconds: divide them by \
+        "the {sensor}'s readings are {step:.0} apart in {column}, as in {unit}, but times must be in seconds: divide them by \
          {divisor}"
     ))
 }

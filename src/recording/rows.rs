@@ -33,9 +33,6 @@ pub struct Rows {
     pub(super) lines: Vec<String>,
 }
 
-/// What is wrong with a row, or with its true value: the column, if one cell is to blame, and what was found.
-pub(super) type RowFault = (Option<usize>, String);
-
 /// A row's numbers in our units, in the order of [`COLUMNS`].
 type Cells = [Option<f64>; COLUMNS.len()];
 
@@ -68,8 +65,12 @@ impl Rows {
             if let Some(count) = repeated {
                 *count += 1;
             }
-            // A header that lacks a line of the first has that key's default.
-            if is_remark || repeated.is_none_or(|count| count == self.lines.len()) {
+            // A header that lacks a line of the first has that key's default. The line of column names ends it.
+            if is_remark
+                || repeated
+                    .take()
+                    .is_none_or(|count| count == self.lines.len())
+            {
                 return Ok(true);
             }
         }
@@ -79,56 +80,38 @@ impl Rows {
         ))
     }
 
-    /// One row of a device, without its line's end. Its time may be anything.
-    pub fn row(&self, line: &[u8]) -> Result<Entry, String> {
-        let told = |(column, what)| match column {
-            Some(column) => {
-                let (number, name) = self.place(column);
-                format!("column {number} ({name}): {what}")
-            }
-            None => what,
-        };
-        match self.entry(line).map_err(told)? {
-            (entry, None) => Ok(entry),
-            // Over a line it is a sign of lost bytes, which may have spoilt the other cells too.
-            (_, Some(fault)) => Err(told(fault)),
-        }
-    }
-
-    /// Number of one of [`COLUMNS`] in the log, from 1, and its name.
-    pub(super) fn place(&self, column: usize) -> (usize, &'static str) {
+    /// Where one of [`COLUMNS`] is in the log, its number from 1, for messages.
+    pub(super) fn place(&self, column: usize) -> String {
         let found = |c: &Option<usize>| *c == Some(column);
         let number = 1 + self.columns.iter().position(found).unwrap_or(0);
-        (number, COLUMNS[column])
+        format!("column {number} ({})", COLUMNS[column])
     }
 
-    /// One row, without its line's end, and what is wrong with its true value, if anything: that is only there to compare with.
-    /// Whether its time follows the time of the row before is not asked.
-    pub(super) fn entry(&self, line: &[u8]) -> Result<(Entry, Option<RowFault>), RowFault> {
-        let (line, _) = check_row(line).map_err(|what| (None, what))?;
-        let (cells, truth_fault) = self.cells(line)?;
-        let t_s = cells[0].ok_or((
-            Some(0),
-            "found an empty cell, but each row must have its time in seconds".to_owned(),
-        ))?;
+    /// One row, without its line's end. Whether its time follows the time of the row before is not asked.
+    pub fn row(&self, line: &[u8]) -> Result<Entry, String> {
+        let (line, _) = check_row(line)?;
+        let cells = self.cells(line)?;
+        let t_s = cells[0].ok_or_else(|| {
+            let place = self.place(0);
+            format!("{place}: found an empty cell, but each row must have its time in seconds")
+        })?;
         let field = [cells[MAG], cells[MAG + 1], cells[MAG + 2]];
-        let entry = Entry {
+        Ok(Entry {
             reading: Reading {
                 t_s,
                 field_mgauss: field.iter().any(Option::is_some).then_some(field),
-                rate_rad_s: vector(&cells, GYRO)?,
-                specific_force_m_s2: vector(&cells, ACCEL)?,
+                rate_rad_s: self.vector(&cells, GYRO)?,
+                specific_force_m_s2: self.vector(&cells, ACCEL)?,
             },
             heading_truth_rad: cells[HEADING].map(|deg| wrap_360(deg).to_radians()),
-        };
-        Ok((entry, truth_fault))
+        })
     }
 
-    /// The row's numbers, and what is wrong with its true value, if anything.
-    fn cells(&self, line: &[u8]) -> Result<(Cells, Option<RowFault>), RowFault> {
+    /// The row's numbers.
+    fn cells(&self, line: &[u8]) -> Result<Cells, String> {
         let text = str::from_utf8(line).map_err(|error| {
             let rest = shown(&line[error.valid_up_to()..]);
-            (None, format!("found bytes that are no text: {rest}"))
+            format!("found bytes that are no text: {rest}")
         })?;
         let count = 1 + line.iter().filter(|byte| **byte == b',').count();
         let expected = self.columns.len();
@@ -138,14 +121,12 @@ impl Rows {
                 true => "; decimals need a point, columns a comma",
                 false => "",
             };
-            let what = format!(
+            return Err(format!(
                 "found {count} cells in {}, but must be {expected}, one a column{hint}",
                 shown(line)
-            );
-            return Err((None, what));
+            ));
         }
         let mut cells = [None; COLUMNS.len()];
-        let mut truth_fault = None;
         for (column, cell) in self.columns.iter().zip(text.split(',')) {
             let Some(column) = *column else { continue };
             let cell = cell.trim_ascii();
@@ -159,6 +140,8 @@ impl Rows {
                 Ok(number) if number.abs() <= rule.limit => {
                     cells[column] = Some(number * rule.factor);
                 }
+                // The true value is only there to compare with.
+                _ if column == HEADING => {}
                 parsed => {
                     let advice = match parsed {
                         Ok(number) if column == 0 && number.is_finite() => {
@@ -167,33 +150,31 @@ impl Rows {
                         Err(_) if column != 0 => "; leave the cell empty if the value is unknown",
                         _ => "",
                     };
-                    let right = format!(
-                        "a number from -{limit} to {limit} {unit}{advice}",
+                    return Err(format!(
+                        "{place}: found {cell}, but must be a number from -{limit} to {limit} {unit}{advice}",
+                        place = self.place(column),
+                        cell = shown(cell.as_bytes()),
                         limit = rule.limit,
                         unit = rule.unit
-                    );
-                    let what = format!("found {}, but must be {right}", shown(cell.as_bytes()));
-                    let fault = (Some(column), what);
-                    if column != HEADING {
-                        return Err(fault);
-                    }
-                    truth_fault = Some(fault);
+                    ));
                 }
             }
         }
-        Ok((cells, truth_fault))
+        Ok(cells)
     }
-}
 
-fn vector(cells: &Cells, first: usize) -> Result<Option<Vector3<f64>>, RowFault> {
-    match [cells[first], cells[first + 1], cells[first + 2]] {
-        [Some(x), Some(y), Some(z)] => Ok(Some(Vector3::new(x, y, z))),
-        [None, None, None] => Ok(None),
-        some => {
-            let empty = some.iter().position(Option::is_none);
-            let names = COLUMNS[first..first + 3].join(", ");
-            let what = format!("found an empty cell, but {names} must be filled or empty together");
-            Err((empty.map(|empty| first + empty), what))
+    fn vector(&self, cells: &Cells, first: usize) -> Result<Option<Vector3<f64>>, String> {
+        let axes = [cells[first], cells[first + 1], cells[first + 2]];
+        if let [Some(x), Some(y), Some(z)] = axes {
+            return Ok(Some(Vector3::new(x, y, z)));
+        }
+        match axes.iter().position(Option::is_none) {
+            Some(empty) if axes != [None; 3] => Err(format!(
+                "{}: found an empty cell, but {} must be filled or empty together",
+                self.place(first + empty),
+                COLUMNS[first..first + 3].join(", ")
+            )),
+            _ => Ok(None),
         }
     }
 }

@@ -201,7 +201,8 @@ mod tests {
             let whole: Vec<Entry> = reader.by_ref().map(Result::unwrap).collect();
             let ends = cut[head..].iter().filter(|byte| **byte == b'\n').count();
             prop_assert_eq!(whole.len(), ends);
-            prop_assert_eq!(reader.skips.first().is_some(), !cut.ends_with(b"\n"));
+            let cut_off = reader.skips().first().is_some_and(|why| why.contains("cut off"));
+            prop_assert_eq!(cut_off, !cut.ends_with(b"\n"));
             for (row, entry) in whole.into_iter().zip(&entries) {
                 prop_assert_eq!(row.reading, entry.reading);
             }

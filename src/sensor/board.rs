@@ -81,55 +81,26 @@ mod tests {
 
     use super::*;
 
-    /// On the printed side, which is up, chip Z of every chip points up.
+    /// Two axes fix a rotation: the one to the board's front, and Z, which points up on the printed side. Body Z points down.
     #[test]
-    fn a_level_board_reads_minus_9_8_down_and_a_clockwise_turn_is_positive() {
-        for board in [Board::Sparkfun9dofStick, Board::Gy85, Board::Gy86] {
-            let mountings = board.mountings(&Mountings::default());
-            // Specific force points up: ADXL345 and MPU-6050 read +1 g on chip Z.
-            let force = mountings.accel.to_body(Vector3::new(0.0, 0.0, 9.8));
-            assert_eq!(force, Vector3::new(0.0, 0.0, -9.8));
-            // Clockwise from above is negative about an axis that points up.
-            let rate = mountings.gyro.to_body(Vector3::new(0.0, 0.0, -1.0));
-            assert_eq!(rate, Vector3::new(0.0, 0.0, 1.0));
-            // In the north the field points down.
-            let field = mountings.mag.to_body(Vector3::new(0.0, 0.0, -400.0));
-            assert_eq!(field.z, 400.0);
-        }
-    }
-
-    /// Nose up, the front of the board points up, and so a part of the force of the table is along it; and
-    /// nose up is a positive rotation about the axis to the right.
-    #[test]
-    fn the_chips_of_a_board_agree_on_where_its_front_is() {
-        // The stick's front is at its chips' −Y, the GY boards' at their +Y.
-        for (board, front, right) in [
-            (Board::Sparkfun9dofStick, -Vector3::y(), -Vector3::x()),
-            (Board::Gy85, Vector3::y(), Vector3::x()),
-            (Board::Gy86, Vector3::y(), Vector3::x()),
+    fn the_chips_of_a_board_have_its_front_and_their_z_upwards() {
+        let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+        for (board, mag_front, other_front) in [
+            // The stick's magnetometer is turned against its gyro and its accelerometer.
+            (Board::Sparkfun9dofStick, x, -y),
+            (Board::Gy85, y, y),
+            (Board::Gy86, y, y),
         ] {
             let m = board.mountings(&Mountings::default());
-            assert_eq!(m.accel.to_body(front), Vector3::x());
-            assert_eq!(m.gyro.to_body(right), Vector3::y());
+            for (chip, front) in [
+                (m.mag, mag_front),
+                (m.gyro, other_front),
+                (m.accel, other_front),
+            ] {
+                assert_eq!((chip.to_body(front), chip.to_body(z)), (x, -z), "{board:?}");
+                assert!(!chip.is_mirrored());
+            }
         }
-        // The magnetometer of the stick has its X to the front; that of the GY boards lies as the others.
-        let stick = Board::Sparkfun9dofStick.mountings(&Mountings::default());
-        assert_eq!(stick.mag.to_body(Vector3::x()), Vector3::x());
-        let gy = Board::Gy85.mountings(&Mountings::default());
-        assert_eq!(gy.mag, gy.accel);
-    }
-
-    /// A level board at heading ψ sees (H cos ψ, −H sin ψ, Z): facing east, north is to its left.
-    #[test]
-    fn facing_east_north_is_to_the_left() {
-        // The stick's magnetometer: X forward, so Y is to the left (Z is up), and reads north.
-        let stick = Board::Sparkfun9dofStick.mountings(&Mountings::default());
-        let field = stick.mag.to_body(Vector3::new(0.0, 170.0, -500.0));
-        assert_eq!(field, Vector3::new(0.0, -170.0, 500.0));
-        // The GY boards' X is to the right, and reads south.
-        let gy = Board::Gy85.mountings(&Mountings::default());
-        let field = gy.mag.to_body(Vector3::new(-170.0, 0.0, -500.0));
-        assert_eq!(field, Vector3::new(0.0, -170.0, 500.0));
     }
 
     #[test]

@@ -16,12 +16,6 @@ pub trait Clock {
     /// Waits until `t_s`; false as soon as the clock is told to stop.
     #[must_use]
     fn wait_until(&mut self, t_s: f64) -> bool;
-
-    /// The moment at which this clock showed this time.
-    fn instant(&self, t_s: f64) -> Instant {
-        let ago_s = (self.now_s() - t_s).max(0.0);
-        Instant::now() - Duration::try_from_secs_f64(ago_s).unwrap_or_default()
-    }
 }
 
 /// The system's monotonic clock.
@@ -57,9 +51,5 @@ impl Clock for SystemClock {
             }
             thread::sleep(Duration::from_secs_f64(left_s.min(LOOK.as_secs_f64())));
         }
-    }
-
-    fn instant(&self, t_s: f64) -> Instant {
-        self.origin + Duration::try_from_secs_f64(t_s).unwrap_or_default()
     }
 }

@@ -13,6 +13,8 @@ mod settings;
 mod tests;
 mod timetable;
 
+use std::time::Instant;
+
 use super::SourceEvent;
 use super::board::Companions;
 use super::bus::Bus;
@@ -124,7 +126,7 @@ impl Chips {
         if let Some(accel) = &mut self.accel {
             accel.start(bus, clock)?;
         }
-        let now_s = clock.now_s();
+        let (now_s, taken) = (clock.now_s(), Instant::now());
         // A tick shortly after the magnetometer's time is taken along with it: one wake-up less.
         if now_s < self.tick_s - TOGETHER * self.period_s {
             return Ok(());
@@ -148,7 +150,6 @@ impl Chips {
         if reading.rate_rad_s.is_none() && reading.specific_force_m_s2.is_none() {
             return Ok(());
         }
-        let taken = clock.instant(reading.t_s);
         tell(out, SourceEvent::Reading(reading, taken))
     }
 
@@ -159,6 +160,8 @@ impl Chips {
         clock: &mut dyn Clock,
         out: &mut dyn FnMut(SourceEvent) -> bool,
     ) -> Result<(), ChipError> {
+        // A poll that sets the chip up gives no measurement, so that this is when one is read.
+        let taken = Instant::now();
         match self.magnetometer.poll(bus, clock) {
             Ok(None) => Ok(()),
             Ok(Some((t_s, sample))) => {
@@ -170,7 +173,6 @@ impl Chips {
                     field_mgauss: Some(sample.field_mgauss),
                     ..Reading::default()
                 };
-                let taken = clock.instant(t_s);
                 tell(out, SourceEvent::Reading(reading, taken))
             }
             Err(ChipError::Stopped) => Err(ChipError::Stopped),

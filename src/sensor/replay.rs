@@ -9,19 +9,13 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 
-use crate::recording::{Entry, Header, Reader, RecordingError, Skips};
+use crate::recording::{Reader, RecordingError};
 
 /// Longest wait for somebody to open a named pipe for writing.
 const PIPE_PATIENCE: Duration = Duration::from_secs(5);
 
 /// An open log: an iterator of its good rows that counts the bad ones.
-#[derive(Debug)]
-pub struct Replay {
-    /// The open file that the reader reads, for its position.
-    file: File,
-    bytes: u64,
-    reader: Reader<BufReader<File>>,
-}
+pub type Replay = Reader<BufReader<File>>;
 
 impl Replay {
     /// Opens the log, `-` is standard input, and reads its header. The times of a file are checked, too. Those of a pipe are
@@ -34,44 +28,20 @@ impl Replay {
         let log = path.display().to_string();
         let failed =
             |source: io::Error| RecordingError::Input(format!("cannot open log {log}: {source}"));
-        let file = open(path).map_err(failed)?;
-        let mut shared = file.try_clone().map_err(failed)?;
-        let found = file.metadata().map_err(failed)?;
-        if found.is_file() {
+        let mut file = open(path).map_err(failed)?;
+        if file.metadata().map_err(failed)?.is_file() {
             Reader::new(log.clone(), BufReader::new(&file))?.check_times()?;
-            shared.rewind().map_err(failed)?;
+            file.rewind().map_err(failed)?;
         }
-        Ok(Self {
-            file: shared,
-            bytes: found.len(),
-            reader: Reader::new(log, BufReader::new(file))?,
-        })
-    }
-
-    /// The log's name in messages.
-    pub fn name(&self) -> &str {
-        &self.reader.log
-    }
-
-    /// The log's header.
-    pub fn header(&self) -> &Header {
-        self.reader.header()
+        Self::new(log, BufReader::new(file))
     }
 
     /// How much of the file has been read, 0 to 1; 0 where that is not known, as of a pipe.
     pub fn share_read(&self) -> f64 {
-        let position = (&self.file).stream_position().unwrap_or(0);
-        (position as f64 / self.bytes.max(1) as f64).min(1.0)
-    }
-
-    /// Whether a new stretch begins with the last entry: what was known of the motion is over.
-    pub fn begins_stretch(&self) -> bool {
-        self.reader.begins_stretch()
-    }
-
-    /// The rows skipped so far.
-    pub fn skips(&self) -> &Skips {
-        &self.reader.skips
+        let mut file = self.input().get_ref();
+        let position = file.stream_position().unwrap_or(0);
+        let bytes = file.metadata().map_or(0, |found| found.len());
+        (position as f64 / bytes.max(1) as f64).min(1.0)
     }
 
     /// Why the log, read to its end, is of no use: it has no row, or most of them were skipped. `None` if it is of use.
@@ -86,14 +56,6 @@ impl Replay {
         let summary = skips.summary()?;
         let most = skips.are_most();
         most.then(|| format!("most of the log cannot be used: {summary}"))
-    }
-}
-
-impl Iterator for Replay {
-    type Item = Result<Entry, RecordingError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.reader.next()
     }
 }
 

@@ -8,7 +8,6 @@ mod decoder;
 mod device_clock;
 mod diagnosis;
 mod envelope;
-mod lines;
 mod log_rows;
 mod port;
 mod razor;

@@ -76,6 +76,9 @@ fn a_qmc5883l_is_found_and_read() {
     assert!((found_deg - right_deg).abs() < 0.5, "{heading}");
     assert!(process.said().contains("magnetometer: QMC5883L"));
     let report = checked(&rig, &chip);
+    // A busy machine may read too slowly.
+    let problems = report["problems"].as_array().unwrap();
+    assert!(problems.iter().all(|it| it["code"] == "rate"), "{report}");
     assert_eq!(report["magnetometer"]["kind"], "QMC5883L");
     assert_eq!(report["self_test"], serde_json::json!([]));
 }

@@ -27,11 +27,6 @@ impl Clock for Still {
                 world.set(chip, register, &bytes);
             }
         }
-        // A QMC5883L at 50 Hz, about 500 mG.
-        if world.chips.contains_key(&0x0D) && world.get(0x0D, 0x09) & 1 == 1 {
-            let [low, high] = (3464 + (self.now_s * 50.0) as i16 % 9).to_le_bytes();
-            world.set(0x0D, 0x00, &[low, high, low, high, low, high, 1]);
-        }
         true
     }
 }
@@ -190,27 +185,6 @@ fn a_claimed_chip_hides_no_other_and_is_no_problem_where_it_is_not_configured() 
     let report = with_claimed(0x69);
     assert_eq!(codes(&report), [""; 0], "{:?}", report.problems);
     assert!(report.to_string().contains("0x69  claimed"));
-}
-
-#[test]
-fn a_gy_271_with_a_qmc5883l_beside_a_gyro_is_well() {
-    let bus = stick();
-    bus.world.borrow_mut().chips.remove(&0x1E);
-    bus.set(0x0D, 0x0D, &[0xFF]);
-    let config = "[source]\nkind = \"i2c\"\n[i2c]\nboard = \"gy-271\"\n\
-                  [mounting]\ngyro_axes = \"-y -x -z\"\naccel_axes = \"-y -x -z\"\n";
-    let report = examined(&bus, config);
-    assert_eq!(codes(&report), [""; 0], "{:?}", report.problems);
-    assert_eq!(report.chips[0].chip, "QMC5883L");
-    let found = report.magnetometer.as_ref().unwrap();
-    assert!(found.kind == "QMC5883L" && found.sure);
-    // It has no self-test.
-    assert!(report.self_test.is_empty());
-    assert!((report.mag_rate_hz.unwrap() - 50.0).abs() < 2.0);
-    assert!((report.field_mgauss.unwrap() - 500.0).abs() < 20.0);
-    assert!((report.accel_m_s2.unwrap()[2] + 9.8).abs() < 0.1);
-    let text = report.to_string();
-    assert!(text.contains("0x0d  QMC5883L"), "{text}");
 }
 
 #[test]

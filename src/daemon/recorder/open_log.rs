@@ -26,7 +26,7 @@ impl OpenLog {
         first: Option<Duration>,
     ) -> Result<Self, RecordError> {
         let mut header = header.clone();
-        if !header.truth.iter().any(|(key, _)| key == RECORDED_FROM)
+        if header.recorded_from().is_none()
             && let Some(time) = first.map(date::rfc3339)
         {
             header.truth.push((RECORDED_FROM.to_owned(), time));

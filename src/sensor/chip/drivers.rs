@@ -51,7 +51,7 @@ pub fn identify(
 ) -> Result<Identified, ChipError> {
     let mut errors = Vec::new();
     for driver in MAGNETOMETERS {
-        if named.is_some_and(|chip| driver.chip(chip.sheet().word).is_none()) {
+        if named.is_some_and(|chip| driver.chip(chip.sheet().name).is_none()) {
             continue;
         }
         match (driver.identify)(bus, clock, named) {
@@ -136,7 +136,7 @@ mod tests {
     fn code(bus: &FakeBus, named: &str) -> &'static str {
         let mut clock = JumpingClock::default();
         match identify(&mut bus.clone(), &mut clock, magnetometer(named)) {
-            Ok(found) => found.chip.sheet().word,
+            Ok(found) => found.chip.sheet().name,
             Err(error) => error.code(),
         }
     }
@@ -150,15 +150,15 @@ mod tests {
         bus.set(0x0D, 0x0D, &[0]);
         assert_eq!(code(&bus, "auto"), "wrong_identity");
         bus.set(0x0D, 0x0D, &[0xFF]);
-        assert_eq!(code(&bus, "auto"), "qmc5883l");
-        assert_eq!(code(&bus, "qmc5883l"), "qmc5883l");
+        assert_eq!(code(&bus, "auto"), "QMC5883L");
+        assert_eq!(code(&bus, "qmc5883l"), "QMC5883L");
         assert_eq!(code(&bus, "hmc5883l"), "clone");
         bus.set(0x1E, 0x0A, b"abc");
         assert_eq!(code(&bus, "hmc5883l"), "wrong_identity");
         bus.set(0x1E, 0x0A, b"H43");
-        assert_eq!(code(&bus, "hmc5883l"), "hmc5883l");
+        assert_eq!(code(&bus, "hmc5883l"), "HMC5883L");
         // It never measures, and another one does.
-        assert_eq!(code(&bus, "auto"), "qmc5883l");
+        assert_eq!(code(&bus, "auto"), "QMC5883L");
     }
 
     /// The numbers that all drivers work by make sense together.
@@ -167,8 +167,7 @@ mod tests {
         let chips = MAGNETOMETERS.iter().flat_map(|driver| driver.chips);
         for chip in chips {
             let sheet = chip.sheet();
-            assert_eq!(magnetometer(sheet.word).unwrap().sheet(), sheet);
-            assert_eq!(sheet.word, sheet.name.to_lowercase());
+            assert_eq!(magnetometer(sheet.name).unwrap().sheet(), sheet);
             assert!(sheet.rates_hz.is_sorted());
             assert!(sheet.gains.is_sorted_by(|a, b| a > b));
             let (finest, coarsest) = sheet.automatic_gains;

@@ -8,10 +8,9 @@ use crate::sensor::clock::Clock;
 
 #[derive(Debug, PartialEq)]
 pub struct DataSheet {
-    /// The name that is printed on the chip.
+    /// The name that is printed on the chip. In small letters it is the word in the configuration, in logs and in kept
+    /// calibrations.
     pub name: &'static str,
-    /// The name in the configuration, in logs and in kept calibrations.
-    pub word: &'static str,
     pub address: u8,
     /// The rates of continuous measurement, Hz, by code, rising.
     pub rates_hz: &'static [f64],
@@ -179,6 +178,6 @@ impl Driver {
 
     pub fn chip(&self, word: &str) -> Option<&'static dyn Magnetometer> {
         let mut chips = self.chips.iter().copied();
-        chips.find(|chip| chip.sheet().word == word)
+        chips.find(|chip| chip.sheet().name.eq_ignore_ascii_case(word))
     }
 }

@@ -29,7 +29,6 @@ const PERIOD: u8 = 0x01;
 
 static SHEET: DataSheet = DataSheet {
     name: "QMC5883L",
-    word: "qmc5883l",
     address: ADDRESS,
     rates_hz: &[10.0, 50.0, 100.0, 200.0],
     gains: &[12_000.0, 3000.0],
@@ -115,7 +114,7 @@ mod tests {
         let mut bus = FakeBus::default();
         bus.set(0x0D, 0x0D, &[0xFF]);
         let found = identify(&mut bus, &mut JumpingClock::default(), None).unwrap();
-        assert!(found.sure && found.chip.sheet().word == "qmc5883l");
+        assert!(found.sure && found.chip.sheet().name == "QMC5883L");
         assert_eq!(bus.transfers(), [Read(0x0D, 0x00, 1), Read(0x0D, 0x0D, 1)]);
     }
 

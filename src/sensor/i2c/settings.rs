@@ -66,8 +66,10 @@ impl Settings {
     /// The name under which a calibration is kept: that of the configured chip. Without one, the chip may not be known
     /// yet; all are read in the same unit and order. The name `hmc58xx` predates chips of other families.
     pub fn sensor(&self) -> &'static str {
-        let named = self.magnetometer.named();
-        named.map_or("hmc58xx", |chip| chip.sheet().word)
+        match self.magnetometer {
+            MagnetometerChoice::Auto => "hmc58xx",
+            named => named.word(),
+        }
     }
 
     fn check_others(&self, faults: &mut Vec<Fault>) {

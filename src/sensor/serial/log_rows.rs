@@ -7,11 +7,12 @@
 use nalgebra::Matrix3;
 
 use super::Item;
-use super::lines::{SerialLine, SerialLines};
 use super::shown;
 use crate::frame::{Mounting, Mountings};
 use crate::reading::Field;
-use crate::recording::{HeaderLines, Rows, check_row, gives_key, names_columns};
+use crate::recording::{
+    CutLine, HeaderLines, LineCutter, Rows, check_row, gives_key, names_columns,
+};
 
 /// Rows count without a header after this time, seconds of their own clock: the sketch of docs/serial.md repeats its header
 /// every 500 rows, 11 s at its 45 Hz, and slower sketches need some more.
@@ -23,7 +24,7 @@ const STEP_S: (f64, f64) = (0.001, 1.0);
 /// Bytes in, readings out.
 #[derive(Debug, Default)]
 pub struct LogRows {
-    lines: SerialLines,
+    lines: LineCutter,
     /// How the daemon holds the chips to be mounted.
     board: Mountings,
     /// A header on its way.
@@ -65,7 +66,7 @@ impl LogRows {
     /// did: rows in other units or axes would give wrong headings.
     pub fn reopen(&mut self, same_device: bool) {
         if same_device {
-            self.lines = SerialLines::default();
+            self.lines = LineCutter::default();
             (self.header, self.first) = (None, true);
         } else {
             *self = Self {
@@ -84,12 +85,14 @@ impl LogRows {
     }
 
     /// Hands over what `bytes` complete, in order.
-    pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
+    pub fn feed(&mut self, mut bytes: &[u8], mut found: impl FnMut(Item)) {
         let mut lines = std::mem::take(&mut self.lines);
-        lines.feed(bytes, |line| match line {
-            SerialLine::Whole(line) => self.line(line, &mut found),
-            SerialLine::TooLong => found(Item::TooLong),
-        });
+        while let Some(line) = lines.next(&mut bytes) {
+            match line {
+                CutLine::Whole => self.line(lines.text(), &mut found),
+                CutLine::TooLong => found(Item::TooLong),
+            }
+        }
         self.lines = lines;
     }
 
@@ -98,15 +101,16 @@ impl LogRows {
         if line.trim_ascii().is_empty() {
             return;
         }
-        let text = str::from_utf8(line).ok();
-        if let Some(begun) = text.and_then(|text| HeaderLines::begin(text).ok()) {
+        // A damaged byte must not make a line of the header a remark: its unit would be lost.
+        let text = String::from_utf8_lossy(line);
+        if let Ok(begun) = HeaderLines::begin(&text) {
             self.header = Some(begun);
             self.heard_header();
             return;
         }
         let is_header = line.starts_with(b"#") || names_columns(line);
-        match (text, &mut self.header) {
-            (Some(text), Some(header)) if is_header => match header.add(text) {
+        match &mut self.header {
+            Some(header) if is_header => match header.add(&text) {
                 Ok(None) => {}
                 Ok(Some(rows)) => {
                     self.named =
@@ -130,7 +134,7 @@ impl LogRows {
             // Its beginning was lost, or it is a remark. Rows wait for the next whole header; a device that sends it only at its
             // reset must be reset.
             _ if is_header => {
-                if names_columns(line) || text.is_some_and(gives_key) {
+                if names_columns(line) || gives_key(&text) {
                     self.heard_header();
                 }
             }

@@ -4,9 +4,9 @@
 //! if error output is on (`#oe1`).
 
 use super::Item;
-use super::lines::{SerialLine, SerialLines};
 use super::razor::{RazorCounts, RazorFrame, reading};
 use super::shown;
+use crate::recording::{CutLine, LineCutter};
 
 /// Beginnings of lines that the firmware, its forks or its predecessor send in other modes.
 const OTHER_MODES: [(&str, &str); 10] = [
@@ -32,7 +32,7 @@ const GYRO: usize = 2;
 #[derive(Debug)]
 pub struct RazorText {
     counts_per_gauss: f64,
-    lines: SerialLines,
+    lines: LineCutter,
     pending: Pending,
 }
 
@@ -49,19 +49,20 @@ impl RazorText {
     pub fn new(counts_per_gauss: f64) -> Self {
         Self {
             counts_per_gauss,
-            lines: SerialLines::default(),
+            lines: LineCutter::default(),
             pending: Pending::default(),
         }
     }
 
     /// Hands over what `bytes` complete, in order.
-    pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
-        self.lines.feed(bytes, |line| match line {
-            SerialLine::Whole(line) => {
-                self.pending.line(line, self.counts_per_gauss, &mut found);
+    pub fn feed(&mut self, mut bytes: &[u8], mut found: impl FnMut(Item)) {
+        let gain = self.counts_per_gauss;
+        while let Some(line) = self.lines.next(&mut bytes) {
+            match line {
+                CutLine::Whole => self.pending.line(self.lines.text(), gain, &mut found),
+                CutLine::TooLong => found(Item::TooLong),
             }
-            SerialLine::TooLong => found(Item::TooLong),
-        });
+        }
     }
 }
 

@@ -177,9 +177,10 @@ fn other_modes_are_named() {
         ("$1,2,3,4,5,6,7,8,9#", "stock firmware"),
         ("$GPGGA,092750.000,5321.6802,N,00630.3372,W,1,8", "GPS"),
     ] {
-        let items = of_text(&[line.as_bytes(), b"\n\r"]);
+        // Some modes end their lines with LF CR.
+        let items = of_text(&[line.as_bytes(), b"\n\r", line.as_bytes(), b"\r\n"]);
         assert!(
-            matches!(items[..], [Item::OtherMode(mode)] if mode.contains(name)),
+            matches!(items[..], [Item::OtherMode(a), Item::OtherMode(b)] if a == b && a.contains(name)),
             "{items:?}"
         );
     }
@@ -406,10 +407,25 @@ fn rows_after_a_wrong_header_say_what_is_wrong_with_it_and_remarks_are_no_header
     codec.feed(b"x\n1,2,3,4\n", |item| items.push(item));
     assert!(bad(&items)[0].contains("its header was lost"), "{items:?}");
     let rows: String = (0..400)
-        .map(|row| format!("{}.1,2,3,4\n# battery = 3.7\n", row))
+        .map(|row| format!("{row}.1,2,3,4\n# battery = 3.7\n# mx, my, mz, t_s\n"))
         .collect();
     let items = of_rows(&[b"x\n", rows.as_bytes()]);
     assert!(readings(&items).len() > 300, "{}", readings(&items).len());
+}
+
+/// One bit of a byte, as on a bad cable. Without its unit, a field would be ten times too weak.
+#[test]
+fn a_header_line_that_is_no_text_is_wrong_and_a_remark_in_latin_1_is_none() {
+    let stream = format!("{HEADER}1,2,3,4\n");
+    let at = stream.find("unit").unwrap();
+    let mut damaged = stream.clone().into_bytes();
+    damaged[at] |= 0x80;
+    let items = of_rows(&[&damaged]);
+    assert!(readings(&items).is_empty(), "{items:?}");
+    assert!(bad(&items)[0].contains("mag_unit is one"), "{items:?}");
+    let (first, rest) = stream.split_once('\n').unwrap();
+    let items = of_rows(&[first.as_bytes(), b"\n# by M\xfcller\n", rest.as_bytes()]);
+    assert_eq!(readings(&items).len(), 1, "{items:?}");
 }
 
 #[test]

@@ -221,8 +221,8 @@ mod tests {
             let (mut bus, mut clock) = chip(averages, period_s);
             let found = identify(&mut bus, &mut clock, None).unwrap();
             assert_eq!(
-                (found.chip.sheet().word, found.sure),
-                (variant.sheet().word, sure),
+                (found.chip.sheet().name, found.sure),
+                (variant.sheet().name, sure),
                 "{averages} {period_s}"
             );
             assert_eq!(found.why.contains("set i2c.magnetometer"), !sure);
@@ -254,7 +254,7 @@ mod tests {
                 let (mut bus, clock) = chip(false, period_s);
                 let mut clock = Measuring { late_s, ..clock };
                 let found = identify(&mut bus, &mut clock, None).unwrap();
-                let wrong = found.chip.sheet().word == other.sheet().word;
+                let wrong = found.chip.sheet().name == other.sheet().name;
                 assert!(!(wrong && found.sure), "{period_s} {late_s:?}");
                 assert!(!wrong || period_s < 0.015, "{late_s:?}");
             }
@@ -265,7 +265,7 @@ mod tests {
     fn a_named_chip_is_not_written_to() {
         let (mut bus, mut clock) = chip(true, 1.0);
         let found = identify(&mut bus, &mut clock, Some(&Variant::Hmc5843)).unwrap();
-        assert!(found.chip.sheet().word == "hmc5843" && found.sure);
+        assert!(found.chip.sheet().name == "HMC5843" && found.sure);
         assert_eq!(bus.transfers(), [Read(0x1E, 0x0A, 3)]);
     }
 

@@ -25,7 +25,6 @@ pub(super) struct Straps {
 
 pub(super) const HMC5843: DataSheet = DataSheet {
     name: "HMC5843",
-    word: "hmc5843",
     address: ADDRESS,
     rates_hz: &[0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0],
     gains: &[1620.0, 1300.0, 970.0, 780.0, 530.0, 460.0, 390.0, 280.0],
@@ -38,7 +37,6 @@ pub(super) const HMC5843: DataSheet = DataSheet {
 };
 pub(super) const HMC5883: DataSheet = DataSheet {
     name: "HMC5883",
-    word: "hmc5883",
     rates_hz: &[0.75, 1.5, 3.0, 7.5, 15.0, 30.0, 75.0],
     gains: &[1280.0, 1024.0, 768.0, 614.0, 415.0, 361.0, 307.0, 219.0],
     automatic_gains: (1, 7),
@@ -48,13 +46,11 @@ pub(super) const HMC5883: DataSheet = DataSheet {
 };
 pub(super) const HMC5883L: DataSheet = DataSheet {
     name: "HMC5883L",
-    word: "hmc5883l",
     gains: &[1370.0, 1090.0, 820.0, 660.0, 440.0, 390.0, 330.0, 230.0],
     ..HMC5883
 };
 pub(super) const HMC5983: DataSheet = DataSheet {
     name: "HMC5983",
-    word: "hmc5983",
     rates_hz: &[0.75, 1.5, 3.0, 7.5, 15.0, 30.0, 75.0, 220.0],
     ..HMC5883L
 };

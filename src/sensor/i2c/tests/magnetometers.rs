@@ -7,9 +7,9 @@ fn each_magnetometer_that_has_a_driver_can_be_named() {
     let chips = drivers::MAGNETOMETERS
         .iter()
         .flat_map(|driver| driver.chips);
-    let words = chips.map(|chip| chip.sheet().word);
+    let words = chips.map(|chip| chip.sheet().name.to_lowercase());
     let choices = MagnetometerChoice::WORDS.iter().copied();
-    assert!(choices.eq(["auto"].into_iter().chain(words)));
+    assert!(choices.eq(["auto".to_owned()].into_iter().chain(words)));
 }
 
 #[test]
