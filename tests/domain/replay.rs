@@ -389,24 +389,28 @@ fn each_way_to_fail_has_its_status() {
     let bad = folder.file("bad", "hello\n");
     let missing = folder.path("missing");
     let directory = folder.path("");
-    let cases: [(i32, Vec<&str>); 11] = [
-        (66, vec![&missing]),
-        (66, vec![&directory]),
-        (65, vec![&bad]),
-        (66, vec![&log, "--calibration", &missing]),
-        (66, vec![&log, "--calibration", &directory]),
-        (65, vec![&log, "--calibration", &bad]),
-        (66, vec![&log, "--config", &missing]),
-        (78, vec![&log, "--config", &bad]),
-        (73, vec![&log, "--store", &bad]),
-        (2, vec![&log, "--seed", "x"]),
-        (2, vec![]),
+    let cases: [(i32, Vec<&str>, &str); 11] = [
+        (66, vec![&missing], ""),
+        (66, vec![&directory], ""),
+        (65, vec![&bad], ""),
+        (66, vec![&log, "--calibration", &missing], ""),
+        (66, vec![&log, "--calibration", &directory], ""),
+        (65, vec![&log, "--calibration", &bad], ""),
+        (66, vec![&log, "--config", &missing], ""),
+        (78, vec![&log, "--config", &bad], ""),
+        (
+            73,
+            vec![&log, "--store", &bad],
+            "name a folder with --store",
+        ),
+        (2, vec![&log, "--seed", "x"], ""),
+        (2, vec![], ""),
     ];
-    for (status, args) in cases {
+    for (status, args, why) in cases {
         let ran = headingd(&[&["replay"], args.as_slice()].concat());
         assert_eq!(ran.status, status, "{args:?}: {}", ran.err);
         assert_eq!(ran.out, "", "{args:?}");
-        assert!(!ran.err.is_empty());
+        assert!(!ran.err.is_empty() && ran.err.contains(why), "{}", ran.err);
     }
 }
 
