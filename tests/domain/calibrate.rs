@@ -194,6 +194,22 @@ fn a_spatial_outcome_has_three_of_each_and_no_basis() {
 }
 
 #[test]
+fn soft_iron_is_found_but_where_the_papers_model_is_asked_for() {
+    let folder = Folder::new();
+    let log = folder.changed_log("a.csv", &moving(Scenario::Spatial), |reading| {
+        if let Some([Some(x), Some(y), _]) = &mut reading.field_mgauss {
+            (*x, *y) = (*x + 0.1 * *y, *y + 0.1 * *x);
+        }
+    });
+    for (more, model) in [
+        (&[][..], "symmetric"),
+        (&["--model", "diagonal"], "diagonal"),
+    ] {
+        assert_eq!(calibrate(&log, more).json()["model"], model);
+    }
+}
+
+#[test]
 fn what_is_not_known_is_null() {
     let folder = Folder::new();
     let head = "# headingd-log 1\nt_s,mx,my,mz,gx,gy,gz\n";

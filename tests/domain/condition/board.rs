@@ -5,7 +5,7 @@ use headingd::calibration::outcome::Outcome;
 use headingd::calibration::policy::CalibrationOrigin;
 use headingd::calibration::{Request, calibrate};
 use headingd::condition::Report;
-use headingd::heading::Heading;
+use headingd::heading::{Heading, MagStatus};
 use headingd::pipeline::{Action, Event, Pipeline, Settings, Setup};
 use headingd::reading::Reading;
 use nalgebra::{Rotation3, Vector2, Vector3};
@@ -162,6 +162,19 @@ impl Board {
     pub fn error_deg(&self) -> Option<f64> {
         let fused = self.heading.as_ref()?.fused_deg?;
         Some(apart_deg(fused, self.heading_deg))
+    }
+
+    /// Whether the gyro carries a published heading, and whether a sample gives one.
+    pub fn shown(&self) -> (bool, bool) {
+        let heading = self.heading.as_ref().unwrap();
+        (
+            heading.fused_deg.is_some(),
+            heading.instantaneous_deg.is_some(),
+        )
+    }
+
+    pub fn mag_status(&self) -> MagStatus {
+        self.heading.as_ref().unwrap().mag_status
     }
 
     /// Makes a full turn of which nothing was made before: part of one is undone, and that takes its time.
