@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
 use crate::common::{
-    Folder, Log, Ran, apart_deg, command, headingd, log, moving, of_class, rms, simulated, turning,
+    Folder, Log, Ran, apart_deg, headingd, log, moving, of_class, program, rms, simulated, turning,
 };
 use headingd::frame::hypot;
 use headingd::recording::Entry;
@@ -623,7 +623,7 @@ fn each_command_tells_a_log_without_a_row_and_reads_standard_input() {
             &["align", "-"],
             &["report", "-", "--out", &page],
         ] {
-            let mut command = command();
+            let mut command = program();
             let log = std::fs::File::open(&path).unwrap();
             let output = command.args(arguments).stdin(log).output().unwrap();
             let err = String::from_utf8(output.stderr).unwrap();
@@ -637,7 +637,7 @@ fn each_command_tells_a_log_without_a_row_and_reads_standard_input() {
 fn a_reader_that_goes_away_is_no_failure() {
     let folder = Folder::new();
     let log = folder.log("a.csv", &Settings::default());
-    let mut child = command()
+    let mut child = program()
         .args(["replay", &log])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -662,7 +662,7 @@ fn a_full_disk_is_a_failure() {
             .write(true)
             .open("/dev/full")
             .unwrap();
-        let output = command()
+        let output = program()
             .args(args)
             .stdout(full)
             .stderr(Stdio::piped())

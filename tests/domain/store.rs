@@ -6,9 +6,7 @@ use std::process::Command;
 use std::sync::mpsc;
 use std::time::Duration;
 
-use headingd::calibration::model::{
-    Calibration, Model, PackedCovariance, Parameters, Planar, Spatial,
-};
+use headingd::calibration::model::{Model, PackedCovariance, Parameters, Planar, Spatial};
 use headingd::calibration::policy::{CalibrationOrigin, Policy};
 use headingd::store::history::HistoryError;
 use headingd::store::{
@@ -16,6 +14,8 @@ use headingd::store::{
 };
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde_json::{Value, json};
+
+use crate::shared::calibration;
 
 fn identity() -> Identity {
     Identity {
@@ -30,16 +30,7 @@ fn record(parameters: Parameters) -> CalibrationRecord {
         origin: Some(CalibrationOrigin::Turn),
         gyro_rms_deg: Some(1.0 / 7.0),
         samples: Some(560),
-        calibration: Calibration {
-            parameters,
-            reference_mgauss: None,
-            strength_mgauss: 610.0 / 3.0,
-            residual_mgauss: 0.1 + 0.2,
-            heading_sd_deg: 0.7,
-            covariance: None,
-            gyro_bias_deg_s: None,
-            accel_bias_m_s2: None,
-        },
+        calibration: calibration(parameters, 610.0 / 3.0, 0.1 + 0.2, 0.7),
     }
 }
 

@@ -12,7 +12,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::common::{BIAS, EARTH, apart_deg};
+use crate::common::{BIAS, EARTH, apart_deg, calibration};
 
 /// Between two readings, seconds; all chips speak in each.
 const STEP_S: f64 = 0.02;
@@ -261,30 +261,18 @@ impl Board {
 
 /// The calibration of a level turn, off by this.
 pub fn planar(off_mgauss: f64) -> Calibration {
-    Calibration {
-        parameters: Parameters::Planar(Planar {
-            basis: [Vector3::x(), Vector3::y()],
-            bias_mgauss: BIAS.xy() + Vector2::new(off_mgauss, 0.0),
-            scale: Vector2::new(1.0, 1.0),
-            level: Vector2::zeros(),
-        }),
-        reference_mgauss: None,
-        strength_mgauss: EARTH.x,
-        residual_mgauss: 1.2,
-        heading_sd_deg: 0.05,
-        covariance: None,
-        gyro_bias_deg_s: None,
-        accel_bias_m_s2: None,
-    }
+    let parameters = Parameters::Planar(Planar {
+        basis: [Vector3::x(), Vector3::y()],
+        bias_mgauss: BIAS.xy() + Vector2::new(off_mgauss, 0.0),
+        scale: Vector2::new(1.0, 1.0),
+        level: Vector2::zeros(),
+    });
+    calibration(parameters, EARTH.x, 1.2, 0.05)
 }
 
 /// One of all axes, off by this.
 pub fn spatial(off_mgauss: f64) -> Calibration {
     let bias = BIAS + Vector3::new(off_mgauss, 0.0, 0.0);
     let diagonal = Spatial::diagonal(bias, Vector3::new(1.0, 1.0, 1.0));
-    Calibration {
-        parameters: Parameters::Spatial(diagonal),
-        strength_mgauss: EARTH.norm(),
-        ..planar(0.0)
-    }
+    calibration(Parameters::Spatial(diagonal), EARTH.norm(), 1.2, 0.05)
 }
