@@ -310,6 +310,11 @@ pub fn log(header: &Header, entries: impl IntoIterator<Item = Entry>) -> Vec<u8>
     written(header, entries).unwrap()
 }
 
+/// Says that the machine could not do a test. What is printed by a test that passes is shown to nobody.
+pub fn not_run(why: &str) {
+    writeln!(std::io::stderr(), "not run: {why}").unwrap();
+}
+
 /// A pseudo-terminal, and the path of its other side.
 pub fn pty() -> (OwnedFd, String) {
     let pty = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
